@@ -34,9 +34,8 @@ from lab.commands.verify.run import VerificationResult
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.extensions.dynamics.arm.options import DynamicsOptions
 from lab.extensions.dynamics.arm.result import DynamicsResult
-from lab.extensions.dynamics.payload.options import PayloadOptions
+from lab.extensions.dynamics.options import DynamicsOptions, PayloadOptions
 from lab.extensions.dynamics.payload.result import PayloadResult
 from lab.extensions.robotics.kinematics.options import KinematicsOptions
 from lab.extensions.robotics.kinematics.result import KinematicsResult

@@ -19,10 +19,10 @@ from lab.core.se3 import Array
 from lab.extensions.dynamics.arm.base_parameters import base_parameters
 from lab.extensions.dynamics.arm.identify import DynamicModel, ThinnedRun, fit_runs, predict, thinned_run
 from lab.extensions.dynamics.load_files import PayloadSamples
+from lab.extensions.dynamics.options import SimulationOptions
 from lab.extensions.dynamics.payload.methods import from_torques
 from lab.extensions.dynamics.simulated_session import MeasuringBench, simulated_load
 from lab.extensions.dynamics.simulation import LoadBench
-from lab.extensions.dynamics.simulation_options import SimulationOptions
 from lab.kinematics.dynamics.rigid_body import LOAD, ArmDynamics, directions
 from lab.simulation.model_files import link_inertias
 
@@ -186,7 +186,7 @@ def coverage(study: Study) -> tuple[list[Row], Row]:
         hits.append(np.abs(errors) < found.half_width)
         squares.append((errors / found.sigma) ** 2)
         sigmas.append(found.sigma)
-        told.append(found.verdict.adequate is False)
+        told.append(found.adequate is False)
         ratios.append(predicted.total_noise_ratio)
         relative.append(predicted.total_relative)
     covered, sigma = np.mean(hits, axis=0), np.sqrt(np.mean(np.square(sigmas), axis=0))
@@ -234,7 +234,7 @@ def power(study: Study, biases: Sequence[Bias]) -> list[Row]:
         size, worst = _sized(study, bias, biased)
         wrong = bias.wrong(study, size)
         told = [
-            fit_runs(model, [study.noisy(run, rng, wrong[run.loaded]) for run in runs], known).verdict.adequate is False
+            fit_runs(model, [study.noisy(run, rng, wrong[run.loaded]) for run in runs], known).adequate is False
             for _ in range(study.options.power_runs)
         ]
         rows.append({"wrong": bias.name, "size": size, "bias_sigma": worst, "told": float(np.mean(told))})

@@ -21,7 +21,8 @@ from helpers.load_mistakes import (
 from scipy import stats
 
 from lab.extensions.dynamics.load_files import PayloadSamples
-from lab.extensions.dynamics.payload.plausibility import misplaced_points, stuck_channels
+from lab.extensions.dynamics.phrases import phrase
+from lab.extensions.dynamics.plausibility import misplaced_points, stuck_channels
 
 ROUTES = {"torques": OF_TORQUES, "wrench": OF_WRENCH}
 LEVEL = 0.05  # of the test of residuals
@@ -63,7 +64,7 @@ def readings(change: Callable[[np.ndarray], None]) -> list[str]:
     change(torques)
     samples = PayloadSamples(None, rng.standard_normal((60, 6)), torques, None, np.arange(60) < 30)
     names = [f"the torque of q{i + 1}" for i in range(6)]
-    return [each.description for each in stuck_channels(samples, names, np.arange(6) != 5)]
+    return [phrase(each) for each in stuck_channels(samples, names, np.arange(6) != 5)]
 
 
 def test_a_channel_that_is_stuck_or_saturates_is_named() -> None:
@@ -77,7 +78,7 @@ def test_a_channel_that_is_stuck_or_saturates_is_named() -> None:
         *(None, np.zeros((400, 1)), np.clip(np.random.default_rng(1).standard_normal((400, 1)), -0.8, 0.8), None),
         np.ones(400, dtype=np.bool_),
     )
-    (said,) = (each.description for each in stuck_channels(many, ["the torque of q1"], np.ones(1, dtype=np.bool_)))
+    (said,) = (phrase(each) for each in stuck_channels(many, ["the torque of q1"], np.ones(1, dtype=np.bool_)))
     assert "stays at the end of its range in" in said and "saturates" in said
 
 
@@ -85,7 +86,7 @@ def test_points_of_another_frame_are_named() -> None:
     there = np.random.default_rng(0).standard_normal((9, 2, 3))
     assert misplaced_points(there, there + 1e-3, np.where(np.arange(9)[:, None, None] < 2, np.nan, there)) == ()
     (said,) = misplaced_points(there, there, there * [1, 1, -1])
-    assert "from where the calibrated arm has them" in said.description
+    assert "from where the calibrated arm has them" in phrase(said)
 
 
 def test_rounded_readings_are_not_called_stuck() -> None:

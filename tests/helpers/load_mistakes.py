@@ -13,12 +13,13 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples, write_loads, write_mounting
+from lab.extensions.dynamics.options import PayloadOptions
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.extensions.dynamics.payload.methods import CompliantArm, from_sag
-from lab.extensions.dynamics.payload.options import PayloadOptions
-from lab.extensions.dynamics.payload.plausibility import ArmSize, implausibilities, misplaced_points
 from lab.extensions.dynamics.payload.result import wild_sample
 from lab.extensions.dynamics.payload.run import payload
+from lab.extensions.dynamics.phrases import phrase
+from lab.extensions.dynamics.plausibility import ArmSize, implausibilities, misplaced_points
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
 from lab.kinematics.dynamics.rigid_body import torque_regressor
 from lab.simulation.collisions import random_poses
@@ -184,10 +185,10 @@ def sag_answer(record: Sag) -> list[str]:
         return [f"refused: {error}"]
     strange = misplaced_points(arm.points(record.joints, values), record.unloaded, record.loaded)
     strange += implausibilities(found, ArmSize.of(robot.chain, robot.loads))
-    said = [each.description for each in strange]
+    said = [phrase(each) for each in strange]
     said += [] if np.isfinite(found.phi[:4]).all() else ["not identified"]
-    said += [found.verdict.description] if found.adequate is False else []
-    return said + ([] if (wild := wild_sample(found)) is None else [wild])
+    said += [phrase(found.verdict)] if found.adequate is False else []
+    return said + [phrase(each) for each in wild_sample(found)]
 
 
 def _drive(change: Callable[[Array], Array], *, bearing: bool = False) -> Change:

@@ -1,9 +1,8 @@
 """Filter and decimate a run to nearly independent samples, and differentiate its positions twice.
 
-Torques and every column of the regressor pass one and the same linear filter, of zero phase: a root of a raised
-cosine (roll-off one), of which one output is kept every half period of its band. Its autocorrelation is zero at
-multiples of that step (Nyquist 1928), so that noise that was white stays white: the effective number of samples is
-the number kept.
+Torques and every column of the regressor pass the same linear filter of zero phase: a root of a raised cosine (roll-off
+one), with one output every half period of its band. Its autocorrelation is zero at multiples of that step (Nyquist
+1928), so white noise stays white: the effective number of samples is the number of outputs.
 """
 
 from collections.abc import Callable
@@ -18,7 +17,7 @@ from lab.core.se3 import Array
 __all__ = ["BAND_HZ", "SETTLING_S", "Band", "Filter", "band_of"]
 
 BAND_HZ = 20.0  # half power there, nothing from twice that on; a quick arm's torques change below 10 Hz
-_MOST_BAND = 1 / 8  # of the sampling rate
+_MAX_BAND = 1 / 8  # of the sampling rate
 SETTLING_S = 0.5  # at each end, left out where torques came through a filter
 _SPAN = 4  # half the kernel's length in kept steps: neighbours correlate by 1e-3
 _DEPTH_DB = 200.0  # of the low-pass before differentiation: speeds and accelerations to about 1e-9 of themselves
@@ -43,24 +42,24 @@ class Band:
 
     @property
     def hz(self) -> float:
-        """The band: half the rate of what is kept, where the common filter passes half the power."""
+        """Bandwidth: half the rate of the retained samples, where the filter passes half the power."""
         return 0.5 / (self.every * self.step_s)
 
     @property
     def margin(self) -> int:
-        """Samples that differentiation leaves out at each end."""
+        """Number of samples that differentiation leaves out at each end."""
         return (len(self._smooth()) - 1) // 2 + len(_FIRST)
 
     @property
     def impulse(self) -> Array:
-        """The common filter's response to an impulse, at the file's step."""
+        """Impulse response of the filter, at the file's step."""
         return self._kernel(0.0)
 
     def motion(self, joints: Array) -> tuple[Array, Array, Array]:
-        """Readings ``(n, J)``, low-passed, with their speeds and accelerations, ``margin`` rows fewer at each end.
+        """Return low-passed readings ``(n, J)``, speeds and accelerations, ``margin`` rows fewer at each end.
 
-        Flat up to twice the band, which is all that the common filter lets through, and differentiated there by
-        central differences of order ten.
+        The low-pass is flat up to twice the band, above which ``decimated`` passes nothing; derivatives are central
+        differences of order ten.
         """
         smooth, start = self._smooth(), joints.mean(axis=0)
         kernels = (
@@ -72,20 +71,20 @@ class Band:
         return q + start, speed, acceleration
 
     def smoothed(self, values: Array) -> Array:
-        """Values ``(n, ...)`` low-passed as ``motion`` does the readings, at the same rows."""
+        """Return values ``(n, ...)`` after the low-pass of ``motion``, at the same rows."""
         kernel = np.pad(self._smooth(), len(_FIRST))
         smooth: Array = scipy.signal.oaconvolve(values, kernel.reshape(-1, *[1] * (values.ndim - 1)), "valid", axes=0)
         return smooth
 
     def trimmed(self, values: Array) -> Array:
-        """Values ``(n, ...)`` at the rows of ``motion``."""
+        """Return values ``(n, ...)`` at the rows of ``motion``."""
         return values[self.margin : len(values) - self.margin]
 
     def decimated(self, values: Array, lead_s: float = 0.0, order: int = 0) -> Array:
-        """Samples kept of values ``(n, ...)`` after the common filter, or of their derivative in time.
+        """Return decimated values ``(n, ...)``, or their derivative in time.
 
         Args:
-            lead_s: how much later than the row's time to look.
+            lead_s: delay of the values after the rows' times.
         """
         h = 1e-3 * self.every * self.step_s
         kernel = self._kernel(lead_s)
@@ -101,7 +100,7 @@ class Band:
         return thinned
 
     def _kernel(self, lead_s: float) -> Array:
-        """The root of a raised cosine, h(t) = cos(2 pi t) / (1 - 16 t^2) in kept steps, faded out smoothly."""
+        """Return the root of a raised cosine, h(t) = cos(2 pi t) / (1 - 16 t^2) in kept steps, faded out smoothly."""
         reach = (_SPAN + 1) * self.every
         t = np.arange(-reach, reach + 1) / self.every - lead_s / (self.step_s * self.every)
         pole = np.abs(1 - 16 * t**2) < 1e-8
@@ -110,22 +109,21 @@ class Band:
         return np.asarray(kernel / kernel.sum())
 
     def _smooth(self) -> Array:
-        """A low-pass, flat to twice the band, closed from four times on (Kaiser 1974) or as far as the rate allows."""
+        """Return a low-pass, flat to twice the band, closed from four times on (Kaiser 1974) or as the rate allows."""
         band = 0.5 / self.every  # per sample
         flat, closed = 2 * band, min(4 * band, 0.5)
         taps = int(np.ceil((_DEPTH_DB - 8) / (2.285 * 2 * np.pi * (closed - flat)))) // 2
         t = np.arange(-taps, taps + 1)
         kernel = np.sinc((flat + closed) * t) * np.kaiser(len(t), 0.1102 * (_DEPTH_DB - 8.7))
-        smooth: Array = kernel / kernel.sum()
-        return smooth
+        return np.asarray(kernel / kernel.sum())
 
 
 def band_of(time_s: Array, band_hz: float = BAND_HZ) -> Band:
-    """The band of a run.
+    """Return the band of a run.
 
     Raises:
-        LabError: the run is shorter than what the filters leave out at its ends, or a band that is not the usual one is
-            beyond half of the sampling rate.
+        LabError: the run is shorter than the filters, or a band other than the default is beyond half of the sampling
+            rate.
     """
     step = float((time_s[-1] - time_s[0]) / max(len(time_s) - 1, 1))
     if not (step > 0 and band_hz > 0):
@@ -135,7 +133,7 @@ def band_of(time_s: Array, band_hz: float = BAND_HZ) -> Band:
             f"a band of {band_hz:g} Hz is beyond half of the sampling rate: a run with a row every {step:.3g} s has "
             f"nothing above {0.5 / step:.4g} Hz; give less"
         )
-    band = Band(step, max(round(0.5 / (step * band_hz)), round(0.5 / _MOST_BAND)))
+    band = Band(step, max(round(0.5 / (step * band_hz)), round(0.5 / _MAX_BAND)))
     least = 2 * band.margin + 4 * (_SPAN + 1) * band.every
     if len(time_s) < least:
         raise LabError(

@@ -1,7 +1,7 @@
-"""The files from which a payload is identified: a CSV of a loaded and an unloaded run, and a small TOML beside it.
+"""Read and write the files of ``lab payload`` and ``lab dynamics``: a CSV of runs, and TOML files beside it.
 
-The TOML: ``[base]`` with ``tilt_x_deg``, ``tilt_y_deg`` (zero) and ``gravity_m_per_s2`` (9.81), and ``[sensor]`` with
-``sign`` (1 or -1, always given) and ``rotation_vector_deg`` (zeros) from the last frame to the sensor's axes.
+The TOML of a mounting: ``[base]`` with ``tilt_x_deg``, ``tilt_y_deg`` (zero) and ``gravity_m_per_s2`` (9.81), and
+``[sensor]`` with ``sign`` (1 or -1, required) and ``rotation_vector_deg`` (zeros) from the last frame to the sensor.
 """
 
 import csv
@@ -25,9 +25,7 @@ from lab.formats.structured import is_number, read_toml, structured
 from lab.kinematics.dynamics.rigid_body import is_physical, load_of, symmetric
 
 __all__ = [
-    "GRAVITY",
     "WRENCH",
-    "Limits",
     "Mounting",
     "PayloadSamples",
     "read_load",
@@ -38,8 +36,17 @@ __all__ = [
     "write_mounting",
 ]
 
-GRAVITY = 9.81  # m/s^2, where a file does not say
-_TURNED = 1e-9  # of a rotation: how far from orthonormal
+WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+_RUNS = ("loaded", "unloaded")
+_GRAVITY = 9.81  # m/s^2, the default
+_ORTHONORMAL = 1e-9  # largest error of a rotation
+_EVEN = 0.01  # of a time step: largest difference of another one
+_SLACK = 0.01  # rad or m that a joint reading may exceed its limits
+_MIN_MOVING = 10  # rows of a run that is differentiated in time
+_MIN_STATIC = {True: 2, False: 3}  # loaded poses, with torques or without: fewer determine too little
+_OTHER_UNIT = {"rad": "deg", "deg": "rad", "m": "mm", "mm": "m"}
+
+_Limits = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -51,10 +58,10 @@ class PayloadSamples:
         joints: ``(n, J)`` readings, rad or m.
         torques: ``(n, J)`` of the joints, Nm (N of a slide), positive where they push the reading up; or None.
         wrench: ``(n, 6)`` as the sensor gives it, in its axes and about the last frame's origin, N and Nm; or None.
-        loaded: ``(n,)`` whether the load was at the hand.
+        loaded: ``(n,)`` True with the load at the hand.
         currents: whether ``torques`` are the motors' currents, A.
         lines: of the file, as an editor counts them, one a row; empty where there is no file.
-        warnings: what a reader should be told.
+        warnings: for the user.
     """
 
     time_s: Array | None
@@ -79,16 +86,16 @@ class PayloadSamples:
 
     @property
     def step_s(self) -> float | None:
-        """The time step of the loaded run (of the other where it is missing); None of static poses."""
+        """Time step of the loaded run (of the other where it is missing); None of static poses."""
         if self.time_s is None:
             return None
         times = self.time_s[self.loaded] if self.loaded.any() else self.time_s
         return float((times[-1] - times[0]) / (len(times) - 1))
 
     def without_copies(self, source: object) -> "PayloadSamples":
-        """Static rows that do not repeat an earlier one to the last digit, with a warning of the others.
+        """Leave out static rows that repeat an earlier one to the last digit, with a warning.
 
-        A copy would count as a measurement of its own, and make intervals too narrow.
+        A copy would count as a measurement, and make intervals too narrow.
         """
         if self.time_s is not None:
             return self
@@ -98,11 +105,11 @@ class PayloadSamples:
             return self
         lines = self.lines or tuple(range(len(self)))
         message = describe_copies(source, len(copies), *(f"line {lines[row]}" for row in copies[0]))
-        kept = self.take(np.setdiff1d(np.arange(len(self)), [row for row, _ in copies]))
-        return replace(kept, warnings=(*kept.warnings, f"{message}: left out"))
+        retained = self.take(np.setdiff1d(np.arange(len(self)), [row for row, _ in copies]))
+        return replace(retained, warnings=(*retained.warnings, f"{message}: left out"))
 
     def run(self, loaded: bool) -> "PayloadSamples":
-        """The rows of one run."""
+        """Select the rows of one run."""
         return self.take(np.flatnonzero(self.loaded == loaded))
 
     def take(self, rows: NDArray[np.int_]) -> "PayloadSamples":
@@ -140,23 +147,23 @@ class Mounting:
         if self.sign not in (1.0, -1.0):
             raise LabError(f"the sensor's sign is {self.sign:g}; give 1 or -1")
         off = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() if self.rotation.shape == (3, 3) else np.inf
-        if not off < _TURNED or np.linalg.det(self.rotation) < 0:
+        if not off < _ORTHONORMAL or np.linalg.det(self.rotation) < 0:
             raise LabError("the sensor's mounting is no rotation; give an orthonormal (3, 3) matrix")
 
     @classmethod
     def tilted(
-        cls, tilt_rad: Array, gravity: float = GRAVITY, sign: float = 1.0, turn_rad: Array | None = None
+        cls, tilt_rad: Array, gravity: float = _GRAVITY, sign: float = 1.0, turn_rad: Array | None = None
     ) -> "Mounting":
-        """An arm whose base is tilted, with its sensor turned.
+        """Return the mounting of a tilted base and a turned sensor.
 
         Args:
-            tilt_rad: ``(2,)``, angles about x and y of frame 0, together one rotation vector: how frame 0 is turned
-                out of where its z points up.
+            tilt_rad: ``(2,)``, angles about x and y of frame 0, together one rotation vector: turn of frame 0 out of
+                the pose in which its z points up.
             gravity: m/s^2.
             turn_rad: ``(3,)``, a rotation vector from the last frame to the sensor.
 
         Raises:
-            LabError: the gravity is not one that there is on Earth.
+            LabError: the gravity is not the Earth's.
         """
         if gravity < 0:
             raise LabError(f"gravity is {gravity:g} m/s^2; give its size, {EARTH_GRAVITY.shown}")
@@ -166,8 +173,8 @@ class Mounting:
 
     @property
     def tilt_rad(self) -> Array:
-        """``(2,)``, the angles of ``tilted`` that give this gravity."""
-        x, y, z = -self.gravity / np.linalg.norm(self.gravity)  # what is up, in frame 0: R'z with R = exp(tilt)
+        """Angles ``(2,)`` of ``tilted`` with this gravity."""
+        x, y, z = -self.gravity / np.linalg.norm(self.gravity)  # upward direction in frame 0: R'z with R = exp(tilt)
         sine = np.hypot(x, y)
         if sine == 0.0:
             return np.array([0.0 if z > 0 else np.pi, 0.0])
@@ -175,40 +182,24 @@ class Mounting:
         return tilt
 
 
-RUNS = ("loaded", "unloaded")
-WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
-_EVEN = 0.01  # of a time step: how far another may differ from it
-SLACK = 0.01  # rad or m beyond its limits that a joint may be read
-LEAST_MOVING = 10  # rows of a run that is differentiated in time
-_LEAST_STATIC = {True: 2, False: 3}  # loaded poses, with torques or without: below the rank is short anyway
-_OTHER_UNIT = {"rad": "deg", "deg": "rad", "m": "mm", "mm": "m"}
-
-Limits = tuple[Array, Array]
-
-
 def write_loads(path: Path, records: PayloadSamples, joint_names: Sequence[str], prismatic: Sequence[bool]) -> None:
-    """Write the CSV that ``read_loads`` reads back to the bit."""
+    """Write the CSV that ``read_loads`` reads back bit by bit."""
     columns: dict[str, list[str]] = {}
     if records.time_s is not None:
-        columns["time_s"] = _decimals(records.time_s)
+        columns["time_s"] = [*map(repr, records.time_s.tolist())]
     for j, (name, slides) in enumerate(zip(joint_names, prismatic, strict=True)):
-        columns[f"{name}_{'m' if slides else 'rad'}"] = _decimals(records.joints[:, j])
+        columns[f"{name}_{'m' if slides else 'rad'}"] = [*map(repr, records.joints[:, j].tolist())]
     if records.torques is not None:
         names = _current_columns(prismatic) if records.currents else _torque_columns(prismatic)
         for name, torque in zip(names, records.torques.T, strict=True):
-            columns[name] = _decimals(torque)
+            columns[name] = [*map(repr, torque.tolist())]
     if records.wrench is not None:
-        columns |= {name: _decimals(values) for name, values in zip(WRENCH, records.wrench.T, strict=True)}
-    columns["run"] = [RUNS[0] if loaded else RUNS[1] for loaded in records.loaded.tolist()]
+        columns |= {name: [*map(repr, values.tolist())] for name, values in zip(WRENCH, records.wrench.T, strict=True)}
+    columns["run"] = [_RUNS[0] if loaded else _RUNS[1] for loaded in records.loaded.tolist()]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*columns.values(), strict=True))
-
-
-def _decimals(values: Array) -> list[str]:
-    """Texts that read back to the bit."""
-    return [repr(value) for value in values.tolist()]
 
 
 def _torque_columns(prismatic: Sequence[bool]) -> list[str]:
@@ -220,7 +211,7 @@ def _current_columns(prismatic: Sequence[bool]) -> list[str]:
 
 
 def read_loads(
-    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], limits: Limits | None = None
+    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], limits: _Limits | None = None
 ) -> PayloadSamples:
     """Read a file of a loaded and an unloaded run.
 
@@ -239,18 +230,18 @@ def read_motion(
     path: Path,
     joint_names: Sequence[str],
     prismatic: Sequence[bool],
-    limits: Limits | None = None,
+    limits: _Limits | None = None,
     drives: Drives | None = None,
 ) -> PayloadSamples:
     """Read a file of an arm in motion: times, positions of joints or motors, and torques or the motors' currents.
 
-    A column ``run`` says which rows were measured with a load; without it none were.
+    A column ``run`` marks the rows with a load; without it there are none.
 
     Args:
         joint_names: the robot's; the file may call them q1…qn instead.
         prismatic: which of them slide.
         limits: lower and upper ``(J,)`` of the joint positions, rad or m.
-        drives: how motors turn the joints; needed for positions of motors.
+        drives: needed for positions of motors.
 
     Raises:
         LabError: with the file, the line as an editor counts it, and the column.
@@ -259,12 +250,12 @@ def read_motion(
 
 
 class _LoadReader(PoseReader):
-    """A file of runs being read."""
+    """Reader of a file of runs."""
 
     unknown_are = "passed over"
 
-    def read_arm(self, limits: Limits | None, drives: Drives | None) -> PayloadSamples:
-        """The runs of an arm in motion."""
+    def read_arm(self, limits: _Limits | None, drives: Drives | None) -> PayloadSamples:
+        """Read the runs of an arm in motion."""
         joints = self._joints(limits) if (motors := self._motors(drives)) is None else motors
         if motors is not None:
             self._refuse_beyond(joints, limits)
@@ -281,17 +272,17 @@ class _LoadReader(PoseReader):
             raise LabError(f"{self.path}: line 1: no column time_s; an arm's dynamics show in a motion alone")
         loaded = self._runs() if "run" in self.header else np.zeros(len(joints), dtype=np.bool_)
         time_s = self.numbers("time_s")
-        for run, name in ((True, RUNS[0]), (False, RUNS[1])):
+        for run, name in ((True, _RUNS[0]), (False, _RUNS[1])):
             rows = np.flatnonzero(loaded == run)
-            if 0 < len(rows) < LEAST_MOVING:
-                raise LabError(f"{self.path}: {len(rows)} rows with run = {name}; give at least {LEAST_MOVING}")
+            if 0 < len(rows) < _MIN_MOVING:
+                raise LabError(f"{self.path}: {len(rows)} rows with run = {name}; give at least {_MIN_MOVING}")
             self._refuse_uneven(time_s, rows)
         self._rest([])
         measured, lines, warnings = torques if currents is None else currents, tuple(self.lines), tuple(self.warnings)
         return PayloadSamples(time_s, joints, measured, None, loaded, lines, warnings, currents is not None)
 
     def _motors(self, drives: Drives | None) -> Array | None:
-        """The joint positions by the motors' ``motor1_rad`` and so on; None where the file has joints."""
+        """Read joint positions from columns ``motor1_rad`` and so on; None where the file has joints."""
         given = [column for column in self.header if re.fullmatch(r"motor\d*(_.*)?", column)]
         if not given:
             return None
@@ -322,11 +313,11 @@ class _LoadReader(PoseReader):
             )
         return drives.joints(positions)
 
-    def _refuse_beyond(self, joints: Array, limits: Limits | None) -> None:
+    def _refuse_beyond(self, joints: Array, limits: _Limits | None) -> None:
         """Refuse joint positions that motors cannot have turned the joints to."""
         if limits is None:
             return
-        beyond = np.argwhere((joints < limits[0] - SLACK) | (joints > limits[1] + SLACK))
+        beyond = np.argwhere((joints < limits[0] - _SLACK) | (joints > limits[1] + _SLACK))
         if beyond.size:
             row, j = beyond[0].tolist()
             factor, unit = (1e3, "mm") if self.prismatic[j] else (180 / np.pi, "°")
@@ -337,14 +328,14 @@ class _LoadReader(PoseReader):
                 "signs of the gear ratios, at the couplings, and at motor_zero_deg"
             )
 
-    def _joints(self, limits: Limits | None) -> Array:
+    def _joints(self, limits: _Limits | None) -> Array:
         joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
         self._refuse_further_joints()
         self._refuse_degrees(joints, limits)
         return joints
 
-    def read_records(self, limits: Limits | None) -> PayloadSamples:
-        """The runs with and without a payload, along a motion or in static poses."""
+    def read_records(self, limits: _Limits | None) -> PayloadSamples:
+        """Read the runs with and without a payload, along a motion or in static poses."""
         joints = self._joints(limits)
         torques = self._all_or_none(_torque_columns(self.prismatic), "of every joint")
         wrench = self._all_or_none(WRENCH, "of all six")
@@ -369,12 +360,12 @@ class _LoadReader(PoseReader):
             raise self.fail(row, column, f"{found}; give a number, or end the file before the gap")
         return super()._number(row, column, cell, exponent)
 
-    def _refuse_degrees(self, joints: Array, limits: Limits | None) -> None:
+    def _refuse_degrees(self, joints: Array, limits: _Limits | None) -> None:
         """Refuse joint positions beyond the limits, or beyond a whole turn where there are none: another unit."""
         for j, slides in enumerate(self.prismatic):
             most = np.inf if slides else 2 * np.pi
             low, high = (-most, most) if limits is None else (limits[0][j], limits[1][j])
-            beyond = np.flatnonzero((joints[:, j] < low - SLACK) | (joints[:, j] > high + SLACK))
+            beyond = np.flatnonzero((joints[:, j] < low - _SLACK) | (joints[:, j] > high + _SLACK))
             if not beyond.size:
                 continue
             row, column = int(beyond[0]), self._joint_column(j)
@@ -416,23 +407,23 @@ class _LoadReader(PoseReader):
     def _runs(self) -> NDArray[np.bool_]:
         texts = self.texts("run")
         if texts is None:
-            raise LabError(f"{self.path}: line 1: no column run; state in each row whether it is {' or '.join(RUNS)}")
+            raise LabError(f"{self.path}: line 1: no column run; state in each row whether it is {' or '.join(_RUNS)}")
         for i, text in enumerate(texts):
-            if text not in RUNS:
-                raise self.fail(i, "run", f"'{text}' is unknown; write {' or '.join(RUNS)}")
-        return np.array([text == RUNS[0] for text in texts])
+            if text not in _RUNS:
+                raise self.fail(i, "run", f"'{text}' is unknown; write {' or '.join(_RUNS)}")
+        return np.array([text == _RUNS[0] for text in texts])
 
     def _refuse_few(self, loaded: NDArray[np.bool_], time_s: Array | None, torques: Array | None) -> None:
-        least = _LEAST_STATIC[torques is not None] if time_s is None else LEAST_MOVING
-        counts = {RUNS[0]: int(loaded.sum()), RUNS[1]: int((~loaded).sum())}
+        least = _MIN_STATIC[torques is not None] if time_s is None else _MIN_MOVING
+        counts = {_RUNS[0]: int(loaded.sum()), _RUNS[1]: int((~loaded).sum())}
         for run, count in counts.items():
-            needed = run == RUNS[0] or (count and torques is not None)
+            needed = run == _RUNS[0] or (count and torques is not None)
             if needed and count < least:
                 kind = "static poses" if time_s is None else "samples of a motion"
                 raise LabError(f"{self.path}: {count} rows with run = {run}; give at least {least} {kind}")
 
     def _refuse_uneven(self, time_s: Array, rows: NDArray[np.int_]) -> None:
-        """Within one run, all steps are to be the same and forward."""
+        """Refuse a run whose time steps are not equal and forward."""
         if len(rows) < 2:
             return
         steps = np.diff(time_s[rows])
@@ -450,7 +441,7 @@ class _LoadReader(PoseReader):
 
 
 def write_mounting(path: Path, mounting: Mounting) -> None:
-    """Write the TOML that ``read_mounting`` reads back, to rounding."""
+    """Write the TOML that ``read_mounting`` reads back, up to rounding."""
     x, y = np.rad2deg(mounting.tilt_rad).tolist()
     turn = ", ".join(repr(angle) for angle in np.rad2deg(se3.log(mounting.rotation)).tolist())
     path.write_text(
@@ -464,17 +455,13 @@ def write_mounting(path: Path, mounting: Mounting) -> None:
 
 @dataclass(frozen=True)
 class _BaseSection:
-    """Section with the orientation of the robot's base."""
-
     tilt_x_deg: float = 0.0
     tilt_y_deg: float = 0.0
-    gravity_m_per_s2: float = GRAVITY
+    gravity_m_per_s2: float = _GRAVITY
 
 
 @dataclass(frozen=True)
 class _SensorSection:
-    """Section with the orientation of a wrist sensor in the last frame."""
-
     sign: float | None = None
     rotation_vector_deg: tuple[float, ...] = (0.0, 0.0, 0.0)
 
@@ -489,10 +476,10 @@ def read_mounting(path: Path, *, sensor: bool = True) -> Mounting:
     """Read the TOML beside a file of runs.
 
     Args:
-        sensor: whether there is a wrench, so that its sign matters.
+        sensor: require the sensor's sign, for a wrench.
 
     Raises:
-        LabError: the file is missing or malformed, has no sign, or a gravity that is not the Earth's.
+        LabError: the file is missing or malformed, has no sign, or its gravity is not the Earth's.
     """
     found = structured(path, _MountingFile, read_toml(path))
     base, wrist = found.base, found.sensor
@@ -529,12 +516,12 @@ class _LoadFile:
 
 
 def read_load(path: Path) -> Array:
-    """Phi ``(10,)`` of a load about the last frame's origin, as ``rigid_body.LOAD``.
+    """Read phi ``(10,)`` of a load about the last frame's origin, as ``rigid_body.LOAD``.
 
     ``com_mm`` is x y z, ``inertia_kgcm2`` is Ixx Iyy Izz Ixy Ixz Iyz about the centre of mass.
 
     Raises:
-        LabError: the file is missing or malformed, or no body is like that.
+        LabError: the file is missing or malformed, or no body has these parameters.
     """
     found = structured(path, _LoadFile, read_toml(path)).load
     for name, values, count in (("com_mm", found.com_mm, 3), ("inertia_kgcm2", found.inertia_kgcm2, 6)):

@@ -1,4 +1,4 @@
-"""Weighted least squares of rows in channels (joints, or a sensor's axes), whose noise may be estimated along."""
+"""Weighted least squares of rows in channels (joints, or a sensor's axes), and tests of the residuals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,17 +7,21 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
+from lab.core.checks import Check, Outcome
 from lab.core.errors import LabError
 from lab.core.linear_model import LinearModel, half_width_95, matched_dof, p_value_of_squares
 from lab.core.se3 import Array
 from lab.core.significance import PAYLOAD_RESIDUALS
 
-__all__ = ["BiasCandidate", "ChannelSolution", "ResidualVerdict", "Series", "least_squares", "verdict"]
+__all__ = ["BiasCandidate", "ChannelSolution", "Series", "check_residuals", "least_squares"]
 
-RANK_TOLERANCE = 1e-9  # of the largest singular value of the scaled columns
-ROUNDING = 1e-6  # of the signal: noise below is what computing leaves, and not fitted to
+_RANK_TOLERANCE = 1e-9  # of the largest singular value of the scaled columns
+_ROUNDING = 1e-6  # of the signal: noise below is rounding, and not estimated
 _OWN_NOISE = 20  # rows from which on a channel's noise is estimated by itself
-_ROUNDS, _SETTLED = 20, 1e-6
+_MAX_ITERATIONS, _CONVERGED = 20, 1e-6
+_SLOW_HZ = 5.0  # below it a quick arm's torques change
+_MAX_SLOW = 0.5  # of the band
+_NEW = 1e-6  # of a candidate's column: the least that the fit's own columns leave of it
 
 
 @dataclass(frozen=True)
@@ -48,21 +52,21 @@ class ChannelSolution:
 
     @property
     def identifiable(self) -> NDArray[np.bool_]:
-        """``(p,)`` whether the rows determine a parameter."""
+        """Flags ``(p,)`` of the parameters that the rows determine."""
         return self.model.identifiable
 
     @property
     def covariance(self) -> Array:
-        """``(p, p)``."""
+        """Covariance ``(p, p)`` of the parameters."""
         return np.asarray(self.covariances.sum(axis=0))
 
     @property
     def sigma_given(self) -> bool:
-        """Sigma was given, not estimated."""
+        """True if sigma was given, not estimated."""
         return bool(np.isinf(self.dof).all())
 
     def half_widths(self, slopes: Array) -> Array:
-        """Half-widths ``(k,)`` of 95 % intervals of what moves by ``slopes`` ``(k, p)`` with the parameters.
+        """Return half-widths ``(k,)`` of 95 % intervals of quantities with derivatives ``(k, p)`` by the parameters.
 
         Student's t, with the degrees of freedom of a sum of variances (Satterthwaite 1946).
         """
@@ -76,21 +80,21 @@ class ChannelSolution:
 def least_squares(
     names: Sequence[str], columns: Array, measured: Array, groups: Sequence[int], sigma: Array | None = None
 ) -> ChannelSolution:
-    """Parameters from ``columns`` ``(n, d, p)`` and what was ``measured`` ``(n, d)``.
+    """Estimate parameters from ``columns`` ``(n, d, p)`` and measurements ``(n, d)``.
 
-    Without sigma, channels of a group share one, found from the residuals in turn with the parameters: the sum of
-    squares by the rows less what the fit takes of them (its leverages), which is unbiased where all is linear.
+    Without a given sigma, channels of a group share one, estimated from the residuals in turn with the parameters: the
+    sum of squares by the rows less the fit's leverages, which is unbiased where all is linear.
 
     Args:
-        groups: ``(d,)`` labels from 0 on; where there are ``_OWN_NOISE`` rows every channel is its own.
-        sigma: ``(d,)`` of a row, if known.
+        groups: ``(d,)`` labels from 0 on; from ``_OWN_NOISE`` rows on every channel is its own group.
+        sigma: ``(d,)`` of a row, if given.
 
     Raises:
         LabError: there are no more rows than parameters, and no sigma.
     """
     label = np.arange(measured.shape[1]) if len(measured) >= _OWN_NOISE else np.asarray(groups)
     count = int(label.max()) + 1
-    least = ROUNDING * max(float(np.sqrt((measured**2).mean())), 1e-300)
+    least = _ROUNDING * max(float(np.sqrt((measured**2).mean())), 1e-300)
     if sigma is not None:
         found, dof = _solved(names, columns, measured, np.maximum(sigma, least)), np.full(count, np.inf)
         return replace(found, covariances=_covariances(found, label, dof), dof=dof)
@@ -103,14 +107,11 @@ def least_squares(
 def _reweighted(
     names: Sequence[str], columns: Array, measured: Array, label: NDArray[np.int_], least: float
 ) -> ChannelSolution:
-    """The solution whose sigmas, ``least`` or more, are those that its own residuals say.
-
-    A fixed point, not Newton's method: the weights follow the residuals, and each round is a whole linear fit.
-    """
+    """Iterate the fit until its sigmas, ``least`` or more, are those of its residuals."""
     count = int(label.max()) + 1
     spread = np.array([np.sqrt((measured[:, label == g] ** 2).mean()) for g in range(count)])
     found = _solved(names, columns, measured, np.maximum(spread, least)[label])
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         before, free = found.sigma, _residual_dof(found, label, count)
         if free.sum() < 0.5:
             raise LabError(
@@ -120,19 +121,19 @@ def _reweighted(
         squares = np.array([(found.residual[:, label == g] ** 2).sum() for g in range(count)])
         scale = np.sqrt(np.where(free > 0.5, squares / np.maximum(free, 0.5), squares.sum() / free.sum()))
         found = _solved(names, columns, measured, np.maximum(before * scale[label], least))
-        if np.abs(found.sigma / before - 1).max() < _SETTLED:
+        if np.abs(found.sigma / before - 1).max() < _CONVERGED:
             break
     return found
 
 
 def _residual_dof(found: ChannelSolution, label: NDArray[np.int_], count: int) -> Array:
-    """Rows of each group less its leverages."""
+    """Return the number of rows of each group less its leverages."""
     left = 1 - found.model.leverages.reshape(found.residual.shape).sum(axis=0) / len(found.residual)
     return np.array([left[label == g].sum() for g in range(count)]) * len(found.residual)
 
 
 def _covariances(found: ChannelSolution, label: NDArray[np.int_], dof: Array) -> Array:
-    """The covariance ``(g, p, p)`` by groups, larger for weights that were estimated (Kenward & Roger 1997).
+    """Return covariances ``(g, p, p)`` by groups, larger for estimated weights (Kenward & Roger 1997).
 
     In the coordinates of the basis the information of group j is H_j, and all of it 1: the covariance has its part
     H_j + 4 / nu_j (H_j - H_j^2).
@@ -147,17 +148,12 @@ def _covariances(found: ChannelSolution, label: NDArray[np.int_], dof: Array) ->
 
 
 def _solved(names: Sequence[str], columns: Array, measured: Array, sigma: Array) -> ChannelSolution:
-    """For a given sigma ``(d,)``; covariances and degrees of freedom are left open."""
-    model = LinearModel.of((columns / sigma[:, None]).reshape(-1, columns.shape[2]), RANK_TOLERANCE)
+    """Fit with a given sigma ``(d,)``; covariances and degrees of freedom stay empty."""
+    model = LinearModel.of((columns / sigma[:, None]).reshape(-1, columns.shape[2]), _RANK_TOLERANCE)
     target, nothing = (measured / sigma).ravel(), np.empty(0)
     values = np.where(model.identifiable, model.solve(target), 0.0)
     residual = model.residual(target).reshape(measured.shape)
     return ChannelSolution(tuple(names), values, model, nothing, nothing, sigma, measured, residual, False)
-
-
-_SLOW_HZ = 5.0  # below it a quick arm's torques change
-_MOST_SLOW = 0.5  # of the band
-_NEW = 1e-6  # of a suspect's column: what the fit's own columns must leave of it
 
 
 @dataclass(frozen=True)
@@ -166,20 +162,20 @@ class BiasCandidate:
 
     Attributes:
         columns: ``(n, d, k)`` beside those fitted.
-        description: the effect and its remedy.
+        name: of the effect; of effects with equal p-values the first by name is reported.
     """
 
     columns: Array
-    description: str
+    name: str
 
 
 @dataclass(frozen=True)
 class Series:
-    """Rows that are evenly timed samples, one after the other, of which a band of half their rate is used.
+    """Rows that are evenly timed samples, one after the other, whose content is limited to half their rate.
 
     Attributes:
         first, last: the rows are ``first:last``.
-        band_hz: of what is in them.
+        band_hz: of their content.
     """
 
     first: int
@@ -189,47 +185,28 @@ class Series:
     @property
     def slow(self) -> int:
         """Number of low-frequency coefficients of a cosine transform."""
-        return round((self.last - self.first) * min(_SLOW_HZ / self.band_hz, _MOST_SLOW))
+        return round((self.last - self.first) * min(_SLOW_HZ / self.band_hz, _MAX_SLOW))
 
 
-@dataclass(frozen=True)
-class ResidualVerdict:
-    """Verdict on whether noise explains the residuals.
-
-    Attributes:
-        adequate: None where there are too few numbers to tell.
-        p: p-value of the residuals under noise alone; NaN if not computed.
-        description: a sentence with its figures.
-    """
-
-    adequate: bool | None
-    p: float
-    description: str
-
-
-def verdict(
-    solution: ChannelSolution, suspects: Sequence[BiasCandidate], series: Sequence[Series] = ()
-) -> ResidualVerdict:
+def check_residuals(
+    solution: ChannelSolution, candidates: Sequence[BiasCandidate], series: Sequence[Series] = ()
+) -> Check:
     """Run all applicable lack-of-fit tests; rows in no series are poses, or anything without order."""
-    outcomes = [(_added(solution, _slow(suspect.columns, series)), suspect.description) for suspect in suspects]
-    outcomes.append((_slowness(solution, series), "something slow without a name, as the load's own torques are slow"))
+    outcomes = [(_added(solution, _slow(each.columns, series)), each.name) for each in candidates]
+    outcomes.append((_slowness(solution, series), "slow"))
     if solution.sigma_given:
-        outcomes.append(
-            (_too_large(solution), "more than the noise's given sigma: it is larger, or the model is wrong")
-        )
-    tested = [(p, text) for p, text in outcomes if not np.isnan(p)]
+        outcomes.append((_too_large(solution), "sigma"))
+    tested = [(p, name) for p, name in outcomes if not np.isnan(p)]
     if not tested:
-        return ResidualVerdict(None, np.nan, "the residuals are too few to test whether they are noise")
-    least, text = min(tested)
+        return Check("residuals", "not tested")
+    least, cause = min(tested)
     p = min(1.0, len(tested) * least)
-    counted = f"(p = {p:.2g}, the least of {len(tested)} tests)"
-    if p >= PAYLOAD_RESIDUALS:
-        return ResidualVerdict(True, p, f"the residuals are what independent noise explains {counted}")
-    return ResidualVerdict(False, p, f"the intervals are too small: the residuals follow {text} {counted}")
+    outcome: Outcome = "passed" if p >= PAYLOAD_RESIDUALS else "failed"
+    return Check("residuals", outcome, p=p, level=PAYLOAD_RESIDUALS, data={"cause": cause, "tests": len(tested)})
 
 
 def _added(solution: ChannelSolution, columns: Array) -> float:
-    """The p of F for further columns; NaN where the fit's own columns or the numbers leave nothing of them."""
+    """Return the p-value of the F test of further columns; NaN where the fit leaves too little of them."""
     rows = (columns / solution.sigma[:, None]).reshape(solution.residual.size, -1)
     length = np.linalg.norm(rows, axis=0)
     rows = rows[:, length > 0] / length[length > 0]
@@ -247,7 +224,7 @@ def _added(solution: ChannelSolution, columns: Array) -> float:
 
 
 def _slow(columns: Array, series: Sequence[Series]) -> Array:
-    """The columns ``(n, d, k)`` without what is quick in them."""
+    """Return the low-frequency part of columns ``(n, d, k)``."""
     slow = np.array(columns)
     for part in series:
         rows = slice(part.first, part.last)
@@ -258,7 +235,7 @@ def _slow(columns: Array, series: Sequence[Series]) -> Array:
 
 
 def _slowness(solution: ChannelSolution, series: Sequence[Series]) -> float:
-    """The p of F of the residuals' slow part against their quick one, each by its rows less its leverages."""
+    """Return the p-value of the F test of the residuals' slow part against their quick one."""
     squares, dof = np.zeros(2), np.zeros(2)
     basis = solution.model.basis.reshape(*solution.residual.shape, -1)
     for part in series:
@@ -275,6 +252,6 @@ def _slowness(solution: ChannelSolution, series: Sequence[Series]) -> float:
 
 
 def _too_large(solution: ChannelSolution) -> float:
-    """The p of chi squared of all residuals, by the given sigma."""
+    """Return the p-value of the chi-squared test of all residuals, by the given sigma."""
     dof = solution.model.dof
     return float(p_value_of_squares((solution.residual**2).sum(), dof)) if dof > 0 else float("nan")

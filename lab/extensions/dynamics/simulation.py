@@ -1,13 +1,14 @@
-"""A rigid load welded to a virtual arm's flange, and the arm's exact inverse dynamics with and without it.
+"""Simulate torques and wrist wrenches of an arm with and without a rigid load at its flange.
 
-Torques and the wrist's wrench are MuJoCo's ``mj_inverse`` of the nominal masses alone: its damping, friction loss,
-springs, armature, contacts and limits are off, because it counts them in, and friction loss only softly. What an arm
-has of friction is added by hand (``load_runs``).
+Torques and the wrist's wrench are MuJoCo's ``mj_inverse`` of the nominal masses alone: damping, friction loss, springs,
+armature, contacts and limits are off, because MuJoCo includes them, and friction loss only softly. Friction is added
+afterwards (``RunErrors``).
 """
 
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -23,9 +24,24 @@ from lab.simulation.model import SerialModel, at_zero, body_pose, compiled, last
 
 __all__ = ["CarryingArm", "LoadBench", "RigidLoad", "RunErrors", "drawn_mounting", "own_dynamics", "peak_torques"]
 
-_LEAST_KG = 1e-6  # of all moving bodies: with less there is no dynamics
+_MIN_KG = 1e-6  # of all moving bodies: with less there are no dynamics
 _UPPER = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # the inertia's elements in their order in phi
 _ROUNDING = 1e-12  # of an inertia
+_PER_JOINT = (
+    "encoder_rad",
+    "torque_noise_nm",
+    "coulomb_nm",
+    "viscous_nm_s",
+    "servo_rad_per_nm",
+    "motor_inertia_kgm2",
+    "motor_coulomb_nm",
+    "motor_viscous_nm_s",
+)  # errors that may be given for each joint
+_FILTER_ORDER = 2  # of the torque channel's Butterworth filter
+_SPARE = 8  # samples around a run, as knots of the spline of its shift
+
+Path = Callable[[Array], tuple[Array, Array, Array]]
+"""Times ``(n,)`` s to joint positions, speeds and accelerations ``(n, J)``; also shortly before and after the run."""
 
 
 @dataclass(frozen=True)
@@ -56,22 +72,22 @@ class RigidLoad:
 
     @property
     def phi(self) -> Array:
-        """The ten parameters: mass, mass times centre, inertia about the last frame's origin (xx yy zz xy xz yz)."""
+        """Parameters ``(10,)``: mass, mass times centre, inertia about the last frame's origin (xx yy zz xy xz yz)."""
         lever = se3.skew(self.centre_m)
         about_origin = self.inertia_kgm2 - self.mass_kg * lever @ lever
         return np.array([self.mass_kg, *(self.mass_kg * self.centre_m), *(about_origin[cell] for cell in _UPPER)])
 
 
 class CarryingArm:
-    """The nominal arm with a load (or none) under some gravity: its exact inverse dynamics. By one thread."""
+    """Exact inverse dynamics of the nominal arm with or without a load; for one thread."""
 
     def __init__(self, robot: SerialModel, gravity: Array, load: RigidLoad | None = None) -> None:
-        """Gravity ``(3,)`` m/s^2 in frame 0.
+        """Create the dynamics under gravity ``(3,)`` m/s^2 in frame 0.
 
         Raises:
             LabError: no moving body of the arm weighs anything.
         """
-        if _moving_mass(robot) < _LEAST_KG:
+        if robot.model.body_subtreemass[robot.model.body(robot.bodies[0]).id] < _MIN_KG:
             raise LabError(f"{robot.path}: no link has a mass, so there is no dynamics; give mass_kg of its joints")
         self._loaded = load is not None
         self._model = _bare(robot.model if load is None else _with_load(robot, load))
@@ -81,11 +97,11 @@ class CarryingArm:
         self._qpos, self._dof = [int(j.qposadr[0]) for j in joints], [int(j.dofadr[0]) for j in joints]
 
     def torques(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
-        """Torques ``(n, J)`` that move the arm so, without friction; Nm (N of a slide)."""
+        """Return the torques ``(n, J)`` of a motion, without friction; Nm (N of a slide)."""
         return self.torques_and_wrench(joints, speeds, accelerations)[0]
 
     def torques_and_wrench(self, joints: Array, speeds: Array, accelerations: Array) -> tuple[Array, Array]:
-        """The torques, and the wrench ``(n, 6)`` (N, Nm) of the hand on the load.
+        """Return the torques, and the wrench ``(n, 6)`` (N, Nm) of the hand on the load.
 
         The wrench is about the last frame's origin, in its axes; zero without a load.
         """
@@ -101,11 +117,11 @@ class CarryingArm:
 
 
 def own_dynamics(robot: SerialModel, gravity: Array, scale: float = 1.0) -> Dynamics:
-    """The arm's own torques without a load, as a callable for those who may not know MuJoCo.
+    """Return the arm's own inverse dynamics without a load.
 
     Args:
         gravity: ``(3,)`` m/s^2 in frame 0.
-        scale: of all masses and inertias: 1.1 is a model that is wrong by 10 %.
+        scale: of all masses and inertias: 1.1 is a model with an error of 10 %.
 
     Raises:
         LabError: no link weighs anything.
@@ -115,10 +131,10 @@ def own_dynamics(robot: SerialModel, gravity: Array, scale: float = 1.0) -> Dyna
 
 
 def peak_torques(robot: SerialModel) -> Array:
-    """The joints' largest torques ``(J,)``, Nm (N of a slide).
+    """Return the joints' largest torques ``(J,)``, Nm (N of a slide).
 
     Raises:
-        LabError: the robot does not say one.
+        LabError: the robot's model lacks one.
     """
     joints = [robot.model.joint(name) for name in robot.chain.joint_names]
     for joint in joints:
@@ -128,17 +144,12 @@ def peak_torques(robot: SerialModel) -> Array:
 
 
 def drawn_mounting(robot: SerialModel) -> Mounting:
-    """The nominal arm, with a sensor that reads what the hand does to the load."""
+    """Return the nominal mounting, with a sensor that reads the hand's wrench on the load."""
     return Mounting(robot.T_world_frame0[:3, :3].T @ robot.model.opt.gravity)
 
 
-def _moving_mass(robot: SerialModel) -> float:
-    model = robot.model
-    return float(model.body_subtreemass[model.body(robot.bodies[0]).id])
-
-
 def _with_load(robot: SerialModel, load: RigidLoad) -> mujoco.MjModel:
-    """The arm's model with one more body, welded to the flange's carrier in the last frame, and sensors at the weld."""
+    """Add a body to the arm's model, welded to the flange's carrier in the last frame, and sensors at the weld."""
     spec = robot.spec.copy()
     T_world_carrier = body_pose(at_zero(robot.model), int(robot.model.body(robot.carrier).id))
     T_carrier_last = se3.inverse(T_world_carrier) @ last_frame(robot.chain, robot.T_world_frame0)
@@ -163,7 +174,7 @@ def _with_load(robot: SerialModel, load: RigidLoad) -> mujoco.MjModel:
 
 
 def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
-    """A copy with nothing but masses: what ``mj_inverse`` counts in besides is off."""
+    """Return a copy with masses only, without the other effects that ``mj_inverse`` includes."""
     bare = copy.deepcopy(model)
     off = ("CONSTRAINT", "CONTACT", "SPRING", "DAMPER")  # limits, friction loss; without the last two nothing passive
     bare.opt.disableflags = sum(int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")) for name in off)
@@ -173,41 +184,24 @@ def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
     return bare
 
 
-Path = Callable[[Array], tuple[Array, Array, Array]]
-"""Times ``(n,)`` s to joint positions, speeds and accelerations ``(n, J)``; also a little before and after the run."""
-
-_EACH_JOINT = (
-    "encoder_rad",
-    "torque_noise_nm",
-    "coulomb_nm",
-    "viscous_nm_s",
-    "servo_rad_per_nm",
-    "motor_inertia_kgm2",
-    "motor_coulomb_nm",
-    "motor_viscous_nm_s",
-)
-_FILTER_ORDER = 2  # of the torque channel's Butterworth filter
-_SPARE = 8  # samples around a run on which the spline of its shift stands
-
-
 @dataclass(frozen=True)
 class RunErrors:
-    """Errors of a simulated run; all zero is ideal. Where ``(J,)`` is given, one number serves for all joints.
+    """Errors of a simulated run; all zero is ideal. Errors ``(J,)`` may be one number for all joints.
 
     Attributes:
         encoder_rad: standard deviation of a joint encoder, rad (m), ``(J,)``.
-        torque_noise: the same of a torque, as a share of the joint's peak torque.
-        torque_noise_nm: the same in Nm (N), ``(J,)``, beside that share.
+        torque_noise: standard deviation of a torque, as a share of the joint's peak torque.
+        torque_noise_nm: standard deviation of a torque in Nm (N), ``(J,)``, in addition to that share.
         coulomb_nm: Coulomb friction, Nm (N), ``(J,)``.
         viscous_nm_s: viscous friction, Nm s/rad (N s/m), ``(J,)``.
-        load_friction: mu: friction grows by this share of the torque that the joint carries.
-        stiction: the share of Coulomb friction, of either sign, that a joint at rest may still carry.
+        load_friction: mu: friction grows by this share of the joint's torque.
+        stiction: share of Coulomb friction, of either sign, that may act on a joint at rest.
         lag_s: delay of the torques.
-        motor_inertia_kgm2: of what turns at each motor, as its joint feels it, ``(J,)``.
-        motor_coulomb_nm, motor_viscous_nm_s: friction at the motors, as their joints feel it, ``(J,)``.
+        motor_inertia_kgm2: inertia of each motor, reflected to its joint, ``(J,)``.
+        motor_coulomb_nm, motor_viscous_nm_s: friction of the motors, reflected to their joints, ``(J,)``.
         torque_offset_nm: steady errors of the torques, ``(J,)``; of either sign.
-        torque_filter_hz: the torques come through a causal low-pass of this frequency; 0 is none.
-        servo_rad_per_nm: by how much the load's torque shifts the path, rad/Nm (m/N), ``(J,)``.
+        torque_filter_hz: frequency of a causal low-pass of the torques; 0 is none.
+        servo_rad_per_nm: shift of the path by the load's torque, rad/Nm (m/N), ``(J,)``.
         force_noise_n, moment_noise_nm: standard deviations of the wrist sensor.
         wrench_offset: ``(6,)`` N and Nm.
         wrench_gain: ``(6,)`` relative errors: 0.01 reads 1 % too much.
@@ -248,7 +242,7 @@ class RunErrors:
 
 
 class LoadBench:
-    """An arm that measures with a load and without it; one generator state gives one set of records."""
+    """Simulated measurements of an arm with and without a load; one generator state gives one set of records."""
 
     def __init__(
         self,
@@ -258,18 +252,18 @@ class LoadBench:
         errors: RunErrors,
         couplings: Array | None = None,
     ) -> None:
-        """The mounting is what is known of the set-up; the errors come on top.
+        """Create the bench with its nominal mounting, to which the errors are added.
 
         Args:
-            load: None of an arm that never carries one, and has no loaded run.
-            couplings: C ``(J, J)``, what each drive turns by the joints' positions (``ArmDynamics``); torques are then
+            load: None of an arm without a loaded run.
+            couplings: C ``(J, J)``, positions of the drives by those of the joints (``ArmDynamics``); torques are then
                 those of the drives.
 
         Raises:
-            LabError: the arm has no masses, torque noise is asked for and it has no peak torques, or an error is not
-                for its joints.
+            LabError: the arm has no masses, or no peak torques for a relative torque noise, or an error has the wrong
+                number of joints.
         """
-        for name in _EACH_JOINT:
+        for name in _PER_JOINT:
             if np.shape(value := getattr(errors, name)) not in ((), (robot.chain.size,)):
                 raise LabError(f"errors of a run: {name} is {value}; give one number, or {robot.chain.size} of them")
         leaning = se3.exp(np.append(errors.tilt_rad, 0.0))
@@ -286,7 +280,7 @@ class LoadBench:
         self._noise_nm = np.hypot(share, errors.torque_noise_nm)
 
     def moving(self, path: Path, seconds: float, rate_hz: float, rng: np.random.Generator) -> PayloadSamples:
-        """A loaded and then an unloaded run along a path, sampled at a rate from time zero on.
+        """Simulate a loaded and then an unloaded run along a path, sampled from time zero on.
 
         Raises:
             LabError: there are too few samples in that time.
@@ -294,15 +288,15 @@ class LoadBench:
         times = np.arange(round(seconds * rate_hz)) / rate_hz
         if len(times) < 2:
             raise LabError(f"{seconds:g} s at {rate_hz:g} Hz are {len(times)} samples; ask for more")
-        chance, ways = _Chance(rng), [(False, path)]
+        streams, paths = _Streams(rng), [(False, path)]
         if True in self._arms:
             shifted = self._shifted(path, times) if np.any(self._errors.servo_rad_per_nm) else path
-            ways = [(True, shifted), *ways]
-        runs = [self._run(way, times, loaded, chance) for loaded, way in ways]
+            paths = [(True, shifted), *paths]
+        runs = [self._run(each, times, loaded, streams) for loaded, each in paths]
         return self._recorded(np.tile(times, len(runs)), runs)
 
     def resting(self, joints: Array, rng: np.random.Generator) -> PayloadSamples:
-        """Static poses ``(n, J)``, first all with the load, then all without it.
+        """Simulate static poses ``(n, J)``, first all with the load, then all without it.
 
         Raises:
             LabError: there is no load.
@@ -310,16 +304,16 @@ class LoadBench:
         if True not in self._arms:
             raise LabError("an arm without a load: poses at rest show a load alone; give one")
         zero = np.zeros_like(joints)
-        chance, errors = _Chance(rng), self._errors
+        streams, errors = _Streams(rng), self._errors
         hanging = self._load_torque(joints, zero, zero)
         runs = []
-        for loaded, stand in ((True, joints - errors.servo_rad_per_nm * hanging), (False, joints)):
-            torques, wrench = self._arms[loaded].torques_and_wrench(stand, zero, zero)
-            stuck = errors.stiction * errors.coulomb_nm * chance.stiction.uniform(-1.0, 1.0, joints.shape)
-            runs.append(self._read(stand, torques + stuck, wrench, loaded, chance))
+        for loaded, poses in ((True, joints - errors.servo_rad_per_nm * hanging), (False, joints)):
+            torques, wrench = self._arms[loaded].torques_and_wrench(poses, zero, zero)
+            stuck = errors.stiction * errors.coulomb_nm * streams.stiction.uniform(-1.0, 1.0, joints.shape)
+            runs.append(self._read(poses, torques + stuck, wrench, loaded, streams))
         return self._recorded(None, runs)
 
-    def _run(self, path: Path, times: Array, loaded: bool, chance: "_Chance") -> PayloadSamples:
+    def _run(self, path: Path, times: Array, loaded: bool, streams: "_Streams") -> PayloadSamples:
         arm, late = self._arms[loaded], self._errors.lag_s
         motion = path(times)
         torques, wrench = arm.torques_and_wrench(*motion)
@@ -329,7 +323,7 @@ class LoadBench:
             driven = self._driven(arm.torques(*before), *before[1:])
         if self._errors.torque_filter_hz:
             driven = self._filtered(driven, float(times[1] - times[0]))
-        return self._read(motion[0], driven, wrench, loaded, chance)
+        return self._read(motion[0], driven, wrench, loaded, streams)
 
     def _friction(self, torques: Array, speeds: Array) -> Array:
         errors = self._errors
@@ -346,7 +340,7 @@ class LoadBench:
         return driven + np.array(errors.torque_offset_nm) if errors.torque_offset_nm else driven
 
     def _filtered(self, torques: Array, step_s: float) -> Array:
-        """The torques after the channel's filter, which was settled before the run."""
+        """Filter the torques, from a settled state before the run."""
         if not self._errors.torque_filter_hz < 0.5 / step_s:
             raise LabError(f"torque_filter_hz of {self._errors.torque_filter_hz:g} Hz: above half the sampling rate")
         sections = signal.butter(_FILTER_ORDER, self._errors.torque_filter_hz, fs=1 / step_s, output="sos")
@@ -354,30 +348,26 @@ class LoadBench:
         filtered: Array = signal.sosfilt(sections, torques, axis=0, zi=settled)[0]
         return filtered
 
-    def _read(self, joints: Array, torques: Array, wrench: Array, loaded: bool, chance: "_Chance") -> PayloadSamples:
+    def _read(self, joints: Array, torques: Array, wrench: Array, loaded: bool, streams: "_Streams") -> PayloadSamples:
         """Simulate the sensor readings of a run; ``wrench`` is the hand's on the load, in the last frame."""
         errors = self._errors
         turned = (wrench.reshape(-1, 2, 3) @ self._T_last_sensor).reshape(-1, 6)  # rows: R' f
-        noise = np.repeat([errors.force_noise_n, errors.moment_noise_nm], 3) * chance.wrench.standard_normal(
+        noise = np.repeat([errors.force_noise_n, errors.moment_noise_nm], 3) * streams.wrench.standard_normal(
             wrench.shape
         )
         return PayloadSamples(
             None,
-            joints + errors.encoder_rad * chance.encoder.standard_normal(joints.shape),
-            torques + self._noise_nm * chance.torque.standard_normal(torques.shape),
+            joints + errors.encoder_rad * streams.encoder.standard_normal(joints.shape),
+            torques + self._noise_nm * streams.torque.standard_normal(torques.shape),
             (1 + np.array(errors.wrench_gain)) * self._sign * turned + errors.wrench_offset + noise,
             np.full(len(joints), loaded),
         )
 
     def _recorded(self, times: Array | None, runs: list[PayloadSamples]) -> PayloadSamples:
-        torques, wrench = ([getattr(run, name) for run in runs] for name in ("torques", "wrench"))
-        return PayloadSamples(
-            times,
-            np.concatenate([run.joints for run in runs]),
-            np.concatenate(torques),
-            np.concatenate(wrench),
-            np.concatenate([run.loaded for run in runs]),
-        )
+        def joined(name: str) -> Any:
+            return np.concatenate([getattr(run, name) for run in runs])
+
+        return PayloadSamples(times, joined("joints"), joined("torques"), joined("wrench"), joined("loaded"))
 
     def _load_torque(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
         """Compute the joint torques due to the load alone, ``(n, J)``."""
@@ -386,9 +376,9 @@ class LoadBench:
         return difference
 
     def _shifted(self, path: Path, times: Array) -> Path:
-        """The path as the load shifts it: a smooth function of time, so that speeds and accelerations fit positions.
+        """Shift the path by the load's torque, smoothly in time, so that speeds and accelerations fit positions.
 
-        The shift is that of the load's torque on the path that was asked for (first order), a spline of degree 5.
+        The shift is computed on the nominal path (first order), as a spline of degree 5.
         """
         step = times[1] - times[0]
         spare = _SPARE + int(np.ceil(self._errors.lag_s / step))
@@ -397,14 +387,14 @@ class LoadBench:
         rates = [shift, shift.derivative(1), shift.derivative(2)]
 
         def shifted(at: Array) -> tuple[Array, Array, Array]:
-            joints, speeds, accelerations = (asked + rate(at) for asked, rate in zip(path(at), rates, strict=True))
+            joints, speeds, accelerations = (nominal + rate(at) for nominal, rate in zip(path(at), rates, strict=True))
             return joints, speeds, accelerations
 
         return shifted
 
 
-class _Chance:
-    """Independent streams: more noise here leaves the draws there as they were."""
+class _Streams:
+    """Independent random streams: more draws of one leave the others unchanged."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.encoder, self.torque, self.wrench, self.stiction = rng.spawn(4)

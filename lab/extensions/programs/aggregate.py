@@ -1,4 +1,4 @@
-"""Values in brackets, ``[[1, 2], TRUE, "a"]``, as RAPID writes them and URScript its lists."""
+"""Read values in brackets, ``[[1, 2], TRUE, "a"]``, of RAPID and of URScript's lists."""
 
 import re
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ _BRACKET_OR_COMMA = re.compile(r"[\[({][^\[({\])}]*[\])}]|[\[({\])},]")  # or a 
 
 
 def read_value(text: str, start: int) -> tuple[Value, int] | None:
-    """The value that begins at a character, and where it ends; None where anything else than values is in it.
+    """Return the value that begins at a character, and its end; None if it contains anything but values.
 
     Raises:
         LabError: its brackets nest too deeply.
@@ -51,14 +51,14 @@ def read_value(text: str, start: int) -> tuple[Value, int] | None:
 
 
 def _parted(text: str, start: int, end: int) -> Iterator[Number]:
-    """The numbers between two characters, with commas between them."""
+    """Yield the numbers between two characters, separated by commas."""
     for part in text[start:end].split(","):
         yield Number(start + len(part) - len(part.lstrip()), part.strip())
         start += len(part) + 1
 
 
 def numbers_in(value: Value, count: int) -> tuple[Number, ...] | None:
-    """The numbers of a list of so many numbers; None where it is anything else."""
+    """Return the numbers of a list of so many numbers; None for anything else."""
     if not isinstance(value, list) or len(value) != count:
         return None
     found = tuple(each for each in value if isinstance(each, Number))

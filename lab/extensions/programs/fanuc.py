@@ -1,16 +1,13 @@
 """Write and read LS, the listing of FANUC's TP programs that controllers load.
 
-What is written: Joint positions are in degrees with three decimals, as controllers print them; lengths in mm; W, P and
-R turn about the fixed x, y and z. The layout is that of listings in public; which options a controller needs to load
-one is not known here, and the file says so.
+Lengths are in mm; W, P and R turn about the fixed x, y and z. Joint positions are written in degrees with three
+decimals, as controllers print them. The layout is that of public listings; the options that a controller needs to load
+one are not known here, and a comment in the file states so. Joint 3 counts as in the model.
 
-Listings are read for the positions behind ``/POS``.
-
-Lengths are in mm; W, P and R turn about the fixed x, y and z. UF and UT number the user frame and the tool, which the
-controller keeps; of both 0 is none. Of CONFIG the third letter says on which side of axis 1 the wrist is (T in front, B
-behind), and the numbers how often axes 1, 4 and 6 have turned (0 within half a turn). What N, F, U and D mean for an
-arm is told differently by public sources and could not be verified, so they are not used: of the solutions left the one
-is taken that is nearest to the position before. Joint 3 counts as in the model.
+Listings are read for the positions behind ``/POS``. UF and UT number the user frame and the tool, which the controller
+stores; 0 is none. The third letter of CONFIG is the side of axis 1 on which the wrist is (T in front, B behind), and
+the numbers are the turns of axes 1, 4 and 6 (0 within half a turn). Public sources disagree on N, F, U and D, so these
+are not used: of the remaining IK solutions the nearest to the position before is taken.
 """
 
 import re
@@ -67,7 +64,7 @@ _SLACK_RAD = np.deg2rad(0.05)
 
 @dataclass
 class _Reader(ProgramReader):
-    """A listing being read."""
+    """Reader of a listing."""
 
     code: str
     reached: dict[str, list[tuple[int, Motion]]] = field(default_factory=dict)
@@ -123,17 +120,8 @@ class _Reader(ProgramReader):
         return TargetText(name, line, numbers, FIXED_XYZ, tool, base, allowed=_allowed(inner))
 
 
-def _read_fanuc(text: str, outside: Outside) -> ProgramText:
-    """Read a listing.
-
-    Raises:
-        LabError: frames that are given have not the numbers of FANUC's.
-    """
-    return _Reader(text, outside, masked(text, r"(?<=[:\s])![^\r\n]*")).read()
-
-
 def _allowed(inner: str) -> Allowed | None:
-    """The side of axis 1, and the turns of axes 1, 4 and 6."""
+    """Return the test of the side of axis 1, and of the turns of axes 1, 4 and 6."""
     found = _CONFIG.search(inner)
     if not found:
         return None
@@ -150,7 +138,7 @@ def _allowed(inner: str) -> Allowed | None:
 
 _DIGITS = 3
 _PER_CENT = 20
-_LONGEST = 32  # characters of a comment
+_MAX_LENGTH = 32  # characters of a comment
 _NOTES = (
     "LOADING MAY TAKE AN OPTION",
     "J3 COUNTS AS IN THE MODEL",
@@ -170,15 +158,15 @@ class FanucLs(SixAxisLanguage):
     speed = f"{_PER_CENT} % of the joints' speed"
 
     def read(self, text: str, outside: Outside) -> ProgramText:
-        """The targets and moves of a program in it."""
-        return _read_fanuc(text, outside)
+        """Read the targets and moves of a listing."""
+        return _Reader(text, outside, masked(text, r"(?<=[:\s])![^\r\n]*")).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        """A program ``MEASURE_POSES``: home, every pose with a wait, home."""
+        """Write ``MEASURE_POSES``: home, every pose with a wait, home."""
         return _listing("MEASURE_POSES", [f"{len(tour.ids)} POSES"], tour.checked, tour_steps(tour))
 
     def target_moves(self, moves: TargetMoves) -> bytes:
-        """A program ``MOVE_TO_TARGETS`` through joint positions; tool and frame as comments, to be entered by hand."""
+        """Write ``MOVE_TO_TARGETS`` through joint positions; tool and frame are comments, to be entered by hand."""
         frames = [
             *(f"UTOOL {each}" for each in _frame(moves.T_last_tool)),
             *(f"UFRAME {each}" for each in _frame(moves.T_frame0_instrument)),
@@ -186,14 +174,14 @@ class FanucLs(SixAxisLanguage):
         return _listing("MOVE_TO_TARGETS", [f"{len(moves.ids)} TARGETS", *frames], moves.checked, move_steps(moves))
 
     def path_moves(self, moves: PathMoves) -> bytes:
-        """A program ``MOVE_ALONG_PATH``; its positions are joint positions on lines and circles, too."""
+        """Write ``MOVE_ALONG_PATH``; positions are joint positions on lines and circles, too."""
         notes = [f"{len(moves.ids)} POINTS", *(f"UTOOL {each}" for each in _frame(moves.T_last_tool))]
         notes += ["CORRECTION IS IN THE JOINTS"] if moves.corrected else []
         return _listing("MOVE_ALONG_PATH", notes, moves.checked, path_steps(moves))
 
 
 def _listing(name: str, notes: list[str], checked: bool, steps: list[Step]) -> bytes:
-    lines = [f"!{each}" for each in (*notes, *wrap(check_comment(checked), _LONGEST), *_NOTES)]
+    lines = [f"!{each}" for each in (*notes, *wrap(check_comment(checked), _MAX_LENGTH), *_NOTES)]
     for i, step in enumerate(steps, start=1):
         lines.append(f"!{ascii_text(step.comment)}")
         if step.kind != "via":
@@ -207,7 +195,7 @@ def _listing(name: str, notes: list[str], checked: bool, steps: list[Step]) -> b
 
 
 def _move(number: int, step: Step) -> str:
-    """The instruction that goes to a position; that of a circle takes two rows."""
+    """Return the instruction to move to a position; that of a circle takes two rows."""
     if step.pace is None:
         return f"J P[{number}] {_PER_CENT}% FINE"
     took = f"{max(int(np.ceil(1e3 * step.pace.seconds)), 1)}msec FINE"
@@ -223,7 +211,7 @@ def _position(number: int, joints: Array) -> str:
 
 
 def _frame(matrix: Array) -> list[str]:
-    """A pose ``(4, 4)`` (m) in mm and degrees, a number to a comment: these are short."""
+    """Write a pose ``(4, 4)`` (m) in mm and degrees, one number in each comment, as comments are short."""
     places = numbers(MM.of(matrix[:3, 3]), _DIGITS)
     turns = numbers(np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3])), _DIGITS)
     return [f"{key} {value}" for key, value in zip("XYZWPR", [*places, *turns], strict=True)]

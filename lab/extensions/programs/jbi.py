@@ -1,22 +1,15 @@
 """Write and read JBI, the jobs of Yaskawa Motoman's controllers in INFORM.
 
-What is written: Joint positions of a job are motor pulses, whose number per degree is the controller's. So positions
-are Cartesian (``///RECTAN``) by the nominal model: mm, and Rx, Ry, Rz in degrees about the fixed x, y and z.
-``///RCONF`` says which of the inverse's solutions is meant: wrist not flipped while joint 4 is within 90 degrees of
-zero, upper elbow, wrist in front, and of joints 4, 6 and 1 whether they are within 180 degrees. Layout and ``RCONF``
-follow the manuals NX100 "Interface with an Easy Offline Teaching System" (HW0481924, section 4.1) and DX100
-(HW0482494); which half of joint 4 a manipulator calls flipped is in its own manual and could not be verified for each.
-No date is known here, so the job's is the first of the century. Controllers take places to 0.001 mm and angles to
-0.0001 degrees (YRC1000, Ethernet function, position data); whether a job may have more is not known. No job was tried
-on a controller.
+Positions are motor pulses (``///PULSE``), whose number per degree depends on the controller, or positions in mm with
+Rx, Ry and Rz in degrees about the fixed x, y and z (``///RECTAN``), in the frame ``///POSTYPE``, of the tool number
+``///TOOL``. ``///RCONF`` selects the IK solution: wrist flipped (1 where joint 4 is more than 90 degrees from zero),
+lower elbow, wrist behind, and joints 4, 6 and 1 beyond half a turn. Layout and ``RCONF`` follow the manuals NX100
+"Interface with an Easy Offline Teaching System" (HW0481924, section 4.1) and DX100 (HW0482494); the flipped half of
+joint 4 is defined in each manipulator's manual and could not be verified.
 
+Written positions are Cartesian by the nominal model, to 0.001 mm and 0.0001 degrees, as controllers take them (YRC1000,
+Ethernet function, position data). The date of a job is the first of the century. No job was tried on a controller.
 Jobs are read for the positions behind ``//POS``.
-
-Positions are motor pulses (``///PULSE``), whose number per degree is the controller's, or places in mm with Rx, Ry and
-Rz in degrees about the fixed x, y and z (``///RECTAN``), in the frame that ``///POSTYPE`` names, of the tool that
-``///TOOL`` numbers. ``///RCONF`` says which solution of the inverse is meant: wrist flipped (1 where joint 4 is more
-than 90 degrees from zero), lower elbow, wrist behind, and joints 4, 6 and 1 beyond half a turn (manuals NX100
-HW0481924, section 4.1, and DX100 HW0482494; which half of joint 4 is the flipped one is in the manipulator's manual).
 """
 
 import re
@@ -73,7 +66,7 @@ _QUARTER = np.pi / 2
 
 @dataclass
 class _Reader(ProgramReader):
-    """A job being read, line by line."""
+    """Reader of a job, line by line."""
 
     positions: dict[str, TargetText] = field(default_factory=dict)
     reached: dict[str, list[tuple[int, Motion]]] = field(default_factory=dict)
@@ -145,24 +138,14 @@ class _Reader(ProgramReader):
             self.reached.setdefault(name, []).append((line_of(self.text, at), motion))
 
 
-def _read_jbi(text: str, outside: Outside) -> ProgramText:
-    """Read a job.
-
-    Raises:
-        LabError: frames that are given have not the numbers of Yaskawa's, or pulses are there without their number
-            per degree.
-    """
-    return _Reader(text, outside).read()
-
-
 def _numbered(text: str) -> str:
-    """The number of a tool or a frame, without leading zeros; that of the first group."""
+    """Return the number of a tool or a frame, without leading zeros; that of the first group."""
     found = re.match(r"\d+", text)
     return whole_number(found[0]) if found else "?"
 
 
 def _allowed(configuration: str) -> Allowed | None:
-    """Flip, elbow, side, and which of joints 4, 6 and 1 are beyond half a turn."""
+    """Return the test of flip, elbow, side, and of joints 4, 6 and 1 beyond half a turn."""
     bits = [each.strip() == "1" for each in configuration.split(",")][:6]
     if len(bits) < 6:
         return None
@@ -182,8 +165,9 @@ def _allowed(configuration: str) -> Allowed | None:
 
 _DIGITS_MM, _DIGITS_DEG = 3, 4
 _PER_CENT = 20
-_LONGEST = 32  # characters of a comment
+_MAX_LENGTH = 32  # characters of a comment
 _HALF = np.pi
+_USER_HEAD = ["///USER 1", "///TOOL 1", "///POSTYPE USER"]
 _NOTES = (
     "RCONF AS IN THE NX100 MANUAL",
     "FRAME 0 IS THE ROBOT FRAME",
@@ -203,69 +187,60 @@ class Jbi(SixAxisLanguage):
     speed = f"{_PER_CENT} % of the joints' speed"
 
     def read(self, text: str, outside: Outside) -> ProgramText:
-        """The targets and moves of a program in it."""
-        return _read_jbi(text, outside)
+        """Read the targets and moves of a job."""
+        return _Reader(text, outside).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        """A job ``PLAN``: home, every pose with a wait, home; of the flange (tool 0), in the robot's frame."""
+        """Write ``PLAN``: home, every pose with a wait, home; of the flange (tool 0), in the robot's frame."""
         notes = [f"{len(tour.ids)} POSES OF THE FLANGE", "TOOL 0 HAS TO BE ZERO"]
         steps, postures = tour_steps(tour), _postures(tour.postures)
         head = ["///TOOL 0", "///POSTYPE ROBOT"]
         return _job("PLAN", head, [*notes, *_checked(tour.checked)], steps, postures, postures.Ts_frame0_last)
 
     def target_moves(self, moves: TargetMoves) -> bytes:
-        """A job ``PROGRAM`` in user frame 1 with tool 1; both as comments, to be entered by hand."""
-        frames = [
-            *(f"TOOL 1 {each}" for each in _frame(moves.T_last_tool)),
-            *(f"USER 1 {each}" for each in _frame(moves.T_frame0_instrument)),
-        ]
+        """Write ``PROGRAM`` in user frame 1 with tool 1; both are comments, to be entered by hand."""
+        frames = _frames(moves.T_last_tool, moves.T_frame0_instrument)
         postures = _postures(moves.postures)
         Ts = se3.inverse(moves.T_frame0_instrument) @ postures.Ts_frame0_last @ moves.T_last_tool
         notes = [f"{len(moves.ids)} TARGETS", *_checked(moves.checked), *frames]
-        head = ["///USER 1", "///TOOL 1", "///POSTYPE USER"]
-        return _job("PROGRAM", head, notes, move_steps(moves), postures, Ts)
+        return _job("PROGRAM", _USER_HEAD, notes, move_steps(moves), postures, Ts)
 
     def path_moves(self, moves: PathMoves) -> bytes:
-        """A job ``PATH`` in user frame 1 with tool 1; a circle begins with the position that it starts at."""
-        frames = [
-            *(f"TOOL 1 {each}" for each in _frame(moves.T_last_tool)),
-            *(f"USER 1 {each}" for each in _frame(moves.T_frame0_base)),
-        ]
+        """Write ``PATH`` in user frame 1 with tool 1; a circle begins with its start position."""
+        frames = _frames(moves.T_last_tool, moves.T_frame0_base)
         correction = ["CORRECTION IS IN THE POSITIONS"] if moves.corrected else []
         notes = [f"{len(moves.ids)} POINTS", *correction, *_checked(moves.checked), *frames]
-        head = ["///USER 1", "///TOOL 1", "///POSTYPE USER"]
-        return _job("PATH", head, notes, path_steps(moves), _postures(moves.postures), moves.Ts_base_tool)
+        return _job("PATH", _USER_HEAD, notes, path_steps(moves), _postures(moves.postures), moves.Ts_base_tool)
 
 
 def _postures(postures: Postures | None) -> Postures:
-    """The nominal arm's postures, which every arm with six revolute joints has."""
     assert postures is not None
     return postures
 
 
 def _checked(checked: bool) -> list[str]:
-    return wrap(check_comment(checked), _LONGEST)
+    return wrap(check_comment(checked), _MAX_LENGTH)
 
 
 def _job(name: str, head: list[str], notes: Sequence[str], steps: list[Step], postures: Postures, Ts: Array) -> bytes:
-    """A job through poses ``(s, 4, 4)`` (m) of the tool."""
+    """Write a job through poses ``(s, 4, 4)`` (m) of the tool."""
     lines = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(steps)},0,0,0,0,0", *head, "///RECTAN"]
     last = None
     for i, (step, T) in enumerate(zip(steps, Ts, strict=True)):
         configuration = _configuration(step.joints, bool(postures.in_front[i]), bool(postures.elbow_up[i]))
         lines += [f"///RCONF {configuration}"] if configuration != last else []
-        lines.append(f"C{i:05d}={','.join(_place(T))}")
+        lines.append(f"C{i:05d}={','.join(_position(T))}")
         last = configuration
     lines += ["//INST", "///DATE 2000/01/01 00:00", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
     lines += [f"'{each}" for each in (*notes, *_NOTES)]
     for i, step in enumerate(steps):
-        lines += [f"'{ascii_text(step.comment)[: _LONGEST - 1]}", *_move(i, step)]
+        lines += [f"'{ascii_text(step.comment)[: _MAX_LENGTH - 1]}", *_move(i, step)]
         lines += [f"TIMER T={step.wait_s:.2f}"] if step.wait_s else []
     return ("\r\n".join([*lines, "END"]) + "\r\n").encode("ascii")
 
 
 def _move(number: int, step: Step) -> list[str]:
-    """The instructions that go to a position; none to one that is passed on the circle to the next."""
+    """Return the instructions to move to a position; none to one on the circle to the next."""
     if step.kind == "via":
         return []
     if step.pace is None or step.kind == "joint":
@@ -276,18 +251,22 @@ def _move(number: int, step: Step) -> list[str]:
 
 
 def _configuration(joints: Array, in_front: bool, elbow_up: bool) -> str:
-    """Flip, elbow, side, and whether joints 4, 6 and 1 are beyond half a turn; two that the format leaves unused."""
+    """Return flip, elbow, side, joints 4, 6 and 1 beyond half a turn, and two unused numbers."""
     within = abs((joints[3] + _HALF) % (2 * _HALF) - _HALF) <= _QUARTER
     far = [int(abs(joints[i]) >= _HALF) for i in (3, 5, 0)]
     return ",".join(map(str, [int(not within), int(not elbow_up), int(not in_front), *far, 0, 0]))
 
 
-def _place(matrix: Array) -> list[str]:
-    """A pose ``(4, 4)`` (m) in mm and degrees."""
+def _position(matrix: Array) -> list[str]:
+    """Write a pose ``(4, 4)`` (m) in mm and degrees."""
     turns = np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3]))
     return [*numbers(MM.of(matrix[:3, 3]), _DIGITS_MM), *numbers(turns, _DIGITS_DEG)]
 
 
-def _frame(matrix: Array) -> list[str]:
-    """A pose ``(4, 4)`` (m), a number to a comment: these are short."""
-    return [f"{key} {value}" for key, value in zip(("X", "Y", "Z", "RX", "RY", "RZ"), _place(matrix), strict=True)]
+def _frames(T_tool: Array, T_user: Array) -> list[str]:
+    """Write two poses ``(4, 4)`` (m), one number in each comment, as comments are short."""
+    return [
+        f"{frame} 1 {key} {value}"
+        for frame, T in (("TOOL", T_tool), ("USER", T_user))
+        for key, value in zip(("X", "Y", "Z", "RX", "RY", "RZ"), _position(T), strict=True)
+    ]

@@ -1,15 +1,13 @@
 """Write and read KRL, the language of KUKA's controllers (KR C).
 
-What is written: Joint positions are in degrees, lengths in mm; of a frame A turns about z, B about the new y, C about
-the new x (KUKA System Software, Operating and Programming Instructions for System Integrators, "FRAME").
+Joint positions are in degrees, lengths in mm; A turns about z, B about the new y, C about the new x (KUKA System
+Software, Operating and Programming Instructions for System Integrators, "FRAME").
 
-Modules and data lists are read for their positions, axis positions, tools and bases.
-
-Lengths are in mm; A turns about z, B about the new y, C about the new x. Of a position S and T say which solution of
-the inverse is meant: bit 0 of S is one where the wrist is behind axis 1, and bits 0 to 5 of T are one where axes 1 to 6
-are negative (KUKA System Software, Operating and Programming Instructions, "Status and Turn"). The other bits of S
-follow from these but for arms that can bend their elbow both ways with the same signs; then the solution is the one
-that is nearest to the position before. A tool or a base that is set in a line is called $TOOL@LINE or $BASE@LINE.
+Modules and data lists are read for their positions, axis positions, tools and bases. S and T of a position select the
+IK solution: bit 0 of S is one where the wrist is behind axis 1, and bits 0 to 5 of T are one where axes 1 to 6 are
+negative ("Status and Turn"). The other bits of S follow from these, except for arms that can bend their elbow both ways
+with equal signs; then the nearest solution to the position before is taken. A tool or a base that is set in a line is
+called $TOOL@LINE or $BASE@LINE.
 """
 
 import re
@@ -24,6 +22,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.programs.aggregate import arguments
 from lab.extensions.programs.steps import (
+    COMPARE_ONE_POSE,
     SixAxisLanguage,
     Step,
     move_notes,
@@ -72,7 +71,7 @@ _SLACK_RAD = np.deg2rad(0.05)
 
 @dataclass
 class _Position:
-    """A position that the text holds, by its name or its line."""
+    """A position of the text, by its name or its line."""
 
     name: str
     line: int
@@ -91,12 +90,12 @@ class _Position:
 
 @dataclass
 class _Reader(ProgramReader):
-    """A module being read, line by line: KRL's statements end with the line."""
+    """Reader of a module, line by line: KRL's statements end with the line."""
 
     code: str
     tool: str = "$TOOL"
     base: str = "$BASE"
-    forms: dict[str, str] = field(default_factory=dict)  # what inline forms keep, by name without the F
+    forms: dict[str, str] = field(default_factory=dict)  # contents of inline forms, by name without the F
     positions: dict[str, _Position] = field(default_factory=dict)
     assigned: set[str] = field(default_factory=set)
 
@@ -116,11 +115,11 @@ class _Reader(ProgramReader):
         return self._targets()
 
     def _statements(self) -> Iterator["re.Match[str]"]:
-        """The lines that hold more than blanks and comments."""
+        """Yield the lines that are not blank."""
         return (found for found in _STATEMENT.finditer(self.code) if not found[0].isspace())
 
     def _take(self, what: str, source: str, at: int = 0) -> None:
-        """The tool or the base from here on."""
+        """Set the tool or the base from here on."""
         name = _named(self.outside.alias(re.sub(r"\s", "", source).upper()))
         if name.startswith("{"):
             parts = self._parts(source, at)
@@ -142,7 +141,7 @@ class _Reader(ProgramReader):
         return name
 
     def _parts(self, source: str, at: int) -> dict[str, Number]:
-        """The named numbers of a structure that begins at a character."""
+        """Return the named numbers of a structure that begins at a character."""
         return {part[1].upper(): Number(at + part.start(2), part[2]) for part in _PART.finditer(source)}
 
     def _declare(self, given: "re.Match[str]", at: int) -> None:
@@ -178,7 +177,7 @@ class _Reader(ProgramReader):
             self._reach(part, at + begin, motion)
 
     def _reach(self, part: str, at: int, motion: Motion) -> None:
-        """A move to what an argument says: a structure, or a name."""
+        """Record a move to an argument: a structure, or a name."""
         self._count_move()
         line = line_of(self.text, at)
         structure = re.match(r"\{[^{}]*\}", part)
@@ -204,7 +203,7 @@ class _Reader(ProgramReader):
         known.moves.append((line, motion))
 
     def _of_data(self, name: str) -> set[tuple[str, str]]:
-        """The tool and the base that inline forms keep beside a position: F and its name without the X."""
+        """Return tool and base of a position's inline form: F and its name without the X."""
         form = self.forms.get(name[1:], "") if name.startswith("X") else ""
         numbers = dict(re.findall(r"\b(TOOL_NO|BASE_NO)\s+(\d+)", form))
         if len(numbers) < 2 or "#TCP" in form:
@@ -240,22 +239,13 @@ class _Reader(ProgramReader):
         return self._read()
 
 
-def _read_krl(text: str, outside: Outside) -> ProgramText:
-    """Read a module (.src) or a data list (.dat).
-
-    Raises:
-        LabError: frames that are given have not the numbers of KRL's.
-    """
-    return _Reader(text, outside, masked(text, r"[;&][^\r\n]*")).read()
-
-
 def _named(name: str) -> str:
-    """Tool 0 and base 0 are the flange and the world."""
+    """Rename tool 0 and base 0, which are the flange and the world."""
     return "$NULLFRAME" if name in ("TOOL_DATA[0]", "BASE_DATA[0]") else name
 
 
 def _allowed(position: _Position) -> Allowed | None:
-    """The signs of the axes, and the side of axis 1."""
+    """Return the test of the signs of the axes, and of the side of axis 1."""
     if "T" not in position.parts and "S" not in position.parts:
         return None
     status = int(values_of([position.parts["S"]])[0]) if "S" in position.parts else None
@@ -276,6 +266,7 @@ def _allowed(position: _Position) -> Allowed | None:
 
 _DIGITS = 6
 _PER_CENT = 20
+_COMPARE_ONE_POSE = COMPARE_ONE_POSE.replace("Joint", "Axis")
 
 
 class Krl(SixAxisLanguage):
@@ -289,20 +280,20 @@ class Krl(SixAxisLanguage):
     speed = f"{_PER_CENT} % of the joints' speed"
 
     def read(self, text: str, outside: Outside) -> ProgramText:
-        """The targets and moves of a program in it."""
-        return _read_krl(text, outside)
+        """Read the targets and moves of a module (.src) or a data list (.dat)."""
+        return _Reader(text, outside, masked(text, r"[;&][^\r\n]*")).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        """A module ``measure_poses``: home, every pose with a wait, home."""
+        """Write ``measure_poses``: home, every pose with a wait, home."""
         head = [
             *(f"; {note}" for note in tour_notes(tour)),
-            "; Axis zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            f"; {_COMPARE_ONE_POSE}",
             "; Declare the tool's load before.",
         ]
         return _module("measure_poses", head, [], tour_steps(tour))
 
     def target_moves(self, moves: TargetMoves) -> bytes:
-        """A module ``move_to_targets`` through axis positions, with the tool and the base that they are of."""
+        """Write ``move_to_targets`` through axis positions, with their tool and base."""
         head = [
             *(f"; {note}" for note in move_notes(moves, "axes")),
             "; $TOOL and $BASE suit the controller's nominal links best. They hold where its flange is the last",
@@ -312,10 +303,10 @@ class Krl(SixAxisLanguage):
         return _module("move_to_targets", head, frames, move_steps(moves))
 
     def path_moves(self, moves: PathMoves) -> bytes:
-        """A module ``move_along_path``; lines and circles are of the tool in the base that the points are in."""
+        """Write ``move_along_path``; lines and circles are of the tool in the points' base."""
         head = [
             *(f"; {note}" for note in path_notes(moves)),
-            "; Axis zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            f"; {_COMPARE_ONE_POSE}",
             "; $TOOL and $BASE hold where the flange is the last frame of the lab's table, and the robot root is",
             "; frame 0 of it. Declare the tool's load before.",
         ]
@@ -331,7 +322,7 @@ def _module(name: str, head: list[str], frames: list[str], steps: list[Step]) ->
     for step in steps:
         lines.append(f"; {step.comment}")
         if step.kind == "via":
-            via = _place(step)
+            via = _position(step)
             continue
         lines += _move(step, via)
         lines += [f"WAIT SEC {step.wait_s:.1f}"] if step.wait_s else []
@@ -339,23 +330,22 @@ def _module(name: str, head: list[str], frames: list[str], steps: list[Step]) ->
 
 
 def _move(step: Step, via: str) -> list[str]:
-    """The instructions that go to a stop, with the speed before."""
+    """Return the instructions to move to a waypoint, after its speed."""
     if step.kind in ("line", "circle") and step.pace is not None:
-        move = f"CIRC {via}, {_place(step)}" if step.kind == "circle" else f"LIN {_place(step)}"
+        move = f"CIRC {via}, {_position(step)}" if step.kind == "circle" else f"LIN {_position(step)}"
         return [f"$VEL.CP = {step.pace.mm_s / 1e3:.4f}", move]
     axes = ", ".join(f"A{i} {each}" for i, each in enumerate(numbers(np.rad2deg(step.joints), _DIGITS), start=1))
     speed = [] if step.pace is None else [f"BAS(#VEL_PTP, {step.pace.per_cent})"]
     return [*speed, f"PTP {{AXIS: {axes}}}"]
 
 
-def _place(step: Step) -> str:
-    """Format the tool's pose at a waypoint."""
+def _position(step: Step) -> str:
     assert step.T is not None
     return _frame(step.T)
 
 
 def _frame(matrix: Array) -> str:
-    """A pose ``(4, 4)`` (m) in mm and degrees."""
+    """Write a pose ``(4, 4)`` (m) in mm and degrees."""
     places = numbers(MM.of(matrix[:3, 3]), _DIGITS)
     turns = numbers(np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3])[::-1]), _DIGITS)
     return "{" + ", ".join(f"{key} {value}" for key, value in zip("XYZABC", [*places, *turns], strict=True)) + "}"

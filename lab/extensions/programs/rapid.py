@@ -1,11 +1,9 @@
 """Write and read modules in RAPID, the language of ABB's controllers (IRC5, OmniCore).
 
-Modules are read for their robtargets and jointtargets, tools and work objects.
-
-Of a robtarget the trans is in mm, the rot a quaternion q1..q4 (wxyz), and robconf has the quarter turns of axes 1, 4
-and 6 and cfx, whose lowest digit in base two is one where axis 5 is negative, and which is 4 or more where the wrist is
-behind axis 1 (ABB, Technical reference manual RAPID Instructions, Functions and Data types, "robtarget", "confdata",
-"tooldata", "wobjdata").
+Modules are read for their robtargets and jointtargets, tools and work objects. In a robtarget, trans is in mm, rot is
+a quaternion q1..q4 (wxyz), and robconf has the quarter turns of axes 1, 4 and 6 and cfx, which is odd where axis 5 is
+negative, and 4 or more where the wrist is behind axis 1 (ABB, Technical reference manual RAPID Instructions, Functions
+and Data types, "robtarget", "confdata", "tooldata", "wobjdata").
 """
 
 import itertools
@@ -20,7 +18,7 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.programs.aggregate import Value, arguments, numbers_in, read_value
-from lab.extensions.programs.steps import path_steps
+from lab.extensions.programs.steps import COMPARE_ONE_POSE, SixAxisLanguage, check_comment, path_steps
 from lab.formats.programs.program_text import (
     QUATERNION,
     Allowed,
@@ -36,8 +34,7 @@ from lab.formats.programs.program_text import (
     masked,
     values_of,
 )
-from lab.formats.programs.protocol import ANY_DIGITS, PAUSE_S, MeasuringTour, PathMoves, TargetMoves
-from lab.kinematics.joints import JointSpec
+from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, PathMoves, TargetMoves
 
 __all__ = ["Rapid"]
 
@@ -62,7 +59,7 @@ _NO_AXIS = 9e8
 
 @dataclass
 class _Declared:
-    """A robtarget, a jointtarget or an array of them, and the tools and objects with which it is moved to."""
+    """A robtarget, a jointtarget or an array of them, and the tools and objects of its moves."""
 
     name: str
     kind: str
@@ -74,7 +71,7 @@ class _Declared:
 
 @dataclass
 class _Reader(ProgramReader):
-    """A module being read: its text without comments, and without strings too."""
+    """Reader of a module: its text without comments, and without strings too."""
 
     data: str
     code: str
@@ -92,14 +89,11 @@ class _Reader(ProgramReader):
             self._move(found)
         return self._targets()
 
-    def _line(self, offset: int) -> int:
-        return line_of(self.text, offset)
-
     def _declare(self, found: "re.Match[str]", assigned: bool) -> None:
         kind, name = found[1].lower(), found[2]
         read = read_value(self.data, found.end()) if found[4] else None
         if kind in ("tooldata", "wobjdata") and (assigned or read is None):
-            self.computed[name.lower()] = self._line(found.start(2))
+            self.computed[name.lower()] = line_of(self.text, found.start(2))
         if not found[4]:
             if kind in ("robtarget", "jointtarget"):
                 self._leave(found.start(2), f"{name} has no value here: it is computed")
@@ -109,7 +103,7 @@ class _Reader(ProgramReader):
             return
         if kind in ("robtarget", "jointtarget"):
             entries = _flat(read[0], (found[3] or "").count(",") + 1) if found[3] else [read[0]]
-            self.declared[name.lower()] = _Declared(name, kind, self._line(found.start(2)), entries)
+            self.declared[name.lower()] = _Declared(name, kind, line_of(self.text, found.start(2)), entries)
         elif name.lower() not in self.frames:
             posed = _tool(read[0]) if kind == "tooldata" else _work_object(read[0])
             if posed is None:
@@ -147,9 +141,9 @@ class _Reader(ProgramReader):
         return self.declared.get(name[0].lower()) if name else None
 
     def _reach(self, at: int, head: str, frames: tuple[str, str], motion: Motion, begins: int) -> None:
-        """A move to what an argument says."""
+        """Record a move to an argument."""
         self._count_move()
-        line = self._line(begins)
+        line = line_of(self.text, begins)
         if call := _CALL.match(head):
             inner = re.findall(r"\w+", head)[1:2]
             known = self.declared.get(inner[0].lower()) if inner else None
@@ -196,7 +190,7 @@ class _Reader(ProgramReader):
     def _target(self, each: _Declared, name: str, entry: Value) -> TargetText | None:
         if not isinstance(entry, list):
             return None
-        line = each.line if not (first := _first(entry)) else self._line(first.start)
+        line = each.line if not (first := _first(entry)) else line_of(self.text, first.start)
         if each.kind == "jointtarget":
             joints = numbers_in(entry[0], 6) if len(entry) == 2 else None
             return None if joints is None else TargetText(name, line, joints)
@@ -216,16 +210,6 @@ class _Reader(ProgramReader):
         return TargetText(name, line, (*place, *turn), QUATERNION, tool, base, allowed=_allowed(configuration))
 
 
-def _read_rapid(text: str, outside: Outside) -> ProgramText:
-    """Read a module.
-
-    Raises:
-        LabError: frames that are given have not the numbers of RAPID's.
-    """
-    data = masked(text, r"![^\r\n]*")
-    return _Reader(text, outside, data, masked(data, '"[^"\r\n]*"', retained="$^")).read()
-
-
 def _assigned(code: str) -> Iterator["re.Match[str]"]:
     """Find assignments to names; each is matched between its := and the text before it."""
     last, at = 0, code.find(":=")
@@ -236,26 +220,26 @@ def _assigned(code: str) -> Iterator["re.Match[str]"]:
 
 
 def _lower(frames: dict[str, Array]) -> dict[str, Array]:
-    """Frames by names in small letters: RAPID takes no notice of them."""
+    """Return frames by names in lower case: RAPID ignores case."""
     return {name.lower(): T for name, T in frames.items()}
 
 
 def _flat(value: Value, depth: int) -> list[Value]:
-    """The entries of an array of so many dimensions."""
+    """Return the entries of an array of so many dimensions."""
     if depth == 0 or not isinstance(value, list):
         return [value]
     return [entry for part in value for entry in _flat(part, depth - 1)]
 
 
 def _first(value: Value) -> Number | None:
-    """The first number."""
+    """Return the first number."""
     while isinstance(value, list) and value:
         value = value[0]
     return value if isinstance(value, Number) else None
 
 
 def _pose(value: Value) -> Array | None:
-    """A pose ``(4, 4)`` (m) from ``[[x,y,z],[q1,q2,q3,q4]]``."""
+    """Return a pose ``(4, 4)`` (m) from ``[[x,y,z],[q1,q2,q3,q4]]``."""
     if not isinstance(value, list) or len(value) != 2:
         return None
     place, turn = numbers_in(value[0], 3), numbers_in(value[1], 4)
@@ -265,14 +249,14 @@ def _pose(value: Value) -> Array | None:
 
 
 def _tool(value: Value) -> Array | None:
-    """The frame of ``[robhold, tframe, tload]``; None unless the robot holds it."""
+    """Return the frame of ``[robhold, tframe, tload]``; None unless the robot holds it."""
     if not isinstance(value, list) or len(value) != 3 or str(value[0]).upper() != "TRUE":
         return None
     return _pose(value[1])
 
 
 def _work_object(value: Value) -> Array | None:
-    """The object's frame of ``[robhold, ufprog, ufmec, uframe, oframe]``; None unless it stands still."""
+    """Return the frame of ``[robhold, ufprog, ufmec, uframe, oframe]``; None unless it is fixed."""
     if not isinstance(value, list) or len(value) != 5:
         return None
     if (str(value[0]).upper(), str(value[1]).upper(), value[2]) != ("FALSE", "TRUE", '""'):
@@ -282,7 +266,7 @@ def _work_object(value: Value) -> Array | None:
 
 
 def _allowed(configuration: Sequence[Number]) -> Allowed:
-    """The quarter turns of axes 1, 4 and 6, the sign of axis 5, and the side of axis 1."""
+    """Return the test of the quarter turns of axes 1, 4 and 6, the sign of axis 5, and the side of axis 1."""
     *quarters, last = values_of(configuration).tolist()
     cfx = int(last)
 
@@ -299,8 +283,8 @@ def _allowed(configuration: Sequence[Number]) -> Allowed:
 
 _AXES = 6
 _SPEED = "v200"
-_LONGEST_NAME = 32
-_LONGEST_ID = 60  # characters of an id in a comment
+_MAX_NAME = 32
+_MAX_ID = 60  # characters of an id in a comment
 _PREFIX = "j_"  # of joint targets: no reserved word and nothing of the controller begins so
 _TOOL, _WORK_OBJECT = "calibration_tool", "instrument_frame"
 _PATH_TOOL = "path_tool"
@@ -309,30 +293,24 @@ _SAME = "[[0,0,0],[1,0,0,0]]"  # the object's frame is the user's
 _NO_AXES = "[" + ",".join(["9E+09"] * _AXES) + "]"  # external axes that are not there
 
 
-class Rapid:
-    """Modules for robots with six revolute axes, which is what a joint target of RAPID holds."""
+class Rapid(SixAxisLanguage):
+    """Modules for robots with six revolute axes, as joint targets of RAPID have."""
 
     name = "RAPID"
     suffix = ".mod"
     reads = (".mod", ".modx", ".prg", ".sys", ".sysx")
     spelling = QUATERNION
-    most_digits = ANY_DIGITS
     makers = ("abb", "irb")
     speed = _SPEED
-
-    def refusal(self, joints: JointSpec) -> str | None:
-        """Return None for six revolute joints; else the reason for the refusal."""
-        if joints.size == _AXES and not any(joints.prismatic):
-            return None
-        kinds = "".join("P" if slides else "R" for slides in joints.prismatic)
-        return f"no RAPID module: a joint target has six revolute axes, robot {joints.name} has {kinds}"
+    _refused = "no {} module: a joint target has six revolute axes"
 
     def read(self, text: str, outside: Outside) -> ProgramText:
-        """The targets and moves of a program in it."""
-        return _read_rapid(text, outside)
+        """Read the targets and moves of a module."""
+        data = masked(text, r"![^\r\n]*")
+        return _Reader(text, outside, data, masked(data, '"[^"\r\n]*"', retained="$^")).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        """A module with a procedure ``measure_poses_from_1`` (the first id): home, every pose with a wait, home."""
+        """Write the procedure ``measure_poses_from_1`` (the first id): home, every pose with a wait, home."""
         ids = tour.ids
         routine = f"measure_poses_from_{ids[0]}"
         names, moves = ["home"], ["    TPErase;", _move("home", "tool0")]
@@ -355,14 +333,14 @@ class Rapid:
         head = [
             f"  ! {len(ids)} poses to measure, ids as in plan.csv, in an order that is short at full joint speed.",
             _checked(tour.checked),
-            "  ! Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            f"  ! {COMPARE_ONE_POSE}",
             f"  ! Declare the tool's load in place of tool0. Call {routine} from your main routine.",
         ]
         name = _name(f"plan_{tour.robot}", f"_from_{ids[0]}")  # so that a plan and what extends it can both be loaded
         return _module(name, [*head, *targets], routine, moves)
 
     def target_moves(self, moves: TargetMoves) -> bytes:
-        """A module with a procedure ``move_to_targets`` through joint targets, and with the frames they are of."""
+        """Write the procedure ``move_to_targets`` through joint targets, and their frames."""
         ids = moves.ids
         head = [
             f"  ! {len(ids)} corrected joint targets. The correction is in the joint angles: move with MoveAbsJ.",
@@ -389,12 +367,12 @@ class Rapid:
         return _module(_name(f"program_{moves.robot}"), [*head, *data, *targets], "move_to_targets", lines)
 
     def path_moves(self, moves: PathMoves) -> bytes:
-        """A module with a procedure ``move_along_path``: joint targets, and of lines and circles their robtargets."""
+        """Write the procedure ``move_along_path``: joint targets, with robtargets of lines and circles."""
         head = [
             f"  ! A path of {moves.robot!a} through {len(moves.ids)} points, {np.nansum(moves.seconds):.3f} s planned.",
             *(["  ! The correction is in the joint angles at the points."] if moves.corrected else []),
             _checked(moves.checked),
-            "  ! Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            f"  ! {COMPARE_ONE_POSE}",
             "  ! The load is a placeholder: declare the real one.",
             f"  PERS tooldata {_PATH_TOOL}:=[TRUE,{_pose_text(moves.T_last_tool)},{_LOAD}];",
         ]
@@ -414,21 +392,18 @@ class Rapid:
 
 
 def _checked(checked: bool) -> str:
-    """Return a comment that states the checks made."""
-    if not checked:
-        return "  ! NOT CHECKED FOR COLLISIONS: run it slowly first, in manual mode."
-    return "  ! Checked free of collisions in the lab's model only: run it slowly first, in manual mode."
+    return f"  ! {check_comment(checked).removesuffix('.')}, in manual mode."
 
 
 def _shortened(text: str) -> str:
-    """A text that leaves a line short enough for a controller."""
-    return text if len(text) <= _LONGEST_ID else text[: _LONGEST_ID - 3] + "..."
+    """Shorten a text for a controller's line length."""
+    return text if len(text) <= _MAX_ID else text[: _MAX_ID - 3] + "..."
 
 
 def _target_names(ids: Sequence[str]) -> list[str]:
-    """A legal name for each id; RAPID does not tell small letters from capitals."""
+    """Return a legal name for each id; RAPID ignores case."""
     names: dict[str, str] = {}
-    next_of: dict[str, int] = {}  # where to go on, of ids that begin alike
+    next_of: dict[str, int] = {}  # next number, of ids with equal beginnings
     for each in ids:
         stem = _name(_PREFIX + each)
         for i in itertools.count(next_of.get(stem.lower(), 1)):
@@ -441,12 +416,12 @@ def _target_names(ids: Sequence[str]) -> list[str]:
 
 
 def _name(text: str, end: str = "") -> str:
-    """A legal name that begins like ``text``, which begins with a letter, and has this end."""
-    return re.sub(r"[^A-Za-z0-9_]", "_", text)[: _LONGEST_NAME - len(end)] + end
+    """Return a legal name that begins like ``text``, which begins with a letter, and has this end."""
+    return re.sub(r"[^A-Za-z0-9_]", "_", text)[: _MAX_NAME - len(end)] + end
 
 
 def _module(name: str, declarations: Sequence[str], routine: str, moves: Sequence[str]) -> bytes:
-    """A module's file: ASCII, with the line ends that controllers write."""
+    """Write a module's file: ASCII, with the line ends of controllers."""
     body = [*declarations, "", f"  PROC {routine}()", *moves, "  ENDPROC"]
     return ("\r\n".join([f"MODULE {name}", *body, "ENDMODULE"]) + "\r\n").encode("ascii")
 
@@ -460,13 +435,13 @@ def _move(target: str, tool: str) -> str:
 
 
 def _degrees(waypoints: Array) -> Iterator[str]:
-    """Six angles of each stop ``(s, 6)``; a millionth of a degree moves a point 1 m away by 17 nm."""
+    """Write six angles of each waypoint ``(s, 6)``; a millionth of a degree moves a point 1 m away by 17 nm."""
     degrees = np.rad2deg(waypoints).round(6) + 0.0
     return (f"[{','.join(f'{value:.6f}' for value in row)}]" for row in degrees.tolist())
 
 
 def _pose_text(matrix: Array) -> str:
-    """A pose ``(4, 4)`` (m) in millimetres and as a quaternion wxyz."""
+    """Write a pose ``(4, 4)`` (m) in millimetres and as a quaternion wxyz."""
     quaternion = se3.quaternion_from_rotation(matrix[:3, :3])
     return f"[{_list(MM.of(matrix[:3, 3]), 6)},{_list(quaternion, 9)}]"
 

@@ -1,4 +1,4 @@
-"""A program as its steps: where to move one after the other, what to wait for, what to call each stop."""
+"""Make a program's steps: waypoints, waits, and comments."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,17 +11,18 @@ from lab.formats.programs.protocol import ANY_DIGITS, PAUSE_S, MeasuringTour, Mo
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
-    "Pace", "SixAxisLanguage", "Step", "ascii_text", "check_comment", "move_notes", "move_steps", "numbers",
+    "COMPARE_ONE_POSE", "SixAxisLanguage", "Step", "ascii_text", "check_comment", "move_notes", "move_steps", "numbers",
     "path_notes", "path_steps", "tour_notes", "tour_steps",
 ]  # fmt: skip
 
 _CHECKED = "Checked free of collisions in the lab's model only: run it slowly first."
 _UNCHECKED = "NOT CHECKED FOR COLLISIONS: run it slowly first."
 _AXES = 6
+COMPARE_ONE_POSE = "Joint zeros and signs are the model's: compare one pose with the pendant before the first run."
 
 
 @dataclass(frozen=True)
-class Pace:
+class _Pace:
     """Duration and speed of a planned move.
 
     Attributes:
@@ -37,14 +38,14 @@ class Pace:
 
 @dataclass(frozen=True)
 class Step:
-    """A move to a stop: of all joints in a straight line, if ``kind`` says nothing else.
+    """A move to a waypoint, by default of all joints in a straight line.
 
     Attributes:
         joints: ``(n,)`` rad, m of a slide.
-        comment: what the stop is, for a comment: letters, digits and blanks.
-        wait_s: how long to stand there.
-        kind: how it is reached; a ``via`` is passed on the circle to the next one.
-        pace: how fast; None at the language's own, careful speed.
+        comment: describes the waypoint in letters, digits and blanks.
+        wait_s: pause there.
+        kind: of the move; a ``via`` lies on the circle to the next waypoint.
+        pace: of the move; None for the language's own, careful speed.
         T: pose ``(4, 4)`` (m) of the tool there; None where joint positions suffice.
     """
 
@@ -52,12 +53,12 @@ class Step:
     comment: str
     wait_s: float
     kind: MoveKind = "joint"
-    pace: Pace | None = None
+    pace: _Pace | None = None
     T: Array | None = None
 
 
 def tour_steps(tour: MeasuringTour) -> list[Step]:
-    """The steps of a measuring tour, from home to home, with a wait at each measured pose."""
+    """Return the steps of a measuring tour, from home to home, with a wait at each measured pose."""
     steps, pose = list[Step](), 0
     for i, (joints, measured) in enumerate(zip(tour.waypoints, tour.measured.tolist(), strict=True)):
         at_end = i in (0, len(tour.waypoints) - 1)
@@ -68,7 +69,7 @@ def tour_steps(tour: MeasuringTour) -> list[Step]:
 
 
 def move_steps(moves: TargetMoves) -> list[Step]:
-    """The steps to compensated targets, with the stops that are passed on the way."""
+    """Return the steps to compensated targets, with the waypoints between."""
     return [
         Step(joints, f"target {ascii_text(moves.ids[i])}" if i >= 0 else "via", 0.0)
         for i, joints in zip(moves.which.tolist(), moves.waypoints, strict=True)
@@ -76,30 +77,31 @@ def move_steps(moves: TargetMoves) -> list[Step]:
 
 
 def path_steps(moves: PathMoves) -> list[Step]:
-    """The steps of a trajectory: to its start at the language's own speed, then at the planned ones."""
+    """Return the steps of a trajectory: to its start at the language's own speed, then at the planned ones."""
     steps = list[Step]()
     for i, kind in enumerate(moves.kinds):
         pace = None
         if np.isfinite(moves.seconds[i]):
             per_cent = min(max(int(np.ceil(100 * moves.shares[i] - 1e-6)), 1), 100)
-            pace = Pace(float(moves.seconds[i]), per_cent, float(np.nan_to_num(MM.of(moves.speeds_m_s[i]))))
+            pace = _Pace(float(moves.seconds[i]), per_cent, float(np.nan_to_num(MM.of(moves.speeds_m_s[i]))))
         comment = f"{'via' if kind == 'via' else 'point'} {ascii_text(moves.ids[i])}"
         steps.append(Step(moves.waypoints[i], comment, 0.0, kind, pace, moves.Ts_base_tool[i]))
     return steps
 
 
 class SixAxisLanguage:
-    """A language whose joint positions have six revolute axes."""
+    """A language with joint positions of six revolute axes."""
 
     name: str
     most_digits: tuple[int, int] = ANY_DIGITS
+    _refused = "no {} program: its joint positions have six revolute axes"
 
     def refusal(self, joints: JointSpec) -> str | None:
         """Return None for six revolute joints; else the reason why there is no program in this language."""
         if joints.size == _AXES and not any(joints.prismatic):
             return None
         kinds = "".join("P" if slides else "R" for slides in joints.prismatic)
-        return f"no {self.name} program: its joint positions have six revolute axes, robot {joints.name} has {kinds}"
+        return f"{self._refused.format(self.name)}, robot {joints.name} has {kinds}"
 
 
 def tour_notes(tour: MeasuringTour) -> list[str]:
@@ -139,10 +141,10 @@ def check_comment(checked: bool) -> str:
 
 
 def numbers(values: Array | Sequence[float], digits: int) -> list[str]:
-    """Numbers in plain digits, zero without a sign."""
+    """Write numbers in plain digits, zero without a sign."""
     return [f"{value + 0.0:.{digits}f}" for value in np.round(np.asarray(values), digits)]
 
 
 def ascii_text(text: str) -> str:
-    """A text as letters, digits and blanks of ASCII alone, for comments and messages of any language."""
+    """Reduce a text to letters, digits and blanks of ASCII, for comments and messages of any language."""
     return "".join(each if each.isascii() and (each.isalnum() or each in " ._-") else "_" for each in text)[:32]

@@ -1,14 +1,9 @@
 """Write and read URScript, the language of Universal Robots' controllers.
 
-What is written: Joint positions are in rad, lengths in m, rotations as rotation vectors (The URScript Programming
-Language, Universal Robots, "movej", "set_tcp", "pose").
-
-Scripts are read for its poses, joint positions and tool.
-
 A pose ``p[x, y, z, rx, ry, rz]`` is in m and a rotation vector (rad) in the controller's base, a list ``[...]`` of six
 numbers joint positions in rad (Universal Robots, The URScript Programming Language, "movej", "movel", "set_tcp",
-"pose_trans", "get_inverse_kin"). No configuration is written: the controller takes the solution that is nearest to
-where the arm is.
+"pose_trans", "get_inverse_kin"). No configuration is written: the controller takes the IK solution that is nearest to
+the arm's position. Scripts are read for poses, joint positions and the tool.
 """
 
 import re
@@ -22,6 +17,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.extensions.programs.aggregate import arguments, closing, numbers_in, read_value
 from lab.extensions.programs.steps import (
+    COMPARE_ONE_POSE,
     SixAxisLanguage,
     Step,
     move_notes,
@@ -58,7 +54,7 @@ _BASE = "base of the robot"
 
 @dataclass
 class _Literal:
-    """A pose or a list of joint positions that the text holds."""
+    """A pose or a list of joint positions in the text."""
 
     line: int
     numbers: tuple[Number, ...]
@@ -66,13 +62,13 @@ class _Literal:
 
     @cached_property
     def pose(self) -> Array:
-        """The pose ``(4, 4)`` (m) that it is."""
+        """Pose ``(4, 4)`` (m)."""
         return ROTATION_VECTOR.pose(values_of(self.numbers))
 
 
 @dataclass
 class _Named:
-    """Values that a name may have, or the one literal of a line, and the moves to it."""
+    """The literals of a name, or the one literal of a line, and the moves to it."""
 
     name: str
     literals: list[_Literal] = field(default_factory=list)
@@ -81,13 +77,13 @@ class _Named:
 
     @cached_property
     def listed_frames(self) -> str:
-        """The tools and bases with which it is moved to, once all are known."""
+        """Tools and bases of its moves, once all are known."""
         return " as well as ".join(" and ".join(frames) for frames in sorted(self.frames))
 
 
 @dataclass
 class _Reader(ProgramReader):
-    """A script being read."""
+    """Reader of a script."""
 
     code: str
     tool: str = "tcp"
@@ -118,7 +114,7 @@ class _Reader(ProgramReader):
         return end
 
     def _literal(self, at: int) -> _Literal | None:
-        """The six numbers of a pose or a list that begins at a character."""
+        """Return the six numbers of a pose or a list that begins at a character."""
         is_pose = self.code[at : at + 1] == "p"
         read = read_value(self.code, at + is_pose) if self.code[at + is_pose : at + is_pose + 1] == "[" else None
         numbers = None if read is None else numbers_in(read[0], 6)
@@ -142,7 +138,7 @@ class _Reader(ProgramReader):
             self._describe(self.tool, pose)
 
     def _frame(self, at: int, part: str) -> Array | None:
-        """The pose ``(4, 4)`` (m) of an argument, where the text holds it once."""
+        """Return the pose ``(4, 4)`` (m) of an argument, where the text has exactly one."""
         literal, named = self._literal(at), self.named.get(part)
         if literal is None and part not in self.unknown and named is not None and len(named.literals) == 1:
             literal = named.literals[0]
@@ -151,7 +147,7 @@ class _Reader(ProgramReader):
         return literal.pose
 
     def _reach(self, at: int, part: str, base: str, motion: Motion, begins: int) -> None:
-        """A move to what an argument says."""
+        """Record a move to an argument."""
         self._count_move()
         line = line_of(self.text, begins)
         if nested := _NESTED.match(part):
@@ -192,16 +188,6 @@ class _Reader(ProgramReader):
         return self._read()
 
 
-def _read_urscript(text: str, outside: Outside) -> ProgramText:
-    """Read a script.
-
-    Raises:
-        LabError: frames that are given have not the numbers of URScript's.
-    """
-    code = masked(masked(text, r"#[^\r\n]*"), '"[^"\r\n]*"', retained="$^")
-    return _Reader(text, outside, code).read()
-
-
 def _shortened(text: str) -> str:
     return text if len(text) < 40 else text[:37] + "..."
 
@@ -221,19 +207,20 @@ class UrScript(SixAxisLanguage):
     speed = f"{_SPEED:g} rad/s"
 
     def read(self, text: str, outside: Outside) -> ProgramText:
-        """The targets and moves of a program in it."""
-        return _read_urscript(text, outside)
+        """Read the targets and moves of a script."""
+        code = masked(masked(text, r"#[^\r\n]*"), '"[^"\r\n]*"', retained="$^")
+        return _Reader(text, outside, code).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        """A function ``measure_poses``: home, every pose with a wait, home."""
+        """Write ``measure_poses``: home, every pose with a wait, home."""
         head = [
             *(f"  # {note}" for note in tour_notes(tour)),
-            "  # Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            f"  # {COMPARE_ONE_POSE}",
         ]
         return _script("measure_poses", head, tour_steps(tour))
 
     def target_moves(self, moves: TargetMoves) -> bytes:
-        """A function ``move_to_targets`` through joint positions, with the tool and the frame that they are of."""
+        """Write ``move_to_targets`` through joint positions, with their tool and frame."""
         head = [
             *(f"  # {note}" for note in move_notes(moves)),
             "  # Tool and frame suit the controller's nominal links best. They hold where its flange is the last frame",
@@ -244,10 +231,10 @@ class UrScript(SixAxisLanguage):
         return _script("move_to_targets", head, move_steps(moves))
 
     def path_moves(self, moves: PathMoves) -> bytes:
-        """A function ``move_along_path``; poses are given by joint positions, from which the controller has them."""
+        """Write ``move_along_path``; the controller computes poses from joint positions."""
         head = [
             *(f"  # {note}" for note in path_notes(moves)),
-            "  # Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            f"  # {COMPARE_ONE_POSE}",
             f"  set_tcp({_pose(moves.T_last_tool)})",
         ]
         return _script("move_along_path", head, path_steps(moves))
@@ -268,7 +255,7 @@ def _script(name: str, head: list[str], steps: list[Step]) -> bytes:
 
 
 def _move(step: Step, joints: str, via: str) -> str:
-    """The instruction that goes to joint positions; a circle is given a speed, as it takes no time."""
+    """Return the instruction to move to joint positions; a circle has a speed, as it takes no time."""
     if step.pace is None:
         return f"movej({joints}, a={_ACCELERATION:g}, v={_SPEED:g})"
     if step.kind == "circle":
@@ -277,6 +264,6 @@ def _move(step: Step, joints: str, via: str) -> str:
 
 
 def _pose(matrix: Array) -> str:
-    """A pose ``(4, 4)`` (m) as position and rotation vector."""
+    """Write a pose ``(4, 4)`` (m) as position and rotation vector."""
     values = np.concatenate([matrix[:3, 3], se3.log(matrix[:3, :3])])
     return f"p[{', '.join(numbers(values, _DIGITS))}]"

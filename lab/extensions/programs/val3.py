@@ -1,16 +1,14 @@
 """Write and read VAL 3, the language of Stäubli's controllers (CS8, CS9).
 
-What is written: Joint positions are in degrees, lengths in mm; of a frame Rx turns about x, Ry about the new y, Rz
-about the new z (VAL 3 Reference Manual, Stäubli, "trsf type"). The file is a program of an application, to be added to
-one that has the usual motion descriptor mNomSpeed; its layout is that of programs in public, and the file says so.
+Joint positions are in degrees, lengths in mm; Rx turns about x, Ry about the new y, Rz about the new z (VAL 3 Reference
+Manual, Stäubli, "trsf type"). A written file is a program to be added to an application that has the usual motion
+descriptor mNomSpeed. The layout follows public applications, and could not be verified against Stäubli's schema; a
+comment in the file states so.
 
-Data (.dtx) and programs (.pgx) are read for points, joint positions, tools and frames.
-
-Lengths are in mm; Rx turns about x, Ry about the new y, Rz about the new z. Points, tools and frames name their father
-(``fatherId``); the world is the robot's base, and the flange the tools'. Of a point's configuration the elbow says the
-sign of joint 3 and the wrist that of joint 5 (Stäubli, VAL 3 Reference Manual, "config"); which shoulder is the right
-one depends on the arm and is not used: of the solutions left the one is taken that is nearest to the point before. The
-layout follows public applications, and could not be verified against Stäubli's schema.
+Data (.dtx) and programs (.pgx) are read for points, joint positions, tools and frames. Points, tools and frames name
+their father (``fatherId``); the world is the robot's base, and the flange the tools'. In a point's configuration the
+elbow is the sign of joint 3 and the wrist that of joint 5 ("config"). The right shoulder depends on the arm and is not
+used: of the remaining IK solutions the nearest to the point before is taken.
 """
 
 import re
@@ -25,6 +23,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.programs.aggregate import numbers_in, read_value
 from lab.extensions.programs.steps import (
+    COMPARE_ONE_POSE,
     SixAxisLanguage,
     Step,
     move_notes,
@@ -70,7 +69,7 @@ _SLACK_RAD = np.deg2rad(0.05)
 
 @dataclass
 class _Reader(ProgramReader):
-    """A file of an application being read."""
+    """Reader of an application's file."""
 
     code: str
     listed: str  # its code with brackets for braces
@@ -95,7 +94,7 @@ class _Reader(ProgramReader):
         return self._read()
 
     def _data(self, head: dict[str, str], data: "re.Match[str]") -> None:
-        """The values of a variable."""
+        """Read the values of a variable."""
         kind = head.get("type", "")
         values = list(_VALUE.finditer(self.code, data.start(2), data.end(2)))
         for value in values:
@@ -138,7 +137,7 @@ class _Reader(ProgramReader):
                     known[each] = known[father] @ T
 
     def _program(self) -> None:
-        """Joint positions that a program assigns, and its moves."""
+        """Read joint positions that a program assigns, and its moves."""
         declared = map(dict, map(_ATTRIBUTE.findall, _LOCAL.findall(self.code)))
         kinds = {each.get("name"): each.get("type") for each in declared}
         for code in _CODE.finditer(self.code):
@@ -156,7 +155,7 @@ class _Reader(ProgramReader):
                     self._leave(found.start(), f"{found[2].strip()} is not in this file, or computed")
 
     def _given(self, found: "re.Match[str]", kind: str | None, given: dict[str, int]) -> None:
-        """An assignment of numbers in braces."""
+        """Read an assignment of numbers in braces."""
         read = read_value(self.listed, found.end())
         numbers = None if read is None else numbers_in(read[0], 6)
         given.pop(found[1], None)
@@ -169,23 +168,12 @@ class _Reader(ProgramReader):
         self._add(TargetText(f"{found[1]} of line {line}", line, numbers), ())
 
 
-def _read_val3(text: str, outside: Outside) -> ProgramText:
-    """Read a file of an application.
-
-    Raises:
-        LabError: frames that are given have not the numbers of VAL 3's.
-    """
-    comments = masked(text, r"<!--[\s\S]*?(?:-->|\Z)|(?<!:)//[^\r\n]*", retained='"[^"\r\n]*"')
-    return _Reader(text, outside, comments, comments.replace("{", "[").replace("}", "]")).read()
-
-
 def _plain(name: str) -> str:
-    """A variable's first entry by its name alone."""
     return name.removesuffix("[0]")
 
 
 def _allowed(attributes: dict[str, str]) -> Allowed | None:
-    """The signs of joints 3 and 5."""
+    """Return the test of the signs of joints 3 and 5."""
     signs = [_SIGNS[attributes[key]] for key in ("elbow", "wrist") if attributes.get(key) in _SIGNS]
     if not signs:
         return None
@@ -216,19 +204,20 @@ class Val3(SixAxisLanguage):
     speed = "mNomSpeed"
 
     def read(self, text: str, outside: Outside) -> ProgramText:
-        """The targets and moves of a program in it."""
-        return _read_val3(text, outside)
+        """Read the targets and moves of an application's file."""
+        comments = masked(text, r"<!--[\s\S]*?(?:-->|\Z)|(?<!:)//[^\r\n]*", retained='"[^"\r\n]*"')
+        return _Reader(text, outside, comments, comments.replace("{", "[").replace("}", "]")).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        """A program ``measurePoses``: home, every pose with a wait, home."""
+        """Write ``measurePoses``: home, every pose with a wait, home."""
         head = [
             *(f"  // {note}" for note in tour_notes(tour)),
-            "  // Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            f"  // {COMPARE_ONE_POSE}",
         ]
         return _program("measurePoses", {"jTo": "joint"}, head, tour_steps(tour))
 
     def target_moves(self, moves: TargetMoves) -> bytes:
-        """A program ``moveToTargets`` through joint positions, with the tool and the frame that they are of."""
+        """Write ``moveToTargets`` through joint positions, with their tool and frame."""
         head = [
             *(f"  // {note}" for note in move_notes(moves)),
             "  // Tool and frame suit the controller's nominal links best. They hold where its flange is the last",
@@ -240,10 +229,10 @@ class Val3(SixAxisLanguage):
         return _program("moveToTargets", local, head, move_steps(moves))
 
     def path_moves(self, moves: PathMoves) -> bytes:
-        """A program ``moveAlongPath``; points of lines and circles are made from joint positions by the controller."""
+        """Write ``moveAlongPath``; the controller computes points of lines and circles from joint positions."""
         head = [
             *(f"  // {note}" for note in path_notes(moves)),
-            "  // Joint zeros and signs are the model's: compare one pose with the pendant before the first run.",
+            f"  // {COMPARE_ONE_POSE}",
             f"  tPath.trsf={_frame(moves.T_last_tool)}",
             "  mPath=mNomSpeed",
         ]
@@ -274,7 +263,7 @@ def _program(name: str, local: dict[str, str], head: list[str], steps: list[Step
 
 
 def _move(step: Step) -> list[str]:
-    """The instructions that go to ``jTo``, or keep it as the point that a circle passes."""
+    """Return the instructions to move to ``jTo``, or to store it as the middle of a circle."""
     if step.kind == "via":
         return ["pVia=jointToPoint(tPath,world,jTo)"]
     if step.pace is None:
@@ -292,7 +281,7 @@ def _move(step: Step) -> list[str]:
 
 
 def _frame(matrix: Array) -> str:
-    """A pose ``(4, 4)`` (m) in mm and degrees: R = Rx Ry Rz is the inverse of a roll, pitch and yaw turned back."""
+    """Write a pose ``(4, 4)`` (m) in mm and degrees: R = Rx Ry Rz is the inverse of a reversed roll, pitch and yaw."""
     back = se3.roll_pitch_yaw(matrix[:3, :3].T)
     values = [*MM.of(matrix[:3, 3]), *np.rad2deg(-back)]
     return "{" + ",".join(numbers(values, _DIGITS)) + "}"

@@ -1,13 +1,11 @@
-"""An answer of a source beside ours: a number, a formula, a number that hangs on chance, a bound, or a word.
+"""Compare printed answers of a source with ours: numbers, formulas, random numbers, bounds and words.
 
-Whether a printed number agrees is a matter of its own digits: it may be off by one unit of the last one, a whole
-number by half of one. A printed formula agrees if its values are ours at random positions. What is drawn by chance
-agrees if it lies in the range of many draws of ours.
+A printed number agrees within one unit of its last digit, a whole number within half of one. A printed formula agrees
+if its values are ours at random positions. A random number agrees if it lies in the range of many draws of ours.
 
-Formulas as textbooks print them, evaluated at numbers: ``c1 c4 s5 − s1 c5``, ``atan2(y, x)``, ``L2 c2 + L3 c23``.
-
-c and s with the numbers of joints are the cosine and sine of the sum of these joints' positions: c1 of q1, s23 of
-q2 + q3. What stands side by side is multiplied. ``^`` is a power, ``√`` or ``sqrt`` a root, ``±`` is not known.
+Formulas are read as textbooks print them: ``c1 c4 s5 − s1 c5``, ``atan2(y, x)``, ``L2 c2 + L3 c23``. c and s with the
+numbers of joints are the cosine and sine of the sum of these joints' positions: c1 of q1, s23 of q2 + q3. Factors stand
+side by side. ``^`` is a power, ``√`` or ``sqrt`` a root; ``±`` is not supported.
 """
 
 import re
@@ -34,7 +32,7 @@ _TURN = re.compile(r"([cs])(\d+)")
 
 
 def evaluated(text: str, variables: Variables) -> Array:
-    """A formula at sampled values of its variables, ``(n,)``.
+    """Evaluate a formula at sampled values of its variables, ``(n,)``.
 
     Raises:
         LabError: the text is no formula of these variables.
@@ -52,7 +50,7 @@ def evaluated(text: str, variables: Variables) -> Array:
 
 @dataclass
 class _Reader:
-    """A formula that is being read, by descent through sums, products and powers."""
+    """Reader of a formula, by descent through sums, products and powers."""
 
     text: str
     plain: str
@@ -61,7 +59,7 @@ class _Reader:
     depth: int = 0
 
     def sum(self) -> Array:
-        """A sum of products."""
+        """Read a sum of products."""
         self.depth += 1
         if self.depth > BRACKETS.most:
             raise LabError(f"formula '{self.text}': more than {BRACKETS.most} brackets in each other")
@@ -126,7 +124,7 @@ class _Reader:
         raise self.error()
 
     def _named(self, name: str) -> Array:
-        """A variable, a constant, or a function of what follows."""
+        """Read a variable, a constant, or a function with its arguments."""
         if name == "pi":
             return np.array(np.pi)
         if name in self.variables:
@@ -146,7 +144,7 @@ class _Reader:
             raise self.error()
 
     def _next(self) -> str:
-        """The next sign that is no space; "" at the end."""
+        """Return the next character that is no space; "" at the end."""
         while self.plain.startswith(" ", self.at):
             self.at += 1
         return self.plain[self.at : self.at + 1]
@@ -159,7 +157,7 @@ class _Reader:
         return True
 
 
-_EXACT = 1e-9  # of the largest value of a formula: it is the same
+_EXACT = 1e-9  # of the largest value of a formula: equal
 _EDGE = 1e-9  # of a unit of the last digit: rounding
 _MINUS = "−"
 
@@ -170,14 +168,14 @@ class Answer:
 
     Attributes:
         name: of the value, unique in its item.
-        printed: as the source prints it; "" where it leaves it to the reader.
+        printed: by the source; "" where it is left to the reader.
         ours: the value computed here.
         unit: of both.
-        difference: between them, in words; "" where nothing is printed.
-        agrees: whether the printed value equals ours; None where nothing is printed.
-        erratum: why the printed value is wrong; "" where it is right.
-        check: whether an answer that a reader gives is right; a LabError where it cannot be read.
-        in_exercise: whether an exercise asks for it.
+        difference: between them, as text; "" where nothing is printed.
+        agrees: True if the printed value equals ours; None where nothing is printed.
+        erratum: reason why the printed value is wrong; "" where it is right.
+        check: decides whether a reader's answer is right; a LabError where it cannot be read.
+        in_exercise: True if exercises contain it.
     """
 
     name: str
@@ -192,7 +190,7 @@ class Answer:
 
 
 def number(name: str, printed: str, ours: float, unit: str = "", *, erratum: str = "", digits: int = 4) -> Answer:
-    """A number; angles in degrees are the same after whole turns.
+    """Compare a number; angles in degrees are equal after whole turns.
 
     Args:
         digits: after the point, of ours where nothing is printed.
@@ -217,12 +215,12 @@ def number(name: str, printed: str, ours: float, unit: str = "", *, erratum: str
 def formula(
     name: str, printed: str, exact: Array, variables: Variables, *, right: str = "", erratum: str = ""
 ) -> Answer:
-    """A formula, beside what the robot's model gives at random positions.
+    """Compare a formula with the robot's model at random positions.
 
     Args:
         exact: values ``(n,)`` of the model.
-        variables: what the letters are there.
-        right: the right formula, where the printed one is not, or there is none.
+        variables: values of the letters.
+        right: the correct formula, where the printed one is wrong or missing.
     """
 
     def missed(text: str) -> float:
@@ -244,7 +242,7 @@ def formula(
 
 
 def drawn(name: str, printed: str, draws: Array, unit: str = "", *, erratum: str = "") -> Answer:
-    """A number of one draw of the noise, beside the range of many draws ``(n,)`` of ours."""
+    """Compare a number of one draw of the noise with the range of many draws ``(n,)`` of ours."""
     decimals = _decimals(printed)
     low, high = (float(value) for value in (draws.min(), draws.max()))
     slack = 10.0**-decimals / 2
@@ -260,7 +258,7 @@ def drawn(name: str, printed: str, draws: Array, unit: str = "", *, erratum: str
 
 
 def at_least(name: str, printed: str, ours: float, unit: str = "") -> Answer:
-    """The best of a search: ours agrees if it is at least as good, within a thousandth."""
+    """Compare the best of a search: ours agrees if it is at least as good, within a thousandth."""
     decimals, value = _decimals(printed), _read(printed)
 
     def check(text: str) -> bool:
@@ -271,14 +269,14 @@ def at_least(name: str, printed: str, ours: float, unit: str = "") -> Answer:
 
 
 def holds(name: str, gap: float, *, within: float = _EXACT, erratum: str = "") -> Answer:
-    """An identity that the source states, and by how much its two sides differ at random positions."""
+    """Check an identity of the source, by the difference of its two sides at random positions."""
     true = bool(gap <= within)  # NumPy's booleans are none of JSON
     ours = f"{'holds' if true else 'does not hold'}, to {_small(gap)}"
     return Answer(name, "holds", ours, "", _small(gap), true, erratum, lambda text: False, False)
 
 
 def word(name: str, printed: str, ours: str, *, erratum: str = "") -> Answer:
-    """A word, or a list of names, each in any case and in any order."""
+    """Compare a word, or a list of names in any order, ignoring case."""
 
     def parts(text: str) -> list[str]:
         return sorted(part.strip().casefold() for part in text.replace(";", ",").split(","))
@@ -295,11 +293,7 @@ def _decimals(text: str) -> int:
 
 
 def _read(text: str) -> float:
-    """A number as a person writes it, with a comma or another minus too.
-
-    Raises:
-        LabError: it is none.
-    """
+    """Read a number as a person writes it, with a comma or another minus too."""
     try:
         value = float(text.strip().replace(_MINUS, "-").replace("–", "-").replace(",", "."))
     except ValueError as error:
@@ -310,7 +304,7 @@ def _read(text: str) -> float:
 
 
 def _small(value: float, sign: str = "-") -> str:
-    """A difference, with one digit; a minus that no line breaks at."""
+    """Write a difference with one digit, and a minus without line breaks."""
     return format(value, f"{sign}.1g").replace("-", _MINUS) if value else "0"
 
 

@@ -1,27 +1,38 @@
-"""A numbered item of a source, and a source: what is computed again, by which command, and what cannot be."""
+"""Numbered items of a source, the registered sources, and exercises with their marks."""
 
 import csv
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from lab.core.errors import LabError
+from lab.extension_points import choice_of, load, registered
 from lab.extensions.reproduction.answer import Answer
 from lab.formats.csv_table import CsvTable, text_cell
+
+_COLUMNS = ("item", "value", "unit")  # of an exercise
+_GROUP = "lab.sources"  # of entry points
 
 if TYPE_CHECKING:
     from lab.render.document import Picture
 
-__all__ = ["Computed", "Item", "Mark", "Missing", "Source", "marked", "write_exercise"]
+    SourceName = str
+else:
+    SourceName = choice_of(_GROUP)
 
-
-def _none() -> tuple[Answer, ...]:
-    return ()
-
-
-def _no_pictures() -> "tuple[Picture, ...]":
-    return ()
+__all__ = [
+    "Computed",
+    "Item",
+    "Mark",
+    "Missing",
+    "Source",
+    "SourceName",
+    "marked",
+    "source_named",
+    "sources",
+    "write_exercise",
+]
 
 
 @dataclass(frozen=True)
@@ -30,24 +41,24 @@ class Item:
 
     Attributes:
         number: as the source numbers it, e.g. "Table III.3"; unique in the source.
-        title: what it shows.
+        title: its subject.
         answers: computes its values; none of a figure without numbers.
-        command: the command that shows them, or "" with a note that says why there is none.
-        note: what is to be known of it, a sentence or two.
-        pictures: of a figure, drawn again.
+        command: the command that shows them, or "" with a note on the reason.
+        note: a sentence or two for the reader.
+        pictures: draws a figure again.
     """
 
     number: str
     title: str
-    answers: Callable[[], tuple[Answer, ...]] = _none
+    answers: Callable[[], tuple[Answer, ...]] = tuple
     command: str = ""
     note: str = ""
-    pictures: "Callable[[], tuple[Picture, ...]]" = field(default=_no_pictures)
+    pictures: "Callable[[], tuple[Picture, ...]]" = tuple
 
 
 @dataclass(frozen=True)
 class Missing:
-    """Numbered items that cannot be computed, and why."""
+    """Numbered items that cannot be computed, with the reason."""
 
     number: str
     title: str
@@ -56,13 +67,13 @@ class Missing:
 
 @dataclass(frozen=True)
 class Source:
-    """A text whose items are computed again.
+    """A text with items to compute again.
 
     Attributes:
-        name: what is typed.
+        name: on the command line.
         title: author, year and title.
         items: in the order of the text.
-        missing: what cannot be computed, in the order of the text.
+        missing: items that cannot be computed, in the order of the text.
     """
 
     name: str
@@ -71,7 +82,19 @@ class Source:
     missing: tuple[Missing, ...]
 
 
-COLUMNS = ("item", "value", "unit")
+def sources() -> tuple[str, ...]:
+    """Return the names of the sources."""
+    return registered(_GROUP)
+
+
+def source_named(name: str) -> Source:
+    """Import a source; its items are computed later.
+
+    Raises:
+        LabError: none has this name, or its package cannot be imported.
+    """
+    source: Source = load(_GROUP, name)
+    return source
 
 
 @dataclass(frozen=True)
@@ -90,7 +113,7 @@ class Mark:
         label: of the answer in the file.
         given: the text there; "" where it is left blank.
         state: result of the marking.
-        note: why it cannot be read; "" where it can.
+        note: reason why it cannot be read; "" where it can.
         answer: the answer of the item.
     """
 
@@ -102,15 +125,15 @@ class Mark:
 
 
 def write_exercise(path: Path, computed: Sequence[Computed]) -> None:
-    """Write the answers that an exercise asks for, each with a blank."""
+    """Write the answers of an exercise, each with a blank."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
+        writer.writerow(_COLUMNS)
         writer.writerows((text_cell(label), "", answer.unit) for label, answer in _in_exercise(computed))
 
 
 def marked(path: Path, computed: Sequence[Computed]) -> tuple[Mark, ...]:
-    """A filled-in exercise, answer by answer; answers that are not in the file are blank.
+    """Mark a filled-in exercise, answer by answer; answers that are not in the file are blank.
 
     Raises:
         LabError: the file is no exercise of this source.

@@ -1,4 +1,4 @@
-"""The sources' robots at random positions, and matrices entry by entry."""
+"""Sample the sources' robots at random positions, compare matrices entry by entry, and draw arms."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,12 +7,24 @@ from functools import cache
 import numpy as np
 
 from lab.campaign.robot import load_robot
+from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.reproduction.answer import Answer, Variables, formula, number
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.document import Picture
+from lab.render.scene import placement_picture, skeleton
 
-__all__ = ["SAMPLES", "Sampled", "matrix_formulas", "matrix_numbers", "sampled", "serial"]
+__all__ = [
+    "SAMPLES",
+    "Sampled",
+    "link_matrix",
+    "matrix_formulas",
+    "matrix_numbers",
+    "placements",
+    "sampled",
+    "serial",
+]
 
 SAMPLES = 20  # random positions at which a formula is compared
 
@@ -24,7 +36,7 @@ class Sampled:
     Attributes:
         values: parameters ``(p,)`` of the nominal model, SI; the target is the last frame's origin.
         joints: ``(n, joints)`` rad or m.
-        unit: how many of the source's units of length are one metre.
+        unit: number of the source's units of length in one metre.
     """
 
     arm: SerialArm
@@ -34,19 +46,20 @@ class Sampled:
 
     @property
     def variables(self) -> dict[str, Array]:
-        """q1 ... of the source: rad, and its units of length."""
+        """Joint positions q1 ... in rad and the source's units of length."""
         scale = np.where(self.arm.chain.prismatic, self.unit, 1.0)
         return {f"q{i + 1}": column for i, column in enumerate((self.joints * scale).T)}
 
     def between(self, first: int, last: int) -> Array:
-        """Poses ``(n, 4, 4)`` of one frame in another, lengths in the source's unit."""
+        """Return poses ``(n, 4, 4)`` of one frame in another, lengths in the source's unit."""
         Ts = np.tile(np.eye(4), (len(self.joints), 1, 1))
         for link in np.moveaxis(self.arm.links(self.joints, self.values)[:, first:last], 1, 0):
             Ts = Ts @ link
-        return np.asarray(Ts * _lengths(self.unit))
+        Ts[:, :3, 3] *= self.unit
+        return Ts
 
     def jacobian(self) -> Array:
-        """Geometric Jacobians ``(n, 6, joints)`` of the last frame's origin in the base, lengths in the unit."""
+        """Return Jacobians ``(n, 6, joints)`` of the last frame's origin in the base, lengths in the source's unit."""
         found = self.arm.tool(self.joints, self.values)[1].copy()
         found[:, :3] *= self.unit
         found[..., list(self.arm.chain.prismatic)] /= self.unit
@@ -55,16 +68,24 @@ class Sampled:
 
 @cache
 def serial(name: str) -> tuple[SerialArm, Array]:
-    """A shipped robot's nominal arm whose target is the last frame's origin, and its parameters."""
+    """Return a shipped robot's nominal arm with the last frame's origin as target, and its parameters."""
     arm = load_robot(name).serial_arm(("p1",))
     return arm, arm.nominal({"p1": np.zeros(3)})
 
 
 @cache
 def sampled(name: str, unit: float = 1.0) -> Sampled:
-    """A shipped robot at random joint positions."""
+    """Return a shipped robot at random joint positions."""
     arm, values = serial(name)
     return Sampled(arm, values, arm.chain.random_joints(SAMPLES, rng_for(0, "structure")), unit)
+
+
+def link_matrix(theta: Array, d: Array, a: Array, alpha: Array) -> Array:
+    """Return the matrices ``(n, 4, 4)`` of a link by its Denavit-Hartenberg parameters ``(n,)``."""
+    z, x, zero = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.zeros((len(theta), 3))
+    lifted = se3.pose(se3.exp(theta[:, None] * z), d[:, None] * z)
+    moved: Array = lifted @ se3.pose(np.tile(np.eye(3), (len(theta), 1, 1)), a[:, None] * x)
+    return moved @ se3.pose(se3.exp(alpha[:, None] * x), zero)
 
 
 def matrix_formulas(
@@ -80,8 +101,8 @@ def matrix_formulas(
     Args:
         printed: rows divided by ``;``, entries by ``|``; "" where the source leaves the matrix to the reader.
         exact: ``(n, rows, columns)``.
-        right: by the places ``(1,2)`` of wrong entries or of all that are not printed.
-        errata: why, by place.
+        right: correct entries, by the places ``(1,2)`` of wrong or unprinted ones.
+        errata: reasons, by place.
     """
     right, errata = right or {}, errata or {}
     rows = _entries(printed) if printed else [[""] * exact.shape[2] for _ in range(exact.shape[1])]
@@ -108,8 +129,9 @@ def _entries(printed: str) -> list[list[str]]:
     return [[entry.strip() for entry in row.split("|")] for row in printed.split(";")]
 
 
-def _lengths(unit: float) -> Array:
-    """Return the scaling of a pose in metres to another unit of length."""
-    scale = np.ones((4, 4))
-    scale[:3, 3] = unit
-    return scale
+def placements(arm: SerialArm, values: Array, titles: Sequence[str], joints: Array) -> tuple[Picture, ...]:
+    """Draw the arm as lines with its frames, for each row of joint positions ``(n, joints)``."""
+    lines = skeleton(arm, values, joints).lines
+    base = np.tile(np.eye(4), (len(joints), 1, 1))
+    frames = np.stack([base, *(arm.frame(joints, values, size) for size in range(1, arm.chain.size + 1))], axis=1)
+    return tuple(placement_picture(i, title, lines, frames) for i, title in enumerate(titles))

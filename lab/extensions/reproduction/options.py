@@ -7,7 +7,7 @@ import tyro
 
 from lab.campaign.option_types import Flag
 from lab.core.errors import LabError
-from lab.extensions.reproduction.registry import SourceName
+from lab.extensions.reproduction.item import SourceName
 
 __all__ = ["ReproduceOptions"]
 
@@ -24,6 +24,6 @@ class ReproduceOptions:
     """An exercise.csv that was filled in: say which of its answers are right."""
 
     def check(self) -> None:
-        """Refuse an exercise that is marked at once, with a LabError."""
+        """Refuse --exercise together with --mark, with a LabError."""
         if self.exercise and self.mark is not None:
             raise LabError("--exercise writes the blanks and --mark reads the answers; give one of them")

@@ -1,17 +1,16 @@
-"""A source computed again: typed, and as plain values."""
+"""Run ``lab reproduce``: compute a source's items again, and show them beside the printed ones."""
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lab.commands.result import Result
 from lab.core.errors import LabError
 from lab.extensions.reproduction.answer import Answer
-from lab.extensions.reproduction.item import Computed, Item, Mark, Source, marked, write_exercise
+from lab.extensions.reproduction.item import Computed, Item, Mark, Source, marked, source_named, write_exercise
 from lab.extensions.reproduction.options import ReproduceOptions
-from lab.extensions.reproduction.registry import source_named
 from lab.formats.csv_table import write_columns
 from lab.render.document import (
     PAGE,
@@ -30,9 +29,6 @@ from lab.render.document import (
     Table,
     Warnings,
 )
-
-if TYPE_CHECKING:
-    from lab.render.document import Document
 
 __all__ = ["ReproductionResult", "reproduce"]
 
@@ -64,7 +60,7 @@ class ReproductionResult(Result):
 
     @property
     def wrong(self) -> tuple[str, ...]:
-        """Printed values that differ and are no known errata, or errata that do not differ."""
+        """Printed values that differ without a known erratum, or errata that agree."""
         return tuple(
             f"{each.item.number}: {answer.name}"
             for each in self.computed
@@ -127,7 +123,7 @@ class ReproductionResult(Result):
             write_columns(folder / "values.csv", self.columns())
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
-        """A row for each answer."""
+        """Return a row for each answer."""
         pairs = [(each.item, answer) for each in self.computed for answer in each.answers]
         blank = self.options.exercise
         return {
@@ -152,7 +148,6 @@ def _main_picture(result: ReproductionResult) -> Picture:
 
 
 def _reproduction_document(result: ReproductionResult) -> Document:
-    """An overview of the items, each item on the page, what cannot be computed, or an exercise or its marks."""
     source = result.source
     return Document(
         _title(result),
@@ -188,14 +183,13 @@ def _overview(result: ReproductionResult) -> Table:
         printed = [answer.agrees for answer in each.answers if answer.agrees is not None]
         errata = sum(bool(answer.erratum) for answer in each.answers)
         counts = (len(each.answers), len(printed), sum(printed), errata)
-        told = counts[:1] if result.options.exercise else counts
-        rows.append((each.item.number, each.item.title, *map(str, told)))
+        shown = counts[:1] if result.options.exercise else counts
+        rows.append((each.item.number, each.item.title, *map(str, shown)))
     heads = ("values",) if result.options.exercise else ("values", "printed", "agree", "errata")
     return Table(("item", "", *heads), tuple(rows))
 
 
 def _errata(result: ReproductionResult) -> tuple[Block, ...]:
-    """The reasons, each once."""
     if result.options.exercise or result.marks is not None:
         return ()
     errata: dict[str, None] = {}
@@ -207,7 +201,6 @@ def _errata(result: ReproductionResult) -> tuple[Block, ...]:
 
 
 def _section(result: ReproductionResult, each: Computed) -> Section:
-    """An item on the page: its values, its pictures, its command."""
     item, exercise = each.item, result.options.exercise
     return Section(
         f"{item.number}: {item.title}",
@@ -228,17 +221,8 @@ def _values(answers: tuple[Answer, ...]) -> Table:
         state: Badge | str = badge if answer.agrees is not None else ""
         if answer.agrees is False and not answer.erratum:
             state = Badge("differs", "bad")
-        rows.append(
-            (
-                answer.name,
-                answer.printed.replace("-", "−"),
-                answer.ours,
-                answer.unit,
-                answer.difference,
-                state,
-                answer.erratum,
-            )
-        )
+        printed = answer.printed.replace("-", "−")
+        rows.append((answer.name, printed, answer.ours, answer.unit, answer.difference, state, answer.erratum))
     heads = ("", "printed", "here", "unit", "difference", "", "")
     return Table(heads, tuple(rows))
 
@@ -248,7 +232,7 @@ def _questions(answers: tuple[Answer, ...]) -> Table:
 
 
 def _figure(item: Item) -> tuple[Block, ...]:
-    """Its pictures, whose names begin with the item's, so that they are unique."""
+    """Draw an item's pictures, with unique names that begin with the item's."""
     slug = re.sub(r"[^a-z0-9]+", "-", item.number.lower()).strip("-")
     pictures = tuple(replace(picture, name=f"{slug}-{picture.name}") for picture in item.pictures())
     return (Figure(slug, pictures, item.title),)
@@ -273,7 +257,7 @@ def _missing(result: ReproductionResult) -> Table:
 
 
 def reproduce(options: ReproduceOptions) -> ReproductionResult:
-    """The tables, figures and worked examples of a source, each beside what it prints.
+    """Compute the tables, figures and worked examples of a source, and compare them with the printed ones.
 
     Raises:
         LabError: the file to be marked is no exercise of this source.

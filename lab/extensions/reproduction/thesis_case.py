@@ -1,7 +1,7 @@
-"""The case of Mahdadi & Bouafia (2020): 19 parameters of the IRB 120, by the origin of its flange, base known.
+"""Simulate the case of Mahdadi & Bouafia (2020): 19 parameters of the IRB 120, by its flange's origin, base given.
 
-The flange's origin does not show d2, d5, a5, theta6 and alpha6: the thesis drops them, and whatever they really are
-turns up in d3, theta5 and alpha5. Everything here is in millimetres and radians, as the thesis takes it.
+The flange's origin does not show d2, d5, a5, theta6 and alpha6: the thesis drops them, and their errors appear in d3,
+theta5 and alpha5. Units are millimetres and radians, as in the thesis.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,8 +43,8 @@ __all__ = [
 ]
 
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition")
-POSES, CANDIDATES, STARTS = 20, 400, 2
-# Table IV.2: how far the arm is off its nominal model (mm, rad), in the order in which the thesis lists the 19.
+_POSES, _CANDIDATES, _STARTS = 20, 400, 2
+# Table IV.2: errors of the arm (mm, rad), in the thesis' order of the 19.
 OFFSETS: Mapping[str, float] = MappingProxyType(
     {
         "link1.theta": 0.0013, "link1.d": 1.005, "link1.a": 1.23, "link1.alpha": 0.0017,
@@ -55,8 +55,7 @@ OFFSETS: Mapping[str, float] = MappingProxyType(
         "link6.d": 0.57, "link6.a": 0.495,
     }
 )  # fmt: skip
-# What the thesis does not print, read off the errors that its table IV.2 has in d3, theta5 and alpha5 in every
-# column. theta6 and alpha6 move nothing.
+# Unprinted errors, by those of d3, theta5 and alpha5 in every column of table IV.2. theta6 and alpha6 have no effect.
 HIDDEN: Mapping[str, float] = MappingProxyType({"link2.d": 0.60, "link5.a": 0.36, "link5.d": 0.93})
 DROPPED = (*HIDDEN, "link6.theta", "link6.alpha")
 INTO = {"link2.d": "link3.d", "link5.a": "link5.theta", "link5.d": "link5.alpha"}
@@ -71,14 +70,14 @@ PRINTED: Mapping[str, tuple[float, ...]] = MappingProxyType(
 
 
 @dataclass(frozen=True)
-class Case:
+class _Case:
     """The arm of the thesis.
 
     Attributes:
-        arm: whose only target is the flange's origin.
+        arm: with the flange's origin as only target.
         nominal: parameters ``(p,)`` of the nominal model, SI; the base at rest.
         free: indices of the 19, in the order of ``OFFSETS``.
-        mm: ``(19,)``, by what an error in SI is multiplied to be in mm or rad.
+        mm: factors ``(19,)`` from SI to mm or rad.
     """
 
     arm: SerialArm
@@ -91,7 +90,7 @@ class Case:
         return self.arm.parameters[self.arm.names.index(name)]
 
     def truth(self, hidden: Mapping[str, float] = HIDDEN) -> Array:
-        """Parameters ``(p,)``, SI, of the arm that is measured."""
+        """Return the parameters ``(p,)``, SI, of the measured arm."""
         values = self.nominal.copy()
         for name, off in (*OFFSETS.items(), *hidden.items()):
             values[self.arm.names.index(name)] += off if self.parameter(name).is_angle else off / 1e3
@@ -99,35 +98,35 @@ class Case:
 
 
 @cache
-def thesis_case() -> Case:
-    """The nominal arm of the thesis."""
+def thesis_case() -> _Case:
+    """Return the nominal arm of the thesis."""
     arm = load_robot("irb120").serial_arm(("p1",))
     nominal = arm.nominal({"p1": np.zeros(3)})
     free = tuple(arm.names.index(name) for name in OFFSETS)
-    return Case(arm, nominal, free, np.array([1.0 if arm.parameters[i].is_angle else 1e3 for i in free]))
+    return _Case(arm, nominal, free, np.array([1.0 if arm.parameters[i].is_angle else 1e3 for i in free]))
 
 
 def designed(name: str, seed: int = 0) -> Array:
-    """Joint angles ``(20, 6)`` chosen by a criterion; the joints turn without limits, as in the thesis."""
-    return searched(name, seed, CANDIDATES, STARTS).joints
+    """Choose joint angles ``(20, 6)`` by a criterion; the joints turn without limits, as in the thesis."""
+    return searched(name, seed, _CANDIDATES, _STARTS).joints
 
 
-def searched(name: str, seed: int, count: int, starts: int, *, limits: bool = False, poses: int = POSES) -> Design:
-    """The best of some exchanges among so many random candidates, each followed by an ascent.
+def searched(name: str, seed: int, count: int, starts: int, *, limits: bool = False, poses: int = _POSES) -> Design:
+    """Search the best of some exchanges among random candidates, each followed by an ascent.
 
     Args:
-        limits: whether the joints keep to theirs; else they turn freely.
+        limits: keep the joints within theirs; else they turn freely.
     """
     search = _Search.of(name, seed, count, limits=limits)
     return max((search.ascended(search.exchanged(poses)) for _ in range(starts)), key=lambda design: design.score)
 
 
 def converging(seed: int, count: int, starts: int, rounds: int) -> Array:
-    """O1 ``(starts, rounds + 1)`` of 20 poses of each start: of its exchange, and after each round of the ascent."""
+    """Return O1 ``(starts, rounds + 1)`` of 20 poses: after each start's exchange, and each round of its ascent."""
     search = _Search.of("O1", seed, count, limits=False)
     found = []
     for _ in range(starts):
-        design = search.exchanged(POSES)
+        design = search.exchanged(_POSES)
         found.append([float(indices(design.jacobian).o1)])
         for _ in range(rounds):
             design = search.ascended(design, rounds=1)
@@ -146,7 +145,7 @@ class _Search:
 
     @classmethod
     def of(cls, name: str, seed: int, count: int, *, limits: bool) -> "_Search":
-        """The search of a seed."""
+        """Create the search of a seed."""
         rng, chain = rng_for(seed, "design"), thesis_case().arm.chain
         turn = np.full(chain.size, np.pi)
         lower, upper = (chain.lower, chain.upper) if limits else (-turn, turn)
@@ -154,7 +153,7 @@ class _Search:
         return cls(criterion(name, len(OFFSETS)), rng.uniform(lower, upper, (count, chain.size)), rng, bounds)
 
     def exchanged(self, poses: int) -> Design:
-        """The best of one start's exchange."""
+        """Return the best of one start's exchange."""
         return exchange(self.candidates, _sensitivity(self.candidates), poses, self.goal, self.rng, starts=1)
 
     def ascended(self, design: Design, rounds: int = 4) -> Design:
@@ -163,7 +162,7 @@ class _Search:
 
 
 def _sensitivity(joints: Array) -> Array:
-    """Jacobians ``(n, 3, 19)`` by the 19, in mm and rad."""
+    """Return Jacobians ``(n, 3, 19)`` by the 19, in mm and rad."""
     case = thesis_case()
     scale = Scaling("raw").columns([case.parameter(name) for name in OFFSETS], np.empty((0, 3, len(OFFSETS))))
     rates: Array = case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)] * scale
@@ -185,7 +184,7 @@ def aliasing() -> dict[str, dict[str, float]]:
     mm = np.array([1.0 if case.parameter(name).is_angle else 1e3 for name in names])
     alias = found.alias * mm[: len(OFFSETS), None] / mm[None, len(OFFSETS) :]
     return {
-        dropped: {kept: float(value) for kept, value in zip(OFFSETS, column, strict=True) if abs(value) > 1e-9}
+        dropped: {retained: float(value) for retained, value in zip(OFFSETS, column, strict=True) if abs(value) > 1e-9}
         for dropped, column in zip(DROPPED, alias.T, strict=True)
     }
 
@@ -193,11 +192,11 @@ def aliasing() -> dict[str, dict[str, float]]:
 def errors(
     joints: Array, draws: int, seed: int = 0, hidden: Mapping[str, float] = HIDDEN, *, linear: bool = True
 ) -> Array:
-    """Errors of the 19 ``(draws, 19)``, mm and rad, each draw with other noise of ±8 µm; for all poses the same.
+    """Simulate errors of the 19 ``(draws, 19)``, mm and rad, with noise of ±8 µm, equal for all sets of poses.
 
     Args:
-        linear: of an arm whose points move with its parameters as they do on the nominal model, as the
-            thesis' errors look like; else of the arm as it is, fitted until nothing moves.
+        linear: linearize about the nominal model, as the thesis seems to do; else fit the exact model until it
+            converges.
     """
     case, device = thesis_case(), instrument("uniform-8um")
     truth, free = case.truth(hidden), list(case.free)
@@ -219,7 +218,7 @@ def errors(
 
 
 def rows_of_table(off: Array) -> dict[str, Array]:
-    """RMS, MAE and RSD ``(...)`` of errors ``(..., 19)`` in mm and rad, as table IV.3 takes them.
+    """Return RMS, MAE and RSD ``(...)`` of errors ``(..., 19)`` in mm and rad, as in table IV.3.
 
     The RSD is the standard deviation of the 19 about their mean, over 18.
     """
@@ -231,18 +230,18 @@ def rows_of_table(off: Array) -> dict[str, Array]:
 
 
 def without(off: Array, names: Sequence[str] = tuple(INTO.values())) -> Array:
-    """The errors of all but these."""
+    """Return the errors without those of some parameters."""
     return off[..., [i for i, name in enumerate(OFFSETS) if name not in names]]
 
 
 @dataclass(frozen=True)
 class Reproduced:
-    """The thesis' campaign, done again with many draws of the noise.
+    """The thesis' campaign with many draws of the noise.
 
     Attributes:
-        errors: errors ``(draws, 19)`` by criterion, mm and rad, of which the first draw is what a table would show.
-        clean: the same without the hidden values.
-        beyond: ``(19,)`` by how much the hidden values move the errors beyond the linear model, by O1's poses.
+        errors: errors ``(draws, 19)`` by criterion, mm and rad; a table shows one draw.
+        clean: errors without the hidden values.
+        beyond: ``(19,)`` effect of the hidden values on the errors beyond the linear model, by O1's poses.
     """
 
     errors: Mapping[str, Array]
@@ -250,20 +249,20 @@ class Reproduced:
     beyond: Array
 
     def spread(self, row: str) -> dict[str, Array]:
-        """The least, middle and largest of 95 % of a row of table IV.3 over the draws, ``(3,)`` by criterion."""
+        """Return the quantiles 2.5, 50 and 97.5 % of a row of table IV.3 over the draws, ``(3,)`` by criterion."""
         return {name: np.quantile(rows_of_table(off)[row], (0.025, 0.5, 0.975)) for name, off in self.errors.items()}
 
     def chances(self) -> dict[str, float]:
-        """Share of the draws in which a criterion has the least RMS; those with the same poses share it."""
+        """Return the share of draws in which a criterion has the least RMS; those with the same poses share it."""
         rms = np.array([rows_of_table(off)["RMS"] for off in self.errors.values()])
         least = np.isclose(rms, rms.min(axis=0), rtol=1e-9, atol=0)
         return dict(zip(self.errors, (least / least.sum(axis=0)).mean(axis=1).tolist(), strict=True))
 
 
 def reproduced(draws: int, seed: int = 0) -> Reproduced:
-    """Poses by each criterion, then campaigns with and without the hidden values."""
+    """Design poses by each criterion, then simulate campaigns with and without the hidden values."""
     poses = {name: designed(name, seed) for name in CRITERIA if name != "condition"}
-    poses["condition"] = poses["O2"]  # it is O2 turned over: the same search ends at the same poses
+    poses["condition"] = poses["O2"]  # the inverse of O2: the same search ends at the same poses
     bent = [
         errors(poses["O1"], 1, seed, hidden, linear=linear)[0] for hidden in (HIDDEN, {}) for linear in (False, True)
     ]

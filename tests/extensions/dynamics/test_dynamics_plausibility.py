@@ -11,10 +11,10 @@ import lab
 from lab.campaign.robot import load_virtual
 from lab.extensions.dynamics.arm.base_parameters import base_parameters
 from lab.extensions.dynamics.arm.identify import DynamicModel, identify_dynamics, nearest_physical_arm
-from lab.extensions.dynamics.arm.plausibility import implausible_dynamics
 from lab.extensions.dynamics.load_files import PayloadSamples, write_loads
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
-from lab.extensions.dynamics.payload.plausibility import ArmSize
+from lab.extensions.dynamics.phrases import phrase
+from lab.extensions.dynamics.plausibility import ArmSize, implausible_dynamics
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
 from lab.kinematics.dynamics.rigid_body import ArmDynamics, khalil_chain
 from lab.simulation.model_files import link_inertias
@@ -44,7 +44,7 @@ def doubts(samples: PayloadSamples, model: DynamicModel, *, bodies: bool = False
     with np.errstate(all="ignore"):  # as the command: numbers of a nonsensical file may overflow
         found = identify_dynamics(model, samples)
         nearest = nearest_physical_arm(model, found, links) if bodies else None
-        return [each.description for each in implausible_dynamics(found, model, size, nominal, nearest)]
+        return [phrase(each) for each in implausible_dynamics(found, model, size, nominal, nearest)]
 
 
 def noise(samples: PayloadSamples) -> PayloadSamples:
@@ -87,5 +87,5 @@ def test_what_is_not_plausible_is_told_and_not_good(samples: PayloadSamples, tmp
     write_loads(tmp_path / "motion.csv", wrong, TX40.chain.joint_names, TX40.chain.prismatic)
     found = lab.dynamics(tmp_path / "motion.csv", robot=TX40)
     assert any(said.startswith("not plausible: ") and "Nmm" in said for said in found.warnings)
-    assert found.estimate.verdict.adequate is not False and found.exit_code == 1
+    assert found.estimate.adequate is not False and found.exit_code == 1
     assert "Nmm" in " ".join(found.to_dict()["implausible"])

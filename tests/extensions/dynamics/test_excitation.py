@@ -212,11 +212,11 @@ def test_the_slope_of_the_walls() -> None:
     for _ in range(2):
         walls.add(rng.integers(0, 1000, 7), rng.normal(size=(7, 3, 2)), rng.normal(size=7))
     path = rng.normal(size=(11, 2))
-    slope = search._climbed(path, walls)[1]
+    slope = search._penalty(path, walls)[1]
     for cell in np.ndindex(path.shape):
         step = np.zeros_like(path)
         step[cell] = 1e-6
-        numeric = (search._climbed(path + step, walls)[0] - search._climbed(path - step, walls)[0]) / 2e-6
+        numeric = (search._penalty(path + step, walls)[0] - search._penalty(path - step, walls)[0]) / 2e-6
         assert slope[cell] == pytest.approx(numeric, rel=1e-5, abs=1e-3)
 
 

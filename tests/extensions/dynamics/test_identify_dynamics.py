@@ -17,6 +17,7 @@ from lab.extensions.dynamics.arm.identify import (
 )
 from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
+from lab.extensions.dynamics.phrases import phrase
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
 from lab.kinematics.dynamics.rigid_body import ArmDynamics
 from lab.simulation.model_files import link_inertias
@@ -104,7 +105,7 @@ def test_a_load_that_is_known_is_taken_off() -> None:
     known = identify_dynamics(MODEL, records, given_load=LOAD.phi)
     assert known.load is None and known.verdict.p > BY_CHANCE
     wrong = identify_dynamics(MODEL, records, given_load=1.1 * LOAD.phi)
-    assert wrong.verdict.adequate is False and "load" in wrong.verdict.description
+    assert wrong.adequate is False and "load" in phrase(wrong.verdict)
 
 
 @pytest.mark.parametrize(
@@ -116,12 +117,12 @@ def test_a_load_that_is_known_is_taken_off() -> None:
     ],
 )
 def test_what_biases_is_told(errors: RunErrors, says: str) -> None:
-    assert identify_dynamics(MODEL, runs(errors, None)).verdict.adequate is False
+    assert identify_dynamics(MODEL, runs(errors, None)).adequate is False
 
 
 def test_missing_friction_is_told_by_its_name() -> None:
     found = identify_dynamics(model_of(friction=False), runs(NOISY, None))
-    assert found.verdict.adequate is False and "friction that the model leaves out" in found.verdict.description
+    assert found.adequate is False and "friction that the model leaves out" in phrase(found.verdict)
 
 
 @pytest.mark.thorough

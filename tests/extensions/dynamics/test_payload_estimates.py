@@ -17,6 +17,7 @@ from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
 from lab.extensions.dynamics.payload.estimate import LoadEstimate
 from lab.extensions.dynamics.payload.methods import CompliantArm, from_sag, from_torques, from_wrench
 from lab.extensions.dynamics.payload.physical_consistency import nearest_physical, physical_estimate
+from lab.extensions.dynamics.phrases import phrase
 from lab.extensions.dynamics.regression import least_squares
 from lab.kinematics.dynamics.rigid_body import (
     LOAD,
@@ -379,7 +380,7 @@ def test_intervals_of_centre_and_inner_inertia_are_those_of_their_derivatives():
 def test_what_is_wrong_is_named():
     rng = np.random.default_rng(9)
     for name, word in (("lag", "(delay)"), ("shifted path", "(own)")):
-        assert word in BIASES[name](4).identified(rng).verdict.description
+        assert word in phrase(BIASES[name](4).identified(rng).verdict)
     poses = static_poses(20, 10)
     for mounting, word in (
         (Mounting.tilted(np.array([np.deg2rad(1), 0])), "(tilt)"),
@@ -387,7 +388,7 @@ def test_what_is_wrong_is_named():
     ):
         records = wrench_records(poses[0], sensed(poses, mounting), rng, moving=False)
         found = from_wrench(ARM, VALUES, records, UPRIGHT)
-        assert not found.adequate and word in found.verdict.description
+        assert not found.adequate and word in phrase(found.verdict)
     records = wrench_records(poses[0], sensed(poses), rng, moving=False)
     assert from_wrench(ARM, VALUES, records, UPRIGHT).adequate
 
@@ -395,7 +396,7 @@ def test_what_is_wrong_is_named():
 def test_a_sigma_that_is_given_is_believed_and_too_small_a_one_is_told():
     bench, rng = clean(3), np.random.default_rng(11)
     right, small = (bench.identified(rng, sigma=size * TORQUE_NOISE) for size in (1.0, 0.9))
-    assert right.adequate and not small.adequate and "given sigma" in small.verdict.description
+    assert right.adequate and not small.adequate and "given sigma" in phrase(small.verdict)
     assert_allclose(small.half_width / right.half_width, 0.9, rtol=1e-3)
     assert_allclose(bench.identified(rng).sigma, TORQUE_NOISE, rtol=0.12)  # 390 samples: 0.036
 

@@ -10,10 +10,11 @@ import pytest
 from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples, write_loads, write_mounting
-from lab.extensions.dynamics.payload.options import PayloadOptions
-from lab.extensions.dynamics.payload.plausibility import ArmSize, Implausibility, implausibilities
+from lab.extensions.dynamics.options import PayloadOptions
 from lab.extensions.dynamics.payload.result import PayloadResult
 from lab.extensions.dynamics.payload.run import payload
+from lab.extensions.dynamics.phrases import phrase
+from lab.extensions.dynamics.plausibility import ArmSize, implausibilities
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
 from lab.simulation.collisions import random_poses
 
@@ -86,7 +87,7 @@ def test_a_mistake_is_named_and_is_not_good(method: str, mistake: str, samples: 
         return
     assert says in " ".join(found.warnings)
     assert found.implausible and found.exit_code == 1
-    assert found.to_dict()["implausible"] == [each.description for each in found.implausible]
+    assert found.to_dict()["implausible"] == [phrase(each) for each in found.implausible]
 
 
 @pytest.mark.parametrize("method", ["wrench", "torques"])
@@ -107,5 +108,5 @@ def test_a_centre_that_is_not_known_is_not_called_far(samples: PayloadSamples, t
     far = replace(found, phi=found.phi * [1, 1e3, 1e3, 1e3, 1, 1, 1, 1, 1, 1])
     assert implausibilities(found, arm) == ()
     (told,) = implausibilities(far, arm)
-    assert isinstance(told, Implausibility) and "farther than the arm reaches (0.6 m)" in told.description
+    assert told.outcome == "failed" and "farther than the arm reaches (0.6 m)" in phrase(told)
     assert implausibilities(replace(far, com_half_width=np.full(3, 99.0)), arm) == ()

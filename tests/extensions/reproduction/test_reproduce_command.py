@@ -12,9 +12,8 @@ from lab.cli import main
 from lab.commands.command_line import parsed
 from lab.commands.registry import command_named
 from lab.core.errors import LabError
-from lab.extensions.reproduction.item import marked
+from lab.extensions.reproduction.item import marked, source_named, sources
 from lab.extensions.reproduction.options import ReproduceOptions
-from lab.extensions.reproduction.registry import source_named, sources
 from lab.extensions.reproduction.result import reproduce
 
 

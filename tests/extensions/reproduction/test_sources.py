@@ -6,13 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.extensions.reproduction.course.source import COURSE
-from lab.extensions.reproduction.elastic.source import ELASTIC
-from lab.extensions.reproduction.item import Computed, Item, marked, write_exercise
-from lab.extensions.reproduction.registry import source_named, sources
-from lab.extensions.reproduction.staubli.source import STAUBLI
-from lab.extensions.reproduction.thesis.calibration import ESTIMATES
-from lab.extensions.reproduction.thesis.source import THESIS
+from lab.extensions.reproduction.course import COURSE
+from lab.extensions.reproduction.elastic import ELASTIC
+from lab.extensions.reproduction.item import Computed, Item, marked, source_named, sources, write_exercise
+from lab.extensions.reproduction.staubli import STAUBLI
+from lab.extensions.reproduction.thesis import ESTIMATES, THESIS
 from lab.extensions.reproduction.thesis_case import HIDDEN, INTO, OFFSETS, errors, searched
 
 SEARCHED = ("Table IV.2", "Figure IV.1", "Figure IV.2", "Conclusion", "Section 6.1")  # designs, and volumes

@@ -1,9 +1,9 @@
-"""The base dynamic parameters of an arm: what its torques determine, and which parameters are grouped into which.
+"""Find the base dynamic parameters of an arm: the combinations of standard parameters that its torques determine.
 
 The regressor at random states has columns that depend on others, whatever the motion. By an orthogonal factorization
-of its columns, in an order that prefers what SYMORO+ keeps (XX XY XZ YZ ZZ MX MY, then Ia; Khalil & Creusot 1997), a
-column whose diagonal of R vanishes depends on those before it (Gautier 1991): W2 = W1 K, and the base parameters are
-X1 + K X2. Those of a column of zeros affect no torque.
+of its columns, in an order that prefers the parameters of SYMORO+ (XX XY XZ YZ ZZ MX MY, then Ia; Khalil & Creusot
+1997), a column whose diagonal of R vanishes depends on those before it (Gautier 1991): W2 = W1 K, and the base
+parameters are X1 + K X2. Parameters with a column of zeros affect no torque.
 """
 
 from collections.abc import Sequence
@@ -18,11 +18,14 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import ArmDynamics
 from lab.kinematics.serial.chain import COLUMNS, Chain
 
-__all__ = ["BaseParameters", "Formula", "Term", "base_parameters", "random_states", "regrouping_formulas"]
+__all__ = ["BaseParameters", "Formula", "base_parameters", "random_states", "regrouping_formulas"]
 
 _STATES = 24  # random ones, each with a row a joint: half as many rows again as six joints have parameters
-_DEPENDS = 1e-8  # of a column's norm: what others leave of it
-_LATE = ("Ia", "M", "MZ", "YY")  # kinds that are grouped into the others where they can be
+_DEPENDS = 1e-8  # of a column's norm: largest residual of a dependent column
+_GROUPED_FIRST = ("Ia", "M", "MZ", "YY")  # kinds, into the others where possible
+_ZERO_M = 1e-9
+_SAME = 1e-6  # of an arm's largest coefficient: largest error of the formulas
+_ZERO = 1e-7
 
 
 @dataclass(frozen=True)
@@ -31,8 +34,8 @@ class BaseParameters:
 
     Attributes:
         names: of the standard parameters, p of them.
-        independent: ``(b,)`` indices of the columns that stay; ``grouped`` ``(g,)`` of those that depend on them.
-        without_effect: indices of those that no torque depends on.
+        independent: ``(b,)`` indices of the independent columns; ``grouped`` ``(g,)`` of those that depend on them.
+        without_effect: indices of parameters that affect no torque.
         regrouping: K ``(b, g)``.
     """
 
@@ -49,11 +52,12 @@ class BaseParameters:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Their names: of the standard parameter that each is named after, with R where others are grouped into it."""
+        """Names: of the standard parameter, with R where others are grouped into it."""
         with_others = np.abs(self.regrouping).max(axis=1, initial=0.0) > 0
+        kinds = [(self.names[i], self.names[i].rstrip("0123456789")) for i in self.independent.tolist()]
         return tuple(
-            _regrouped(self.names[i]) if grouped else self.names[i]
-            for i, grouped in zip(self.independent.tolist(), with_others.tolist(), strict=True)
+            f"{kind}R{name[len(kind) :]}" if grouped else name
+            for (name, kind), grouped in zip(kinds, with_others.tolist(), strict=True)
         )
 
     @property
@@ -63,7 +67,7 @@ class BaseParameters:
 
     @property
     def projection(self) -> Array:
-        """``(b, p)``: base parameters of standard ones."""
+        """Matrix ``(b, p)`` from standard to base parameters."""
         matrix = np.zeros((self.size, len(self.names)))
         matrix[np.arange(self.size), self.independent] = 1.0
         matrix[:, self.grouped] = self.regrouping
@@ -71,21 +75,21 @@ class BaseParameters:
 
 
 def random_states(arm: ArmDynamics, count: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Joint positions over a whole turn (1 m of slides), speeds and accelerations ``(count, J)``."""
+    """Draw joint positions over a whole turn (1 m of slides), speeds and accelerations ``(count, J)``."""
     shape = (count, arm.chain.size)
     joints = rng.uniform(-1.0, 1.0, shape) * np.where(arm.chain.prismatic, 1.0, np.pi)
     return joints, rng.uniform(-2.0, 2.0, shape), rng.uniform(-5.0, 5.0, shape)
 
 
 def base_parameters(arm: ArmDynamics, rng: np.random.Generator) -> BaseParameters:
-    """The base set of an arm, decided at random states."""
+    """Find the base parameters of an arm, at random states."""
     columns = arm.regressor(*random_states(arm, _STATES, rng)).reshape(-1, len(arm.names))
     size = np.linalg.norm(columns, axis=0)
     effect = size > _DEPENDS * size.max()
     order = np.array([i for i in _preferred(arm.names) if effect[i]])
     triangle = np.linalg.qr(columns[:, order] / size[order], mode="r")
-    kept = np.abs(np.diag(triangle)) > _DEPENDS
-    chosen, rest = np.sort(order[kept]), np.sort(order[~kept])
+    independent = np.abs(np.diag(triangle)) > _DEPENDS
+    chosen, rest = np.sort(order[independent]), np.sort(order[~independent])
     regrouping = np.linalg.lstsq(columns[:, chosen] / size[chosen], columns[:, rest], rcond=None)[0]
     regrouping = regrouping / size[chosen][:, None]
     regrouping[np.abs(regrouping) < _DEPENDS] = 0.0
@@ -93,30 +97,19 @@ def base_parameters(arm: ArmDynamics, rng: np.random.Generator) -> BaseParameter
 
 
 def _preferred(names: tuple[str, ...]) -> list[int]:
-    """Indices of the standard parameters, first those that stay if they can, each kind from the base outward."""
+    """Return indices of the standard parameters, preferred base parameters first, each kind from the base outward."""
     kinds = [name.rstrip("0123456789") for name in names]
-    rank = [_LATE.index(kind) + 1 if kind in _LATE else 0 for kind in kinds]
+    rank = [_GROUPED_FIRST.index(kind) + 1 if kind in _GROUPED_FIRST else 0 for kind in kinds]
     numbers = [int(name[len(kind) :]) for name, kind in zip(names, kinds, strict=True)]
     return sorted(range(len(names)), key=lambda i: (rank[i], numbers[i]))
 
 
-def _regrouped(name: str) -> str:
-    kind = name.rstrip("0123456789")
-    return f"{kind}R{name[len(kind) :]}"
-
-
-_LENGTHS = ("d", "a")
-_ZERO_M = 1e-9
-_SAME = 1e-6  # of the largest coefficient of an arm: what the formulas and its own regrouping may differ by
-_NOTHING = 1e-7
-
-
 @dataclass(frozen=True)
-class Term:
+class _Term:
     """Parameters that are grouped with one coefficient.
 
     Attributes:
-        coefficient: monomials, each the letters that are multiplied, with their factors.
+        coefficient: monomials: the letters multiplied, with their factors.
         names: of the standard parameters.
     """
 
@@ -124,7 +117,7 @@ class Term:
     names: tuple[str, ...]
 
     def value(self, letters: dict[str, float]) -> float:
-        """The coefficient where the letters stand for these lengths (m)."""
+        """Return the coefficient for these lengths (m)."""
         return sum(factor * float(np.prod([letters[each] for each in word])) for word, factor in self.coefficient)
 
     def text(self) -> str:
@@ -135,28 +128,28 @@ class Term:
         names = self.names[0] if len(self.names) == 1 else f"({' + '.join(self.names)})"
         if len(self.coefficient) == 1:
             return f"{_monomial(*self.coefficient[0])} {names}"
-        sums = " ".join(_monomial(*each) for each in sorted(self.coefficient, key=_positive_first))
+        sums = " ".join(_monomial(*each) for each in sorted(self.coefficient, key=lambda each: each[1] < 0))
         return f"+ ({sums.removeprefix('+ ')}) {names}"
 
 
 @dataclass(frozen=True)
 class Formula:
-    """A base parameter: what it is named after, and what is grouped into that."""
+    """A base parameter: a standard parameter and the terms grouped into it."""
 
     label: str
     name: str
-    terms: tuple[Term, ...]
+    terms: tuple[_Term, ...]
 
     def text(self) -> str:
-        """The right side of its formula."""
+        """Return the right side of the formula."""
         return " ".join([self.name, *(term.text() for term in self.terms)])
 
 
 def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.Generator) -> tuple[Formula, ...]:
-    """The formulas of a base set.
+    """Return the formulas of base parameters.
 
     Raises:
-        LabError: the regrouping of this arm is no polynomial of its lengths.
+        LabError: the regrouping of the arm is no polynomial of its lengths.
     """
     letters = _letters(arm.chain)
     products = [word for degree in range(3) for word in combinations_with_replacement(sorted(letters), degree)]
@@ -165,28 +158,28 @@ def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.G
     found = [_regrouping(arm, base, each, rng) for each in samples]
     monomials = np.array([[np.prod([each[letter] for letter in word]) for word in products] for each in samples])
     flat = np.array(found).reshape(len(samples), -1)
-    factors = np.linalg.lstsq(monomials[1:], flat[1:], rcond=None)[0]  # the first takes no part
-    factors = np.where(np.abs(factors - np.round(factors)) < _NOTHING, np.round(factors), factors)
-    own = np.array([np.prod([letters[letter] for letter in word]) for word in products]) @ factors
+    factors = np.linalg.lstsq(monomials[1:], flat[1:], rcond=None)[0]  # the first is a check
+    factors = np.where(np.abs(factors - np.round(factors)) < _ZERO, np.round(factors), factors)
+    nominal = np.array([np.prod([letters[letter] for letter in word]) for word in products]) @ factors
     size = max(1.0, float(np.abs(flat).max(initial=0.0)))
     wrong = max(
         float(np.abs(monomials[0] @ factors - flat[0]).max(initial=0.0)),
-        float(np.abs(own - base.regrouping.ravel()).max(initial=0.0)),
+        float(np.abs(nominal - base.regrouping.ravel()).max(initial=0.0)),
     )
     if wrong > _SAME * size:
         raise LabError(f"robot '{arm.chain.name}': its regrouping is no polynomial of its lengths (off by {wrong:.2g})")
     table = factors.reshape(len(products), *base.regrouping.shape)
     return tuple(
-        Formula(label, base.names[kept], _terms(products, table[:, i], [base.names[j] for j in base.grouped]))
-        for i, (label, kept) in enumerate(zip(base.labels, base.independent.tolist(), strict=True))
+        Formula(label, base.names[own], _terms(products, table[:, i], [base.names[j] for j in base.grouped]))
+        for i, (label, own) in enumerate(zip(base.labels, base.independent.tolist(), strict=True))
     )
 
 
 def _letters(chain: Chain) -> dict[str, float]:
-    """The lengths of a table that are not zero, by their letter; the constant of a slide is part of its position."""
+    """Return the nonzero lengths of a table by letter; the constant of a slide is part of its position."""
     found = {}
     for i, row in enumerate(chain.table):
-        for kind in _LENGTHS:
+        for kind in ("d", "a"):
             value = float(row[COLUMNS.index(kind)])
             if abs(value) > _ZERO_M and not (kind == "d" and chain.prismatic[i]):
                 found[f"{kind}{i + 1}"] = value
@@ -194,7 +187,7 @@ def _letters(chain: Chain) -> dict[str, float]:
 
 
 def _regrouping(arm: ArmDynamics, base: BaseParameters, letters: dict[str, float], rng: np.random.Generator) -> Array:
-    """K of the arm with other lengths, by the same columns."""
+    """Return K of the arm with other lengths, by the same columns."""
     table = arm.chain.table.copy()
     for letter, value in letters.items():
         table[int(letter[1:]) - 1, COLUMNS.index(letter[0])] = value
@@ -204,33 +197,23 @@ def _regrouping(arm: ArmDynamics, base: BaseParameters, letters: dict[str, float
     return other.regrouping
 
 
-def _terms(products: Sequence[tuple[str, ...]], factors: Array, names: Sequence[str]) -> tuple[Term, ...]:
-    """Terms of one formula, parameters with one coefficient together; ``factors`` ``(words, names)``."""
+def _terms(products: Sequence[tuple[str, ...]], factors: Array, names: Sequence[str]) -> tuple[_Term, ...]:
+    """Return the terms of a formula, parameters with equal coefficients together; ``factors`` ``(products, names)``."""
     grouped: dict[tuple[tuple[tuple[str, ...], float], ...], list[str]] = {}
     for column, name in zip(factors.T, names, strict=True):
         pairs = zip(products, column.tolist(), strict=True)
-        coefficient = tuple((word, round(factor, 9)) for word, factor in pairs if abs(factor) > _NOTHING)
+        coefficient = tuple((word, round(factor, 9)) for word, factor in pairs if abs(factor) > _ZERO)
         if coefficient:
             grouped.setdefault(coefficient, []).append(name)
-    terms = [Term(coefficient, tuple(each)) for coefficient, each in grouped.items()]
+    terms = [_Term(coefficient, tuple(each)) for coefficient, each in grouped.items()]
     return tuple(sorted(terms, key=lambda term: len(term.coefficient[0][0])))
-
-
-def _positive_first(monomial: tuple[tuple[str, ...], float]) -> bool:
-    return monomial[1] < 0
 
 
 def _monomial(letters: tuple[str, ...], factor: float) -> str:
     """Return the monomial as text with a leading sign."""
-    number = "" if letters and abs(abs(factor) - 1) < _NOTHING else _number(abs(factor))
-    return " ".join(("−" if factor < 0 else "+", *filter(None, (number, _product(letters)))))
-
-
-def _product(letters: tuple[str, ...]) -> str:
-    if len(letters) == 2 and letters[0] == letters[1]:
-        return f"{letters[0]}²"
-    return " ".join(letters)
-
-
-def _number(value: float) -> str:
-    return f"{value:.0f}" if abs(value - round(value)) < _NOTHING else f"{value:.6g}"
+    size = abs(factor)
+    number = f"{size:.0f}" if abs(size - round(size)) < _ZERO else f"{size:.6g}"
+    if letters and abs(size - 1) < _ZERO:
+        number = ""
+    product = f"{letters[0]}²" if len(letters) == 2 and letters[0] == letters[1] else " ".join(letters)
+    return " ".join(("−" if factor < 0 else "+", *filter(None, (number, product))))

@@ -1,14 +1,12 @@
-"""The base dynamic parameters of an arm by weighted least squares, with a load at once where one was carried.
+"""Identify the base dynamic parameters of an arm, and of a load that it carried, by weighted least squares.
 
-Torques of an empty and of a loaded run are rows of one fit: the load's ten columns are zero where there was none, so
-that the arm's and the load's parameters are told apart, each with its interval. The noise of each drive is estimated
-with the parameters (``regression``), and the residuals are tested for what may bias them.
+Torques of an empty and of a loaded run are rows of one fit: the load's ten columns are zero in the empty run, which
+separates the arm's parameters from the load's. The noise of each drive is estimated with the parameters
+(``regression``), and the residuals are tested for likely biases.
 
-A run of an arm as few independent rows: torques, and the columns of its parameters, through one and the same filter.
-
-The regressor is worked out at the file's own rate, from positions that are smoothed and differentiated there, and only
-then filtered and thinned as the torques are (``filtering``): friction that changes its sign
-between two kept rows passes the filter as the torque did. Long runs are worked out part by part.
+The regressor is computed at the file's own rate, from positions that are smoothed and differentiated there, and only
+then filtered and decimated as the torques are (``filtering``): friction that changes its sign between two retained rows
+passes the filter as the torque did. Long runs are computed part by part.
 """
 
 from collections.abc import Sequence
@@ -18,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core.checks import Check
 from lab.core.errors import LabError
 from lab.core.linear_model import p_value_of_squares
 from lab.core.se3 import Array
@@ -27,14 +26,7 @@ from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.estimate import LoadEstimate, Nuisance, estimate_of
 from lab.extensions.dynamics.payload.methods import from_torques
 from lab.extensions.dynamics.payload.physical_consistency import BodyCone, Nearest
-from lab.extensions.dynamics.regression import (
-    BiasCandidate,
-    ChannelSolution,
-    ResidualVerdict,
-    Series,
-    least_squares,
-    verdict,
-)
+from lab.extensions.dynamics.regression import BiasCandidate, ChannelSolution, Series, check_residuals, least_squares
 from lab.kinematics.dynamics.rigid_body import (
     LOAD,
     ArmDynamics,
@@ -50,7 +42,6 @@ __all__ = [
     "DynamicModel",
     "DynamicsEstimate",
     "PhysicalFit",
-    "Prediction",
     "ThinnedRun",
     "fit_runs",
     "identify_dynamics",
@@ -59,9 +50,14 @@ __all__ = [
     "thinned_run",
 ]
 
-_PART = 4000  # rows of a file that are worked out at a time
+_PART = 4000  # rows of a file that are computed at a time
 _STILL = 1e-3  # rad or m
-_BETWEEN = 8  # kept rows between two parts of a run, so that no filter reaches from one into the other
+_GAP = 8  # retained rows between two parts of a run, so that no filter reaches from one into the other
+_MAX_ITERATIONS, _CONVERGED_S = 10, 1e-7
+_LOAD_SIZE = len(LOAD)
+_SAME = 0.1  # standard deviations: parameters that are nearer are those identified
+_DEFAULTS = {"Ia": 0.1, "Fc": 1.0, "Fv": 1.0, "Fcm": 1.0, "Fvm": 1.0}  # reference values where none are given, SI
+_BALL_KG, _BALL_M = 2.0, 0.1  # of each link, where no masses are given
 
 
 @dataclass(frozen=True)
@@ -80,17 +76,17 @@ class DynamicModel:
 
     @cached_property
     def _load(self) -> Array:
-        """The parameters ``(10, 10)`` of the last link that a load at the flange is."""
+        """Matrix ``(10, 10)`` from a load at the flange to parameters of the last link."""
         return load_in_frame(flange_in_last_link(self.chain))
 
     def columns(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
-        """``(n, J, 10 + b)``: of a load at the flange, and of the base parameters."""
+        """Return the regressor ``(n, J, 10 + b)`` of a load at the flange and of the base parameters."""
         standard = self.arm.regressor(joints, speeds, accelerations)
         load = standard[..., self.arm.bodies()[-1]] @ self._load
         return np.concatenate([load, standard[..., self.base.independent]], axis=2)
 
     def torques(self, values: Array, motion: tuple[Array, Array, Array]) -> Array:
-        """The drives' torques ``(n, J)`` by base parameters ``(b,)`` along a motion, part by part."""
+        """Return the drives' torques ``(n, J)`` by base parameters ``(b,)`` along a motion."""
         joints, speeds, accelerations = motion
         found = np.empty_like(joints)
         for first in range(0, len(joints), _PART):
@@ -111,7 +107,7 @@ class ThinnedRun:
         torques: ``(n, J)`` as recorded, at the rows of ``motion``.
         speeds: ``(n, J)``.
         start_s: of the file's first row.
-        first, last: of the kept rows, those that count.
+        first, last: range of the retained rows in use.
     """
 
     loaded: bool
@@ -124,42 +120,42 @@ class ThinnedRun:
     last: int | None = None
 
     def measured(self, late_s: float = 0.0) -> Array:
-        """The torques ``(k, J)``, if they are so much later than the positions."""
+        """Return the torques ``(k, J)``, at this delay after the positions."""
         return self.band.decimated(self.torques, late_s)[self.first : self.last]
 
     def rows(self, order: int = 0) -> Array:
-        """The columns ``(k, J, 10 + b)``, or their derivative in time."""
+        """Return the columns ``(k, J, 10 + b)``, or their derivative in time."""
         rows: Array = self.columns[order, self.first : self.last]
         return rows
 
     def times(self) -> Array:
-        """``(k,)`` s, of the kept rows."""
+        """Return the times ``(k,)`` s of the retained rows."""
         band, count = self.band, self.columns.shape[1]
         middle = band.margin + (len(band.impulse) - 1) / 2 + band.every * np.arange(count)
         return np.asarray(self.start_s + band.step_s * middle[self.first : self.last])
 
     def thinned(self, values: Array) -> Array:
-        """Anything at the rows of ``motion`` ``(n, ...)``, thinned."""
+        """Decimate values ``(n, ...)`` at the rows of ``motion``."""
         return self.band.decimated(values)[self.first : self.last]
 
     def split(self, share: float) -> tuple["ThinnedRun", "ThinnedRun"]:
-        """The beginning of the run, and the share of it at its end.
+        """Split the run into its beginning and the share at its end.
 
         Raises:
             LabError: one of them would have too few rows.
         """
         count = self.columns.shape[1]
         cut = round(count * (1 - share))
-        if cut - _BETWEEN < 2 or count - cut < 2:
+        if cut - _GAP < 2 or count - cut < 2:
             raise LabError(f"a run of {count} independent rows cannot be held out by {share:g}: record a longer one")
-        return replace(self, last=cut - _BETWEEN), replace(self, first=cut)
+        return replace(self, last=cut - _GAP), replace(self, first=cut)
 
 
 def thinned_run(model: DynamicModel, samples: PayloadSamples, loaded: bool, band_hz: float = BAND_HZ) -> ThinnedRun:
     """Filter and decimate one run of a recording.
 
     Raises:
-        LabError: there are no torques or times, nothing moves, or the run is too short.
+        LabError: torques or times are missing, nothing moves, or the run is too short.
     """
     run = samples.run(loaded)
     if run.torques is None or run.time_s is None:
@@ -181,14 +177,7 @@ def thinned_run(model: DynamicModel, samples: PayloadSamples, loaded: bool, band
     return ThinnedRun(loaded, band, columns, band.trimmed(run.torques), motion[1], float(run.time_s[0]))
 
 
-_DELAY = "a delay between torques and positions; estimate it (delay)"
-_FILTERED = "a filter that torques came through and positions did not; record without it"
-_FRICTION = "friction that the model leaves out; take it in"
-_GROWING = "friction that grows with what a joint bears"
-_LOAD = "a load other than the one that was given; mend it, or have it estimated"
-
-
-def _residual_verdict(
+def _check_residuals(
     model: DynamicModel,
     runs: Sequence[ThinnedRun],
     solution: ChannelSolution,
@@ -196,31 +185,30 @@ def _residual_verdict(
     *,
     given_load: Array | None,
     delay: bool,
-) -> ResidualVerdict:
-    """The tests of a fit.
+) -> Check:
+    """Test the residuals of a fit.
 
     Args:
-        columns: ``(n, J, c)`` that were fitted, and their first two derivatives in time.
-        given_load: what was not fitted, because it was given.
-        delay: whether one was fitted.
+        columns: fitted columns ``(n, J, c)``, and their first two derivatives in time.
+        given_load: of the loaded run, where it was not fitted.
+        delay: whether a delay was fitted.
     """
     fitted = solution.values[: columns[0].shape[2]]
-    suspects = [BiasCandidate((columns[2] @ fitted)[..., None], _FILTERED)]
+    candidates = [BiasCandidate((columns[2] @ fitted)[..., None], "arm.filter")]
     if not delay:
-        suspects.append(BiasCandidate((columns[1] @ fitted)[..., None], _DELAY))
+        candidates.append(BiasCandidate((columns[1] @ fitted)[..., None], "arm.delay"))
     signs = np.concatenate([run.thinned(directions(run.speeds)) for run in runs])
     if model.arm.friction:
-        # by what the model says that a drive gives: as recorded, its noise would be that which is to be explained
-        suspects.append(BiasCandidate(diagonal_matrices(np.abs(columns[0] @ fitted) * signs), _GROWING))
+        # by fitted torques: the noise of recorded ones would be that of the residuals
+        candidates.append(BiasCandidate(diagonal_matrices(np.abs(columns[0] @ fitted) * signs), "arm.load_friction"))
     else:
         speeds = np.concatenate([run.thinned(run.speeds) for run in runs])
-        suspects.append(
-            BiasCandidate(np.concatenate([diagonal_matrices(signs), diagonal_matrices(speeds)], axis=2), _FRICTION)
-        )
+        friction = np.concatenate([diagonal_matrices(signs), diagonal_matrices(speeds)], axis=2)
+        candidates.append(BiasCandidate(friction, "arm.unmodelled_friction"))
     if given_load is not None and any(run.loaded for run in runs):
         loads = [run.rows()[..., : len(LOAD)] * float(run.loaded) for run in runs]
-        suspects.append(BiasCandidate(np.concatenate(loads), _LOAD))
-    return verdict(solution, suspects, _series(runs))
+        candidates.append(BiasCandidate(np.concatenate(loads), "arm.load"))
+    return check_residuals(solution, candidates, _series(runs))
 
 
 def _series(runs: Sequence[ThinnedRun]) -> list[Series]:
@@ -237,11 +225,10 @@ class Prediction:
     """Prediction of torques that were not fitted, with its errors.
 
     Attributes:
-        of: which torques.
-        rows: number of independent rows.
+        of: the predicted part of the motion.
         relative: ``(J,)`` residual of each drive's torque, relative to its root mean square.
         noise_ratio: ``(J,)`` root mean square of the residual, relative to the noise of the fit.
-        total_relative, total_noise_ratio: the same of all drives together.
+        total_relative, total_noise_ratio: ``relative`` and ``noise_ratio`` of all drives together.
         measured, predicted: ``(n, J)``.
     """
 
@@ -269,11 +256,12 @@ class DynamicsEstimate:
         covariance: ``(b, b)``; NaN where one is not identified.
         noise: ``(J,)`` standard deviation of one reading of each drive's torque, Nm (N of a slide).
         time_s: ``(n,)`` of the rows that were fitted, run by run.
-        measured, residual: ``(n, J)`` what was to be explained, and what of that is left.
-        delay: how much later the torques are than the positions, where that was fitted.
-        load: what the loaded run carries, fitted at once with the arm; None without such a run, or where it is known.
-        by_difference: the same from the loaded run less the unloaded one, where their paths are alike.
+        measured, residual: ``(n, J)`` torques of arm and estimated load, and the fit's residuals.
+        delay: of the torques after the positions, where it was fitted.
+        load: of the loaded run, fitted together with the arm; None without such a run, or where it was given.
+        by_difference: the load from the loaded run less the unloaded one, where their paths are alike.
         predictions: of torques that were not fitted.
+        verdict: the test of the residuals.
     """
 
     names: tuple[str, ...]
@@ -289,32 +277,33 @@ class DynamicsEstimate:
     load: LoadEstimate | None
     by_difference: LoadEstimate | None
     predictions: tuple[Prediction, ...]
-    verdict: ResidualVerdict
+    verdict: Check
     solution: ChannelSolution
 
     @property
     def identified(self) -> NDArray[np.bool_]:
-        """``(b,)`` which base parameters the motion shows."""
+        """Flags ``(b,)`` of the base parameters that the motion shows."""
         return np.isfinite(self.values)
 
     @property
+    def adequate(self) -> bool | None:
+        """True if noise explains the residuals; None where there are too few to test."""
+        return None if self.verdict.outcome == "not tested" else self.verdict.outcome == "passed"
+
+    @property
     def rows(self) -> int:
-        """The numbers that were fitted, each of which counts as independent."""
+        """Number of fitted readings, each of which counts as independent."""
         return int(self.residual.size)
 
-    @cached_property
+    @property
     def relative_sigma(self) -> Array:
-        """``(b,)`` standard deviations by the values' sizes."""
+        """Standard deviations ``(b,)`` relative to the values."""
         return np.asarray(self.sigma / np.maximum(np.abs(self.values), 1e-300))
 
     @property
     def relative_error(self) -> float:
         """Residual of the fitted torques, relative to their root mean square."""
         return float(np.sqrt((self.residual**2).sum() / (self.measured**2).sum()))
-
-
-_ROUNDS, _SETTLED_S = 10, 1e-7
-_SIZE = len(LOAD)
 
 
 def identify_dynamics(
@@ -327,12 +316,12 @@ def identify_dynamics(
     other: PayloadSamples | None = None,
     band_hz: float = BAND_HZ,
 ) -> DynamicsEstimate:
-    """Identify an arm from an unloaded run, and with it what a loaded run carries.
+    """Identify an arm from an unloaded run, and with it the load of a loaded run.
 
     Args:
-        given_load: ``(10,)`` phi of what the loaded run carries, about the flange; else it is estimated.
-        delay: fit how much later the torques are than the positions.
-        holdout: the share at the end of each run that is predicted and not fitted.
+        given_load: ``(10,)`` phi of the loaded run's load, about the flange; else it is estimated.
+        delay: fit the delay of the torques after the positions.
+        holdout: share at the end of each run that is predicted and not fitted.
         other: runs along another path, to be predicted.
         band_hz: of the filter in which torques are compared.
 
@@ -358,19 +347,17 @@ def identify_dynamics(
 def fit_runs(
     model: DynamicModel, runs: Sequence[ThinnedRun], given_load: Array | None = None, *, delay: bool = False
 ) -> DynamicsEstimate:
-    """The fit of thinned runs, and the tests of its residuals."""
+    """Fit thinned runs, and test the residuals."""
     with_load = given_load is None and any(run.loaded for run in runs)
     columns = [np.concatenate([_design(run, with_load, order) for run in runs]) for order in range(3)]
     names = [*(LOAD if with_load else ()), *model.base.labels]
     solution, late = _fitted(runs, names, columns, given_load, delay)
-    verdict = _residual_verdict(model, runs, solution, columns, given_load=given_load, delay=delay)
-    first = _SIZE if with_load else 0
-    identified = solution.identifiable[first : first + model.base.size]
-    widths = solution.half_widths(np.eye(len(solution.names)))
-    covariance = solution.covariance
+    check = _check_residuals(model, runs, solution, columns, given_load=given_load, delay=delay)
+    first = _LOAD_SIZE if with_load else 0
     chosen = slice(first, first + model.base.size)
+    identified, covariance = solution.identifiable[chosen], solution.covariance
+    widths = solution.half_widths(np.eye(len(solution.names)))
     gain = float(np.linalg.norm(runs[0].band.impulse))
-    late_found = Nuisance("delay", late, float(widths[-1]), "s") if delay else None
     return DynamicsEstimate(
         names=model.base.labels,
         values=np.where(identified, solution.values[chosen], np.nan),
@@ -381,27 +368,27 @@ def fit_runs(
         time_s=np.concatenate([run.times() for run in runs]),
         measured=solution.measured,
         residual=solution.residual * solution.sigma,
-        delay=late_found,
-        load=_load_of(solution, verdict, gain) if with_load else None,
+        delay=Nuisance("delay", late, float(widths[-1]), "s") if delay else None,
+        load=_load_of(solution, check, gain) if with_load else None,
         by_difference=None,
         predictions=(),
-        verdict=verdict,
+        verdict=check,
         solution=solution,
     )
 
 
-def predict(found: DynamicsEstimate, runs: Sequence[ThinnedRun], known_load: Array | None, of: str) -> Prediction:
-    """The torques of runs that were not fitted, by what was found."""
+def predict(found: DynamicsEstimate, runs: Sequence[ThinnedRun], given_load: Array | None, of: str) -> Prediction:
+    """Predict the torques of runs that were not fitted."""
     late = found.delay.value if found.delay else 0.0
     parameters = np.where(found.identified, found.values, 0.0)
-    load = known_load if known_load is not None else None if found.load is None else np.nan_to_num(found.load.phi)
+    load = given_load if given_load is not None else None if found.load is None else np.nan_to_num(found.load.phi)
     if load is None and any(run.loaded for run in runs):
         raise LabError("the path to predict carries a load that the fitted one did not: give it, or an unloaded run")
     measured = np.concatenate([run.measured(late) for run in runs])
     predicted = np.concatenate(
         [
-            run.rows()[..., _SIZE:] @ parameters
-            + (run.rows()[..., :_SIZE] @ load if run.loaded and load is not None else 0.0)
+            run.rows()[..., _LOAD_SIZE:] @ parameters
+            + (run.rows()[..., :_LOAD_SIZE] @ load if run.loaded and load is not None else 0.0)
             for run in runs
         ]
     )
@@ -420,33 +407,33 @@ def predict(found: DynamicsEstimate, runs: Sequence[ThinnedRun], known_load: Arr
 
 
 def _runs(
-    model: DynamicModel, samples: PayloadSamples, known_load: Array | None, band_hz: float
+    model: DynamicModel, samples: PayloadSamples, given_load: Array | None, band_hz: float
 ) -> list[ThinnedRun]:  # fmt: skip
-    """The runs of a file, the unloaded one first."""
-    there = [loaded for loaded in (False, True) if (samples.loaded == loaded).any()]
-    if there == [True] and known_load is None:
+    """Return the thinned runs of a file, the unloaded one first."""
+    present = [loaded for loaded in (False, True) if (samples.loaded == loaded).any()]
+    if present == [True] and given_load is None:
         raise LabError(
             "there is a loaded run alone: its load cannot be told from the last link's parameters; record a run "
             "without the load too, or give what it is"
         )
-    return [thinned_run(model, samples, loaded, band_hz) for loaded in there]
+    return [thinned_run(model, samples, loaded, band_hz) for loaded in present]
 
 
 def _design(run: ThinnedRun, with_load: bool, order: int) -> Array:
-    """The columns of a run's rows ``(k, J, c)``; a load's are zero where there was none."""
+    """Return the columns of a run's rows ``(k, J, c)``; a load's are zero in the unloaded run."""
     rows = run.rows(order)
     if not with_load:
-        return rows[..., _SIZE:]
-    return rows if run.loaded else np.concatenate([0 * rows[..., :_SIZE], rows[..., _SIZE:]], axis=2)
+        return rows[..., _LOAD_SIZE:]
+    return rows if run.loaded else np.concatenate([0 * rows[..., :_LOAD_SIZE], rows[..., _LOAD_SIZE:]], axis=2)
 
 
 def _measured(runs: Sequence[ThinnedRun], given_load: Array | None, late_s: float) -> Array:
-    """Return the torques to be explained: those measured, less those of a given load."""
+    """Return the measured torques, less those of a given load."""
     parts = []
     for run in runs:
         torques = run.measured(late_s)
         if given_load is not None and run.loaded:
-            torques = torques - run.rows()[..., :_SIZE] @ given_load
+            torques = torques - run.rows()[..., :_LOAD_SIZE] @ given_load
         parts.append(torques)
     return np.concatenate(parts)
 
@@ -458,38 +445,38 @@ def _fitted(
     given_load: Array | None,
     delay: bool,
 ) -> tuple[ChannelSolution, float]:
-    """The solution, and the delay (s) that Gauss and Newton's steps find, whose column is -X' p."""
+    """Return the solution, and the delay (s) by Gauss-Newton steps, whose column is -X' p."""
     groups, late = [0] * columns[0].shape[1], 0.0
     solution = least_squares(names, columns[0], _measured(runs, given_load, late), groups)
-    for _ in range(_ROUNDS if delay else 0):
+    for _ in range(_MAX_ITERATIONS if delay else 0):
         moving = -(columns[1] @ solution.values[: len(names)])[..., None]
         design = np.concatenate([columns[0], moving], axis=2)
         solution = least_squares([*names, "delay"], design, _measured(runs, given_load, late), groups)
         late += float(solution.values[-1])
         if abs(late) > runs[0].band.every * runs[0].band.step_s:
             raise LabError(f"a delay of {1e3 * late:.3g} ms is too long: align torques and positions first")
-        if abs(float(solution.values[-1])) < _SETTLED_S:
+        if abs(float(solution.values[-1])) < _CONVERGED_S:
             break
     return solution, late
 
 
-def _load_of(solution: ChannelSolution, verdict: ResidualVerdict, gain: float) -> LoadEstimate:
+def _load_of(solution: ChannelSolution, check: Check, gain: float) -> LoadEstimate:
     unidentified = tuple(
         f"{name} of the load" for name, seen in zip(LOAD, solution.identifiable, strict=False) if not seen
     )
-    return estimate_of("arm and load at once", solution, {}, unidentified, verdict, gain)
+    return estimate_of("arm and load at once", solution, {}, unidentified, check, gain)
 
 
 def _beginning(samples: PayloadSamples, holdout: float) -> PayloadSamples:
-    """The rows of each run before those that are held out."""
+    """Return the rows of each run before those that are held out."""
     rows = [np.flatnonzero(samples.loaded == loaded) for loaded in (True, False)]
     return samples.take(np.concatenate([each[: round(len(each) * (1 - holdout))] for each in rows]))
 
 
 def _by_difference(model: DynamicModel, samples: PayloadSamples, found: DynamicsEstimate) -> LoadEstimate | None:
-    """The load from the difference of the two runs, each less what the arm found would ask along its own path.
+    """Estimate the load from the difference of the two runs, each less the identified arm's torques along its own path.
 
-    None where the runs are of other lengths, or the arm is not wholly identified.
+    None without an estimated load, or where the arm is not wholly identified.
     """
     if found.load is None or not found.identified.all() or samples.torques is None:
         return None
@@ -504,21 +491,16 @@ def _by_difference(model: DynamicModel, samples: PayloadSamples, found: Dynamics
     return from_torques(flange, flange.nominal(), of_joints, model.arm.gravity, own=own)
 
 
-_SAME = 0.1  # standard deviations: parameters that are nearer are those that were found
-_UNKNOWN = {"Ia": 0.1, "Fc": 1.0, "Fv": 1.0, "Fcm": 1.0, "Fvm": 1.0}  # a reference where there is none, SI
-_BALL_KG, _BALL_M = 2.0, 0.1  # of each link, where no masses are known
-
-
 @dataclass(frozen=True)
 class PhysicalFit:
-    """The nearest parameters that an arm can have.
+    """Nearest physically consistent parameters of an arm.
 
     Attributes:
         standard: ``(p,)`` standard parameters with positive definite pseudo-inertias, and positive inertias of motors
             and friction; those that torques do not determine are near a reference.
-        base: ``(b,)`` the base parameters of these.
-        distance: of these from what was found, in standard deviations (the root of the sum of squares).
-        p: the chance that the noise alone carries an arm's estimate so far out of what is physical.
+        base: ``(b,)`` their base parameters.
+        distance: from the identified parameters, in standard deviations (the root of the sum of squares).
+        p: probability that noise alone moves an arm's estimate so far from physical parameters.
     """
 
     standard: Array
@@ -528,16 +510,16 @@ class PhysicalFit:
 
     @property
     def physical(self) -> bool:
-        """Decide whether the identified parameters are physically consistent."""
+        """True if the identified parameters are physically consistent."""
         return self.distance < _SAME
 
 
 def nearest_physical_arm(model: DynamicModel, found: DynamicsEstimate, links: Array | None = None) -> PhysicalFit:
-    """The nearest physical parameters of an arm.
+    """Find the nearest physically consistent parameters of an arm.
 
     Args:
-        links: ``(J, 10)`` phi of links like the arm's, in Khalil's frames, near which what torques do not determine is
-            held; balls of 2 kg where they are not known.
+        links: ``(J, 10)`` phi of links like the arm's, in Khalil's frames, near which undetermined parameters are
+            kept; balls of 2 kg where they are not given.
 
     Raises:
         LabError: some base parameter was not identified.
@@ -545,25 +527,20 @@ def nearest_physical_arm(model: DynamicModel, found: DynamicsEstimate, links: Ar
     if not found.identified.all():
         raise LabError("not every base parameter is identified: there is nothing to make physical; move more joints")
     arm = model.arm
-    positive = _positive(arm)
+    positive = [i for i, name in enumerate(arm.names) if name.rstrip("0123456789") in _DEFAULTS]
     reference = _reference(arm, links)
     scale = found.sigma
     root = np.linalg.inv(np.linalg.cholesky(found.covariance / np.outer(scale, scale))) / scale
     aim = Nearest(model.base.projection, found.values, root)
-    standard = BodyCone(arm.bodies(), positive, reference).nearest(aim, reference)
+    standard = BodyCone(arm.bodies(), np.array(positive, dtype=np.int_), reference).nearest(aim, reference)
     distance = float(np.linalg.norm(aim.misfit(standard)))
     return PhysicalFit(
         standard, model.base.projection @ standard, distance, float(p_value_of_squares(distance**2, model.base.size))
     )
 
 
-def _positive(arm: ArmDynamics) -> NDArray[np.int_]:
-    """Indices of motor inertias and friction."""
-    return np.array([i for i, name in enumerate(arm.names) if name.rstrip("0123456789") in _UNKNOWN], dtype=np.int_)
-
-
 def _reference(arm: ArmDynamics, links: Array | None) -> Array:
-    others = {name: _UNKNOWN[kind] for name in arm.names if (kind := name.rstrip("0123456789")) in _UNKNOWN}
+    others = {name: _DEFAULTS[kind] for name in arm.names if (kind := name.rstrip("0123456789")) in _DEFAULTS}
     moment = 0.4 * _BALL_KG * _BALL_M**2
     ball = np.array([_BALL_KG, 0.0, 0.0, 0.0, moment, moment, moment, 0.0, 0.0, 0.0])
     return arm.standard(np.tile(ball, (arm.chain.size, 1)) if links is None else links, others)

@@ -1,15 +1,16 @@
-"""The dynamic parameters of an arm: typed, and as plain values."""
+"""Result of ``lab dynamics``: values, document and pictures."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lab.campaign.robot import Robot
 from lab.commands.result import Result, number, plain_numbers
+from lab.core.checks import Check
 from lab.core.errors import LabError
 from lab.core.limits import called
 from lab.core.random import rng_for
@@ -17,11 +18,11 @@ from lab.core.se3 import Array
 from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.extensions.dynamics.arm.base_parameters import BaseParameters, Formula, random_states, regrouping_formulas
 from lab.extensions.dynamics.arm.identify import DynamicsEstimate, PhysicalFit
-from lab.extensions.dynamics.arm.options import DynamicsOptions
 from lab.extensions.dynamics.load_files import PayloadSamples, write_loads
+from lab.extensions.dynamics.options import DynamicsOptions
 from lab.extensions.dynamics.payload.estimate import LoadEstimate
-from lab.extensions.dynamics.payload.plausibility import Implausibility
-from lab.extensions.dynamics.payload.result import parameter_rows, true_values
+from lab.extensions.dynamics.payload.result import FIT_BADGES, fit_pictures, parameter_rows, true_values, with_width
+from lab.extensions.dynamics.phrases import phrase
 from lab.formats.drives_toml import Drives
 from lab.kinematics.dynamics.rigid_body import ArmDynamics
 from lab.render.charts.chart import axes_picture, log_ticks
@@ -29,7 +30,6 @@ from lab.render.charts.marks import Axes
 from lab.render.document import (
     EVERYWHERE,
     PAGE,
-    Badge,
     Block,
     Document,
     Figure,
@@ -43,15 +43,13 @@ from lab.render.document import (
     sentence,
     short,
 )
-from lab.render.style import MEASURED, PREDICTED
+from lab.render.style import PREDICTED
 
-if TYPE_CHECKING:
-    from lab.render.document import Document
+__all__ = ["DynamicsResult", "SimulatedSession"]
 
-__all__ = ["DynamicsResult", "SimulatedSession", "estimate_to_dict", "singular_values_picture"]
-
-MOTION_CSV, ANOTHER_CSV = "motion.csv", "another.csv"  # of a simulated session, in the run's folder
-STATES = 200  # over which the conditioning is looked at
+_MOTION_CSV, _ANOTHER_CSV = "motion.csv", "another.csv"  # of a simulated session, in the run's folder
+_STATES = 200  # over which the conditioning is computed
+_ROUNDING = 1e-12  # of true values, SI
 
 
 @dataclass(frozen=True)
@@ -72,24 +70,24 @@ class SimulatedSession:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class DynamicsResult(Result):
-    """An arm's dynamic parameters: which ones its torques determine, and what they are.
+    """An arm's base parameters, and their identified values.
 
     Attributes:
-        options: what was asked.
+        options: of the command.
         arm: the inverse dynamic model.
         base: its base parameters.
-        drives: how they turn the joints, where that was given.
-        day: the simulated session, if any.
-        samples: what was read; None where only the base parameters were asked for.
-        estimate: what was identified of that.
-        physical: the nearest parameters that an arm can have; None where not every base parameter was identified.
-        implausible: why arm or load cannot be what they were identified as.
+        drives: gear ratios and couplings, where given.
+        session: the simulated session, if any.
+        samples: of the file; None where only the base parameters were requested.
+        estimate: from the samples.
+        physical: the nearest physical parameters; None where not every base parameter was identified.
+        implausible: failed checks of plausibility.
     """
 
     command = "dynamics"
     shown_by = "lab.extensions.dynamics.arm.result:_dynamics_document"
     drawn_by = "lab.extensions.dynamics.arm.result:_main_picture"
-    recorded_by = "lab.extensions.dynamics.arm.recording:record_dynamics"
+    recorded_by = "lab.extensions.dynamics.recording:record_dynamics"
 
     options: DynamicsOptions
     robot: Robot
@@ -101,7 +99,7 @@ class DynamicsResult(Result):
     estimate: DynamicsEstimate | None
     physical: PhysicalFit | None
     warnings: tuple[str, ...]
-    implausible: tuple[Implausibility, ...] = ()
+    implausible: tuple[Check, ...] = ()
 
     @property
     def model_sha256(self) -> str:
@@ -115,14 +113,14 @@ class DynamicsResult(Result):
 
     @cached_property
     def singular_values(self) -> Array:
-        """``(b,)`` of the base regressor with unit columns over random states, largest first."""
-        states = random_states(self.arm, STATES, rng_for(0, "structure", 2))
+        """Singular values ``(b,)`` of the base regressor with unit columns over random states, largest first."""
+        states = random_states(self.arm, _STATES, rng_for(0, "structure", 2))
         columns = self.arm.regressor(*states)[..., self.base.independent].reshape(-1, self.base.size)
         return np.asarray(np.linalg.svd(columns / np.linalg.norm(columns, axis=0), compute_uv=False))
 
     @property
     def values(self) -> Array:
-        """``(b,)`` base parameters: least squares', or with --physical the nearest that an arm can have.
+        """Base parameters ``(b,)`` by least squares, or with --physical the nearest physical ones.
 
         Raises:
             LabError: nothing was measured.
@@ -133,8 +131,8 @@ class DynamicsResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """0 where nothing was measured, or where the residuals are what noise explains of what can be; else 1."""
-        return 1 if self.implausible or (self.estimate and self.estimate.verdict.adequate is False) else 0
+        """1 for an implausible estimate or lack of fit, else 0."""
+        return 1 if self.implausible or (self.estimate and self.estimate.adequate is False) else 0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the output of ``--json``, SI units: base parameters with their formulas, values and intervals."""
@@ -149,8 +147,8 @@ class DynamicsResult(Result):
             "formulas": {formula.label: formula.text() for formula in self.formulas},
             "without_effect": [base.names[i] for i in base.without_effect],
         }
-        strange = {"implausible": [each.description for each in self.implausible]}
-        measured = {} if self.estimate is None else estimate_to_dict(self.estimate) | strange
+        implausible = {"implausible": [phrase(check) for check in self.implausible]}
+        measured = {} if self.estimate is None else _estimate_to_dict(self.estimate) | implausible
         bodies = {} if self.physical is None else {"physical": _physical_to_dict(base, self.physical)}
         true = (
             {} if self.session is None else {"true": dict(zip(base.labels, self.session.truth.tolist(), strict=True))}
@@ -165,11 +163,11 @@ class DynamicsResult(Result):
     def write_files(self, folder: Path) -> None:
         """Write the motions of a simulated session."""
         if self.session is not None:
-            for name, samples in ((MOTION_CSV, self.session.samples), (ANOTHER_CSV, self.session.other)):
+            for name, samples in ((_MOTION_CSV, self.session.samples), (_ANOTHER_CSV, self.session.other)):
                 self._write_motion(folder / name, samples)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
-        """A row for each base parameter: its name, formula and unit, and what was identified of it."""
+        """Return a row for each base parameter: its name, formula and unit, and its identified value."""
         names = [formula.name for formula in self.formulas]
         table: dict[str, Sequence[Any]] = {
             "parameter": [formula.label for formula in self.formulas],
@@ -182,7 +180,7 @@ class DynamicsResult(Result):
         return table
 
     def _write_motion(self, path: Path, samples: PayloadSamples) -> None:
-        """A file as ``lab dynamics`` reads it: with motor currents where the drives' gains are known."""
+        """Write a file as ``lab dynamics`` reads it: with motor currents where the drives' gains are given."""
         chain, drives = self.robot.chain, self.drives
         if drives is not None and drives.torque_nm_per_a is not None and samples.torques is not None:
             currents = samples.torques / drives.torques(np.ones((1, chain.size)))
@@ -190,8 +188,7 @@ class DynamicsResult(Result):
         write_loads(path, samples, chain.joint_names, chain.prismatic)
 
 
-def estimate_to_dict(found: DynamicsEstimate) -> dict[str, Any]:
-    """Plain values of what was identified, SI units; None is what was not."""
+def _estimate_to_dict(found: DynamicsEstimate) -> dict[str, Any]:
     values = {
         name: {"value": number(value), "half_width_95": number(half), "relative_std": number(relative)}
         for name, value, half, relative in zip(
@@ -203,10 +200,10 @@ def estimate_to_dict(found: DynamicsEstimate) -> dict[str, Any]:
         "numbers": found.rows,
         "noise": plain_numbers(found.noise),
         "relative_error": number(found.relative_error),
-        "adequate": found.verdict.adequate,
-        "adequacy": found.verdict.description,
+        "adequate": found.adequate,
+        "adequacy": phrase(found.verdict),
         "p": number(found.verdict.p),
-        "delay_s": None if found.delay is None else _with_width(found.delay.value, found.delay.half_width),
+        "delay_s": None if found.delay is None else with_width(found.delay.value, found.delay.half_width),
         "load": None if found.load is None else _load_to_dict(found.load),
         "load_by_difference": None if found.by_difference is None else _load_to_dict(found.by_difference),
         "predictions": [
@@ -224,7 +221,6 @@ def estimate_to_dict(found: DynamicsEstimate) -> dict[str, Any]:
 
 
 def _physical_to_dict(base: BaseParameters, found: PhysicalFit) -> dict[str, Any]:
-    """Plain values of the nearest parameters that an arm can have, SI units."""
     return {
         "physical": found.physical,
         "distance_sigma": number(found.distance),
@@ -235,30 +231,19 @@ def _physical_to_dict(base: BaseParameters, found: PhysicalFit) -> dict[str, Any
 
 
 def _load_to_dict(load: LoadEstimate) -> dict[str, Any]:
-    """Plain values of a load at the flange, SI units."""
     return {
-        "mass_kg": _with_width(load.mass_kg, load.mass_half_width_kg),
-        "com_m": _with_width(load.com_m, load.com_half_width),
-        "inertia_about_com_kgm2": _with_width(load.inertia_com_kgm2, load.inertia_com_half_width),
+        "mass_kg": with_width(load.mass_kg, load.mass_half_width_kg),
+        "com_m": with_width(load.com_m, load.com_half_width),
+        "inertia_about_com_kgm2": with_width(load.inertia_com_kgm2, load.inertia_com_half_width),
         "physical": load.physical,
     }
 
 
-def _with_width(value: Array | float, half_width: Array | float) -> dict[str, Any]:
-    return {"value": plain_numbers(value), "half_width_95": plain_numbers(half_width)}
-
-
-MOST_DRAWN = 600  # rows
-ROUNDING = 1e-12  # of what is true, SI
-
-
 def _main_picture(result: DynamicsResult) -> Picture:
-    """Return the first drive's torque, measured and explained; without measurements, the singular values."""
-    return singular_values_picture(result) if result.estimate is None else _torque_pictures(result)[0]
+    return _singular_values_picture(result) if result.estimate is None else _torque_pictures(result)[0]
 
 
 def _dynamics_document(result: DynamicsResult) -> Document:
-    """The base parameters with their formulas, what affects no torque, and the conditioning."""
     base, found = result.base, result.estimate
     grouping = (Paragraph(_counts(result)), _formulas(result), Paragraph(_without(result)))
     name = called(result.robot.name, result.options.serial)
@@ -268,7 +253,7 @@ def _dynamics_document(result: DynamicsResult) -> Document:
             *(
                 ()
                 if found is None
-                else (Paragraph((_FIT[found.verdict.adequate], f" {sentence(found.verdict.description)}")),)
+                else (Paragraph((FIT_BADGES[found.adequate], f" {sentence(phrase(found.verdict))}")),)
             ),
             Warnings(result.warnings),
             *(() if found is None else _identified(result, found)),
@@ -278,11 +263,7 @@ def _dynamics_document(result: DynamicsResult) -> Document:
     )
 
 
-_FIT = {True: Badge("no lack of fit", "good"), False: Badge("lack of fit", "bad"), None: Badge("not judged")}
-
-
 def _identified(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Section, ...]:
-    """Report the identified parameters, their prediction, the load and the torques."""
     caption = "Measured torques, and what the parameters make of them."
     return (
         Section("Identified parameters", (_values(result, found), Paragraph(_noise(result, found)))),
@@ -294,7 +275,7 @@ def _identified(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Sectio
 
 
 def _values(result: DynamicsResult, found: DynamicsEstimate) -> Table:
-    """Values to the second digit of their half-widths, with relative standard deviations."""
+    """Round values to the second digit of their half-widths."""
     units = result.arm.units([formula.name for formula in result.formulas])
     rows: list[tuple[str, ...]] = []
     for name, unit, value, half, relative in zip(
@@ -310,7 +291,7 @@ def _values(result: DynamicsResult, found: DynamicsEstimate) -> Table:
     if result.session is not None:
         columns = (*columns, "true")
         rows = [
-            (*row, short(true if abs(true) > ROUNDING else 0.0))
+            (*row, short(true if abs(true) > _ROUNDING else 0.0))
             for row, true in zip(rows, result.session.truth.tolist(), strict=True)
         ]
     return Table(columns, tuple(rows), caption)
@@ -330,7 +311,7 @@ def _noise(result: DynamicsResult, found: DynamicsEstimate) -> str:
 
 
 def _physical(result: DynamicsResult) -> str:
-    """Report whether the parameters are physically consistent for links, motors and joints."""
+    """State whether the parameters are physically consistent."""
     fit = result.physical
     if fit is None:
         return ""
@@ -345,7 +326,7 @@ def _physical(result: DynamicsResult) -> str:
 
 
 def _predictions(result: DynamicsResult, found: DynamicsEstimate) -> Table:
-    """A row for each path that was predicted, and for each drive of it."""
+    """Return a row for each predicted path, and for each drive of it."""
     rows = []
     for each in found.predictions:
         rows.append((each.of, "all", short(100 * each.total_relative, "%"), short(each.total_noise_ratio)))
@@ -355,20 +336,19 @@ def _predictions(result: DynamicsResult, found: DynamicsEstimate) -> Table:
 
 
 def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Block, ...]:
-    """The load by both ways, side by side."""
+    """Compare the load by both methods."""
     if found.load is None:
         return ()
-    ways = [parameter_rows(load) for load in (found.load, found.by_difference) if load is not None]
-    if not ways[0]:
+    first, *others = [parameter_rows(load) for load in (found.load, found.by_difference) if load is not None]
+    if not first:
         return (Paragraph("The motion does not identify the load."),)
     rows = []
     true = None if result.session is None or result.session.load is None else true_values(result.session.load)
-    for name, value, width, unit in ways[0]:
-        others = [row for way in ways[1:] for row in way if row[0] == name]
-        pairs = [(value, width), *((other[1], other[2]) for other in others)]
-        cells = [_interval_text(*pair) for pair in pairs]
-        known = () if true is None else (short(true[name]),)
-        rows.append((name, *cells, *("–" for _ in range(2 - len(cells))), unit, *known))
+    for name, value, width, unit in first:
+        cells = [_interval_text(row[1], row[2]) for rows_of_other in others for row in rows_of_other if row[0] == name]
+        cells = [_interval_text(value, width), *cells]
+        true_cell = () if true is None else (short(true[name]),)
+        rows.append((name, *cells, *("–" for _ in range(2 - len(cells))), unit, *true_cell))
     caption = "About and along the frame of the flange, with half-widths of 95 % intervals."
     columns = ("", "with the arm at once", "by difference of the runs", "unit", *(() if true is None else ("true",)))
     return (Table(columns, tuple(rows), caption),)
@@ -382,29 +362,14 @@ def _interval_text(value: float, half_width: float) -> str:
 
 
 def _torque_pictures(result: DynamicsResult) -> tuple[Picture, ...]:
-    """Plot each drive's torque as measured and as fitted."""
-    found = result.estimate
+    found, chain = result.estimate, result.robot.chain
     assert found is not None
-    every = max(1, len(found.measured) // MOST_DRAWN)
-    measured, left = found.measured[::every], found.residual[::every]
-    pictures = []
-    for j, (name, slides) in enumerate(zip(result.robot.chain.joint_names, result.robot.chain.prismatic, strict=True)):
-
-        def draw(axes: Axes, j: int = j, name: str = name, slides: bool = slides) -> None:
-            at = np.arange(len(measured)) * every
-            axes.plot(at, measured[:, j], ".", color=MEASURED, markersize=3, label="measured")
-            axes.plot(at, measured[:, j] - left[:, j], "-", color=PREDICTED, linewidth=1, label="explained")
-            axes.set(title=name, xlabel="row, as thinned", ylabel="N" if slides else "Nm")
-            if j == 0:
-                axes.legend(loc="best")
-
-        text = f"Torque of {name}, measured and explained"
-        pictures.append(axes_picture(f"torque{j}", text, (4.4, 2.3), draw, (0.7, 0.45, 0.1, 0.3)))
-    return tuple(pictures)
+    drives = [(name, "N" if slides else "Nm") for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)]
+    return fit_pictures(drives, found.measured, found.residual, "torque", "Torque of {}")
 
 
-def singular_values_picture(result: DynamicsResult) -> Picture:
-    """Singular values relative to the largest, from the best determined direction to the worst."""
+def _singular_values_picture(result: DynamicsResult) -> Picture:
+    """Plot singular values relative to the largest, from the best determined direction to the worst."""
     relative = result.singular_values / result.singular_values[0]
 
     def draw(axes: Axes) -> None:
@@ -444,4 +409,4 @@ def _without(result: DynamicsResult) -> str:
 def _conditioning(result: DynamicsResult) -> Figure:
     condition = result.singular_values[0] / result.singular_values[-1]
     caption = f"Over random states, columns of unit length; the condition number is {condition:.0f}."
-    return Figure("singular-values-figure", (singular_values_picture(result),), caption)
+    return Figure("singular-values-figure", (_singular_values_picture(result),), caption)

@@ -1,4 +1,4 @@
-"""The dynamic parameters of an arm: which ones its torques determine, and from a file what they are."""
+"""Run ``lab dynamics``: find an arm's base parameters, and identify them from a file."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,16 +9,17 @@ import numpy as np
 
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.command_line import options_of, takes
+from lab.core.checks import Check
 from lab.core.errors import LabError, error_context
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.dynamics.arm.base_parameters import base_parameters
 from lab.extensions.dynamics.arm.identify import DynamicModel, DynamicsEstimate, identify_dynamics, nearest_physical_arm
-from lab.extensions.dynamics.arm.options import DynamicsOptions
-from lab.extensions.dynamics.arm.plausibility import implausible_dynamics
 from lab.extensions.dynamics.arm.result import DynamicsResult, SimulatedSession
 from lab.extensions.dynamics.load_files import PayloadSamples, read_load, read_motion, read_mounting
-from lab.extensions.dynamics.payload.plausibility import ArmSize, Implausibility, stuck_channels
+from lab.extensions.dynamics.options import DynamicsOptions
+from lab.extensions.dynamics.phrases import phrase
+from lab.extensions.dynamics.plausibility import ArmSize, implausible_dynamics, stuck_channels
 from lab.extensions.dynamics.simulated_session import MeasuringBench, simulated_load
 from lab.extensions.dynamics.simulation import drawn_mounting
 from lab.formats.drives_toml import Drives, drives_in, read_drives
@@ -28,7 +29,7 @@ from lab.simulation.model_files import link_inertias
 
 __all__ = ["dynamics"]
 
-_MOST_NAMED = 8  # base parameters in a warning
+_MAX_NAMED = 8  # base parameters in a warning
 
 
 @takes(DynamicsOptions)
@@ -57,19 +58,17 @@ def dynamics(
     if isinstance(file, DynamicsOptions):
         file.check()
         return _identified(file, load_virtual(file.robot) if file.rehearsal.simulate else load_robot(file.robot))
-    known = load_robot(robot)
-    given = {"file": None if file is None else str(file), "robot": known.source, **options}
-    asked = options_of("lab.dynamics", DynamicsOptions, given)
-    asked.check()
-    return _identified(asked, load_virtual(known) if asked.rehearsal.simulate else known)
+    nominal = load_robot(robot)
+    given = {"file": None if file is None else str(file), "robot": nominal.source, **options}
+    requested = options_of("lab.dynamics", DynamicsOptions, given)
+    requested.check()
+    return _identified(requested, load_virtual(nominal) if requested.rehearsal.simulate else nominal)
 
 
 def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
     model, left_out = robot.serial_model, set(options.without)
     drives = _drives(options, robot)
-    mounting = drawn_mounting(model)
-    if options.sensor is not None:
-        mounting = read_mounting(options.sensor, sensor=False)
+    mounting = drawn_mounting(model) if options.sensor is None else read_mounting(options.sensor, sensor=False)
     arm = ArmDynamics(
         khalil_chain(model.chain),
         mounting.gravity,
@@ -81,8 +80,8 @@ def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
     base = base_parameters(arm, rng_for(0, "structure"))
     described = DynamicsResult(options, robot, arm, base, drives, None, None, None, None, tuple(robot.warnings))
     if options.rehearsal.simulate:
-        day = _simulated(described)
-        return _measured(replace(described, session=day), day.samples, day.other)
+        session = _simulated(described)
+        return _measured(replace(described, session=session), session.samples, session.other)
     if options.file is None:
         return described
     other = None if options.validate is None else _read(robot, options.validate, drives)
@@ -90,7 +89,7 @@ def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
 
 
 def _drives(options: DynamicsOptions, robot: Robot) -> Drives | None:
-    """Return the drive coupling by ``--drives`` or by the robot's table; None where neither gives it."""
+    """Return the drives by ``--drives`` or by the robot's table; None where neither gives them."""
     size, path = robot.serial_model.chain.size, robot.model.path
     if options.drives is not None:
         return read_drives(options.drives, size)
@@ -98,10 +97,10 @@ def _drives(options: DynamicsOptions, robot: Robot) -> Drives | None:
 
 
 def _simulated(described: DynamicsResult) -> SimulatedSession:
-    """A virtual measurement session: the designed path and another one, with the load if one is asked for."""
-    robot, asked, base = described.robot, described.options.rehearsal, described.base
-    load = None if asked.payload_kg is None else simulated_load(asked.payload_kg, asked)
-    bench = MeasuringBench(robot, asked, load, described.arm.couplings)
+    """Simulate a measurement session: the designed path and another one, with the load if requested."""
+    robot, session, base = described.robot, described.options.rehearsal, described.base
+    load = None if session.payload_kg is None else simulated_load(session.payload_kg, session)
+    bench = MeasuringBench(robot, session, load, described.arm.couplings)
     model = DynamicModel(robot.serial_model.chain, described.arm, base)
 
     def regressor(joints: Array, speeds: Array, accelerations: Array) -> Array:
@@ -116,41 +115,39 @@ def _simulated(described: DynamicsResult) -> SimulatedSession:
 
 def _measured(described: DynamicsResult, samples: PayloadSamples, other: PayloadSamples | None) -> DynamicsResult:
     options, robot = described.options, described.robot
-    known, file = None if options.load is None else read_load(options.load), options.file or "--simulate"
-    if known is not None and not samples.loaded.any():
+    load, file = None if options.load is None else read_load(options.load), options.file or "--simulate"
+    if load is not None and not samples.loaded.any():
         raise LabError(f"--load {options.load}: no row of {file} has run = loaded; mark those that carry it")
     model = DynamicModel(robot.serial_model.chain, described.arm, described.base)
     with error_context(file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         estimate = identify_dynamics(
-            model, samples, given_load=known, delay=options.delay, holdout=options.holdout, other=other,
+            model, samples, given_load=load, delay=options.delay, holdout=options.holdout, other=other,
             band_hz=options.band_hz,
         )  # fmt: skip
         if not estimate.identified.any():
             raise LabError("nothing of the arm shows: move its joints, several at a time")
-    bodies, links = None, None if robot.loads is None else link_inertias(robot.serial_model)
+    physical, links = None, None if robot.loads is None else link_inertias(robot.serial_model)
     if estimate.identified.all():
-        bodies = nearest_physical_arm(model, estimate, links)
+        physical = nearest_physical_arm(model, estimate, links)
     elif options.physical:
         raise LabError("--physical: not every base parameter is identified; move more joints, or leave it out")
     size = ArmSize.of(robot.serial_model.chain, robot.loads)
-    nominal = None if links is None else _nominal(model, links)
-    every = np.ones(robot.chain.size, dtype=np.bool_)
+    nominal = None if links is None else model.base.projection @ model.arm.standard(links, {})
     names = [f"the torque of {name}" for name in robot.chain.joint_names]
-    stuck = stuck_channels(replace(samples, wrench=None), names, every)
-    strange = (*stuck, *implausible_dynamics(estimate, model, size, nominal, bodies))
-    messages = (*described.warnings, *samples.warnings, *_warnings(estimate, strange))
+    stuck = stuck_channels(replace(samples, wrench=None), names, np.ones(robot.chain.size, dtype=np.bool_))
+    implausible = (*stuck, *implausible_dynamics(estimate, model, size, nominal, physical))
     return replace(
-        described, samples=samples, estimate=estimate, physical=bodies, warnings=messages, implausible=strange
+        described,
+        samples=samples,
+        estimate=estimate,
+        physical=physical,
+        warnings=(*described.warnings, *samples.warnings, *_warnings(estimate, implausible)),
+        implausible=implausible,
     )
 
 
-def _nominal(model: DynamicModel, links: Array) -> Array:
-    """``(b,)`` base parameters by the links' nominal masses ``(J, 10)``, without friction and motors."""
-    return np.asarray(model.base.projection @ model.arm.standard(links, {}))
-
-
 def _read(robot: Robot, file: Path, drives: Drives | None) -> PayloadSamples:
-    """A motion with the drives' torques, as the joints feel them."""
+    """Read a motion, with motor currents converted to the drives' torques."""
     chain = robot.chain
     samples = read_motion(file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper), drives)
     assert samples.torques is not None
@@ -162,14 +159,13 @@ def _read(robot: Robot, file: Path, drives: Drives | None) -> PayloadSamples:
     return replace(samples, torques=torques, currents=False)
 
 
-def _warnings(estimate: DynamicsEstimate, strange: Sequence[Implausibility]) -> list[str]:
-    """Return the warnings for an estimate."""
-    warnings = [f"not plausible: {each.description}" for each in strange]
-    if estimate.verdict.adequate is False:
-        warnings.append(estimate.verdict.description)
+def _warnings(estimate: DynamicsEstimate, implausible: Sequence[Check]) -> list[str]:
+    warnings = [f"not plausible: {phrase(check)}" for check in implausible]
+    if estimate.adequate is False:
+        warnings.append(phrase(estimate.verdict))
     hidden = [name for name, seen in zip(estimate.names, estimate.identified, strict=True) if not seen]
     if hidden:
-        more = f" and {len(hidden) - _MOST_NAMED} more" if len(hidden) > _MOST_NAMED else ""
-        named = ", ".join(hidden[:_MOST_NAMED])
+        more = f" and {len(hidden) - _MAX_NAMED} more" if len(hidden) > _MAX_NAMED else ""
+        named = ", ".join(hidden[:_MAX_NAMED])
         warnings.append(f"the motion does not show {named}{more}: move more joints at a time, and faster")
     return warnings

@@ -1,13 +1,15 @@
-"""A load as identified: its parameters with intervals, what follows from them, and what the data do not show."""
+"""Identified payload: parameters with intervals, derived quantities, and advice on unidentified parameters."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from lab.commands.hand_load import HandLoad
+from lab.core.checks import Check
 from lab.core.se3 import Array
-from lab.extensions.dynamics.regression import ChannelSolution, ResidualVerdict
+from lab.extensions.dynamics.regression import ChannelSolution
 from lab.kinematics.dynamics.rigid_body import (
     LOAD,
     elements,
@@ -41,7 +43,7 @@ class Nuisance:
 class LoadEstimate:
     """The load at the hand, about the origin and in the axes of ``frame``, with 95 % intervals.
 
-    What is not identified is NaN, here and in everything that follows from it.
+    Unidentified parameters, and quantities derived from them, are NaN.
 
     Attributes:
         method: ``torques``, ``wrench`` or ``sag``, and whether of static poses or a motion.
@@ -49,13 +51,13 @@ class LoadEstimate:
         covariance: ``(10, 10)``.
         half_width: ``(10,)`` of phi.
         com_half_width, inertia_com_half_width: ``(3,)`` m and ``(3, 3)`` kg m^2, to first order.
-        rank, columns: of all that was estimated, with the nuisances; equal where all of it was identified.
-        rows: the numbers that were fitted, each of which counts as independent.
+        rank, columns: of the regressor, with the nuisances; equal where all parameters are identified.
+        rows: number of fitted readings, each of which counts as independent.
         sigma: ``(d,)`` noise of one reading: each joint's torque (Nm, N of a slide), sensor's axis, or coordinate (m).
-        measured, residual: ``(n, d)`` what was to be explained, and what of that is left, in the channels' units.
-        moved: whether it was moved to what a body can have, by ``physical_consistency``.
-        unidentified: sentences that say what is not identified, and which motion would show it.
-        physical: whether a body can have these parameters; None where there is no mass to judge by.
+        measured, residual: ``(n, d)`` measurements and residuals, in the channels' units.
+        unidentified: sentences on unidentified parameters, and the motion that would show them.
+        verdict: the test of the residuals.
+        moved: whether ``physical_consistency`` moved the parameters to physical ones.
     """
 
     method: str
@@ -73,48 +75,48 @@ class LoadEstimate:
     residual: Array
     unidentified: tuple[str, ...]
     nuisance: tuple[Nuisance, ...]
-    verdict: ResidualVerdict
+    verdict: Check
     moved: bool = False
 
     @property
     def identified(self) -> tuple[str, ...]:
-        """The names of ``LOAD`` that are."""
+        """Names of the identified parameters, of ``LOAD``."""
         return tuple(name for name, value in zip(LOAD, self.phi, strict=True) if np.isfinite(value))
 
     @property
     def mass_kg(self) -> float:
-        """Its mass."""
+        """Mass, kg."""
         return float(self.phi[0])
 
     @property
     def hand_load(self) -> HandLoad:
-        """The part that gravity acts on; NaN where it is not identified."""
+        """Mass and centre of mass; NaN where they are not identified."""
         return HandLoad(self.mass_kg, self.com_m, self.covariance[:4, :4])
 
     @property
     def mass_half_width_kg(self) -> float:
-        """Half width of the mass's 95 % interval, kg."""
+        """Half-width of the mass's 95 % interval, kg."""
         return float(self.half_width[0])
 
     @property
     def com_m(self) -> Array:
-        """``(3,)``, its centre of mass."""
+        """Centre of mass ``(3,)``, m."""
         centre: Array = self.phi[1:4] / self.phi[0]
         return centre
 
     @property
     def inertia_kgm2(self) -> Array:
-        """``(3, 3)`` about the frame's origin."""
+        """Inertia ``(3, 3)`` about the frame's origin."""
         return symmetric(self.phi[4:])
 
     @property
     def inertia_half_width_kgm2(self) -> Array:
-        """``(3, 3)`` about the frame's origin."""
+        """Half-widths ``(3, 3)`` of ``inertia_kgm2``."""
         return symmetric(self.half_width[4:])
 
     @property
     def inertia_com_kgm2(self) -> Array:
-        """``(3, 3)`` about the centre of mass."""
+        """Inertia ``(3, 3)`` about the centre of mass."""
         return inertia_about_centre(self.phi)
 
     @cached_property
@@ -128,8 +130,8 @@ class LoadEstimate:
 
     @property
     def adequate(self) -> bool | None:
-        """Adequacy of the fit: noise explains the residuals; None where there are too few to test."""
-        return self.verdict.adequate
+        """True if noise explains the residuals; None where there are too few to test."""
+        return None if self.verdict.outcome == "not tested" else self.verdict.outcome == "passed"
 
 
 def estimate_of(
@@ -137,13 +139,13 @@ def estimate_of(
     solution: ChannelSolution,
     nuisance: dict[str, tuple[float, str]],
     unidentified: tuple[str, ...],
-    verdict: ResidualVerdict,
+    verdict: Check,
     gain: float,
 ) -> LoadEstimate:
-    """The load whose ten parameters come first in a solution.
+    """Return the load whose ten parameters come first in a solution.
 
     Args:
-        nuisance: values and units of the other parameters, by name, which the solution may hold as steps only.
+        nuisance: values and units of the other parameters, by name, of which the solution may hold steps only.
         gain: standard deviation of the solution's rows where that of one reading is one.
     """
     identifiable = solution.identifiable[:10]
@@ -179,14 +181,14 @@ def estimate_of(
 
 
 def _widths_of(solution: ChannelSolution, slopes: Array) -> Array:
-    """Half-widths ``(k,)`` of what moves by ``slopes`` ``(k, 10)`` with the load's parameters."""
+    """Return half-widths ``(k,)`` of quantities with derivatives ``(k, 10)`` by the load's parameters."""
     padded = np.zeros((len(slopes), len(solution.names)))
     padded[:, :10] = slopes
     return solution.half_widths(padded)
 
 
 def _centre_slopes(phi: Array) -> Array:
-    """Derivatives ``(3, 10)`` of the centre of mass."""
+    """Return the derivatives ``(3, 10)`` of the centre of mass."""
     slopes = np.zeros((3, 10))
     slopes[:, 0] = -phi[1:4] / phi[0] ** 2
     slopes[:, 1:4] = np.eye(3) / phi[0]
@@ -194,7 +196,7 @@ def _centre_slopes(phi: Array) -> Array:
 
 
 def _inner_slopes(phi: Array) -> Array:
-    """Derivatives ``(6, 10)`` of the inertia's elements about the centre of mass, I - (s's 1 - s s') / m, s = m c."""
+    """Return the derivatives ``(6, 10)`` of the inertia about the centre of mass, I - (s's 1 - s s') / m, s = m c."""
     mass, moment = phi[0], phi[1:4]
     slopes = np.zeros((6, 10))
     slopes[:, 0] = elements(moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass**2
@@ -206,15 +208,15 @@ def _inner_slopes(phi: Array) -> Array:
 
 
 _AXES = "xyz"
-_SHOWN = 200  # samples to tell by which joints turn the hand
+_MAX_SAMPLES = 200  # over which the joints that turn the hand are found
 
 
 def excitation_advice(
     solution: ChannelSolution, moving: bool, arm: SerialArm, values: Array, joints: Array
 ) -> tuple[str, ...]:
-    """A sentence for each group of parameters that is not identified, or only to more than its own size."""
+    """Return a sentence for each group of parameters that is not identified, or only to more than its own size."""
     identifiable, found = solution.identifiable[:10], []
-    joints = joints[:: max(1, len(joints) // _SHOWN)]
+    joints = joints[:: max(1, len(joints) // _MAX_SAMPLES)]
     if not identifiable[:4].all():
         names = ", ".join(np.array(LOAD[:4])[~identifiable[:4]])
         found.append(f"{names}: not identifiable one by one; add poses that turn the hand about other horizontal axes")
@@ -224,7 +226,7 @@ def excitation_advice(
             f"turns it about all its axes ({_turned_by(arm, values, joints, range(3))})"
         )
         return tuple(found)
-    vague = _vague(solution)
+    vague = solution.half_widths(np.eye(len(solution.names)))[4:10] > np.abs(solution.values[4:7]).max()
     for k in range(4, 10):
         if identifiable[k] and not vague[k - 4]:
             continue
@@ -238,14 +240,8 @@ def excitation_advice(
     return tuple(found)
 
 
-def _vague(solution: ChannelSolution) -> Array:
-    """``(6,)`` whether the interval of an element of the inertia is wider than the largest that is found."""
-    widths = solution.half_widths(np.eye(len(solution.names)))[4:10]
-    return np.asarray(widths > np.abs(solution.values[4:7]).max())
-
-
-def _turned_by(arm: SerialArm, values: Array, joints: Array, axes: "range | list[int]") -> str:
-    """The joints that turn the hand most about these of its axes, at the poses that there were."""
+def _turned_by(arm: SerialArm, values: Array, joints: Array, axes: Iterable[int]) -> str:
+    """Name the joints that turn the hand most about these of its axes, at the measured poses."""
     turning = np.abs(hand_jacobian(arm, values, joints)[:, 3:]).mean(axis=0)  # (3, J)
     if not turning.any():
         return "no joint turns it"

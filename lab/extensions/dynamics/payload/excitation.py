@@ -1,13 +1,13 @@
-"""Design motions and poses that show a load best: D-optimal Fourier paths, and D-optimal static poses.
+"""Design D-optimal Fourier paths and D-optimal static poses that identify a load.
 
-A path is a Fourier series of each joint (Swevers, Ganseman, Tükel, De Schutter & Van Brussel 1997). It is sought like
-the poses of ``design``: the best of a batch of random paths, then an ascent of its coefficients, within limits and
-around what is forbidden (``PathSearch``). The score is the determinant of the information: the condition number is
-reported, and is no goal. The arm is seen through plain callables.
+A path is a Fourier series of each joint (Swevers, Ganseman, Tükel, De Schutter & Van Brussel 1997). The search is that
+of ``design``: the best of a batch of random paths, then an ascent of its coefficients, within limits and around
+collisions (``PathSearch``). The score is the determinant of the information; the condition number is only reported.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,34 +24,29 @@ from lab.pose_selection.tour import rated
 
 __all__ = [
     "CHECKED",
-    "HARMONICS",
     "PERIOD_S",
     "RATE_HZ",
     "SECONDS",
-    "Allowed",
     "Box",
     "FourierPath",
     "Limits",
-    "PathDesign",
     "PathSearch",
-    "PoseDesign",
     "PredictedUncertainty",
     "Regressor",
-    "bases",
     "design_path",
     "design_poses",
     "predicted",
     "random_path",
 ]
 
-HARMONICS, PERIOD_S = 5, 5.0
-_MARGIN = 0.02  # of a joint's range, kept from each limit
-CHECKED = 1000  # times of a period at which limits, contacts and torques are looked at
-_LIMIT_SHARE = 0.999  # of a limit of speed or acceleration: what may lie between those times
+PERIOD_S, _HARMONICS = 5.0, 5
+_MARGIN = 0.02  # of a joint's range, from each limit
+CHECKED = 1000  # times of a period at which limits, contacts and torques are checked
+_LIMIT_SHARE = 0.999  # of a limit of speed or acceleration, with a reserve for the time between
 
 
-def bases(times: Array, period_s: float, harmonics: int) -> Array:
-    """The functions of a Fourier series and their two derivatives by time, ``(3, n, 1 + 2 h)``."""
+def _basis(times: Array, period_s: float, harmonics: int) -> Array:
+    """Return the functions of a Fourier series and their two derivatives by time, ``(3, n, 1 + 2 h)``."""
     rates = 2 * np.pi / period_s * np.arange(1, harmonics + 1)
     phase = np.outer(times, rates)
     one, cosine, sine = np.ones((len(times), 1)), np.cos(phase), np.sin(phase)
@@ -65,10 +60,10 @@ def bases(times: Array, period_s: float, harmonics: int) -> Array:
 
 
 def _rest_shapes(harmonics: int) -> Array:
-    """Orthonormal columns ``(1 + 2 h, 2 h - 1)`` of series that are at rest where a period begins and ends.
+    """Return orthonormal columns ``(1 + 2 h, 2 h - 1)`` of series at rest at the beginning and end of a period.
 
     A series whose speed and acceleration vanish there has coefficients with sum k s_k = 0 and sum k^2 c_k = 0 (e.g.
-    Swevers, Verdonck & De Schutter 2007): what is orthogonal to those. The first column is the constant.
+    Swevers, Verdonck & De Schutter 2007): the orthogonal complement of these. The first column is the constant.
     """
     order = np.arange(1, harmonics + 1, dtype=np.float64)
     shapes = np.zeros((1 + 2 * harmonics, 2 * harmonics - 1))
@@ -93,8 +88,8 @@ class FourierPath:
     period_s: float = PERIOD_S
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
-        """Readings, speeds and accelerations ``(n, J)`` at times ``(n,)`` s."""
-        joints, speeds, accelerations = bases(times, self.period_s, len(self.coefficients) // 2) @ self.coefficients
+        """Return readings, speeds and accelerations ``(n, J)`` at times ``(n,)`` s."""
+        joints, speeds, accelerations = _basis(times, self.period_s, len(self.coefficients) // 2) @ self.coefficients
         return joints, speeds, accelerations
 
 
@@ -106,7 +101,7 @@ class Box:
     half: Array
 
     def fitted(self, coefficients: Array, basis: Array) -> Array:
-        """The path ``(1 + 2 h, J)``, each joint's motion as small and as shifted as the box demands."""
+        """Shrink and shift each joint's motion into the box: coefficients ``(1 + 2 h, J)``."""
         motion = basis[:, :, 1:] @ coefficients[1:]  # (3, n, J)
         largest = np.abs(motion[1:]).max(axis=1) / (_LIMIT_SHARE * self.half[1:])
         span = np.ptp(motion[0], axis=0) / (2 * self.half[0])
@@ -137,20 +132,20 @@ class Limits:
 
     @property
     def box(self) -> Box:
-        """The limits of readings, speeds and accelerations."""
+        """Limits of readings, speeds and accelerations."""
         middle, still = (self.lower + self.upper) / 2, np.zeros_like(self.lower)
         half = np.array([(self.upper - self.lower) / 2, self.speed, self.acceleration])
         return Box(np.array([middle, still, still]), half)
 
     @classmethod
     def of(cls, chain: Chain, torque: Array | None = None, margin: float = _MARGIN) -> "Limits":
-        """Those of a chain, a margin of each range kept; representative rates where it gives none (``tour.rated``)."""
-        keep_off, known = margin * (chain.upper - chain.lower), rated(chain)[0]
+        """Return a chain's limits with a margin of each range; representative rates by default (``tour.rated``)."""
+        distance, rates = margin * (chain.upper - chain.lower), rated(chain)[0]
         return cls(
-            chain.lower + keep_off,
-            chain.upper - keep_off,
-            known.speed,
-            known.acceleration,
+            chain.lower + distance,
+            chain.upper - distance,
+            rates.speed,
+            rates.acceleration,
             np.full(chain.size, np.inf) if torque is None else torque,
         )
 
@@ -158,33 +153,33 @@ class Limits:
 def random_path(
     limits: Limits, rng: np.random.Generator, period_s: float = PERIOD_S, *, at_rest: bool = False
 ) -> FourierPath:
-    """A path of random coefficients, each joint as fast and as far as its limits allow.
+    """Draw a path of random coefficients, each joint as fast and as far as its limits allow.
 
     Args:
-        at_rest: whether each period begins and ends at rest.
+        at_rest: begin and end each period at rest.
     """
-    order = np.arange(1, HARMONICS + 1)
-    drawn = rng.standard_normal((1 + 2 * HARMONICS, len(limits.lower)))
+    order = np.arange(1, _HARMONICS + 1)
+    drawn = rng.standard_normal((1 + 2 * _HARMONICS, len(limits.lower)))
     drawn[1:] *= 10 * limits.box.half[0] / np.concatenate([order, order])[:, None] ** rng.uniform(0.0, 2.0)
     drawn[0] = rng.uniform(limits.lower, limits.upper)
     if at_rest:
-        shapes = _rest_shapes(HARMONICS)
+        shapes = _rest_shapes(_HARMONICS)
         drawn = shapes @ (shapes.T @ drawn)
     times = period_s * np.arange(CHECKED) / CHECKED
-    return FourierPath(limits.box.fitted(drawn, bases(times, period_s, HARMONICS)), period_s)
+    return FourierPath(limits.box.fitted(drawn, _basis(times, period_s, _HARMONICS)), period_s)
 
 
-Allowed = Callable[[Array], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
+_Allowed = Callable[[Array], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
 """States ``(n, 3, J)`` (reading, speed, acceleration) to whether each is free of contacts, and within the torques."""
 
 _SAMPLES = 96  # of a period, during the ascent
 _STEP = 1e-6  # of forward differences, rad or m, per s and s^2
-_NEAR = 0.995  # of a limit, where its wall begins; readings, speeds and accelerations are in units of theirs
+_NEAR = 0.995  # of a limit, where its penalty begins; readings, speeds and accelerations are in units of theirs
 _LIMIT_WALL, _CUT_WALL = 30.0, 100.0  # weights of the squares
-_BEFORE = 0.01  # of a limit: a wall stands so far before what is forbidden
+_BEFORE = 0.01  # of a limit: distance of a wall before a forbidden state
 _BISECTIONS, _ITERATIONS = 7, 60
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
-_GAIN = 1e-3  # of the score: with less to win, an ascent is over
+_MIN_GAIN = 1e-3  # of the score: below, an ascent ends
 
 
 @dataclass
@@ -209,30 +204,30 @@ class PathSearch:
         regressor: Callable[[Array, Array, Array], Array],
         goal: Criterion,
         box: Box,
-        allowed: Allowed,
+        allowed: _Allowed,
         period_s: float,
         shapes: Array,
     ) -> None:
-        """The regressor gives whitened rows ``(n, r, p)`` at readings, speeds and accelerations.
+        """Create a search for a regressor of whitened rows ``(n, r, p)`` at readings, speeds and accelerations.
 
         Args:
             shapes: ``(1 + 2 h, s)`` orthonormal columns, the constant first: a path's Fourier coefficients are these
-                times what is sought ``(s, J)``.
+                times the coefficients of the search ``(s, J)``.
         """
         self._regressor, self._goal, self.box, self._allowed = regressor, goal, box, allowed
         harmonics = len(shapes) // 2
-        self._coarse = bases(period_s * np.arange(_SAMPLES) / _SAMPLES, period_s, harmonics) @ shapes
-        self.fine = bases(period_s * np.arange(CHECKED) / CHECKED, period_s, harmonics) @ shapes
+        self._coarse = _basis(period_s * np.arange(_SAMPLES) / _SAMPLES, period_s, harmonics) @ shapes
+        self.fine = _basis(period_s * np.arange(CHECKED) / CHECKED, period_s, harmonics) @ shapes
         order = np.concatenate([[1], *[np.arange(1, harmonics + 1)] * 2])
         self._scale = 1 / (order @ shapes**2)[:, None]  # a harmonic's speed grows with its order
 
     def states(self, coefficients: Array) -> Array:
-        """``(n, 3, J)`` along a path, at the times checked."""
+        """Return the states ``(n, 3, J)`` along a path, at the checked times."""
         motion: Array = self.fine @ coefficients
         return motion.transpose(1, 0, 2)
 
     def score(self, coefficients: Array) -> float:
-        """The criterion's."""
+        """Return the criterion's score."""
         rows = self._regressor(*(self._coarse @ coefficients))
         return float(self._goal.score(information(rows)))
 
@@ -246,12 +241,12 @@ class PathSearch:
         return free & strong
 
     def ascents(self, path: Array, rounds: int) -> Iterator[tuple[Array, float]]:
-        """Better and better allowed paths with their scores; ``path`` is allowed and within the box."""
+        """Yield ever better allowed paths with their scores; ``path`` is allowed and within the box."""
         walls, score = _Walls(), self.score(path)
         for _ in range(rounds):
             proposal = self.box.fitted(self._proposed(path, walls), self.fine)
             hoped = self.score(proposal)
-            if hoped < score + _GAIN:
+            if hoped < score + _MIN_GAIN:
                 return
             free, strong = self._allowed(self.states(proposal))
             if not (free & strong).all():
@@ -266,28 +261,28 @@ class PathSearch:
     def _add_walls(
         self, walls: _Walls, path: Array, proposal: Array, free: NDArray[np.bool_], strong: NDArray[np.bool_]
     ) -> None:
-        """A wall for each time at which the proposal is forbidden, across the way to it."""
+        """Add a wall for each time at which the proposal is forbidden, across the line to it."""
         rows = np.flatnonzero(~(free & strong))
         start = self.states(path)[rows]
-        way = self.states(proposal)[rows] - start
+        change = self.states(proposal)[rows] - start
         near, far = np.zeros((len(rows), 1, 1)), np.ones((len(rows), 1, 1))
         for _ in range(_BISECTIONS):
             middle = (near + far) / 2
-            may = self._may(start + middle * way)[:, None, None]
+            may = self._may(start + middle * change)[:, None, None]
             near, far = np.where(may, middle, near), np.where(may, far, middle)
-        normals = way / self.box.half
-        normals[~free[rows], 1:] = 0.0  # a contact asks for readings alone
+        normals = change / self.box.half
+        normals[~free[rows], 1:] = 0.0  # a contact depends on readings alone
         size = np.sqrt((normals**2).sum(axis=(1, 2)))
         normals /= np.maximum(size, 1e-12)[:, None, None]
-        walls.add(rows, normals, (normals * (start + near * way) / self.box.half).sum(axis=(1, 2)) - _BEFORE)
+        walls.add(rows, normals, (normals * (start + near * change) / self.box.half).sum(axis=(1, 2)) - _BEFORE)
 
     def _proposed(self, path: Array, walls: _Walls) -> Array:
-        """Return the path that a quasi-Newton ascent leads to, with the linear constraints alone."""
+        """Return the path of a quasi-Newton ascent, with the linear constraints alone."""
 
         def downhill(flat: Array) -> tuple[float, Array]:
             coefficients = self._scale * flat.reshape(path.shape)
             score, slope = self._slope(coefficients)
-            height, steepness = self._climbed(coefficients, walls)
+            height, steepness = self._penalty(coefficients, walls)
             return height - score, (self._scale * (steepness - slope)).ravel()
 
         solved = minimize(
@@ -297,7 +292,7 @@ class PathSearch:
         return proposal
 
     def _slope(self, coefficients: Array) -> tuple[float, Array]:
-        """The score, and its derivatives by the coefficients.
+        """Return the score, and its derivatives by the coefficients.
 
         With M = sum of W'W and S the score's slope by M, it is 2 <W S, dW>: dW by forward differences of each
         sample's reading, speed and acceleration, then the chain rule through the series.
@@ -317,7 +312,7 @@ class PathSearch:
         by_state = by_state.reshape(3, size, _SAMPLES)
         return float(self._goal.score(total)), np.einsum("kns,kjn->sj", self._coarse, by_state)
 
-    def _climbed(self, coefficients: Array, walls: _Walls) -> tuple[float, Array]:
+    def _penalty(self, coefficients: Array, walls: _Walls) -> tuple[float, Array]:
         """Return the penalty of a path for its constraint violations, with its gradient by the coefficients."""
         half = self.box.half[:, None]
         beyond = (self._coarse @ coefficients - self.box.middle[:, None]) / half  # (3, n, J)
@@ -335,12 +330,12 @@ class PathSearch:
 
 
 Regressor = Callable[[Array, Array, Array], Array]
-"""Joints, speeds and accelerations ``(n, J)`` to rows ``(n, r, p)``: what is read is linear in the p parameters."""
+"""Joints, speeds and accelerations ``(n, J)`` to rows ``(n, r, p)``: readings are linear in the p parameters."""
 
 SECONDS, RATE_HZ = 10.0, 1000.0
-_DRAWN, _CANDIDATES = 200, 2000  # random paths and poses
+_PATHS, _CANDIDATES = 200, 2000  # random paths and poses
 _SHRUNK = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
-_UNSHOWN = 1e-12  # least eigenvalue of the information of unit columns, of the largest
+_MIN_EIGENVALUE = 1e-12  # least eigenvalue of the information of unit columns, of the largest
 
 
 @dataclass(frozen=True)
@@ -349,7 +344,7 @@ class PredictedUncertainty:
 
     Attributes:
         covariance: ``(p, p)`` of the parameters, in the regressor's units and order.
-        condition: of the regressor with its columns scaled to unit length. A path is not better for a lower one.
+        condition: of the regressor with columns of unit length; not a criterion of the path.
         score: log det of the information.
     """
 
@@ -359,7 +354,7 @@ class PredictedUncertainty:
 
     @property
     def sigma(self) -> Array:
-        """``(p,)`` standard deviations."""
+        """Standard deviations ``(p,)``."""
         return np.sqrt(np.diag(self.covariance))
 
     @classmethod
@@ -372,23 +367,23 @@ class PredictedUncertainty:
         size = np.sqrt(np.maximum(np.diag(information), 1e-300))
         scaled = information / np.outer(size, size)
         values = np.linalg.eigvalsh(scaled)
-        if values[0] < _UNSHOWN * values[-1]:
+        if values[0] < _MIN_EIGENVALUE * values[-1]:
             raise LabError("the motion does not show every parameter; let more joints move, or free fewer parameters")
         score = float(np.log(values).sum() + 2 * np.log(size).sum())
         return cls(np.linalg.inv(scaled) / np.outer(size, size), float(np.sqrt(values[-1] / values[0])), score)
 
 
 @dataclass(frozen=True)
-class PathDesign:
-    """A path, and how well it will show the parameters."""
+class _PathDesign:
+    """A path and its predicted uncertainty of the parameters."""
 
     path: FourierPath
     prediction: PredictedUncertainty
 
 
 @dataclass(frozen=True)
-class PoseDesign:
-    """Static poses ``(n, J)``, and how well they will show the parameters."""
+class _PoseDesign:
+    """Static poses ``(n, J)`` and their predicted uncertainty of the parameters."""
 
     joints: Array
     prediction: PredictedUncertainty
@@ -421,29 +416,29 @@ def design_path(
     starts: int = 4,
     rounds: int = 12,
     at_rest: bool = False,
-    drawn: int = _DRAWN,
+    drawn: int = _PATHS,
     progress: Progress = no_progress,
-) -> PathDesign:
-    """The path that shows the parameters best, as far as is found; one generator state gives one path.
+) -> _PathDesign:
+    """Search the D-optimal path; one generator state gives one path.
 
     Args:
-        regressor: of the parameters; those of no interest (offsets) may be among them.
+        regressor: of the parameters, with nuisances (offsets).
         sigma: ``(r,)``, standard deviation of a sample's rows: of a difference of torques, √2 of one's.
-        feasible: whether readings ``(n, J)`` touch nothing.
-        torque: of the joints, to be kept within the limits' torque; needed where that is finite.
-        seconds, rate_hz: how long and how often is measured.
+        feasible: readings ``(n, J)`` to collision-free ones.
+        torque: of the joints, within the limits' torque; needed where that is finite.
+        seconds, rate_hz: duration and sampling rate of the measurement.
         goal: another criterion than the determinant, of whitened rows in the regressor's units: to compare.
         starts: random paths to ascend from.
         rounds: ascents from each.
-        at_rest: whether each period is to begin and end at rest.
-        drawn: random paths, of which the best are taken.
+        at_rest: begin and end each period at rest.
+        drawn: number of random paths, of which the best are taken.
 
     Raises:
         LabError: no random path is allowed, or one does not show every parameter.
     """
     allowed = _allowance(limits, feasible, torque)
     paths = [random_path(limits, rng, period_s, at_rest=at_rest) for _ in range(drawn)]
-    shapes = _rest_shapes(HARMONICS) if at_rest else np.eye(1 + 2 * HARMONICS)
+    shapes = _rest_shapes(_HARMONICS) if at_rest else np.eye(1 + 2 * _HARMONICS)
 
     def whitened(joints: Array, speeds: Array, accelerations: Array) -> Array:
         rows: Array = regressor(joints, speeds, accelerations) / sigma[:, None]
@@ -453,17 +448,13 @@ def design_path(
     search = PathSearch(whitened, goal or criterion("O1", columns), limits.box, allowed, period_s, shapes)
     best = (-np.inf, shapes.T @ paths[0].coefficients)
     for i, start in enumerate(_started(search, [shapes.T @ path.coefficients for path in paths], starts)):
-        best = max(best, (search.score(start), start), key=_first)
+        best = max(best, (search.score(start), start), key=itemgetter(0))
         for j, (path, score) in enumerate(search.ascents(start, rounds)):
             progress(i * rounds + j + 1, starts * rounds)
-            best = max(best, (score, path), key=_first)
+            best = max(best, (score, path), key=itemgetter(0))
     progress(starts * rounds, starts * rounds)
     found = FourierPath(shapes @ best[1], period_s)
-    return PathDesign(found, predicted(found, regressor, sigma, seconds, rate_hz))
-
-
-def _first(scored: tuple[float, Array]) -> float:
-    return scored[0]
+    return _PathDesign(found, predicted(found, regressor, sigma, seconds, rate_hz))
 
 
 def design_poses(
@@ -475,13 +466,13 @@ def design_poses(
     rng: np.random.Generator,
     *,
     torque: Dynamics | None = None,
-) -> PoseDesign:
-    """The static poses that show the parameters best: exchange among random ones, then an ascent (``design``).
+) -> _PoseDesign:
+    """Search D-optimal static poses: exchange among random ones, then an ascent (``design``).
 
     Args:
-        regressor: of parameters that show at rest: mass and first moment, a sensor's offsets.
+        regressor: of parameters observable at rest: mass and first moment, a sensor's offsets.
         sigma: ``(r,)``, standard deviation of a pose's rows.
-        feasible: whether readings ``(n, J)`` touch nothing.
+        feasible: readings ``(n, J)`` to collision-free ones.
         torque: as in ``design_path``.
 
     Raises:
@@ -507,10 +498,10 @@ def design_poses(
     goal = criterion("O1", jacobian.shape[2])
     chosen = exchange(candidates, jacobian, count, goal, rng)
     best = ascend(chosen, rows, goal, may, limits.lower, limits.upper)
-    return PoseDesign(best.joints, PredictedUncertainty.of(information(best.jacobian)))
+    return _PoseDesign(best.joints, PredictedUncertainty.of(information(best.jacobian)))
 
 
-def _allowance(limits: Limits, feasible: Feasible, torque: Dynamics | None) -> Allowed:
+def _allowance(limits: Limits, feasible: Feasible, torque: Dynamics | None) -> _Allowed:
     limited = bool(np.isfinite(limits.torque).any())
     if limited and torque is None:
         raise LabError("torques are limited, but unknown: give the arm's dynamics")
@@ -526,7 +517,7 @@ def _allowance(limits: Limits, feasible: Feasible, torque: Dynamics | None) -> A
 
 
 def _started(search: PathSearch, paths: list[Array], starts: int) -> list[Array]:
-    """The best of the random paths that are allowed, after each has shrunk until it is."""
+    """Return the best of the random paths, each shrunk until it is allowed."""
     found: list[tuple[float, Array]] = []
     for path in paths:
         for share in _SHRUNK:
@@ -538,5 +529,5 @@ def _started(search: PathSearch, paths: list[Array], starts: int) -> list[Array]
         raise LabError(
             f"none of {len(paths)} random paths keeps free of contacts and within the torques: give more room"
         )
-    found.sort(key=_first, reverse=True)
+    found.sort(key=itemgetter(0), reverse=True)
     return [coefficients for _, coefficients in found[:starts]]

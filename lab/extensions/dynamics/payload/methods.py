@@ -1,4 +1,4 @@
-"""Identify a payload from sag, from torques or from a wrench."""
+"""Identify a payload from the arm's sag, from torques, or from a wrench sensor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,19 +13,20 @@ from lab.core.se3 import Array
 from lab.extensions.dynamics.filtering import BAND_HZ, SETTLING_S, Band, Filter, band_of
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
 from lab.extensions.dynamics.payload.estimate import LoadEstimate, estimate_of, excitation_advice
-from lab.extensions.dynamics.regression import BiasCandidate, ChannelSolution, Series, least_squares, verdict
+from lab.extensions.dynamics.regression import BiasCandidate, ChannelSolution, Series, check_residuals, least_squares
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import (
     LOAD,
     Dynamics,
     HandMotion,
+    diagonal_matrices,
     hand_motion,
     torque_regressor,
     wrench_regressor,
 )
 from lab.kinematics.serial.arm import SerialArm
 
-__all__ = ["CompliantArm", "PairedRuns", "SharedFilter", "diagonal", "from_sag", "from_torques", "from_wrench"]
+__all__ = ["CompliantArm", "from_sag", "from_torques", "from_wrench"]
 
 _MAX_SAG_ITERATIONS, _SAG_STEP = 20, 1e-9  # kg, kg m
 _NEWTON = 4
@@ -33,10 +34,10 @@ _NEWTON = 4
 
 @dataclass(frozen=True)
 class CompliantArm:
-    """An arm whose joints give way.
+    """An arm with compliant joints.
 
     Attributes:
-        compliance: ``(J,)`` rad/Nm (m/N of a slide), zero of joints that do not.
+        compliance: ``(J,)`` rad/Nm (m/N of a slide), zero of stiff joints.
         loads: its own masses, with gravity in frame 0.
     """
 
@@ -53,7 +54,7 @@ def from_sag(
     loaded: Array,
     sigma_m: float | None = None,
 ) -> LoadEstimate:
-    """Mass and centre of mass from the targets' places without and with the load, at the same joint positions.
+    """Estimate mass and centre of mass from the targets' positions without and with the load, at equal joint positions.
 
     The joints stand at q + d with d = C (g(q + d) - W(q + d) phi), by the arm's own weight g and the static columns
     of the load's regressor; Gauss-Newton in phi, the equilibrium solved at each step.
@@ -74,7 +75,7 @@ def from_sag(
     if not both.any():
         raise LabError("no pose was seen both with and without the load: measure the same poses twice")
     joints, seen = joints[both], (loaded - unloaded)[both].reshape(int(both.sum()), -1)
-    known = None if sigma_m is None else np.full(seen.shape[1], np.sqrt(2) * sigma_m)
+    given_sigma = None if sigma_m is None else np.full(seen.shape[1], np.sqrt(2) * sigma_m)
     without = joints + _sag(arm, values, soft, joints, np.zeros(10))[0]
     before, phi = arm.points(without, values).reshape(seen.shape), np.zeros(10)
     for _ in range(_MAX_SAG_ITERATIONS):
@@ -82,21 +83,18 @@ def from_sag(
         lever = arm.joint_jacobian(joints + sag, values).reshape(*seen.shape, -1)
         columns = lever @ slopes
         left = seen - (arm.points(joints + sag, values).reshape(seen.shape) - before) + columns @ phi
-        solution = least_squares(LOAD, columns, left, [0] * seen.shape[1], known)
+        solution = least_squares(LOAD, columns, left, [0] * seen.shape[1], given_sigma)
         step, phi = np.abs(solution.values - phi).max(), solution.values
         if step < _SAG_STEP:
             break
     bend = lever * (sag + joints - without)[:, None, :]
-    suspects = [BiasCandidate(bend, "compliances other than those given; identify them with a load that was weighed")]
+    check = check_residuals(solution, [BiasCandidate(bend, "compliance")])
     unidentified = excitation_advice(solution, False, arm, values, joints)
-    return estimate_of("sag", solution, {}, unidentified, verdict(solution, suspects), float(np.sqrt(2)))
+    return estimate_of("sag", solution, {}, unidentified, check, float(np.sqrt(2)))
 
 
 def _sag(arm: SerialArm, values: Array, soft: CompliantArm, joints: Array, phi: Array) -> tuple[Array, Array]:
-    """Solve for joint deflections ``(n, J)`` and their derivatives by phi ``(n, J, 10)``, by Newton's method.
-
-    The load's mass and first moment are added to the last link's, which they move with.
-    """
+    """Solve for joint deflections ``(n, J)`` and their derivatives by phi ``(n, J, 10)``, by Newton's method."""
     mass, centre = soft.loads.mass_kg.copy(), soft.loads.centre_m.copy()
     mass[-1] += phi[0]
     if mass[-1]:
@@ -108,18 +106,18 @@ def _sag(arm: SerialArm, values: Array, soft: CompliantArm, joints: Array, phi: 
     return rest.offset, slopes
 
 
-_MOST_APART = 0.01  # rad or m root mean square: the weight of an arm's own links changes by half a Nm over that
+_MAX_DISTANCE = 0.01  # rad or m root mean square: the weight of an arm's own links changes by half a Nm over that
 _SAME_STEP = 0.01  # of a time step
 _ROUNDING = 1e-9  # of a root mean square of some thousand readings
-_PASSED = 1e-2  # of the power at rest: frequencies of which a filter has left less are not used
+_MIN_POWER = 1e-2  # of the power at rest: frequencies with less of it after a filter are not used
 
 
 @dataclass(frozen=True)
-class SharedFilter:
+class _SharedFilter:
     """The one filter that torques and regressor pass.
 
     Attributes:
-        came_through: what the torques had passed before they were recorded; all else passes its like here.
+        came_through: the filter of the recorded torques; the regressor passes the same here.
         whiten: ``(k, k)`` that makes noise white which has passed both, where there was such a filter.
         gain: standard deviation of a kept sample where that of a reading is one.
     """
@@ -130,11 +128,11 @@ class SharedFilter:
     whiten: Array | None = None
 
     def recorded(self, torques: Array, lead_s: float = 0.0) -> Array:
-        """Torques ``(n, ...)`` as recorded, thinned; ``lead_s`` later than the rows' times."""
+        """Decimate recorded torques ``(n, ...)``, ``lead_s`` later than the rows' times."""
         return self._thinned(torques, lead_s, 0)
 
     def __call__(self, values: Array, order: int = 0) -> Array:
-        """Anything computed from the positions ``(n, ...)``, thinned, or its derivative in time."""
+        """Decimate values computed from the positions ``(n, ...)``, or their derivative in time."""
         if self.came_through:
             values = self.came_through(values - values[0]) + values[0]
         return self._thinned(values, 0.0, order)
@@ -149,24 +147,24 @@ class SharedFilter:
 
 
 def _passed_hz(came_through: Filter, step_s: float) -> float:
-    """The frequency from which on a filter leaves too little of noise and signal for either to be told."""
+    """Return the frequency above which a filter leaves too little of noise and signal."""
     impulse = np.zeros(2 * round(SETTLING_S / step_s) + 1)
     impulse[len(impulse) // 2] = 1.0
     power = np.abs(np.fft.rfft(came_through(impulse))) ** 2
     if not (np.isfinite(power).all() and power[0] > 0):
         raise LabError("came_through: the filter lets no steady torque pass; give a low-pass")
-    weak = np.flatnonzero(power < _PASSED * power[0])
+    weak = np.flatnonzero(power < _MIN_POWER * power[0])
     return float(np.fft.rfftfreq(len(impulse), step_s)[weak[0] if weak.size else -1])
 
 
-def _common_of(band: Band, rows: int, came_through: Filter | None) -> SharedFilter:
-    """The filter for runs of so many rows (those of ``Band.motion``).
+def _common_of(band: Band, rows: int, came_through: Filter | None) -> _SharedFilter:
+    """Return the filter for runs of so many rows (those of ``Band.motion``).
 
     Noise that has passed ``came_through`` and the band's own kernel, with the response g to an impulse, has the
     autocorrelation g * g at the steps that are kept; the inverse of its Cholesky factor whitens it.
     """
     if came_through is None:
-        return SharedFilter(band, float(np.linalg.norm(band.impulse)))
+        return _SharedFilter(band, float(np.linalg.norm(band.impulse)))
     settled = round(SETTLING_S / band.step_s)
     if rows < 4 * settled:
         raise LabError(f"the run is too short to let the filter settle: give at least {5 * SETTLING_S:g} s")
@@ -179,24 +177,24 @@ def _common_of(band: Band, rows: int, came_through: Filter | None) -> SharedFilt
     lags = np.correlate(response, response, "full")[len(response) - 1 :: band.every][:retained]
     lags = np.pad(lags, (0, retained - len(lags))) / (response @ response)
     factor = np.linalg.cholesky(scipy.linalg.toeplitz(lags))
-    return SharedFilter(band, gain, came_through, scipy.linalg.solve_triangular(factor, np.eye(retained), lower=True))
+    return _SharedFilter(band, gain, came_through, scipy.linalg.solve_triangular(factor, np.eye(retained), lower=True))
 
 
 @dataclass(frozen=True)
-class PairedRuns:
-    """The two runs at the file's step, but for what is thinned (k rows) already.
+class _PairedRuns:
+    """The two runs at the file's step, and decimated (k rows).
 
     Attributes:
         joints, direction: ``(n, J)`` readings of the loaded run, and the signs of their speeds.
         torque: ``(n, J)`` loaded less unloaded, as recorded.
-        unloaded: ``(n, J)`` what the joints bear without the load: by the arm's own dynamics, or else as recorded.
+        unloaded: ``(n, J)`` the joints' torques without the load: by the arm's own dynamics, or else as recorded.
         own: ``(k, J)`` the arm's own dynamics, loaded less unloaded; zero without them.
         regressor: ``(n, J, 10)``.
         thinned: ``(3, k, J, 10)``, the regressor with its first two derivatives in time.
         apart: ``(k, J, 3 J)`` columns of the two paths' differences in reading, speed and acceleration.
     """
 
-    common: SharedFilter
+    common: _SharedFilter
     joints: Array
     direction: Array
     torque: Array
@@ -211,13 +209,13 @@ class PairedRuns:
         return self.common.recorded(self.torque, late_s) - self.own
 
     def rubbing(self, phi: Array) -> Array:
-        """Columns ``(3, k, J, J)`` of friction that grows with what a joint bears, and derivatives as of ``thinned``.
+        """Return columns ``(3, k, J, J)`` of friction that grows with the load, and derivatives as of ``thinned``.
 
         (|loaded| - |unloaded|) sign(speed), where loaded is unloaded plus what the load found, ``phi``, would add:
         as recorded, its noise would be that of the difference which the columns are to explain.
         """
         more = np.abs(self.unloaded + self.regressor @ phi) - np.abs(self.unloaded)
-        return np.array([diagonal(self.common(more * self.direction, order)) for order in range(3)])
+        return np.array([diagonal_matrices(self.common(more * self.direction, order)) for order in range(3)])
 
 
 def _pair_runs(
@@ -228,7 +226,7 @@ def _pair_runs(
     gravity: Array,
     own: Dynamics | None,
     came_through: Filter | None, band_hz: float,
-) -> PairedRuns:  # fmt: skip
+) -> _PairedRuns:  # fmt: skip
     """Bring two runs together, row by row from their beginnings."""
     assert loaded.torques is not None and unloaded.torques is not None and loaded.time_s is not None
     n = min(len(loaded), len(unloaded))
@@ -242,42 +240,33 @@ def _pair_runs(
     regressor = torque_regressor(arm, values, *motion, gravity)
     alone = own(*other) if own else band.smoothed(unloaded.torques[:n])
     more = own(*motion) - alone if own else np.zeros_like(motion[0])
-    apart = np.concatenate([diagonal(common(a - b)) for a, b in zip(motion, other, strict=True)], axis=2)
-    return PairedRuns(
+    apart = np.concatenate([diagonal_matrices(common(a - b)) for a, b in zip(motion, other, strict=True)], axis=2)
+    return _PairedRuns(
         common, motion[0], np.sign(motion[1]), band.trimmed(loaded.torques[:n] - unloaded.torques[:n]), alone,
         common(more), regressor, np.array([common(regressor, order) for order in range(3)]), apart,
     )  # fmt: skip
 
 
 def _same_step(band: Band, unloaded: PayloadSamples) -> None:
-    """A LabError where the unloaded run has another time step than the loaded one's."""
+    """Refuse an unloaded run with another time step than the loaded one's."""
     step = unloaded.step_s or 0.0
     if abs(step / band.step_s - 1) > _SAME_STEP:
         raise LabError(f"time steps of {band.step_s:g} s loaded and {step:g} s unloaded: give the same")
 
 
 def _refuse_apart(arm: SerialArm, difference: Array, own: Dynamics | None) -> None:
-    """A LabError where readings differ ``(n, J)`` between the runs by more than can pass without the own dynamics."""
+    """Refuse paths whose readings differ ``(n, J)`` by too much for a fit without the arm's own dynamics."""
     apart = np.sqrt((difference**2).mean(axis=0))
     j = int(np.argmax(apart >= (1 - _ROUNDING) * apart.max()))  # the first of joints that are equally far apart
-    if own is None and apart[j] > _MOST_APART:
+    if own is None and apart[j] > _MAX_DISTANCE:
         raise LabError(
             f"the loaded and the unloaded path are {arm.chain.shown(j, apart[j])} apart at joint "
-            f"{arm.chain.joint_names[j]} (root mean square; {arm.chain.shown(j, _MOST_APART)} at most): repeat the "
+            f"{arm.chain.joint_names[j]} (root mean square; {arm.chain.shown(j, _MAX_DISTANCE)} at most): repeat the "
             "same path, or have the arm's own dynamics subtracted"
         )
 
 
-def diagonal(values: Array) -> Array:
-    """Spread ``(n, J)`` to one column for each joint, nonzero in its own rows only: ``(n, J, J)``."""
-    return values[:, :, None] * np.eye(values.shape[1])
-
-
-_MAX_TORQUE_ITERATIONS, _TORQUE_STEP = 10, 1e-6  # of what is fitted along: seconds, and shares of a torque
-_DELAY = "a delay between torques and positions; estimate it (delay)"
-_FILTERED = "a filter of torques but not of positions; state it (came_through), or record without"
-_FRICTION = "friction that grows with the load; estimate it (friction)"
-_PATHS = "the difference between the two runs' paths; subtract the arm's own dynamics, or better ones (own)"
+_MAX_TORQUE_ITERATIONS, _TORQUE_STEP = 10, 1e-6  # of the nuisances: seconds, and shares of a torque
 
 
 def from_torques(
@@ -293,15 +282,15 @@ def from_torques(
     sigma: Array | None = None,
     band_hz: float = BAND_HZ,
 ) -> LoadEstimate:
-    """The load from differences of torques, row by row of the two runs; four parameters where these are static poses.
+    """Estimate the load from differences of torques, row by row of the two runs; four parameters of static poses.
 
     Args:
         gravity: ``(3,)`` m/s^2 in frame 0.
         own: subtracted from each run along its own path, so that paths may differ.
-        friction: fit of each joint what share of a torque it loses to friction: (|loaded| - |unloaded|) sign(speed).
-            Give ``own`` with it where the joints' friction without a load is not small beside what they bear.
-        delay: fit how much later the torques are than the positions, the same of all joints.
-        came_through: what filter the torques had passed when they were recorded; its like acts on all else.
+        friction: fit each joint's share of torque lost to friction: (|loaded| - |unloaded|) sign(speed).
+            Give ``own`` with it where the joints' friction without a load is not small beside their torques.
+        delay: fit the delay of the torques after the positions, the same of all joints.
+        came_through: filter of the recorded torques, which the regressor then passes too.
         sigma: ``(J,)`` noise of one reading of each torque; else it is estimated.
         band_hz: of the filter in which a motion is compared.
 
@@ -318,35 +307,35 @@ def from_torques(
     runs = _pair_runs(arm, values, loaded, unloaded, gravity, own, came_through, band_hz)
     names = arm.chain.joint_names if friction else ()
     reading = np.sqrt(2) * runs.common.gain
-    known = None if sigma is None else reading * np.asarray(sigma)
-    solution, late, columns = _fitted(runs, names, delay, known)
+    given_sigma = None if sigma is None else reading * np.asarray(sigma)
+    solution, late, columns = _fitted(runs, names, delay, given_sigma)
     fitted = solution.values[: columns.shape[3]]
-    suspects = [
-        BiasCandidate((columns[2, ..., :10] @ fitted[:10])[..., None], _FILTERED),
-        BiasCandidate(runs.apart, _PATHS),
+    candidates = [
+        BiasCandidate((columns[2, ..., :10] @ fitted[:10])[..., None], "difference.filter"),
+        BiasCandidate(runs.apart, "unequal_paths"),
     ]
     if not delay:
-        suspects.append(BiasCandidate((columns[1] @ fitted)[..., None], _DELAY))
+        candidates.append(BiasCandidate((columns[1] @ fitted)[..., None], "difference.delay"))
     if not friction:
-        suspects.append(BiasCandidate(runs.rubbing(fitted[:10])[0], _FRICTION))
+        candidates.append(BiasCandidate(runs.rubbing(fitted[:10])[0], "difference.friction"))
     nuisance = {name: (float(value), "") for name, value in zip(solution.names[10:], solution.values[10:], strict=True)}
     nuisance |= {"delay": (late, "s")} if delay else {}
     unidentified = excitation_advice(solution, True, arm, values, runs.joints)
-    judged = verdict(solution, suspects, [Series(0, len(runs.own), runs.common.band.hz)])
-    return estimate_of("torque difference, moving", solution, nuisance, unidentified, judged, reading)
+    check = check_residuals(solution, candidates, [Series(0, len(runs.own), runs.common.band.hz)])
+    return estimate_of("torque difference, moving", solution, nuisance, unidentified, check, reading)
 
 
 def _fitted(
-    runs: PairedRuns, joint_names: Sequence[str], delay: bool, sigma: Array | None
+    runs: _PairedRuns, joint_names: Sequence[str], delay: bool, sigma: Array | None
 ) -> tuple[ChannelSolution, float, Array]:
-    """Gauss-Newton in the delay, while the columns of friction follow the load that is found.
+    """Iterate Gauss-Newton steps of the delay, while the columns of friction follow the estimated load.
 
     With y(t + late) = X(t) p, where X holds the regressor and the friction's columns, a step of the delay has the
     column -X' p.
 
     Returns:
-        The last step's solution, in which the delay's own value is that step; the delay (s); and X with its first two
-        derivatives in time, ``(3, k, J, c)``.
+        The last step's solution, whose delay is that step; the delay (s); and X with its first two derivatives in
+        time, ``(3, k, J, c)``.
     """
     labels = [*LOAD, *(f"friction.{name}" for name in joint_names), *(["delay"] if delay else [])]
     columns, late = runs.thinned, 0.0
@@ -390,16 +379,16 @@ def _static(
     seen = loaded.torques - unloaded.torques
     if own:
         seen = seen - (own(loaded.joints, still, still) - own(unloaded.joints, still, still))
-    known = None if sigma is None else np.sqrt(2) * np.asarray(sigma)
-    solution = least_squares(LOAD, regressor, seen, [0] * seen.shape[1], known)
+    given_sigma = None if sigma is None else np.sqrt(2) * np.asarray(sigma)
+    solution = least_squares(LOAD, regressor, seen, [0] * seen.shape[1], given_sigma)
     steady = np.broadcast_to(np.eye(seen.shape[1]), (*seen.shape, seen.shape[1]))
-    suspects = [
-        BiasCandidate(steady, "a steady torque of each joint, as stiction leaves; approach each pose from both sides"),
-        BiasCandidate(diagonal(regressor @ solution.values), "gains of the joints' torques"),
+    candidates = [
+        BiasCandidate(steady, "difference.constant"),
+        BiasCandidate(diagonal_matrices(regressor @ solution.values), "difference.gains"),
     ]
     unidentified = excitation_advice(solution, False, arm, values, loaded.joints)
-    judged = verdict(solution, suspects)
-    return estimate_of("torque difference, static", solution, {}, unidentified, judged, float(np.sqrt(2)))
+    check = check_residuals(solution, candidates)
+    return estimate_of("torque difference, static", solution, {}, unidentified, check, float(np.sqrt(2)))
 
 
 def _runs(records: PayloadSamples) -> tuple[PayloadSamples, PayloadSamples]:
@@ -422,7 +411,7 @@ _MAX_WRENCH_ITERATIONS, _WRENCH_STEP = 20, 1e-10  # rad and s
 
 @dataclass(frozen=True)
 class _MountingEstimate:
-    """Mounting of arm and sensor, as far as it is estimated.
+    """Estimated mounting of arm and sensor.
 
     Attributes:
         gravity: ``(3,)`` m/s^2 in frame 0.
@@ -455,7 +444,7 @@ class _Readings:
     by_gravity: Array
 
     def series(self, rows: int) -> list[Series]:
-        """The two runs among so many rows, if they move."""
+        """Return the two runs among so many rows, if they move."""
         if self.band is None:
             return []
         k = self.at_rest.shape[1]
@@ -463,7 +452,7 @@ class _Readings:
         return [Series(first, last, self.band.hz) for first, last in ends]
 
     def seen(self, late_s: float) -> Array:
-        """The wrench ``(k, 6)``, if it is so much later than the positions."""
+        """Return the wrench ``(k, 6)``, at this delay after the positions."""
         return self.raw if self.band is None else self.band.decimated(self.raw, late_s)
 
 
@@ -479,15 +468,15 @@ def from_wrench(
     sigma: Array | None = None,
     band_hz: float = BAND_HZ,
 ) -> LoadEstimate:
-    """The load from the wrench of the loaded run, six offsets always fitted along; four parameters of static poses.
+    """Estimate the load and six offsets from the wrench of the loaded run; four parameters of static poses.
 
-    An unloaded run, where there is one, tells of the offsets only: nothing may hang from the sensor then.
+    An unloaded run shows the offsets only: nothing may hang from the sensor then.
 
     Args:
-        mounting: how arm and sensor stand, and the sensor's sign.
-        tilt: fit how frame 0 is tilted beyond what ``mounting`` says.
-        turn: fit how the sensor is turned beyond that.
-        delay: fit how much later the wrench is than the positions.
+        mounting: nominal mounting of arm and sensor, and the sensor's sign.
+        tilt: fit the tilt of frame 0 beyond ``mounting``.
+        turn: fit the turn of the sensor beyond ``mounting``.
+        delay: fit the delay of the wrench after the positions.
         sigma: ``(6,)`` N and Nm of one reading; else it is estimated.
         band_hz: of the filter in which a motion is compared.
 
@@ -504,20 +493,20 @@ def from_wrench(
     readings = _readings(arm, values, records, mounting, band_hz)
     labels = [*LOAD, *_OFFSETS, *(_TILT if tilt else ()), *(_TURN if turn else ()), *(("delay",) if delay else ())]
     reading = float(np.linalg.norm(readings.band.impulse)) if readings.band else 1.0
-    known = None if sigma is None else reading * np.asarray(sigma)
-    solution, standing = _fitted_to_wrench(readings, labels, mounting, known)
+    given_sigma = None if sigma is None else reading * np.asarray(sigma)
+    solution, mounted = _fitted_to_wrench(readings, labels, mounting, given_sigma)
     series = readings.series(len(solution.residual))
-    judged = verdict(solution, _suspects(readings, solution, standing, labels), series)
-    turned = se3.log(mounting.rotation.T @ standing.rotation)
+    check = check_residuals(solution, _candidates(readings, solution, mounted, labels), series)
+    turned = se3.log(mounting.rotation.T @ mounted.rotation)
     found = [
         *(mounting.sign * solution.values[10:16]),
-        *(standing.tilt if tilt else ()),
+        *(mounted.tilt if tilt else ()),
         *(turned if turn else ()),
-        standing.late_s,
+        mounted.late_s,
     ]
     nuisance = {name: (float(value), _unit(name)) for name, value in zip(labels[10:], found, strict=False)}
     unidentified = excitation_advice(solution, moving, arm, values, records.joints[records.loaded])
-    return estimate_of(f"wrench, {'moving' if moving else 'static'}", solution, nuisance, unidentified, judged, reading)
+    return estimate_of(f"wrench, {'moving' if moving else 'static'}", solution, nuisance, unidentified, check, reading)
 
 
 def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: Mounting, band_hz: float) -> _Readings:
@@ -538,7 +527,7 @@ def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: 
 
 
 def _regressors(motion: HandMotion) -> tuple[Array, Array]:
-    """The regressor without gravity ``(n, 6, 10)``, and what each of gravity's components adds ``(n, 6, 10, 3)``."""
+    """Return the regressor without gravity ``(n, 6, 10)``, and the part of each gravity component ``(n, 6, 10, 3)``."""
     zero = np.zeros_like(motion.omega)
     hanging = replace(motion, omega=zero, alpha=zero, acceleration=zero)
     return wrench_regressor(motion, np.zeros(3)), np.stack([wrench_regressor(hanging, axis) for axis in np.eye(3)], -1)
@@ -547,80 +536,80 @@ def _regressors(motion: HandMotion) -> tuple[Array, Array]:
 def _fitted_to_wrench(
     readings: _Readings, labels: Sequence[str], mounting: Mounting, sigma: Array | None
 ) -> tuple[ChannelSolution, _MountingEstimate]:
-    """Gauss-Newton in how arm and sensor stand; the rest is linear."""
-    standing = _MountingEstimate(mounting.gravity, mounting.rotation, np.zeros(2))
+    """Iterate Gauss-Newton steps of the mounting and the delay; the other parameters are linear."""
+    mounted = _MountingEstimate(mounting.gravity, mounting.rotation, np.zeros(2))
     linear = labels[:16]
     seen = np.concatenate([readings.seen(0.0), readings.still])
-    solution = least_squares(linear, _columns(readings, standing), seen, _FORCE_AND_MOMENT, sigma)
+    solution = least_squares(linear, _columns(readings, mounted), seen, _FORCE_AND_MOMENT, sigma)
     for _ in range(_MAX_WRENCH_ITERATIONS if len(labels) > len(linear) else 0):
-        freed = _freed(readings, standing, solution.values[:10])
-        design = np.concatenate([_columns(readings, standing), *(freed[name] for name in labels[16:])], axis=2)
-        seen = np.concatenate([readings.seen(standing.late_s), readings.still])
+        freed = _freed(readings, mounted, solution.values[:10])
+        design = np.concatenate([_columns(readings, mounted), *(freed[name] for name in labels[16:])], axis=2)
+        seen = np.concatenate([readings.seen(mounted.late_s), readings.still])
         solution = least_squares(labels, design, seen, _FORCE_AND_MOMENT, sigma)
-        standing = _stepped(standing, dict(zip(labels, solution.values, strict=True)))
+        mounted = _stepped(mounted, dict(zip(labels, solution.values, strict=True)))
         if np.abs(solution.values[16:]).max() < _WRENCH_STEP:
-            return solution, standing
+            return solution, mounted
     if len(labels) > len(linear) and np.abs(solution.values[16:]).max() > 1e-6:
         raise LabError("tilt, mounting or delay do not converge: align arm, sensor and clock better, or free fewer")
-    return solution, standing
+    return solution, mounted
 
 
-def _loaded(readings: _Readings, standing: _MountingEstimate, order: int = 0) -> Array:
-    """The load's columns ``(k, 6, 10)`` in the sensor's axes."""
-    return _turned(standing, readings.at_rest[order] + readings.by_gravity[order] @ standing.gravity)
+def _loaded(readings: _Readings, mounted: _MountingEstimate, order: int = 0) -> Array:
+    """Return the load's columns ``(k, 6, 10)`` in the sensor's axes."""
+    return _turned(mounted, readings.at_rest[order] + readings.by_gravity[order] @ mounted.gravity)
 
 
-def _columns(readings: _Readings, standing: _MountingEstimate) -> Array:
+def _columns(readings: _Readings, mounted: _MountingEstimate) -> Array:
     """Return the regressor of the load and the offsets, ``(k + m, 6, 16)``."""
-    columns = _padded(readings, _loaded(readings, standing))
+    columns = _padded(readings, _loaded(readings, mounted))
     return np.concatenate([columns, np.broadcast_to(np.eye(6), (len(columns), 6, 6))], axis=2)
 
 
-def _freed(readings: _Readings, standing: _MountingEstimate, phi: Array) -> dict[str, Array]:
+def _freed(readings: _Readings, mounted: _MountingEstimate, phi: Array) -> dict[str, Array]:
     """Return by name one column ``(k + m, 6, 1)`` of each iterated parameter, at a load ``phi``.
 
     Frame 0 tilted by d turns gravity in it by -d, and a sensor turned by d reads w - d x w.
     """
-    wrench = _loaded(readings, standing) @ phi
+    wrench = _loaded(readings, mounted) @ phi
     found = {}
-    for name, axis in zip(_TILT, _horizontal(standing.gravity), strict=True):
-        found[name] = _turned(standing, readings.by_gravity[0] @ np.cross(standing.gravity, axis)) @ phi
+    for name, axis in zip(_TILT, _horizontal(mounted.gravity), strict=True):
+        found[name] = _turned(mounted, readings.by_gravity[0] @ np.cross(mounted.gravity, axis)) @ phi
     for name, axis in zip(_TURN, np.eye(3), strict=True):
         found[name] = np.cross(wrench.reshape(-1, 2, 3), axis).reshape(-1, 6)
-    found["delay"] = -_loaded(readings, standing, 1) @ phi
+    found["delay"] = -_loaded(readings, mounted, 1) @ phi
     return {name: _padded(readings, column[..., None]) for name, column in found.items()}
 
 
-def _stepped(standing: _MountingEstimate, steps: dict[str, float]) -> _MountingEstimate:
+def _stepped(mounted: _MountingEstimate, steps: dict[str, float]) -> _MountingEstimate:
     tilt = np.array([steps.get(name, 0.0) for name in _TILT])
     turn = np.array([steps.get(name, 0.0) for name in _TURN])
     return _MountingEstimate(
-        se3.exp(-tilt @ _horizontal(standing.gravity)) @ standing.gravity,
-        standing.rotation @ se3.exp(turn),
-        standing.tilt + tilt,
-        standing.late_s + float(steps.get("delay", 0.0)),
+        se3.exp(-tilt @ _horizontal(mounted.gravity)) @ mounted.gravity,
+        mounted.rotation @ se3.exp(turn),
+        mounted.tilt + tilt,
+        mounted.late_s + float(steps.get("delay", 0.0)),
     )
 
 
-def _suspects(
-    readings: _Readings, solution: ChannelSolution, standing: _MountingEstimate, labels: Sequence[str]
+def _candidates(
+    readings: _Readings, solution: ChannelSolution, mounted: _MountingEstimate, labels: Sequence[str]
 ) -> list[BiasCandidate]:
     phi = solution.values[:10]
-    freed = _freed(readings, standing, phi)
+    freed = _freed(readings, mounted, phi)
     named = {
-        _TILT: "a base that is tilted; estimate it (tilt)",
-        _TURN: "a sensor that is turned; estimate it (turn)",
-        ("delay",): "a delay between wrench and positions; estimate it (delay)",
+        _TILT: "sensor.base_tilt",
+        _TURN: "sensor.mounting",
+        ("delay",): "sensor.delay",
     }
     found = [
-        BiasCandidate(np.concatenate([freed[name] for name in names], axis=2), text)
-        for names, text in named.items()
+        BiasCandidate(np.concatenate([freed[name] for name in names], axis=2), effect)
+        for names, effect in named.items()
         if names[0] not in labels
     ]
-    wrench = _padded(readings, (_loaded(readings, standing) @ phi)[:, :, None] * np.eye(6))
-    found.append(BiasCandidate(wrench, "gains of the sensor's axes; calibrate the sensor"))
-    bent = _loaded(readings, standing, 2) @ phi
-    found.append(BiasCandidate(_padded(readings, bent[..., None]), "a filter that the wrench came through"))
+    wrench = _padded(readings, (_loaded(readings, mounted) @ phi)[:, :, None] * np.eye(6))
+    found.append(BiasCandidate(wrench, "sensor.scale"))
+    bent = _loaded(readings, mounted, 2) @ phi
+    found.append(BiasCandidate(_padded(readings, bent[..., None]), "sensor.filter"))
     return found
 
 
@@ -629,7 +618,7 @@ def _unit(name: str) -> str:
 
 
 def _horizontal(gravity: Array) -> NDArray[np.float64]:
-    """Frame 0's x, or its y where x is upright, made horizontal, and what is horizontal across it: rows ``(2, 3)``."""
+    """Return frame 0's x (its y where x is upright) made horizontal, and the axis across: rows ``(2, 3)``."""
     up = -gravity / np.linalg.norm(gravity)
     x = np.eye(3)[0 if abs(up[0]) < 0.9 else 1]
     x = x - (x @ up) * up
@@ -637,10 +626,10 @@ def _horizontal(gravity: Array) -> NDArray[np.float64]:
     return np.array([x, np.cross(up, x)])
 
 
-def _turned(standing: _MountingEstimate, columns: Array) -> Array:
-    """Forces and moments ``(k, 6, ...)`` from the last frame's axes to the sensor's."""
+def _turned(mounted: _MountingEstimate, columns: Array) -> Array:
+    """Turn forces and moments ``(k, 6, ...)`` from the last frame's axes to the sensor's."""
     halves = columns.reshape(len(columns), 2, 3, -1)
-    turned: Array = np.einsum("ji,nhjc->nhic", standing.rotation, halves)
+    turned: Array = np.einsum("ji,nhjc->nhic", mounted.rotation, halves)
     return turned.reshape(columns.shape)
 
 

@@ -1,10 +1,9 @@
-"""The parameters that bodies can have: the nearest of them to an estimate, in the metric of its covariance.
+"""Find the physically consistent parameters nearest to an estimate, in the metric of its covariance.
 
-A body has positive mass everywhere, which says that its pseudo-inertia J is positive definite (Wensing, Kim & Slotine
-2018); motor inertias and friction are positive. The set is convex, so that of all parameters in it those nearest to
-least squares', by the weights of the data, are never farther from the truth by these weights. A weak prior,
--w log det J, keeps them off the boundary, where a body is flat; where the data leave directions open, w tr(J0^-1 J)
-holds them near a reference (the divergence of Lee, Wensing & Park 2020).
+A body has positive mass everywhere: its pseudo-inertia J is positive definite (Wensing, Kim & Slotine 2018); motor
+inertias and friction are positive. The set is convex, so its point nearest to the least-squares estimate, by the data's
+weights, is never farther from the truth. A weak prior, -w log det J, keeps parameters off the boundary of flat bodies;
+in directions without data, w tr(J0^-1 J) keeps them near a reference (the divergence of Lee, Wensing & Park 2020).
 """
 
 from dataclasses import dataclass, replace
@@ -22,10 +21,8 @@ __all__ = ["BodyCone", "Nearest", "nearest_physical", "physical_estimate"]
 
 _PRIOR = 1e-4  # weight w: it moves the parameters by far less than a standard deviation
 _FALL = 0.2  # of the weight, from one that outweighs the misfit at the start down to the prior's
-_STEPS, _SETTLED = (
-    60,
-    1e-14,
-)  # Newton's steps at each weight, and half its decrement squared, which says how far there is
+_MAX_ITERATIONS, _CONVERGED = 60, 1e-14  # Newton's steps at each weight, and half its decrement squared at the end
+_MIN_MASS = 1e-4  # of the mass's standard deviation, to which a mass below zero is raised
 _BASIS = np.array([pseudo_inertia(unit) for unit in np.eye(10)])  # (10, 4, 4): J = phi . basis
 
 
@@ -38,20 +35,19 @@ class Nearest:
     root: Array
 
     def misfit(self, x: Array) -> Array:
-        """Whitened, ``(m,)``."""
+        """Return the whitened misfit ``(m,)``."""
         misfit: Array = self.root @ (self.matrix @ x - self.target)
         return misfit
 
 
 @dataclass(frozen=True)
 class BodyCone:
-    """Parameters x ``(p,)`` of which some are those of bodies and others are positive.
+    """Cone of parameters x ``(p,)``, some of bodies and others positive.
 
     Attributes:
         bodies: ``(k, 10)`` indices, each as ``rigid_body.LOAD``.
         positive: ``(s,)`` indices.
-        reference: ``(p,)`` inside the cone, near which what the target leaves open is held; None where it leaves
-            nothing open.
+        reference: ``(p,)`` inside the cone, near which undetermined directions are kept; None where there are none.
     """
 
     bodies: NDArray[np.int_]
@@ -59,7 +55,7 @@ class BodyCone:
     reference: Array | None = None
 
     def nearest(self, aim: Nearest, start: Array) -> Array:
-        """The minimum of the squared distance / 2 + w barrier(x), from a large w down to the prior's.
+        """Minimize squared distance / 2 + w barrier(x), from a large w down to the prior's.
 
         The function is convex and its barrier self-concordant: Newton's steps, halved while they leave the set or do
         not descend, converge from any start in it (Boyd & Vandenberghe 2004, section 9.6).
@@ -73,21 +69,21 @@ class BodyCone:
             weight = max(weight * _FALL, _PRIOR)
 
     def _descended(self, x: Array, aim: Nearest, weight: float) -> Array:
-        """The minimum at one weight of the prior."""
+        """Minimize at one weight of the prior."""
 
         def value(x: Array) -> float:
             barrier = self._barrier(x)
             return np.inf if barrier is None else float(np.sum(aim.misfit(x) ** 2) / 2 + weight * barrier)
 
         pull = aim.root @ aim.matrix
-        for _ in range(_STEPS):
+        for _ in range(_MAX_ITERATIONS):
             flat, wanted = self._barrier_rows(x)
             # least squares of both parts at once: its normal equations are Newton's
             rows = np.concatenate([pull, np.sqrt(weight) * flat])
             target = np.concatenate([-aim.misfit(x), np.sqrt(weight) * wanted])
             step = least_squares_step(rows, target)
             slope = float(np.sum((rows @ step) ** 2))
-            if slope / 2 < _SETTLED * weight:
+            if slope / 2 < _CONVERGED * weight:
                 return x
             now, length = value(x), 1.0
             while value(x + length * step) > now - 0.1 * length * slope and length > 1e-10:
@@ -98,7 +94,10 @@ class BodyCone:
         return x
 
     def _barrier(self, x: Array) -> float | None:
-        """-log det J of every body less the logarithms of what is positive, with the reference's part; None outside."""
+        """Return -log det J of the bodies less the logarithms of positive parameters, with the reference's part.
+
+        None outside the cone.
+        """
         if (x[self.positive] <= 0).any():
             return None
         total = -float(np.log(x[self.positive]).sum())
@@ -116,7 +115,7 @@ class BodyCone:
         return total
 
     def _barrier_rows(self, x: Array) -> tuple[Array, Array]:
-        """Rows F and targets t with the barrier's second derivatives F'F and its slope -F't.
+        """Return rows F and targets t with the barrier's second derivatives F'F and its slope -F't.
 
         With J = U U' the rows of one body are U^-1 B_i U^-T, and t = 1 - U' J0^-1 U.
         """
@@ -141,7 +140,7 @@ class BodyCone:
 
 
 def _upper_factor(phi: Array) -> Array | None:
-    """U with J = U U', upper triangular with a positive diagonal; None where J is not positive definite."""
+    """Return U with J = U U', upper triangular with a positive diagonal; None where J is not positive definite."""
     try:
         lower = np.linalg.cholesky(pseudo_inertia(phi)[::-1, ::-1])
     except np.linalg.LinAlgError:
@@ -149,14 +148,11 @@ def _upper_factor(phi: Array) -> Array | None:
     return np.asarray(lower[::-1, ::-1])
 
 
-_LEAST = 1e-4  # of the mass's standard deviation, which it is raised to where it was not positive
-
-
 def physical_estimate(estimate: LoadEstimate) -> LoadEstimate:
-    """The estimate itself if it is physical, else with the nearest physical parameters.
+    """Return the estimate if it is physical, else with the nearest physical parameters.
 
-    The covariance and the intervals remain those of least squares, which the truth still satisfies. Without an
-    inertia only the mass is to be positive.
+    Covariance and intervals remain those of least squares, which still cover the truth. Without an identified inertia
+    only the mass is made positive.
 
     Raises:
         LabError: mass or centre of mass are not identified.
@@ -165,13 +161,12 @@ def physical_estimate(estimate: LoadEstimate) -> LoadEstimate:
         raise LabError("mass and centre of mass are not identified: there is nothing to make physical; add poses")
     if estimate.physical:
         return estimate
-    if not np.isfinite(estimate.phi).all():
-        return replace(estimate, phi=_positive_mass(estimate.phi, estimate.covariance), moved=True)
-    return replace(estimate, phi=nearest_physical(estimate.phi, estimate.covariance), moved=True)
+    nearest = nearest_physical if np.isfinite(estimate.phi).all() else _positive_mass
+    return replace(estimate, phi=nearest(estimate.phi, estimate.covariance), moved=True)
 
 
 def nearest_physical(phi: Array, covariance: Array) -> Array:
-    """The nearest load that a body can be, by the covariance ``(10, 10)``, in the cone of bodies."""
+    """Return the nearest physical load, by the covariance ``(10, 10)``."""
     scale = np.sqrt(np.diag(covariance))
     root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(scale, scale))) / scale  # C^-1 = root' root
     cone = BodyCone(np.arange(10)[None], np.empty(0, dtype=np.int_))
@@ -179,7 +174,7 @@ def nearest_physical(phi: Array, covariance: Array) -> Array:
 
 
 def _inside(phi: Array) -> Array:
-    """A physical load near: eigenvalues of J, with lengths in the load's own size, raised to a thousandth."""
+    """Return a physical load nearby: eigenvalues of J, with lengths in the load's own size, raised to a thousandth."""
     mass = max(abs(phi[0]), 1e-6)
     size = np.sqrt(max(np.abs(phi[4:7]).max() / mass, float(phi[1:4] @ phi[1:4]) / mass**2, 1e-8))
     unit = np.array([size, size, size, 1.0]) * np.sqrt(mass)
@@ -191,8 +186,8 @@ def _inside(phi: Array) -> Array:
 
 
 def _positive_mass(phi: Array, covariance: Array) -> Array:
-    """Mass and first moment alone: the mass raised to a little of its sigma, the moment where it then is best."""
-    raised = _LEAST * np.sqrt(covariance[0, 0]) - phi[0]
+    """Raise the mass to a little of its sigma, and move the first moment to its best value for that."""
+    raised = _MIN_MASS * np.sqrt(covariance[0, 0]) - phi[0]
     moved = phi.copy()
     moved[:4] += covariance[:4, 0] / covariance[0, 0] * raised
     return moved

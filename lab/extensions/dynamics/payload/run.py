@@ -1,4 +1,4 @@
-"""The payload at the flange, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
+"""Run ``lab payload``: identify a payload from the joints' torques, a wrist sensor's wrench, or the arm's sag."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,25 +10,26 @@ import numpy as np
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.load_run import CalibrationRun, RunLike, calibrated_by, folder_of, read_calibrated
 from lab.commands.command_line import options_of, takes
+from lab.core.checks import Check
 from lab.core.errors import LabError, error_context
 from lab.core.limits import one_serial
 from lab.core.measurements import Measurements, copied_rows, describe_copies
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.dynamics.load_files import WRENCH, Mounting, PayloadSamples, read_loads, read_mounting
+from lab.extensions.dynamics.options import PayloadOptions
 from lab.extensions.dynamics.payload.estimate import LoadEstimate
 from lab.extensions.dynamics.payload.methods import CompliantArm, from_sag, from_torques, from_wrench
-from lab.extensions.dynamics.payload.options import PayloadOptions
 from lab.extensions.dynamics.payload.physical_consistency import physical_estimate
-from lab.extensions.dynamics.payload.plausibility import (
+from lab.extensions.dynamics.payload.result import PayloadResult, UncertaintyCost, wild_sample
+from lab.extensions.dynamics.phrases import phrase
+from lab.extensions.dynamics.plausibility import (
     ArmSize,
-    Implausibility,
     implausibilities,
     misplaced_points,
     not_of_the_arm,
     stuck_channels,
 )
-from lab.extensions.dynamics.payload.result import PayloadResult, UncertaintyCost, wild_sample
 from lab.extensions.dynamics.simulated_session import MeasuringBench, simulated_load
 from lab.extensions.dynamics.simulation import drawn_mounting, own_dynamics
 from lab.formats.measurement_csv import read_measurements
@@ -39,8 +40,8 @@ from lab.simulation.collisions import random_poses
 __all__ = ["payload"]
 
 _SIMULATED_KG = 1.0
-_LEAST_LEVER = 0.1  # m, times gravity: a drive whose torque a load changes by less may stand still
-COSTED = 200  # poses over which the cost of an uncertain load is averaged
+_MIN_TORQUE = 0.1  # m, times gravity: a drive whose torque a load changes by less may stand still
+_COST_POSES = 200  # poses over which the cost of an uncertain load is averaged
 _SAME_RAD = 1e-6  # rad or m: joint positions of one pose
 
 
@@ -68,14 +69,14 @@ def payload(
     """
     if isinstance(file, PayloadOptions):
         file.check()
-        known_run = None if file.run is None else read_calibrated(file.run, accept_edited=file.accept_edited)
-        return _payload(file, file.robot, known_run)
-    known = load_robot(robot)
-    given = {"file": None if file is None else str(file), "robot": known.source, **folder_of(run), **options}
+        calibrated = None if file.run is None else read_calibrated(file.run, accept_edited=file.accept_edited)
+        return _payload(file, file.robot, calibrated)
+    nominal = load_robot(robot)
+    given = {"file": None if file is None else str(file), "robot": nominal.source, **folder_of(run), **options}
     requested = options_of("lab.payload", PayloadOptions, given)
     requested.check()
     by = None if requested.run is None else calibrated_by(run, requested.run, accept_edited=requested.accept_edited)
-    return _payload(requested, known, by)
+    return _payload(requested, nominal, by)
 
 
 def _payload(options: PayloadOptions, nominal: str | Robot, run: CalibrationRun | None) -> PayloadResult:
@@ -91,12 +92,10 @@ def _payload(options: PayloadOptions, nominal: str | Robot, run: CalibrationRun 
         samples, mounting = _read(options, options.file, robot)
     method = options.method or ("torques" if samples.wrench is None else "wrench")
     arm = robot.serial_arm(("p1",))
-    with (
-        error_context(options.file or "--simulate"),
-        np.errstate(all="ignore"),
-    ):  # numbers of a nonsensical file may overflow
+    file = options.file or "--simulate"
+    with error_context(file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = _fitted(options, robot, samples, mounting, method)
-        strange = (
+        implausible = (
             *_stuck(robot, samples, mounting, method),
             *implausibilities(
                 fitted,
@@ -106,16 +105,18 @@ def _payload(options: PayloadOptions, nominal: str | Robot, run: CalibrationRun 
                 lambda joints: arm.flange(joints, arm.nominal(robot.tool))[:, 2, :3],
             ),
         )
-        _refuse_senseless(fitted, strange)
+        _refuse_impossible(fitted, implausible)
     estimate = physical_estimate(fitted) if options.physical else fitted
     compliance = _compliance(robot, options.stiffness_nm_per_rad)
     cost = _cost(robot, arm, arm.nominal(robot.tool), compliance, mounting, estimate)
-    warnings = (*robot.warnings, *samples.warnings, *_warnings(estimate, strange))
-    return PayloadResult(options, robot, samples, mounting, estimate, cost, warnings, implausible=strange, truth=truth)
+    warnings = (*robot.warnings, *samples.warnings, *_warnings(estimate, implausible))
+    return PayloadResult(
+        options, robot, samples, mounting, estimate, cost, warnings, implausible=implausible, truth=truth
+    )
 
 
 def _read(options: PayloadOptions, file: Path, robot: Robot) -> tuple[PayloadSamples, Mounting]:
-    """The file, and how arm and sensor stand."""
+    """Read the file, and the mounting of arm and sensor."""
     chain = robot.chain
     samples = read_loads(file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
     samples = samples.without_copies(file)
@@ -129,9 +130,9 @@ def _read(options: PayloadOptions, file: Path, robot: Robot) -> tuple[PayloadSam
 
 def _simulated(options: PayloadOptions, robot: Robot) -> tuple[PayloadSamples, Mounting, Array]:
     """Simulate a measurement session: return its readings, the nominal mounting, and the load's phi ``(10,)``."""
-    asked = options.rehearsal
-    load = simulated_load(asked.payload_kg or _SIMULATED_KG, asked)
-    bench = MeasuringBench(robot, asked, load)
+    session = options.rehearsal
+    load = simulated_load(session.payload_kg or _SIMULATED_KG, session)
+    bench = MeasuringBench(robot, session, load)
     if options.method == "wrench":
         return bench.at_rest(), bench.mounting, load.phi
     arm = robot.serial_arm(("p1",))
@@ -162,32 +163,32 @@ def _fitted(
     return from_torques(arm, values, samples, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
 
 
-def _stuck(robot: Robot, samples: PayloadSamples, mounting: Mounting, method: str) -> tuple[Implausibility, ...]:
-    """Channels that do not change, or do not follow the arm's own weight, where load and arm make them."""
+def _stuck(robot: Robot, samples: PayloadSamples, mounting: Mounting, method: str) -> tuple[Check, ...]:
+    """Return channels that should change or follow the arm's own weight, and do not."""
     if method == "wrench":
         return stuck_channels(samples.run(True), [f"the column {name}" for name in WRENCH], np.ones(6, dtype=np.bool_))
     arm = robot.serial_arm(("p1",))
     joints, rest = samples.joints, np.zeros_like(samples.joints)
     weight = torque_regressor(arm, arm.nominal(robot.tool), joints, rest, rest, mounting.gravity)[..., :4]
-    shows = (np.ptp(weight, axis=0) > _LEAST_LEVER).any(axis=1)
+    shows = (np.ptp(weight, axis=0) > _MIN_TORQUE).any(axis=1)
     names = [f"the torque of {name}" for name in robot.chain.joint_names]
-    implausible = stuck_channels(replace(samples, wrench=None), names, np.asarray(shows, dtype=np.bool_))
+    stuck = stuck_channels(replace(samples, wrench=None), names, np.asarray(shows, dtype=np.bool_))
     still = samples.run(False)
     if samples.time_s is not None or still.torques is None:
-        return implausible
+        return stuck
     nothing = np.zeros_like(still.joints)
     expected = own_dynamics(robot.serial_model, mounting.gravity)(still.joints, nothing, nothing)
-    return implausible + not_of_the_arm(still.torques, expected, robot.chain.joint_names)
+    return stuck + not_of_the_arm(still.torques, expected, robot.chain.joint_names)
 
 
-def _refuse_senseless(found: LoadEstimate, strange: Sequence[Implausibility]) -> None:
-    """Refuse an estimate of nothing at all, or of a mass below zero."""
+def _refuse_impossible(found: LoadEstimate, implausible: Sequence[Check]) -> None:
+    """Refuse an estimate without identified parameters, or with a mass below zero."""
     if not found.identified:
         raise LabError("nothing of the load shows: move the arm, so that gravity pulls at its joints in other ways")
     if found.mass_kg + found.mass_half_width_kg < 0:
         cause = "loaded and unloaded rows are exchanged, or the sensor's sign is the other one"
-        if len(strange) > 1:
-            cause = strange[-1].description
+        if len(implausible) > 1:
+            cause = phrase(implausible[-1])
         raise LabError(f"the load would weigh {found.mass_kg:.4g} kg: {cause}; mend that")
 
 
@@ -213,22 +214,22 @@ def _by_sag(options: PayloadOptions, run: CalibrationRun) -> PayloadResult:
     joints, unloaded, loaded, notes = _paired(options, data)
     with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = from_sag(arm, values, CompliantArm(compliance, robot.loads), joints, unloaded, loaded)
-        strange = (
+        implausible = (
             *misplaced_points(arm.points(joints, values), unloaded, loaded),
             *implausibilities(fitted, ArmSize.of(robot.serial_model.chain, robot.loads)),
         )
-        _refuse_senseless(fitted, strange)
+        _refuse_impossible(fitted, implausible)
     estimate = physical_estimate(fitted) if options.physical else fitted
     mounting = Mounting(robot.loads.gravity)
     cost = _cost(robot, arm, values, compliance, mounting, estimate)
-    warnings = (*run.warnings, *data.warnings, *notes, *_warnings(estimate, strange))
-    return PayloadResult(options, robot, None, mounting, estimate, cost, warnings, data.targets, strange)
+    warnings = (*run.warnings, *data.warnings, *notes, *_warnings(estimate, implausible))
+    return PayloadResult(options, robot, None, mounting, estimate, cost, warnings, data.targets, implausible)
 
 
 def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, Array, list[str]]:
-    """Joint positions ``(n, joints)``, and points ``(n, k, 3)`` without and with the payload, at the same poses.
+    """Return joint positions ``(n, joints)``, and points ``(n, k, 3)`` without and with the payload, at the same poses.
 
-    Pairs that repeat an earlier one to the last digit are left out, and told.
+    Pairs that repeat an earlier one to the last digit are left out, with a note.
     """
     column = data.other.get("run")
     if column is None or set(column) - {"loaded", "unloaded"}:
@@ -260,17 +261,16 @@ def _cost(
     covariance = estimate.hand_load.covariance
     if not np.isfinite(covariance).all():
         return UncertaintyCost(compliance, float("nan"))
-    joints = random_poses(robot.model, COSTED, rng_for(0, "fresh"))
-    off = sag_uncertainty(arm, values, compliance, joints, mounting.gravity, covariance)
-    return UncertaintyCost(compliance, float(np.sqrt((off**2).mean())))
+    joints = random_poses(robot.model, _COST_POSES, rng_for(0, "fresh"))
+    errors_m = sag_uncertainty(arm, values, compliance, joints, mounting.gravity, covariance)
+    return UncertaintyCost(compliance, float(np.sqrt((errors_m**2).mean())))
 
 
-def _warnings(estimate: LoadEstimate, strange: Sequence[Implausibility]) -> list[str]:
-    """Return the warnings for an estimate."""
-    warnings = [f"not plausible: {each.description}" for each in strange]
-    warnings += [] if (wild := wild_sample(estimate)) is None else [wild]
+def _warnings(estimate: LoadEstimate, implausible: Sequence[Check]) -> list[str]:
+    warnings = [f"not plausible: {phrase(check)}" for check in implausible]
+    warnings += [phrase(check) for check in wild_sample(estimate)]
     if estimate.adequate is False:
-        warnings.append(estimate.verdict.description)
+        warnings.append(phrase(estimate.verdict))
     if estimate.physical is False:
         warnings.append("no body has these parameters (its pseudo-inertia is not positive definite): --physical")
     return warnings

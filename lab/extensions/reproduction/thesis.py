@@ -1,16 +1,15 @@
-"""Chapter IV: the identification Jacobian, the 19 parameters, and tables IV.1 to IV.3."""
+"""Compute chapter IV of Mahdadi and Bouafia 2020, the 19 parameters and tables IV.1 to IV.3; and define the source."""
 
 from functools import cache
 
 import numpy as np
 
-from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, at_least, drawn, formula, holds, number, word
-from lab.extensions.reproduction.item import Item
-from lab.extensions.reproduction.models import matrix_formulas
+from lab.extensions.reproduction.item import Item, Missing, Source
+from lab.extensions.reproduction.models import link_matrix, matrix_formulas
 from lab.extensions.reproduction.thesis_case import (
     CRITERIA,
     DROPPED,
@@ -24,6 +23,7 @@ from lab.extensions.reproduction.thesis_case import (
     searched,
     thesis_case,
 )
+from lab.extensions.reproduction.thesis_model import MODEL_ITEMS
 from lab.kinematics.gauge import base_set_of
 from lab.pose_selection.criteria import indices
 from lab.render.charts.chart import axes_picture
@@ -31,9 +31,9 @@ from lab.render.charts.marks import Axes
 from lab.render.document import Picture
 from lab.render.style import AFTER, INK, MUTED
 
-__all__ = ["CALIBRATION_ITEMS", "CURVE_ITEMS", "ESTIMATES", "INDEX_ITEMS"]
+__all__ = ["ESTIMATES", "THESIS"]
 
-DRAWS, CANDIDATES = 1000, 200
+_DRAWS, _CANDIDATES = 1000, 200
 _SYMBOLS = ("δθ1", "δr1", "δl1", "δα1", "δθ2", "δl2", "δα2", "δθ3", "δr3", "δl3", "δα3", "δθ4", "δr4", "δl4", "δα4",
             "δθ5", "δα5", "δr6", "δl6")  # fmt: skip
 ESTIMATES = """
@@ -62,25 +62,18 @@ _COLUMNS = tuple(row.split() for row in ESTIMATES.strip().splitlines())
 
 @cache
 def _link() -> tuple[dict[str, Array], Array]:
-    """A link at random: its letters, and its matrix ``(n, 4, 4)``."""
+    """Sample a link: its letters, and its matrix ``(n, 4, 4)``."""
     theta, alpha, d, a = rng_for(0, "arm").uniform(-3, 3, (4, 20))
-    return {"θ": theta, "α": alpha, "d": d, "a": a}, _matrix(theta, d, a, alpha)
-
-
-def _matrix(theta: Array, d: Array, a: Array, alpha: Array) -> Array:
-    z, x, zero = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.zeros((len(theta), 3))
-    lifted = se3.pose(se3.exp(theta[:, None] * z), d[:, None] * z)
-    moved: Array = lifted @ se3.pose(np.tile(np.eye(3), (len(theta), 1, 1)), a[:, None] * x)
-    return moved @ se3.pose(se3.exp(alpha[:, None] * x), zero)
+    return {"θ": theta, "α": alpha, "d": d, "a": a}, link_matrix(theta, d, a, alpha)
 
 
 def _rate(letter: str) -> Array:
-    """The derivative ``(n, 4, 4)`` of the link's matrix, by central differences and Richardson's rule."""
+    """Return the derivative ``(n, 4, 4)`` of the link's matrix, by central differences and Richardson's rule."""
     letters, _ = _link()
 
     def at(step: float) -> Array:
         moved = [{**letters, letter: letters[letter] + sign * step} for sign in (1, -1)]
-        up, down = (_matrix(each["θ"], each["d"], each["a"], each["α"]) for each in moved)
+        up, down = (link_matrix(each["θ"], each["d"], each["a"], each["α"]) for each in moved)
         return np.asarray((up - down) / (2 * step))
 
     return np.asarray((4 * at(1e-3) - at(2e-3)) / 3 if letter in "θα" else at(1e-3))
@@ -98,7 +91,7 @@ def _link_rate() -> tuple[Answer, ...]:
 
 
 def _exact_rate(letter: str) -> Array:
-    """``_rate`` from the generators: the matrix times what a small motion about or along an axis is."""
+    """Return ``_rate`` by the generators of small motions about or along an axis."""
     letters, A = _link()
     generator = np.zeros((4, 4))
     if letter == "θ":
@@ -133,7 +126,7 @@ def _generators() -> tuple[Answer, ...]:
 
 
 def _jacobian() -> tuple[Answer, ...]:
-    """J by IV.19 to IV.24 beside the lab's, with the product of IV.7 begun at each link, or at the first."""
+    """Compare J by IV.19 to IV.24 with the lab's, with the product of IV.7 begun at each link, or at the first."""
     case = thesis_case()
     joints = case.arm.chain.random_joints(20, rng_for(0, "structure"))
     links = case.arm.links(joints, case.nominal)
@@ -143,8 +136,8 @@ def _jacobian() -> tuple[Answer, ...]:
     rates = {"from link i": _columns(links, at_link=True), "from link 1": _columns(links, at_link=False)}
     names = list(case.arm.names)[case.arm.names.index("link1.theta") :]
     wanted = [f"link{i + 1}.{letter}" for i in range(6) for letter in ("theta", "d", "a", "alpha")]
-    kept = ours[..., [names.index(name) for name in wanted]]
-    gaps = {name: float(np.abs(found - kept).max()) for name, found in rates.items()}
+    expected = ours[..., [names.index(name) for name in wanted]]
+    gaps = {name: float(np.abs(found - expected).max()) for name, found in rates.items()}
     right = min(gaps, key=lambda name: gaps[name])
     return (
         word("IV.7 the product of U_i begins", "from link 1", right,
@@ -154,7 +147,7 @@ def _jacobian() -> tuple[Answer, ...]:
 
 
 def _columns(links: Array, *, at_link: bool) -> Array:
-    """Position rows ``(n, 3, 24)`` of the Jacobian in the last frame: U^-1 Q U of each link, U from the next on."""
+    """Return position rows ``(n, 3, 24)`` of the Jacobian in the last frame, U^-1 Q U, U from the next link on."""
     chain = thesis_case().arm.chain
     out = []
     for i, row in enumerate(chain.table):
@@ -172,7 +165,7 @@ def _columns(links: Array, *, at_link: bool) -> Array:
 
 
 def _retained() -> tuple[Answer, ...]:
-    """Table IV.1: which columns are independent at the flange's origin, those that the thesis drops asked last."""
+    """Compare table IV.1: independent columns at the flange's origin, those that the thesis drops last."""
     case = thesis_case()
     joints = case.arm.chain.random_joints(200, rng_for(0, "structure"))
     order = [case.arm.names.index(name) for name in (*OFFSETS, *DROPPED)]
@@ -193,14 +186,14 @@ def _retained() -> tuple[Answer, ...]:
 
 @cache
 def _campaigns(criterion: str) -> tuple[Array, Array]:
-    """Errors ``(draws, 19)``, mm and rad, with what the thesis does not print, and without."""
-    joints = searched("O2" if criterion == "condition" else criterion, 0, CANDIDATES, 1).joints
-    return errors(joints, DRAWS), errors(joints, DRAWS, hidden={})
+    """Simulate errors ``(draws, 19)``, mm and rad, with the values that the thesis does not print, and without."""
+    joints = searched("O2" if criterion == "condition" else criterion, 0, _CANDIDATES, 1).joints
+    return errors(joints, _DRAWS), errors(joints, _DRAWS, hidden={})
 
 
 def _estimates() -> tuple[Answer, ...]:
     answers = []
-    into = {kept: dropped for dropped, kept in INTO.items()}
+    into = {retained: dropped for dropped, retained in INTO.items()}
     for symbol, name, row in zip(_SYMBOLS, OFFSETS, _COLUMNS, strict=True):
         unit = "rad" if thesis_case().parameter(name).is_angle else "mm"
         answers.append(number(f"{symbol} true", row[0], OFFSETS[name], unit))
@@ -215,7 +208,7 @@ def _estimates() -> tuple[Answer, ...]:
 
 
 def _performance() -> tuple[Answer, ...]:
-    """Table IV.3 from the printed table IV.2."""
+    """Compute table IV.3 from the printed table IV.2."""
     printed = np.array(_COLUMNS, dtype=np.float64)
     rows = rows_of_table((printed[:, 1:] - printed[:, :1]).T)
     return tuple(
@@ -228,18 +221,18 @@ def _performance() -> tuple[Answer, ...]:
 def _best() -> tuple[Answer, ...]:
     """Test whether the RMS of one draw distinguishes the criteria: the least of six, over the draws."""
     rms = np.array([rows_of_table(_campaigns(criterion)[0])["RMS"] for criterion in CRITERIA[:5]])
-    share = np.bincount(rms.argmin(axis=0), minlength=5) / DRAWS
+    share = np.bincount(rms.argmin(axis=0), minlength=5) / _DRAWS
     spread, apart = float(rms.std(axis=1).mean()), max(PRINTED["RMS"]) - min(PRINTED["RMS"])
     best = CRITERIA[int(share.argmax())]
     reason = (
         f"the RMS of one draw varies by {spread:.4f} (1σ), the printed six differ by {apart:.4f}; O3 has the least in "
-        f"{100 * share[2]:.0f} % of {DRAWS:,} draws, {best} in {100 * share.max():.0f} %"
+        f"{100 * share[2]:.0f} % of {_DRAWS:,} draws, {best} in {100 * share.max():.0f} %"
     )
     return (word("the best index", "O3", "none by one draw", erratum=reason),)
 
 
 def _least_squares() -> tuple[Answer, ...]:
-    """IV.6 and IV.25 from a random right-hand side; IV.26 is the step of every fit here."""
+    """Check IV.6 and IV.25 with a random right-hand side; IV.26 is the step of every fit here."""
     _, A = _link()
     J, side = A[:, :3, :3].reshape(-1, 3), rng_for(0, "noise").normal(size=60)
     normal = np.linalg.solve(J.T @ J, J.T @ side)
@@ -255,7 +248,7 @@ def _cross() -> tuple[Array, dict[str, Array]]:
     return np.cross(r, p)[:, 2], {"rx": r[:, 0], "ry": r[:, 1], "px": p[:, 0], "py": p[:, 1]}
 
 
-CALIBRATION_ITEMS = (
+_CALIBRATION_ITEMS = (
     Item("Equations IV.5 to IV.9, IV.25, IV.26", "Linearised errors and least squares", _least_squares,
          "lab calibrate --robot irb120 --prior off"),
     Item("Equation IV.12", "The derivative of a link's matrix by θ", _link_rate, "lab kinematics irb120 --symbolic"),
@@ -265,10 +258,10 @@ CALIBRATION_ITEMS = (
          "At the flange's origin. r is d and l is a of table III.2. At a target off the last axis 22 of the 24 are "
          "determined."),
     Item("Table IV.2", "True and estimated parameters", _estimates, "python scripts/thesis_tables.py",
-         f"Each estimate is of one draw of the noise. Ours is the range of {DRAWS:,} draws at poses chosen here by the "
-         "same index. In three rows the printed estimate is that of dropped parameters whose values are not printed: "
-         "ours is the range without them; with d2 = 0.60, a5 = 0.36 and d5 = 0.93 mm off the three rows come out as "
-         "printed."),
+         f"Each estimate is of one draw of the noise. Ours is the range of {_DRAWS:,} draws at poses chosen here by "
+         "the same index. In three rows the printed estimate is that of dropped parameters whose values are not "
+         "printed: ours is the range without them; with d2 = 0.60, a5 = 0.36 and d5 = 0.93 mm off the three rows "
+         "come out as printed."),
     Item("Table IV.3", "RMS, MAE and RSD", _performance, "python scripts/thesis_tables.py",
          "From the printed table IV.2. The RSD is the standard deviation of the 19 errors."),
     Item("Conclusion", "Which index is the best", _best, "python scripts/thesis_tables.py"),
@@ -277,12 +270,12 @@ CALIBRATION_ITEMS = (
 
 _PRINTED_BEST = 12.2487
 _COUNTS = (7, 8, 10, 12, 15, 20, 25, 30)
-_CANDIDATES, _STARTS, _ROUNDS = 200, 4, 4
+_STARTS, _ROUNDS = 4, 4
 
 
 @cache
 def _curve() -> Array:
-    """The best O1 found with each number of poses."""
+    """Search the best O1 with each number of poses."""
     found = [searched("O1", 0, _CANDIDATES, 1, poses=count) for count in _COUNTS]
     return np.array([float(indices(design.jacobian).o1) for design in found])
 
@@ -326,7 +319,7 @@ def _trace_picture() -> tuple[Picture, ...]:
     return (axes_picture("o1-search", "Convergence of the search for O1, each start", (4.6, 3.2), draw),)
 
 
-CURVE_ITEMS = (
+_CURVE_ITEMS = (
     Item("Figure IV.1", "O1 against the number of poses", _against_poses, "python scripts/best_o1.py --ignore-limits",
          "The curve is printed without numbers. It flattens because O1 is divided by √n: it measures information per "
          "pose, and does not say that more poses stop helping.", _curve_picture),
@@ -345,7 +338,7 @@ def _jacobian_indices() -> Array:
 
 
 def _bounds() -> tuple[Answer, ...]:
-    """II.1 to II.4 at random errors."""
+    """Check II.1 to II.4 at random errors."""
     J = _jacobian_indices().reshape(-1, len(OFFSETS))
     u, s, vt = np.linalg.svd(J, full_matrices=False)
     errors = rng_for(0, "arm").normal(size=(len(OFFSETS), 1000))
@@ -358,7 +351,7 @@ def _bounds() -> tuple[Answer, ...]:
 
 
 def _indices() -> tuple[Answer, ...]:
-    """II.5 to II.9 from the eigenvalues of J'J, beside the lab's from its singular values."""
+    """Compare II.5 to II.9 by the eigenvalues of J'J with the lab's by singular values."""
     J = _jacobian_indices()
     flat = J.reshape(-1, len(OFFSETS))
     s = np.sqrt(np.linalg.eigvalsh(flat.T @ flat)[::-1])
@@ -375,14 +368,12 @@ def _indices() -> tuple[Answer, ...]:
 
 def _ellipse() -> tuple[Picture, ...]:
     """Plot one target's displacement by unit errors of two parameters, an ellipse by singular values."""
-    case = thesis_case()
     columns = [list(OFFSETS).index(name) for name in ("link2.a", "link4.d")]
     J = _jacobian_indices()[0][:, columns]
     u, s, _ = np.linalg.svd(J, full_matrices=False)
     turn = np.linspace(0, 2 * np.pi, 200)
     circle = np.stack([np.cos(turn), np.sin(turn)])
     across = u.T @ J
-    assert case.arm.chain.size == 6
 
     def draw(axes: Axes) -> None:
         axes.plot(*circle, "-", color=MUTED, linewidth=1.2)
@@ -397,7 +388,7 @@ def _ellipse() -> tuple[Picture, ...]:
     return (axes_picture("ellipse", label, (4.2, 3.6), draw),)
 
 
-INDEX_ITEMS = (
+_INDEX_ITEMS = (
     Item("Equations II.1 to II.4", "Singular values bound the errors", _bounds, "lab inspect irb120",
          "At 20 random poses and 1,000 random errors of the 19 parameters."),
     Item("Figure II.1", "The ellipsoid of errors", command="lab calibrate --robot irb120 --prior off --out ellipsoids",
@@ -405,4 +396,28 @@ INDEX_ITEMS = (
          "report and recording has the ellipsoids of its own poses.", pictures=_ellipse),
     Item("Equations II.5 to II.9", "The indices O1 to O5", _indices, "lab design --robot irb120 --criterion O1",
          "From the eigenvalues of J'J here, and from singular values in the lab."),
+)  # fmt: skip
+
+
+_BEFORE_CURVES = next(i for i, item in enumerate(_CALIBRATION_ITEMS) if item.number == "Table IV.2")
+
+THESIS = Source(
+    "thesis",
+    "Mahdadi and Bouafia 2020, a comparative study of observability indices for robot calibration (M'sila)",
+    (*_INDEX_ITEMS, *MODEL_ITEMS, *_CALIBRATION_ITEMS[:_BEFORE_CURVES], *_CURVE_ITEMS,
+     *_CALIBRATION_ITEMS[_BEFORE_CURVES:]),
+    (
+        Missing("Figures I.1, I.2, I.3, I.5", "Robots", "photographs"),
+        Missing("Figure I.4", "Workspaces of the IRB 140 and 2400",
+                "makers' drawings of arms whose tables are not given"),
+        Missing("Table I.1", "Parallel and serial robots compared", "words that order the two kinds; no numbers"),
+        Missing("Figures I.6, I.7", "Accuracy and repeatability, sources of errors", "illustrations"),
+        Missing("Equations II.1 to II.3, IV.1 to IV.6", "Notation",
+                "definitions without a value; used in the items above"),
+        Missing("Figures III.2 to III.5, III.8, III.9", "Frames and joints",
+                "illustrations; their numbers are table III.2"),
+        Missing("Equations III.3, III.4, III.14, III.16, III.17, III.20, III.29", "Products of link matrices",
+                "statements of what is multiplied; the results are the items above"),
+        Missing("Equation IV.11", "The change of a link's matrix", "notation"),
+    ),
 )  # fmt: skip

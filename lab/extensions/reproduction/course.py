@@ -1,4 +1,4 @@
-"""Examples of the course on serial robots: arms, rotations, motion, volumes."""
+"""Compute the examples of Mallem 2011 on serial robots: arms, rotations, motion, volumes; and define the source."""
 
 from functools import cache
 
@@ -10,7 +10,8 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
-from lab.extensions.reproduction.item import Item
+from lab.extensions.reproduction.course_machines import CARRIER_ITEMS, PARALLEL_ITEMS, VERSATRAN_ITEMS
+from lab.extensions.reproduction.item import Item, Missing, Source
 from lab.extensions.reproduction.models import SAMPLES, matrix_formulas, sampled, serial
 from lab.extensions.robotics.workspace.boundary import carrier_volume
 from lab.kinematics.closed.mobility import mobility_of
@@ -25,7 +26,7 @@ from lab.render.charts.marks import Axes
 from lab.render.document import Picture
 from lab.render.style import AFTER
 
-__all__ = ["ARM_ITEMS", "BASIC_ITEMS", "MOTION_ITEMS", "ROTATION_ITEMS", "VOLUME_ITEMS"]
+__all__ = ["COURSE"]
 
 _SCEMI = (  # link matrices, m
     "c1 | −s1 | 0 | 0; s1 | c1 | 0 | 0; 0 | 0 | 1 | 0", "c2 | −s2 | 0 | 0; 0 | 0 | −1 | 0; s2 | c2 | 0 | 0",
@@ -39,7 +40,7 @@ _SCARA = (
 
 
 def _places(text: str) -> dict[str, str]:
-    """Entries of a matrix by their places."""
+    """Return the entries of a matrix by their places."""
     rows = [row.split("|") for row in text.split(";")]
     return {f"({i + 1},{j + 1})": entry.strip() for i, row in enumerate(rows) for j, entry in enumerate(row)}
 
@@ -56,7 +57,7 @@ def _matrices(name: str, links: tuple[str, ...]) -> tuple[Answer, ...]:
 
 
 def _table(name: str) -> tuple[Answer, ...]:
-    """σ, α and a of each joint; θ or r is the joint's."""
+    """Compare σ, α and a of each joint; θ or r is the joint's."""
     chain = serial(name)[0].chain
     return tuple(
         answer
@@ -74,7 +75,7 @@ def _scemi() -> tuple[Answer, ...]:
 
 
 def _six_hinges() -> tuple[Answer, ...]:
-    """The three singularities of a 6R arm with a spherical wrist, by the Jacobian of the wrist's centre."""
+    """Compare the singularities of a 6R arm with a spherical wrist, by the Jacobian of the wrist's centre."""
     robot = sampled("scemi")
     form = closed_form_of(robot.arm.dh_chain(robot.values))
     assert form is not None
@@ -116,7 +117,7 @@ def _scara() -> tuple[Answer, ...]:
     )
 
 
-ARM_ITEMS = (
+_ARM_ITEMS = (
     Item("Section 8.3", "Table and link matrices of the SCEMI", _scemi, "lab kinematics scemi --symbolic",
          "The course leaves both blank. Lengths are representative: a3 = r4 = 0.5 m and r6 = 0.1 m."),
     Item("Section 8.8", "Singular positions of a 6R arm", _six_hinges, "lab inspect scemi",
@@ -130,7 +131,6 @@ _ARMS = ("versatran", "scemi", "scara", "planar3r")
 
 
 def _rank(robot: str, joints_deg: tuple[float, ...]) -> int:
-    """Return the rank of an arm's Jacobian at joint positions."""
     chain = load_robot(robot).serial_model.chain
     arm = SerialArm(chain)
     jacobian = arm.tool(np.deg2rad([joints_deg]), arm.nominal())[1]
@@ -138,7 +138,7 @@ def _rank(robot: str, joints_deg: tuple[float, ...]) -> int:
 
 
 def _redundancy() -> tuple[Answer, ...]:
-    """IL <= IM, an arm that is redundant everywhere, and one that is at singularities; the course draws its own."""
+    """Check IL <= IM, an arm that is redundant everywhere, and one at singularities; the course draws its own."""
     found = {name: mobility_of(load_robot(name).serial_model.chain) for name in _ARMS}
     excess = max(each.freedoms - each.index for each in found.values())
     lengths, angles = np.array([0.4, 0.3, 0.2, 0.1]), rng_for(0, "arm").uniform(-3, 3, (SAMPLES, 4))
@@ -156,7 +156,7 @@ def _redundancy() -> tuple[Answer, ...]:
 
 
 def _coordinates() -> tuple[Answer, ...]:
-    """Polar and cylindrical coordinates of points, there and back."""
+    """Convert points to polar and cylindrical coordinates and back."""
     points = rng_for(0, "poses").normal(size=(SAMPLES, 3))
     x, y, z = points.T
     first, level, far = np.arctan2(y, x), np.hypot(x, y), np.linalg.norm(points, axis=1)
@@ -170,7 +170,7 @@ def _coordinates() -> tuple[Answer, ...]:
 
 
 def _products() -> tuple[Answer, ...]:
-    """Consecutive transformations in current and in fixed frames, and the matrix of a vector product."""
+    """Check consecutive transformations in current and fixed frames, and the matrix of a vector product."""
     rng = rng_for(0, "arm")
 
     def drawn() -> Array:
@@ -185,7 +185,7 @@ def _products() -> tuple[Answer, ...]:
     )
 
 
-BASIC_ITEMS = (
+_BASIC_ITEMS = (
     Item("Section 6.2", "Mobility index, degrees of freedom, redundancy", _redundancy, "lab inspect scemi",
          "the course draws its examples without numbers; these are arms of the lab"),
     Item("Section 7.1", "Polar and cylindrical coordinates", _coordinates, "",
@@ -234,7 +234,7 @@ def _roll_pitch_yaw() -> tuple[Answer, ...]:
 
 @cache
 def _axis() -> tuple[Array, Array, Array, dict[str, Array]]:
-    """Axes, angles in (0, π), rotations, and the letters of A3.4 to A3.11."""
+    """Sample axes, angles in (0, π), rotations, and the letters of A3.4 to A3.11."""
     rng = rng_for(0, "arm")
     u = rng.normal(size=(SAMPLES, 3))
     u /= np.linalg.norm(u, axis=1, keepdims=True)
@@ -285,7 +285,7 @@ def _inverse() -> tuple[Answer, ...]:
     return tuple(answers)
 
 
-ROTATION_ITEMS = (
+_ROTATION_ITEMS = (
     Item("Annex, A3.1", "Direction cosines", _cosines, note="lab.core.se3 has the rotations of the annex, each way."),
     Item("Annex, A3.2", "Roll, pitch and yaw", _roll_pitch_yaw, "lab kinematics irb120 --joints 0,0,0,0,0,0",
          "Poses are printed with these three angles."),
@@ -304,7 +304,7 @@ def _joints(x: float, y: float, z: float) -> Array:
 
 
 def _moved(middle: tuple[float, float, float], speed: Array) -> tuple[Array, Trajectory]:
-    """The joints' via points and the move through them."""
+    """Return the joints' via points and the move through them."""
     side = np.sqrt(3) / 2
     points = np.array([_joints(side, 0, 0), _joints(*middle), _joints(side, 0, 1)])
     return points, through(serial("course2r")[0].chain, points, np.array([[0.0, 0], speed, [0.0, 0]]))
@@ -345,7 +345,7 @@ def _exact() -> tuple[Answer, ...]:
 
 
 def _past() -> tuple[Answer, ...]:
-    """P1 passed at the allowed distance dX = 0.1 m, on the arc of q1 that is the shortest."""
+    """Pass P1 at the allowed distance dX = 0.1 m, on the shortest arc of q1."""
     points, found = _moved((0.1, float(np.sqrt(0.99)), 0.5), np.array([0.0, 0.2]))
     return (
         number("q1 where it turns back", "", float(np.rad2deg(points[1, 0])), "°", digits=3),
@@ -353,7 +353,7 @@ def _past() -> tuple[Answer, ...]:
     )
 
 
-MOTION_ITEMS = (
+_MOTION_ITEMS = (
     Item("Section 10.3, question 1", "Models of the robot of two hinges", _models,
          "lab kinematics course2r --symbolic"),
     Item("Section 10.3, question 2", "Its trajectory through P1", _exact,
@@ -408,9 +408,30 @@ def _picture() -> tuple[Picture, ...]:
     return (axes_picture("carriers", "Volumes of the five carriers", (5.6, 2.6), draw, (2.2, 0.5, 0.15, 0.15)),)
 
 
-VOLUME_ITEMS = (
+_VOLUME_ITEMS = (
     Item("Section 6.1", "Volumes of the five carriers", _answers, "lab workspace carriers",
          "Hinges turn by 360°, slides move from 0 to L, and "
          "a link is as long as L if it bears a hinge, else nothing. By exact sections of what the closed-form inverse "
          "reaches within the limits; L = 1 m.", _picture),
+)  # fmt: skip
+
+
+COURSE = Source(
+    "course",
+    "Mallem 2011, geometric and kinematic models of robots (ENSIIE)",
+    (
+        *_VOLUME_ITEMS, *_BASIC_ITEMS[:2], *CARRIER_ITEMS, *VERSATRAN_ITEMS, *_ARM_ITEMS, *_MOTION_ITEMS,
+        *PARALLEL_ITEMS, *_BASIC_ITEMS[2:], *_ROTATION_ITEMS,
+    ),
+    (
+        Missing("Sections 1 to 4", "Robotics, its disciplines, parts and functions", "words and illustrations"),
+        Missing("Sections 5.1 to 5.6", "Definitions of the models",
+                "no example: the models are computed in sections 7 and 8"),
+        Missing("Sections 6.1, 6.2, figures", "Structures drawn",
+                "photographs and drawings of makers' arms; their volumes are section 6.1"),
+        Missing("Section 9", "Use of the models", "a diagram"),
+        Missing("Sections 10.1, 10.2", "Principle and algorithm", "steps in words; section 10.3 is their example"),
+        Missing("Sections 11.1, 11.2, 11.4.1 to 11.4.3", "Kinds of joints and robots",
+                "tables of symbols and drawings; lab inspect delta, hexapod, rpr3, prr3 and rrr3 have such robots"),
+    ),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The RX 130's geometric parameters (equations 1.1 to 1.6, table 1, figures 1 to 3) as a source."""
+"""Compute the RX 130's geometric parameters (equations 1.1 to 1.6, table 1, figures 1 to 3) of a thesis."""
 
 import numpy as np
 
@@ -41,7 +41,7 @@ def _link() -> tuple[Answer, ...]:
 
 
 def _whole() -> tuple[Answer, ...]:
-    """1.1: Z, the link matrices and E give the tool's pose of the lab's direct model, which has a base and a tool."""
+    """Check 1.1: Z, the link matrices and E give the tool's pose of the lab's direct model with base and tool."""
     robot = sampled("rx130")
     arm, values = robot.arm, robot.values.copy()
     base, tool = rng_for(0, "arm").uniform(-1, 1, (2, 6))
@@ -56,7 +56,7 @@ def _whole() -> tuple[Answer, ...]:
 
 
 def _frames() -> tuple[Answer, ...]:
-    """1.3 and 1.5: a pose by six parameters, and back."""
+    """Check 1.3 and 1.5: a pose by six parameters, and back."""
     rows = rng_for(0, "arm").uniform([-3, -1, 0.2, -1, -3, -1], [3, 1, 2.9, 1, 3, 1], (SAMPLES, 6))
     gamma, b, alpha, d, theta, r = rows.T
     exact = _turn(_Z, gamma) @ _along(_Z, b) @ _turn(_X, alpha) @ _along(_X, d) @ _turn(_Z, theta) @ _along(_Z, r)
@@ -71,7 +71,7 @@ def _frames() -> tuple[Answer, ...]:
 
 
 def _grouped() -> tuple[Answer, ...]:
-    """1.4 and 1.6: about one axis turns add up, and so do lengths along it."""
+    """Check 1.4 and 1.6: about one axis turns add up, and so do lengths along it."""
     rows = rng_for(0, "arm").uniform(-1, 1, (SAMPLES, 8))
     gamma, b, alpha, d, theta, r, theta_1, r_1 = rows.T
     first = _turn(_Z, gamma) @ _along(_Z, b) @ _turn(_X, alpha) @ _along(_X, d)
@@ -90,7 +90,7 @@ def _grouped() -> tuple[Answer, ...]:
 
 
 def _first_link(row: Array) -> Array:
-    """Poses of frame 1 in the world at three positions of joint 1."""
+    """Return poses of frame 1 in the world at three positions of joint 1."""
     gamma, b, alpha, d, theta, r, theta_1, r_1 = row
     Z = pose_of(np.array([gamma, b, alpha, d, theta, r]))
     angles = theta_1 + np.array([0.0, 0.7, -1.1])
@@ -106,7 +106,7 @@ def _between() -> int:
 
 
 def _off_axis() -> tuple[SerialArm, Array]:
-    """An RX 130 with a target off its last axis."""
+    """Return an RX 130 with a target off its last axis."""
     arm, values = serial("rx130")
     moved = values.copy()
     moved[-3:] = (0.03, 0.02, 0.1)
@@ -143,7 +143,7 @@ def _identifiable() -> tuple[Answer, ...]:
 
 
 def _misaligned() -> tuple[Answer, ...]:
-    """Figure 3: where the common normal of two axes goes that were parallel, when one is tilted by β about y."""
+    """Compute figure 3: the common normal of two axes, of which one is tilted by β about y from parallel."""
     beta, d = rng_for(0, "arm").uniform([1e-4, 0.1], [0.1, 1.0], (SAMPLES, 2)).T
     tilted = np.stack([np.sin(beta), np.zeros(SAMPLES), np.cos(beta)], axis=1)
     point = np.stack([d, np.zeros(SAMPLES), np.zeros(SAMPLES)], axis=1)

@@ -1,7 +1,8 @@
-"""Machines of the course: the Versatran, carriers, parallel robots."""
+"""Compute the machines of Mallem 2011: the Versatran, carriers, parallel robots."""
 
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from lab.kinematics.closed.mobility import mobility
 
 __all__ = ["CARRIER_ITEMS", "PARALLEL_ITEMS", "VERSATRAN_ITEMS"]
 
-R7 = 0.15  # the course's tool, along the last axis, m: representative
+_R7 = 0.15  # the course's tool, along the last axis, m: representative
 _TABLE = {"α": ("0", "0", "-90", "0", "-90", "90"), "a": ("0",) * 6}
 _LINKS = (
     "c1 | −s1 | 0 | 0; s1 | c1 | 0 | 0; 0 | 0 | 1 | 0; 0 | 0 | 0 | 1",
@@ -54,21 +55,21 @@ _J_RIGHT = {"(2,1)": "px", "(2,2)": "0", "(2,3)": "c1", "(5,4)": "c1", "(5,5)": 
 
 @cache
 def _robot() -> tuple[Sampled, dict[str, Array], Array]:
-    """The arm at random positions with both bends of the wrist, its letters, and T0,7."""
+    """Sample the arm at random positions with both bends of the wrist, its letters, and T0,7."""
     robot = sampled("versatran")
     T = robot.between(0, 6)
     tool = np.eye(4)
-    tool[2, 3] = R7
+    tool[2, 3] = _R7
     hand = T @ tool
     p, x, y, z = T[:, :3, 3], T[:, :3, 0], T[:, :3, 1], T[:, :3, 2]
     names = {f"{letter}{axis}": column[:, i] for letter, column in (("p", p), ("x", x), ("y", y), ("z", z))
              for i, axis in enumerate("xyz")}  # fmt: skip
     place = {"px7": hand[:, 0, 3], "py7": hand[:, 1, 3], "pz7": hand[:, 2, 3]}
-    return robot, {**robot.variables, **names, **place, "r7": np.full(len(T), R7)}, hand
+    return robot, {**robot.variables, **names, **place, "r7": np.full(len(T), _R7)}, hand
 
 
 def _general() -> tuple[Answer, ...]:
-    """The matrix T_i-1,i of Craig's convention at random values."""
+    """Compare the matrix T_i-1,i of Craig's convention at random values."""
     alpha, a, theta, r = np.random.default_rng(0).uniform(-3, 3, (4, 20))
     x, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
     tilted = se3.pose(se3.exp(alpha[:, None] * x), a[:, None] * x)
@@ -113,7 +114,7 @@ def _jacobian() -> tuple[Answer, ...]:
 
 
 def _rates() -> tuple[Answer, ...]:
-    """Dp and dφ of the wrist, then dx, dz and the point of the hand, at random rates."""
+    """Compare dp and dφ of the wrist, then dx, dz and the point of the hand, at random rates."""
     robot, letters, _ = _robot()
     rates = np.random.default_rng(1).normal(size=robot.joints.shape)
     moved = np.einsum("nij,nj->ni", robot.jacobian(), rates)
@@ -122,7 +123,7 @@ def _rates() -> tuple[Answer, ...]:
     turning = np.cross(moved[:, 3:], robot.between(0, 6)[:, :3, 2])
     dx = np.cross(moved[:, 3:], robot.between(0, 6)[:, :3, 0])
     v |= {f"dz{axis}": turning[:, i] for i, axis in enumerate("xyz")}
-    hand = moved[:, :3] + R7 * turning
+    hand = moved[:, :3] + _R7 * turning
     printed = (
         "−c1 q3 dq1 − s1 dq3", "−s1 q3 dq1 + c1 dq3", "dq2",
         "−s1 dq4 − c1 s4 dq5 + (c1 c4 s5 − s1 c5) dq6", "c1 dq4 − s1 s4 dq5 + (s1 c4 s5 + c1 c5) dq6",
@@ -141,7 +142,7 @@ def _rates() -> tuple[Answer, ...]:
 
 
 def _inverse() -> tuple[Answer, ...]:
-    """The joints of a pose; w is the sign of sin q5, of the two roots."""
+    """Compare the joints of a pose; w is the sign of sin q5, of the two roots."""
     v = _robot()[1]
     v = v | {"w": np.sign(np.sin(v["q5"]))}
     right = {
@@ -156,7 +157,7 @@ def _inverse() -> tuple[Answer, ...]:
 
 
 def _inverse_rates() -> tuple[Answer, ...]:
-    """The rates of a twist of the wrist's centre; with dq1 known, dφ less it is the wrist's."""
+    """Compare the rates of a twist of the wrist's centre; with dq1 given, dφ less it is the wrist's."""
     robot, letters, _ = _robot()
     twist = np.random.default_rng(2).normal(size=(len(robot.joints), 6))
     rates = np.asarray(np.linalg.solve(robot.jacobian(), twist[..., None])[..., 0], dtype=float)
@@ -202,19 +203,19 @@ VERSATRAN_ITEMS = (
 )  # fmt: skip
 
 
-_STEP = 1e-30  # of the complex step: its square is nothing
+_STEP = 1e-30  # of the complex step: its square is negligible
 _QUADRANT = "arctg(y/x) has lost the quadrant: it is half a turn off where x < 0"
 
 
 def _numeric_rates(point: Callable[[Array], Array], joints: Array) -> Array:
-    """The Jacobian ``(n, 3, 3)`` of a point by a complex step in each joint."""
+    """Return the Jacobian ``(n, 3, 3)`` of a point by a complex step in each joint."""
     moved = joints[:, None, :] + 1j * _STEP * np.eye(3)
     return np.asarray(np.imag(point(moved.reshape(-1, 3))).reshape(-1, 3, 3) / _STEP).swapaxes(1, 2)
 
 
 @cache
 def _prp() -> tuple[dict[str, Array], Array, Array]:
-    """Letters of the PRP arm at random positions, its point ``(n, 3)`` and Jacobian; L2 = 0.4."""
+    """Sample the PRP arm: its letters, its point ``(n, 3)`` and Jacobian; L2 = 0.4."""
     rng, fixed = rng_for(0, "arm"), 0.4
     joints = rng.uniform([0.1, -3.0, 0.1], [1.0, 3.0, 1.0], (SAMPLES, 3))
 
@@ -249,7 +250,7 @@ def _prp_models() -> tuple[Answer, ...]:
 
 @cache
 def _rrr() -> tuple[dict[str, Array], Array, Array]:
-    """Letters of the RRR arm at random positions, its point and Jacobian; l1, l2, l3 are 0.5, 0.4 and 0.3."""
+    """Sample the RRR arm: its letters, its point and Jacobian; l1, l2, l3 are 0.5, 0.4 and 0.3."""
     first, second, third = 0.5, 0.4, 0.3
     joints = rng_for(0, "arm").uniform([-3.0, 0.4, 0.4], [3.0, 1.6, 2.6], (SAMPLES, 3))
 
@@ -262,8 +263,8 @@ def _rrr() -> tuple[dict[str, Array], Array, Array]:
     letters = {f"q{i + 1}": joints[:, i] for i in range(3)} | {
         f"l{i + 1}": np.full(SAMPLES, length) for i, length in enumerate(lengths)
     }
-    way = second * np.sin(joints[:, 1]) - third * np.sin(joints[:, 1] + joints[:, 2])
-    letters |= {"x": at[:, 0], "y": at[:, 1], "z": at[:, 2], "L": way}
+    distance = second * np.sin(joints[:, 1]) - third * np.sin(joints[:, 1] + joints[:, 2])
+    letters |= {"x": at[:, 0], "y": at[:, 1], "z": at[:, 2], "L": distance}
     return letters, at, _numeric_rates(point, joints)
 
 
@@ -272,13 +273,12 @@ def _rrr_models() -> tuple[Answer, ...]:
     up = "l1 + l2 cos(π − q2) + l3 cos(2 π − q2 − q3)"
     along = "l2 cos(π/2 − q2) + l3 cos(q2 + q3 − 3 π/2)"
     q2 = np.arctan2(np.sin(v["q2"]), np.cos(v["q2"]))
-    way = np.sign(v["L"])
     shoulder = "atan2((l2 − l3 c3) L − l3 s3 (z − l1), −l3 s3 L − (l2 − l3 c3) (z − l1))"
     return (
         formula("x", f"({along}) c1", at[:, 0], v),
         formula("y", f"({along}) s1", at[:, 1], v),
         formula("z", up, at[:, 2], v),
-        formula("θ1 of x, y, z", "", v["q1"], v | {"w": way}, right="atan2(w y, w x)"),
+        formula("θ1 of x, y, z", "", v["q1"], v | {"w": np.sign(v["L"])}, right="atan2(w y, w x)"),
         formula("cos θ3 of L, z", "", np.cos(v["q3"]), v, right="(l2^2 + l3^2 − L^2 − (z − l1)^2)/(2 l2 l3)"),
         formula("θ2 of L, z, θ3", "", q2, v, right=shoulder),
         formula("det J", "", np.linalg.det(J), v, right="l2 l3 s3 (l2 s2 − l3 s23)"),
@@ -371,7 +371,7 @@ def _two_legs() -> tuple[Answer, ...]:
 
 
 def _three_legs() -> tuple[Answer, ...]:
-    """Inverse model in the course's frame, and where the three legs' lines meet in a point or are parallel."""
+    """Compare the inverse model in the course's frame, and poses with the legs' lines in a point or parallel."""
     c2, c3, d3, l2, l3, theta = 1.0, 0.3, 0.9, 0.25, 0.3, 0.9
     base = np.array([[0.0, 0], [c2, 0], [c3, d3]])
     platform = np.array([[0.0, 0], [l2, 0], [l3 * np.cos(theta), l3 * np.sin(theta)]])
@@ -397,27 +397,20 @@ def _three_legs() -> tuple[Answer, ...]:
 
 
 def _meeting(robot: ThreeLegs) -> Array:
-    """A pose ``(1, 3)`` where the lines of the legs meet, by bisection over the platform's turn."""
-    low, high = -2.0, 2.0
+    """Return a pose ``(1, 3)`` where the lines of the legs meet, by bisection over the platform's turn."""
 
     def twisted(phi: float) -> float:
         return float(np.linalg.det(robot.matrices(np.array([[0.4, 0.4, phi]]))[0])[0])
 
-    signs = [(a, b) for a, b in zip(*_steps(low, high), strict=True) if twisted(a) * twisted(b) < 0]
-    low, high = signs[0]
+    low, high = next((a, b) for a, b in pairwise(np.linspace(-2.0, 2.0, 81).tolist()) if twisted(a) * twisted(b) < 0)
     for _ in range(60):
         middle = (low + high) / 2
         low, high = (middle, high) if twisted(low) * twisted(middle) > 0 else (low, middle)
     return np.array([[0.4, 0.4, (low + high) / 2]])
 
 
-def _steps(low: float, high: float) -> tuple[list[float], list[float]]:
-    at = np.linspace(low, high, 81).tolist()
-    return at[:-1], at[1:]
-
-
 def _delta() -> tuple[Answer, ...]:
-    """Grübler's count, then the closed forms against each other for the IRB 340's four axes."""
+    """Compare Grübler's count, and the closed forms against each other for the IRB 340's four axes."""
     joints = [1] * 3 + [3] * 12
     robot = Delta.of_triangles(0.567, 0.076, 0.524, 1.244)
     points = rng_for(0, "arm").uniform([-0.3, -0.3, -1.2], [0.3, 0.3, -0.8], (SAMPLES, 3))
@@ -435,7 +428,7 @@ def _delta() -> tuple[Answer, ...]:
 
 
 def _shared_pin() -> tuple[Answer, ...]:
-    """Exercise 11.5 with anchors at random, the figure being unreadable: E is the end of the bar A1 A2 of length L."""
+    """Compare exercise 11.5 with random anchors, as the figure is unreadable: E ends the bar A1 A2 of length L."""
     bar, base = 0.4, np.array([[0.0, 0.0], [1.2, 0.1], [0.2, 0.9]])
     robot = SharedPin(base, bar)
     poses = rng_for(0, "arm").uniform([0.2, 0.2, 0.1], [0.8, 0.7, 1.4], (SAMPLES, 3))

@@ -1,4 +1,4 @@
-"""Benmisra 2007 as a source: T_flex, the corrected direct model, and the compensation (equations 3.21 to 3.40)."""
+"""Compute Benmisra 2007: T_flex, the corrected direct model, and the compensation (equations 3.21 to 3.40)."""
 
 from collections.abc import Callable
 from functools import cache
@@ -17,11 +17,10 @@ from lab.kinematics.serial.walk import Torsors
 
 __all__ = ["ELASTIC"]
 
-_SAG = 1e-3  # m and rad: how far the ends of links 2 and 3 give way at most
+_SAG = 1e-3  # m and rad: largest deflection of the ends of links 2 and 3
 _X, _Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
-
-TorsorsAt = Callable[[Array], Torsors]
+_TorsorsAt = Callable[[Array], Torsors]
 
 
 @cache
@@ -29,8 +28,8 @@ def _robot() -> Sampled:
     return sampled("rx130")
 
 
-def _torsors_at(scale: float) -> TorsorsAt:
-    """A model of deformations: the ends of links 2 and 3 sink as much as they are level."""
+def _torsors_at(scale: float) -> _TorsorsAt:
+    """Return a model of deformations: the ends of links 2 and 3 sink as much as they are level."""
 
     def at(joints: Array) -> Torsors:
         level = np.cos(joints[:, 1]), np.cos(joints[:, 1] + joints[:, 2])
@@ -41,7 +40,7 @@ def _torsors_at(scale: float) -> TorsorsAt:
 
 
 def _rotations() -> tuple[Answer, ...]:
-    """3.23 to 3.29: the matrices of each elementary motion."""
+    """Compare 3.23 to 3.29, the matrices of each elementary motion."""
     angle, length = rng_for(0, "arm").uniform(-1.5, 1.5, (2, SAMPLES))
     v = {"r": angle, "L": length, "dx": length, "dy": angle, "dz": 2 * length}
     zero = np.zeros((SAMPLES, 3))
@@ -67,7 +66,7 @@ def _rotations() -> tuple[Answer, ...]:
 
 
 def _small() -> tuple[Answer, ...]:
-    """3.30 to 3.34: the products of small turns and displacements, to first order at a thousandth."""
+    """Check 3.30 to 3.34, the products of small turns and displacements, to first order at a thousandth."""
     torsor = 1e-3 * rng_for(0, "arm").uniform(-1, 1, (SAMPLES, 6))
     d, r = torsor[:, :3], torsor[:, 3:]
     linear = np.tile(np.eye(4), (SAMPLES, 1, 1))
@@ -85,7 +84,7 @@ def _small() -> tuple[Answer, ...]:
 
 
 def _chain() -> tuple[Answer, ...]:
-    """3.22 and 3.35 of the RX 130 by products of matrices, beside the lab's deformed direct model."""
+    """Compare 3.22 and 3.35 of the RX 130 by products of matrices with the lab's deformed direct model."""
     robot = _robot()
     torsors = _torsors_at(_SAG)(robot.joints)
     rigid = robot.arm.links(robot.joints, robot.values)
@@ -110,13 +109,13 @@ def _chain() -> tuple[Answer, ...]:
 
 
 def _flex(torsor: Array) -> Array:
-    """T_flex = Rot Trans of 3.34 with a whole rotation ``(n, 4, 4)``."""
+    """Return T_flex = Rot Trans of 3.34 with a whole rotation ``(n, 4, 4)``."""
     zero, one = np.zeros((len(torsor), 3)), np.tile(np.eye(3), (len(torsor), 1, 1))
     return np.asarray(se3.pose(se3.exp(torsor[:, 3:]), zero) @ se3.pose(one, torsor[:, :3]))
 
 
 def _errors() -> tuple[Answer, ...]:
-    """3.21 and its parts by segment, which add up to first order."""
+    """Check that the parts of 3.21 by segment add up to first order."""
     robot = _robot()
     found = elastic_errors(robot.arm, robot.values, robot.joints, _torsors_at(_SAG)(robot.joints))
     apart = float(np.abs(found.by_link.sum(axis=1) - found.total).max())
@@ -124,7 +123,7 @@ def _errors() -> tuple[Answer, ...]:
 
 
 def _compensation() -> tuple[Answer, ...]:
-    """3.36 b to 3.38: once, where the errors are small, and again and again where they are large."""
+    """Check 3.36 b to 3.38: one correction of small errors, iterations of large ones."""
     robot = _robot()
     away = robot.arm.singular_distance(robot.joints, robot.values)[0] > 0.2
     joints = robot.joints[away]
@@ -144,14 +143,14 @@ def _compensation() -> tuple[Answer, ...]:
     )
 
 
-def _corrected(robot: Sampled, joints: Array, torsors_at: TorsorsAt) -> Correction:
-    """The correction of an arm whose links' ends are displaced as a model says."""
+def _corrected(robot: Sampled, joints: Array, torsors_at: _TorsorsAt) -> Correction:
+    """Correct an arm whose links deform by a model."""
     rigid = robot.arm.tool(joints, robot.values)
     return compensated(rigid, joints, lambda there: robot.arm.tool(there, robot.values, 0, torsors_at(there)))
 
 
 def _planar() -> tuple[Answer, ...]:
-    """The remark on fewer than six joints, of the planar-and-up arm of two."""
+    """Check the remark on fewer than six joints, of an arm of two joints."""
     robot = sampled("course2r")
 
     def at(joints: Array) -> Torsors:
@@ -167,15 +166,15 @@ def _planar() -> tuple[Answer, ...]:
 
 
 def _calibrated() -> tuple[Answer, ...]:
-    """3.39 and 3.40: a purely geometric fit takes in a part of the elastic errors, and leaves the rest."""
+    """Check 3.39 and 3.40: a purely geometric fit absorbs a part of the elastic errors."""
     robot = _robot()
     arm, values = robot.arm, robot.values
     joints = arm.chain.random_joints(200, rng_for(1, "structure"))
     rigid, J = arm.observe(joints, values)
     bent = arm.points(joints, values, _torsors_at(_SAG)(joints))
     error, J = (bent - rigid).ravel(), J.reshape(-1, len(values))
-    kept = list(base_set_of(J, range(len(values))).identifiable)
-    left = error - J[:, kept] @ np.linalg.lstsq(J[:, kept], error, rcond=None)[0]
+    identifiable = list(base_set_of(J, range(len(values))).identifiable)
+    left = error - J[:, identifiable] @ np.linalg.lstsq(J[:, identifiable], error, rcond=None)[0]
     share = float(np.linalg.norm(left) / np.linalg.norm(error))
     return (
         holds("3.40: the identified parameters take in a part of the deformations", share, within=0.999),

@@ -1,4 +1,4 @@
-"""Chapter III: the direct and the inverse model of the IRB 120 (equations III.1 to III.31, tables III.1 to III.3)."""
+"""Compute chapter III of Mahdadi and Bouafia 2020: direct and inverse model of the IRB 120."""
 
 from functools import cache
 from typing import TYPE_CHECKING
@@ -10,8 +10,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number
 from lab.extensions.reproduction.item import Item
-from lab.extensions.reproduction.models import matrix_formulas, matrix_numbers, sampled, serial
-from lab.extensions.reproduction.placements import placements
+from lab.extensions.reproduction.models import link_matrix, matrix_formulas, matrix_numbers, placements, sampled, serial
 from lab.kinematics.inverse.closed_form import closed_form_of
 
 if TYPE_CHECKING:
@@ -58,7 +57,7 @@ def _limits() -> tuple[Answer, ...]:
 
 
 def _sizes() -> tuple[Answer, ...]:
-    """Reach and depth of the wrist's centre in the arm's plane, by a grid of joints 2 and 3."""
+    """Compare reach and depth of the wrist's centre in the arm's plane, by a grid of joints 2 and 3."""
     arm, values = serial("irb120")
     steps = 121
     q2, q3 = (np.linspace(arm.chain.lower[i], arm.chain.upper[i], steps) for i in (1, 2))
@@ -84,19 +83,12 @@ def _dh_table() -> tuple[Answer, ...]:
 
 
 def _general_link() -> tuple[Answer, ...]:
-    """The matrix of any link, of angles and lengths at random."""
-    rng = np.random.default_rng(0)
-    theta, alpha, d, a = rng.uniform(-3, 3, (4, 20))
-    z, x, zero = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.zeros((20, 3))
-    first = se3.pose(se3.exp(theta[:, None] * z), d[:, None] * z)
-    exact = (
-        first @ se3.pose(np.tile(np.eye(3), (20, 1, 1)), a[:, None] * x) @ se3.pose(se3.exp(alpha[:, None] * x), zero)
-    )
+    theta, alpha, d, a = np.random.default_rng(0).uniform(-3, 3, (4, 20))
     printed = (
         "cos(θ) | −sin(θ) cos(α) | sin(θ) sin(α) | a cos(θ); sin(θ) | cos(θ) cos(α) | −cos(θ) sin(α) | a sin(θ);"
         "0 | sin(α) | cos(α) | d; 0 | 0 | 0 | 1"
     )
-    return matrix_formulas("T", printed, exact, {"θ": theta, "α": alpha, "d": d, "a": a})
+    return matrix_formulas("T", printed, link_matrix(theta, d, a, alpha), {"θ": theta, "α": alpha, "d": d, "a": a})
 
 
 def _links() -> tuple[Answer, ...]:
@@ -136,7 +128,7 @@ def _inverse_of_a_pose() -> tuple[Answer, ...]:
 
 @cache
 def _wrist() -> tuple[dict[str, Array], Array, Array]:
-    """Letters at random positions: of equations III.18 to III.31; the wrist's centre (mm) and R0,6."""
+    """Sample the letters of equations III.18 to III.31, the wrist's centre (mm) and R0,6."""
     robot = sampled("irb120", 1e3)
     T, q = robot.between(0, 6), robot.variables
     centre = robot.between(0, 4)[:, :3, 3]
@@ -163,7 +155,7 @@ def _centre() -> tuple[Answer, ...]:
 
 
 def _shoulder() -> tuple[Answer, ...]:
-    """Equations III.21 to III.28, the printed q1 to q4 as A to D."""
+    """Compare equations III.21 to III.28, the printed q1 to q4 as A to D."""
     v = _wrist()[0]
     q2, q3 = v["q2"], v["q3"]
     t = np.sin(q3 - v["β"])
@@ -182,7 +174,7 @@ def _shoulder() -> tuple[Answer, ...]:
 
 
 def _first_joint() -> tuple[Answer, ...]:
-    """Equations III.23 and III.26 with both signs, each at the positions where it gives this joint."""
+    """Check equations III.23 and III.26 with both signs, each at its positions."""
     v = _wrist()[0]
     facing, bent = v["C"] > 0, np.cos(v["q3"] - v["β"]) > 0
     t = np.sin(v["q3"] - v["β"])
@@ -200,7 +192,6 @@ def _last_joints() -> tuple[Answer, ...]:
     c4, s4, c5, s5, c6, s6 = (f(v[f"q{i}"]) for i in (4, 5, 6) for f in (np.cos, np.sin))
     in_plane = "(c1 ax + s1 ay)"
     v = v | {"s5": s5}
-    way = np.sign(s5)
     return (
         formula("III.30 −c4 s5", f"{in_plane} s23 + az c23", -c4 * s5, v),
         formula("III.30 −s4 s5", "s1 ax − c1 ay", -s4 * s5, v),
@@ -208,7 +199,7 @@ def _last_joints() -> tuple[Answer, ...]:
         formula("III.30 −c6 s5", "−nz s23 + (c1 nx + s1 ny) c23", -c6 * s5, v),
         formula("III.30 s6 s5", "−oz s23 + (c1 ox + s1 oy) c23", s6 * s5, v),
         formula("III.31 θ5", f"w atan2(√(1 − (−az s23 + {in_plane} c23)^2), −az s23 + {in_plane} c23)",
-                np.arctan2(s5, c5), v | {"w": way}),
+                np.arctan2(s5, c5), v | {"w": np.sign(s5)}),
         formula("III.31 θ4", f"atan2((−s1 ax + c1 ay)/s5, (−{in_plane} s23 − az c23)/s5)", np.arctan2(s4, c4), v),
         formula("III.31 θ6", "atan2((−oz s23 + (c1 ox + s1 oy) c23)/s5, (nz s23 − (c1 nx + s1 ny) c23)/s5)",
                 np.arctan2(s6, c6), v),
@@ -217,7 +208,7 @@ def _last_joints() -> tuple[Answer, ...]:
 
 @cache
 def _eight_solutions() -> Array:
-    """The solutions ``(8, 6)`` rad of section III.2.2, in the order of table III.3."""
+    """Return the solutions ``(8, 6)`` rad of section III.2.2, in the order of table III.3."""
     arm, values = serial("irb120")
     form = closed_form_of(arm.dh_chain(values))
     assert form is not None

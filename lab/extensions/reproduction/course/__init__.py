@@ -1,1 +1,0 @@
-"""Mallem 2011: geometric and kinematic models of serial and parallel robots, and trajectories."""
