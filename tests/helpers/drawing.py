@@ -11,21 +11,21 @@ from markupsafe import Markup
 
 _WRITES = {
     "lab.commands.calibrate.recording": "record",
-    "lab.commands.compensate.recording": "record_compensation",
+    "lab.commands.error_recording": "record_compensation record_verification",
     "lab.commands.design.recording": "record_plan",
     "lab.extensions.dynamics.arm.recording": "record_dynamics",
     "lab.extensions.dynamics.payload.recording": "record_payload",
-    "lab.commands.verify.recording": "record_verification",
-}  # by module: the function that writes a file
+}  # by module: the functions that write a file
 
 
 @contextmanager
 def nothing_drawn() -> Iterator[None]:
     """Recordings are empty files, pages have empty pictures, and studies have none."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, function in _WRITES.items():
+        for name, functions in _WRITES.items():
             module = types.ModuleType(name)
-            setattr(module, function, lambda path, *_: Path(path).write_bytes(b""))
+            for function in functions.split():
+                setattr(module, function, lambda path, *_: Path(path).write_bytes(b""))
             patch.setitem(sys.modules, name, module)
         patch.setattr("lab.render.charts.chart.inline_svg", lambda picture: Markup())
         patch.setattr("lab.commands.study.document.pictures_of", lambda _: {})

@@ -10,7 +10,7 @@ from lab.certification.budget import COVERAGE, Budget, BudgetLine, InputQuantity
 from lab.certification.characteristics import CHARACTERISTICS, Accuracy, Conformity, PoseAccuracy, Repeats
 from lab.certification.lack_of_fit import LackOfFit
 from lab.commands.calibrate.load_run import CalibrationRun
-from lab.commands.certify.options import CertifyOptions
+from lab.commands.options import CertifyOptions
 from lab.commands.result import ErrorStatistics, Result, error_statistics, number
 from lab.compensation.iso9283 import CYCLES
 from lab.core.checks import Check

@@ -48,8 +48,8 @@ from lab.commands.certify.inputs import (
     random_errors,
     validation_errors,
 )
-from lab.commands.certify.options import CertifyOptions
 from lab.commands.certify.result import Certificate, RobotFound, Unseen
+from lab.commands.options import CertifyOptions
 from lab.core.errors import LabError
 from lab.core.measurements import PLACE, Measurements
 from lab.core.probability import Uncertain

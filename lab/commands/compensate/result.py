@@ -14,8 +14,7 @@ from lab.calibration.extrapolation import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
-from lab.commands.calibrate.exports import comment_on_missing_effects
-from lab.commands.calibrate.load_run import CalibrationRun
+from lab.commands.calibrate.load_run import CalibrationRun, comment_on_missing_effects
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram, UsedTool, flange_note, flange_values, used_tools
 from lab.commands.compensate.program_reference import ProgramErrors, ProgramReference, program_errors
@@ -90,7 +89,7 @@ class CompensationResult(Result):
     command = "compensate"
     shown_by = "lab.commands.compensate.document:compensation_document"
     drawn_by = "lab.commands.compensate.document:corrections_picture"
-    recorded_by = "lab.commands.compensate.recording:record_compensation"
+    recorded_by = "lab.commands.error_recording:record_compensation"
 
     options: CompensateOptions
     run: CalibrationRun

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.commands.import_measurements.clocks import ClockComparison, ClockOffset, NominalFit, PlacedPoints
-from lab.commands.import_measurements.options import By, ImportOptions
+from lab.commands.options import By, ImportOptions
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM

@@ -12,7 +12,7 @@ from lab.campaign.robot import Robot, load_robot
 from lab.commands.command_line import options_of, takes
 from lab.commands.import_measurements.clocks import LEAST_POSES, NominalFit
 from lab.commands.import_measurements.matching import Matching, Timeline, matched
-from lab.commands.import_measurements.options import ImportOptions
+from lab.commands.options import ImportOptions
 from lab.commands.result import Result, joint_values, number
 from lab.core.errors import LabError, counted
 from lab.core.measurements import Measurements, measured

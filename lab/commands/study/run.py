@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lab.commands.command_line import options_of, takes
+from lab.commands.options import StudyOptions
 from lab.commands.result import Result
 from lab.commands.run_folder import free_name
 from lab.commands.study.format import circumstances, level_text
-from lab.commands.study.options import StudyOptions
 from lab.core.errors import LabError, error_context
 from lab.extension_points import load_reference
 from lab.formats.csv_table import text_cell
@@ -70,7 +70,7 @@ class StudyResult(Result):
         """Write the analysis: means, pairs and ranks as CSV, the figures, and ``report.html``."""
         write_csv(folder, self.analysis)
         pictures = load_reference("lab.commands.study.document:pictures_of")(self)
-        load_reference("lab.commands.study.figures:write_figures")(folder, pictures)
+        load_reference("lab.commands.study.document:write_figures")(folder, pictures)
         self.report(folder / "report.html")
 
 

@@ -15,7 +15,7 @@ from scipy import stats
 
 import lab
 from lab.cli import main
-from lab.commands.status.arm import STATES
+from lab.commands.status import STATES
 from lab.core.errors import LabError
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
 

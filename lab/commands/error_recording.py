@@ -1,8 +1,9 @@
-"""Recording (rerun) of an arm's position errors, pose by pose: arrows of one magnification, and one view closer.
+"""Record position errors with rerun, pose by pose: arrows of one magnification, and one closer view.
 
-What moves is on the timelines ``pose`` and ``time``, as in ``recording``.
+What moves is on the timelines ``pose`` and ``time``, as in ``lab.render.recording``.
 """
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from lab.commands.compensate.result import CompensationResult
+from lab.commands.verify import VerificationResult
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
@@ -35,12 +38,12 @@ from lab.render.recording import (
     pose_times,
     recording_to,
 )
-from lab.render.scene import LARGEST_FACTOR, magnification, moved, reach_of, skeleton, world_legs
-from lab.render.style import RGB_MEASURED, RGB_UNCERTAINTY
+from lab.render.scene import LARGEST_FACTOR, drawn_rows, magnification, moved, reach_of, skeleton, world_legs
+from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MEASURED, RGB_UNCERTAINTY
 from lab.simulation.meshes import arm_shells, body_poses
 from lab.simulation.model import RobotModel
 
-__all__ = ["ErrorScene", "PointErrors", "record_errors"]
+__all__ = ["ErrorScene", "PointErrors", "record_compensation", "record_errors", "record_verification"]
 
 _ARROW, _SPHERE = 0.15, 0.08  # of the reach: how long the mean arrow and the median radius are to be drawn
 _LEAST_MM = 1e-9  # what a logarithmic plot shows of an error of nothing
@@ -226,3 +229,76 @@ def _blueprint(scene: ErrorScene, origins: Array, points: Array, reach: float) -
     close = close_view("magnified", "The error to expect, magnified apart", reach)
     text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
     return layout(left, rrb.Vertical(close, text, row_shares=[1.0, 1.5]), TIME)
+
+
+def record_verification(path: Path, result: VerificationResult) -> None:
+    """Write the recording of ``lab verify``; of many rows an evenly spaced part."""
+    calibrated, found = result.calibrated, result.verified
+    data = result.measurements.take(drawn_rows(len(result.measurements)))
+    arm = calibrated.robot.arm_with(data.targets, calibrated.estimate.groups)
+    predicted = np.where(data.seen[:, :, None], arm.points(data.inputs(arm.conditions), found.values), np.nan)
+    colour, colour_name = (RGB_AFTER, "light blue") if found.good else (RGB_BEFORE, "vermilion")
+    text = "measured less predicted"
+    rigid = arm.rigid
+    scene = ErrorScene(
+        calibrated.robot.model,
+        rigid,
+        found.values[: len(rigid.names)],
+        data.joints,
+        data.ids,
+        predicted,
+        "where the calibrated arm is predicted to have its targets",
+        [PointErrors("observed", text, colour, colour_name, data.points - predicted)],
+        np.full(len(data), found.expected_m),
+    )
+    digest = hashlib.sha256(calibrated.robot.sha256.encode() + found.values.tobytes())
+    digest.update(data.joints.tobytes() + data.points.tobytes())
+    record_errors(path, calibrated.robot.name, digest.hexdigest()[:32], scene, result.document())
+
+
+def record_compensation(path: Path, result: CompensationResult) -> None:
+    """Write the recording of ``lab compensate``: the stops in their order; of many an evenly spaced part.
+
+    Only targets that are reached are among the stops; there has to be one.
+    """
+    run, rows = result.run, result.reached
+    waypoints = drawn_rows(len(result.waypoints.joints))
+    every = result.waypoints.names
+    joints, names = result.waypoints.joints[waypoints], [every[i] for i in waypoints]
+    which = result.waypoints.which[waypoints]
+    at_target = np.flatnonzero(which >= 0)
+    aimed = rows[which[at_target]]
+    wanted, found = result.wanted.positions[aimed], result.found
+    conditions = result.arm_inputs[:, joints.shape[1] :]
+    uncorrected = np.concatenate([found.uncorrected, conditions], axis=1)[aimed]
+    before = run.estimate.arm.points(uncorrected, run.estimate.values)
+    before = before[np.arange(len(aimed)), result.target if result.points is None else result.points[aimed]]
+    rigid, values = run.estimate.geometry
+    scene = ErrorScene(
+        run.robot.model,
+        rigid,
+        values,
+        joints,
+        names,
+        _at_waypoints(wanted, at_target, len(waypoints))[:, None],
+        "the targets, wanted",
+        [
+            PointErrors(
+                "uncorrected",
+                "from the target to the arm's position with the nominal joint positions",
+                RGB_BEFORE,
+                "vermilion",
+                _at_waypoints(before - wanted, at_target, len(waypoints))[:, None],
+            ),
+        ],
+        _at_waypoints(result.predicted_m[aimed], at_target, len(waypoints)),
+    )
+    digest = hashlib.sha256(run.robot.sha256.encode() + joints.tobytes() + wanted.tobytes() + values.tobytes())
+    record_errors(path, run.robot.name, digest.hexdigest()[:32], scene, result.document())
+
+
+def _at_waypoints(values: Array, at_target: NDArray[np.int_], count: int) -> Array:
+    """Values ``(t, …)`` of targets at their stops ``(count, …)``; NaN at those that are only passed."""
+    spread = np.full((count, *values.shape[1:]), np.nan)
+    spread[at_target] = values
+    return spread

@@ -13,7 +13,7 @@ from lab.calibration.checks.fit import check_extrapolated, check_limits
 from lab.calibration.estimate import PredictedPoints
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, read_calibrated
 from lab.commands.command_line import options_of, takes
-from lab.commands.predict.options import PredictOptions
+from lab.commands.options import PredictOptions
 from lab.commands.result import Result, number, plain_numbers
 from lab.commands.run_folder import joint_columns
 from lab.core import se3
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PredictionResult", "predict"]
 
-
 _PREDICTED_FILE = "predicted.csv"
 _PAIRS = ((0, 0, "xx"), (0, 1, "xy"), (0, 2, "xz"), (1, 1, "yy"), (1, 2, "yz"), (2, 2, "zz"))
 
@@ -71,8 +70,8 @@ class PredictionResult(Result):
     """
 
     command = "predict"
-    shown_by = "lab.commands.predict.run:_prediction_document"
-    drawn_by = "lab.commands.predict.run:_radii_picture"
+    shown_by = "lab.commands.predict:_prediction_document"
+    drawn_by = "lab.commands.predict:_radii_picture"
 
     options: PredictOptions
     run: CalibrationRun

@@ -1,4 +1,4 @@
-"""A calibrated arm and a few new measurements: is it within its predicted error?"""
+"""Test new measurements against a calibrated arm: is it within its predicted error?"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,8 +20,8 @@ from lab.campaign.instruments import named_instrument
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.run import checked
 from lab.commands.command_line import options_of, takes
+from lab.commands.options import VerifyOptions
 from lab.commands.result import Result, error_statistics, exit_code_of, number
-from lab.commands.verify.options import VerifyOptions
 from lab.core.checks import Check
 from lab.core.errors import LabError, be, counted, error_context
 from lab.core.limits import called, one_serial
@@ -77,8 +77,8 @@ class VerificationResult(Result):
     """
 
     command = "verify"
-    shown_by = "lab.commands.verify.run:_verification_document"
-    drawn_by = "lab.commands.verify.run:errors_picture"
+    shown_by = "lab.commands.verify:_verification_document"
+    drawn_by = "lab.commands.verify:errors_picture"
     recorded_by = "lab.commands.verify.recording:record_verification"
 
     options: VerifyOptions

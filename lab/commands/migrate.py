@@ -12,7 +12,7 @@ from lab.calibration.estimate_files import read_estimate_files
 from lab.calibration.identify import WEAK
 from lab.campaign.config_file import CONFIG_FILE, INPUTS, read_config
 from lab.commands.calibrate.load_run import CALIBRATIONS, read_header
-from lab.commands.migrate.options import MigrateOptions
+from lab.commands.options import MigrateOptions
 from lab.commands.result import Result
 from lab.commands.run_folder import SCHEMA, is_older, refuse_edits, write_json
 from lab.core.errors import LabError
@@ -36,7 +36,7 @@ class MigrationResult(Result):
     """The runs that were looked at."""
 
     command = "migrate"
-    shown_by = "lab.commands.migrate.run:_migration_document"
+    shown_by = "lab.commands.migrate:_migration_document"
 
     options: MigrateOptions
     runs: tuple[Migrated, ...]

@@ -10,7 +10,7 @@ import numpy as np
 from lab.calibration.estimate import IdentifiedSubset
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, read_calibrated, refuse_other_parameters
 from lab.commands.command_line import options_of, takes
-from lab.commands.compare.options import CompareOptions
+from lab.commands.options import CompareOptions
 from lab.commands.result import Result
 from lab.core.errors import LabError
 from lab.core.limits import called, one_serial
@@ -54,8 +54,8 @@ class ComparisonResult(Result):
     """
 
     command = "compare"
-    shown_by = "lab.commands.compare.run:_comparison_document"
-    drawn_by = "lab.commands.compare.run:_differences_picture"
+    shown_by = "lab.commands.compare:_comparison_document"
+    drawn_by = "lab.commands.compare:_differences_picture"
 
     options: CompareOptions
     runs: tuple[CalibrationRun, ...]
