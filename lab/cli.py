@@ -50,7 +50,6 @@ def _only_our_warnings() -> None:
 
 
 def _ended(arguments: list[str]) -> int:
-    """Run one command, and tell in one line how it ended, if not well."""
     from lab.commands import program
     from lab.core.errors import LabError, options_as_flags
 
@@ -73,7 +72,6 @@ def _ended(arguments: list[str]) -> int:
 
 
 def _report_error(arguments: list[str], error: Exception) -> tuple[str, int]:
-    """Print an error, and return the exit code."""
     from lab.commands.program import DEFECT, drop_output, write_log
     from lab.core.errors import LabError
 
@@ -133,7 +131,6 @@ def _help() -> str:
 
 
 def _where(place: "Path") -> list[str]:
-    """The folder of a run, its page, and the command that shows its recording."""
     page, recording = place / "report.html", place / "recording.rrd"
     return [
         f"run: {place}",

@@ -86,12 +86,10 @@ def _line(event: Any, flags: Sequence[str], alone: Sequence[str]) -> str:
 
 
 def _name(argument: Any) -> str:
-    """A flag as it is typed, or what stands for a value without one."""
     return str(argument.lowered.metavar if argument.is_positional() else argument.lowered.name_or_flags[0])
 
 
 def _described(argument: Any) -> str:
-    """A missing argument or flag, and of what kind it is."""
     name = argument.field.intern_name if argument.is_positional() else argument.lowered.name_or_flags[0]
     return f"{name} ({argument.lowered.metavar})"
 
@@ -210,7 +208,6 @@ def _split(argument: str) -> tuple[str, ...]:
 
 
 def _names(kind: Any) -> Iterator[str]:
-    """Yield the names of all options, including those in groups."""
     hints = get_type_hints(kind)
     for each in fields(kind):
         yield from _names(hints[each.name]) if is_dataclass(hints[each.name]) else (each.name,)

@@ -162,7 +162,6 @@ def _differences_picture(result: ComparisonResult) -> Picture:
 
 
 def _sentence(result: ComparisonResult, difference: Difference) -> str:
-    """Describe in a sentence what has moved."""
     p = f"p = {difference.p:.2g}" if difference.p > 0 else "p < 1e-300"
     if not difference.changed:
         return f"No change of the links is detectable between the two runs ({p})."

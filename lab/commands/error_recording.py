@@ -134,7 +134,6 @@ def record_errors(path: Path, robot: str, identity: str, scene: ErrorScene, docu
 
 
 def _draw_points(recording: rr.RecordingStream, scene: ErrorScene, points: Array, reach: float) -> None:
-    """Draw all points, those of the enlarged pose, and the target of the close view."""
     there, at = np.asarray(np.isfinite(points).all(axis=2)), pose_times(scene.numbers)
     recording.log(
         "world/targets/all", rr.Points3D(points[there], colors=RGB_MEASURED, radii=0.004 * reach), static=True
@@ -192,7 +191,6 @@ def _draw_expected(recording: rr.RecordingStream, scene: ErrorScene, points: Arr
 
 
 def _draw_numbers(recording: rr.RecordingStream, scene: ErrorScene) -> None:
-    """Mean errors of every pose by a logarithmic scale, and the expected one."""
     kinds = [(each.name, _mean_lengths(each.vectors), each.colour) for each in scene.errors]
     for name, lengths, colour in (*kinds, ("expected", scene.expected, RGB_UNCERTAINTY)):
         used = np.flatnonzero(np.isfinite(lengths))
@@ -211,7 +209,6 @@ def _mean_lengths(vectors: Array) -> Array:
 
 
 def _legend(scene: ErrorScene, factor: float, sphere: float) -> Section:
-    """Return the legend: the meaning of the colours, and the magnification of each."""
     arrows = format_magnification(factor)
     lines: list[Text] = [(Strong("yellow"), f": {scene.points_label}")]
     lines += [(Strong(each.colour_name), f": {each.description}, {arrows}") for each in scene.errors]

@@ -68,7 +68,6 @@ class _SavedLoad:
     covariance_of_mass_and_moment: tuple[tuple[float | None, ...], ...]
 
     def __post_init__(self) -> None:
-        """Refuse arrays of another size and what is no mass or place of a payload, with a LabError."""
         rows = self.covariance_of_mass_and_moment
         if len(self.com_m) != 3 or [len(row) for row in rows] != [4] * 4:
             raise LabError("com_m has 3 numbers, covariance_of_mass_and_moment 4 rows of 4")

@@ -64,7 +64,6 @@ class MigrationResult(Result):
 
 
 def _migration_document(result: MigrationResult) -> Document:
-    """Build the document: each run, and what the migration added."""
     given = [", ".join(each.given) or "nothing: the run has the current format" for each in result.runs]
     rows = tuple((str(each.folder), text) for each, text in zip(result.runs, given, strict=True))
     count = sum(bool(each.given) for each in result.runs)
@@ -136,7 +135,6 @@ def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
 
 
 def _replace(folder: Path, files: Mapping[str, Any]) -> None:
-    """Write the run again with other contents of some of its files."""
     if strays := sorted(path.name for path in folder.iterdir() if not _is_of_run(path)):
         raise LabError(f"{folder}: holds {strays[0]}, which is not a file of a run; move it elsewhere")
     if Path.cwd().is_relative_to(folder.resolve()):

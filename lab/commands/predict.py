@@ -174,7 +174,6 @@ class PredictionResult(Result):
         }
 
     def _predictions(self) -> list[dict[str, Any]]:
-        """Predicted values of each pose."""
         points, base = plain_numbers(MM.of(self.points)), plain_numbers(MM.of(self.points_in_base))
         covariances = plain_numbers(1e6 * self.predicted.covariance)
         radii = {name: plain_numbers(MM.of(lengths)) for name, lengths in self.radii_95.items()}
@@ -199,7 +198,6 @@ class PredictionResult(Result):
 
     @property
     def _both_rotations(self) -> tuple[Array, Array]:
-        """Rotations of the tool, in the frame of the measurements and in the base."""
         return self.rotations, np.asarray(self.T_instrument_base[:3, :3].T @ self.rotations)
 
     def write_files(self, folder: Path) -> None:
@@ -239,7 +237,6 @@ _CAUSES = {
 
 
 def _prediction_document(result: PredictionResult) -> Document:
-    """The points' uncertainty by cause, and every pose with its points in both frames."""
     run = result.run.result
     return Document(
         f"{result.run.robot.name}: {counted(len(result.rows), 'pose')} predicted",
@@ -365,7 +362,6 @@ def predict(
 
 
 def _read(file: Path, run: CalibrationRun) -> Measurements:
-    """The rows of a file that are not to be skipped."""
     chain = run.robot.chain
     data = read_measurements(file, chain.joint_names, chain.prismatic, points=False)
     return data.take([i for i, use in enumerate(data.use) if use != "skip"])

@@ -118,7 +118,6 @@ def _files(path: Path) -> list[tuple[Path, Path]]:
 
 
 def _named(path: Path, place: Path, seen: set[Path]) -> Iterator[tuple[Path, Path]]:
-    """The files that a file names by relative paths, and those that they name."""
     for file, name in _names(path):
         if file.is_file() and not name.is_absolute() and file.resolve() not in seen and not is_own(file.resolve()):
             seen.add(file.resolve())
@@ -144,7 +143,6 @@ def _names(path: Path) -> Iterator[tuple[Path, Path]]:
 
 
 def _texts(content: Any) -> Iterator[str]:
-    """The values of a TOML file that name other files."""
     if isinstance(content, dict):
         yield from (value for key, value in content.items() if key in _NAMING and isinstance(value, str))
         yield from (text for value in content.values() for text in _texts(value))
@@ -270,7 +268,6 @@ def _hide_draft_path(draft: Path) -> Iterator[None]:
 
 
 def _place(out: Path) -> Path:
-    """Return the path of a run: a folder of its own."""
     try:
         place, here = resolved(out), Path.cwd()
     except OSError as error:
@@ -305,7 +302,6 @@ def _refuse_other_files(out: Path) -> None:
 
 
 def _is_of_run(path: Path, known: set[str]) -> bool:
-    """Decide whether a file or folder may be one of a run."""
     if path.is_symlink():
         return False
     return path.is_dir() if path.name == INPUTS else path.name in known and path.is_file()
@@ -503,7 +499,6 @@ def unfinished(command: str, options: Any, out: Path | None, *, resume: bool) ->
 
 
 def _beside(out: Path) -> Path:
-    """Return the folder in which finished pieces are stored."""
     try:
         place = resolved(out)
     except OSError as error:

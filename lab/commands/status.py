@@ -461,7 +461,6 @@ def _checks_picture(result: StatusResult) -> Picture:
 
 
 def _ticks(first: date, last: date) -> list[date]:
-    """Firsts of months between two days, at most eight."""
     months = [first.year * 12 + first.month - 1, last.year * 12 + last.month - 1]
     step = next((each for each in _MONTHS if (months[1] - months[0]) / each < _MOST_TICKS), _MONTHS[-1])
     start = -(-(months[0]) // step) * step
@@ -551,7 +550,6 @@ def _explained(result: StatusResult) -> str:
 
 
 def _changes(arm: ArmStatus) -> Text:
-    """Describe the changes between the calibrations of an arm, as in its trend."""
     if arm.trend is None:
         return ""
     if not arm.trend.changes:

@@ -297,7 +297,6 @@ def _over_time(result: TrendResult, name: str, called: str) -> Picture:
 
 
 def _changes(axes: "Axes", result: TrendResult) -> None:
-    """A line for each change, between the two calibrations."""
     for k, change in enumerate(result.changes):
         before, after = (result.runs[i].date.toordinal() for i in (change.after, change.after + 1))
         at: Any = (before + after) / 2 - 719163  # matplotlib counts days from 1970
@@ -385,7 +384,6 @@ def change_text(result: TrendResult, change: ChangePoint) -> str:
 
 
 def _called(name: str) -> str:
-    """A parameter, with the joint whose zero it is."""
     joint = name.removeprefix("link").removesuffix(".theta")
     return f"{name} (the zero of joint {joint})" if joint.isdigit() else name
 
@@ -397,7 +395,6 @@ def _size(result: TrendResult, name: str, size: float, half: float) -> str:
 
 
 def _unit(result: TrendResult, name: str) -> Unit:
-    """Unit of a parameter or of a joint's zero."""
     units = {each.name: each.unit_of_change for each in result.parameters}
     zeros = {f"zero of joint {each.joint}": MM if each.unit == "mm" else MRAD for each in result.detectable}
     return {**zeros, **units}[name]

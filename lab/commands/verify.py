@@ -288,7 +288,6 @@ def _chance(p: float) -> str:
 
 
 def _advice(result: VerificationResult) -> tuple[Block, ...]:
-    """Advise what to do if a single part has changed and the first sentence does not state it."""
     moved = () if result.verified.situation is not None else result.verified.moved
     return (Paragraph(sentence(_ADVICE[moved[0]]), shown_in=PAGE | TERMINAL),) if len(moved) == 1 else ()
 
@@ -308,7 +307,6 @@ def _refitted(result: VerificationResult) -> Table:
 
 
 def _detectable(result: VerificationResult) -> Table:
-    """Tabulate the changes that the test would have detected, with their units."""
     rows = tuple((name, short(size), unit) for name, unit, size in result.detectable if size < float("inf"))
     caption = "Smallest change that the test detects in 95 of 100 such files"
     return Table(("", "by", "unit"), rows, caption)
@@ -467,7 +465,6 @@ def _refuse_strange(calibrated: CalibrationRun, rows: Measurements, options: Ver
 
 
 def _refuse_implausible(prediction: CalibrationPrediction, observations: Observations) -> None:
-    """Points that spread unlike the robot's are of another unit, or of another robot."""
     some = observations.thinned(_SPREAD_OF)
     predicted = prediction.arm.points(some.inputs, prediction.values)
     spreads = [spread(np.where(np.isnan(some.points), np.nan, points)) for points in (some.points, predicted)]
@@ -529,7 +526,6 @@ def _numbers(rows: Measurements) -> Array:
 
 
 def _warnings(calibrated: CalibrationRun, read: Measurements, rows: Measurements, verified: Verified) -> list[str]:
-    """Collect the warnings for the reader."""
     chain, messages = calibrated.robot.chain, [*calibrated.warnings, *read.warnings]
     if blank := len(read.only("calibrate", "reference", "test")) - len(rows):
         messages.append(f"{blank} rows have no measured point and are left out")
@@ -558,7 +554,6 @@ def _warnings(calibrated: CalibrationRun, read: Measurements, rows: Measurements
 
 
 def _repeat_where_measured(lone: int, count: int, verified: Verified) -> list[str]:
-    """Advise what to do if a change is found mostly by extrapolated poses."""
     if verified.good or lone <= MOST_UNCOVERED * count:
         return []
     return [

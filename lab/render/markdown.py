@@ -57,7 +57,6 @@ def _table(block: Table) -> Iterable[str]:
 
 
 def _to_inline(text: Text) -> str:
-    """A text in one line."""
     parts = ((isinstance(part, Strong | Badge), _escaped(plain(part))) for part in inlines(text))
     return "".join(f"**{words}**" if strong else words for strong, words in parts)
 

@@ -58,7 +58,6 @@ def to_html(document: Document) -> str:
 
 
 def _texts(blocks: Iterable[Block]) -> Iterator[str]:
-    """Yield the texts of blocks."""
     for each in blocks:
         if isinstance(each, Section):
             yield each.title

@@ -146,7 +146,6 @@ def size_maps(shown: SizeMap) -> tuple[Picture, ...]:
 
 
 def _ends(shown: SizeMap) -> tuple[float, float]:
-    """The lengths that the colours cover, mm: a few are larger."""
     if shown.range_m is not None:
         return MM.of(shown.range_m[0]), MM.of(shown.range_m[1])
     return 0.0, float(np.percentile(MM.of(shown.sizes), 99)) or 1.0
@@ -176,7 +175,6 @@ def _size_map(axes: Axes, shown: SizeMap, plane: tuple[int, int]) -> None:
 
 
 def _scale(shown: SizeMap) -> Picture:
-    """The colours as a bar, the last one for all that is larger."""
 
     def draw(axes: Axes) -> None:
         ends = _ends(shown)

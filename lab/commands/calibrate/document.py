@@ -103,7 +103,6 @@ def document_of(result: CalibrationResult) -> Document:
 
 
 def _warnings(result: CalibrationResult) -> Warnings:
-    """List the warnings that are no reasons of the verdict."""
     reasons = phrases(result.verdict.reasons)
     return Warnings(tuple(each for each in result.warnings if each not in reasons))
 
@@ -142,7 +141,6 @@ def _judged_error(result: CalibrationResult) -> str:
 
 
 def _validated_on(result: CalibrationResult) -> str:
-    """Describe the validation set: the number of errors and their source."""
     assert result.after is not None and result.validation.judged_by is not None
     return _VALIDATED[result.validation.judged_by].format(count=f"{result.after.count:,}")
 
@@ -221,7 +219,6 @@ def _predictions(result: CalibrationResult) -> Table:
 
 
 def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
-    """Model, goodness of fit, noise, the truth of a virtual robot, model selection, stiffness."""
     stiffness = tuple(
         (each.joint, f"{each.stiffness:,.0f}", f"± {each.std:,.0f}" if np.isfinite(each.std) else "–")
         for each in result.stiffnesses
@@ -264,7 +261,6 @@ def _noise(result: CalibrationResult) -> str:
 
 
 def _truth(result: CalibrationResult) -> str:
-    """Compare the estimates with the true parameters of a virtual robot, in a sentence."""
     comparison = result.comparison
     if comparison is None or not np.isfinite(comparison.z).all():
         return ""

@@ -298,7 +298,6 @@ def _arm_views(arm: ArmPoses) -> tuple[Picture, ...]:
 
 
 def _sticks(axes: Axes, arm: ArmPoses, plane: tuple[int, int]) -> None:
-    """Links, joints, targets and points."""
     size = 9 if len(arm.points) <= 200 else 4
     word = "measured point" if arm.measured else "tool point"
     points = MM.of(arm.points[:: max(1, len(arm.points) // 1000)][:, plane])
@@ -332,7 +331,6 @@ def _parted(lines: Array) -> Array:
 
 
 def _instrument(axes: Axes, head: Array, middle: Array, half: float, plane: tuple[int, int]) -> None:
-    """The instrument, or an arrow towards it at the edge of the view where it is farther off."""
     position, centre = head[list(plane)], middle[list(plane)]
     away = position - centre
     if np.abs(head - middle).max() < half:
@@ -396,7 +394,6 @@ def _in_order(result: CalibrationResult, residuals: Array, band: float) -> Pictu
 
 
 def _by_joint(result: CalibrationResult, residuals: Array, band: float) -> Picture:
-    """A lane for each joint, over the range that was measured."""
     joints, chain = result.fitted.joints, result.robot.chain
     low, high = joints.min(axis=0), joints.max(axis=0)
     share = (joints - low) / np.where(high > low, high - low, 1.0)

@@ -274,7 +274,6 @@ class CalibrationRun:
 
     @property
     def _doubts(self) -> list[str]:
-        """Reasons why the predicted error of the run may be too small."""
         result, messages = self.result, []
         if result.verdict != "good":
             why = f" ({'; '.join(result.reasons) or result.reason})" if result.reason else ""

@@ -85,7 +85,6 @@ def parameters_text(outcome: CalibrationResult) -> str:
 
 
 def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
-    """Explain the colours of the recording and their magnifications."""
     known = outcome.identification.sigma_given
     unit = "their effects in standard deviations" if known else "all points have the same weight"
     before, after = format_magnification(shown.factor_before), format_magnification(shown.factor_after)
@@ -111,7 +110,6 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
 
 
 def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
-    """The layout of a campaign's recording."""
     unit = "in σ" if outcome.identification.sigma_given else "in mm"
     controls = eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
     left = rrb.Vertical(
@@ -144,7 +142,6 @@ def _close_views(shown: Scene) -> rrb.Horizontal:
 
 
 def _errors() -> rrb.TimeSeriesView:
-    """Both errors by one logarithmic scale."""
     return rrb.TimeSeriesView(
         origin=_LOG_ERRORS, name="Error, log10 of mm (0 is 1 mm, −2 is 0.01 mm), two poses a second"
     )
@@ -238,7 +235,6 @@ def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
 
 
 def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
-    """Errors of every fitted pose, singular values, and how the fit converged."""
     for name, errors, colour in (("before", shown.error_before, RGB_BEFORE), ("after", shown.error_after, RGB_AFTER)):
         used = np.flatnonzero(np.isfinite(errors))
         recording.send_columns(

@@ -108,7 +108,6 @@ def correlated_pairs(identification: Identification) -> tuple[CorrelatedPair, ..
 
 
 def _weak_directions_of(identification: Identification, fitted: Measurements) -> tuple[Direction, ...]:
-    """Directions of the identified parameters that the fitted measurements hardly observe."""
     model, free = identification.model, list(identification.fit.free)
     seen = Observations(fitted.inputs(model.conditions), fitted.points, np.ones(fitted.points.shape[:2]))
     triangle = triangle_of(
@@ -433,7 +432,6 @@ _ADEQUATE: dict[Outcome, bool | None] = {"passed": True, "failed": False, "not t
 
 
 def _answer_to_dict(answer: Answer) -> dict[str, Any]:
-    """Return plain values of one of the verdict's three answers."""
     return {"standing": answer.standing, "words": in_one_line(answer.checks)}
 
 
@@ -480,7 +478,6 @@ def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
 
 
 def _remaining_to_dict(found: RemainingError | None, gain: ExpectedGain | None) -> dict[str, Any] | None:
-    """Return the components of a coordinate's remaining error, in mm."""
     if found is None:
         return None
     sizes = {"total_mm": found.total_m, "instrument_mm": found.instrument_m, "shared_mm": found.shared_m}
@@ -525,7 +522,6 @@ def _bounds_to_dict(found: ValidationBounds | None) -> dict[str, Any] | None:
 
 
 def _truth_to_dict(result: CalibrationResult, comparison: TruthComparison) -> dict[str, Any]:
-    """Return the comparison of the estimates with a virtual robot's true parameters."""
     return {
         "max_abs_z": number(np.abs(comparison.z).max()),
         "nees_per_parameter": number(comparison.nees_per_parameter),

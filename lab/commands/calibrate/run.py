@@ -433,7 +433,6 @@ def _of_measurements(
 
 
 def _judging(options: VirtualCampaign | MeasuredCampaign) -> Judging:
-    """The options of the judgement that both kinds of campaign have."""
     gate_m = None if options.gate_mm is None else MM.to_si(options.gate_mm)
     return Judging(gate_m=gate_m, region=task_region(options.region), region_name=f"--region {options.region}")
 

@@ -132,7 +132,6 @@ def _split(calibrated: CalibrationRun) -> tuple[Measurements, Measurements | Non
 
 
 def _noise(calibrated: CalibrationRun, device: Instrument | None) -> Noise:
-    """Return the noise by which the run weighted its rows."""
     shared = calibrated.estimate.shared
     if (given := calibrated.options.noise_mm) is not None:
         return Noise(sigma_m=given / 1e3, shared=shared)
@@ -224,7 +223,6 @@ def validation_errors(
 
 
 def _distinct(calibrated: CalibrationRun, rows: Measurements) -> int:
-    """Count the poses of some rows."""
     return int(cv_groups_of(calibrated.estimate.arm, rows).max()) + 1
 
 

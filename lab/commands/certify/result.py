@@ -270,7 +270,6 @@ def _unseen_to_dict(found: Unseen) -> dict[str, Any]:
 
 
 def _statistics_to_dict(found: Mapping[str, float] | None) -> dict[str, float | int] | None:
-    """Return the statistics as the run has them, with the count as an integer."""
     return None if found is None else {name: int(v) if name == "count" else v for name, v in found.items()}
 
 
@@ -386,7 +385,6 @@ def _certificate_document(result: Certificate) -> Document:
 
 
 def _contributions_picture(budget: Budget) -> Picture:
-    """Draw the contribution of each quantity to the standard uncertainty."""
     lines = sorted(budget.lines, key=lambda line: line.contribution_m)
     sizes = MICRONS.of(np.array([line.contribution_m for line in lines]))
 
@@ -405,7 +403,6 @@ def _contributions_picture(budget: Budget) -> Picture:
 
 
 def _withheld(result: Certificate) -> tuple[Block, ...]:
-    """Report that the certificate is not issued, where details are impossible."""
     if result.issued:
         return ()
     why = in_one_line(each for each in result.implausible if each.outcome == "failed")
@@ -493,7 +490,6 @@ def _statement(result: Certificate) -> tuple[Block, ...]:
 
 
 def _validated(result: Certificate) -> tuple[Block, ...]:
-    """The errors of the validation beside those that the budget predicts for it."""
     found = result.validation
     assert found is not None
     rows: list[Row] = [
@@ -515,7 +511,6 @@ def _validated(result: Certificate) -> tuple[Block, ...]:
 
 
 def _unseen(result: Certificate) -> tuple[Block, ...]:
-    """Tabulate the effects that nothing in the run covers, U including them, and the remedies."""
     rows: tuple[Row, ...] = tuple((each.description, each.remedy) for each in result.unseen)
     digits = [short(MM.of(each)) for each in result.with_unseen_m]
     text = (

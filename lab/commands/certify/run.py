@@ -254,14 +254,12 @@ def _with_unseen(
 
 
 def _facts(calibrated: CalibrationRun, source: str, robot: RobotFound) -> CampaignFacts:
-    """Collect the certificate's facts on robot, instrument and measurement session."""
     measured_mm = None if robot.repeats is None else MM.of(robot.repeats.repeatability.mean_m)
     instrument = source if source in INSTRUMENTS else ""
     return CampaignFacts(calibrated.robot.name, instrument, calibrated.options.date or "", measured_mm)
 
 
 def _conformity(options: CertifyOptions, calibrated: CalibrationRun, expanded_m: float) -> Conformity | None:
-    """The statement, where there is a tolerance and a value."""
     result = calibrated.result
     tolerance = result.gate_mm if options.tolerance_mm is None else options.tolerance_mm
     if tolerance is None or result.after_mm is None:
@@ -278,7 +276,6 @@ def _warnings(
     robot: RobotFound,
     validation: LackOfFit | None,
 ) -> Iterator[str]:
-    """Yield the warnings: those of the run, and effects that the budget lacks."""
     if validation is not None and validation.sigma_m:
         yield (
             f"the validation error is {MM.text(validation.observed_rms_m, 2)} (RMS), but the rest of the budget "

@@ -143,7 +143,6 @@ def _other_solutions(result: CompensationResult) -> Table:
 
 
 def _moves(result: CompensationResult) -> tuple[Block, ...]:
-    """Report which moves were checked for collisions, and the poses passed on the way."""
     if not result.checked or not len(result.reached):
         return ()
     if result.program is not None:
@@ -164,7 +163,6 @@ def _moves(result: CompensationResult) -> tuple[Block, ...]:
 
 
 def _program(result: CompensationResult) -> tuple[Section, ...]:
-    """Report the result for the program that contains the targets."""
     if (program := result.program) is None:
         return ()
     text = (
@@ -201,7 +199,6 @@ def _near(result: CompensationResult) -> Table:
 
 
 def _extrapolated(result: CompensationResult) -> Table:
-    """The targets that no measured pose is near, with the error to expect there."""
     rows = tuple(
         (result.targets.ids[i], short(MM.of(float(result.predicted_m[i])))) for i in np.flatnonzero(result.extrapolated)
     )
@@ -211,7 +208,6 @@ def _extrapolated(result: CompensationResult) -> Table:
 
 
 def _distance(near: NearSingular) -> str:
-    """The distance to a singularity, in the unit of the joint that leads there."""
     return short(MM.of(near.distance), "mm") if near.slides else short(float(np.rad2deg(near.distance)), "°")
 
 

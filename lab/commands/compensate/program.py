@@ -220,7 +220,6 @@ class OpenProgram:
         return texts, lost, "" if kept.all() else _lost_in_rounding(target, correction, lost)
 
     def _most(self, target: TargetText, part: str) -> int:
-        """The most places behind the point that the language takes of a kind of number."""
         of_length, of_angle = self.language.most_digits
         return 0 if target.whole else of_length if part == "place" else of_angle
 
@@ -314,7 +313,7 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
         raise LabError(f"{path}: no target can be corrected; line {left[0].line}: {left[0].reason}")
     targets = Targets(
         reference.run.estimate.arm.targets[reference.target],
-        _names(read.targets, rows[retained]),
+        _unique_names(read.targets, rows[retained]),
         wanted.positions[retained],
         wanted.rotations[retained],
         joints[retained],
@@ -323,8 +322,7 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
     return OpenProgram(path, text, language, read, reference, rows[retained], targets, tuple(left))
 
 
-def _names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, ...]:
-    """Return a unique name for each target."""
+def _unique_names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, ...]:
     names, counts = dict[str, None](), Counter[str]()
     for i in rows.tolist():
         name = targets[i].name
@@ -349,7 +347,6 @@ def _T_instrument_last(nominal: NominalInverse, read: ProgramText, target: Targe
 
 
 def _parts(target: TargetText) -> tuple[tuple[str, slice], ...]:
-    """The kinds of a target's numbers, and where they are."""
     if target.spelling is None:
         return (("pulses" if target.whole else "joints", slice(0, 6)),)
     return ("place", slice(0, 3)), ("rotation", slice(3, 3 + target.spelling.parts))
@@ -472,7 +469,6 @@ def stated_positions_note(reference: "ProgramReference") -> str:
 
 
 def _why(reference: "ProgramReference") -> str:
-    """Explain why the measured points do not determine the flange's orientation."""
     measured = reference.measured_targets
     if not reference.flange.uses_stated and reference.run.options.observe == "pose":
         return ", since the measured pose of the tool is not the one that is stated"

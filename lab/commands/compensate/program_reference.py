@@ -284,7 +284,6 @@ def _points_by_name(names: Sequence[str], places: Array) -> dict[str, float]:
 
 
 def _named(taken: Sequence[str], wished: Sequence[str]) -> list[str]:
-    """Names of targets as descriptions take them, each once."""
     found = list[str]()
     for name in wished:
         plain = (

@@ -139,7 +139,6 @@ class CompensationResult(Result):
 
     @property
     def _beyond(self) -> tuple[str, ...]:
-        """Warnings on targets outside the measured range of the run."""
         sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)]
         messages = list(phrases(check_extrapolated("targets", ids, len(sizes))))
         if count := int((sizes > 0).sum()):
@@ -157,7 +156,6 @@ class CompensationResult(Result):
 
     @property
     def _extrapolated_share(self) -> float:
-        """Share of extrapolated targets among those that are reached."""
         return float(self.extrapolated.sum()) / max(len(self.reached), 1)
 
     @property
@@ -169,7 +167,6 @@ class CompensationResult(Result):
 
     @property
     def _unchecked(self) -> tuple[str, ...]:
-        """Warnings on moves not checked for collisions, or checked by assumed shapes only."""
         model = self.run.robot.model
         if self.checked:
             return ("collisions were checked with links drawn as rods",) if model.shapes_assumed else ()
@@ -253,7 +250,6 @@ class CompensationResult(Result):
             yield found, by_tool
 
     def _blocks(self) -> Iterator[tuple[Array, NDArray[np.int_]]]:
-        """Inputs of the arm, and which of its targets are aimed, of some targets at a time."""
         aimed = np.full(len(self.arm_inputs), self.target) if self.points is None else self.points
         for first in range(0, len(self.arm_inputs), _BLOCK):
             yield self.arm_inputs[first : first + _BLOCK], aimed[first : first + _BLOCK]
@@ -496,7 +492,6 @@ def _of_points(values: Array, points: NDArray[np.int_]) -> Array:
 
 
 def _write_files(folder: Path, result: CompensationResult) -> None:
-    """Write the corrected targets and the calibrated arm in every format."""
     run, rows = result.run, np.flatnonzero(result.found.converged)
     chain, ids = run.robot.chain, {"id": [result.targets.ids[i] for i in rows]}
     lone = result.extrapolated
@@ -543,7 +538,6 @@ def _target_moves(result: CompensationResult) -> TargetMoves:
 
 
 def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
-    """Positions in mm and quaternions wxyz, in the frame of the targets' file."""
     positions, tool = MM.of(result.found.positions[rows]), result.targets.tool
     quaternions = se3.quaternion_from_rotation(result.found.rotations[rows] @ result.run.estimate.R_last_tool)
     columns = {f"{tool}_{axis}_mm": values for axis, values in zip("xyz", positions.T, strict=True)}
@@ -551,7 +545,6 @@ def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> di
 
 
 def _conditions_files(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
-    """Return the conditions of the targets in these rows."""
     return {name: column[rows] for name, column in result.targets.conditions.items()}
 
 
@@ -565,12 +558,10 @@ def _waypoint_conditions(result: CompensationResult) -> dict[str, list[Any]]:
 
 
 def _yes(flags: NDArray[np.bool_]) -> list[str]:
-    """Flags in words."""
     return ["yes" if flag else "no" for flag in flags]
 
 
 def _write_csv(path: Path, result: CompensationResult, columns: Mapping[str, Sequence[Any] | Array]) -> None:
-    """A column says so where nothing was checked."""
     if not result.checked:
         columns = {**columns, "checked": ["no"] * len(columns["id"])}
     write_columns(path, columns)

@@ -97,7 +97,6 @@ def _compensated(options: CompensateOptions, run: CalibrationRun, given: Targets
 
 
 def _of_program(options: CompensateOptions, run: CalibrationRun) -> CompensationResult:
-    """Correct the targets of a program, and its text."""
     program = open_program(options, run)
     done = _corrected_program(options, program)
     if left := done.better_left:
@@ -207,7 +206,6 @@ def _corrected(
 
 
 def _left_out(run: CalibrationRun, targets: Targets, found: Compensation) -> list[str]:
-    """Describe rotations and positions of the targets that an arm with so few joints cannot reach."""
     size, messages = run.robot.chain.size, []
     if found.unturned_rad.max() > _UNTURNED_RAD:
         worst = int(found.unturned_rad.argmax())

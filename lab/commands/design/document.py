@@ -210,7 +210,6 @@ def _at_edge(head: Array, half: float, plane: tuple[int, int]) -> tuple[Array, s
 
 
 def _joints(axes: Axes, chain: JointSpec, joints: Array) -> None:
-    """Draw every joint position in its joint's range, with the limits at the ends."""
     share = (joints - chain.lower) / (chain.upper - chain.lower)
     rows = np.arange(chain.size)[::-1]
     axes.hlines(rows, 0, 1, color=GRID, linewidth=9)
@@ -288,7 +287,6 @@ def design_document(result: DesignResult) -> Document:
 
 
 def _chosen(values: dict[str, Any]) -> str:
-    """Describe the selected poses and the criterion."""
     already = f", added to {values['measured_already']} measured already" if values["measured_already"] else ""
     return (
         f"{values['poses']} poses{already}, targets {', '.join(values['targets'])}, {values['instrument']}: "
@@ -321,7 +319,6 @@ def _steps(values: dict[str, Any]) -> Table:
 
 
 def _tour(result: DesignResult) -> str:
-    """Describe the duration of the measurement session."""
     tour = result.tour
     via = f", {result.tour.via} of them through waypoints that are not measured" if result.tour.via else ""
     chain, controller = result.problem.robot.chain, result.options.controller
@@ -334,7 +331,6 @@ def _tour(result: DesignResult) -> str:
 
 
 def _checked(result: DesignResult) -> str:
-    """Describe what was checked for collisions."""
     if result.options.no_check:
         return "Nothing was checked for collisions."
     options = result.options
@@ -347,7 +343,6 @@ def _checked(result: DesignResult) -> str:
 
 
 def _candidates(values: dict[str, Any]) -> str:
-    """Report how many poses were examined, and why the others cannot be measured."""
     found, lost = values["candidates"], values["candidates"]["rejected"]
     singular = f"{lost['singularity']:,} near a parallel singularity, " if lost["singularity"] else ""
     return (
@@ -357,7 +352,6 @@ def _candidates(values: dict[str, Any]) -> str:
 
 
 def _reflector(values: dict[str, Any]) -> tuple[Block, ...]:
-    """Report how near the waypoints come to the largest angle that the reflectors take."""
     found = values["reflector"]
     if found is None:
         return ()
@@ -371,7 +365,6 @@ def _reflector(values: dict[str, Any]) -> tuple[Block, ...]:
 
 
 def _stations(values: dict[str, Any]) -> tuple[Block, ...]:
-    """Tabulate the number of poses that each station measures."""
     stations = values["stations"]
     if not stations:
         return ()
@@ -388,7 +381,6 @@ def _stations(values: dict[str, Any]) -> tuple[Block, ...]:
 
 
 def _files(result: DesignResult) -> tuple[Block, ...]:
-    """The files to measure with, and why there is none for a controller."""
     chain = result.problem.robot.chain
     why = refusal(chain, result.options.controller)
     files = plan_or_refusal(chain, result.options.controller, result.problem.robot.model.stations).values()
@@ -400,7 +392,6 @@ def _files(result: DesignResult) -> tuple[Block, ...]:
 
 
 def _certificate(values: dict[str, Any]) -> str:
-    """Report the certified D-efficiency and the gap of its bound."""
     return (
         f"The certified D-efficiency is {values['d_efficiency']:.3f}, against {values['pool']['what']} "
         f"(gap of the bound {100 * values['bound_gap']:.2f} %)."

@@ -89,7 +89,6 @@ def _identity(plan: DesignResult) -> str:
 
 
 def _targets(recording: rr.RecordingStream, at: Times, shown: PlanScene) -> None:
-    """Log all targets, numbered and coloured in order, the path between them, and the current one."""
     points = shown.points[shown.measured]  # (n, k, 3)
     n, k = points.shape[:2]
     share = np.repeat(np.linspace(0, 1, n), k)[:, None]
@@ -132,7 +131,6 @@ def _curve(recording: rr.RecordingStream, plan: DesignResult) -> None:
 
 
 def _document(plan: DesignResult, shown: PlanScene) -> Document:
-    """The plan's document, and what the scene shows and magnifies."""
     document = plan.document()
     legend = Bullets(
         (
@@ -152,7 +150,6 @@ def _document(plan: DesignResult, shown: PlanScene) -> Document:
 
 
 def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
-    """The joint positions at every stop."""
     chain = plan.problem.robot.chain
     units = ["mm" if slides else "°" for slides in chain.prismatic]
     ids, last, rows = iter(shown.ids), len(shown.measured) - 1, []

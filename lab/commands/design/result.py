@@ -191,7 +191,6 @@ class DesignResult(Result):
 
     @property
     def _pool_description(self) -> str:
-        """Description of the set of poses that the certificate refers to."""
         candidates = len(self.problem.candidates.joints)
         moved = len(self.certificate.weights) - candidates
         text = f"any {len(self.joints)} of {candidates} feasible candidates"

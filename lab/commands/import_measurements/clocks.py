@@ -299,7 +299,6 @@ class ClockComparison:
         return [self._compared(offset, where) for offset, where in zip(retained, wheres, strict=True)]
 
     def _drifts(self, given: float) -> list[float]:
-        """Return drifts (ppm) to try: none, the given one, and others whose effects differ."""
         window = max(float(np.median(self.ends - self.starts)), 1e-3)
         shift = 1e-6 * CLOCK_DRIFT_PPM.most * float(np.ptp(self.at))
         steps = min(int(np.ceil(shift / (_DRIFT_STEP * window))), _MAX_DRIFTS)

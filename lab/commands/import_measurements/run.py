@@ -128,7 +128,6 @@ _WIDE = (7.0, 2.4)  # inches
 
 
 def _import_document(result: ImportResult) -> Document:
-    """The merge in sentences, the columns, and what was left out."""
     data = result.measurements
     caption = "The points in the tracker's frame, seen along its z axis."
     return Document(
@@ -238,7 +237,6 @@ def _left_out(result: ImportResult) -> tuple[Paragraph | Table, ...]:
 
 
 def _points_picture(result: ImportResult) -> Picture:
-    """The points seen along the z axis of the tracker's frame."""
     points = MM.of(result.measurements.points.reshape(-1, 3))
     points = points[np.isfinite(points).all(axis=1)]
 

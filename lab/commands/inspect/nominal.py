@@ -179,7 +179,6 @@ def _degrees_of_freedom(chain: Chain) -> dict[str, Any]:
 
 
 def _table_row(chain: Chain, i: int) -> dict[str, Any]:
-    """A joint's row of the table, with its limits."""
     cells = {
         f"{c}_{'mm' if c in 'da' else 'deg'}": tidy(chain.table[i, j] * (1e3 if c in "da" else 180 / np.pi))
         for j, c in enumerate(COLUMNS)
@@ -206,7 +205,6 @@ def serial_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
 
 
 def _freedoms_text(values: Mapping[str, Any]) -> str:
-    """Joints and degrees of freedom, what is free and what cannot be moved, in a sentence."""
     index, freedoms = values["index"], values["degrees_of_freedom"]
     text = f"mobility index {index}, {freedoms} degrees of freedom of the last frame"
     if values["redundancy"]:
@@ -236,7 +234,6 @@ def _rows(joints: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:
 
 
 def _frames(khalil: Mapping[str, Mapping[str, Any]]) -> tuple[Block, ...]:
-    """Base and targets in Khalil and Kleinfinger's parameters, and what is not determined."""
     rows = tuple((name, *(printed(each[key]) for key in each if key != "note")) for name, each in khalil.items())
     notes = [f"{name}: {each['note']}".replace("-", "−") for name, each in khalil.items() if each["note"]]
     return (
@@ -250,7 +247,6 @@ def _frames(khalil: Mapping[str, Mapping[str, Any]]) -> tuple[Block, ...]:
 
 
 def _singularities(values: Mapping[str, Any]) -> tuple[Block, ...]:
-    """The Jacobian's determinant, and an example of each singularity with its self-motion."""
     if values["determinant"] is None:
         return ()
     text = values["determinant"].replace("-", "−").replace("*", "·")
@@ -445,7 +441,6 @@ def closed_shape(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _numbers(dimensions: dict[str, Array]) -> dict[str, Any]:
-    """Dimensions of a closed form, in mm and degrees."""
     found: dict[str, Any] = {}
     for name, value in dimensions.items():
         if name.endswith("_rad"):
@@ -486,7 +481,6 @@ def closed_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
 
 
 def _step_text(step: dict[str, Any], signs: dict[str, int]) -> str:
-    """A step of a path: its constant, the joint that adds to it, or that it is passive."""
     value = step["value_deg"] if len(step["kind"]) == 2 else step["value_mm"]
     if step["passive"]:
         return f"{step['kind']} passive ({printed(value)})"
@@ -502,7 +496,6 @@ def _length(rod: dict[str, Any], signs: dict[str, int]) -> str:
 
 
 def _gruebler(count: Mapping[str, Any]) -> str:
-    """The count of bodies and joints, as textbooks print it."""
     most, internal = (3, "") if count["planar"] else (6, f" − {count['internal']} internal")
     turns = "" if count["planar"] or not count["internal"] else "; each rod turns about itself"
     bodies, joints = f"{most} × {count['bodies']} bodies", f"{most} × {count['joints']} joints"
@@ -511,7 +504,6 @@ def _gruebler(count: Mapping[str, Any]) -> str:
 
 
 def _shape(values: Mapping[str, Any]) -> tuple[Block, ...]:
-    """Freedoms, modes, workspace, and singularities."""
     count = f"{_counted(len(values['joints']), 'joint')} + {_counted(values['passive'], 'passive value')}"
     closures = _counted(values["closures"], "closure")
     lines = [
@@ -558,7 +550,6 @@ def _singularity_text(values: Mapping[str, Any], each: dict[str, Any]) -> str:
 
 
 def _dimensions(form: dict[str, Any]) -> str:
-    """Describe the dimensions of a closed form."""
     if "span_mm" in form:
         return f"anchors {printed(form['span_mm'])} mm apart"
     if "anchors_mm" in form:

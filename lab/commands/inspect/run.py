@@ -263,7 +263,6 @@ def singular_values_picture(result: Inspection) -> Picture:
 
 
 def _identifiable(result: Inspection) -> tuple[Block, ...]:
-    """The identifiable parameters, by group."""
     values = result.values
     names = [name.rsplit(".", 1) for name in values["identifiable"]]
     groups = dict.fromkeys(sorted((group for group, _ in names), key=_group_order))
@@ -284,7 +283,6 @@ def _group_order(group: str) -> tuple[bool, str]:
 
 
 def _fixed(result: Inspection) -> tuple[Block, ...]:
-    """The parameters that are fixed at nominal, and why."""
     values = result.values
     fixed = f"fixed at nominal by --fix, though identifiable: {', '.join(values['held'])}" if values["held"] else ""
     others = ", ".join(values["told_apart"])
@@ -302,7 +300,6 @@ def _fixed(result: Inspection) -> tuple[Block, ...]:
 
 
 def _conditioning(result: Inspection) -> list[Block]:
-    """The condition number, weakly observable directions, and what would help."""
     values = result.values
     named = {parameter.name: parameter for parameter in result.parameters}
     weak = []
@@ -353,7 +350,6 @@ def inspect(robot: str | Path | Robot | InspectOptions = "irb120", **options: An
 
 
 def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
-    """Nominal dimensions, limits, shape, identifiable and aliased parameters."""
     groups = options.groups
     nominal = _nominal(options, robot)
     arm = robot.arm_with(options.targets, groups)

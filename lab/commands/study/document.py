@@ -171,7 +171,6 @@ def _positions(levels: Sequence[Any]) -> dict[Any, float]:
 
 
 def _named(levels: Iterable[Any]) -> bool:
-    """Decide whether levels are names, and so categorical."""
     return any(isinstance(level, str) for level in levels)
 
 
@@ -237,7 +236,6 @@ def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> D
 
 
 def _behind(comparison: Comparison) -> list[Pair]:
-    """The others against the best, in the order of their ranks."""
     return [comparison.against(comparison.ranks[0].cell, rank.cell) for rank in comparison.ranks[1:]]
 
 
@@ -290,7 +288,6 @@ def _panels(
     sharex: bool = False,
     sharey: bool = False,
 ) -> Drawing:
-    """Draw each item in a panel of a size in inches, side by side and below each other."""
     across = min(len(shown), _MOST_ACROSS)
     down = ceil(len(shown) / across)
     with matplotlib.rc_context(FIGURE_STYLE):

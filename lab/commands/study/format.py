@@ -152,7 +152,6 @@ def _leading(names: Sequence[str]) -> str:
 
 
 def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
-    """Simulated calibrations that were left out, and in which cells."""
     campaigns, lost = sum(each.campaigns for each in means), sum(each.not_converged for each in means)
     if not lost:
         return []

@@ -175,7 +175,6 @@ def _run(options: StudyOptions, known: Study) -> StudyResult:
 
 
 def _analysis(done: StudyDone) -> Analysis:
-    """Analyse the simulated calibrations of a study."""
     campaigns = read_campaigns(done.folder)
     columns = {name: campaigns[name].to_numpy() for name in campaigns.column_names}
     return analysed(columns, done.study.cells, done.study.seed)

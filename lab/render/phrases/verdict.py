@@ -124,7 +124,6 @@ def _unknown_noise(check: Check) -> str:
 
 
 def _joints(check: Check) -> str:
-    """Word the test of the joints' positions, alone or beside shared errors."""
     if "shared" not in check.data:
         return _unknown_noise(check)
     shared = "; ".join(check.data["shared"].descriptions)

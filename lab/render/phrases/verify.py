@@ -38,7 +38,6 @@ _SEVERAL = (
 
 
 def _verification(check: Check) -> str:
-    """Word the situation first, where there is one, then the errors and what may have changed."""
     data, cause = check.data, check.data["cause"]
     sizes = f"errors of {MM.text(data['rms_m'])}, where {MM.text(data['predicted_m'])} are predicted"
     errors = f"{sizes} ({_tests(check)})"
@@ -51,7 +50,6 @@ def _verification(check: Check) -> str:
 
 
 def _tests(check: Check) -> str:
-    """Word the tests and their outcome."""
     parts, dof, tail = (check.data[name] for name in ("parts", "sigma_dof", "tail_dof"))
     kind = "chi2" if dof is None else "F"
     if tail is not None:
@@ -72,7 +70,6 @@ def _chance(p: float) -> str:
 
 
 def _diagnosis(check: Check) -> str:
-    """Word what has changed."""
     alike, name = check.data["alike"], check.data["likeliest"]
     if len(alike) > 1:
         return f"these poses cannot decide whether {', or '.join(map(_changed, alike))}"
