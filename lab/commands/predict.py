@@ -70,6 +70,7 @@ class PredictionResult(Result):
     """
 
     command = "predict"
+    robot_at = "run.robot"
     shown_by = "lab.commands.predict:_prediction_document"
     drawn_by = "lab.commands.predict:_radii_picture"
 
@@ -81,11 +82,6 @@ class PredictionResult(Result):
     R_instrument_last: Array
     without_effects_m: float | None
     notes: tuple[str, ...]
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.run.robot.sha256
 
     @property
     def points(self) -> Array:

@@ -26,7 +26,6 @@ from lab.commands.registry import command_named
 from lab.core.errors import LabError
 from lab.core.limits import TABLE_BYTES, TEXT_BYTES
 from lab.core.se3 import Array
-from lab.core.units import MM
 from lab.core.version import __version__
 from lab.core.whole_folder import (
     CHECKSUMS,
@@ -614,10 +613,8 @@ class Waypoints:
 
 def joint_columns(chain: JointSpec, joints: Array) -> dict[str, Array]:
     """Joint positions ``(n, joints)`` (rad or m) by joint and unit, as people read them: ``<joint>_deg`` or ``_mm``."""
-    return {
-        f"{name}_{'mm' if slides else 'deg'}": MM.of(values) if slides else np.rad2deg(values)
-        for name, slides, values in zip(chain.joint_names, chain.prismatic, joints.T, strict=True)
-    }
+    columns = zip(chain.column_names, joints.T, strict=True)
+    return {name: chain.unit(i).of(values) for i, (name, values) in enumerate(columns)}
 
 
 (_POSITIONAL,) = get_args(tyro.conf.Positional[str])[1:]  # the mark of an option without a flag

@@ -77,6 +77,7 @@ class VerificationResult(Result):
     """
 
     command = "verify"
+    robot_at = "calibrated.robot"
     shown_by = "lab.commands.verify:_verification_document"
     drawn_by = "lab.commands.verify:errors_picture"
     recorded_by = "lab.commands.verify.recording:record_verification"
@@ -86,11 +87,6 @@ class VerificationResult(Result):
     measurements: Measurements
     verified: Verified
     warnings: tuple[str, ...]
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.calibrated.robot.sha256
 
     @property
     def good(self) -> bool:

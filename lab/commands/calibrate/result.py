@@ -140,6 +140,7 @@ class CalibrationResult(Result):
         real, comparison: of a virtual robot only; so are ``bad``, the ids of its simulated outliers.
     """
 
+    robot_at = "robot"
     shown_by = "lab.commands.calibrate.document:document_of"
     drawn_by = "lab.commands.calibrate.figures:main_picture"
     recorded_by = "lab.commands.calibrate.recording:record"
@@ -196,11 +197,6 @@ class CalibrationResult(Result):
     def command(self) -> str:
         """The command that this is the result of."""
         return "calibrate" if isinstance(self.options, VirtualCampaign) else "identify"
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.robot.sha256
 
     @property
     def exit_code(self) -> int:

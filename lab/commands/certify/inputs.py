@@ -134,7 +134,7 @@ def _split(calibrated: CalibrationRun) -> tuple[Measurements, Measurements | Non
 def _noise(calibrated: CalibrationRun, device: Instrument | None) -> Noise:
     shared = calibrated.estimate.shared
     if (given := calibrated.options.noise_mm) is not None:
-        return Noise(sigma_m=given / 1e3, shared=shared)
+        return Noise(sigma_m=MM.to_si(given), shared=shared)
     if device is not None:
         return Noise(device, readings=calibrated.readings, shared=shared)
     estimated = max(calibrated.estimate.noise_m, LEAST_SIGMA_M)
@@ -204,7 +204,7 @@ def validation_errors(
     found, by = calibrated.result.after_mm, calibrated.result.judged_by
     if found is None or not found["count"]:
         return None
-    rms_m, p95_m = found["rms"] / 1e3, found["p95"] / 1e3
+    rms_m, p95_m = MM.to_si(found["rms"]), MM.to_si(found["p95"])
     shown = [each for each in quantities if each.group in _SHOWN or each.placed]
     dof, all_given = chance.noise.dof, chance.all_given
     if by == "cross-validation":

@@ -115,6 +115,7 @@ class Certificate(Result):
     """
 
     command = "certify"
+    robot_at = "calibrated.robot"
     shown_by = "lab.commands.certify.result:_certificate_document"
     drawn_by = "lab.commands.certify.result:_contributions_picture"
 
@@ -131,11 +132,6 @@ class Certificate(Result):
     validation: LackOfFit | None
     unseen: tuple[Unseen, ...]
     with_unseen_m: tuple[float, ...]
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.calibrated.robot.sha256
 
     @property
     def serial(self) -> str | None:

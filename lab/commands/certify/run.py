@@ -265,7 +265,7 @@ def _conformity(options: CertifyOptions, calibrated: CalibrationRun, expanded_m:
     if tolerance is None or result.after_mm is None:
         return None
     value = float(result.after_mm[options.statistic])
-    return conformity_of(value / 1e3, tolerance / 1e3, expanded_m, options.decision_rule)
+    return conformity_of(MM.to_si(value), MM.to_si(tolerance), expanded_m, options.decision_rule)
 
 
 def _warnings(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lab.commands.compensate.program import stated_positions_note
-from lab.commands.compensate.result import CompensationResult, NearSingular
+from lab.commands.compensate.result import CompensationResult
 from lab.commands.result import joint_values
 from lab.commands.run_folder import VIA
 from lab.core.errors import LabError
@@ -194,7 +194,7 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
 
 def _near(result: CompensationResult) -> Table:
     close = result.near_singular
-    rows = tuple((each.id, _distance(each), each.joint) for each in close)
+    rows = tuple((each.id, short(each.unit.of(each.distance), each.unit.name), each.joint) for each in close)
     return Table(("target", "within 1° of a singularity, by", "of joint"), rows, most_rows=_MOST_LISTED)
 
 
@@ -205,10 +205,6 @@ def _extrapolated(result: CompensationResult) -> Table:
     return Table(
         ("target", "extrapolated: not covered by measured poses; expected error, mm"), rows, most_rows=_MOST_LISTED
     )
-
-
-def _distance(near: NearSingular) -> str:
-    return short(MM.of(near.distance), "mm") if near.slides else short(float(np.rad2deg(near.distance)), "°")
 
 
 def _histograms(result: CompensationResult) -> tuple[Block, ...]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from lab.compensation.flange import point_rows
 from lab.core import se3
 from lab.core.linear_model import covariance_root
 from lab.core.se3 import Array
-from lab.core.units import MM, MRAD
+from lab.core.units import MM, MRAD, Unit
 from lab.formats.calibrated_module import MODULE_FILE
 from lab.formats.csv_table import write_columns
 from lab.formats.programs.postures import postures_of
@@ -34,9 +34,6 @@ from lab.formats.programs.registry import refusal, target_files
 from lab.formats.target_csv import Targets
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.render.phrases.registry import phrases
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["CompensationResult", "NearSingular"]
 
@@ -50,18 +47,17 @@ class NearSingular:
 
     Attributes:
         joint: the one that would have to move most to get there.
-        distance: how far (rad; m where that joint slides).
+        distance: how far (rad or m), and the joint's unit.
     """
 
     id: str
     joint: str
     distance: float
-    slides: bool
+    unit: Unit
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values: degrees, or mm of a prismatic joint."""
-        unit, scale = ("mm", 1e3) if self.slides else ("deg", 180 / np.pi)
-        return {"id": self.id, "joint": self.joint, f"distance_{unit}": scale * self.distance}
+        return {"id": self.id, "joint": self.joint, f"distance_{self.unit.key}": self.unit.of(self.distance)}
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -87,6 +83,7 @@ class CompensationResult(Result):
     """
 
     command = "compensate"
+    robot_at = "run.robot"
     shown_by = "lab.commands.compensate.document:compensation_document"
     drawn_by = "lab.commands.compensate.document:corrections_picture"
     recorded_by = "lab.commands.error_recording:record_compensation"
@@ -104,11 +101,6 @@ class CompensationResult(Result):
     program: CorrectedProgram | None = None
     reference: ProgramReference | None = None
     points: NDArray[np.int_] | None = None
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.run.robot.sha256
 
     @property
     def serial(self) -> str | None:
@@ -291,13 +283,13 @@ class CompensationResult(Result):
         """The targets that are reached within 1 degree of a singularity."""
         found, chain = self.found, self.run.robot.chain
         rows = np.flatnonzero(found.converged & (found.singular_rad < NEAR_RAD)).tolist()
-        joints = found.singular_joint
+        joints = found.singular_joint.tolist()
         return tuple(
             NearSingular(
                 self.targets.ids[i],
                 chain.joint_names[joints[i]],
                 float(found.singular_rad[i]),
-                chain.prismatic[joints[i]],
+                chain.unit(joints[i]),
             )
             for i in rows
         )

@@ -166,6 +166,7 @@ class DesignResult(Result):
     """
 
     command = "design"
+    robot_at = "problem.robot"
     shown_by = "lab.commands.design.document:design_document"
     drawn_by = "lab.commands.design.document:main_picture"
     recorded_by = "lab.commands.design.recording:record_plan"
@@ -183,11 +184,6 @@ class DesignResult(Result):
     tour: Tour
     seconds: float = field(compare=False)
     warnings: tuple[str, ...]
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.problem.robot.sha256
 
     @property
     def _pool_description(self) -> str:
@@ -353,6 +349,7 @@ class PlanCheckResult(Result):
     """
 
     command = "design"
+    robot_at = "robot"
     shown_by = "lab.commands.design.document:check_document"
 
     options: DesignOptions
@@ -361,11 +358,6 @@ class PlanCheckResult(Result):
     faults: tuple[Fault, ...]
     duration: SessionDuration
     warnings: tuple[str, ...]
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.robot.sha256
 
     @property
     def exit_code(self) -> int:

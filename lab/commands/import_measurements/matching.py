@@ -11,7 +11,7 @@ from lab.commands.import_measurements.clocks import ClockComparison, ClockOffset
 from lab.commands.options import By, ImportOptions
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.core.units import MM
+from lab.core.units import MM, joints_to_si
 from lab.formats.joint_log import JointLog
 from lab.formats.loose_table import LeftOut
 from lab.formats.tracker_export import TrackerPoints
@@ -67,7 +67,7 @@ def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, le
     before = np.searchsorted(times, times - span / 2, side="left")
     after = np.searchsorted(times, times + span / 2, side="right") - 1
     apart = np.maximum(times[after] - times[before], 1e-9)[:, None]
-    unit = np.where(prismatic, 1e-3, np.pi / 180)
+    unit = joints_to_si(np.ones(len(prismatic)), prismatic)
     speed = (np.abs(log.joints[after] - log.joints[before]) / apart / unit).max(axis=1)
     stands = (speed < still) & (after > before)
     jumps = (np.abs(np.diff(log.joints, axis=0)) / unit).max(axis=1) > still * span  # between rows far apart in time

@@ -13,7 +13,8 @@ from lab.commands.command_line import options_of, takes
 from lab.commands.import_measurements.clocks import LEAST_POSES, NominalFit
 from lab.commands.import_measurements.matching import Matching, Timeline, matched
 from lab.commands.options import ImportOptions
-from lab.commands.result import Result, joint_values, number
+from lab.commands.result import Result, number
+from lab.commands.run_folder import joint_columns
 from lab.core.errors import LabError, counted
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
@@ -43,6 +44,7 @@ class ImportResult(Result):
     """
 
     command = "import"
+    robot_at = "robot"
     shown_by = "lab.commands.import_measurements.run:_import_document"
     drawn_by = "lab.commands.import_measurements.run:_points_picture"
 
@@ -53,11 +55,6 @@ class ImportResult(Result):
     log: JointLog
     matching: Matching
     warnings: tuple[str, ...]
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.robot.sha256
 
     @property
     def left_out(self) -> tuple[LeftOut, ...]:
@@ -112,10 +109,8 @@ class ImportResult(Result):
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each pose: its joints, ° or mm, and its points, mm."""
         data, chain = self.measurements, self.robot.chain
-        table: dict[str, Sequence[Any]] = {"id": data.ids}
-        shown = joint_values(chain.prismatic, data.joints)
-        for j, (name, slides) in enumerate(zip(chain.joint_names, chain.prismatic, strict=True)):
-            table[f"{name}_{'mm' if slides else 'deg'}"] = shown[:, j].tolist()
+        shown = joint_columns(chain, data.joints)
+        table: dict[str, Sequence[Any]] = {"id": data.ids, **{name: each.tolist() for name, each in shown.items()}}
         for k, target in enumerate(data.targets):
             for i, axis in enumerate("xyz"):
                 table[f"{target}_{axis}_mm"] = MM.of(data.points[:, k, i]).tolist()

@@ -6,20 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from lab.commands.result import (
-    joint_kind,
-    joint_limits,
-    joint_values,
-    limits_and_speed,
-    number,
-    printed,
-    tidy,
-    with_joint,
-)
+from lab.commands.result import joint_values, number, printed, tidy
 from lab.core import se3
+from lab.core.errors import counted
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.units import MM
+from lab.core.units import DEGREES, MM
 from lab.extension_points import load_all
 from lab.kinematics.closed.loop_closure import BASE, Configuration, Step
 from lab.kinematics.closed.loop_closure import SINGULAR as REFUSED
@@ -53,7 +45,7 @@ _LEAST = 1e-6  # of a joint's part in a combination
 
 
 @dataclass(frozen=True)
-class Singularity:
+class _Singularity:
     """A singularity of a serial arm.
 
     Attributes:
@@ -68,7 +60,7 @@ class Singularity:
 
 
 @dataclass(frozen=True)
-class SerialShape:
+class _SerialShape:
     """Structure of a serial nominal model.
 
     Attributes:
@@ -81,20 +73,20 @@ class SerialShape:
     reach_m: float
     branches: int | None
     determinant: str
-    singularities: tuple[Singularity, ...]
+    singularities: tuple[_Singularity, ...]
     moved: str = ""
 
 
-def shape_of(chain: Chain) -> SerialShape:
+def shape_of(chain: Chain) -> _SerialShape:
     """The shape of an arm as drawn."""
     form = closed_form_of(chain)
     if form is None:
-        return SerialShape(reach_from_axis(chain), None, "", ())
+        return _SerialShape(reach_from_axis(chain), None, "", ())
     singularities = tuple(_singularity(chain, factor) for factor in form.determinant.factors if factor.terms)
-    return SerialShape(reach_from_axis(chain), form.branches, form.determinant.text, singularities, form.moved)
+    return _SerialShape(reach_from_axis(chain), form.branches, form.determinant.text, singularities, form.moved)
 
 
-def _singularity(chain: Chain, factor: Factor) -> Singularity:
+def _singularity(chain: Chain, factor: Factor) -> _Singularity:
     """An example of a singularity within the limits, by Newton's method on its factor."""
     joints = chain.random_joints(_TRIES, rng_for(0, "structure"))
     step = 1e-6
@@ -108,12 +100,43 @@ def _singularity(chain: Chain, factor: Factor) -> Singularity:
         joints = joints - value[:, None] * slope / size
     fits = (np.abs(factor.at(joints)) < ZERO) & ~chain.beyond_limits(joints, 0.0).any(axis=1)
     if not fits.any():
-        return Singularity(factor, None, np.empty((0, chain.size)))
+        return _Singularity(factor, None, np.empty((0, chain.size)))
     example = joints[np.flatnonzero(fits)[0]]
     arm = SerialArm(chain)
     found = rates(arm.tool(example[None], arm.nominal())[1], np.zeros((1, 6)))
     free = found.free[0, : chain.size - int(found.rank[0])]
-    return Singularity(factor, example, free / np.abs(free).max(axis=1, keepdims=True))
+    return _Singularity(factor, example, free / np.abs(free).max(axis=1, keepdims=True))
+
+
+def _joint_kind(joints: JointSpec, i: int) -> dict[str, Any]:
+    kind = "prismatic" if joints.prismatic[i] else "revolute"
+    return {"name": joints.joint_names[i], "type": kind, "sign": int(joints.sign[i])}
+
+
+def _joint_limits(joints: JointSpec, i: int) -> dict[str, Any]:
+    unit = joints.unit(i)
+    return {
+        f"lower_{unit.key}": tidy(unit.of(joints.lower[i])),
+        f"upper_{unit.key}": tidy(unit.of(joints.upper[i])),
+        f"speed_{unit.key}_per_s": tidy(unit.of(joints.speed[i])) if np.isfinite(joints.speed[i]) else None,
+    }
+
+
+def _limits_and_speed(joint: dict[str, Any]) -> tuple[str, str]:
+    unit = "mm" if joint["type"] == "prismatic" else "deg"
+    speed = joint[f"speed_{unit}_per_s"]
+    limits = f"{printed(joint[f'lower_{unit}'])} … {printed(joint[f'upper_{unit}'])}"
+    return limits, "–" if speed is None else printed(speed)
+
+
+def _with_joint(joint: str, sign: int, offset: float) -> str:
+    """A value to which a joint's position adds, by its sign: the joint and the offset."""
+    position = joint if sign > 0 else f"−{joint}"
+    return position if offset == 0 else f"{position} {'−' if offset < 0 else '+'} {printed(abs(offset))}"
+
+
+def _as_read(joints: JointSpec, positions: Array) -> list[float]:
+    return [tidy(value) for value in joint_values(joints.prismatic, positions)]
 
 
 def serial_nominal(chain: Chain) -> dict[str, Any]:
@@ -134,15 +157,14 @@ def serial_frames(T_world_frame0: Array, tool: Mapping[str, Array]) -> dict[str,
 
 def _khalil(pose: Array) -> dict[str, Any]:
     frame = khalil_frame(pose)
-    units = (("deg", 180 / np.pi) if angular else ("mm", 1e3) for angular in ANGULAR)
-    numbers = {f"{s}_{u}": tidy(f * x) for (s, x), (u, f) in zip(frame.named.items(), units, strict=True)}
+    units = (DEGREES if angular else MM for angular in ANGULAR)
+    numbers = {f"{s}_{unit.key}": tidy(unit.of(x)) for (s, x), unit in zip(frame.named.items(), units, strict=True)}
     return {**numbers, "note": frame.note or None}
 
 
 def serial_shape(chain: Chain) -> dict[str, Any]:
     """Reach, ways to a pose, the Jacobian's determinant, and an example of each singularity."""
     shape, names = shape_of(chain), chain.joint_names
-    scale = np.where(chain.prismatic, 1e3, 180 / np.pi)
     return {
         "reach_mm": tidy(MM.of(shape.reach_m)),
         "ways": shape.branches,
@@ -153,7 +175,7 @@ def serial_shape(chain: Chain) -> dict[str, Any]:
             {
                 "name": each.factor.name,
                 "where": each.factor.text,
-                "example": None if each.joints is None else [tidy(value) for value in each.joints * scale],
+                "example": None if each.joints is None else _as_read(chain, each.joints),
                 "free": [
                     {name: tidy(part) for name, part in zip(names, parts, strict=True) if abs(part) > _LEAST}
                     for parts in each.free
@@ -179,11 +201,9 @@ def _degrees_of_freedom(chain: Chain) -> dict[str, Any]:
 
 
 def _table_row(chain: Chain, i: int) -> dict[str, Any]:
-    cells = {
-        f"{c}_{'mm' if c in 'da' else 'deg'}": tidy(chain.table[i, j] * (1e3 if c in "da" else 180 / np.pi))
-        for j, c in enumerate(COLUMNS)
-    }
-    return {**joint_kind(chain, i), **cells, **joint_limits(chain, i)}
+    units = [MM if column in "da" else DEGREES for column in COLUMNS]
+    cells = {f"{c}_{u.key}": tidy(u.of(chain.table[i, j])) for j, (c, u) in enumerate(zip(COLUMNS, units, strict=True))}
+    return {**_joint_kind(chain, i), **cells, **_joint_limits(chain, i)}
 
 
 _NEAREST = "a pose is met in its place, and in its rotation as near as these can"
@@ -226,10 +246,10 @@ def _rows(joints: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:
     for i, joint in enumerate(joints):
         slides = joint["type"] == "prismatic"
         theta, d = printed(joint["theta_deg"]), printed(joint["d_mm"])
-        moved = with_joint(joint["name"], joint["sign"], joint["d_mm" if slides else "theta_deg"])
+        moved = _with_joint(joint["name"], joint["sign"], joint["d_mm" if slides else "theta_deg"])
         theta, d = (theta, moved) if slides else (moved, d)
         lengths = printed(joint["a_mm"]), printed(joint["alpha_deg"])
-        rows.append((str(i + 1), theta, d, *lengths, *limits_and_speed(joint)))
+        rows.append((str(i + 1), theta, d, *lengths, *_limits_and_speed(joint)))
     return tuple(rows)
 
 
@@ -308,7 +328,7 @@ def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
         freedoms=mechanism.size + len(mechanism.tree.passive) - _rank(home),
         closed_form=form,
         share=float(closed.fits.mean()),
-        extents=_extents(mechanism, joints, _places(mechanism, joints, passive), others),
+        extents=_extents(mechanism, joints, platform_poses(mechanism, joints, passive)[:, :3, 3], others),
         conditions=np.quantile(closed.condition[closed.fits], [0.0, 0.5, 1.0]),
     )
 
@@ -319,15 +339,10 @@ def _extents(mechanism: Mechanism, joints: Array, places: Array, others: Sequenc
     def places_of(tried: Array) -> Array:
         closed = mechanism.assembled(tried, mechanism.nominal_values, quickly=True)
         fits, found = closed.fits, np.full((len(tried), 3), np.nan)
-        found[fits] = _places(mechanism, tried[fits], closed.configuration.passive.T[fits])
+        found[fits] = platform_poses(mechanism, tried[fits], closed.configuration.passive.T[fits])[:, :3, 3]
         return found
 
     return extents(mechanism, places_of, joints, places, others)
-
-
-def _places(mechanism: Mechanism, joints: Array, passive: Array) -> Array:
-    """Compute the platform's origin in the base ``(n, 3)`` m."""
-    return platform_poses(mechanism, joints, passive)[:, :3, 3]
 
 
 def _rank(configuration: Configuration) -> int:
@@ -350,11 +365,12 @@ def _rank(configuration: Configuration) -> int:
 
 def closed_nominal(mechanism: Mechanism) -> dict[str, Any]:
     """Joints with limits, the paths to the frames, and what closes the loops."""
-    tree, joints = mechanism.tree, range(mechanism.size)
+    tree = mechanism.tree
     names = [frame.name for frame in tree.frames]
     return {
         "joints": [
-            {**joint_kind(mechanism, i), "offset": mechanism.offset_of(i), **joint_limits(mechanism, i)} for i in joints
+            {**_joint_kind(mechanism, i), "offset": mechanism.offset_of(i), **_joint_limits(mechanism, i)}
+            for i in range(mechanism.size)
         ],
         "frames": [
             {
@@ -389,10 +405,10 @@ def closed_nominal(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _step(mechanism: Mechanism, step: Step) -> dict[str, Any]:
-    unit, scale = ("deg", 180 / np.pi) if step.is_turn else ("mm", 1e3)
+    unit = DEGREES if step.is_turn else MM
     return {
         "kind": step.kind,
-        f"value_{unit}": tidy(step.value * scale),
+        f"value_{unit.key}": tidy(unit.of(step.value)),
         "joint": None if step.joint is None else mechanism.joint_names[step.joint],
         "passive": step.passive,
         "exact": step.exact,
@@ -432,7 +448,7 @@ def closed_shape(mechanism: Mechanism) -> dict[str, Any]:
                 "where": each.where,
                 "distance": number(each.distance),
                 "within_limits": each.distance < SINGULAR,
-                "example": [tidy(value) for value in joint_values(mechanism.prismatic, each.joints)],
+                "example": _as_read(mechanism, each.joints),
                 "platform_mm": _mm(each.place),
             }
             for each in form.singularities
@@ -458,9 +474,9 @@ def _mm(lengths: Array) -> list[float]:
 
 def closed_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
     """The joints, the frames and what closes the loops as tables, then the shape."""
-    closers = [_counted(len(values[kind]), kind[:-1]) for kind in ("rods", "pins") if values[kind]]
+    closers = [counted(len(values[kind]), kind[:-1]) for kind in ("rods", "pins") if values[kind]]
     signs = {joint["name"]: joint["sign"] for joint in values["joints"]}
-    joints = tuple((joint["name"], joint["offset"], *limits_and_speed(joint)) for joint in values["joints"])
+    joints = tuple((joint["name"], joint["offset"], *_limits_and_speed(joint)) for joint in values["joints"])
     paths = [", ".join(_step_text(step, signs) for step in frame["path"]) or "–" for frame in values["frames"]]
     frames = tuple((frame["name"], frame["on"], path) for frame, path in zip(values["frames"], paths, strict=True))
     rods = tuple((rod["name"], " – ".join(rod["between"]), _length(rod, signs)) for rod in values["rods"])
@@ -469,8 +485,8 @@ def closed_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
     )
     return (
         Paragraph(
-            f"{values['robot']}: a mechanism with loops: {_counted(len(values['joints']), 'measured joint')}, "
-            f"{_counted(values['passive'], 'passive value')}, {' and '.join(closers)}; mobility {values['mobility']}; "
+            f"{values['robot']}: a mechanism with loops: {counted(len(values['joints']), 'measured joint')}, "
+            f"{counted(values['passive'], 'passive value')}, {' and '.join(closers)}; mobility {values['mobility']}; "
             "mm and °"
         ),
         Table(("joint", "moves", "limits", "speed per s"), joints),
@@ -485,13 +501,13 @@ def _step_text(step: dict[str, Any], signs: dict[str, int]) -> str:
     if step["passive"]:
         return f"{step['kind']} passive ({printed(value)})"
     if step["joint"] is not None:
-        return f"{step['kind']} {with_joint(step['joint'], signs[step['joint']], value)}"
+        return f"{step['kind']} {_with_joint(step['joint'], signs[step['joint']], value)}"
     return f"{step['kind']} {printed(value)}{' exact' if step['exact'] else ''}"
 
 
 def _length(rod: dict[str, Any], signs: dict[str, int]) -> str:
     if rod["joint"] is not None:
-        return with_joint(rod["joint"], signs[rod["joint"]], rod["length_mm"])
+        return _with_joint(rod["joint"], signs[rod["joint"]], rod["length_mm"])
     return f"{printed(rod['length_mm'])}{' exact' if rod['exact'] else ''}"
 
 
@@ -504,8 +520,8 @@ def _gruebler(count: Mapping[str, Any]) -> str:
 
 
 def _shape(values: Mapping[str, Any]) -> tuple[Block, ...]:
-    count = f"{_counted(len(values['joints']), 'joint')} + {_counted(values['passive'], 'passive value')}"
-    closures = _counted(values["closures"], "closure")
+    count = f"{counted(len(values['joints']), 'joint')} + {counted(values['passive'], 'passive value')}"
+    closures = counted(values["closures"], "closure")
     lines = [
         f"mobility {values['mobility']} = {count} − {closures}; by the rank at the nominal position, "
         f"{values['freedoms_at_home']}",
@@ -516,8 +532,8 @@ def _shape(values: Mapping[str, Any]) -> tuple[Block, ...]:
     else:
         lines.append(f"it is a {values['closed_form']['of']}: {_dimensions(values['closed_form'])}")
         lines.append(
-            f"at the nominal joint positions it can be assembled in {_counted(values['assembly_modes'], 'way')}; "
-            f"its legs reach the nominal pose in {_counted(values['working_modes'], 'way')}"
+            f"at the nominal joint positions it can be assembled in {counted(values['assembly_modes'], 'way')}; "
+            f"its legs reach the nominal pose in {counted(values['working_modes'], 'way')}"
         )
     ends = ", ".join(f"{axis} {_ends(pair)}" for axis, pair in values["extents_mm"].items())
     size = ""
@@ -569,7 +585,3 @@ def _ends(pair: list[float]) -> str:
 
 def _rounded(values: list[float]) -> str:
     return ", ".join(f"{value:.1f}" for value in np.round(values, 1) + 0.0).replace("-", "−")
-
-
-def _counted(count: int, thing: str) -> str:
-    return f"{count} {thing}{'' if count == 1 else 's'}"

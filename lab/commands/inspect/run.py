@@ -32,7 +32,7 @@ from lab.commands.inspect.nominal import (
     serial_shape,
 )
 from lab.commands.inspect.options import InspectOptions
-from lab.commands.result import Result, coefficient, number, per_person
+from lab.commands.result import Result, joint_values, number
 from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE
 from lab.core.random import rng_for
@@ -115,7 +115,6 @@ def cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, A
     model = planning_model(robot.model, targets, INSTRUMENTS[DesignOptions.instrument], Clearances())
     joints = chain.random_joints(_CELL_POSES, rng_for(0, "poses"))
     pairs = colliding_pairs(model, joints)
-    scale = np.where(chain.prismatic, 1e3, 180 / np.pi)
     return {
         "name": cell.name,
         "file": str(cell.path),
@@ -144,7 +143,7 @@ def cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, A
             for name, T in zip(model.stations, model.Ts_world_station, strict=False)
         ],
         "acceptance_deg": None if cell.reflector is None else cell.reflector.degrees,
-        "home": (scale * chain.home).round(9).tolist(),
+        "home": joint_values(chain.prismatic, chain.home).round(9).tolist(),
         "at_home": describe_collisions(model, chain.home[None])[0],
         "poses": _CELL_POSES,
         "colliding": int(collides(model, joints).sum()),
@@ -199,6 +198,7 @@ class Inspection(Result):
     """
 
     command = "inspect"
+    robot_at = "robot"
     shown_by = "lab.commands.inspect.run:_inspection_document"
     drawn_by = "lab.commands.inspect.run:singular_values_picture"
 
@@ -207,11 +207,6 @@ class Inspection(Result):
     values: Mapping[str, Any]
     parameters: tuple[Parameter, ...]
     singular_values: Array
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.robot.sha256
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -290,7 +285,7 @@ def _fixed(result: Inspection) -> tuple[Block, ...]:
     named = {parameter.name: parameter for parameter in result.parameters}
     aliases = []
     for name, into in values["aliases"].items():
-        parts = (coefficient(named[name], named[other], value) for other, value in into.items())
+        parts = (_coefficient(named[name], named[other], value) for other, value in into.items())
         aliases.append(f"{name} is aliased with {', '.join(parts) or 'nothing: it moves no target'}")
     return (
         Bullets((fixed, freed if others else "")),
@@ -299,12 +294,22 @@ def _fixed(result: Inspection) -> tuple[Block, ...]:
     )
 
 
+def _coefficient(parameter: Parameter, other: Parameter, value: float) -> str:
+    per, into = parameter.unit, other.unit
+    number = f"{value * into.factor / per.factor:+.4g}".replace("-", "−")
+    return f"{other.name} ({number})" if per == into else f"{other.name} ({number} {into.name} per {per.name})"
+
+
+def _per_person(parameter: Parameter, value: float) -> str:
+    return f"{parameter.unit.of(value):+.3g} {parameter.unit.name}".replace("-", "−")
+
+
 def _conditioning(result: Inspection) -> list[Block]:
     values = result.values
     named = {parameter.name: parameter for parameter in result.parameters}
     weak = []
     for direction in values["weak_directions"]:
-        parts = ", ".join(f"{name} {per_person(named[name], value)}" for name, value in direction["parts"].items())
+        parts = ", ".join(f"{name} {_per_person(named[name], value)}" for name, value in direction["parts"].items())
         weak.append(
             f"weakly observable, relative singular value 1/{1 / direction['singular_value']:.0f}: {parts} move the "
             f"targets by {1e3 * direction['moved_mm']:.2g} µm"
