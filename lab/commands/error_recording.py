@@ -19,25 +19,9 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.model import RigidArm
+from lab.render import recording as rec
 from lab.render.document import Bullets, Document, Section, Strong, Text, format_magnification
 from lab.render.markdown import to_markdown
-from lab.render.recording import (
-    SUMMARY,
-    TIME,
-    Colour,
-    close_view,
-    draw_instrument,
-    draw_legs,
-    draw_moves,
-    draw_shells,
-    draw_tag,
-    eye,
-    layout,
-    main_view,
-    markdown,
-    pose_times,
-    recording_to,
-)
 from lab.render.scene import LARGEST_FACTOR, drawn_rows, magnification, moved, reach_of, skeleton, world_legs
 from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MEASURED, RGB_UNCERTAINTY
 from lab.simulation.meshes import arm_shells, body_poses
@@ -63,7 +47,7 @@ class PointErrors:
 
     name: str
     description: str
-    colour: Colour
+    colour: rec.Colour
     colour_name: str
     vectors: Array
 
@@ -112,29 +96,29 @@ def record_errors(path: Path, robot: str, identity: str, scene: ErrorScene, docu
         identity: the same for the same content.
     """
     model, arm, values, joints = scene.model, scene.arm, scene.values, scene.joints
-    at, T_world_frame0 = pose_times(scene.numbers), model.T_world_frame0
+    at, T_world_frame0 = rec.pose_times(scene.numbers), model.T_world_frame0
     legs = world_legs(T_world_frame0, arm, values, joints)
     points = moved(scene.T_world_instrument, scene.points)
     there = np.isfinite(points).all(axis=2)
     origins = moved(T_world_frame0, skeleton(arm, values, joints).origins)
     reach = max(reach_of(T_world_frame0, points[there], legs), reach_of(T_world_frame0, origins, legs))
-    with recording_to(path, robot, identity) as recording:
+    with rec.recording_to(path, robot, identity) as recording:
         recording.send_blueprint(_blueprint(scene, origins, points[there], reach))
-        draw_shells(recording, at, arm_shells(model), body_poses(model, arm, values, joints))
-        draw_legs(recording, at, legs, reach)
-        draw_moves(recording, model, arm, values, scene.numbers, joints)
-        draw_instrument(recording, "instrument's frame", scene.T_world_instrument)
+        rec.draw_shells(recording, at, arm_shells(model), body_poses(model, arm, values, joints))
+        rec.draw_legs(recording, at, legs, reach)
+        rec.draw_moves(recording, model, arm, values, scene.numbers, joints)
+        rec.draw_instrument(recording, "instrument's frame", scene.T_world_instrument)
         _draw_points(recording, scene, points, reach)
         factor = _draw_arrows(recording, scene, points, reach)
         sphere = _draw_expected(recording, scene, points, reach)
         _draw_numbers(recording, scene)
         legend = _legend(scene, factor, sphere)
         whole = Document(document.title, (*document.blocks, legend))
-        recording.log(SUMMARY, markdown(to_markdown(whole)), static=True)
+        recording.log(rec.SUMMARY, rec.markdown(to_markdown(whole)), static=True)
 
 
 def _draw_points(recording: rr.RecordingStream, scene: ErrorScene, points: Array, reach: float) -> None:
-    there, at = np.asarray(np.isfinite(points).all(axis=2)), pose_times(scene.numbers)
+    there, at = np.asarray(np.isfinite(points).all(axis=2)), rec.pose_times(scene.numbers)
     recording.log(
         "world/targets/all", rr.Points3D(points[there], colors=RGB_MEASURED, radii=0.004 * reach), static=True
     )
@@ -144,11 +128,11 @@ def _draw_points(recording: rr.RecordingStream, scene: ErrorScene, points: Array
     recording.log("world/targets/measured", style, static=True)
     seen = np.flatnonzero(there[:, 0])
     focus = rr.Transform3D.columns(translation=points[seen, 0])
-    recording.send_columns("world/focus", pose_times(seen), focus)
+    recording.send_columns("world/focus", rec.pose_times(seen), focus)
     labels = [str(scene.names[i]) for i in seen.tolist()]
     below = points[seen, 0] - np.array([0.0, 0.0, 1.4 * _SPHERE * reach])
     names = rr.Points3D.columns(positions=below, labels=labels)
-    recording.send_columns("world/magnified/name", pose_times(seen), names)
+    recording.send_columns("world/magnified/name", rec.pose_times(seen), names)
     recording.log("world/magnified/name", rr.Points3D.from_fields(radii=0.0005, show_labels=True), static=True)
 
 
@@ -162,12 +146,12 @@ def _draw_arrows(recording: rr.RecordingStream, scene: ErrorScene, points: Array
         vectors, entity = factor * each.vectors @ rotation.T, f"world/errors/{each.name}"
         there = np.asarray(np.isfinite(points + vectors).all(axis=2))
         columns = rr.Arrows3D.columns(origins=points[there], vectors=vectors[there]).partition(there.sum(axis=1))
-        recording.send_columns(entity, pose_times(scene.numbers), columns)
+        recording.send_columns(entity, rec.pose_times(scene.numbers), columns)
         recording.log(entity, rr.Arrows3D.from_fields(colors=each.colour, radii=0.008 * reach), static=True)
         first = np.flatnonzero(there[:, 0])
         text = f"{each.name} {format_magnification(factor)}"
         tips = (points + vectors)[first, 0]
-        draw_tag(recording, f"{entity}/factor", pose_times(first), tips, text, each.colour)
+        rec.draw_tag(recording, f"{entity}/factor", rec.pose_times(first), tips, text, each.colour)
     return factor
 
 
@@ -177,7 +161,7 @@ def _draw_expected(recording: rr.RecordingStream, scene: ErrorScene, points: Arr
     if not len(there):
         return 1.0
     factor = min(magnification(float(np.median(scene.expected[there])), _SPHERE * reach), LARGEST_FACTOR)
-    at, radii, centers = pose_times(there), factor * scene.expected[there], points[there, 0]
+    at, radii, centers = rec.pose_times(there), factor * scene.expected[there], points[there, 0]
     shape = rr.Ellipsoids3D.columns(half_sizes=np.repeat(radii[:, None], 3, axis=1), centers=centers)
     recording.send_columns("world/magnified/expected", at, shape)
     style = rr.Ellipsoids3D.from_fields(
@@ -186,7 +170,7 @@ def _draw_expected(recording: rr.RecordingStream, scene: ErrorScene, points: Arr
     recording.log("world/magnified/expected", style, static=True)
     above = centers + np.array([0.0, 0.0, 1.1]) * radii[:, None]
     text = f"expected {format_magnification(factor)}"
-    draw_tag(recording, "world/magnified/expected/factor", at, above, text, RGB_UNCERTAINTY)
+    rec.draw_tag(recording, "world/magnified/expected/factor", at, above, text, RGB_UNCERTAINTY)
     return factor
 
 
@@ -196,7 +180,7 @@ def _draw_numbers(recording: rr.RecordingStream, scene: ErrorScene) -> None:
         used = np.flatnonzero(np.isfinite(lengths))
         logarithms = np.log10(np.maximum(MM.of(lengths[used]), _LEAST_MM))
         entity = f"{_LOG_ERRORS}/{name}"
-        recording.send_columns(entity, pose_times(scene.numbers[used]), rr.Scalars.columns(scalars=logarithms))
+        recording.send_columns(entity, rec.pose_times(scene.numbers[used]), rr.Scalars.columns(scalars=logarithms))
         recording.log(entity, rr.SeriesLines(colors=colour, names=name, widths=2), static=True)
 
 
@@ -218,14 +202,14 @@ def _legend(scene: ErrorScene, factor: float, sphere: float) -> Section:
 
 def _blueprint(scene: ErrorScene, origins: Array, points: Array, reach: float) -> rrb.Blueprint:
     """The arm large, the errors by pose below it; the target from near by and the text beside it."""
-    controls = eye(origins, points, reach, scene.T_world_instrument[:3, 3])
+    controls = rec.eye(origins, points, reach, scene.T_world_instrument[:3, 3])
     plot = rrb.TimeSeriesView(
         origin=_LOG_ERRORS, name="Error, log10 of mm (0 is 1 mm, −2 is 0.01 mm), two poses a second"
     )
-    left = rrb.Vertical(main_view("Arm, targets, errors", controls), plot, row_shares=[3, 1])
-    close = close_view("magnified", "The error to expect, magnified apart", reach)
-    text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
-    return layout(left, rrb.Vertical(close, text, row_shares=[1.0, 1.5]), TIME)
+    left = rrb.Vertical(rec.main_view("Arm, targets, errors", controls), plot, row_shares=[3, 1])
+    close = rec.close_view("magnified", "The error to expect, magnified apart", reach)
+    text = rrb.TextDocumentView(origin=rec.SUMMARY, name="Summary")
+    return rec.layout(left, rrb.Vertical(close, text, row_shares=[1.0, 1.5]), rec.TIME)
 
 
 def record_verification(path: Path, result: VerificationResult) -> None:

@@ -23,22 +23,8 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.csv_table import write_columns
 from lab.formats.measurement_csv import read_measurements
-from lab.render.document import (
-    PAGE,
-    Badge,
-    Block,
-    Bullets,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    Warnings,
-    capital,
-    fixed,
-    short,
-)
+from lab.render import document as doc
+from lab.render.document import capital, fixed, short
 from lab.render.phrases.fit import listed, model_name
 from lab.render.phrases.registry import phrases
 from lab.render.plots import Spread, histograms
@@ -232,22 +218,24 @@ _CAUSES = {
 }
 
 
-def _prediction_document(result: PredictionResult) -> Document:
+def _prediction_document(result: PredictionResult) -> doc.Document:
     run = result.run.result
-    return Document(
+    return doc.Document(
         f"{result.run.robot.name}: {counted(len(result.rows), 'pose')} predicted",
         (
-            Paragraph((Badge(run.verdict, "good" if run.verdict == "good" else "doubtful"), " is the run's verdict")),
-            Bullets(tuple(map(capital, run.reasons))),
-            Paragraph(_lead(result), "lead"),
-            Warnings(result.warnings),
-            Section("Uncertainty", _uncertainty(result)),
-            Section("Every pose", _every_pose(result), shown_in=PAGE),
+            doc.Paragraph(
+                (doc.Badge(run.verdict, "good" if run.verdict == "good" else "doubtful"), " is the run's verdict")
+            ),
+            doc.Bullets(tuple(map(capital, run.reasons))),
+            doc.Paragraph(_lead(result), "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section("Uncertainty", _uncertainty(result)),
+            doc.Section("Every pose", _every_pose(result), shown_in=doc.PAGE),
         ),
     )
 
 
-def _radii_picture(result: PredictionResult) -> Picture:
+def _radii_picture(result: PredictionResult) -> doc.Picture:
     """Radii of 95 % of the errors, all causes together and of the parameters alone, as histograms."""
     every, own = (lengths[np.isfinite(lengths)] for lengths in _two(result))
     spreads = [Spread(every, BEFORE, ("together: mean", float(every.mean())), HATCH_BEFORE, MARK_BEFORE)]
@@ -276,7 +264,7 @@ def _lead(result: PredictionResult) -> str:
     return f"{text} Without {lacking} the points would be {MM.text(result.without_effects_m, 2)} off (rms)."
 
 
-def _uncertainty(result: PredictionResult) -> tuple[Block, ...]:
+def _uncertainty(result: PredictionResult) -> tuple[doc.Block, ...]:
     rows = tuple(
         (_CAUSES[name], *("" if size is None else short(size) for size in (sizes["mean"], sizes["max"])))
         for name, sizes in result.radius_statistics_mm.items()
@@ -285,14 +273,14 @@ def _uncertainty(result: PredictionResult) -> tuple[Block, ...]:
         f"Radius of the sphere that holds 95 % of the errors. {_PREDICTED_FILE} has each point's covariance and "
         "radii; result.json has the covariance."
     )
-    table = Table(("cause of errors", "mean, mm", "largest, mm"), rows)
+    table = doc.Table(("cause of errors", "mean, mm", "largest, mm"), rows)
     if not np.isfinite(_two(result)[0]).any():
-        return table, Paragraph(note, "note")
+        return table, doc.Paragraph(note, "note")
     caption = "Radii of all causes together (vermilion, hatched), and of uncertain parameters alone (blue)."
-    return table, Paragraph(note, "note"), Figure("radii-figure", (_radii_picture(result),), caption)
+    return table, doc.Paragraph(note, "note"), doc.Figure("radii-figure", (_radii_picture(result),), caption)
 
 
-def _every_pose(result: PredictionResult) -> tuple[Block, ...]:
+def _every_pose(result: PredictionResult) -> tuple[doc.Block, ...]:
     here, base, radius = MM.of(result.points), MM.of(result.points_in_base), MM.of(result.radii_95["together"])
     rows = tuple(
         (
@@ -307,8 +295,10 @@ def _every_pose(result: PredictionResult) -> tuple[Block, ...]:
     )
     header = ("pose", "point", *(f"{axis}, mm" for axis in "xyz"), *(f"{axis} in the base, mm" for axis in "xyz"))
     note = "x, y and z are in the frame in which the arm was measured, then in its base (frame 0 of its table)."
-    table = Table((*header, "radius, mm"), rows, most_rows=_MOST_LISTED, rest_in=_PREDICTED_FILE, count=here.shape[0])
-    return (Paragraph(note, "note"), table) if rows else ()
+    table = doc.Table(
+        (*header, "radius, mm"), rows, most_rows=_MOST_LISTED, rest_in=_PREDICTED_FILE, count=here.shape[0]
+    )
+    return (doc.Paragraph(note, "note"), table) if rows else ()
 
 
 @takes(PredictOptions, file="joints")

@@ -12,19 +12,9 @@ from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
 __all__ = [
-    "CLOSED",
-    "DEFECT",
-    "INTERRUPTED",
-    "drop_output",
-    "interruptible",
-    "leave",
-    "output_may_close",
-    "plain_streams",
-    "say",
-    "say_as_json",
-    "was_interrupted",
-    "write_log",
-]
+    "CLOSED", "DEFECT", "INTERRUPTED", "drop_output", "interruptible", "leave", "output_may_close", "plain_streams",
+    "say", "say_as_json", "was_interrupted", "write_log",
+]  # fmt: skip
 
 DEFECT, INTERRUPTED = 70, 130  # exit codes: EX_SOFTWARE of sysexits.h; 128 + SIGINT
 CLOSED = 0  # where whoever read the output has seen enough, and there is no result to tell

@@ -46,27 +46,10 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 __all__ = [
-    "LOAD_FILE",
-    "SCHEMA",
-    "VIA",
-    "Waypoints",
-    "check_edits",
-    "command_line",
-    "config",
-    "free_name",
-    "input_files",
-    "is_older",
-    "joint_columns",
-    "positional",
-    "provenance_section",
-    "refuse_edits",
-    "refuse_own_name",
-    "run_folder",
-    "unfinished",
-    "versions",
-    "write_config",
-    "write_json",
-]
+    "LOAD_FILE", "SCHEMA", "VIA", "Waypoints", "check_edits", "command_line", "config", "free_name", "input_files",
+    "is_older", "joint_columns", "positional", "provenance_section", "refuse_edits", "refuse_own_name", "run_folder",
+    "unfinished", "versions", "write_config", "write_json",
+]  # fmt: skip
 
 _OF_RUN = (".json", ".csv", ".toml", ".xml")  # files of a run that others build on: all but page and recording
 _NAMING = ("file", "robot")  # keys of a TOML file whose values name another one

@@ -25,30 +25,10 @@ from lab.core.linear_model import half_width_95
 from lab.core.whole_folder import CHECKSUMS, file_digest, is_being_written, place_of_draft
 from lab.formats.csv_table import write_columns
 from lab.formats.structured import read_structured
+from lab.render import document as doc
 from lab.render.charts.chart import axes_picture
 from lab.render.charts.marks import Axes
-from lab.render.document import (
-    EVERYWHERE,
-    PAGE,
-    Badge,
-    Bullets,
-    Code,
-    Column,
-    Document,
-    Figure,
-    Inline,
-    Paragraph,
-    Picture,
-    Row,
-    Section,
-    Table,
-    Text,
-    Warnings,
-    digits_of,
-    fixed,
-    plus_minus,
-    short,
-)
+from lab.render.document import digits_of, fixed, plus_minus, short
 from lab.render.style import GRID, INK, MEASURED, MUTED, RMS, WORST
 from lab.render.terminal import status as showing
 
@@ -426,7 +406,7 @@ _MONTHS = (1, 2, 3, 6, 12, 24, 60, 120)  # between ticks
 _MOST_TICKS = 8
 
 
-def _checks_picture(result: StatusResult) -> Picture:
+def _checks_picture(result: StatusResult) -> doc.Picture:
     """Draw a row for each arm, the worst on top: a mark for each check, a stroke for each calibration."""
     arms = result.arms
     days = [(each, len(arms) - 1 - i) for i, arm in enumerate(arms) for each in arm.checks if each.on is not None]
@@ -476,51 +456,51 @@ _KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
 _MOST_DIGITS = 6
 
 
-def _status_document(result: StatusResult) -> Document:
+def _status_document(result: StatusResult) -> doc.Document:
     """The count of each state, a row for each arm, the checks over time, changes, and what was left out."""
     counts = Counter(each.state for each in result.arms)
     text = ", ".join(f"{counts[state]} {state}" for state in reversed(STATES) if counts[state])
     lead = tuple(_badges(counts))
     caption = f"Every check of every arm: strokes are calibrations, marks are verdicts. The dotted line is {result.on}."
-    return Document(
+    return doc.Document(
         f"{counted(len(result.arms), 'arm')} on {result.on}: {text}" if result.arms else "no arm",
         (
-            Paragraph(lead, "lead"),
-            Warnings(result.warnings),
-            Section("The arms", (_arms(result), Paragraph(_explained(result), "note", shown_in=PAGE))),
-            Section("The checks over time", (Figure("checks", (_checks_picture(result),), caption),)),
-            Section("Changes between calibrations", (Bullets(tuple(_changes(each) for each in result.arms)),)),
+            doc.Paragraph(lead, "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section("The arms", (_arms(result), doc.Paragraph(_explained(result), "note", shown_in=doc.PAGE))),
+            doc.Section("The checks over time", (doc.Figure("checks", (_checks_picture(result),), caption),)),
+            doc.Section("Changes between calibrations", (doc.Bullets(tuple(_changes(each) for each in result.arms)),)),
         ),
     )
 
 
-def _badges(counts: Mapping[str, int]) -> list[Inline]:
-    parts: list[Inline] = []
+def _badges(counts: Mapping[str, int]) -> list[doc.Inline]:
+    parts: list[doc.Inline] = []
     for state in reversed(STATES):
         if counts.get(state):
-            parts += [Badge(f"{counts[state]} {state}", _KINDS.get(state, "open")), " "]
+            parts += [doc.Badge(f"{counts[state]} {state}", _KINDS.get(state, "open")), " "]
     return parts
 
 
-def _arms(result: StatusResult) -> Table:
+def _arms(result: StatusResult) -> doc.Table:
     on_page = ("verdict", "error then", "slope, mm a year")  # a terminal has no room for these
     headings = (
         "state", "arm", "calibrated", "verdict", "verified", "verdict", "error then", "error now", "slope, mm a year",
         "next due",
     )  # fmt: skip
-    columns = tuple(Column(each, PAGE if each in on_page else EVERYWHERE) for each in headings)
-    return Table(columns, tuple(_row(each) for each in result.arms), "Mean position errors, mm", most_rows=200)
+    columns = tuple(doc.Column(each, doc.PAGE if each in on_page else doc.EVERYWHERE) for each in headings)
+    return doc.Table(columns, tuple(_row(each) for each in result.arms), "Mean position errors, mm", most_rows=200)
 
 
-def _row(arm: ArmStatus) -> Row:
+def _row(arm: ArmStatus) -> doc.Row:
     slope = arm.slope
     text = "–"
     if slope is not None:
         digits = digits_of(slope.half_width, _MOST_DIGITS)
         text = f"{fixed(slope.per_year, digits, signed=True)} {plus_minus(slope.half_width, digits)}"
     return (
-        Badge(arm.state, _KINDS.get(arm.state, "open")),
-        Code(arm.called),
+        doc.Badge(arm.state, _KINDS.get(arm.state, "open")),
+        doc.Code(arm.called),
         *_checked(arm.calibration),
         *_checked(arm.verification),
         _length(arm.error_then_mm),
@@ -530,7 +510,7 @@ def _row(arm: ArmStatus) -> Row:
     )
 
 
-def _checked(check: Check | None) -> tuple[Text, Text]:
+def _checked(check: Check | None) -> tuple[doc.Text, doc.Text]:
     if check is None or check.on is None:
         return "–", "–"
     return check.on.isoformat(), check.verdict
@@ -549,7 +529,7 @@ def _explained(result: StatusResult) -> str:
     )
 
 
-def _changes(arm: ArmStatus) -> Text:
+def _changes(arm: ArmStatus) -> doc.Text:
     if arm.trend is None:
         return ""
     if not arm.trend.changes:

@@ -29,24 +29,9 @@ from lab.core.significance import TREND_YEAR
 from lab.core.units import MM, MRAD, Unit
 from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.kinematics.parameter import Parameter
+from lab.render import document as doc
 from lab.render.charts.chart import figure_picture, log_ticks
-from lab.render.document import (
-    Badge,
-    Bullets,
-    Code,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Row,
-    Section,
-    Table,
-    Warnings,
-    digits_of,
-    fixed,
-    plus_minus,
-    short,
-)
+from lab.render.document import digits_of, fixed, plus_minus, short
 from lab.render.style import AFTER, BEFORE, GRID, INK, OUTLIER, PREDICTED
 from lab.verification.change_points import POWER, ChangePoint, Directions, Series
 
@@ -223,7 +208,7 @@ _REACH = 4.0  # halves of a 95 % interval at which the colours end
 _MOST = 6  # parameters with a picture of their own
 
 
-def errors_picture(result: TrendResult) -> tuple[Picture, ...]:
+def errors_picture(result: TrendResult) -> tuple[doc.Picture, ...]:
     """Mean and 95 % of the errors at validation, over time; nothing where fewer than two runs were validated."""
     of = [(each.date, each.run.result.after_mm) for each in result.runs]
     found = [(day, errors["mean"], errors["p95"]) for day, errors in of if errors is not None and errors["mean"] > 0]
@@ -244,7 +229,7 @@ def errors_picture(result: TrendResult) -> tuple[Picture, ...]:
     return (figure_picture("errors", label, (_WIDTH, 2.6), draw, (0.75, 0.45, 0.2, 0.3)),)
 
 
-def _parameters_picture(result: TrendResult) -> Picture:
+def _parameters_picture(result: TrendResult) -> doc.Picture:
     """Draw the shift of each parameter from the first calibration, in half-widths of the difference's interval."""
     names, halves = result.estimates[0].names, result.half_widths
     sizes = result.shifts / np.sqrt(halves**2 + halves[0] ** 2)
@@ -272,14 +257,14 @@ def _parameters_picture(result: TrendResult) -> Picture:
     return figure_picture("parameters", label, (_WIDTH, 1.3 + _ROW * len(names)), draw, (1.2, 0.75, 0.5, 0.15))
 
 
-def _moved_pictures(result: TrendResult) -> tuple[Picture, ...]:
+def _moved_pictures(result: TrendResult) -> tuple[doc.Picture, ...]:
     """Draw each parameter that changed, over time with its intervals; at most six."""
     names = dict.fromkeys(name for change in result.changes for name in change.named)
     own = [name for name in names if name in result.estimates[0].names][:_MOST]
     return tuple(_over_time(result, name, f"moved-{i + 1}") for i, name in enumerate(own))
 
 
-def _over_time(result: TrendResult, name: str, called: str) -> Picture:
+def _over_time(result: TrendResult, name: str, called: str) -> doc.Picture:
     at = result.estimates[0].names.index(name)
     unit = result.parameters[at].unit_of_change
     shifts, halves = unit.of(result.shifts[:, at]), unit.of(result.half_widths[:, at])
@@ -320,7 +305,7 @@ _MOST_DIGITS = 6
 _LEVEL = f"(an unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} % of the years)"
 
 
-def _trend_document(result: TrendResult) -> Document:
+def _trend_document(result: TrendResult) -> doc.Document:
     """Build the trend document: changes and their dates, errors and parameters over time, detectable changes."""
     first, last = result.runs[0], result.runs[-1]
     count = len(result.changes)
@@ -329,17 +314,17 @@ def _trend_document(result: TrendResult) -> Document:
     name = called(robot.name, result.serial)
     if len(result.runs) == 1:
         return _first_document(result, name)
-    badge = Badge("changed", "bad") if count else Badge("unchanged", "good")
-    return Document(
+    badge = doc.Badge("changed", "bad") if count else doc.Badge("unchanged", "good")
+    return doc.Document(
         f"{name}: {word} in {len(result.runs)} calibrations",
         (
-            Paragraph((badge, f" {_when(result)} {_LEVEL}")),
-            Paragraph(f"The calibrations are of {first.date} to {last.date}.", "note"),
-            Bullets(tuple(change_text(result, each) for each in result.changes)),
-            Warnings(result.warnings),
-            Section("Errors over time", (_runs(result), _errors(result))),
-            Section("Parameters over time", _parameters(result)),
-            Section("Minimum detectable change", (_detectable(result), Paragraph(_explained(result), "note"))),
+            doc.Paragraph((badge, f" {_when(result)} {_LEVEL}")),
+            doc.Paragraph(f"The calibrations are of {first.date} to {last.date}.", "note"),
+            doc.Bullets(tuple(change_text(result, each) for each in result.changes)),
+            doc.Warnings(result.warnings),
+            doc.Section("Errors over time", (_runs(result), _errors(result))),
+            doc.Section("Parameters over time", _parameters(result)),
+            doc.Section("Minimum detectable change", (_detectable(result), doc.Paragraph(_explained(result), "note"))),
         ),
     )
 
@@ -350,16 +335,16 @@ def _when(result: TrendResult) -> str:
     return " and ".join(f"between {result.runs[i].date} and {result.runs[j].date}" for i, j in spans)
 
 
-def _first_document(result: TrendResult, name: str) -> Document:
+def _first_document(result: TrendResult, name: str) -> doc.Document:
     """Build the document of a single calibration: no change is testable yet, but the next one can be compared."""
     only = result.runs[0]
-    return Document(
+    return doc.Document(
         f"{name}: one run, no trend yet",
         (
-            Paragraph((Badge("one run: no trend yet"), f" the calibration of {only.date} is the first")),
-            Warnings(result.warnings),
-            Section("Errors", (_runs(result),)),
-            Section("Minimum detectable change", (_detectable(result), Paragraph(_explained(result), "note"))),
+            doc.Paragraph((doc.Badge("one run: no trend yet"), f" the calibration of {only.date} is the first")),
+            doc.Warnings(result.warnings),
+            doc.Section("Errors", (_runs(result),)),
+            doc.Section("Minimum detectable change", (_detectable(result), doc.Paragraph(_explained(result), "note"))),
         ),
     )
 
@@ -400,47 +385,47 @@ def _unit(result: TrendResult, name: str) -> Unit:
     return {**zeros, **units}[name]
 
 
-def _runs(result: TrendResult) -> Table:
-    rows: list[Row] = []
+def _runs(result: TrendResult) -> doc.Table:
+    rows: list[doc.Row] = []
     for each in result.runs:
         errors = each.run.result.after_mm
         numbers = ("–", "–") if errors is None else (short(errors["mean"]), short(errors["p95"]))
         found = each.run.result
         gate = "none" if found.gate_mm is None else f"{found.gate_mm:g}"
-        rows.append((each.date.isoformat(), Code(each.run.folder.name), found.verdict, gate, *numbers))
+        rows.append((each.date.isoformat(), doc.Code(each.run.folder.name), found.verdict, gate, *numbers))
     caption = "Errors at positions that were not fitted, and the gate of their mean, mm"
-    return Table(("date", "run", "verdict", "gate", "mean", "95 %"), tuple(rows), caption)
+    return doc.Table(("date", "run", "verdict", "gate", "mean", "95 %"), tuple(rows), caption)
 
 
-def _errors(result: TrendResult) -> Figure:
+def _errors(result: TrendResult) -> doc.Figure:
     caption = (
         "The validation error of each calibration shows its accuracy at that date; changes of the arm show in the "
         "parameters. The axis is logarithmic; dotted lines mark changes."
     )
-    return Figure("errors-over-time", errors_picture(result), caption)
+    return doc.Figure("errors-over-time", errors_picture(result), caption)
 
 
-def _parameters(result: TrendResult) -> tuple[Figure, ...]:
+def _parameters(result: TrendResult) -> tuple[doc.Figure, ...]:
     every = (
         "The colours show differences from the first calibration, in half-widths of their 95 % intervals. An unchanged "
         "arm stays within 1 in 19 of 20 cases. Blue: larger; vermilion: smaller; lines mark changes."
     )
     moved = "Changed parameters: differences from the first calibration with 95 % intervals. Dotted lines mark changes."
     return (
-        Figure("moved-over-time", _moved_pictures(result), moved),
-        Figure("parameters-over-time", (_parameters_picture(result),), every),
+        doc.Figure("moved-over-time", _moved_pictures(result), moved),
+        doc.Figure("parameters-over-time", (_parameters_picture(result),), every),
     )
 
 
-def _detectable(result: TrendResult) -> Table:
+def _detectable(result: TrendResult) -> doc.Table:
     anew = " and ".join(group for group in SETUP if group not in result.options.kept)
     columns = (f"{anew} set up anew" * bool(anew), "base and tool unchanged")
-    rows: list[Row] = []
+    rows: list[doc.Row] = []
     for each in result.detectable:
         sizes = [_or_none(each.links_alone)] * bool(anew) + [_or_none(each.all_kept)]
         rows.append((f"joint {each.joint}", *sizes, each.unit))
     caption = "Change of a joint's zero that the next calibration detects in 95 of 100 cases"
-    return Table(("", *filter(None, columns), "unit"), tuple(rows), caption)
+    return doc.Table(("", *filter(None, columns), "unit"), tuple(rows), caption)
 
 
 def _or_none(size: float) -> str:

@@ -32,22 +32,8 @@ from lab.core.significance import VERIFICATION
 from lab.core.units import MM, MRAD
 from lab.formats.measurement_csv import read_measurements
 from lab.noise.instruments import observing
-from lab.render.document import (
-    PAGE,
-    TERMINAL,
-    Badge,
-    Block,
-    Column,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    Warnings,
-    sentence,
-    short,
-)
+from lab.render import document as doc
+from lab.render.document import sentence, short
 from lab.render.phrases.registry import phrase, phrases
 from lab.render.plots import Spread, histograms
 from lab.render.style import AFTER, BEFORE, PREDICTED
@@ -217,27 +203,27 @@ _ADVICE = {
 }
 
 
-def _verification_document(result: VerificationResult) -> Document:
+def _verification_document(result: VerificationResult) -> doc.Document:
     """The verdict and its test, the errors, what may have changed, and the minimum detectable change."""
     found, robot = result.verified, result.calibrated.robot
     verdict = "within the predicted error" if found.good else "beyond the predicted error"
     rate = f"(an unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases)"
-    return Document(
+    return doc.Document(
         f"{called(robot.name, result.serial)}: {verdict}",
         (
-            Paragraph((Badge("good" if found.good else "bad", "good" if found.good else "bad"), f" {rate}")),
-            Paragraph(sentence(phrase(found.check)), "lead"),
-            Paragraph(f"The run that calibrated the arm is {result.calibrated.result.description}."),
-            Warnings(result.warnings),
-            Section("Errors, observed and predicted", (*_errors(result), _histogram(result))),
-            Section("Single changes that would explain the errors", (_hypotheses(result), *_advice(result))),
-            Section("Refitted parts", (_refitted(result),)),
-            Section("Minimum detectable change", (_detectable(result),) if found.good else ()),
+            doc.Paragraph((doc.Badge("good" if found.good else "bad", "good" if found.good else "bad"), f" {rate}")),
+            doc.Paragraph(sentence(phrase(found.check)), "lead"),
+            doc.Paragraph(f"The run that calibrated the arm is {result.calibrated.result.description}."),
+            doc.Warnings(result.warnings),
+            doc.Section("Errors, observed and predicted", (*_errors(result), _histogram(result))),
+            doc.Section("Single changes that would explain the errors", (_hypotheses(result), *_advice(result))),
+            doc.Section("Refitted parts", (_refitted(result),)),
+            doc.Section("Minimum detectable change", (_detectable(result),) if found.good else ()),
         ),
     )
 
 
-def errors_picture(result: VerificationResult) -> Picture:
+def errors_picture(result: VerificationResult) -> doc.Picture:
     """The observed errors as a histogram, with their root mean square and the predicted one."""
     found = result.verified
     observed = MM.to_si(float(result.observed_mm["rms"]))
@@ -248,7 +234,7 @@ def errors_picture(result: VerificationResult) -> Picture:
     return histograms("errors", spreads, "position error")
 
 
-def _errors(result: VerificationResult) -> tuple[Block, ...]:
+def _errors(result: VerificationResult) -> tuple[doc.Block, ...]:
     observed, measured = result.observed_mm, result.measurements
     numbers = [short(observed[key]) for key in ("mean", "rms", "p95", "max")]
     rows = (
@@ -260,35 +246,37 @@ def _errors(result: VerificationResult) -> tuple[Block, ...]:
         f"{result.calibrated.folder}. The predicted error follows from the calibration's covariance and the "
         "instrument's noise."
     )
-    return Table(("", "mean", "rms", "95 %", "max", "points"), rows, "Position error, mm"), Paragraph(below, "note")
+    return doc.Table(("", "mean", "rms", "95 %", "max", "points"), rows, "Position error, mm"), doc.Paragraph(
+        below, "note"
+    )
 
 
-def _histogram(result: VerificationResult) -> Figure:
+def _histogram(result: VerificationResult) -> doc.Figure:
     caption = "The errors of the new measurements, with their root mean square and the predicted one. Logarithmic axis."
-    return Figure("errors-figure", (errors_picture(result),), caption)
+    return doc.Figure("errors-figure", (errors_picture(result),), caption)
 
 
-def _hypotheses(result: VerificationResult) -> Table:
+def _hypotheses(result: VerificationResult) -> doc.Table:
     listed = result.verified.hypotheses
     rows = tuple(
         (phrase(each.check), short(each.chi2), _chance(each.p), short(each.bic), "yes" if each.explains else "no")
         for each in listed
     )
     kinds = tuple("" if each.explains else "quiet" for each in listed)
-    columns = ("possible change, likeliest first", "remaining χ²", "p", Column("BIC"), "explains the errors")
-    return Table(columns, rows, row_kinds=kinds, most_rows=_MOST_HYPOTHESES)
+    columns = ("possible change, likeliest first", "remaining χ²", "p", doc.Column("BIC"), "explains the errors")
+    return doc.Table(columns, rows, row_kinds=kinds, most_rows=_MOST_HYPOTHESES)
 
 
 def _chance(p: float) -> str:
     return short(p) if p > 0 else "< 1e-300"
 
 
-def _advice(result: VerificationResult) -> tuple[Block, ...]:
+def _advice(result: VerificationResult) -> tuple[doc.Block, ...]:
     moved = () if result.verified.situation is not None else result.verified.moved
-    return (Paragraph(sentence(_ADVICE[moved[0]]), shown_in=PAGE | TERMINAL),) if len(moved) == 1 else ()
+    return (doc.Paragraph(sentence(_ADVICE[moved[0]]), shown_in=doc.PAGE | doc.TERMINAL),) if len(moved) == 1 else ()
 
 
-def _refitted(result: VerificationResult) -> Table:
+def _refitted(result: VerificationResult) -> doc.Table:
     rows = tuple(
         (
             name,
@@ -299,13 +287,13 @@ def _refitted(result: VerificationResult) -> Table:
         )
         for name, moved in result.verified.refit
     )
-    return Table(("", "moved by, mm", "1σ", "turned by, mrad", "1σ"), rows)
+    return doc.Table(("", "moved by, mm", "1σ", "turned by, mrad", "1σ"), rows)
 
 
-def _detectable(result: VerificationResult) -> Table:
+def _detectable(result: VerificationResult) -> doc.Table:
     rows = tuple((name, short(size), unit) for name, unit, size in result.detectable if size < float("inf"))
     caption = "Smallest change that the test detects in 95 of 100 such files"
-    return Table(("", "by", "unit"), rows, caption)
+    return doc.Table(("", "by", "unit"), rows, caption)
 
 
 _LEAST_SPREAD = 3  # poses whose spread says something

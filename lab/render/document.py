@@ -16,39 +16,11 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 __all__ = [
-    "EVERYWHERE",
-    "NARROW",
-    "PAGE",
-    "RECORDING",
-    "TERMINAL",
-    "Badge",
-    "Block",
-    "Bullets",
-    "Code",
-    "Column",
-    "Command",
-    "Document",
-    "Figure",
-    "Inline",
-    "Paragraph",
-    "Picture",
-    "Row",
-    "Section",
-    "Strong",
-    "Table",
-    "Text",
-    "Warnings",
-    "capital",
-    "digits_of",
-    "fixed",
-    "format_magnification",
-    "inlines",
-    "plain",
-    "plus_minus",
-    "sentence",
-    "short",
+    "EVERYWHERE", "NARROW", "PAGE", "RECORDING", "TERMINAL", "Badge", "Block", "Bullets", "Code", "Column", "Command",
+    "Document", "Figure", "Inline", "Paragraph", "Picture", "Row", "Section", "Strong", "Table", "Text", "Warnings",
+    "capital", "digits_of", "fixed", "format_magnification", "inlines", "plain", "plus_minus", "sentence", "short",
     "shown",
-]
+]  # fmt: skip
 
 Medium = Literal["terminal", "page", "recording"]
 Media = frozenset[Medium]

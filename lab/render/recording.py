@@ -26,35 +26,11 @@ from lab.simulation.meshes import Shell, body_poses, shells
 from lab.simulation.model import RobotModel
 
 __all__ = [
-    "FAR",
-    "LEGS",
-    "SUMMARY",
-    "TIME",
-    "Colour",
-    "Times",
-    "backdrop",
-    "bars",
-    "close_view",
-    "draw_beams",
-    "draw_ellipsoid",
-    "draw_instrument",
-    "draw_legs",
-    "draw_moves",
-    "draw_moving",
-    "draw_moving_legs",
-    "draw_shells",
-    "draw_tag",
-    "draw_tracker",
-    "eye",
-    "eye_on_arm",
-    "layout",
-    "magnified_view",
-    "main_view",
-    "markdown",
-    "moves_between",
-    "pose_times",
-    "recording_to",
-]
+    "FAR", "LEGS", "SUMMARY", "TIME", "Colour", "Times", "backdrop", "bars", "close_view", "draw_beams",
+    "draw_ellipsoid", "draw_instrument", "draw_legs", "draw_moves", "draw_moving", "draw_moving_legs", "draw_shells",
+    "draw_tag", "draw_tracker", "eye", "eye_on_arm", "layout", "magnified_view", "main_view", "markdown",
+    "moves_between", "pose_times", "recording_to",
+]  # fmt: skip
 
 Colour = tuple[int, int, int]
 Times = list[rr.TimeColumn]

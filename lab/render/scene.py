@@ -17,20 +17,9 @@ from lab.render.document import Picture, Strong, Text
 from lab.render.style import ARM, FRAME_AXES
 
 __all__ = [
-    "LARGEST_FACTOR",
-    "MOST_POSES",
-    "Legs",
-    "MagnifiedEllipsoids",
-    "drawn_rows",
-    "legs_legend",
-    "magnification",
-    "magnified",
-    "moved",
-    "placement_picture",
-    "reach_of",
-    "skeleton",
-    "world_legs",
-]
+    "LARGEST_FACTOR", "MOST_POSES", "Legs", "MagnifiedEllipsoids", "drawn_rows", "legs_legend", "magnification",
+    "magnified", "moved", "placement_picture", "reach_of", "skeleton", "world_legs",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)

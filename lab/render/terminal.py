@@ -14,22 +14,8 @@ from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text as RichText
 
-from lab.render.document import (
-    Badge,
-    Block,
-    Bullets,
-    Command,
-    Document,
-    Paragraph,
-    Section,
-    Strong,
-    Table,
-    Text,
-    Warnings,
-    inlines,
-    plain,
-    shown,
-)
+from lab.render import document as doc
+from lab.render.document import inlines, plain, shown
 
 __all__ = ["Stage", "bars", "no_stage", "print_document", "print_json", "starting", "status", "time_left", "to_text"]
 
@@ -38,7 +24,7 @@ _ROW_STYLES = {"before": "dark_orange3", "after": "blue", "quiet": "dim"}
 _BADGE_STYLES = {"good": "bold green", "doubtful": "bold yellow", "bad": "bold red", "open": "bold"}
 
 
-def print_document(document: Document, console: Console | None = None, *, warnings: bool = True) -> None:
+def print_document(document: doc.Document, console: Console | None = None, *, warnings: bool = True) -> None:
     """Print a document.
 
     Args:
@@ -63,7 +49,7 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def to_text(document: Document, width: int = 100) -> str:
+def to_text(document: doc.Document, width: int = 100) -> str:
     """A document as plain text, lines no longer than ``width`` where words allow."""
     file = io.StringIO()
     console = Console(file=file, width=width, highlight=False, markup=False, color_system=None, force_jupyter=False)
@@ -71,32 +57,32 @@ def to_text(document: Document, width: int = 100) -> str:
     return file.getvalue()
 
 
-def _print(console: Console, blocks: Iterable[Block], warnings: bool) -> None:
+def _print(console: Console, blocks: Iterable[doc.Block], warnings: bool) -> None:
     for block in blocks:
         match block:
-            case Section():
+            case doc.Section():
                 console.print()
                 console.print(RichText(block.title, style="bold"))
                 _print(console, block.blocks, warnings)
-            case Paragraph():
+            case doc.Paragraph():
                 console.print(_styled(block.text))
-            case Command():
+            case doc.Command():
                 console.print(RichText(block.text), soft_wrap=True)
-            case Bullets():
+            case doc.Bullets():
                 for item in block.items:
                     hanging = RichTable.grid()
                     hanging.add_column(width=2)
                     hanging.add_column()
                     hanging.add_row("-", _styled(item))
                     console.print(hanging)
-            case Warnings():
+            case doc.Warnings():
                 for text in block.texts if warnings else ():
                     console.print(RichText("warning: ", style="bold yellow") + RichText(text))
-            case Table():
+            case doc.Table():
                 _print_table(console, block)
 
 
-def _print_table(console: Console, block: Table) -> None:
+def _print_table(console: Console, block: doc.Table) -> None:
     if block.caption:
         console.print(RichText(block.caption))
     table = RichTable(show_header=any(block.headings))
@@ -110,10 +96,12 @@ def _print_table(console: Console, block: Table) -> None:
     console.width = usual
 
 
-def _styled(text: Text) -> RichText:
+def _styled(text: doc.Text) -> RichText:
     styled = RichText()
     for part in inlines(text):
-        style = _BADGE_STYLES[part.kind] if isinstance(part, Badge) else "bold" if isinstance(part, Strong) else ""
+        style = (
+            _BADGE_STYLES[part.kind] if isinstance(part, doc.Badge) else "bold" if isinstance(part, doc.Strong) else ""
+        )
         styled.append(plain(part), style=style)
     return styled
 

@@ -47,25 +47,11 @@ from lab.render.style import (
 )
 
 __all__ = [
-    "MOST_POSES",
-    "ArmPoses",
-    "ErrorMap",
-    "arm_figures",
-    "correction_pictures",
-    "correlation_figure",
-    "correlation_picture",
-    "error_histograms",
-    "error_maps",
-    "has_correction",
-    "main_picture",
-    "residual_figures",
-    "residual_pictures",
-    "selection_figure",
-    "selection_picture",
-    "singular_value_figure",
-    "uncertainty_map",
+    "MOST_POSES", "ArmPoses", "ErrorMap", "arm_figures", "correction_pictures", "correlation_figure",
+    "correlation_picture", "error_histograms", "error_maps", "has_correction", "main_picture", "residual_figures",
+    "residual_pictures", "selection_figure", "selection_picture", "singular_value_figure", "uncertainty_map",
     "where_figures",
-]
+]  # fmt: skip
 
 _MOST_ARMS = 12  # drawn in a picture
 _WHICH: dict[JudgedBy, str] = {

@@ -40,23 +40,10 @@ if TYPE_CHECKING:
     from lab.commands.calibrate.result import CalibrationResult
 
 __all__ = [
-    "CALIBRATIONS",
-    "MEASUREMENTS_FILE",
-    "READ_FILES",
-    "ArmExport",
-    "CalibrationRun",
-    "Campaign",
-    "RunLike",
-    "RunVerdict",
-    "calibrated_by",
-    "comment_on_missing_effects",
-    "condition_notes",
-    "folder_of",
-    "load_estimate",
-    "read_calibrated",
-    "read_header",
-    "refuse_other_parameters",
-]
+    "CALIBRATIONS", "MEASUREMENTS_FILE", "READ_FILES", "ArmExport", "CalibrationRun", "Campaign", "RunLike",
+    "RunVerdict", "calibrated_by", "comment_on_missing_effects", "condition_notes", "folder_of", "load_estimate",
+    "read_calibrated", "read_header", "refuse_other_parameters",
+]  # fmt: skip
 
 _CHECKED, _SAME_M = 3, 1e-9  # poses at which a module is compared with the lab's own arm, and how near it has to be
 

@@ -20,29 +20,9 @@ from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.scene import Scene, scene
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.render import recording as rec
 from lab.render.document import Bullets, Document, Section, Strong, Text, format_magnification
 from lab.render.markdown import to_markdown
-from lab.render.recording import (
-    SUMMARY,
-    TIME,
-    Times,
-    bars,
-    close_view,
-    draw_beams,
-    draw_ellipsoid,
-    draw_instrument,
-    draw_legs,
-    draw_moves,
-    draw_shells,
-    draw_tag,
-    draw_tracker,
-    eye,
-    layout,
-    main_view,
-    markdown,
-    pose_times,
-    recording_to,
-)
 from lab.render.scene import legs_legend
 from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MAPPING, RGB_MEASURED, RGB_OUTLIER, RGB_UNCERTAINTY
 from lab.simulation.meshes import instrument_body
@@ -57,20 +37,20 @@ _PARAMETERS, _SINGULAR_VALUES, _CONVERGENCE = "parameters", "singular_values", "
 def record(path: Path, outcome: CalibrationResult) -> None:
     """Write a campaign's recording, with the blueprint that shows it, to ``path``."""
     shown = scene(outcome)
-    with recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
+    with rec.recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
         recording.send_blueprint(_blueprint(outcome, shown))
-        draw_shells(recording, _poses(shown.at), shown.shells, shown.bodies)
-        draw_legs(recording, _poses(shown.at), shown.legs, shown.reach_m)
+        rec.draw_shells(recording, _poses(shown.at), shown.shells, shown.bodies)
+        rec.draw_legs(recording, _poses(shown.at), shown.legs, shown.reach_m)
         arm, values = outcome.rigid(outcome.identification.values)
-        draw_moves(recording, outcome.robot.model, arm, values, shown.at, outcome.fitted.joints[shown.rows])
+        rec.draw_moves(recording, outcome.robot.model, arm, values, shown.at, outcome.fitted.joints[shown.rows])
         _instrument(recording, outcome, shown)
         _points(recording, shown)
         _outliers(recording, shown)
         _arrows(recording, shown)
         _ellipsoids(recording, shown)
         _numbers(recording, outcome, shown)
-        recording.log(SUMMARY, markdown(summary_text(outcome, shown)), static=True)
-        recording.log(_PARAMETERS, markdown(parameters_text(outcome)), static=True)
+        recording.log(rec.SUMMARY, rec.markdown(summary_text(outcome, shown)), static=True)
+        recording.log(_PARAMETERS, rec.markdown(parameters_text(outcome)), static=True)
 
 
 def summary_text(outcome: CalibrationResult, shown: Scene) -> str:
@@ -111,33 +91,33 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
 
 def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
     unit = "in σ" if outcome.identification.sigma_given else "in mm"
-    controls = eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
+    controls = rec.eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
     left = rrb.Vertical(
-        main_view("Arm, measured points, errors", controls),
+        rec.main_view("Arm, measured points, errors", controls),
         _errors(),
         row_shares=[3, 1],
     )
     texts = rrb.Tabs(
-        rrb.TextDocumentView(origin=SUMMARY, name="Summary"),
+        rrb.TextDocumentView(origin=rec.SUMMARY, name="Summary"),
         rrb.TextDocumentView(origin=_PARAMETERS, name="Parameters"),
         active_tab=0,
     )
     charts = rrb.Horizontal(
-        bars(_SINGULAR_VALUES, "Singular values of J, scaled"),
-        bars(f"{_CONVERGENCE}/bars", f"RMS residual {unit}, log10"),
+        rec.bars(_SINGULAR_VALUES, "Singular values of J, scaled"),
+        rec.bars(f"{_CONVERGENCE}/bars", f"RMS residual {unit}, log10"),
     )
     right = rrb.Vertical(_close_views(shown), texts, charts, row_shares=[1.3, 1.7, 0.9])
-    return layout(left, right, TIME)
+    return rec.layout(left, right, rec.TIME)
 
 
 def _close_views(shown: Scene) -> rrb.Horizontal:
     """The target from near by, fixed in the middle, with the errors after calibration or one ellipsoid each."""
     views = [
-        close_view("magnified", "Errors after", shown.reach_m),
-        close_view("ellipsoid/mapping", "Sensitivity", shown.reach_m),
+        rec.close_view("magnified", "Errors after", shown.reach_m),
+        rec.close_view("ellipsoid/mapping", "Sensitivity", shown.reach_m),
     ]
     if shown.uncertainty is not None:
-        views.append(close_view("ellipsoid/uncertainty", "Uncertainty", shown.reach_m))
+        views.append(rec.close_view("ellipsoid/uncertainty", "Uncertainty", shown.reach_m))
     return rrb.Horizontal(*views)
 
 
@@ -155,19 +135,19 @@ def _identity(outcome: CalibrationResult) -> str:
     return digest.hexdigest()[:32]
 
 
-def _poses(rows: NDArray[np.int_]) -> Times:
-    return pose_times(rows)
+def _poses(rows: NDArray[np.int_]) -> rec.Times:
+    return rec.pose_times(rows)
 
 
 def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
     """Its frame; of a virtual tracker also the beam to each target that it sees."""
     name = "tracker" if outcome.real is not None else "instrument's frame"
     for i, (station, T_world_station) in enumerate(shown.Ts_world_station.items()):
-        draw_instrument(recording, station or name, T_world_station, station if i else "")
+        rec.draw_instrument(recording, station or name, T_world_station, station if i else "")
     if outcome.real is not None:
         if instrument_body(outcome.robot.model) not in shown.bodies:  # the robot's model draws none
-            draw_tracker(recording, next(iter(shown.Ts_world_station.values()))[:3, 3])
-        draw_beams(recording, _poses(shown.at), shown.heads, shown.measured)
+            rec.draw_tracker(recording, next(iter(shown.Ts_world_station.values()))[:3, 3])
+        rec.draw_beams(recording, _poses(shown.at), shown.heads, shown.measured)
 
 
 def _points(recording: rr.RecordingStream, shown: Scene) -> None:
@@ -222,16 +202,16 @@ def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
         recording.log(f"world/{entity}", style, static=True)
         text = f"{name} {format_magnification(factor)}"
         tips = points[:, 0] + np.where(visible[:, :1], np.nan_to_num(vectors[:, 0]), 0.0)
-        draw_tag(recording, f"world/{entity}/factor", _poses(shown.at), tips, text, colour)
+        rec.draw_tag(recording, f"world/{entity}/factor", _poses(shown.at), tips, text, colour)
 
 
 def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
     """Both ellipsoids of the first target with their half-axes, and the place that their views look at."""
     focus = rr.Transform3D.columns(translation=shown.mapping.centers)
     recording.send_columns("world/focus", _poses(shown.at), focus)
-    draw_ellipsoid(recording, "mapping", _poses(shown.at), shown.mapping, RGB_MAPPING)
+    rec.draw_ellipsoid(recording, "mapping", _poses(shown.at), shown.mapping, RGB_MAPPING)
     if shown.uncertainty is not None:
-        draw_ellipsoid(recording, "uncertainty", _poses(shown.at), shown.uncertainty, RGB_UNCERTAINTY)
+        rec.draw_ellipsoid(recording, "uncertainty", _poses(shown.at), shown.uncertainty, RGB_UNCERTAINTY)
 
 
 def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:

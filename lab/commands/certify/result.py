@@ -18,34 +18,16 @@ from lab.core.se3 import Array
 from lab.core.units import MICRONS, MM
 from lab.formats.certificate_toml import CertificateDetails
 from lab.noise.instruments import Instrument
+from lab.render import document as doc
 from lab.render.charts.chart import axes_picture
 from lab.render.charts.marks import Axes
-from lab.render.document import (
-    PAGE,
-    Badge,
-    Block,
-    Column,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Row,
-    Section,
-    Strong,
-    Table,
-    Warnings,
-    capital,
-    digits_of,
-    fixed,
-    sentence,
-    short,
-)
+from lab.render.document import capital, digits_of, fixed, sentence, short
 from lab.render.phrases.registry import in_one_line, phrase
 from lab.render.phrases.verdict import gate_text
 from lab.render.style import AFTER
 
 if TYPE_CHECKING:
-    from lab.render.document import Document
+    pass
 
 __all__ = ["Certificate", "RobotFound", "Unseen", "not_measured"]
 
@@ -322,11 +304,15 @@ _VALIDATED = {
     "file": "of the validation measurements",
     "cross-validation": "by cross-validation",
 }
-_VERDICTS = {"good": Badge("good", "good"), "doubtful": Badge("doubtful", "doubtful"), "bad": Badge("bad", "bad")}
+_VERDICTS = {
+    "good": doc.Badge("good", "good"),
+    "doubtful": doc.Badge("doubtful", "doubtful"),
+    "bad": doc.Badge("bad", "bad"),
+}
 _DECISIONS = {
-    "conforms": Badge("conforms", "good"),
-    "does not conform": Badge("does not conform", "bad"),
-    "not decided": Badge("not decided", "doubtful"),
+    "conforms": doc.Badge("conforms", "good"),
+    "does not conform": doc.Badge("does not conform", "bad"),
+    "not decided": doc.Badge("not decided", "doubtful"),
 }
 _NAMES = {
     "temperature_c": "temperature, °C",
@@ -352,35 +338,39 @@ _METHOD = (
 )
 
 
-def _certificate_document(result: Certificate) -> Document:
+def _certificate_document(result: Certificate) -> doc.Document:
     """Build the certificate: session, results with uncertainty, statement, budgets, ISO 9283, signature."""
     run = result.calibrated.result
     name = result.details.certificate.number
-    badge = _VERDICTS.get(run.verdict, Badge(run.verdict))
-    return Document(
+    badge = _VERDICTS.get(run.verdict, doc.Badge(run.verdict))
+    return doc.Document(
         f"{result.calibrated.called}: calibration certificate{f' {name}' if name else ''}",
         (
-            Paragraph(("The verdict of the calibration: ", badge, f" ({gate_text(run.gate_mm)}).")),
+            doc.Paragraph(("The verdict of the calibration: ", badge, f" ({gate_text(run.gate_mm)}).")),
             *_withheld(result),
-            Paragraph(_lead(result), "lead"),
-            Warnings(result.warnings),
-            Section("Calibrated robot and measurement", _details(result)),
-            Section("Results", _results(result)),
-            *((Section("Validation against the budget", _validated(result)),) if result.validation else ()),
-            Section("Statement of conformity", _statement(result)),
+            doc.Paragraph(_lead(result), "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section("Calibrated robot and measurement", _details(result)),
+            doc.Section("Results", _results(result)),
+            *((doc.Section("Validation against the budget", _validated(result)),) if result.validation else ()),
+            doc.Section("Statement of conformity", _statement(result)),
             *(
-                Section(f"Uncertainty budget of {_MEASURANDS[each.measurand]}", _budget(each))
+                doc.Section(f"Uncertainty budget of {_MEASURANDS[each.measurand]}", _budget(each))
                 for each in result.budgets
             ),
-            *((Section("Effects not included in the uncertainty", _unseen(result)),) if result.unseen else ()),
-            Section("Characteristics of ISO 9283:1998", _characteristics(result)),
-            Section("Evaluation of the uncertainty", tuple(Paragraph(text, shown_in=PAGE) for text in _METHOD)),
-            Section("Signature", (Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=PAGE),)),
+            *((doc.Section("Effects not included in the uncertainty", _unseen(result)),) if result.unseen else ()),
+            doc.Section("Characteristics of ISO 9283:1998", _characteristics(result)),
+            doc.Section(
+                "Evaluation of the uncertainty", tuple(doc.Paragraph(text, shown_in=doc.PAGE) for text in _METHOD)
+            ),
+            doc.Section(
+                "Signature", (doc.Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=doc.PAGE),)
+            ),
         ),
     )
 
 
-def _contributions_picture(budget: Budget) -> Picture:
+def _contributions_picture(budget: Budget) -> doc.Picture:
     lines = sorted(budget.lines, key=lambda line: line.contribution_m)
     sizes = MICRONS.of(np.array([line.contribution_m for line in lines]))
 
@@ -398,12 +388,12 @@ def _contributions_picture(budget: Budget) -> Picture:
     )
 
 
-def _withheld(result: Certificate) -> tuple[Block, ...]:
+def _withheld(result: Certificate) -> tuple[doc.Block, ...]:
     if result.issued:
         return ()
     why = in_one_line(each for each in result.implausible if each.outcome == "failed")
-    badge = Badge("not issued", "bad")
-    return (Paragraph(("This certificate is ", badge, f": {why}. Correct --details, or measure again.")),)
+    badge = doc.Badge("not issued", "bad")
+    return (doc.Paragraph(("This certificate is ", badge, f": {why}. Correct --details, or measure again.")),)
 
 
 def _lead(result: Certificate) -> str:
@@ -419,7 +409,7 @@ def _uncertainty(budget: Budget) -> str:
     return f"{fixed(MM.of(budget.expanded_m), digits)} mm (k = {budget.coverage_factor:.2f})"
 
 
-def _details(result: Certificate) -> tuple[Block, ...]:
+def _details(result: Certificate) -> tuple[doc.Block, ...]:
     parts: dict[str, list[tuple[str, str]]] = {
         "Calibration": [
             ("robot model", result.calibrated.robot.name),
@@ -433,7 +423,7 @@ def _details(result: Certificate) -> tuple[Block, ...]:
     rows = [("" if i else part, *row) for part, each in parts.items() for i, row in enumerate(each)]
     missing = result.details.missing
     left = f"Not stated: {', '.join(missing)}." if missing else ""
-    return Table(("", "", ""), tuple(rows)), Paragraph(left, "note")
+    return doc.Table(("", "", ""), tuple(rows)), doc.Paragraph(left, "note")
 
 
 def _name(key: str) -> str:
@@ -444,9 +434,9 @@ def _shown(value: object) -> str:
     return short(value) if isinstance(value, float) else str(value)
 
 
-def _results(result: Certificate) -> tuple[Block, ...]:
+def _results(result: Certificate) -> tuple[doc.Block, ...]:
     run, distances = result.calibrated.result, result.distances
-    rows: list[Row] = []
+    rows: list[doc.Row] = []
     where = "not validated"
     if run.before_mm is not None and run.after_mm is not None:
         where = _VALIDATED.get(run.judged_by or "", "")
@@ -454,26 +444,26 @@ def _results(result: Certificate) -> tuple[Block, ...]:
     names = "nominal model", "calibrated model"
     rows += [_distance_row(name, each) for name, each in zip(names, distances, strict=True) if each is not None]
     caption = f"Errors, mm. Positions {where}; distances between measured poses, which need no base"
-    return (Table(("error of a", "mean", "rms", "95 %", "max", "count"), tuple(rows), caption),)
+    return (doc.Table(("error of a", "mean", "rms", "95 %", "max", "count"), tuple(rows), caption),)
 
 
-def _position_row(name: str, found: Mapping[str, float]) -> Row:
+def _position_row(name: str, found: Mapping[str, float]) -> doc.Row:
     numbers = [short(found[key]) for key in ("mean", "rms", "p95", "max")]
     return (f"position, {name}", *numbers, f"{found['count']:,.0f}")
 
 
-def _distance_row(name: str, found: ErrorStatistics) -> Row:
+def _distance_row(name: str, found: ErrorStatistics) -> doc.Row:
     numbers = (found.mean, found.rms, found.p95, found.max)
     return (f"distance, {name}", *map(short, numbers), f"{found.count:,}")
 
 
-def _statement(result: Certificate) -> tuple[Block, ...]:
+def _statement(result: Certificate) -> tuple[doc.Block, ...]:
     found = result.conformity
     if not result.issued:
-        return (Paragraph("None: the certificate is not issued."),)
+        return (doc.Paragraph("None: the certificate is not issued."),)
     if found is None:
         why = "no tolerance was given" if result.calibrated.result.after_mm is not None else "nothing was validated"
-        return (Paragraph(f"None: {why}."),)
+        return (doc.Paragraph(f"None: {why}."),)
     comparison = f" {_comparison(result, found)}"
     rule = sentence(f"rule: {found.rule_text}")
     note = ""
@@ -482,13 +472,17 @@ def _statement(result: Certificate) -> tuple[Block, ...]:
             "No instrument is named, so the measurements are not traceable to the metre: the uncertainty includes the "
             "effects that they cannot show."
         )
-    return Paragraph((_DECISIONS[found.decision], comparison)), Paragraph(note, "note"), Paragraph(rule, "note")
+    return (
+        doc.Paragraph((_DECISIONS[found.decision], comparison)),
+        doc.Paragraph(note, "note"),
+        doc.Paragraph(rule, "note"),
+    )
 
 
-def _validated(result: Certificate) -> tuple[Block, ...]:
+def _validated(result: Certificate) -> tuple[doc.Block, ...]:
     found = result.validation
     assert found is not None
-    rows: list[Row] = [
+    rows: list[doc.Row] = [
         ("root mean square", short(MM.of(found.observed_rms_m)), short(MM.of(found.expected_rms_m))),
         ("95 %", short(MM.of(found.observed_95_m)), short(MM.of(found.expected_95_m))),
     ]
@@ -503,17 +497,17 @@ def _validated(result: Certificate) -> tuple[Block, ...]:
             f"has a line for this lack of fit: {short(MM.of(found.sigma_m))} mm in each coordinate."
         )
     caption = "Errors, mm. Predicted by the budget without the line for lack of fit"
-    return Table(("error", "observed", "predicted"), tuple(rows), caption), Paragraph(text)
+    return doc.Table(("error", "observed", "predicted"), tuple(rows), caption), doc.Paragraph(text)
 
 
-def _unseen(result: Certificate) -> tuple[Block, ...]:
-    rows: tuple[Row, ...] = tuple((each.description, each.remedy) for each in result.unseen)
+def _unseen(result: Certificate) -> tuple[doc.Block, ...]:
+    rows: tuple[doc.Row, ...] = tuple((each.description, each.remedy) for each in result.unseen)
     digits = [short(MM.of(each)) for each in result.with_unseen_m]
     text = (
         "Neither the measurements nor the instrument's specification cover these effects. With them the expanded "
         f"uncertainty would be {digits[0]} mm of a position and {digits[1]} mm of a distance."
     )
-    return Table(("not contained in U", "remedy"), rows), Paragraph(text)
+    return doc.Table(("not contained in U", "remedy"), rows), doc.Paragraph(text)
 
 
 def _comparison(result: Certificate, found: Conformity) -> str:
@@ -524,13 +518,13 @@ def _comparison(result: Certificate, found: Conformity) -> str:
     )
 
 
-def _budget(budget: Budget) -> tuple[Block, ...]:
-    columns: Sequence[str | Column] = (
+def _budget(budget: Budget) -> tuple[doc.Block, ...]:
+    columns: Sequence[str | doc.Column] = (
         "quantity",
-        Column("source", PAGE),
-        Column("distribution", PAGE),
+        doc.Column("source", doc.PAGE),
+        doc.Column("distribution", doc.PAGE),
         "u",
-        Column("sensitivity, µm per unit", PAGE),
+        doc.Column("sensitivity, µm per unit", doc.PAGE),
         "µm",
         "ν",
         "%",
@@ -541,17 +535,17 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
         f"Combined standard uncertainty {short(MM.of(budget.combined_m))} mm, effective degrees of freedom "
         f"{_dof_text(budget.dof)}, "
         f"k = {budget.coverage_factor:.2f}: ",
-        Strong(f"U = {_uncertainty(budget)}, 95 % coverage."),
+        doc.Strong(f"U = {_uncertainty(budget)}, 95 % coverage."),
         f" By Monte Carlo, {budget.draws:,} draws: {fixed(MM.of(budget.drawn_m), drawn)} mm, which "
         f"{'confirms it' if budget.agrees else 'differs and is stated instead'}. {_of_kinematics(budget)}",
     )
     drawing = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}."
-    figure = Figure(f"budget-{budget.measurand}-figure", (_contributions_picture(budget),), drawing)
+    figure = doc.Figure(f"budget-{budget.measurand}-figure", (_contributions_picture(budget),), drawing)
     caption = (
         f"Standard uncertainty u, contribution in µm, degrees of freedom ν (∞: over {_ENDLESS:,}), "
         "share of the variance in %"
     )
-    return Table(tuple(columns), rows, caption), Paragraph(parts), figure
+    return doc.Table(tuple(columns), rows, caption), doc.Paragraph(parts), figure
 
 
 def _of_kinematics(budget: Budget) -> str:
@@ -564,7 +558,7 @@ def _of_kinematics(budget: Budget) -> str:
     )
 
 
-def _line(line: BudgetLine) -> Row:
+def _line(line: BudgetLine) -> doc.Row:
     quantity = line.quantity
     uncertainty = quantity.uncertainty
     return (
@@ -579,9 +573,9 @@ def _line(line: BudgetLine) -> Row:
     )
 
 
-def _characteristics(result: Certificate) -> tuple[Block, ...]:
+def _characteristics(result: Certificate) -> tuple[doc.Block, ...]:
     robot, (distance_before, distance_after) = result.robot, result.distances
-    rows: list[Row] = [("pose accuracy AP, nominal model", *_two(robot.before.accuracy))]
+    rows: list[doc.Row] = [("pose accuracy AP, nominal model", *_two(robot.before.accuracy))]
     if robot.after is not None:
         rows.append(("pose accuracy AP, calibrated model", *_two(robot.after.accuracy)))
     if robot.repeats is not None:
@@ -607,9 +601,9 @@ def _characteristics(result: Certificate) -> tuple[Block, ...]:
         "numbers include the instrument's noise."
     )
     return (
-        Table(("characteristic", "mean", "max"), tuple(rows)),
-        Paragraph(note, "note"),
-        Paragraph(f"Not measured: {', '.join(not_measured(robot))}; orientations."),
+        doc.Table(("characteristic", "mean", "max"), tuple(rows)),
+        doc.Paragraph(note, "note"),
+        doc.Paragraph(f"Not measured: {', '.join(not_measured(robot))}; orientations."),
     )
 
 

@@ -13,25 +13,10 @@ from lab.core.units import MICRONS
 from lab.formats.programs.protocol import PAUSE_S
 from lab.formats.programs.registry import PLAN, language_of, plan_or_refusal, refusal
 from lab.kinematics.joints import JointSpec
+from lab.render import document as doc
 from lab.render.charts.chart import axes_picture, cube, shades, view
 from lab.render.charts.marks import Axes, colour
-from lab.render.document import (
-    NARROW,
-    PAGE,
-    TERMINAL,
-    Badge,
-    Block,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    Warnings,
-    fixed,
-    sentence,
-    short,
-)
+from lab.render.document import fixed, sentence, short
 from lab.render.plots import SQUARE, VIEWS
 from lab.render.style import (
     ARM,
@@ -60,7 +45,7 @@ _NUMBER = 6.5  # points, of a pose's number
 _TICKS = (1, 2, 3, 5)  # of each power of ten
 
 
-def curve_pictures(plan: DesignResult) -> tuple[Picture, ...]:
+def curve_pictures(plan: DesignResult) -> tuple[doc.Picture, ...]:
     """Predicted errors against the number of poses with the plan's; beside them O1, where each number was designed."""
     chosen = len(plan.joints), plan.prediction.coverage_radius
     scaling = plan.problem.scaling.describe()
@@ -77,12 +62,12 @@ def curve_pictures(plan: DesignResult) -> tuple[Picture, ...]:
     return errors, information
 
 
-def main_picture(plan: DesignResult) -> Picture:
+def main_picture(plan: DesignResult) -> doc.Picture:
     """Return the predicted errors against the number of poses."""
     return curve_pictures(plan)[0]
 
 
-def pose_pictures(plan: DesignResult) -> tuple[Picture, ...]:
+def pose_pictures(plan: DesignResult) -> tuple[doc.Picture, ...]:
     """The targets from above and from the side, and the joint positions in their ranges."""
     targets = (
         axes_picture(f"poses-{name}", f"The targets from {'the side' if name == 'side' else name}", SQUARE,
@@ -253,35 +238,35 @@ _OF = {
 _BOUND = "With 95 % confidence, 95 % of the validation poses have an error below the 95 %/95 % tolerance bound."
 
 
-def design_document(result: DesignResult) -> Document:
+def design_document(result: DesignResult) -> doc.Document:
     """The predicted error, the tour, the certificate and the indices of the choice."""
     values = result.to_dict()
-    return Document(
+    return doc.Document(
         f"{values['robot']}: {values['poses']} poses to measure",
         (
-            Paragraph(f"{_chosen(values)} {_predicted(values)}", "lead"),
-            Warnings(result.warnings),
-            Section(
+            doc.Paragraph(f"{_chosen(values)} {_predicted(values)}", "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section(
                 "Number of poses",
                 (
-                    Figure("curve-figure", curve_pictures(result), _CURVE + _O1 * result.options.curve),
+                    doc.Figure("curve-figure", curve_pictures(result), _CURVE + _O1 * result.options.curve),
                     _steps(values),
-                    Paragraph(f"{_BOUND} {_OF[values['curve_of']]}", "note"),
+                    doc.Paragraph(f"{_BOUND} {_OF[values['curve_of']]}", "note"),
                 ),
             ),
-            Section(
+            doc.Section(
                 "Poses and tour",
                 (
-                    Figure("poses-figure", pose_pictures(result), _POSES),
-                    Paragraph(_tour(result)),
-                    Paragraph(SessionDuration.of(result.tour).description),
-                    Paragraph(_candidates(values)),
+                    doc.Figure("poses-figure", pose_pictures(result), _POSES),
+                    doc.Paragraph(_tour(result)),
+                    doc.Paragraph(SessionDuration.of(result.tour).description),
+                    doc.Paragraph(_candidates(values)),
                     *_reflector(values),
                     *_stations(values),
                     *_files(result),
                 ),
             ),
-            Section("Quality of the choice", (Paragraph(_certificate(values)), *_indices(values))),
+            doc.Section("Quality of the choice", (doc.Paragraph(_certificate(values)), *_indices(values))),
         ),
     )
 
@@ -303,7 +288,7 @@ def _predicted(values: dict[str, Any]) -> str:
     )
 
 
-def _steps(values: dict[str, Any]) -> Table:
+def _steps(values: dict[str, Any]) -> doc.Table:
     """The curve as a table, with O1 where each number was designed: else it is the same for any."""
     designed = values["curve_of"] == "designs"
     rows = tuple(
@@ -315,7 +300,7 @@ def _steps(values: dict[str, Any]) -> Table:
         for step in values["curve"]
     )
     columns = ("poses", "RMS, mm", "worst pose, mm", "95 %/95 % bound, mm", *(("O1",) if designed else ()))
-    return Table(columns, rows, "Predicted error on validation poses")
+    return doc.Table(columns, rows, "Predicted error on validation poses")
 
 
 def _tour(result: DesignResult) -> str:
@@ -351,12 +336,12 @@ def _candidates(values: dict[str, Any]) -> str:
     )
 
 
-def _reflector(values: dict[str, Any]) -> tuple[Block, ...]:
+def _reflector(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     found = values["reflector"]
     if found is None:
         return ()
     return (
-        Paragraph(
+        doc.Paragraph(
             f"The reflector takes beams up to {found['acceptance_deg']:.0f}° off its axis. At these poses they are up "
             f"to {found['largest_deg']:.0f}° off; {found['near']} of {values['poses']} poses are within "
             f"{found['near_deg']:.0f}° of the limit."
@@ -364,30 +349,32 @@ def _reflector(values: dict[str, Any]) -> tuple[Block, ...]:
     )
 
 
-def _stations(values: dict[str, Any]) -> tuple[Block, ...]:
+def _stations(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     stations = values["stations"]
     if not stations:
         return ()
     listed = ", then ".join(f"{each['poses']} from {each['name']}" for each in stations if each["poses"])
     rows = ((each["name"], str(each["poses"]), ", ".join(f"{x:.0f}" for x in each["head_mm"])) for each in stations)
     return (
-        Paragraph(
+        doc.Paragraph(
             f"Each pose is measured from the station that sees it best: {listed}. Between two stations the arm waits "
             "at home until the instrument has been moved. Every point stays in the frame of its own station; the "
             "stations' poses are identified with the robot."
         ),
-        Table(("station", "poses", "head, mm, in the robot's frame"), tuple(rows)),
+        doc.Table(("station", "poses", "head, mm, in the robot's frame"), tuple(rows)),
     )
 
 
-def _files(result: DesignResult) -> tuple[Block, ...]:
+def _files(result: DesignResult) -> tuple[doc.Block, ...]:
     chain = result.problem.robot.chain
     why = refusal(chain, result.options.controller)
     files = plan_or_refusal(chain, result.options.controller, result.problem.robot.model.stations).values()
     programs = "".join(f", {file} for the controller" for file in files if file.startswith((f"{PLAN}.", f"{PLAN}_")))
     return (
-        Paragraph(f"Files: plan.csv with every waypoint, measured or via{programs}.", shown_in=PAGE | TERMINAL),
-        *((Paragraph(sentence(why), shown_in=PAGE | TERMINAL),) if why else ()),
+        doc.Paragraph(
+            f"Files: plan.csv with every waypoint, measured or via{programs}.", shown_in=doc.PAGE | doc.TERMINAL
+        ),
+        *((doc.Paragraph(sentence(why), shown_in=doc.PAGE | doc.TERMINAL),) if why else ()),
     )
 
 
@@ -398,7 +385,7 @@ def _certificate(values: dict[str, Any]) -> str:
     )
 
 
-def _indices(values: dict[str, Any]) -> tuple[Block, ...]:
+def _indices(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     """The observability indices, with what they are scaled by; in one line where there is little room."""
     found = values["indices"]
     line = ", ".join(
@@ -406,9 +393,9 @@ def _indices(values: dict[str, Any]) -> tuple[Block, ...]:
     )
     rows = tuple((_INDICES[name], _value(index), index["scaling"]) for name, index in found.items())
     return (
-        Paragraph(f"{line} ({found['o1']['scaling']}).", shown_in=NARROW),
-        Table(("index", "value", "scaling"), rows, shown_in=PAGE),
-        Paragraph("σ: the singular values of the scaled Jacobian of all poses.", "note", shown_in=PAGE),
+        doc.Paragraph(f"{line} ({found['o1']['scaling']}).", shown_in=doc.NARROW),
+        doc.Table(("index", "value", "scaling"), rows, shown_in=doc.PAGE),
+        doc.Paragraph("σ: the singular values of the scaled Jacobian of all poses.", "note", shown_in=doc.PAGE),
     )
 
 
@@ -416,23 +403,23 @@ def _value(index: dict[str, Any]) -> str:
     return "∞" if index["value"] is None else short(index["value"])
 
 
-def check_document(result: PlanCheckResult) -> Document:
+def check_document(result: PlanCheckResult) -> doc.Document:
     """Build the document of a plan check: the answer, the faults, and the session's duration."""
     count = len(result.faults)
     cell = f" in {result.options.cell}" if result.options.cell else ""
-    badge = Badge("the plan can be run", "good") if not count else Badge("the plan cannot be run", "bad")
+    badge = doc.Badge("the plan can be run", "good") if not count else doc.Badge("the plan cannot be run", "bad")
     text = (
         f" All {len(result.waypoints)} waypoints and the paths between them pass the check{cell}."
         if not count
         else f" {count} of {len(result.waypoints)} waypoints{cell}, or the paths to them, fail the check; plan anew."
     )
     rows = tuple((fault.waypoint, fault.why) for fault in result.faults)
-    return Document(
+    return doc.Document(
         f"{result.robot.name}: {badge.text}",
         (
-            Paragraph((badge, f".{text}"), "lead"),
-            Warnings(result.warnings),
-            Section("Faults", (Table(("waypoint", "fault"), rows),)),
-            Section("Duration of the session", (Paragraph(result.duration.description),)),
+            doc.Paragraph((badge, f".{text}"), "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section("Faults", (doc.Table(("waypoint", "fault"), rows),)),
+            doc.Section("Duration of the session", (doc.Paragraph(result.duration.description),)),
         ),
     )

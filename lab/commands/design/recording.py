@@ -18,27 +18,9 @@ from lab.commands.design.scene import PlanScene, plan_scene
 from lab.commands.result import joint_values
 from lab.core.se3 import Array
 from lab.core.units import MICRONS
+from lab.render import recording as rec
 from lab.render.document import RECORDING, Bullets, Document, Section, Strong, Table, fixed, format_magnification
 from lab.render.markdown import to_markdown
-from lab.render.recording import (
-    SUMMARY,
-    Times,
-    bars,
-    close_view,
-    draw_beams,
-    draw_ellipsoid,
-    draw_instrument,
-    draw_legs,
-    draw_moving,
-    draw_moving_legs,
-    draw_shells,
-    draw_tag,
-    eye,
-    layout,
-    main_view,
-    markdown,
-    recording_to,
-)
 from lab.render.scene import legs_legend
 from lab.render.style import RGB_CURRENT, RGB_FIRST, RGB_LAST, RGB_MAPPING, RGB_MUTED, RGB_PATH, RGB_UNCERTAINTY
 
@@ -55,24 +37,24 @@ def record_plan(path: Path, plan: DesignResult) -> None:
     """Write a plan's recording, with the blueprint that shows it, to ``path``."""
     shown = plan_scene(plan)
     at = [rr.TimeColumn(TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
-    with recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
+    with rec.recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
         recording.send_blueprint(_blueprint(shown, designed=plan.options.curve))
-        draw_shells(recording, at, shown.shells, shown.bodies)
-        draw_moving(recording, [_seconds(shown.times)], shown.moving)
-        draw_legs(recording, at, shown.legs, shown.reach_m)
-        draw_moving_legs(recording, [_seconds(shown.times)], shown.moving_legs)
+        rec.draw_shells(recording, at, shown.shells, shown.bodies)
+        rec.draw_moving(recording, [_seconds(shown.times)], shown.moving)
+        rec.draw_legs(recording, at, shown.legs, shown.reach_m)
+        rec.draw_moving_legs(recording, [_seconds(shown.times)], shown.moving_legs)
         for i, (name, T_world_station) in enumerate(zip(shown.stations, shown.Ts_world_station, strict=True)):
-            draw_instrument(recording, name, T_world_station, name if i else "")
-        draw_beams(recording, at, shown.heads, np.where(shown.measured[:, None, None], shown.points, np.nan))
+            rec.draw_instrument(recording, name, T_world_station, name if i else "")
+        rec.draw_beams(recording, at, shown.heads, np.where(shown.measured[:, None, None], shown.points, np.nan))
         gone = rr.LineStrips3D.columns(strips=[]).partition([0] * len(shown.departures))
         recording.send_columns("world/instrument/beam", [_seconds(shown.departures)], gone)
         _targets(recording, at, shown)
         recording.send_columns("world/focus", at, rr.Transform3D.columns(translation=shown.points[:, 0]))
-        draw_ellipsoid(recording, "mapping", at, shown.mapping, RGB_MAPPING)
-        draw_ellipsoid(recording, "uncertainty", at, shown.uncertainty, RGB_UNCERTAINTY)
+        rec.draw_ellipsoid(recording, "mapping", at, shown.mapping, RGB_MAPPING)
+        rec.draw_ellipsoid(recording, "uncertainty", at, shown.uncertainty, RGB_UNCERTAINTY)
         _curve(recording, plan)
-        recording.log(SUMMARY, markdown(to_markdown(_document(plan, shown))), static=True)
-        recording.log(POSES, markdown(to_markdown(_pose_table(plan, shown))), static=True)
+        recording.log(rec.SUMMARY, rec.markdown(to_markdown(_document(plan, shown))), static=True)
+        recording.log(POSES, rec.markdown(to_markdown(_pose_table(plan, shown))), static=True)
 
 
 def _seconds(times: Array) -> rr.TimeColumn:
@@ -88,7 +70,7 @@ def _identity(plan: DesignResult) -> str:
     return digest.hexdigest()[:32]
 
 
-def _targets(recording: rr.RecordingStream, at: Times, shown: PlanScene) -> None:
+def _targets(recording: rr.RecordingStream, at: rec.Times, shown: PlanScene) -> None:
     points = shown.points[shown.measured]  # (n, k, 3)
     n, k = points.shape[:2]
     share = np.repeat(np.linspace(0, 1, n), k)[:, None]
@@ -107,7 +89,7 @@ def _targets(recording: rr.RecordingStream, at: Times, shown: PlanScene) -> None
     recording.log("world/targets/here", rr.Points3D.from_fields(colors=_HERE, radii=1.2 * radius), static=True)
     if (passed := _passed(shown)).any():
         place = shown.points[passed, 0]
-        draw_tag(recording, "world/targets/passed", [rr.TimeColumn(TIMELINE, sequence=np.flatnonzero(passed))],
+        rec.draw_tag(recording, "world/targets/passed", [rr.TimeColumn(TIMELINE, sequence=np.flatnonzero(passed))],
                  place, "passed only", _PASSED)  # fmt: skip
         gone = np.flatnonzero(passed[:-1] & ~passed[1:]) + 1
         cleared = rr.Points3D.columns(positions=np.empty((0, 3))).partition([0] * len(gone))
@@ -162,17 +144,17 @@ def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
 
 def _blueprint(shown: PlanScene, *, designed: bool) -> rrb.Blueprint:
     """The arm large, the two ellipsoids beside it, text and curves at hand, that of O1 where it is ``designed``."""
-    controls = eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
+    controls = rec.eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
     close = rrb.Horizontal(
-        close_view("ellipsoid/mapping", "Sensitivity ellipsoid", shown.reach_m),
-        close_view("ellipsoid/uncertainty", "Predicted uncertainty ellipsoid", shown.reach_m),
+        rec.close_view("ellipsoid/mapping", "Sensitivity ellipsoid", shown.reach_m),
+        rec.close_view("ellipsoid/uncertainty", "Predicted uncertainty ellipsoid", shown.reach_m),
     )
     texts = rrb.Tabs(
-        rrb.TextDocumentView(origin=SUMMARY, name="Summary"),
+        rrb.TextDocumentView(origin=rec.SUMMARY, name="Summary"),
         rrb.TextDocumentView(origin=POSES, name="Poses"),
         active_tab=0,
     )
-    bound = bars(BOUND, "95 %/95 % tolerance bound, µm, by poses")
-    charts = rrb.Horizontal(bound, bars(O1, "O1, by poses")) if designed else bound
-    left = rrb.Vertical(main_view("Tour", controls))
-    return layout(left, rrb.Vertical(close, texts, charts, row_shares=[1.2, 1.9, 0.9]), TIMELINE)
+    bound = rec.bars(BOUND, "95 %/95 % tolerance bound, µm, by poses")
+    charts = rrb.Horizontal(bound, rec.bars(O1, "O1, by poses")) if designed else bound
+    left = rrb.Vertical(rec.main_view("Tour", controls))
+    return rec.layout(left, rrb.Vertical(close, texts, charts, row_shares=[1.2, 1.9, 0.9]), TIMELINE)

@@ -34,24 +34,9 @@ from lab.commands.study.format import (
 )
 from lab.commands.study.run import StudyResult
 from lab.core.errors import LabError
+from lab.render import document as doc
 from lab.render.charts.chart import save_figure
-from lab.render.document import (
-    EVERYWHERE,
-    PAGE,
-    TERMINAL,
-    Bullets,
-    Code,
-    Column,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Row,
-    Section,
-    Table,
-    capital,
-    sentence,
-)
+from lab.render.document import capital, sentence
 from lab.render.style import FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
 from lab.studies.analysis import Analysis, CellGroup, Comparison, Mean, Pair, groups
 from lab.studies.campaigns import origin_of
@@ -82,13 +67,13 @@ _LETTERS_AN_INCH = 11  # of a title
 _APART = 0.035  # of the axis, between the lines' marks at one level
 
 
-def study_pictures(analysis: Analysis, metric: str) -> dict[str, Picture]:
+def study_pictures(analysis: Analysis, metric: str) -> dict[str, doc.Picture]:
     """A metric's means, pairs and ranks by every factor that is compared, by the names of their files."""
     by_factor: dict[tuple[str, ...], list[Comparison]] = {}
     for each in analysis.comparisons:
         if each.metric == metric and each.ranks:
             by_factor.setdefault(each.group.free, []).append(each)
-    made: dict[str, Picture] = {}
+    made: dict[str, doc.Picture] = {}
     for free, comparisons in by_factor.items():
         draw: dict[str, Callable[[], Drawing]] = {
             "means": partial(_means_figure, analysis, metric, free[0]),
@@ -102,11 +87,11 @@ def study_pictures(analysis: Analysis, metric: str) -> dict[str, Picture]:
         for kind, figure in draw.items():
             name = f"{metric}-{'-'.join(free)}-{kind}"
             shown = f"{capital(metric_text(metric, unit=False))} by {' and '.join(map(factor_text, free))}"
-            made[name] = Picture(name.replace("_", "-"), f"{shown}, {_KINDS[kind]}. {answers}.", figure)
+            made[name] = doc.Picture(name.replace("_", "-"), f"{shown}, {_KINDS[kind]}. {answers}.", figure)
     return made
 
 
-def write_figures(folder: Path, pictures: Mapping[str, Picture]) -> None:
+def write_figures(folder: Path, pictures: Mapping[str, doc.Picture]) -> None:
     """Write pictures, by the names of their files, each as PNG and SVG."""
     for name, picture in pictures.items():
         save_figure(folder, name, picture.draw())
@@ -308,12 +293,12 @@ SHOWN_METRICS = ("fresh_mean_mm", "fresh_worst_mm")  # of the figures and the pa
 
 
 @lru_cache(maxsize=1)
-def pictures_of(result: StudyResult) -> dict[str, Picture]:
+def pictures_of(result: StudyResult) -> dict[str, doc.Picture]:
     """Return the figures of a study, by the names of their files."""
     return {name: made for metric in SHOWN_METRICS for name, made in study_pictures(result.analysis, metric).items()}
 
 
-def first_picture(result: StudyResult) -> Picture:
+def first_picture(result: StudyResult) -> doc.Picture:
     """Return the means of the first factor that varies.
 
     Raises:
@@ -324,42 +309,43 @@ def first_picture(result: StudyResult) -> Picture:
     raise LabError("no factor of the study has two levels, so the page has no figures; give a factor two levels")
 
 
-def study_document(result: StudyResult) -> Document:
+def study_document(result: StudyResult) -> doc.Document:
     """Build the document of a study: setup, answers, means, ranks, figures, and how to repeat it."""
     done, study = result.done, result.done.study
     speed = f" in {done.seconds:,.0f} s" if done.computed else ""
-    return Document(
+    return doc.Document(
         study.name,
         (
-            Paragraph(
+            doc.Paragraph(
                 f"{study.campaigns:,} simulated calibrations: {len(study.cells)} cells, each with the same "
                 f"{study.robots} robots, measured {study.draws} times each with the same noise.",
                 "lead",
             ),
             *analysis_sections(result.analysis, SHOWN_METRICS),
-            Section("Figures", tuple(_figures(pictures_of(result))), shown_in=PAGE),
-            Paragraph(
-                f"{done.computed:,} of {study.campaigns:,} simulated calibrations computed{speed}.", shown_in=TERMINAL
+            doc.Section("Figures", tuple(_figures(pictures_of(result))), shown_in=doc.PAGE),
+            doc.Paragraph(
+                f"{done.computed:,} of {study.campaigns:,} simulated calibrations computed{speed}.",
+                shown_in=doc.TERMINAL,
             ),
-            Paragraph(f"study: {done.folder}", shown_in=TERMINAL),
-            Paragraph(f"page: {done.folder / 'report.html'}", shown_in=TERMINAL),
+            doc.Paragraph(f"study: {done.folder}", shown_in=doc.TERMINAL),
+            doc.Paragraph(f"page: {done.folder / 'report.html'}", shown_in=doc.TERMINAL),
         ),
     )
 
 
-def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[Section, ...]:
+def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[doc.Section, ...]:
     """Answers, means and ranks by the metrics; a page alone shows those after the first."""
-    media = [EVERYWHERE if i == 0 else PAGE for i in range(len(metrics))]
+    media = [doc.EVERYWHERE if i == 0 else doc.PAGE for i in range(len(metrics))]
     answers = [
-        Section(
+        doc.Section(
             capital(metric_text(metric, unit=False)),
-            (Bullets(tuple(map(sentence, sentences(analysis, metric)))),),
+            (doc.Bullets(tuple(map(sentence, sentences(analysis, metric)))),),
             shown_in=media[i],
         )
         for i, metric in enumerate(metrics)
     ]
     ranks = [
-        Section(f"By {metric_text(metric)}", tuple(_ranks(analysis, metric)), shown_in=media[i])
+        doc.Section(f"By {metric_text(metric)}", tuple(_ranks(analysis, metric)), shown_in=media[i])
         for i, metric in enumerate(metrics)
     ]
     note = (
@@ -367,13 +353,13 @@ def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[Secti
         "of the robots the level has rank 1."
     )
     return (
-        Section("Results", tuple(answers)),
-        Section("Means", (_means(analysis, metrics),)),
-        Section("Ranks", (*ranks, Paragraph(note if analysis.comparisons else "", "note"))),
+        doc.Section("Results", tuple(answers)),
+        doc.Section("Means", (_means(analysis, metrics),)),
+        doc.Section("Ranks", (*ranks, doc.Paragraph(note if analysis.comparisons else "", "note"))),
     )
 
 
-def _means(analysis: Analysis, metrics: Sequence[str]) -> Table:
+def _means(analysis: Analysis, metrics: Sequence[str]) -> doc.Table:
     """Tabulate all cells' means with 95 % intervals over the robots; only the first metric if space is short."""
     names = varying(analysis.cells)
     of = {(mean.cell, mean.metric): mean for mean in analysis.means}
@@ -389,22 +375,22 @@ def _means(analysis: Analysis, metrics: Sequence[str]) -> Table:
                 f"{first.not_converged:,} of {first.campaigns:,}",
             )
         )
-    columns: tuple[str | Column, ...] = (
+    columns: tuple[str | doc.Column, ...] = (
         *names,
         metric_text(metrics[0]),
-        *(Column(metric_text(metric), PAGE) for metric in more),
+        *(doc.Column(metric_text(metric), doc.PAGE) for metric in more),
         "not converged",
     )
     robots = max(mean.robots for mean in analysis.means if mean.metric == metrics[0])
     caption = f"Means with 95 % intervals over {robots} robots, each with all its draws; means.csv has every metric."
-    return Table(columns, tuple(rows), caption)
+    return doc.Table(columns, tuple(rows), caption)
 
 
-def _ranks(analysis: Analysis, metric: str) -> Iterable[Table]:
+def _ranks(analysis: Analysis, metric: str) -> Iterable[doc.Table]:
     """A table for each factor: the groups that share all other factors, each with its best level first."""
     compared = [each for each in analysis.comparisons if each.metric == metric]
     for free in dict.fromkeys(each.group.free for each in compared):
-        rows: list[Row] = []
+        rows: list[doc.Row] = []
         for each in (one for one in compared if one.group.free == free):
             if where := circumstances(each.group.shared):
                 rows.append((f"{where}:", "", "", ""))
@@ -417,15 +403,15 @@ def _ranks(analysis: Analysis, metric: str) -> Iterable[Table]:
                 )
                 for rank in each.ranks
             ]
-        yield Table((" and ".join(free), "rank (95 % set)", "first", "worse than the first by"), tuple(rows))
+        yield doc.Table((" and ".join(free), "rank (95 % set)", "first", "worse than the first by"), tuple(rows))
 
 
-def _figures(pictures: Mapping[str, Picture]) -> Iterable[Figure]:
+def _figures(pictures: Mapping[str, doc.Picture]) -> Iterable[doc.Figure]:
     for name, picture in pictures.items():
-        yield Figure(f"{picture.name}-figure", (picture,), f"{picture.label} Files: {name}.png, {name}.svg.")
+        yield doc.Figure(f"{picture.name}-figure", (picture,), f"{picture.label} Files: {name}.png, {name}.svg.")
 
 
-def provenance_of(result: StudyResult) -> Section:
+def provenance_of(result: StudyResult) -> doc.Section:
     """Tabulate the settings of a study; a run that goes on with one has the same."""
     study = result.done.study
     origin = origin_of(study.robot)
@@ -434,10 +420,10 @@ def provenance_of(result: StudyResult) -> Section:
     single = {name: value for name, value in asdict(study).items() if name not in ("factors", *named)}
     factors = {name: ", ".join(map(str, levels)) for name, levels in study.factors.items()}
     sets = {f"{kind}.{name}": str(each) for kind in named for name, each in getattr(study, kind).items()}
-    rows: list[Row] = [(name, _plain(value)) for name, value in (single | factors | sets).items()]
-    rows += [("versions", versions), ("model (SHA-256)", Code(origin["model_sha256"]))]
+    rows: list[doc.Row] = [(name, _plain(value)) for name, value in (single | factors | sets).items()]
+    rows += [("versions", versions), ("model (SHA-256)", doc.Code(origin["model_sha256"]))]
     again = "config.json holds all settings; the same study gives the same simulated calibrations."
-    return Section("What was done", (Table(("", ""), tuple(rows)), Paragraph(again)), shown_in=PAGE)
+    return doc.Section("What was done", (doc.Table(("", ""), tuple(rows)), doc.Paragraph(again)), shown_in=doc.PAGE)
 
 
 def _plain(value: Any) -> str:

@@ -18,33 +18,10 @@ from lab.core.se3 import Array
 from lab.render.style import FIGURE_STYLE, TICK
 
 __all__ = [
-    "FONT_SIZE",
-    "ROUND",
-    "Axes",
-    "ChartAxis",
-    "Entry",
-    "Legend",
-    "Scale",
-    "axis_lines",
-    "backdrop",
-    "below",
-    "beside",
-    "cells",
-    "colour",
-    "dashes",
-    "grid_lines",
-    "heading",
-    "line",
-    "line_sample",
-    "marks",
-    "path",
-    "rectangle",
-    "round_numbers",
-    "shown_number",
-    "text_width",
-    "tick_labels",
-    "words",
-]
+    "FONT_SIZE", "ROUND", "Axes", "ChartAxis", "Entry", "Legend", "Scale", "axis_lines", "backdrop", "below", "beside",
+    "cells", "colour", "dashes", "grid_lines", "heading", "line", "line_sample", "marks", "path", "rectangle",
+    "round_numbers", "shown_number", "text_width", "tick_labels", "words",
+]  # fmt: skip
 
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 _LEAST, _MOST = 1e-4, 1e6  # between them, numbers are written without a power of ten
