@@ -23,8 +23,8 @@ from lab.sensors.registry import sensor_named
 
 __all__ = ["WorldFrames", "measurements", "read_measurements", "robot_from_dh", "world_frames", "write_measurements"]
 
-AngleUnit = Literal["rad", "deg"]
-LengthUnit = Literal["m", "mm"]
+_AngleUnit = Literal["rad", "deg"]
+_LengthUnit = Literal["m", "mm"]
 _CALL = "lab.measurements"
 _COLUMNS = ("theta", "d", "a", "alpha")
 _ROUNDING = 1e-3  # of rotation matrices that were printed
@@ -35,8 +35,8 @@ def measurements(
     points: ArrayLike | None = None,
     *,
     robot: str | Path | Robot,
-    unit: LengthUnit = "m",
-    joint_unit: AngleUnit = "rad",
+    unit: _LengthUnit = "m",
+    joint_unit: _AngleUnit = "rad",
     targets: Sequence[str] = (),
     orientations: ArrayLike | None = None,
     ids: Sequence[Any] | None = None,
@@ -120,8 +120,8 @@ def robot_from_dh(
     *,
     convention: Convention = "distal",
     name: str = "robot",
-    unit: LengthUnit = "m",
-    joint_unit: AngleUnit = "rad",
+    unit: _LengthUnit = "m",
+    joint_unit: _AngleUnit = "rad",
     prismatic: Sequence[bool] = (),
     limits: ArrayLike | None = None,
     tool: Mapping[str, ArrayLike] | None = None,
@@ -239,7 +239,7 @@ def _points(points: ArrayLike, n: int) -> Array:
     return np.where(np.isnan(found).any(axis=2, keepdims=True), np.nan, found)
 
 
-def _refuse_degrees(hinges: Array, unit: AngleUnit) -> None:
+def _refuse_degrees(hinges: Array, unit: _AngleUnit) -> None:
     """A LabError for positions that no hinge takes: degrees that were called radians."""
     if unit == "rad" and hinges.size and (most := float(np.median(np.abs(hinges).max(axis=1)))) > 4 * np.pi:
         raise LabError(

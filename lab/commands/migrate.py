@@ -20,11 +20,11 @@ from lab.core.whole_folder import CHECKSUMS, checksum_lines, draft_of, recover, 
 from lab.formats.structured import read_json
 from lab.render.document import Document, Table
 
-__all__ = ["Migrated", "MigrationResult", "migrate"]
+__all__ = ["MigrationResult", "migrate"]
 
 
 @dataclass(frozen=True)
-class Migrated:
+class _Migrated:
     """A run, and what it was given; nothing where it had all of it."""
 
     folder: Path
@@ -39,7 +39,7 @@ class MigrationResult(Result):
     shown_by = "lab.commands.migrate:_migration_document"
 
     options: MigrateOptions
-    runs: tuple[Migrated, ...]
+    runs: tuple[_Migrated, ...]
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -88,7 +88,7 @@ def migrate(options: MigrateOptions) -> MigrationResult:
         raise LabError(
             f"{options.folder}: holds {len(folders)} runs, but --date is for one run; give that run's folder"
         )
-    return MigrationResult(options, tuple(Migrated(each, _migrated(each, options.date)) for each in folders))
+    return MigrationResult(options, tuple(_Migrated(each, _migrated(each, options.date)) for each in folders))
 
 
 def _runs(folder: Path) -> Iterator[Path]:

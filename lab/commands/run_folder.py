@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 __all__ = [
-    "LOAD_FILE", "SCHEMA", "VIA", "Waypoints", "check_edits", "command_line", "config", "free_name", "input_files",
-    "is_older", "joint_columns", "positional", "provenance_section", "refuse_edits", "refuse_own_name", "run_folder",
-    "unfinished", "versions", "write_config", "write_json",
+    "LOAD_FILE", "SCHEMA", "VIA", "Waypoints", "check_edits", "command_line", "free_name", "input_files", "is_older",
+    "joint_columns", "positional", "provenance_section", "refuse_edits", "refuse_own_name", "run_folder", "unfinished",
+    "write_config", "write_json",
 ]  # fmt: skip
 
 _OF_RUN = (".json", ".csv", ".toml", ".xml")  # files of a run that others build on: all but page and recording
@@ -311,7 +311,7 @@ def free_name(parent: Path, stem: str) -> Path:
     return next(name for name in names if not name.exists() and not (parent.exists() and is_being_written(name)))
 
 
-def config(
+def _config(
     command: str,
     options: "DataclassInstance",
     model_sha256: str,
@@ -323,13 +323,13 @@ def config(
         "options": asdict(options),
         "model_sha256": model_sha256,
         "inputs_sha256": dict(_input_hashes(options)),
-        "versions": versions(),
+        "versions": _versions(),
     }
 
 
 def write_config(folder: Path, command: str, options: "DataclassInstance", model_sha256: str) -> None:
     """Write ``config.json`` of a run, and beside it the copies of its inputs."""
-    content = config(command, options, model_sha256)
+    content = _config(command, options, model_sha256)
     write_json(folder / CONFIG_FILE, {**content, "inputs": _copy_inputs(folder, options)})
 
 
@@ -355,7 +355,7 @@ def _input_hashes(options: "DataclassInstance") -> Iterator[tuple[str, str]]:
 
 
 @cache
-def versions() -> dict[str, str]:
+def _versions() -> dict[str, str]:
     """Return the versions of all software that the numbers depend on."""
     libraries = {name: metadata.version(name) for name in _LIBRARIES}
     return libraries | {"python": platform.python_version(), "virtual-calibration-lab": __version__}
@@ -493,7 +493,7 @@ def _work(command: str, options: Any) -> dict[str, Any]:
     requested = {name: value for name, value in asdict(options).items() if name not in _NO_PART}
     own = getattr(options, "out", None)
     files = {str(path): _content(path) for path in input_files(options) if path != own}
-    work = {"command": command, "options": requested, "files": files, "versions": versions()}
+    work = {"command": command, "options": requested, "files": files, "versions": _versions()}
     plain: dict[str, Any] = json.loads(json.dumps(work, default=str))
     return plain
 
@@ -650,11 +650,11 @@ def provenance_section(
         name: of the command.
         serial: the serial number of the arm, where it is known.
     """
-    made = config(name, options, model_sha256)
-    versions = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
+    made = _config(name, options, model_sha256)
+    _versions = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
     rows: list[Row] = [(key, str(made["options"][key])) for key in _SHOWN if made["options"].get(key) is not None]
     rows += [("serial", serial)] if serial is not None else []
-    rows += [("versions", versions), ("model (SHA-256)", Code(model_sha256))]
+    rows += [("versions", _versions), ("model (SHA-256)", Code(model_sha256))]
     text = "All other options had their defaults"
     if command_named(name).folder:
         text += f"; config.json holds every one; lab {name} --config config.json gives the same numbers again"

@@ -33,15 +33,11 @@ from lab.render.style import GRID, INK, MEASURED, MUTED, RMS, WORST
 from lab.render.terminal import status as showing
 
 __all__ = [
-    "FEWEST_CHECKS",
     "STATES",
     "ArmStatus",
     "Check",
     "LeftOut",
-    "Slope",
     "StatusResult",
-    "checks_of",
-    "reason_of",
     "status",
 ]
 
@@ -93,7 +89,7 @@ class _Summary:
     observed_mm: Mapping[str, float] | None = None
 
 
-def checks_of(folder: Path) -> tuple[tuple[Check, ...], tuple[LeftOut, ...]]:
+def _checks_of(folder: Path) -> tuple[tuple[Check, ...], tuple[LeftOut, ...]]:
     """Read every calibration and verification below a folder; a run that cannot be used is listed with the reason.
 
     Raises:
@@ -106,13 +102,13 @@ def checks_of(folder: Path) -> tuple[tuple[Check, ...], tuple[LeftOut, ...]]:
         try:
             check = _check(run)
         except LabError as error:
-            left_out.append(LeftOut(run, reason_of(error, run)))
+            left_out.append(LeftOut(run, _reason_of(error, run)))
             continue
         found += [] if check is None else [check]
     return tuple(found), tuple(left_out)
 
 
-def reason_of(error: LabError, run: Path) -> str:
+def _reason_of(error: LabError, run: Path) -> str:
     """Return what is wrong with a run, without its folder, and without the options of other commands that mend it."""
     return str(error).removeprefix(f"{run}: ").partition("; ")[0]
 
@@ -166,12 +162,12 @@ def _day(folder: Path, config: RunConfig) -> date | None:
 
 
 STATES = ("good", "due", "unknown", "never calibrated", "doubtful", "bad")  # by severity; the number is the metric's
-FEWEST_CHECKS = 4  # verifications from which a slope is estimated
+_FEWEST_CHECKS = 4  # verifications from which a slope is estimated
 _YEAR = 365.25  # days
 
 
 @dataclass(frozen=True)
-class Slope:
+class _Slope:
     """The slope of the mean error over the verifications of the current calibration, mm per year.
 
     Attributes:
@@ -264,15 +260,15 @@ class ArmStatus:
         return self.verifications[-1].error_mm if self.verifications else None
 
     @cached_property
-    def slope(self) -> Slope | None:
+    def slope(self) -> _Slope | None:
         """The slope of the error since the last calibration; None of fewer than four verifications."""
         points = [(each.on.toordinal() / _YEAR, each.error_mm) for each in self.verifications if each.on is not None]
         return _slope([(at, error) for at, error in points if error is not None])
 
 
-def _slope(points: Sequence[tuple[float, float]]) -> Slope | None:
+def _slope(points: Sequence[tuple[float, float]]) -> _Slope | None:
     """Fit a line by least squares to errors (mm) over time (years)."""
-    if len(points) < FEWEST_CHECKS:
+    if len(points) < _FEWEST_CHECKS:
         return None
     at, errors = np.array(points).T
     apart = at - at.mean()
@@ -283,7 +279,7 @@ def _slope(points: Sequence[tuple[float, float]]) -> Slope | None:
     left = errors - errors.mean() - slope * apart
     dof = len(points) - 2
     std = float(np.sqrt(left @ left / dof / square))
-    return Slope(slope, float(half_width_95(float(dof))) * std, len(points))
+    return _Slope(slope, float(half_width_95(float(dof))) * std, len(points))
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -525,7 +521,7 @@ def _explained(result: StatusResult) -> str:
         "The state is the verdict of the last verification of the last calibration, or of the calibration itself. "
         f"An arm is due {counted(result.options.every_days, 'day')} after its last check, a bad one at once. Error "
         "then: at validation of the last calibration; now: at its last verification. The slope needs "
-        f"{FEWEST_CHECKS} verifications of one calibration; its interval is 95 %."
+        f"{_FEWEST_CHECKS} verifications of one calibration; its interval is 95 %."
     )
 
 
@@ -623,7 +619,7 @@ def status(folder: str | Path | StatusOptions, **options: Any) -> StatusResult:
     requested.check()
     on = date.today() if requested.on is None else day("--on", requested.on)
     with showing("reading the runs") as stage:
-        checks, left_out = checks_of(requested.folder)
+        checks, left_out = _checks_of(requested.folder)
         if not checks and not left_out:
             raise LabError(
                 f"{requested.folder}: contains no run of lab calibrate, lab identify or lab verify; give a folder "
@@ -665,7 +661,7 @@ def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[Lef
         try:
             run = read_calibrated(each.folder)
         except LabError as error:
-            left_out.append(LeftOut(each.folder, reason_of(error, each.folder)))
+            left_out.append(LeftOut(each.folder, _reason_of(error, each.folder)))
             continue
         twin = content_of(each.folder) in seen  # the same measurements, identified again
         if each.on is not None and run.result.usable and np.isfinite(run.estimate.free_covariance).all() and not twin:

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DatedRun",
-    "DetectableChange",
     "TrendResult",
     "change_text",
     "content_of",
@@ -59,7 +58,7 @@ class DatedRun:
 
 
 @dataclass(frozen=True)
-class DetectableChange:
+class _DetectableChange:
     """Smallest shift of a joint's zero that one more calibration detects in 95 of 100 (rad; m if prismatic).
 
     Attributes:
@@ -102,7 +101,7 @@ class TrendResult(Result):
     runs: tuple[DatedRun, ...]
     estimates: tuple[IdentifiedSubset, ...]
     changes: tuple[ChangePoint, ...]
-    detectable: tuple[DetectableChange, ...]
+    detectable: tuple[_DetectableChange, ...]
     left_out: tuple[str, ...]
     serial: str | None = None
 
@@ -486,7 +485,7 @@ def followed(options: TrendOptions, dated: Sequence[DatedRun], left_out: tuple[s
     start = max((change.after + 1 for change in changes), default=0)
     found = _detectable_changes(series, zeros[compared], start), _detectable_changes(everything, zeros, start)
     detectable = tuple(
-        DetectableChange(i + 1, bool(slides), float(found[0][i]), float(found[1][i]))
+        _DetectableChange(i + 1, bool(slides), float(found[0][i]), float(found[1][i]))
         for i, slides in enumerate(last.rigid.chain.prismatic)
     )
     return TrendResult(options, runs, tuple(estimates), changes, detectable, left_out, serial)

@@ -22,13 +22,13 @@ __all__ = [
     "shown",
 ]  # fmt: skip
 
-Medium = Literal["terminal", "page", "recording"]
-Media = frozenset[Medium]
-TERMINAL: Final[Media] = frozenset({"terminal"})
-PAGE: Final[Media] = frozenset({"page"})
-RECORDING: Final[Media] = frozenset({"recording"})
-NARROW: Final[Media] = TERMINAL | RECORDING
-EVERYWHERE: Final[Media] = NARROW | PAGE
+_Medium = Literal["terminal", "page", "recording"]
+_Media = frozenset[_Medium]
+TERMINAL: Final[_Media] = frozenset({"terminal"})
+PAGE: Final[_Media] = frozenset({"page"})
+RECORDING: Final[_Media] = frozenset({"recording"})
+NARROW: Final[_Media] = TERMINAL | RECORDING
+EVERYWHERE: Final[_Media] = NARROW | PAGE
 _NUMBER = re.compile(r"[+−±<>≈]? ?(\d[\d.,]*)(e[+−-]?\d+)?( (%|σ|mm|mrad|°))?|∞|–|")
 
 
@@ -79,9 +79,9 @@ class Block:
     """
 
     kind: ClassVar[str] = ""
-    shown_in: Media = field(default=EVERYWHERE, kw_only=True)
+    shown_in: _Media = field(default=EVERYWHERE, kw_only=True)
 
-    def _reduced(self, medium: Medium) -> "Iterable[Block]":
+    def _reduced(self, medium: _Medium) -> "Iterable[Block]":
         """Return the parts of the block that a medium shows; none if there is nothing to show."""
         raise NotImplementedError
 
@@ -94,7 +94,7 @@ class Paragraph(Block):
     text: Text
     role: Literal["", "lead", "note"] = ""
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if plain(self.text) else ()
 
 
@@ -105,7 +105,7 @@ class Command(Block):
     kind: ClassVar[str] = "command"
     text: str
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if self.text else ()
 
 
@@ -116,7 +116,7 @@ class Bullets(Block):
     kind: ClassVar[str] = "bullets"
     items: tuple[Text, ...]
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         items = tuple(item for item in self.items if plain(item))
         return (replace(self, items=items),) if items else ()
 
@@ -133,7 +133,7 @@ class Warnings(Block):
         """Title with the number of warnings."""
         return counted(len(self.texts), "warning")
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if self.texts else ()
 
 
@@ -142,7 +142,7 @@ class Column:
     """The heading of a table's column, and the media that show the column."""
 
     heading: str = ""
-    shown_in: Media = EVERYWHERE
+    shown_in: _Media = EVERYWHERE
 
 
 Row = tuple[Text, ...]
@@ -193,7 +193,7 @@ class Table(Block):
         """The rows, each after its kind."""
         return tuple(zip(self.row_kinds or ("",) * len(self.rows), self.rows, strict=True))
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         if not self.rows:
             return ()
         retained = [i for i, each in enumerate(self.columns) if isinstance(each, str) or medium in each.shown_in]
@@ -234,7 +234,7 @@ class Figure(Block):
     pictures: tuple[Picture, ...]
     caption: str
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if self.pictures and medium == "page" else ()
 
 
@@ -246,7 +246,7 @@ class Section(Block):
     title: str
     blocks: tuple[Block, ...]
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         blocks = tuple(shown(self.blocks, medium))
         return (replace(self, blocks=blocks),) if blocks else ()
 
@@ -272,7 +272,7 @@ def _pictures(blocks: Iterable[Block]) -> Iterable[Picture]:
             yield from _pictures(block.blocks)
 
 
-def shown(blocks: Iterable[Block], medium: Medium) -> Iterable[Block]:
+def shown(blocks: Iterable[Block], medium: _Medium) -> Iterable[Block]:
     """The blocks that a medium shows, without what it does not show of them."""
     for block in blocks:
         if medium in block.shown_in:

@@ -20,7 +20,7 @@ __all__ = [
     "RMS", "SCALINGS", "SERIES", "TICK", "WORST", "explained", "luminance",
 ]  # fmt: skip
 
-Rgb = tuple[int, int, int]
+_Rgb = tuple[int, int, int]
 
 # Text and lines.
 INK: Final = "#1f2937"
@@ -76,30 +76,30 @@ SCALINGS: Final = {  # of parameters, with their marks
 }
 
 # Recordings.
-RGB_BACKDROP: Final[Rgb] = (30, 33, 40)
+RGB_BACKDROP: Final[_Rgb] = (30, 33, 40)
 RGB_FLOOR: Final = (120, 120, 130, 60)
-RGB_AXES: Final[tuple[Rgb, Rgb, Rgb]] = ((230, 70, 70), (90, 190, 90), (80, 130, 240))  # x, y, z
-RGB_MEASURED: Final[Rgb] = (250, 215, 70)
-RGB_BEFORE: Final[Rgb] = (225, 70, 50)  # vermilion and light blue, as dark and as light as on a page
-RGB_AFTER: Final[Rgb] = (130, 205, 255)
-RGB_OUTLIER: Final[Rgb] = (235, 80, 245)
-RGB_MAPPING: Final[Rgb] = (40, 190, 160)
-RGB_UNCERTAINTY: Final[Rgb] = (190, 130, 255)
-RGB_BEAM: Final[Rgb] = (235, 60, 60)
-RGB_ROD: Final[Rgb] = (170, 175, 185)
-RGB_TRACKER: Final[Rgb] = (205, 208, 214)
-RGB_LEG: Final[Rgb] = (242, 97, 15)  # whose length is a joint position
-RGB_LINKS: Final[tuple[Rgb, ...]] = (  # of an arm that bends, and of joints over time, base outward
+RGB_AXES: Final[tuple[_Rgb, _Rgb, _Rgb]] = ((230, 70, 70), (90, 190, 90), (80, 130, 240))  # x, y, z
+RGB_MEASURED: Final[_Rgb] = (250, 215, 70)
+RGB_BEFORE: Final[_Rgb] = (225, 70, 50)  # vermilion and light blue, as dark and as light as on a page
+RGB_AFTER: Final[_Rgb] = (130, 205, 255)
+RGB_OUTLIER: Final[_Rgb] = (235, 80, 245)
+RGB_MAPPING: Final[_Rgb] = (40, 190, 160)
+RGB_UNCERTAINTY: Final[_Rgb] = (190, 130, 255)
+RGB_BEAM: Final[_Rgb] = (235, 60, 60)
+RGB_ROD: Final[_Rgb] = (170, 175, 185)
+RGB_TRACKER: Final[_Rgb] = (205, 208, 214)
+RGB_LEG: Final[_Rgb] = (242, 97, 15)  # whose length is a joint position
+RGB_LINKS: Final[tuple[_Rgb, ...]] = (  # of an arm that bends, and of joints over time, base outward
     (250, 215, 70), (130, 205, 255), (240, 130, 90), (120, 220, 140), (210, 150, 255), (245, 160, 190),
 )  # fmt: skip
-RGB_ARROW: Final[Rgb] = (245, 245, 250)  # half-axes, wanted edges
-RGB_PATH: Final[Rgb] = (110, 118, 135)
-RGB_CURRENT: Final[Rgb] = (255, 255, 255)  # where the tour is
-RGB_MUTED: Final[Rgb] = (150, 155, 165)
-RGB_FIRST: Final[Rgb] = (70, 110, 255)  # pose of a tour
-RGB_LAST: Final[Rgb] = RGB_MEASURED
-RGB_PAYLOAD: Final[Rgb] = (60, 205, 130)
-RGB_WEIGHT: Final[Rgb] = RGB_BEAM
+RGB_ARROW: Final[_Rgb] = (245, 245, 250)  # half-axes, wanted edges
+RGB_PATH: Final[_Rgb] = (110, 118, 135)
+RGB_CURRENT: Final[_Rgb] = (255, 255, 255)  # where the tour is
+RGB_MUTED: Final[_Rgb] = (150, 155, 165)
+RGB_FIRST: Final[_Rgb] = (70, 110, 255)  # pose of a tour
+RGB_LAST: Final[_Rgb] = RGB_MEASURED
+RGB_PAYLOAD: Final[_Rgb] = (60, 205, 130)
+RGB_WEIGHT: Final[_Rgb] = RGB_BEAM
 
 # Pages.
 FONT_SANS: Final = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, "DejaVu Sans", sans-serif'

@@ -47,7 +47,7 @@ from lab.render.style import (
 )
 
 __all__ = [
-    "MOST_POSES", "ArmPoses", "ErrorMap", "arm_figures", "correction_pictures", "correlation_figure",
+    "MOST_POSES", "arm_figures", "correction_pictures", "correlation_figure",
     "correlation_picture", "error_histograms", "error_maps", "has_correction", "main_picture", "residual_figures",
     "residual_pictures", "selection_figure", "selection_picture", "singular_value_figure", "uncertainty_map",
     "where_figures",
@@ -64,7 +64,7 @@ _FITTED = "the fitted poses, with the residuals of the fit"
 
 
 @dataclass(frozen=True)
-class ErrorMap:
+class _ErrorMap:
     """Errors where they are.
 
     Attributes:
@@ -79,7 +79,7 @@ class ErrorMap:
 
 
 @dataclass(frozen=True)
-class ArmPoses:
+class _ArmPoses:
     """The arm at some of its fitted poses, in the world.
 
     Attributes:
@@ -101,7 +101,7 @@ class ArmPoses:
     head: Array | None
 
 
-def error_maps(result: CalibrationResult, error: str) -> ErrorMap | None:
+def error_maps(result: CalibrationResult, error: str) -> _ErrorMap | None:
     """The errors of the validation, or the residuals where its poses' places are not known; None where there are none.
 
     Args:
@@ -125,7 +125,7 @@ def error_maps(result: CalibrationResult, error: str) -> ErrorMap | None:
     earlier = f"{error} before calibration"
     no_crosses = np.empty((0, 3))
     start = replace(shown, sizes=before[rows], size_means=earlier, crosses=no_crosses, name="before", with_scale=False)
-    return ErrorMap((start, shown), which, len(rows) == len(known))
+    return _ErrorMap((start, shown), which, len(rows) == len(known))
 
 
 def _validated(result: CalibrationResult) -> tuple[Measurements, Errors, str]:
@@ -143,7 +143,7 @@ def _predicted(result: CalibrationResult, data: Measurements) -> Array:
     return moved(world_of(result), arm.points(data.joints, values))
 
 
-def _arm_poses(result: CalibrationResult) -> ArmPoses:
+def _arm_poses(result: CalibrationResult) -> _ArmPoses:
     """The calibrated arm at up to twelve of its fitted poses, evenly spaced, with the points of all of them."""
     fitted, identification = result.fitted, result.identification
     rows = np.unique(np.round(np.linspace(0, len(fitted) - 1, _MOST_ARMS)).astype(np.int_))
@@ -158,12 +158,12 @@ def _arm_poses(result: CalibrationResult) -> ArmPoses:
     shape = fitted.ids[rows[first]], tuple(line[order] for line in lines), joints[order], tips[order]
     positions = observation_of(identification.model).positions
     if not positions:
-        return ArmPoses(*shape, _predicted(result, fitted).reshape(-1, 3), measured=False, head=None)
+        return _ArmPoses(*shape, _predicted(result, fitted).reshape(-1, 3), measured=False, head=None)
     T_world_instrument = world_of(result)
     model, inputs = identification.model, fitted.inputs(identification.model.conditions)
     points = in_first_frame(model, identification.values, inputs, fitted.points[:, :positions]).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
-    return ArmPoses(*shape, transform(T_world_instrument, points), True, T_world_instrument[:3, 3])
+    return _ArmPoses(*shape, transform(T_world_instrument, points), True, T_world_instrument[:3, 3])
 
 
 _WIDER = 1.15  # than the widest interval of a parameter that is well observed
@@ -256,7 +256,7 @@ def _singular_value_picture(values: Array) -> tuple[Picture, ...]:
     return (axes_picture("singular-values", label, (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15)),)
 
 
-def _arm_views(arm: ArmPoses) -> tuple[Picture, ...]:
+def _arm_views(arm: _ArmPoses) -> tuple[Picture, ...]:
     """The arm as a stick figure at its poses, with the points and the instrument, from above and from the side."""
     if not np.isfinite(arm.joints).all():
         return ()
@@ -283,7 +283,7 @@ def _arm_views(arm: ArmPoses) -> tuple[Picture, ...]:
     )
 
 
-def _sticks(axes: Axes, arm: ArmPoses, plane: tuple[int, int]) -> None:
+def _sticks(axes: Axes, arm: _ArmPoses, plane: tuple[int, int]) -> None:
     size = 9 if len(arm.points) <= 200 else 4
     word = "measured point" if arm.measured else "tool point"
     points = MM.of(arm.points[:: max(1, len(arm.points) // 1000)][:, plane])

@@ -121,7 +121,7 @@ _STATISTICS = {"mean", "rms", "p95", "max", "count"}
 
 
 @dataclass(frozen=True)
-class NamedOutlier:
+class _NamedOutlier:
     """A pose that the test of outliers names, and whether it was held out."""
 
     id: str
@@ -146,7 +146,7 @@ class RunVerdict:
     after_mm: Mapping[str, float] | None = None
     before_mm: Mapping[str, float] | None = None
     judged_by: str | None = None
-    outliers: tuple[NamedOutlier, ...] = ()
+    outliers: tuple[_NamedOutlier, ...] = ()
     outliers_left_out: bool = False
     noise_model: NoiseModel | None = None
     reasons: tuple[str, ...] = ()

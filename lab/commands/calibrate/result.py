@@ -51,8 +51,6 @@ from lab.simulation.true_robot import TrueRobot
 
 __all__ = [
     "CalibrationResult",
-    "CorrelatedPair",
-    "JointStiffness",
     "correlated_pairs",
     "direction_to_dict",
     "errors_without_outliers",
@@ -65,7 +63,7 @@ _CORRELATED = 0.95  # the least correlation that is called strong
 
 
 @dataclass(frozen=True)
-class JointStiffness:
+class _JointStiffness:
     """Stiffness of a joint and its standard deviation, Nm/rad; NaN where that is not known."""
 
     joint: str
@@ -74,7 +72,7 @@ class JointStiffness:
 
 
 @dataclass(frozen=True)
-class CorrelatedPair:
+class _CorrelatedPair:
     """A pair of parameters whose errors are strongly correlated."""
 
     names: tuple[str, str]
@@ -85,18 +83,18 @@ class CorrelatedPair:
         return {"parameters": list(self.names), "correlation": self.correlation}
 
 
-def stiffnesses(identification: Identification, chain: JointSpec) -> tuple[JointStiffness, ...]:
+def stiffnesses(identification: Identification, chain: JointSpec) -> tuple[_JointStiffness, ...]:
     """Stiffness of the hinges whose compliance was fitted and is above zero."""
     found = []
     for i, std in zip(identification.fit.free, identification.std, strict=True):
         parameter, compliance = identification.model.parameters[i], float(identification.values[i])
         joint = parameter.joint
         if parameter.symbol == "compliance" and joint is not None and compliance > 0 and not chain.prismatic[joint]:
-            found.append(JointStiffness(chain.joint_names[joint], 1 / compliance, float(std) / compliance**2))
+            found.append(_JointStiffness(chain.joint_names[joint], 1 / compliance, float(std) / compliance**2))
     return tuple(found)
 
 
-def correlated_pairs(identification: Identification) -> tuple[CorrelatedPair, ...]:
+def correlated_pairs(identification: Identification) -> tuple[_CorrelatedPair, ...]:
     """Pairs of identified parameters that are strongly correlated, the strongest first."""
     names, std = [identification.model.names[i] for i in identification.fit.free], identification.std
     if not (np.isfinite(std).all() and (std > 0).all()):
@@ -104,7 +102,7 @@ def correlated_pairs(identification: Identification) -> tuple[CorrelatedPair, ..
     matrix = np.triu(identification.covariance / np.outer(std, std), 1)
     pairs = np.argwhere(np.abs(matrix) > _CORRELATED)
     order = sorted(pairs.tolist(), key=lambda pair: -abs(matrix[pair[0], pair[1]]))
-    return tuple(CorrelatedPair((names[i], names[j]), round(float(matrix[i, j]), 4)) for i, j in order)
+    return tuple(_CorrelatedPair((names[i], names[j]), round(float(matrix[i, j]), 4)) for i, j in order)
 
 
 def _weak_directions_of(identification: Identification, fitted: Measurements) -> tuple[Direction, ...]:
@@ -261,7 +259,7 @@ class CalibrationResult(Result):
         return () if self.fit.selection is None else self.fit.selection.groups
 
     @property
-    def stiffnesses(self) -> tuple[JointStiffness, ...]:
+    def stiffnesses(self) -> tuple[_JointStiffness, ...]:
         """Stiffnesses of the joints whose compliance was identified."""
         return stiffnesses(self.identification, self.robot.chain)
 

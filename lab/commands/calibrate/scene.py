@@ -30,7 +30,7 @@ from lab.render.scene import (
 )
 from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_body_poses
 
-__all__ = ["OutlierPose", "Scene", "scene", "world_of"]
+__all__ = ["Scene", "scene", "world_of"]
 
 _MOST_OUTLIERS = 30  # marked
 _ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
@@ -38,7 +38,7 @@ _ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
 
 
 @dataclass(frozen=True)
-class OutlierPose:
+class _OutlierPose:
     """An outlier: where its farthest target was measured and where it should be, in the world ``(3,)`` m."""
 
     description: str
@@ -70,7 +70,7 @@ class Scene:
 
     rows: NDArray[np.int_]
     numbers: NDArray[np.int_]
-    outliers: tuple[OutlierPose, ...]
+    outliers: tuple[_OutlierPose, ...]
     reach_m: float
     Ts_world_station: Mapping[str, Array]
     heads: Array
@@ -144,7 +144,7 @@ def scene(outcome: CalibrationResult) -> Scene:
     )
 
 
-def _outliers(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[OutlierPose, ...]:
+def _outliers(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[_OutlierPose, ...]:
     """The outliers that the test names; none where the file's points are not all that is observed."""
     model, data = outcome.identification.model, outcome.measurements
     named = outcome.fit.outliers[:_MOST_OUTLIERS]
@@ -158,7 +158,7 @@ def _outliers(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[Ou
     both = (in_first_frame(model, values, inputs, points) for points in (part.points, expected))
     ends = (moved(T_world_instrument, points)[np.arange(len(named)), worst] for points in both)
     return tuple(
-        OutlierPose(f"{pose.id}: {MM.text(pose.size_m)}", measured, should)
+        _OutlierPose(f"{pose.id}: {MM.text(pose.size_m)}", measured, should)
         for pose, measured, should in zip(named, *ends, strict=True)
     )
 

@@ -35,14 +35,14 @@ from lab.formats.target_csv import Targets
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.render.phrases.registry import phrases
 
-__all__ = ["CompensationResult", "NearSingular"]
+__all__ = ["CompensationResult"]
 
 JOINTS, CARTESIAN, NOMINAL = "joints.csv", "cartesian.csv", "nominal.toml"
 _BLOCK = 2_000  # targets whose derivatives are held at a time
 
 
 @dataclass(frozen=True)
-class NearSingular:
+class _NearSingular:
     """A target that is reached within 1 degree of a singularity.
 
     Attributes:
@@ -279,13 +279,13 @@ class CompensationResult(Result):
         return len(self.reached) > 0
 
     @property
-    def near_singular(self) -> tuple[NearSingular, ...]:
+    def near_singular(self) -> tuple[_NearSingular, ...]:
         """The targets that are reached within 1 degree of a singularity."""
         found, chain = self.found, self.run.robot.chain
         rows = np.flatnonzero(found.converged & (found.singular_rad < NEAR_RAD)).tolist()
         joints = found.singular_joint.tolist()
         return tuple(
-            NearSingular(
+            _NearSingular(
                 self.targets.ids[i],
                 chain.joint_names[joints[i]],
                 float(found.singular_rad[i]),

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 
-__all__ = ["DesignResult", "DesignStep", "Fault", "PlanCheckResult", "SessionDuration", "check_plan", "visit_ids"]
+__all__ = ["DesignResult", "DesignStep", "PlanCheckResult", "SessionDuration", "check_plan", "visit_ids"]
 
 _WARM_UP_S = 1800.0  # ISO 9283:1998 asks for a warm-up, its length as the maker says; half an hour is common
 REFERENCE_EVERY = 10  # poses after which the reference pose is measured again
@@ -330,7 +330,7 @@ _SLACK = 1e-9  # rad or m
 
 
 @dataclass(frozen=True)
-class Fault:
+class _Fault:
     """A stop that the arm may not take, or a way to one that is not free: its id, and why."""
 
     waypoint: str
@@ -355,7 +355,7 @@ class PlanCheckResult(Result):
     options: DesignOptions
     robot: Robot
     waypoints: Measurements
-    faults: tuple[Fault, ...]
+    faults: tuple[_Fault, ...]
     duration: SessionDuration
     warnings: tuple[str, ...]
 
@@ -423,7 +423,7 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
                 waypoints.ids[end], f"the path to it from {waypoints.ids[end - 1]} does not keep the clearances"
             )
     order = {name: i for i, name in enumerate(waypoints.ids)}
-    found = tuple(Fault(name, faults[name]) for name in sorted(faults, key=lambda name: order[name]))
+    found = tuple(_Fault(name, faults[name]) for name in sorted(faults, key=lambda name: order[name]))
     moving = rest_to_rest_seconds(np.diff(waypoints.joints, axis=0), chain.speed, chain.acceleration).sum()
     poses = len(np.unique(waypoints.joints[measured], axis=0))
     day = SessionDuration(poses, float(moving), int(measured.sum()) - poses)

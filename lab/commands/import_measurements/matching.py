@@ -16,7 +16,7 @@ from lab.formats.joint_log import JointLog
 from lab.formats.loose_table import LeftOut
 from lab.formats.tracker_export import TrackerPoints
 
-__all__ = ["MatchedPose", "Matching", "Timeline", "Windows", "matched", "settled_windows"]
+__all__ = ["Matching", "Timeline", "Windows", "matched", "settled_windows"]
 
 _SPAN_S = 0.4  # over which a speed is taken: shorter, and the steps of an encoder look like motion
 _ROWS = 2.5  # steps of a log that a speed is taken over at least, where it has few rows a second
@@ -97,7 +97,7 @@ _LOG_GAP_S = 1.0  # rows that follow each other faster are a log, not a list of 
 
 
 @dataclass(frozen=True)
-class MatchedPose:
+class _MatchedPose:
     """A pose, its joints, and the points that were measured there: their rows in the tracker's file, by target."""
 
     name: str
@@ -136,7 +136,7 @@ class Matching:
     """
 
     by: By
-    poses: tuple[MatchedPose, ...]
+    poses: tuple[_MatchedPose, ...]
     left_out: tuple[LeftOut, ...]
     description: tuple[str, ...]
     timeline: Timeline | None = None
@@ -237,7 +237,7 @@ def _by_name(options: ImportOptions, points: TrackerPoints, log: JointLog) -> Ma
         for name, i in first.items()
         if name not in found
     ]
-    poses = tuple(MatchedPose(name, log.joints[i], found[name]) for name, i in first.items() if name in found)
+    poses = tuple(_MatchedPose(name, log.joints[i], found[name]) for name, i in first.items() if name in found)
     return Matching("name", poses, tuple(left), ("Points are matched to the poses of the same name.",))
 
 
@@ -254,7 +254,7 @@ def _by_order(options: ImportOptions, points: TrackerPoints, log: JointLog, wayp
             "without a partner, or give --by name or --by time"
         )
     poses = tuple(
-        MatchedPose(
+        _MatchedPose(
             _pose_name(points, k * each, k), waypoints.joints[k], _in_turn(options, range(k * each, (k + 1) * each))
         )
         for k in range(len(waypoints))
@@ -376,8 +376,8 @@ def _windows_by_time(
 
 def _timed_poses(
     options: ImportOptions, points: TrackerPoints, waypoints: Windows, where: NDArray[np.int_]
-) -> "list[MatchedPose]":
-    each, poses = len(options.targets), list[MatchedPose]()
+) -> "list[_MatchedPose]":
+    each, poses = len(options.targets), list[_MatchedPose]()
     for k, rows in _rows_of_windows(where):
         if len(rows) % each:
             lines = ", ".join(str(points.lines[i]) for i in rows[:8])
@@ -386,7 +386,7 @@ def _timed_poses(
                 f"{', '.join(options.targets)}; give --targets as they were measured, or remove the others"
             )
         for n in range(0, len(rows), each):
-            poses.append(MatchedPose(_pose_name(points, rows[n], len(poses)), waypoints.joints[k],
+            poses.append(_MatchedPose(_pose_name(points, rows[n], len(poses)), waypoints.joints[k],
                                      _in_turn(options, rows[n : n + each])))  # fmt: skip
     return poses
 

@@ -56,7 +56,7 @@ from lab.simulation.collisions import collides, colliding_pairs, describe_collis
 from lab.simulation.free_path import CLEARANCE_MM, Clearances, planning_model
 from lab.simulation.meshes import instrument_body, solid_points
 
-__all__ = ["_CELL_POSES", "Inspection", "cell_section", "cell_values", "inspect", "singular_values_picture"]
+__all__ = ["Inspection", "inspect", "singular_values_picture"]
 
 _ROOM = 0.1  # around all that is shown, of its width
 _MARGINS = (0.75, 0.5, 0.15, 0.3)
@@ -106,7 +106,7 @@ _PICTURE = "Outlines of the robot at home, of the obstacles, and the instrument;
 _CELL_POSES = 500  # random ones within the limits, at which is looked what touches what
 
 
-def cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, Any]:
+def _cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, Any]:
     """The cell in millimetres and degrees, and what touches what in it at home and in random poses.
 
     That is so with the clearances and the reflectors that a plan takes unless told otherwise.
@@ -151,7 +151,7 @@ def cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, A
     }
 
 
-def cell_section(values: Mapping[str, Any], robot: Robot) -> Section:
+def _cell_section(values: Mapping[str, Any], robot: Robot) -> Section:
     """The cell as a person reads it, with a picture of it."""
     cell = values["cell"]
     rows = [
@@ -236,7 +236,7 @@ def _inspection_document(result: Inspection) -> Document:
         (
             Warnings(result.warnings),
             Section("Nominal model and shape", tuple(shape)),
-            *((cell_section(values, result.robot),) if "cell" in values else ()),
+            *((_cell_section(values, result.robot),) if "cell" in values else ()),
             Section("Identifiability", (*_identifiable(result), *_fixed(result))),
             Section("Conditioning", tuple(_conditioning(result))),
         ),
@@ -399,7 +399,7 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
         tool = {target: nominal[[arm.names.index(f"tool.{target}.{axis}") for axis in "xyz"]] for target in arm.targets}
         values |= serial_frames(robot.T_world_frame0, tool)
     if robot.cell is not None:
-        values["cell"] = cell_values(robot, robot.cell, options.targets)
+        values["cell"] = _cell_values(robot, robot.cell, options.targets)
     unit = jacobian / np.linalg.norm(jacobian, axis=0)
     return Inspection(options, robot, values, arm.parameters, np.linalg.svd(unit, compute_uv=False))
 

@@ -43,7 +43,6 @@ from lab.studies.campaigns import origin_of
 from lab.studies.grid import ANY, Cell
 
 __all__ = [
-    "SHOWN_METRICS",
     "analysis_sections",
     "first_picture",
     "pictures_of",
@@ -289,13 +288,13 @@ def _panels(
     return figure
 
 
-SHOWN_METRICS = ("fresh_mean_mm", "fresh_worst_mm")  # of the figures and the page; the CSV files have all
+_SHOWN_METRICS = ("fresh_mean_mm", "fresh_worst_mm")  # of the figures and the page; the CSV files have all
 
 
 @lru_cache(maxsize=1)
 def pictures_of(result: StudyResult) -> dict[str, doc.Picture]:
     """Return the figures of a study, by the names of their files."""
-    return {name: made for metric in SHOWN_METRICS for name, made in study_pictures(result.analysis, metric).items()}
+    return {name: made for metric in _SHOWN_METRICS for name, made in study_pictures(result.analysis, metric).items()}
 
 
 def first_picture(result: StudyResult) -> doc.Picture:
@@ -321,7 +320,7 @@ def study_document(result: StudyResult) -> doc.Document:
                 f"{study.robots} robots, measured {study.draws} times each with the same noise.",
                 "lead",
             ),
-            *analysis_sections(result.analysis, SHOWN_METRICS),
+            *analysis_sections(result.analysis, _SHOWN_METRICS),
             doc.Section("Figures", tuple(_figures(pictures_of(result))), shown_in=doc.PAGE),
             doc.Paragraph(
                 f"{done.computed:,} of {study.campaigns:,} simulated calibrations computed{speed}.",
