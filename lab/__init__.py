@@ -76,8 +76,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.compare": ("compare",),
     "lab.commands.compensate.result": ("CompensationResult",),
     "lab.commands.compensate.run": ("compensate",),
-    "lab.commands.design.result": ("DesignResult",),
-    "lab.commands.design.run": ("design",),
+    "lab.commands.design.run": ("DesignResult", "design"),
     "lab.commands.import_measurements.run": ("import_measurements",),
     "lab.commands.inspect.run": ("Inspection", "inspect"),
     "lab.commands.measurements": (

@@ -14,7 +14,7 @@ from lab.commands.calibrate.run import MeasurementSession
 from lab.commands.compare import ComparisonResult
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
-from lab.commands.design.result import DesignResult, PlanCheckResult
+from lab.commands.design.run import DesignResult, PlanCheckResult
 from lab.commands.import_measurements.run import ImportResult
 from lab.commands.inspect.options import InspectOptions
 from lab.commands.inspect.run import Inspection

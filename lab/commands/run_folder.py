@@ -163,42 +163,15 @@ def _same(file: Path, other: Path | None) -> bool:
 
 
 LOAD_FILE = "load.json"  # a payload, in the folder of a run
-_FILES = {
-    "config.json",
-    "measurements.csv",
-    "parameters.json",
-    "covariance.csv",
-    "residual.csv",
-    "fitted_poses.csv",
-    "result.json",
-    LOAD_FILE,
-    "calibrated.xml",
-    "calibrated.toml",
-    "calibrated.urdf",
-    "calibrated_origins.xacro",
-    "ur_kinematics.yaml",
-    "calibration.conf",
-    "calibrated.py",
-    "predicted.csv",
-    "nominal.toml",
-    "joints.csv",
-    "cartesian.csv",
-    "plan.csv",
-    "trajectory.csv",
-    "corrected.csv",
-    "load.csv",
-    "motion.csv",
-    "another.csv",
-    "values.csv",
-    "exercise.csv",
-    "workspace.csv",
-    "sensor.toml",
-    "status.csv",
-    "status.prom",
-    "recording.rrd",
+_FILES = {  # and programs: a folder with anything else is not replaced
+    LOAD_FILE, CHECKSUMS,
+    "config.json", "measurements.csv", "parameters.json", "covariance.csv", "residual.csv", "fitted_poses.csv",
+    "result.json", "calibrated.xml", "calibrated.toml", "calibrated.urdf", "calibrated_origins.xacro",
+    "ur_kinematics.yaml", "calibration.conf", "calibrated.py", "predicted.csv", "nominal.toml", "joints.csv",
+    "cartesian.csv", "plan.csv", "trajectory.csv", "corrected.csv", "load.csv", "motion.csv", "another.csv",
+    "values.csv", "exercise.csv", "workspace.csv", "sensor.toml", "status.csv", "status.prom", "recording.rrd",
     "report.html",
-    CHECKSUMS,
-}  # and programs: a folder with anything else is not replaced
+}  # fmt: skip
 SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas says it
 _LONGEST_STEM = 100  # characters of a folder's default name
 _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
@@ -311,11 +284,7 @@ def free_name(parent: Path, stem: str) -> Path:
     return next(name for name in names if not name.exists() and not (parent.exists() and is_being_written(name)))
 
 
-def _config(
-    command: str,
-    options: "DataclassInstance",
-    model_sha256: str,
-) -> dict[str, Any]:
+def _config(command: str, options: "DataclassInstance", model_sha256: str) -> dict[str, Any]:
     """Return all options, and what else the numbers depend on: file contents, versions of libraries and schema."""
     return {
         "schema": SCHEMA,
@@ -651,10 +620,10 @@ def provenance_section(
         serial: the serial number of the arm, where it is known.
     """
     made = _config(name, options, model_sha256)
-    _versions = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
+    libraries = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
     rows: list[Row] = [(key, str(made["options"][key])) for key in _SHOWN if made["options"].get(key) is not None]
     rows += [("serial", serial)] if serial is not None else []
-    rows += [("versions", _versions), ("model (SHA-256)", Code(model_sha256))]
+    rows += [("versions", libraries), ("model (SHA-256)", Code(model_sha256))]
     text = "All other options had their defaults"
     if command_named(name).folder:
         text += f"; config.json holds every one; lab {name} --config config.json gives the same numbers again"

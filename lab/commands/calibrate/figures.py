@@ -17,11 +17,10 @@ from lab.calibration.stations import in_first_frame
 from lab.calibration.validation import Errors, JudgedBy, errors_of
 from lab.calibration.workspace_prediction import predicted_errors
 from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.calibrate.scene import world_of
 from lab.core.linear_model import half_width_95
 from lab.core.measurements import Measurements, evenly, rows_called
 from lab.core.probability import beta_ppf, normal_ppf
-from lab.core.se3 import Array, transform
+from lab.core.se3 import Array, inverse, transform
 from lab.core.units import MM, Unit
 from lab.kinematics.parameter import Parameter
 from lab.render.charts.chart import axes_picture, cube, log_ticks, shades, view
@@ -50,7 +49,7 @@ __all__ = [
     "MOST_POSES", "arm_figures", "correction_pictures", "correlation_figure",
     "correlation_picture", "error_histograms", "error_maps", "has_correction", "main_picture", "residual_figures",
     "residual_pictures", "selection_figure", "selection_picture", "singular_value_figure", "uncertainty_map",
-    "where_figures",
+    "where_figures", "world_of",
 ]  # fmt: skip
 
 _MOST_ARMS = 12  # drawn in a picture
@@ -99,6 +98,12 @@ class _ArmPoses:
     points: Array
     measured: bool
     head: Array | None
+
+
+def world_of(result: CalibrationResult) -> Array:
+    """Pose ``(4, 4)`` of the instrument in the world: where the identified base has it."""
+    arm, values = result.rigid(result.identification.values)
+    return result.robot.model.T_world_frame0 @ inverse(arm.T_tracker_frame0(values))
 
 
 def error_maps(result: CalibrationResult, error: str) -> _ErrorMap | None:

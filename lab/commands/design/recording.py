@@ -13,8 +13,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from lab.commands.design.result import DesignResult
-from lab.commands.design.scene import PlanScene, plan_scene
+from lab.commands.design.document import PlanScene, plan_scene
+from lab.commands.design.run import DesignResult
 from lab.commands.result import joint_values
 from lab.core.se3 import Array
 from lab.core.units import MICRONS

@@ -19,7 +19,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullLocator
 
-from lab.commands.study.format import (
+from lab.commands.study.run import (
+    StudyResult,
     behind_text,
     circumstances,
     comparison_sentence,
@@ -32,7 +33,6 @@ from lab.commands.study.format import (
     sentences,
     varying,
 )
-from lab.commands.study.run import StudyResult
 from lab.core.errors import LabError
 from lab.render import document as doc
 from lab.render.charts.chart import save_figure
