@@ -56,7 +56,7 @@ class ComparisonResult(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Those of the runs."""
+        """Warnings of the runs, each once."""
         return tuple(dict.fromkeys(messages for run in self.runs for messages in run.named_warnings))
 
     @property

@@ -89,7 +89,7 @@ class ErrorScene:
 
 
 def record_errors(path: Path, robot: str, identity: str, scene: ErrorScene, document: Document) -> None:
-    """Write the recording of a scene, with the blueprint that shows it, and what its command says beside it.
+    """Write the recording of a scene, with its blueprint and the document of its command.
 
     Args:
         robot: its name.

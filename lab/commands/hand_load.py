@@ -1,4 +1,4 @@
-"""A load at the hand as ``lab payload`` found it, for the calibrations and corrections that it matters to."""
+"""Load at the flange as ``lab payload`` identified it, for calibrations and corrections."""
 
 import json
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ class HandLoad:
     covariance: Array
 
     def write(self, folder: Path) -> None:
-        """Keep it with a run."""
+        """Write it into the folder of a run."""
         content = {
             "frame": "flange",
             "mass_kg": plain_numbers(self.mass_kg),
@@ -53,7 +53,7 @@ class HandLoad:
         return replace(robot, loads=replace(robot.loads, payload_at_m=self.centre_m))
 
     def with_payload(self, data: Measurements) -> Measurements:
-        """Rows that carry it, where they do not say what they carry."""
+        """Return rows with this payload, where they have no payload of their own."""
         if "payload_kg" in data.conditions:
             return data
         return replace(data, conditions={**data.conditions, "payload_kg": np.full(len(data), self.mass_kg)})

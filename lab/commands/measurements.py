@@ -78,19 +78,19 @@ def measurements(
         >>> lab.identify(own, instrument="uniform-8um").to_dict()["verdict"]
         'good'
     """
-    known = load_robot(robot)
+    loaded = load_robot(robot)
     length, angle = _unit("unit", unit, LENGTHS), _unit("joint_unit", joint_unit, ANGLES)
     positions = _numbers("joints", joints)
-    size = known.chain.size
+    size = loaded.chain.size
     if positions.ndim != 2 or positions.shape[1] != size or not len(positions):
         raise LabError(
-            f"{_CALL}: joints have shape {positions.shape}, but robot {known.name} has {size} joints; give one row of "
+            f"{_CALL}: joints have shape {positions.shape}, but robot {loaded.name} has {size} joints; give one row of "
             f"{size} numbers a pose"
         )
     if not np.isfinite(positions).all():
         row, joint = np.argwhere(~np.isfinite(positions))[0].tolist()
         raise LabError(f"{_CALL}: joints[{row}, {joint}] is {positions[row, joint]}; give a finite number")
-    n, slides = len(positions), np.array(known.chain.prismatic, dtype=np.bool_)
+    n, slides = len(positions), np.array(loaded.chain.prismatic, dtype=np.bool_)
     positions = np.where(slides, length, angle) * positions
     _refuse_degrees(positions[:, ~slides], joint_unit)
     seen = np.zeros((n, 0, 3)) if points is None else length * _points(points, n)
@@ -101,7 +101,7 @@ def measurements(
     texts = {name: _texts(f"columns['{name}']", each, n) for name, each in (columns or {}).items()}
     if orientations is not None:
         texts |= _orientations(names, orientations, n)
-    found = measured(known.chain.joint_names, positions, names, seen)
+    found = measured(loaded.chain.joint_names, positions, names, seen)
     found = replace(
         found,
         ids=found.ids if ids is None else _texts("ids", ids, n),
@@ -112,7 +112,7 @@ def measurements(
         conditions=given,
         other=texts,
     )
-    return checked(_CALL, found, known, points=points is not None)
+    return checked(_CALL, found, loaded, points=points is not None)
 
 
 def robot_from_dh(
@@ -212,10 +212,10 @@ def _limits(limits: ArrayLike | None, slides: NDArray[np.bool_], units: Array) -
     return ends[:, 0] * units, ends[:, 1] * units
 
 
-def _unit(argument: str, unit: str, known: Mapping[str, float]) -> float:
-    if unit not in known:
-        raise LabError(f"{argument} is {unit!r}; give {' or '.join(map(repr, known))}")
-    return known[unit]
+def _unit(argument: str, unit: str, units: Mapping[str, float]) -> float:
+    if unit not in units:
+        raise LabError(f"{argument} is {unit!r}; give {' or '.join(map(repr, units))}")
+    return units[unit]
 
 
 def _numbers(argument: str, values: ArrayLike) -> Array:
@@ -319,10 +319,10 @@ def read_measurements(
         >>> len(lab.read_measurements(file, "irb120"))
         12
     """
-    known, columns = load_robot(robot), sensor_named(observe).columns
-    chain = known.chain
+    loaded, columns = load_robot(robot), sensor_named(observe).columns
+    chain = loaded.chain
     read = measurement_csv.read_measurements(Path(path), chain.joint_names, chain.prismatic, columns=columns)
-    return replace(read, robot=known.source)
+    return replace(read, robot=loaded.source)
 
 
 def write_measurements(path: str | Path, measurements: Measurements, robot: str | Path | Robot | None = None) -> None:
@@ -331,7 +331,7 @@ def write_measurements(path: str | Path, measurements: Measurements, robot: str 
     Args:
         path: the file, which is replaced.
         measurements: points in any one frame, in which they are written.
-        robot: whose joints are measured, which says which of them slide: a name, a path, or a loaded robot; by default
+        robot: whose joints are measured, with their kinds: a name, a path, or a loaded robot; by default
             the one that the measurements name.
 
     Raises:
@@ -346,9 +346,9 @@ def write_measurements(path: str | Path, measurements: Measurements, robot: str 
         >>> file.read_text().partition(",")[0]
         'q1_rad'
     """
-    known = robot_of("lab.write_measurements", measurements, robot)
+    loaded = robot_of("lab.write_measurements", measurements, robot)
     try:
-        measurement_csv.write_measurements(Path(path), measurements, known.chain.prismatic)
+        measurement_csv.write_measurements(Path(path), measurements, loaded.chain.prismatic)
     except OSError as error:
         raise LabError(f"{path}: cannot be written ({error.strerror}); give another path") from error
 

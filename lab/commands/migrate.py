@@ -104,29 +104,29 @@ def _runs(folder: Path) -> Iterator[Path]:
 
 def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
     """Migrate a run: what was done, in words; nothing where it is as today's runs are."""
-    config, known = _object(folder / CONFIG_FILE), read_config(folder, _NO_RUN)
+    config, header = _object(folder / CONFIG_FILE), read_config(folder, _NO_RUN)
     if "model_sha256" not in config:
         raise LabError(f"{folder}/config.json: is not what the lab writes; {_NO_RUN}")
     parameters = dict[str, EstimatedParameter]()
-    if known.command in CALIBRATIONS:  # no checksums for what does not hold what a run holds
+    if header.command in CALIBRATIONS:  # no checksums for what does not hold what a run holds
         read_header(folder)
         parameters.update({row.name: row for row in read_estimate_files(folder).rows})
     files, done = dict[str, Any](), []
     if is_older(folder):
         done.append(f"schema {SCHEMA}")
         files[CONFIG_FILE] = {"schema": SCHEMA, **config, "inputs_sha256": config.get("inputs_sha256", {})}
-        if known.command in CALIBRATIONS:
+        if header.command in CALIBRATIONS:
             files["result.json"] = _object(folder / "result.json") | {"schema": SCHEMA, "migrated": True}
             files["parameters.json"] = [
                 _observability(row, parameters[row["name"]]) for row in _rows(folder / "parameters.json")
             ]
     if date is not None:
-        if (there := known.options.get("date")) not in (None, date):
+        if (there := header.options.get("date")) not in (None, date):
             raise LabError(f"{folder}: its date is {there}; leave out --date {date}, or make the run again")
-        if known.command not in (*CALIBRATIONS, "verify"):
+        if header.command not in (*CALIBRATIONS, "verify"):
             raise LabError(f"{folder}: is no run of lab calibrate, lab identify or lab verify; only these have a date")
         done += [] if there == date else [f"date {date}"]
-        files[CONFIG_FILE] = files.get(CONFIG_FILE, config) | {"options": {**known.options, "date": date}}
+        files[CONFIG_FILE] = files.get(CONFIG_FILE, config) | {"options": {**header.options, "date": date}}
     if not (folder / CHECKSUMS).is_file():
         done.append("checksums")
     if done:
@@ -141,7 +141,7 @@ def _replace(folder: Path, files: Mapping[str, Any]) -> None:
         raise LabError(f"{folder}: is the working folder, or holds it; go above it")
     try:
         with draft_of(resolved(folder), replacing=True) as draft:
-            for path in folder.iterdir():  # copytree would tell of every file that there is no room for
+            for path in folder.iterdir():  # copytree would list every file for which there is no space
                 (shutil.copytree if path.is_dir() else shutil.copy2)(path, draft / path.name)
             for name, content in files.items():
                 write_json(draft / name, content)
@@ -155,7 +155,7 @@ def _is_of_run(path: Path) -> bool:
 
 
 def _observability(row: Mapping[str, Any], parameter: EstimatedParameter) -> dict[str, Any]:
-    """A row of ``parameters.json`` that says whether the parameter is weakly observable."""
+    """Add to a row of ``parameters.json`` whether the parameter is weakly observable."""
     sure = parameter.std is not None and parameter.std <= WEAK
     weak = parameter.status == "identified" and parameter.unit in ("m", "rad") and not sure
     return {**row, "weakly_observable": row.get("weakly_observable", weak)}

@@ -39,8 +39,8 @@ class Result(Value, ABC):
     """Result of a call of the interface.
 
     A subclass is ``@dataclass(frozen=True, repr=False, eq=False)``: it holds arrays, which neither print shortly nor
-    compare to one truth value. It holds data alone: what shows it is named, and imported when it is asked for. What is
-    declared for type checkers here may be a field, a property or an attribute of the class.
+    compare to one truth value. It holds data alone: the functions that show it are named, and imported on use. A
+    subclass gives the names declared for type checkers as fields, properties or attributes of the class.
 
     Attributes:
         robot_at: the attribute that holds the robot, e.g. ``run.robot``; empty where there is none.
@@ -265,7 +265,7 @@ def plain_numbers(values: Array | float) -> Any:
 
 
 def tidy(value: float) -> float:
-    """Without the last digits of a unit's conversion, and without minus zero."""
+    """Round away the last digits of a unit's conversion, and minus zero."""
     return round(float(value), 9) + 0.0
 
 

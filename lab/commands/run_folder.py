@@ -172,7 +172,7 @@ _FILES = {  # and programs: a folder with anything else is not replaced
     "values.csv", "exercise.csv", "workspace.csv", "sensor.toml", "status.csv", "status.prom", "recording.rrd",
     "report.html",
 }  # fmt: skip
-SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas says it
+SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas describes it
 _LONGEST_STEM = 100  # characters of a folder's default name
 _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 
@@ -319,7 +319,7 @@ def _input_hashes(options: "DataclassInstance") -> Iterator[tuple[str, str]]:
     """The SHA-256 of each file that options name, and of the ``result.json`` of each run."""
     for path in input_files(options):
         content = path / "result.json" if path.is_dir() else path
-        with suppress(OSError):  # of a file that nobody has to read any more there is nothing to say
+        with suppress(OSError):  # a file that no longer exists has no digest
             yield str(path), sha256(content.read_bytes()).hexdigest()
 
 
@@ -367,9 +367,9 @@ _ACCEPT_EDITED = "--accept-edited"
 
 
 def check_edits(folder: Path, names: Sequence[str], *, accept: bool) -> tuple[str, ...]:
-    """Refuse files of a run that were changed since it was written, or tell of them where they are accepted.
+    """Refuse files of a run that were changed since it was written, or return a warning where they are accepted.
 
-    A run of an older lab that never had checksums is read with a word about it.
+    A run of an older lab without checksums is read with a warning.
 
     Args:
         names: of the files that matter, as far as they are there.
@@ -411,7 +411,7 @@ def is_older(folder: Path) -> bool:
 _LABEL = "work.json"
 _PARTS = {"command": "command", "options": "option", "files": "content of", "versions": "version of"}
 _MAX_FILES = 100  # of a run that is built on
-_NO_PART = ("out", "overwrite")  # options that say where a run goes, and not what it is
+_NO_PART = ("out", "overwrite")  # options that do not change the result
 
 
 @contextmanager
@@ -577,9 +577,9 @@ def command_line(name: str, options: "DataclassInstance") -> str:
     """Write the command line for these options, without those at their defaults."""
     given, parts, flags = dict(_given_options(options)), ["lab", name], []
     for option in positional(type(options)):
-        value, told = getattr(options, option), given.pop(option, "")
-        several = map(str, value) if isinstance(value, tuple) else (told,)
-        parts += map(shlex.quote, several if told else ())
+        value, text = getattr(options, option), given.pop(option, "")
+        several = map(str, value) if isinstance(value, tuple) else (text,)
+        parts += map(shlex.quote, several if text else ())
     for option, value in given.items():
         flags.append(f"--{option.replace('_', '-')}" + (f" {shlex.quote(value)}" if value else ""))
     return " ".join([*parts, *flags])

@@ -215,10 +215,12 @@ class ArmStatus:
         last = self.calibration
         if last is None or last.on is None:
             return ()
-        known = {each.of for each in self.checks if each.calibrates}
+        calibrations = {each.of for each in self.checks if each.calibrates}
         own = [each for each in self.checks if not each.calibrates and each.on is not None]
         return tuple(
-            each for each in own if each.of == last.of or (each.of not in known and each.on and each.on > last.on)
+            each
+            for each in own
+            if each.of == last.of or (each.of not in calibrations and each.on and each.on > last.on)
         )
 
     @property
@@ -592,7 +594,7 @@ def _seconds(on: date | None) -> int | None:
 
 @takes(StatusOptions)
 def status(folder: str | Path | StatusOptions, **options: Any) -> StatusResult:
-    """Say of every arm of a folder of runs whether it is good, when it was checked, and when it is next due.
+    """Report the state of every arm of a folder of runs: whether it is good, its last check, and the next one due.
 
     Args:
         folder: that holds runs of ``identify``, ``calibrate`` and ``verify``, at any depth; or all options in one

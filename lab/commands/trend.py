@@ -123,7 +123,7 @@ class TrendResult(Result):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Those that are compared."""
+        """Parameters that are compared."""
         of = {each.name: each for each in self.runs[0].run.estimate.arm.parameters}
         return tuple(of[name] for name in self.estimates[0].names)
 
@@ -329,7 +329,7 @@ def _trend_document(result: TrendResult) -> doc.Document:
 
 
 def _when(result: TrendResult) -> str:
-    """Between which days it changed; of an unchanged robot, between the first and the last."""
+    """Name the days around each change; of an unchanged robot the first and the last."""
     spans = [(change.after, change.after + 1) for change in result.changes] or [(0, -1)]
     return " and ".join(f"between {result.runs[i].date} and {result.runs[j].date}" for i, j in spans)
 
@@ -546,8 +546,8 @@ def _directions(names: tuple[str, ...], zeros: Array) -> Directions:
     """Return the tested directions: each parameter, and each observable joint zero that is no single parameter."""
     one = np.eye(len(names))
     other = [i for i in range(zeros.shape[1]) if np.count_nonzero(zeros[:, i]) > 1 and np.isfinite(zeros[:, i]).all()]
-    words = tuple(f"zero of joint {i + 1}" for i in other)
-    return Directions((*names, *words), np.concatenate([one, zeros[:, other]], axis=1))
+    zeros_of = tuple(f"zero of joint {i + 1}" for i in other)
+    return Directions((*names, *zeros_of), np.concatenate([one, zeros[:, other]], axis=1))
 
 
 def _detectable_changes(series: Series, zeros: Array, start: int) -> Array:

@@ -296,10 +296,10 @@ def _detectable(result: VerificationResult) -> doc.Table:
     return doc.Table(("", "by", "unit"), rows, caption)
 
 
-_LEAST_SPREAD = 3  # poses whose spread says something
+_LEAST_SPREAD = 3  # poses whose spread is compared
 _PASSES = 2  # times that all rows are gone through where nothing has changed
 _SPREAD_OF = 4_000  # of more poses the spread of so many is as good
-_TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
+_TOO_GOOD = 1 - 1e-4  # a p-value above it: the given noise is too large
 
 
 @takes(VerifyOptions, file="measurements")
@@ -340,9 +340,10 @@ def verify(
         raise LabError("lab.verify: give the new measurements, a file or in memory")
     in_memory = measurements if isinstance(measurements, Measurements) else None
     file = "measurements.csv" if in_memory is not None else str(measurements)
-    asked = options_of("lab.verify", VerifyOptions, {**folder_of(run), "file": file, **options})
-    asked.check()
-    return _verified(asked, calibrated_by(run, asked.run, accept_edited=asked.accept_edited), in_memory)
+    requested = options_of("lab.verify", VerifyOptions, {**folder_of(run), "file": file, **options})
+    requested.check()
+    by = calibrated_by(run, requested.run, accept_edited=requested.accept_edited)
+    return _verified(requested, by, in_memory)
 
 
 def _verified(
@@ -390,17 +391,20 @@ def _tested(
             "identify again with more poses, or with --noise-mm"
         )
     with error_context(options.file):
-        known_m = calibrated.estimate.residual_m
-        noisy = noise_beyond(options.noise_mm, rows, known_m, "the run's residuals")
-        _refuse_strange(calibrated, rows, options)
+        residual_m = calibrated.estimate.residual_m
+        noisy = noise_beyond(options.noise_mm, rows, residual_m, "the run's residuals")
+        _refuse_unknown_targets(calibrated, rows, options)
         observations, prediction = predict_measurements(calibrated.estimate, rows, noise, given=stated)
         _refuse_implausible(prediction, observations)
         names = [rows.where(i) for i in range(len(rows))]
         verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
-    lone = [rows.ids[i] for i in np.flatnonzero(calibrated.estimate.extrapolated(rows.joints))]
-    messages = [*_warnings(calibrated, read, rows, verified), *phrases(check_extrapolated("poses", lone, len(rows)))]
+    extrapolated = [rows.ids[i] for i in np.flatnonzero(calibrated.estimate.extrapolated(rows.joints))]
+    messages = [
+        *_warnings(calibrated, read, rows, verified),
+        *phrases(check_extrapolated("poses", extrapolated, len(rows))),
+    ]
     messages += fitted
-    warnings = (*phrases(noisy), *messages, *_repeat_where_measured(len(lone), len(rows), verified))
+    warnings = (*phrases(noisy), *messages, *_repeat_where_measured(len(extrapolated), len(rows), verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
 
 
@@ -432,18 +436,18 @@ def _refuse_unseen_base(calibrated: CalibrationRun, options: VerifyOptions) -> N
         )
 
 
-def _refuse_strange(calibrated: CalibrationRun, rows: Measurements, options: VerifyOptions) -> None:
+def _refuse_unknown_targets(calibrated: CalibrationRun, rows: Measurements, options: VerifyOptions) -> None:
     """Refuse targets that were not identified, unless the tool is fitted anew."""
     known = calibrated.estimate.arm.targets
-    strange = [target for target in rows.targets if target not in known]
-    if strange and "tool" not in options.refit:
+    unknown = [target for target in rows.targets if target not in known]
+    if unknown and "tool" not in options.refit:
         raise LabError(
-            f"target {strange[0]} was not identified (those of the run are {', '.join(known)}); "
+            f"target {unknown[0]} was not identified (those of the run are {', '.join(known)}); "
             "rename it, or add --refit tool"
         )
-    if strange and calibrated.estimate.process is not None:
+    if unknown and calibrated.estimate.process is not None:
         raise LabError(
-            f"target {strange[0]} was not identified, and the group residual of {options.run} covers its own targets "
+            f"target {unknown[0]} was not identified, and the group residual of {options.run} covers its own targets "
             "only; measure one of these, or identify again without residual"
         )
 
@@ -479,10 +483,10 @@ def _noise(calibrated: CalibrationRun, options: VerifyOptions) -> Noise:
 
 
 def _if_fitted(calibrated: CalibrationRun, options: VerifyOptions, rows: Measurements) -> list[str]:
-    """Refuse rows that the run was identified from, to the last digit: of these it says nothing new.
+    """Refuse rows that the run was identified from, to the last digit: they verify nothing new.
 
     Returns:
-        What is to be told where ``--force`` takes them all the same; mostly nothing.
+        Warnings where ``--force`` accepts them; mostly none.
     """
     own = calibrated.folder / "measurements.csv"
     if not own.is_file():
@@ -537,8 +541,8 @@ def _warnings(calibrated: CalibrationRun, read: Measurements, rows: Measurements
     return messages
 
 
-def _repeat_where_measured(lone: int, count: int, verified: Verified) -> list[str]:
-    if verified.good or lone <= MOST_UNCOVERED * count:
+def _repeat_where_measured(extrapolated: int, count: int, verified: Verified) -> list[str]:
+    if verified.good or extrapolated <= MOST_UNCOVERED * count:
         return []
     return [
         "most of these poses are extrapolated, so model discrepancy there may look like a change; measure again near "

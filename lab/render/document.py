@@ -1,7 +1,7 @@
 """Document for a reader of a result, as plain data: paragraphs, tables, figures, without any markup.
 
-A command builds one ``Document``; ``terminal``, ``page`` and ``markdown`` render it. A block says in which of these it
-is shown. Blocks that have nothing to show (no text, no rows, no pictures) are left out, as are sections of only such.
+A command builds one ``Document``; ``terminal``, ``page`` and ``markdown`` render it. Each block has the media that
+show it. Blocks that have nothing to show (no text, no rows, no pictures) are left out, as are sections of only such.
 """
 
 import re
@@ -308,7 +308,7 @@ def digits_of(half_width: float, most: int) -> int:
 
 
 def plus_minus(half_width: float, digits: int) -> str:
-    """Half of an interval, ``± 0.0038``, with the ``digits`` of its value; three significant where those say less."""
+    """Half of an interval, ``± 0.0038``, with the ``digits`` of its value; three significant where those are fewer."""
     says_enough = digits >= digits_of(half_width, digits + 1)
     return f"± {fixed(half_width, digits) if says_enough else short(half_width)}"
 

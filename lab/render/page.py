@@ -62,7 +62,7 @@ def _texts(blocks: Iterable[doc.Block]) -> Iterator[str]:
 
 @contextmanager
 def _collector_paused() -> Iterator[None]:
-    """Without garbage collections: a figure makes so many objects that each would walk through all of them anew."""
+    """Pause garbage collection: a figure makes so many objects that each collection would walk through all of them."""
     running = gc.isenabled()
     gc.disable()
     try:

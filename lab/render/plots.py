@@ -32,7 +32,7 @@ class Spread:
     Attributes:
         lengths: ``(n,)`` m, NaN where there is none.
         mark: words and a length (m).
-        hatch, marker: of areas and of single dots, so that prints in grey tell them apart.
+        hatch, marker: of areas and of single dots, which differ in grey prints.
     """
 
     lengths: Array

@@ -61,7 +61,7 @@ def recording_to(path: Path, robot: str, identity: str) -> Iterator[rr.Recording
 
 @contextmanager
 def _enabled() -> Iterator[None]:
-    """Without the variable RERUN: one that turns off what a program logs would leave a file without content."""
+    """Unset the variable RERUN: it may turn logging off, which would leave an empty file."""
     given = os.environ.pop("RERUN", None)
     try:
         yield

@@ -29,7 +29,7 @@ def print_document(document: doc.Document, console: Console | None = None, *, wa
 
     Args:
         console: standard output by default; where that is no terminal, lines are as long as they are.
-        warnings: whether warnings are shown; not where they were told elsewhere already.
+        warnings: whether warnings are shown; not where they were reported elsewhere.
     """
     console = console or Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _UNWRAPPED)
     console.print(RichText(document.title, style="bold"), soft_wrap=True)
@@ -106,13 +106,13 @@ def _styled(text: doc.Text) -> RichText:
     return styled
 
 
-_SURE = 0.5  # s: before, nothing is said of the time left
-_NAMED = 12  # letters of a stage's words that say which it is
+_SURE = 0.5  # s: before, no remaining time is estimated
+_NAMED = 12  # letters of its name that identify a stage
 _ERASE = "\r\x1b[K"
 
 
 class Stage(Protocol):
-    """Takes what work is at: in words, and where parts of it are counted, how many are done of how many."""
+    """Receives the stage of the work: its name, and where parts are counted, how many are done of how many."""
 
     def __call__(self, name: str, done: int = 0, of: int = 0) -> None:
         """Show it."""
@@ -124,7 +124,7 @@ def no_stage(name: str, done: int = 0, of: int = 0) -> None:
 
 @contextmanager
 def starting(what: str) -> Iterator[None]:
-    """Say at once that a command has begun, in a line that goes when its libraries are loaded."""
+    """Show at once that a command has begun, in a line that goes when its libraries are loaded."""
     if not sys.stderr.isatty():
         yield
         return
@@ -137,7 +137,7 @@ def starting(what: str) -> Iterator[None]:
 
 @contextmanager
 def status(work: str) -> Iterator[Stage]:
-    """Takes the stage that the work is at, and shows it with the time in a line that goes when the work is done."""
+    """Show the stage of the work with the time, in a line that goes when the work is done."""
     if not sys.stderr.isatty():
         yield no_stage
         return
@@ -174,7 +174,7 @@ def time_left(seconds: float, done: int, of: int) -> str:
 
 @contextmanager
 def bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Takes what is being made, how many there are, and how many there are to be; a bar for each kind."""
+    """Show a bar for each kind of thing that is made: its name, how many there are, and of how many."""
     if not sys.stderr.isatty():
         yield lambda what, there, all_of_them: None
         return

@@ -241,7 +241,7 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, number: int) ->
 
 
 def _singular_value_picture(values: Array) -> tuple[Picture, ...]:
-    """Singular values ``(f,)`` relative to the largest, in descending order; nothing where they say nothing."""
+    """Singular values ``(f,)`` relative to the largest, in descending order; none where they are not finite."""
     if not (len(values) and np.isfinite(values).all() and values[0] > 0):
         return ()
     relative = np.maximum(values / values[0], 1e-17)
@@ -337,7 +337,7 @@ def _instrument(axes: Axes, head: Array, middle: Array, half: float, plane: tupl
 MOST_POSES = 2000  # whose residuals are drawn
 _WIDE, _SQUARE = (5.6, 2.6), (3.4, 3.2)  # inches
 _QUANTILES = 120
-_FEWEST = 8  # residuals whose shape says something
+_FEWEST = 8  # residuals that are drawn
 _LINK = 0.13  # inches of a parameter
 
 

@@ -325,7 +325,7 @@ def _poses(rows: NDArray[np.int_]) -> rec.Times:
 
 
 def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
-    """Its frame; of a virtual tracker also the beam to each target that it sees."""
+    """Draw the instrument's frame; of a virtual tracker also the beam to each visible target."""
     name = "tracker" if outcome.real is not None else "instrument's frame"
     for i, (station, T_world_station) in enumerate(shown.Ts_world_station.items()):
         rec.draw_instrument(recording, station or name, T_world_station, station if i else "")
@@ -409,8 +409,8 @@ def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: S
         recording.send_columns(
             f"{_LOG_ERRORS}/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=logarithms)
         )
-        for entity, words in (("error_mm", f"{name}, mm"), (_LOG_ERRORS, name)):
-            line = rr.SeriesLines(colors=colour, names=words, widths=2)
+        for entity, label in (("error_mm", f"{name}, mm"), (_LOG_ERRORS, name)):
+            line = rr.SeriesLines(colors=colour, names=label, widths=2)
             recording.log(f"{entity}/{name}", line, static=True)
     values = outcome.identification.fit.singular_values
     recording.log(

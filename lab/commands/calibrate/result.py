@@ -460,7 +460,7 @@ def errors_without_outliers(result: CalibrationResult) -> ErrorStatistics | None
 
 
 def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
-    """The noise that distances between targets say, in mm; None where they say nothing."""
+    """The noise by the distances between targets, in mm; None where they do not determine it."""
     if found is None:
         return None
     sizes = {"estimate_mm": found.sigma_m, "low_mm": found.low_m, "high_mm": found.high_m}
@@ -566,8 +566,8 @@ def khalil_rows(estimate: Estimate, width_95: float) -> list[dict[str, Any]]:
     """Return rows of Z (the base in the instrument's frame) and of E of each target (in the last frame), if any.
 
     Their intervals are those of the base and the tool, carried over by the derivatives. Where no orientation of the
-    tool was measured, E's is that of the last frame, so that its axes are parallel; a ``note`` says it. There are none
-    without a base.
+    tool was measured, E's is that of the last frame, so that its axes are parallel; a ``note`` explains it. Without a
+    base there are none.
 
     Args:
         estimate: of any model.

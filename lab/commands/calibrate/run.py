@@ -111,9 +111,9 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
     """
     if isinstance(robot, VirtualCampaign):
         return measurement_session(robot, load_virtual(robot.robot, robot.cell))[0]
-    known = load_virtual(robot)
-    asked = options_of("lab.simulate", VirtualCampaign, {"robot": known.source, **options})
-    return measurement_session(asked, known.placed_in(asked.cell))[0]
+    loaded = load_virtual(robot)
+    requested = options_of("lab.simulate", VirtualCampaign, {"robot": loaded.source, **options})
+    return measurement_session(requested, loaded.placed_in(requested.cell))[0]
 
 
 def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[MeasurementSession, Mapping[str, Array]]:
@@ -134,8 +134,8 @@ def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[Measure
         raise LabError(f"--plan is not of --observe {options.observe}: where the arm touches follows from the fixtures")
     real = perturbed_arm(robot, options)
     joints, set_there, notes = poses_to_measure(robot, options)
-    asked = requested_conditions(robot, options)
-    conditions = draw_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
+    requested = requested_conditions(robot, options)
+    conditions = draw_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), requested) | set_there
     noise = rng_for(options.seed, "noise")
     found = sensor.simulate(real, joints, options.targets, device, noise, options.readings, conditions, options)
     named = frozenset(np.array(found.measurements.ids)[found.bad].tolist())
@@ -155,18 +155,18 @@ def robot_of(call: str, data: Measurements, robot: str | Path | Robot | None) ->
     """The robot of measurements in memory: the given one, else the one whose name they have.
 
     Args:
-        call: what an error calls the call.
+        call: its name in errors.
         data: the measurements.
-        robot: a name, a path, or a loaded robot; None where the measurements are to say it.
+        robot: a name, a path, or a loaded robot; None for the one that the measurements name.
 
     Raises:
-        LabError: neither says which robot it is, it cannot be loaded, or its joints are others.
+        LabError: neither names a robot, it cannot be loaded, or its joints are others.
     """
     if robot is None and not data.robot:
         raise LabError(f"{call}: the measurements name no robot; give robot=")
-    known = load_robot(data.robot if robot is None else robot)
-    _refuse_other_joints(call, data, known)
-    return known
+    loaded = load_robot(data.robot if robot is None else robot)
+    _refuse_other_joints(call, data, loaded)
+    return loaded
 
 
 def _refuse_other_joints(what: str | Path, data: Measurements, robot: Robot) -> None:
@@ -195,7 +195,7 @@ def _read_rows(
 
     Args:
         robot: whose they are.
-        path: of the file; of rows in memory what an error calls them.
+        path: of the file; of rows in memory their name in errors.
         options: what is observed, and how.
         load: what the robot carries; None for nothing.
         given: the rows in memory; None where the file is to be read.
@@ -217,10 +217,10 @@ def _read_rows(
 
 
 def checked(what: str | Path, data: Measurements, robot: Robot, *, points: bool = True) -> Measurements:
-    """Measurements in memory, as those of a robot.
+    """Return measurements in memory as those of a robot, where they can be.
 
     Args:
-        what: what an error calls them.
+        what: their name in errors.
         data: joint positions (rad or m) and points (m).
         robot: whose they are to be.
         points: whether points are observed.
@@ -286,9 +286,9 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
         stage("1 of 3, simulating the measurements")
         if isinstance(robot, VirtualCampaign):
             return _of_a_virtual_robot(*measurement_session(robot, load_virtual(robot.robot, robot.cell)), stage)
-        known = load_virtual(robot)
-        asked = options_of("lab.calibrate", VirtualCampaign, {"robot": known.source, **options})
-        return _of_a_virtual_robot(*measurement_session(asked, known.placed_in(asked.cell)), stage)
+        loaded = load_virtual(robot)
+        requested = options_of("lab.calibrate", VirtualCampaign, {"robot": loaded.source, **options})
+        return _of_a_virtual_robot(*measurement_session(requested, loaded.placed_in(requested.cell)), stage)
 
 
 def _of_a_virtual_robot(session: MeasurementSession, placed: Mapping[str, Array], stage: Stage) -> CalibrationResult:
@@ -330,7 +330,7 @@ def _against_truth(
 
 
 def _judged_by_fresh(session: MeasurementSession, state: Fitted) -> Fitted:
-    """On exact points at poses that were not measured; what was measured at fixtures has its base placed there."""
+    """Validate on exact points at poses that were not measured; the base of an arm at fixtures is fitted first."""
     fresh, found, fitter = session.validation, state.identification, state.fitter
     checks = _impossible("validation poses", fresh)
     if fitter.kind.in_instrument_frame:
@@ -380,15 +380,15 @@ def identify(
             return _of_measurements(measurements, load_robot(measurements.robot, measurements.cell), stage)
     if isinstance(measurements, Measurements):
         robot = robot_of("lab.identify", measurements, robot)
-    known, given = load_robot(MeasuredCampaign.robot if robot is None else robot), {}
+    loaded, given = load_robot(MeasuredCampaign.robot if robot is None else robot), {}
     named = {"file": measurements, "validate": options.pop("validate", None)}
     for option, value in named.items():
         if isinstance(value, Measurements):
             given[option] = value
             named[option] = f"{option} in memory"
-    asked = options_of("lab.identify", MeasuredCampaign, {**named, "robot": known.source, **options})
+    requested = options_of("lab.identify", MeasuredCampaign, {**named, "robot": loaded.source, **options})
     with status("identifying") as stage:
-        return _of_measurements(asked, known.placed_in(asked.cell), stage, given)
+        return _of_measurements(requested, loaded.placed_in(requested.cell), stage, given)
 
 
 def _of_measurements(

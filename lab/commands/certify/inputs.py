@@ -81,7 +81,7 @@ class FittedRows:
 
 
 def fitted_rows(calibrated: CalibrationRun) -> FittedRows:
-    """Read them.
+    """Read the rows of a run, fitted and held out.
 
     Raises:
         LabError: the run observed something else than points, or its measurements cannot be read.
@@ -147,7 +147,7 @@ _AXES = ("x", "y", "z", "rx", "ry", "rz", "scale")
 def fitted_motions(calibrated: CalibrationRun, rows: Measurements, positions: Array) -> Iterator[FrameMotion]:
     """The displacement of positions ``(w, 3)`` m from the start of the campaign to its end, and to each session.
 
-    The model takes the motion out of the fit; on another day nobody knows where the frame is.
+    The model takes the motion out of the fit; on another day the frame's pose is unknown.
     """
     if not calibrated.estimate.left_out:
         return
@@ -165,8 +165,8 @@ def fitted_motions(calibrated: CalibrationRun, rows: Measurements, positions: Ar
 def _spans(rows: Measurements) -> float:
     """Return the length of a drift in units of its rate: hours where the rows are timed, else one campaign."""
     times = rows.conditions.get("time_s")
-    known = None if times is None else times[np.isfinite(times)]
-    return 1.0 if known is None or not known.size else float(np.ptp(known)) / HOUR_S
+    finite = None if times is None else times[np.isfinite(times)]
+    return 1.0 if finite is None or not finite.size else float(np.ptp(finite)) / HOUR_S
 
 
 def _size(parameters: Mapping[str, EstimatedParameter], group: str, positions: Array) -> float:
@@ -212,8 +212,8 @@ def validation_errors(
         return ValidationErrors(rms_m, p95_m, poses, own, shared, dof, all_given)
     rows = {"holdout": fitted.judged, "file": fitted.validated or fitted.rows}.get(by or "")
     if rows is None:  # exact points of a virtual robot
-        kept = [each for each in shown if each.group != "repeatability" or each.shifts is not None]
-        own, shared = _of_quantities(kept, propagation.slopes, 0.0)
+        used = [each for each in shown if each.group != "repeatability" or each.shifts is not None]
+        own, shared = _of_quantities(used, propagation.slopes, 0.0)
         return ValidationErrors(rms_m, p95_m, int(found["count"]), own, shared, dof, all_given)
     some = thinned(rows, _MOST_ROWS)
     own, shared = _of_quantities(shown, _slopes(calibrated, some), instrument_m)
@@ -231,10 +231,10 @@ def _slopes(calibrated: CalibrationRun, rows: Measurements) -> Array:
     arm = calibrated.estimate.arm
     free = list(calibrated.estimate.free)
     _, slopes = arm.observe(rows.inputs(arm.conditions), calibrated.estimate.values)
-    known = [name for name in arm.targets if name in rows.targets] or list(arm.targets[:1])
-    picked = slopes[:, [arm.targets.index(name) for name in known]][..., free]
-    if set(known) <= set(rows.targets):
-        picked = picked[rows.seen[:, [rows.targets.index(name) for name in known]]]
+    common = [name for name in arm.targets if name in rows.targets] or list(arm.targets[:1])
+    picked = slopes[:, [arm.targets.index(name) for name in common]][..., free]
+    if set(common) <= set(rows.targets):
+        picked = picked[rows.seen[:, [rows.targets.index(name) for name in common]]]
     flat = picked.reshape(-1, 3, len(free))
     return np.asarray(flat[np.isfinite(flat).all(axis=(1, 2))])
 
@@ -325,7 +325,7 @@ def random_errors(
         discrepancy = float(np.sqrt(max(MM.to_si(result.noise_model.independent_mm) ** 2 - instrument_m**2, 0.0)))
     elif estimate.noise_known and not discrepancy and (excess := _excess(calibrated)) > 1:
         discrepancy, larger, dof = fitted.sigma_m * float(np.sqrt(excess - 1)), max(larger, excess), estimate.dof
-    freedom = np.inf if dof is None else float(dof)
+    dof_or_inf = np.inf if dof is None else float(dof)
     scattered = result.noise_model is not None and result.noise_model.joint_scatter_mrad > 0
     repeatability = _repeatability(fitted, instrument_m, stated_mm, found, of_residuals=scattered)
     known_m = 0.0 if repeatability is None else repeatability.sigma_m
@@ -333,11 +333,11 @@ def random_errors(
     autocorrelated_m = 0.0 if result.noise_model is None else MM.to_si(result.noise_model.wandering_mm)
     return RandomErrors(
         larger * estimate.free_covariance,
-        RandomScatter(fitted.sigma_m * float(np.sqrt(larger)), freedom, _noise_source(calibrated)),
+        RandomScatter(fitted.sigma_m * float(np.sqrt(larger)), dof_or_inf, _noise_source(calibrated)),
         _placement(calibrated, fitted),
         repeatability,
         not estimate.noise_known or larger > 1 or estimate.shared is not None,
-        RandomScatter(left, freedom, _model_source(calibrated, device)) if left else None,
+        RandomScatter(left, dof_or_inf, _model_source(calibrated, device)) if left else None,
         RandomScatter(autocorrelated_m, np.inf, _BY_NOISE_MODEL) if autocorrelated_m else None,
     )
 
@@ -406,7 +406,7 @@ def _repeatability(
 def _scatter_m(fitted: FittedRows) -> float:
     """Compute the root mean square (m) of the joint scatter in a measured coordinate.
 
-    It is kept in units of the noise, which differ along the beam and across it.
+    It is stored in units of the noise, which differ along the beam and across it.
     """
     observed, shared = fitted.observed, fitted.observed.correlation
     assert shared is not None

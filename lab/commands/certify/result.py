@@ -1,4 +1,4 @@
-"""A certificate: typed, and as plain values."""
+"""Certificate of a calibration: as values, and as a document."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -211,7 +211,7 @@ class Certificate(Result):
 
 
 def not_measured(robot: RobotFound) -> tuple[str, ...]:
-    """The standard's characteristics that these measurements say nothing of."""
+    """Return the standard's characteristics that were not measured."""
     fitted = ("pose accuracy and distance accuracy of the calibrated model",) if robot.of_fitted_rows else ()
     unrepeated = () if robot.repeats is not None else ("pose repeatability",)
     return (*fitted, *unrepeated, *CHARACTERISTICS)

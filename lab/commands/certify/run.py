@@ -1,4 +1,4 @@
-"""A calibration's certificate: what its positions are worth, and how the robot was found."""
+"""Certify a calibration: uncertainty of its positions, and performance of the robot before and after."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -67,7 +67,7 @@ _SPANNING = 0.5  # of a campaign, between two visits to a pose: they show whethe
 
 
 def certify(options: CertifyOptions) -> Certificate:
-    """Work out the uncertainty budget of a run, and what its measurements say of the robot.
+    """Evaluate the uncertainty budget of a run, and the performance of its robot.
 
     Raises:
         LabError: the run cannot be read, its verdict is bad or not judged, or a file makes no sense.
@@ -111,12 +111,12 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     unseen = tuple(_unseen(device, details, propagation, chance, robot.repeats))
     totals = _with_unseen(quantities, unseen, propagation, budgets)
     facts = _facts(calibrated, source, robot)
-    strange = implausibilities(details, facts)
-    issued = not any(each.outcome == "failed" for each in strange)
+    implausible = implausibilities(details, facts)
+    issued = not any(each.outcome == "failed" for each in implausible)
     statement = None
     if issued:
         statement = _conformity(options, calibrated, totals[0] if device is None else budgets[0].expanded_m)
-    warnings = [*phrases(strange), *_warnings(calibrated, device, details, chance, robot, validation)]
+    warnings = [*phrases(implausible), *_warnings(calibrated, device, details, chance, robot, validation)]
     return Certificate(
         options,
         calibrated,
@@ -127,7 +127,7 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
         statement,
         tuple(dict.fromkeys(warnings)),
         len(fitted.rows),
-        strange,
+        implausible,
         validation,
         unseen,
         totals,
@@ -215,10 +215,10 @@ def _quantities(
     found = list(quantities_of(propagation, errors, source, chance))
     motions = *motions_found(calibrated, fitted), *fitted_motions(calibrated, fitted.rows, propagation.positions)
     found += [motion_of(propagation, motion) for motion in motions]
-    if (known := details.robot_temperature) is not None:
+    if (temperature := details.robot_temperature) is not None:
         values = dict(zip(calibrated.estimate.arm.names, calibrated.estimate.values.tolist(), strict=True))
         base = np.array([values.get(f"base.{axis}", 0.0) for axis in "xyz"])
-        found.append(temperature_of(propagation, base, *known))
+        found.append(temperature_of(propagation, base, *temperature))
     if details.scale is not None:
         found.append(scale_of(propagation, details.scale, "scale_ppm of [instrument]"))
     return found

@@ -162,7 +162,7 @@ def _program(result: CompensationResult) -> tuple[doc.Section, ...]:
     )
     tools = doc.Bullets(tuple(capital(each.description) + "." for each in result.tools))
     lines = tuple((str(each.line), each.reason) for each in program.uncorrected)
-    paths = tuple((str(line), words) for line, words in program.touching_paths)
+    paths = tuple((str(line), text) for line, text in program.touching_paths)
     return (
         doc.Section(
             "The program",

@@ -1,7 +1,7 @@
-"""A program's targets, as targets for the arm; and the program with the numbers of the corrected ones.
+"""Correct the targets of a controller's program, and write its text with the corrected numbers.
 
-What a target says is where the tool of the text shall be in the base. So the flange is wanted where the identified base
-and that tool put it (``program_reference``), and the controller is told where its nominal arm then has the tool.
+A target places the tool of the text in the base. The identified base and that tool give the pose of the flange
+(``program_reference``); the text gets the pose at which the controller's nominal arm then has the tool.
 """
 
 from collections import Counter
@@ -243,7 +243,7 @@ class OpenProgram:
     def _digits(self, least: int | None) -> dict[str, int]:
         """Places behind the point of each kind of number: as many as the text has of it anywhere.
 
-        A quaternion's numbers are exact and written without zeros at their end, so they say nothing of its digits.
+        A quaternion's numbers are exact and written without zeros at their end, so its digits are not known from them.
         """
         found = dict.fromkeys(("place", "rotation", "joints", "pulses"), 0)
         found["rotation"] = _QUATERNION_DIGITS if self.language.spelling.parts == 4 else 0
@@ -280,7 +280,7 @@ def _outside_of(options: CompensateOptions) -> Outside:
 
 
 def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram:
-    """Read the program that is asked for, and say its targets for the arm.
+    """Read the requested program, and convert its targets for the arm.
 
     Raises:
         LabError: it cannot be read, or holds no target that can be corrected.
@@ -307,7 +307,7 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
     Ts = np.array([_T_instrument_last(nominal, read, read.targets[i]) for i in rows]).reshape(-1, 4, 4)
     wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
     joints, refused = requested_solutions(nominal, wanted, [read.targets[i] for i in rows])
-    left += [Uncorrected(read.targets[rows[i]].line, words) for i, words in refused.items()]
+    left += [Uncorrected(read.targets[rows[i]].line, reason) for i, reason in refused.items()]
     retained = np.array([i for i in range(len(rows)) if i not in refused], dtype=np.int_)
     if not len(retained):
         raise LabError(f"{path}: no target can be corrected; line {left[0].line}: {left[0].reason}")
@@ -377,7 +377,7 @@ class UsedTool:
     """A tool that a program's targets are for.
 
     Attributes:
-        name: in the text; empty for joint positions whose tool the text does not say.
+        name: in the text; empty for joint positions whose tool the text does not name.
         targets: how many.
         position_m: ``(3,)`` in the flange.
         point: the measured point that it is apparently meant to be; empty where none is near.

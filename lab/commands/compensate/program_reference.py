@@ -1,16 +1,13 @@
-"""References of a program's numbers: the calibrated arm's base, its flange, and the tools of the text.
+"""Find base, flange and tools that a program's numbers refer to, and predict the errors of its corrected targets.
 
-A target of a program is the pose of the tool, which the text places in the flange, in the base. So base and flange
-are those of the calibrated arm, as far as identified: the base relative to the first joint's axis and zero by the
-nominal first link, the flange as ``lab.compensation.flange`` finds it. The controller's arm has the nominal links, and
-base and flange where the nominal model has them.
+A target of a program is a pose of the tool in the base; the text places the tool in the flange. The base of the
+calibrated arm follows from the first joint's axis and zero by the nominal first link, the flange from
+``lab.compensation.flange``. The controller's arm has the nominal links, base and flange.
 
-The errors to expect of a program's corrected targets, in the robot's base and relative to each other.
-
-A target's error has three parts: of the calibrated model (the covariance of its parameters, what it lacks), of the
-flange, which moves every tool alike in the last frame, and of the base, which moves all targets alike. The second and
-third are not measured; they have the sizes of the tolerances of the last and first link. Relative to each other, after
-the best rigid motion of all, targets keep of these what differs from one to the other.
+The error of a target has three parts: the calibrated model's (covariance of its parameters, model discrepancy), the
+flange's, which moves every tool alike in the last frame, and the base's, which moves all targets alike. The last two
+are not measured; their sizes are the tolerances of the last and first link. Errors of targets relative to each other
+are those after the best rigid motion of all.
 """
 
 from collections.abc import Mapping, Sequence
@@ -115,9 +112,9 @@ class ProgramReference:
 
     @property
     def stated(self) -> tuple[str, ...]:
-        """Those whose places in the flange are stated.
+        """Measured points whose places in the flange are stated.
 
-        The default tool's places are where they show by their agreement that they are meant.
+        Those of the default tool count only if the measurements agree with them.
         """
         tool, names = self.run.robot.tool, _stated(self.run.robot.tool, self.measured_targets)
         default = all(
@@ -388,20 +385,19 @@ def _sizes(slopes: Array) -> Array:
 
 
 _REACHED_M = 1e-6  # a pose that a solution misses by less is reached
-_STEP_M, _STEP_RAD = 0.01, np.deg2rad(2.0)  # along a line of the tool, between two looks
+_STEP_M, _STEP_RAD = 0.01, np.deg2rad(2.0)  # along a line of the tool, between two checked poses
 _MAX_CHECKS = 400
-_BLOCK = 200  # ways that are looked at, and kept, together
-_LOOKED_AGAIN = 200  # along a way of all joints that is not free, for words
-_JUMP_RAD = 0.5  # of a joint between two looks on a line: it passes a singularity
+_BLOCK = 200  # paths that are checked and stored together
+_POSES_DESCRIBED = 200  # along a joint path that is not free
+_JUMP_RAD = 0.5  # of a joint between two checked poses of a line: it passes a singularity
 
 
 def requested_solutions(
     nominal: NominalInverse, wanted: PoseTarget, targets: Sequence[TargetText]
 ) -> tuple[Array, dict[int, str]]:
-    """The joint positions at which the controller's arm is at each target, as far as the text says it.
+    """Solve for the joint positions of the controller's arm at each target of the text.
 
-    Of the solutions that have the configuration that is asked for, the nearest to the target before; where none is
-    asked for, the nearest of all.
+    Among the IK solutions with the requested configuration, or among all, the nearest to the target before is taken.
 
     Args:
         wanted: of the measured point, in the instrument's frame.
@@ -501,24 +497,24 @@ def _of_joints(model: RobotModel, free: FreePath, start: Array, end: Array) -> s
     """Describe the collision on a straight line of all joints; "" if there is none."""
     if free(start, end):
         return ""
-    looks = start + np.linspace(0, 1, _LOOKED_AGAIN)[:, None] * (end - start)
-    return next((message for message in describe_collisions(model, looks) if message), "something is touched")
+    poses = start + np.linspace(0, 1, _POSES_DESCRIBED)[:, None] * (end - start)
+    return next((message for message in describe_collisions(model, poses) if message), "something is touched")
 
 
 def _on_line(model: RobotModel, nominal: NominalInverse, start: Array, end: Array) -> str:
     """Describe the collision while the tool moves on a straight line; "" if there is none."""
-    looks = _line_of_tool(nominal, start, end)
-    even = np.abs(np.diff(looks, axis=0)).max() <= _JUMP_RAD and np.abs(looks[-1] - end).max() <= _JUMP_RAD
+    poses = _line_of_tool(nominal, start, end)
+    even = np.abs(np.diff(poses, axis=0)).max() <= _JUMP_RAD and np.abs(poses[-1] - end).max() <= _JUMP_RAD
     if not even:
         return "a straight line of the tool passes a singularity or leaves the reach"
-    touched = collides(model, looks)
-    return next(iter(describe_collisions(model, looks[touched][:1])), "")
+    touched = collides(model, poses)
+    return next(iter(describe_collisions(model, poses[touched][:1])), "")
 
 
 def _line_of_tool(nominal: NominalInverse, start: Array, end: Array) -> Array:
-    """Joint positions ``(k, 6)`` rad on the way of a tool that moves and turns evenly from one pose to another.
+    """Joint positions ``(k, 6)`` rad of the nominal arm while its tool moves and turns evenly between two poses.
 
-    Of the nominal arm's solutions the nearest to those before, in closed form where there is one; NaN where none is.
+    Each is the IK solution nearest to the one before, in closed form where there is one; NaN where there is none.
     """
     T_start, T_end = nominal.tool(np.array([start, end]))[0]
     turn = se3.log(T_start[:3, :3].T @ T_end[:3, :3])
@@ -529,10 +525,10 @@ def _line_of_tool(nominal: NominalInverse, start: Array, end: Array) -> Array:
     found = start + shares[:, None] * (end - start)
     if nominal.closed_form is None:
         return nominal.again(wanted, found, np.full(len(found), -1))[0]
-    ways = nominal.solutions(wanted, found)
+    solutions = nominal.solutions(wanted, found)
     last = start
-    for i, some in enumerate(ways.joints):
-        turned = nearest_whole_turns(nominal.arm.chain, some[ways.gap_m[i] < _REACHED_M], last)
+    for i, some in enumerate(solutions.joints):
+        turned = nearest_whole_turns(nominal.arm.chain, some[solutions.gap_m[i] < _REACHED_M], last)
         found[i] = last = (
             turned[np.abs(turned - last).max(axis=1).argmin()] if len(turned) else np.full_like(start, np.nan)
         )

@@ -1,4 +1,4 @@
-"""Targets that a calibrated arm really hits: from a run and a file of targets to joint values and corrected targets."""
+"""Compensate targets: from a run and a file of targets to joint values and corrected targets."""
 
 from dataclasses import replace
 from functools import partial
@@ -38,8 +38,8 @@ __all__ = ["compensate"]
 
 _HUBS = 100  # free poses tried as ones to pass through on the way to others
 _CONFIGURATION_REASON = "the program's configuration asks for this solution"
-_UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
-_UNPLACED_M = 1e-7  # and a place
+_UNTURNED_RAD = 1e-6  # a rotation that is missed by more is reported
+_UNPLACED_M = 1e-7  # and a position
 
 
 @takes(CompensateOptions)
@@ -187,11 +187,11 @@ def _corrected(
     warnings += _left_out(run, targets, found)
     messages = (*run.warnings, *targets.warnings, *warnings)
     rows = np.flatnonzero(found.converged)
-    way, which = found.joints[rows], np.arange(len(rows))
+    path, which = found.joints[rows], np.arange(len(rows))
     if access is not None:
         with status("checking") as stage:
-            way, which = waypoints_in_order(rated(run.robot.chain)[0], access, way, partial(stage, "ways"), keep)
-    waypoints = Waypoints(way, which, [targets.ids[i] for i in rows], "target")
+            path, which = waypoints_in_order(rated(run.robot.chain)[0], access, path, partial(stage, "ways"), keep)
+    waypoints = Waypoints(path, which, [targets.ids[i] for i in rows], "target")
     done = CompensationResult(
         options, run, targets, wanted, found, inputs, without, waypoints, checked, messages, corrected
     )
@@ -252,11 +252,11 @@ def _in_their_order(
     """The corrected targets, and what the arm's effects ask for there, with where the joints come from."""
     with status("correcting") as stage:
         found = replace(compensator, progress=partial(stage, "targets"))(wanted, conditions, targets.joints)
-    told = [i for i, name in enumerate(compensator.arm.conditions) if name.startswith(LAST_MOVE)]
-    if not told:
+    columns = [i for i, name in enumerate(compensator.arm.conditions) if name.startswith(LAST_MOVE)]
+    if not columns:
         return found, conditions
     moved = conditions.copy()
-    moved[:, told] = last_moves(found.uncorrected)
+    moved[:, columns] = last_moves(found.uncorrected)
     with status("correcting once more, with the joints' last moves") as stage:
         return replace(compensator, progress=partial(stage, "targets"))(wanted, moved, targets.joints), moved
 

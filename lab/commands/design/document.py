@@ -122,23 +122,23 @@ def plan_scene(plan: DesignResult) -> PlanScene:
     tracker, frame0, names = model.T_world_tracker, model.T_world_frame0, model.stations or ("",)
     points = moved(tracker, arm.points(waypoints, values))
     share = np.linspace(0, 1, _POINTS_PER_PATH, endpoint=False)[None, :, None]
-    between = waypoints[:-1, None] + share * (waypoints[1:] - waypoints[:-1])[:, None]  # (s - 1, looks, joints)
-    way = np.concatenate([between.reshape(-1, waypoints.shape[1]), waypoints[-1:]])
+    between = waypoints[:-1, None] + share * (waypoints[1:] - waypoints[:-1])[:, None]  # (s - 1, points, joints)
+    path = np.concatenate([between.reshape(-1, waypoints.shape[1]), waypoints[-1:]])
     mapping, uncertainty = _shapes(plan)
     waiting = np.where(plan.tour.measured >= 0, float(PAUSE_S), 0.0)
     day, arrivals = tour_trajectory(rated(problem.robot.chain)[0], waypoints, waiting)
     times = np.concatenate(
         [np.arange(left, came, _STEP_S)[1:] for left, came in zip(arrivals + waiting, arrivals[1:], strict=False)]
     )
-    on_the_way = day.at(times)[0]
-    visible, way_poses = tuple(shells(model)), body_poses(model, arm, values, on_the_way)
+    under_way = day.at(times)[0]
+    visible, moving_poses = tuple(shells(model)), body_poses(model, arm, values, under_way)
     legs = world_legs(frame0, arm, values, waypoints)
     reach = reach_of(frame0, points, legs)
     return PlanScene(
         np.asarray(plan.tour.measured >= 0),
         visit_ids(plan.tour, plan.pose_ids),
         points,
-        moved(tracker, arm.points(way, values))[:, 0],
+        moved(tracker, arm.points(path, values))[:, 0],
         model.Ts_world_station,
         model.stations or ("tracker",),
         np.array([names.index(name) for name in plan.waypoints.stations or names[:1] * len(waypoints)]),
@@ -153,9 +153,9 @@ def plan_scene(plan: DesignResult) -> PlanScene:
         arrivals,
         arrivals + waiting,
         times,
-        {shell.body: way_poses[shell.body] for shell in visible},
-        world_legs(frame0, arm, values, on_the_way),
-        moved(tracker, arm.points(on_the_way, values)),
+        {shell.body: moving_poses[shell.body] for shell in visible},
+        world_legs(frame0, arm, values, under_way),
+        moved(tracker, arm.points(under_way, values)),
     )
 
 

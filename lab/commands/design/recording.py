@@ -80,8 +80,8 @@ def _targets(recording: rr.RecordingStream, at: rec.Times, shown: PlanScene) -> 
     recording.log("world/targets/all", cloud, static=True)
     numbers = rr.Points3D(points[:, 0], labels=list(shown.ids), colors=colours[::k], radii=0.0005, show_labels=True)
     recording.log("world/targets/number", numbers, static=True)
-    way = rr.LineStrips3D([shown.path], colors=_PATH, radii=0.0008 * shown.reach_m)
-    recording.log("world/way", way, static=True)
+    path = rr.LineStrips3D([shown.path], colors=_PATH, radii=0.0008 * shown.reach_m)
+    recording.log("world/way", path, static=True)
     here = rr.Points3D.columns(positions=shown.points.reshape(-1, 3)).partition([k] * len(shown.points))
     recording.send_columns("world/targets/here", at, here)
     underway = rr.Points3D.columns(positions=shown.moving_points.reshape(-1, 3)).partition([k] * len(shown.times))
@@ -103,7 +103,7 @@ def _passed(shown: PlanScene) -> NDArray[np.bool_]:
 
 
 def _curve(recording: rr.RecordingStream, plan: DesignResult) -> None:
-    """The tolerance bound of any number of poses (µm); O1, which says little of it, where each number was designed."""
+    """The tolerance bound of any number of poses (µm), and O1 where each number was designed."""
     poses = np.array([step.poses for step in plan.curve])
     bound = np.array([MICRONS.of(step.prediction.coverage_radius) for step in plan.curve])
     near = bound <= _TALLEST * bound[-1]  # the first set that identifies the parameters would hide all others

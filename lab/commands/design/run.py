@@ -140,7 +140,7 @@ def visit_ids(tour: Tour, pose_ids: Sequence[str]) -> tuple[str, ...]:
     return tuple(ids)
 
 
-_NEAR_ACCEPTANCE_DEG = 5.0  # nearer to the largest angle that a reflector takes, a stop is told
+_NEAR_ACCEPTANCE_DEG = 5.0  # nearer to the largest angle of a reflector, a waypoint is counted
 _NUMBERED = ("o1", "o2", "o3", "o4", "o5", "condition", "a")
 _VARIANCE = "mm², variance of the position at test poses; independent of the parameters' units"
 
@@ -469,7 +469,7 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         an earlier plan can be run.
 
     Raises:
-        LabError: the request cannot be met; the message says by what.
+        LabError: the request cannot be met.
 
     Example:
         >>> import lab
@@ -496,11 +496,11 @@ def planned_session(options: DesignOptions, robot: Robot | None = None, own: Cri
 
     Args:
         options: what is asked.
-        robot: in its cell; loaded as the options say, if not given.
+        robot: in its cell; by default the options' robot is loaded.
         own: the criterion, in the place of the one that the options name.
 
     Raises:
-        LabError: the request cannot be met; the message says by what.
+        LabError: the request cannot be met.
     """
     with status("planning") as progress:
         known = load_virtual(options.robot, options.cell) if robot is None else robot

@@ -194,7 +194,7 @@ class ClockComparison:
     """Points and windows on two clocks.
 
     Attributes:
-        at: ``(n,)`` s, when points were measured; NaN where not said.
+        at: ``(n,)`` s, when points were measured; NaN where unknown.
         starts, ends: ``(k,)`` s, of the windows, in order and apart from each other.
         window_of: the window of each of some times, -1 where none.
         joints: ``(k, joints)`` of the windows, by the numbers that ``window_of`` gives them.

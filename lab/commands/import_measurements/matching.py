@@ -110,7 +110,7 @@ class Timeline:
     """When points were measured and the arm stood still, on the controller's clock.
 
     Attributes:
-        at: ``(n,)`` s, of the points; NaN where not said.
+        at: ``(n,)`` s, of the points; NaN where unknown.
         starts, ends: ``(k,)`` s, of the windows in which the arm stood still.
         placed: which window each point falls into, by which offset of the clocks.
         retained: ``(n,)`` which points are in the measurements.
@@ -155,7 +155,7 @@ def matched(
         nominal: the arm by which an offset of the clocks is checked; None to take it as it is given.
 
     Raises:
-        LabError: names, counts or times do not go together; the message says how to mend it.
+        LabError: names, counts or times do not go together.
     """
     by = options.by if options.by != "auto" else _choice(options, points, log)
     if by == "name":
@@ -188,7 +188,7 @@ def _poses(options: ImportOptions, log: JointLog, prismatic: tuple[bool, ...], *
 
 
 def _split(options: ImportOptions, points: TrackerPoints, i: int, known: Container[str]) -> tuple[str, str] | None:
-    """The pose and the target that a point's name says; None where no pose has this name."""
+    """Pose and target by the name of a point; None where no pose has this name."""
     name, target = points.names[i], points.targets[i]
     if name in known:
         return (name, target or options.targets[0]) if target or len(options.targets) == 1 else None

@@ -109,7 +109,7 @@ _CELL_POSES = 500  # random ones within the limits, at which is looked what touc
 def _cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, Any]:
     """The cell in millimetres and degrees, and what touches what in it at home and in random poses.
 
-    That is so with the clearances and the reflectors that a plan takes unless told otherwise.
+    Clearances and reflectors are the defaults of a plan.
     """
     chain = robot.chain
     model = planning_model(robot.model, targets, INSTRUMENTS[DesignOptions.instrument], Clearances())
@@ -330,7 +330,7 @@ POSES = 200
 
 @takes(InspectOptions)
 def inspect(robot: str | Path | Robot | InspectOptions = "irb120", **options: Any) -> Inspection:
-    """Say what a robot is, and what of it can be identified.
+    """Inspect a robot: its description, and its identifiable parameters.
 
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
@@ -349,9 +349,9 @@ def inspect(robot: str | Path | Robot | InspectOptions = "irb120", **options: An
     """
     if isinstance(robot, InspectOptions):
         return _inspected(robot, load_robot(robot.robot, robot.cell))
-    known = load_robot(robot)
-    asked = options_of("lab.inspect", InspectOptions, {"robot": known.source, **options})
-    return _inspected(asked, known.placed_in(asked.cell))
+    loaded = load_robot(robot)
+    requested = options_of("lab.inspect", InspectOptions, {"robot": loaded.source, **options})
+    return _inspected(requested, loaded.placed_in(requested.cell))
 
 
 def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
@@ -369,7 +369,7 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
     requested = named(arm.names, "--fix", options.fix)
     fixed_names = [arm.names[i] for i in structure.fixed_observable]
     nominal_model, shape = _described(robot.chain)
-    if robot.chain.has_loops:  # how many parameters --fix leaves is said of a mechanism
+    if robot.chain.has_loops:  # of a mechanism alone
         shape["not_fixed"] = len(arm.names) - len(requested)
     values = {
         "robot": robot.name,

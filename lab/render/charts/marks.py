@@ -59,7 +59,7 @@ def round_numbers(low: float, high: float, most: int) -> Array:
 
 
 def tick_labels(values: Sequence[float] | Array) -> list[str]:
-    """Numbers with as many decimals as tell them apart."""
+    """Format numbers with as many decimals as distinguish them."""
     given = np.asarray(values, dtype=float)
     largest = float(np.abs(given).max(initial=0.0))
     if largest and not _LEAST <= largest < _MOST:
@@ -108,7 +108,7 @@ def line(x: Array, y: Array) -> str:
 def path(
     data: str, stroke: str = "none", width: float = 0.0, fill: str = "none", alpha: float = 1.0, more: str = ""
 ) -> str:
-    """A path; nothing where it says nothing."""
+    """Return a path element; empty without data."""
     if not data:
         return ""
     pen = f' stroke="{stroke}" stroke-width="{shown_number(width)}"' if stroke != "none" and width else ""
@@ -172,13 +172,13 @@ def marks(
     for tint in dict.fromkeys(colours):
         places = [i for i in np.flatnonzero(known).tolist() if len(colours) == 1 or colours[i] == tint]
         count = 1 if alpha == 1 else max(1, min(len(places), _MOST_PATHS))
-        said = ["".join(f"M{at[i][0]} {at[i][1]}{after}" for i in places[first::count]) for first in range(count)]
+        parts_of = ["".join(f"M{at[i][0]} {at[i][1]}{after}" for i in places[first::count]) for first in range(count)]
         fill = "none" if end or mark in "|x" else tint
         if count == 1:
-            parts.append(path(said[0], tint, width, fill, alpha, end))
+            parts.append(path(parts_of[0], tint, width, fill, alpha, end))
             continue
         pen = f'stroke="{tint}" stroke-width="{shown_number(width)}" stroke-opacity="{shown_number(alpha)}"'
-        paths = "".join(f'<path d="{each}"/>' for each in said)
+        paths = "".join(f'<path d="{each}"/>' for each in parts_of)
         parts.append(f'<g fill="{fill}" fill-opacity="{shown_number(alpha)}" {pen}{end}>{paths}</g>')
     return "".join(parts)
 
@@ -231,11 +231,11 @@ def words(
     weight = ' font-weight="bold"' if bold else ""
     place = f'x="{shown_number(x)}" y="{shown_number(y + above)}"'
     turn = f' transform="rotate({shown_number(-turned)} {shown_number(x)} {shown_number(y)})"' if turned else ""
-    said = escape(lines[0], quote=False) + "".join(
+    text_lines = escape(lines[0], quote=False) + "".join(
         f'<tspan x="{shown_number(x)}" dy="{shown_number(height)}">{escape(each, quote=False)}</tspan>'
         for each in lines[1:]
     )
-    return f'<text {place} font-size="{shown_number(size)}" fill="{tint}"{anchor}{weight}{turn}>{said}</text>'
+    return f'<text {place} font-size="{shown_number(size)}" fill="{tint}"{anchor}{weight}{turn}>{text_lines}</text>'
 
 
 def backdrop(text: str, x: float, y: float, size: float, across: str, up: str, fill: str, style: str) -> str:
@@ -379,7 +379,7 @@ class Entry:
     """A labelled mark.
 
     Attributes:
-        sample: draws it from a place ``(x, y)`` on, as wide as it is told; points.
+        sample: draws it from a place ``(x, y)`` on, with a width; points.
     """
 
     label: str
@@ -445,7 +445,7 @@ def line_sample(x: float, y: float, width: float, tint: str, thick: float, more:
 
 
 class Axes(Protocol):
-    """The calls of matplotlib's ``Axes`` that pictures of pages use; ``Chart`` says which keywords each has."""
+    """The calls of matplotlib's ``Axes`` that pictures of pages use; ``Chart`` has their keywords."""
 
     def plot(self, *args: Any, **keywords: Any) -> Any:
         """Lines and marks through points; NaN parts a line."""

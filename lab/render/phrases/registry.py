@@ -16,7 +16,7 @@ for _table in (verify.CERTIFICATE_PHRASES, fit.PHRASES, verdict.PHRASES, verify.
 
 
 def phrase(check: Check) -> str:
-    """Return the clause that states a check: what came out, where, and what to do; empty where nothing is to be said.
+    """Return the clause that states a check: what came out, where, and what to do.
 
     Raises:
         KeyError: no phrase has the check's name.
