@@ -34,7 +34,6 @@ class ComparisonResult(Result):
     """Differences between later calibrations of a robot and the first.
 
     Attributes:
-        options: of the command.
         runs: the calibrations, the first one the reference.
         differences: of each later run from the first.
         serial: the serial number of the arm; None where no run states it.

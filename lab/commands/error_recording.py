@@ -22,7 +22,16 @@ from lab.kinematics.model import RigidArm
 from lab.render import recording as rec
 from lab.render.document import Bullets, Document, Section, Strong, Text, format_magnification
 from lab.render.markdown import to_markdown
-from lab.render.scene import LARGEST_FACTOR, drawn_rows, magnification, moved, reach_of, skeleton, world_legs
+from lab.render.scene import (
+    LARGEST_FACTOR,
+    drawn_rows,
+    magnification,
+    mean_lengths,
+    moved,
+    reach_of,
+    skeleton,
+    world_legs,
+)
 from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MEASURED, RGB_UNCERTAINTY
 from lab.simulation.meshes import arm_shells, body_poses
 from lab.simulation.model import RobotModel
@@ -31,7 +40,6 @@ __all__ = ["ErrorScene", "PointErrors", "record_compensation", "record_errors", 
 
 _ARROW, _SPHERE = 0.15, 0.08  # of the reach: how long the mean arrow and the median radius are to be drawn
 _LEAST_MM = 1e-9  # what a logarithmic plot shows of an error of nothing
-_LOG_ERRORS = "error_log10_mm"
 
 
 @dataclass(frozen=True)
@@ -175,21 +183,13 @@ def _draw_expected(recording: rr.RecordingStream, scene: ErrorScene, points: Arr
 
 
 def _draw_numbers(recording: rr.RecordingStream, scene: ErrorScene) -> None:
-    kinds = [(each.name, _mean_lengths(each.vectors), each.colour) for each in scene.errors]
+    kinds = [(each.name, mean_lengths(each.vectors), each.colour) for each in scene.errors]
     for name, lengths, colour in (*kinds, ("expected", scene.expected, RGB_UNCERTAINTY)):
         used = np.flatnonzero(np.isfinite(lengths))
         logarithms = np.log10(np.maximum(MM.of(lengths[used]), _LEAST_MM))
-        entity = f"{_LOG_ERRORS}/{name}"
+        entity = f"{rec.LOG_ERRORS}/{name}"
         recording.send_columns(entity, rec.pose_times(scene.numbers[used]), rr.Scalars.columns(scalars=logarithms))
         recording.log(entity, rr.SeriesLines(colors=colour, names=name, widths=2), static=True)
-
-
-def _mean_lengths(vectors: Array) -> Array:
-    """Mean length ``(m,)`` of those of the vectors ``(m, k, 3)`` that are not NaN; NaN where all are."""
-    lengths = np.linalg.norm(vectors, axis=2)
-    known = np.isfinite(lengths)
-    count = np.where(known.any(axis=1), known.sum(axis=1), np.nan)
-    return np.asarray(np.where(known, lengths, 0.0).sum(axis=1) / count)
 
 
 def _legend(scene: ErrorScene, factor: float, sphere: float) -> Section:
@@ -203,9 +203,7 @@ def _legend(scene: ErrorScene, factor: float, sphere: float) -> Section:
 def _blueprint(scene: ErrorScene, origins: Array, points: Array, reach: float) -> rrb.Blueprint:
     """The arm large, the errors by pose below it; the target from near by and the text beside it."""
     controls = rec.eye(origins, points, reach, scene.T_world_instrument[:3, 3])
-    plot = rrb.TimeSeriesView(
-        origin=_LOG_ERRORS, name="Error, log10 of mm (0 is 1 mm, −2 is 0.01 mm), two poses a second"
-    )
+    plot = rec.error_plot()
     left = rrb.Vertical(rec.main_view("Arm, targets, errors", controls), plot, row_shares=[3, 1])
     close = rec.close_view("magnified", "The error to expect, magnified apart", reach)
     text = rrb.TextDocumentView(origin=rec.SUMMARY, name="Summary")

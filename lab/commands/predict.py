@@ -44,7 +44,6 @@ class PredictionResult(Result):
     """Predicted points of a calibrated arm at given joint positions.
 
     Attributes:
-        options: of the command.
         run: the run that calibrated the arm.
         rows: the joint positions, with their conditions.
         inputs: ``(n, joints + conditions)`` of the arm.

@@ -31,6 +31,7 @@ __all__ = [
     "number",
     "plain_numbers",
     "printed",
+    "sizes_mm",
     "tidy",
 ]
 
@@ -256,6 +257,11 @@ def joint_values(prismatic: Sequence[bool], joints: Array) -> Array:
 def number(value: float) -> float | None:
     """The value, or None where it is not finite."""
     return float(value) if np.isfinite(value) else None
+
+
+def sizes_mm(found: Any, *names: str) -> dict[str, float | None]:
+    """Return lengths of an object in mm, by their names: ``rms_mm`` of ``rms_m``; None where not finite."""
+    return {f"{name}_mm": number(MM.of(getattr(found, f"{name}_m"))) for name in names}
 
 
 def plain_numbers(values: Array | float) -> Any:

@@ -289,7 +289,6 @@ class StatusResult(Result):
     """The state of every arm of a folder of runs on a day.
 
     Attributes:
-        options: what was asked.
         on: the day.
         arms: the worst first.
         left_out: runs that could not be used, and why not.

@@ -63,20 +63,15 @@ class _DetectableChange:
 
     Attributes:
         joint: counted from one.
-        slides: whether it is prismatic.
+        unit: in which the change is displayed.
         links_alone: where only the links are compared (and what else is retained); infinite if unobservable.
         all_kept: where neither base nor tool was set up anew.
     """
 
     joint: int
-    slides: bool
+    unit: Unit
     links_alone: float
     all_kept: float
-
-    @property
-    def unit(self) -> str:
-        """Display unit of the change."""
-        return "mm" if self.slides else "mrad"
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -84,7 +79,6 @@ class TrendResult(Result):
     """The calibrations of a robot in order, and the changes between them.
 
     Attributes:
-        options: what was asked.
         runs: the calibrations, in the order of their days.
         estimates: of each the compared parameters.
         changes: between them, in order.
@@ -165,7 +159,7 @@ class TrendResult(Result):
                 for i, name in enumerate(self.estimates[0].names)
             },
             "minimum_detectable_change": {
-                f"joint{each.joint}_{each.unit}": {
+                f"joint{each.joint}_{each.unit.key}": {
                     "set_up_anew": number(MM.of(each.links_alone)),
                     "base_and_tool_kept": number(MM.of(each.all_kept)),
                 }
@@ -307,15 +301,12 @@ _LEVEL = f"(an unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} %
 def _trend_document(result: TrendResult) -> doc.Document:
     """Build the trend document: changes and their dates, errors and parameters over time, detectable changes."""
     first, last = result.runs[0], result.runs[-1]
-    count = len(result.changes)
-    word = counted(count, "change") if count else "no change"
-    robot = first.run.robot
-    name = called(robot.name, result.serial)
+    name = called(first.run.robot.name, result.serial)
     if len(result.runs) == 1:
         return _first_document(result, name)
-    badge = doc.Badge("changed", "bad") if count else doc.Badge("unchanged", "good")
+    badge = doc.Badge("changed", "bad") if result.changes else doc.Badge("unchanged", "good")
     return doc.Document(
-        f"{name}: {word} in {len(result.runs)} calibrations",
+        f"{name}: {_count_text(result)} in {len(result.runs)} calibrations",
         (
             doc.Paragraph((badge, f" {_when(result)} {_LEVEL}")),
             doc.Paragraph(f"The calibrations are of {first.date} to {last.date}.", "note"),
@@ -380,7 +371,7 @@ def _size(result: TrendResult, name: str, size: float, half: float) -> str:
 
 def _unit(result: TrendResult, name: str) -> Unit:
     units = {each.name: each.unit_of_change for each in result.parameters}
-    zeros = {f"zero of joint {each.joint}": MM if each.unit == "mm" else MRAD for each in result.detectable}
+    zeros = {f"zero of joint {each.joint}": each.unit for each in result.detectable}
     return {**zeros, **units}[name]
 
 
@@ -422,7 +413,7 @@ def _detectable(result: TrendResult) -> doc.Table:
     rows: list[doc.Row] = []
     for each in result.detectable:
         sizes = [_or_none(each.links_alone)] * bool(anew) + [_or_none(each.all_kept)]
-        rows.append((f"joint {each.joint}", *sizes, each.unit))
+        rows.append((f"joint {each.joint}", *sizes, each.unit.name))
     caption = "Change of a joint's zero that the next calibration detects in 95 of 100 cases"
     return doc.Table(("", *filter(None, columns), "unit"), tuple(rows), caption)
 
@@ -485,7 +476,7 @@ def followed(options: TrendOptions, dated: Sequence[DatedRun], left_out: tuple[s
     start = max((change.after + 1 for change in changes), default=0)
     found = _detectable_changes(series, zeros[compared], start), _detectable_changes(everything, zeros, start)
     detectable = tuple(
-        _DetectableChange(i + 1, bool(slides), float(found[0][i]), float(found[1][i]))
+        _DetectableChange(i + 1, MM if slides else MRAD, float(found[0][i]), float(found[1][i]))
         for i, slides in enumerate(last.rigid.chain.prismatic)
     )
     return TrendResult(options, runs, tuple(estimates), changes, detectable, left_out, serial)

@@ -56,7 +56,6 @@ class VerificationResult(Result):
     """Result of testing whether a calibrated arm is within its predicted error, with possible changes if not.
 
     Attributes:
-        options: of the command.
         calibrated: the run that calibrated the arm.
         measurements: the rows that were used.
         verified: the test, and the hypotheses that it tried.
@@ -66,7 +65,7 @@ class VerificationResult(Result):
     robot_at = "calibrated.robot"
     shown_by = "lab.commands.verify:_verification_document"
     drawn_by = "lab.commands.verify:errors_picture"
-    recorded_by = "lab.commands.verify.recording:record_verification"
+    recorded_by = "lab.commands.error_recording:record_verification"
 
     options: VerifyOptions
     calibrated: CalibrationRun

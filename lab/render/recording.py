@@ -26,9 +26,9 @@ from lab.simulation.meshes import Shell, body_poses, shells
 from lab.simulation.model import RobotModel
 
 __all__ = [
-    "FAR", "LEGS", "SUMMARY", "TIME", "Colour", "Times", "backdrop", "bars", "close_view", "draw_beams",
+    "FAR", "LEGS", "LOG_ERRORS", "SUMMARY", "TIME", "Colour", "Times", "backdrop", "bars", "close_view", "draw_beams",
     "draw_ellipsoid", "draw_instrument", "draw_legs", "draw_moves", "draw_moving", "draw_moving_legs", "draw_shells",
-    "draw_tag", "draw_tracker", "eye", "eye_on_arm", "layout", "magnified_view", "main_view", "markdown",
+    "draw_tag", "draw_tracker", "error_plot", "eye", "eye_on_arm", "layout", "magnified_view", "main_view", "markdown",
     "moves_between", "pose_times", "recording_to",
 ]  # fmt: skip
 
@@ -203,6 +203,7 @@ def markdown(text: str) -> rr.TextDocument:
 
 
 SUMMARY = "summary"  # the entity of a recording's text
+LOG_ERRORS = "error_log10_mm"  # the entity of errors by a logarithmic scale
 _POSES_PER_SECOND = 2.0  # when it is played
 _CLOSE = 0.5  # of the reach: how far a close view's eye is from the target
 _SHOULDER_RAD, _DOWN = 0.9, 0.35  # the main view looks past the arm: turned from the line to the instrument, and down
@@ -274,6 +275,12 @@ def close_view(entities: str, name: str, reach_m: float) -> rrb.Spatial3DView:
 def bars(origin: str, name: str) -> rrb.BarChartView:
     """A bar chart without a legend."""
     return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
+
+
+def error_plot() -> rrb.TimeSeriesView:
+    """Return the plot of errors by a logarithmic scale."""
+    name = "Error, log10 of mm (0 is 1 mm, −2 is 0.01 mm), two poses a second"
+    return rrb.TimeSeriesView(origin=LOG_ERRORS, name=name)
 
 
 def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeControls3D:

@@ -18,7 +18,7 @@ from lab.render.style import ARM, FRAME_AXES
 
 __all__ = [
     "LARGEST_FACTOR", "MOST_POSES", "Legs", "MagnifiedEllipsoids", "drawn_rows", "legs_legend", "magnification",
-    "magnified", "moved", "placement_picture", "reach_of", "skeleton", "world_legs",
+    "magnified", "mean_lengths", "moved", "placement_picture", "reach_of", "skeleton", "world_legs",
 ]  # fmt: skip
 
 
@@ -82,6 +82,14 @@ def magnified(shapes: Ellipsoids, centers: Array, T_world_instrument: Array, rea
     """Ellipsoids given in the instrument's frame, in the world, magnified by a round factor."""
     factor = magnification(float(np.median(shapes.half_lengths[:, 0])), _HALF_AXIS * reach_m)
     return MagnifiedEllipsoids(centers, T_world_instrument[:3, :3] @ shapes.axes, factor * shapes.half_lengths, factor)
+
+
+def mean_lengths(vectors: Array) -> Array:
+    """Mean length ``(m,)`` of those of the vectors ``(m, k, 3)`` that are not NaN; NaN where all are."""
+    lengths = np.linalg.norm(vectors, axis=2)
+    finite = np.isfinite(lengths)
+    count = np.where(finite.any(axis=1), finite.sum(axis=1), np.nan)
+    return np.asarray(np.where(finite, lengths, 0.0).sum(axis=1) / count)
 
 
 def moved(T_a_b: Array, points: Array) -> Array:

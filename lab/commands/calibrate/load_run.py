@@ -186,7 +186,6 @@ class CalibrationRun:
         robot: that was calibrated, with payloads where the load of the estimate hangs.
         estimate: what was identified.
         result: how the run was judged.
-        options: of the run.
         load: at the flange; that of the estimate.
         inputs: that the run was made from; None of a result in memory, whose are at hand.
         edits: sentences about files that were changed since the run was written.

@@ -37,6 +37,7 @@ from lab.render.scene import (
     legs_legend,
     magnification,
     magnified,
+    mean_lengths,
     moved,
     reach_of,
     skeleton,
@@ -122,7 +123,7 @@ def scene(outcome: CalibrationResult) -> Scene:
     stations = {name: T_world_instrument @ T for name, T in poses.items()}
     both = (identification.nominal_aligned, identification.values)
     before, after = (model.points(inputs, v)[:, : observed.shape[1]] for v in both)
-    errors = [_mean_length(observed - predicted) for predicted in (before, after)]
+    errors = [mean_lengths(observed - predicted) for predicted in (before, after)]
     measured, before, after = (
         moved(T_world_instrument, in_first_frame(model, identification.values, inputs, points))
         for points in (observed, before, after)
@@ -182,14 +183,6 @@ def _error_factor(errors: Array, shown: float) -> float:
     return min(max(magnification(float(np.nanmean(errors)), shown), 1.0), LARGEST_FACTOR)
 
 
-def _mean_length(vectors: Array) -> Array:
-    """Mean length ``(n,)`` of those of the vectors ``(n, k, 3)`` that are not NaN; NaN where all are."""
-    lengths = np.linalg.norm(vectors, axis=2)
-    known = np.isfinite(lengths)
-    mean: Array = np.where(known, lengths, 0.0).sum(axis=1) / np.where(known.any(axis=1), known.sum(axis=1), np.nan)
-    return mean
-
-
 def _bodies(
     outcome: CalibrationResult, arm: RigidArm, values: Array, joints: Array, stations: Mapping[str, Array]
 ) -> tuple[tuple[Shell, ...], dict[str, Array]]:
@@ -214,7 +207,7 @@ def _uncertainty_ellipsoids(
     return magnified(shapes, centers, T_world_instrument, reach_m) if shapes.half_lengths.max() > _ROUNDING_M else None
 
 
-_LOG_ERRORS, _LEAST_MM = "error_log10_mm", 1e-9
+_LEAST_MM = 1e-9  # that is drawn on a logarithmic scale
 _LEAST_RMS = 1e-9  # of what is drawn on a logarithmic scale
 _PARAMETERS, _SINGULAR_VALUES, _CONVERGENCE = "parameters", "singular_values", "convergence"
 
@@ -224,8 +217,8 @@ def record(path: Path, outcome: CalibrationResult) -> None:
     shown = scene(outcome)
     with rec.recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
         recording.send_blueprint(_blueprint(outcome, shown))
-        rec.draw_shells(recording, _poses(shown.at), shown.shells, shown.bodies)
-        rec.draw_legs(recording, _poses(shown.at), shown.legs, shown.reach_m)
+        rec.draw_shells(recording, rec.pose_times(shown.at), shown.shells, shown.bodies)
+        rec.draw_legs(recording, rec.pose_times(shown.at), shown.legs, shown.reach_m)
         arm, values = outcome.rigid(outcome.identification.values)
         rec.draw_moves(recording, outcome.robot.model, arm, values, shown.at, outcome.fitted.joints[shown.rows])
         _instrument(recording, outcome, shown)
@@ -279,7 +272,7 @@ def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
     controls = rec.eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
     left = rrb.Vertical(
         rec.main_view("Arm, measured points, errors", controls),
-        _errors(),
+        rec.error_plot(),
         row_shares=[3, 1],
     )
     texts = rrb.Tabs(
@@ -306,22 +299,12 @@ def _close_views(shown: Scene) -> rrb.Horizontal:
     return rrb.Horizontal(*views)
 
 
-def _errors() -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin=_LOG_ERRORS, name="Error, log10 of mm (0 is 1 mm, −2 is 0.01 mm), two poses a second"
-    )
-
-
 def _identity(outcome: CalibrationResult) -> str:
     """Compute a recording identifier from the content, so that the same campaign gives the same recording."""
     digest = hashlib.sha256(outcome.robot.sha256.encode())
     for array in (outcome.fitted.joints, outcome.fitted.points, outcome.identification.values):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:32]
-
-
-def _poses(rows: NDArray[np.int_]) -> rec.Times:
-    return rec.pose_times(rows)
 
 
 def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
@@ -332,7 +315,7 @@ def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown
     if outcome.real is not None:
         if instrument_body(outcome.robot.model) not in shown.bodies:  # the robot's model draws none
             rec.draw_tracker(recording, next(iter(shown.Ts_world_station.values()))[:3, 3])
-        rec.draw_beams(recording, _poses(shown.at), shown.heads, shown.measured)
+        rec.draw_beams(recording, rec.pose_times(shown.at), shown.heads, shown.measured)
 
 
 def _points(recording: rr.RecordingStream, shown: Scene) -> None:
@@ -347,7 +330,7 @@ def _points(recording: rr.RecordingStream, shown: Scene) -> None:
     ):
         visible = np.isfinite(points).all(axis=2)
         columns = rr.Points3D.columns(positions=points[visible]).partition(visible.sum(axis=1))
-        recording.send_columns(f"world/targets/{name}", _poses(shown.at), columns)
+        recording.send_columns(f"world/targets/{name}", rec.pose_times(shown.at), columns)
         style = rr.Points3D.from_fields(colors=colour, radii=rr.Radius.ui_points(size))
         recording.log(f"world/targets/{name}", style, static=True)
 
@@ -382,34 +365,34 @@ def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
     ):
         vectors = factor * (shown.measured - points)
         columns = rr.Arrows3D.columns(origins=points[visible], vectors=vectors[visible]).partition(lengths)
-        recording.send_columns(f"world/{entity}", _poses(shown.at), columns)
+        recording.send_columns(f"world/{entity}", rec.pose_times(shown.at), columns)
         style = rr.Arrows3D.from_fields(colors=colour, radii=0.008 * shown.reach_m)
         recording.log(f"world/{entity}", style, static=True)
         text = f"{name} {format_magnification(factor)}"
         tips = points[:, 0] + np.where(visible[:, :1], np.nan_to_num(vectors[:, 0]), 0.0)
-        rec.draw_tag(recording, f"world/{entity}/factor", _poses(shown.at), tips, text, colour)
+        rec.draw_tag(recording, f"world/{entity}/factor", rec.pose_times(shown.at), tips, text, colour)
 
 
 def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
     """Both ellipsoids of the first target with their half-axes, and the place that their views look at."""
     focus = rr.Transform3D.columns(translation=shown.mapping.centers)
-    recording.send_columns("world/focus", _poses(shown.at), focus)
-    rec.draw_ellipsoid(recording, "mapping", _poses(shown.at), shown.mapping, RGB_MAPPING)
+    recording.send_columns("world/focus", rec.pose_times(shown.at), focus)
+    rec.draw_ellipsoid(recording, "mapping", rec.pose_times(shown.at), shown.mapping, RGB_MAPPING)
     if shown.uncertainty is not None:
-        rec.draw_ellipsoid(recording, "uncertainty", _poses(shown.at), shown.uncertainty, RGB_UNCERTAINTY)
+        rec.draw_ellipsoid(recording, "uncertainty", rec.pose_times(shown.at), shown.uncertainty, RGB_UNCERTAINTY)
 
 
 def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
     for name, errors, colour in (("before", shown.error_before, RGB_BEFORE), ("after", shown.error_after, RGB_AFTER)):
         used = np.flatnonzero(np.isfinite(errors))
         recording.send_columns(
-            f"error_mm/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=MM.of(errors[used]))
+            f"error_mm/{name}", rec.pose_times(shown.numbers[used]), rr.Scalars.columns(scalars=MM.of(errors[used]))
         )
         logarithms = np.log10(np.maximum(MM.of(errors[used]), _LEAST_MM))
         recording.send_columns(
-            f"{_LOG_ERRORS}/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=logarithms)
+            f"{rec.LOG_ERRORS}/{name}", rec.pose_times(shown.numbers[used]), rr.Scalars.columns(scalars=logarithms)
         )
-        for entity, label in (("error_mm", f"{name}, mm"), (_LOG_ERRORS, name)):
+        for entity, label in (("error_mm", f"{name}, mm"), (rec.LOG_ERRORS, name)):
             line = rr.SeriesLines(colors=colour, names=label, widths=2)
             recording.log(f"{entity}/{name}", line, static=True)
     values = outcome.identification.fit.singular_values

@@ -30,7 +30,7 @@ from lab.campaign.robot import Robot
 from lab.commands.calibrate.load_run import ArmExport, comment_on_missing_effects
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import read_hand_load
-from lab.commands.result import ErrorStatistics, Result, error_statistics, exit_code_of, number
+from lab.commands.result import ErrorStatistics, Result, error_statistics, exit_code_of, number, sizes_mm
 from lab.core import se3
 from lab.core.checks import Check, Outcome
 from lab.core.linear_model import triangle_of
@@ -132,7 +132,6 @@ class CalibrationResult(Result):
     Positions are in the frame of the measurements; of a virtual robot that is the tracker's.
 
     Attributes:
-        options: of the campaign.
         fit: the state that the pipeline ended with: fit, checks, validation and verdict.
         seconds: of the identification and its validation.
         real, comparison: of a virtual robot only; so are ``bad``, the ids of its simulated outliers.
@@ -493,10 +492,7 @@ def _region_to_dict(found: RegionPrediction | None) -> dict[str, Any] | None:
     return {
         "region": found.kind,
         "poses": found.poses,
-        "rms_mm": number(MM.of(found.rms_m)),
-        "mean_mm": number(MM.of(found.mean_m)),
-        "p95_mm": number(MM.of(found.p95_m)),
-        "uncalibrated_rms_mm": number(MM.of(found.uncalibrated_rms_m)),
+        **sizes_mm(found, "rms", "mean", "p95", "uncalibrated_rms"),
         "extrapolated_share": found.extrapolated_share,
     }
 
@@ -506,8 +502,7 @@ def _bounds_to_dict(found: ValidationBounds | None) -> dict[str, Any] | None:
     if found is None:
         return None
     return {
-        "predicted_95_mm": number(MM.of(found.predicted_95_m)),
-        "observed_95_mm": number(MM.of(found.observed_95_m)),
+        **sizes_mm(found, "predicted_95", "observed_95"),
         "inside_share": found.inside_share,
         "inside_low": found.inside_low,
         "inside_high": found.inside_high,

@@ -11,7 +11,7 @@ from lab.certification.characteristics import CHARACTERISTICS, Accuracy, Conform
 from lab.certification.lack_of_fit import LackOfFit
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.options import CertifyOptions
-from lab.commands.result import ErrorStatistics, Result, error_statistics, number
+from lab.commands.result import ErrorStatistics, Result, error_statistics, number, sizes_mm
 from lab.compensation.iso9283 import CYCLES
 from lab.core.checks import Check
 from lab.core.se3 import Array
@@ -82,7 +82,6 @@ class Certificate(Result):
     """A calibration's certificate.
 
     Attributes:
-        options: what was asked.
         calibrated: the run.
         details: who measured what, when, where and with which instrument.
         device: the instrument; None where it is not known.
@@ -184,9 +183,7 @@ class Certificate(Result):
     def _conformity_to_dict(self, found: Conformity) -> dict[str, Any]:
         return {
             "statistic": self.options.statistic,
-            "value_mm": MM.of(found.value_m),
-            "tolerance_mm": MM.of(found.tolerance_m),
-            "expanded_mm": MM.of(found.expanded_m),
+            **sizes_mm(found, "value", "tolerance", "expanded"),
             "rule": found.rule,
             "rule_words": found.rule_text,
             "decision": found.decision,
@@ -230,10 +227,7 @@ def _repeats_to_dict(found: Repeats, where: Sequence[str]) -> dict[str, Any]:
 def _validation_to_dict(found: LackOfFit) -> dict[str, Any]:
     return {
         "poses": found.poses,
-        "observed_rms_mm": MM.of(found.observed_rms_m),
-        "expected_rms_mm": MM.of(found.expected_rms_m),
-        "observed_95_mm": MM.of(found.observed_95_m),
-        "expected_95_mm": MM.of(found.expected_95_m),
+        **sizes_mm(found, "observed_rms", "expected_rms", "observed_95", "expected_95"),
         "p": found.p,
         "lack_of_fit_mm": MM.of(found.sigma_m),
     }
@@ -261,16 +255,14 @@ def _budget_to_dict(budget: Budget) -> dict[str, Any]:
         "combined_mm": MM.of(budget.combined_m),
         "freedom": number(budget.dof),
         "coverage_factor": budget.coverage_factor,
-        "expanded_mm": MM.of(budget.expanded_m),
-        "propagated_mm": MM.of(budget.propagated_m),
+        **sizes_mm(budget, "expanded", "propagated"),
         "monte_carlo_mm": MM.of(budget.drawn_m),
         "monte_carlo_std_mm": MM.of(budget.drawn_std_m),
         "monte_carlo_draws": budget.draws,
         "tolerance_mm": MM.of(budget.tolerance_m),
         "agrees": budget.agrees,
         "kinematics": {
-            "linear_mm": MM.of(budget.kinematics.linear_m),
-            "full_mm": MM.of(budget.kinematics.full_m),
+            **sizes_mm(budget.kinematics, "linear", "full"),
             "draws": budget.kinematics.draws,
             "is_linear": budget.is_linear,
         },

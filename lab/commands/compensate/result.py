@@ -65,7 +65,6 @@ class CompensationResult(Result):
     """Compensation result of a list of targets.
 
     Attributes:
-        options: of the command.
         run: the run that calibrated the arm.
         targets: those of the file.
         wanted: the targets, with the rotations of the last frame, in the frame in which the arm was measured.

@@ -170,7 +170,6 @@ class DesignResult(Result):
     """Poses to measure, in the order of the tour.
 
     Attributes:
-        options: what was asked.
         problem: the robot, its feasible candidates, and what the poses are to identify.
         joints: ``(n, joints)``, rad or m.
         stations: ``(n,)`` the station of the instrument that measures each, from 0.
@@ -361,7 +360,6 @@ class PlanCheckResult(Result):
     """Result of checking whether a plan can be run in a cell.
 
     Attributes:
-        options: of the command.
         stops: the plan's rows, in order.
         faults: reasons why it cannot be run; empty where it can.
         day: duration of the measurement session.

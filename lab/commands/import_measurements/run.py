@@ -36,7 +36,6 @@ class ImportResult(Result):
     """Measurements that were merged from a tracker's and a controller's file.
 
     Attributes:
-        options: what was asked.
         measurements: a row for each pose (m, rad, in the tracker's frame).
         points: the tracker's file.
         log: the controller's file.

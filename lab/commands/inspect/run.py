@@ -191,7 +191,6 @@ class Inspection(Result):
     """A robot's nominal model, its limits, its shape, and what of it can be identified.
 
     Attributes:
-        options: what was asked.
         values: what ``to_dict`` gives: millimetres and degrees; aliases in SI units.
         parameters: all of the arm, in the order of its values.
         singular_values: ``(r,)`` of the Jacobian with unit columns over random poses, largest first.

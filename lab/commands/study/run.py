@@ -178,7 +178,6 @@ class StudyResult(Result):
     """A study that is finished, and the analysis of its simulated calibrations.
 
     Attributes:
-        options: what was asked.
         done: where the simulated calibrations are, and what this run added to them.
         analysis: means, comparisons and ranks.
     """

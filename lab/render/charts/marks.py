@@ -445,73 +445,28 @@ def line_sample(x: float, y: float, width: float, tint: str, thick: float, more:
 
 
 class Axes(Protocol):
-    """The calls of matplotlib's ``Axes`` that pictures of pages use; ``Chart`` has their keywords."""
+    """The calls of matplotlib's ``Axes`` that pictures of pages use; ``Chart`` describes them."""
 
-    def plot(self, *args: Any, **keywords: Any) -> Any:
-        """Lines and marks through points; NaN parts a line."""
-
-    def scatter(self, *args: Any, **keywords: Any) -> Any:
-        """A mark at each point."""
-
-    def stairs(self, *args: Any, **keywords: Any) -> Any:
-        """A histogram."""
-
-    def barh(self, *args: Any, **keywords: Any) -> Any:
-        """Bars that lie."""
-
-    def hlines(self, *args: Any, **keywords: Any) -> Any:
-        """Horizontal lines."""
-
-    def vlines(self, *args: Any, **keywords: Any) -> Any:
-        """Vertical lines."""
-
-    def axhline(self, *args: Any, **keywords: Any) -> Any:
-        """A horizontal line from edge to edge."""
-
-    def axvline(self, *args: Any, **keywords: Any) -> Any:
-        """A vertical line from edge to edge."""
-
-    def axhspan(self, *args: Any, **keywords: Any) -> Any:
-        """A horizontal band from edge to edge."""
-
-    def fill_between(self, *args: Any, **keywords: Any) -> Any:
-        """The area between two curves."""
-
-    def imshow(self, *args: Any, **keywords: Any) -> Any:
-        """A matrix of colours, its first row on top."""
-
-    def pcolormesh(self, *args: Any, **keywords: Any) -> Any:
-        """A matrix of colours between edges."""
-
-    def annotate(self, *args: Any, **keywords: Any) -> Any:
-        """Words at a point, or an arrow."""
-
-    def legend(self, *args: Any, **keywords: Any) -> Any:
-        """Show a legend of the labelled marks."""
-
-    def set(self, **keywords: Any) -> Any:
-        """Limits, ticks, scales, titles."""
-
-    def set_xticks(self, *args: Any, **keywords: Any) -> Any:
-        """Ticks and their words along x."""
-
-    def set_yticks(self, *args: Any, **keywords: Any) -> Any:
-        """Ticks and their words along y."""
-
-    def tick_params(self, *args: Any, **keywords: Any) -> Any:
-        """Set the appearance of ticks."""
-
-    def locator_params(self, *args: Any, **keywords: Any) -> Any:
-        """Set the largest number of ticks."""
-
-    def grid(self, *args: Any, **keywords: Any) -> Any:
-        """Set whether lines run through the ticks."""
-
-    def margins(self, *args: Any, **keywords: Any) -> Any:
-        """Set the margins of axes beyond what is drawn."""
-
-    def set_aspect(self, *args: Any, **keywords: Any) -> Any:
-        """Set one scale for both axes."""
-
-    def axis(self, *args: Any, **keywords: Any) -> Any:
-        """Hides the axes."""
+    def plot(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def scatter(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def stairs(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def barh(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def hlines(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def vlines(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def axhline(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def axvline(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def axhspan(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def fill_between(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def imshow(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def pcolormesh(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def annotate(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def legend(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def set(self, **keywords: Any) -> Any: ...  # noqa: D102
+    def set_xticks(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def set_yticks(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def tick_params(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def locator_params(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def grid(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def margins(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def set_aspect(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def axis(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
