@@ -303,9 +303,12 @@ def takes(kind: type[Any], **called: str) -> Callable[[Call], Call]:
 
         own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
         taken = {*called, *(each.name for each in own)}
+        defaults = {
+            name: Parameter.empty if one.default is MISSING else one.default for name, (_, one, _) in _options(kind)
+        }
         more = [
-            Parameter(name, Parameter.KEYWORD_ONLY, default=_default(field), annotation=hint)
-            for name, (_, field, hint) in _options(kind)
+            Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=hint)
+            for name, (_, _, hint) in _options(kind)
             if name not in taken
         ]
         call.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
@@ -343,7 +346,3 @@ def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]", Any]]]:
             yield from ((name, (one.name, *each[1:])) for name, each in _options(hints[one.name]))
         else:
             yield one.name, ("", one, hints[one.name])
-
-
-def _default(field: "Field[Any]") -> Any:
-    return Parameter.empty if field.default is MISSING else field.default

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lab.calibration.estimate import EstimatedParameter
 from lab.calibration.estimate_files import read_estimate_files
@@ -23,12 +23,9 @@ from lab.render.document import Document, Table
 __all__ = ["MigrationResult", "migrate"]
 
 
-@dataclass(frozen=True)
-class _Migrated:
-    """A run, and what it was given; nothing where it had all of it."""
-
+class _Migrated(NamedTuple):
     folder: Path
-    given: tuple[str, ...]
+    given: tuple[str, ...]  # what the run lacked before
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -135,7 +132,8 @@ def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
 
 
 def _replace(folder: Path, files: Mapping[str, Any]) -> None:
-    if strays := sorted(path.name for path in folder.iterdir() if not _is_of_run(path)):
+    own = {path for path in folder.iterdir() if (path.is_dir() if path.name == INPUTS else path.is_file())}
+    if strays := sorted(path.name for path in folder.iterdir() if path not in own or path.is_symlink()):
         raise LabError(f"{folder}: holds {strays[0]}, which is not a file of a run; move it elsewhere")
     if Path.cwd().is_relative_to(folder.resolve()):
         raise LabError(f"{folder}: is the working folder, or holds it; go above it")
@@ -148,10 +146,6 @@ def _replace(folder: Path, files: Mapping[str, Any]) -> None:
             (draft / CHECKSUMS).write_text(checksum_lines(draft), encoding="utf-8")
     except OSError as error:
         raise LabError(f"{folder}: cannot be written ({error.strerror or error}); nothing was changed") from error
-
-
-def _is_of_run(path: Path) -> bool:
-    return not path.is_symlink() and (path.is_dir() if path.name == INPUTS else path.is_file())
 
 
 def _observability(row: Mapping[str, Any], parameter: EstimatedParameter) -> dict[str, Any]:

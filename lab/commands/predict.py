@@ -377,11 +377,7 @@ def _with_conditions(rows: Measurements, given: Mapping[str, Any]) -> Measuremen
 
 
 def _predicted(options: PredictOptions, run: CalibrationRun, rows: Measurements) -> PredictionResult:
-    """Predict the rows.
-
-    Raises:
-        LabError: the run is unfit or places no points, or a condition is missing.
-    """
+    """Predict the rows."""
     if not options.force:
         run.refuse_unfit("prediction")
     run.refuse_unplaced("points")

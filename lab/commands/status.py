@@ -8,11 +8,11 @@ from datetime import UTC, date, datetime, timedelta
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from lab.campaign.config_file import CONFIG_FILE, RunConfig, read_config
+from lab.campaign.config_file import CONFIG_FILE, read_config
 from lab.commands.calibrate.load_run import CALIBRATIONS, READ_FILES, read_calibrated
 from lab.commands.command_line import options_of, takes
 from lab.commands.options import StatusOptions, TrendOptions
@@ -69,8 +69,7 @@ class Check:
     model_sha256: str
 
 
-@dataclass(frozen=True)
-class LeftOut:
+class LeftOut(NamedTuple):
     """A run that cannot be used, and why not."""
 
     folder: Path
@@ -90,11 +89,7 @@ class _Summary:
 
 
 def _checks_of(folder: Path) -> tuple[tuple[Check, ...], tuple[LeftOut, ...]]:
-    """Read every calibration and verification below a folder; a run that cannot be used is listed with the reason.
-
-    Raises:
-        LabError: there is no such folder.
-    """
+    """Read every calibration and verification below a folder; a run that cannot be used is listed with the reason."""
     if not folder.is_dir():
         raise LabError(f"{folder}: is no folder; give the folder that contains the runs")
     found, left_out = list[Check](), list[LeftOut]()
@@ -142,13 +137,13 @@ def _check(folder: Path) -> Check | None:
     verdict = found.verdict or (None if found.good is None else "good" if found.good else "bad")
     if verdict is None:
         raise LabError(f"{_RESULT} has no verdict; {_MEND}")
-    errors = found.after_mm if calibrates else found.observed_mm
+    errors, given = found.after_mm if calibrates else found.observed_mm, config.options.get("date")
     return Check(
         folder,
         found.robot,
         found.serial,
         calibrates,
-        _day(folder, config),
+        None if given is None else day(f"{folder}/{CONFIG_FILE}: date", str(given)),
         verdict,
         None if errors is None else errors.get("mean"),
         file_digest(folder / _RESULT) if calibrates else config.inputs_sha256.get(str(config.options.get("run"))),
@@ -156,28 +151,15 @@ def _check(folder: Path) -> Check | None:
     )
 
 
-def _day(folder: Path, config: RunConfig) -> date | None:
-    given = config.options.get("date")
-    return None if given is None else day(f"{folder}/{CONFIG_FILE}: date", str(given))
-
-
 STATES = ("good", "due", "unknown", "never calibrated", "doubtful", "bad")  # by severity; the number is the metric's
 _FEWEST_CHECKS = 4  # verifications from which a slope is estimated
 _YEAR = 365.25  # days
 
 
-@dataclass(frozen=True)
-class _Slope:
-    """The slope of the mean error over the verifications of the current calibration, mm per year.
-
-    Attributes:
-        half_width: of its 95 % interval, by the scatter about the line.
-        count: of the verifications.
-    """
-
-    per_year: float
-    half_width: float
-    count: int
+class _Slope(NamedTuple):
+    per_year: float  # of the mean error over the verifications of the current calibration, mm
+    half_width: float  # of its 95 % interval, by the scatter about the line
+    verifications: int
 
 
 @dataclass(frozen=True)
@@ -377,7 +359,7 @@ def _arm(arm: ArmStatus) -> dict[str, Any]:
         "error_now_mm": arm.error_now_mm,
         "slope": None
         if slope is None
-        else {"mm_per_year": slope.per_year, "half_width_95": slope.half_width, "verifications": slope.count},
+        else {"mm_per_year": slope.per_year, "half_width_95": slope.half_width, "verifications": slope.verifications},
         "calibrations": sum(each.calibrates for each in arm.checks),
         "verifications": sum(not each.calibrates for each in arm.checks),
         "changes": None if trend is None else trend.to_dict()["changes"],
@@ -544,13 +526,11 @@ def _exposition(arms: Sequence[ArmStatus], left_out: int) -> str:
     """Return the text that a scraper reads: a family for each quantity, a line for each arm that has it.
 
     Days are the seconds of their first moment, UTC.
-
-    Args:
-        left_out: how many runs could not be used.
     """
+    errors = [each.error_then_mm if each.error_now_mm is None else each.error_now_mm for each in arms]
     families = (
-        ("lab_arm_state", f"State of the arm: {_STATES}.", [_state(each) for each in arms]),
-        ("lab_arm_error_mm", "Mean position error at the last check, mm.", [_error(each) for each in arms]),
+        ("lab_arm_state", f"State of the arm: {_STATES}.", [STATES.index(each.state) for each in arms]),
+        ("lab_arm_error_mm", "Mean position error at the last check, mm.", errors),
         (
             "lab_arm_last_calibration_timestamp_seconds",
             "Date of the last calibration.",
@@ -560,31 +540,13 @@ def _exposition(arms: Sequence[ArmStatus], left_out: int) -> str:
     )
     lines = list[str]()
     for name, text, values in families:
-        lines += _head(name, text)
-        lines += [
-            f"{name}{_labels(arm)} {value!r}" for arm, value in zip(arms, values, strict=True) if value is not None
-        ]
-    name = "lab_status_left_out_runs"
-    lines += [*_head(name, "Runs in the folder that could not be read."), f"{name} {left_out}"]
+        lines += [f"# HELP {name} {text}", f"# TYPE {name} gauge"]
+        for arm, value in zip(arms, values, strict=True):
+            serial, robot = ((each or "").translate(_ESCAPES) for each in (arm.serial, arm.robot))
+            lines += [] if value is None else [f'{name}{{serial="{serial}",robot="{robot}"}} {value!r}']
+    name, text = "lab_status_left_out_runs", "Runs in the folder that could not be read."
+    lines += [f"# HELP {name} {text}", f"# TYPE {name} gauge", f"{name} {left_out}"]
     return "\n".join(lines) + "\n"
-
-
-def _head(name: str, text: str) -> Iterator[str]:
-    yield f"# HELP {name} {text}"
-    yield f"# TYPE {name} gauge"
-
-
-def _labels(arm: ArmStatus) -> str:
-    serial, robot = ((each or "").translate(_ESCAPES) for each in (arm.serial, arm.robot))
-    return f'{{serial="{serial}",robot="{robot}"}}'
-
-
-def _state(arm: ArmStatus) -> int:
-    return STATES.index(arm.state)
-
-
-def _error(arm: ArmStatus) -> float | None:
-    return arm.error_now_mm if arm.error_now_mm is not None else arm.error_then_mm
 
 
 def _seconds(on: date | None) -> int | None:

@@ -542,11 +542,7 @@ def _directions(names: tuple[str, ...], zeros: Array) -> Directions:
 
 
 def _detectable_changes(series: Series, zeros: Array, start: int) -> Array:
-    """The minimum detectable change of each joint's zero; infinite where nothing shows it.
-
-    Args:
-        start: the first calibration since the last change.
-    """
+    """The minimum detectable change of each joint's zero; infinite where nothing shows it."""
     shown = np.isfinite(zeros).all(axis=0) & (zeros != 0).any(axis=0)
     found = series.detectable(np.where(shown, np.nan_to_num(zeros), 0.0), start)
     return np.where(shown, found, np.inf)

@@ -214,7 +214,7 @@ def _verification_document(result: VerificationResult) -> doc.Document:
             doc.Paragraph(sentence(phrase(found.check)), "lead"),
             doc.Paragraph(f"The run that calibrated the arm is {result.calibrated.result.description}."),
             doc.Warnings(result.warnings),
-            doc.Section("Errors, observed and predicted", (*_errors(result), _histogram(result))),
+            doc.Section("Errors, observed and predicted", _errors(result)),
             doc.Section("Single changes that would explain the errors", (_hypotheses(result), *_advice(result))),
             doc.Section("Refitted parts", (_refitted(result),)),
             doc.Section("Minimum detectable change", (_detectable(result),) if found.good else ()),
@@ -245,29 +245,29 @@ def _errors(result: VerificationResult) -> tuple[doc.Block, ...]:
         f"{result.calibrated.folder}. The predicted error follows from the calibration's covariance and the "
         "instrument's noise."
     )
-    return doc.Table(("", "mean", "rms", "95 %", "max", "points"), rows, "Position error, mm"), doc.Paragraph(
-        below, "note"
+    drawn = "The errors of the new measurements, with their root mean square and the predicted one. Logarithmic axis."
+    return (
+        doc.Table(("", "mean", "rms", "95 %", "max", "points"), rows, "Position error, mm"),
+        doc.Paragraph(below, "note"),
+        doc.Figure("errors-figure", (errors_picture(result),), drawn),
     )
-
-
-def _histogram(result: VerificationResult) -> doc.Figure:
-    caption = "The errors of the new measurements, with their root mean square and the predicted one. Logarithmic axis."
-    return doc.Figure("errors-figure", (errors_picture(result),), caption)
 
 
 def _hypotheses(result: VerificationResult) -> doc.Table:
     listed = result.verified.hypotheses
     rows = tuple(
-        (phrase(each.check), short(each.chi2), _chance(each.p), short(each.bic), "yes" if each.explains else "no")
+        (
+            phrase(each.check),
+            short(each.chi2),
+            short(each.p) if each.p > 0 else "< 1e-300",
+            short(each.bic),
+            "yes" if each.explains else "no",
+        )
         for each in listed
     )
     kinds = tuple("" if each.explains else "quiet" for each in listed)
     columns = ("possible change, likeliest first", "remaining χ²", "p", doc.Column("BIC"), "explains the errors")
     return doc.Table(columns, rows, row_kinds=kinds, most_rows=_MOST_HYPOTHESES)
-
-
-def _chance(p: float) -> str:
-    return short(p) if p > 0 else "< 1e-300"
 
 
 def _advice(result: VerificationResult) -> tuple[doc.Block, ...]:

@@ -12,12 +12,12 @@ from lab.calibration.verdict import Answer, Word, rotation_noise_rad
 from lab.commands.calibrate.figures import (
     arm_figures,
     correction_pictures,
-    correlation_figure,
+    correlation_picture,
     error_histograms,
     has_correction,
     residual_figures,
-    selection_figure,
-    singular_value_figure,
+    selection_picture,
+    singular_value_picture,
     where_figures,
 )
 from lab.commands.calibrate.result import CalibrationResult, correlated_pairs, errors_without_outliers, outliers_found
@@ -42,6 +42,17 @@ _EXPLAINED = (
     "A group explains the error (RMS) that a measured coordinate would have without it, all other parameters refitted. "
     "The percentage is its share of the mean square error of geometry alone. Overlapping effects each look small alone."
 )
+_SELECTION = (
+    "The first bar is the hold-out error of geometry alone; the bars below show how each selected group changes it."
+)
+_CORRELATIONS = (
+    "The blocks show the correlations of the identified parameters by link. Blue: both rise together; vermilion: "
+    "one falls as the other rises. Dark cells off the diagonal mark parameters that these poses barely separate."
+)
+_SINGULAR_VALUES = (
+    "The plot shows the singular values of the Jacobian (whitened rows, unit columns) of the identified "
+    "parameters. The measurements barely determine a direction that is far below the others."
+)
 _VALIDATED = {
     "fresh": "on {count} points at validation poses without noise",
     "holdout": "on {count} points of the hold-out set",
@@ -64,12 +75,13 @@ _STATUS = {
 
 def document_of(result: CalibrationResult) -> doc.Document:
     """Build the document of a calibration, from the verdict to the parameters and the poses."""
+    reasons = phrases(result.verdict.reasons)
     return doc.Document(
         _title(result),
         (
             *_verdict_blocks(result),
             _lead(result),
-            _warnings(result),
+            doc.Warnings(tuple(each for each in result.warnings if each not in reasons)),
             _errors(result),
             doc.Section("Errors over the workspace", where_figures(result)),
             doc.Section("Uncertainty and goodness of fit", (*_uncertainty(result), *residual_figures(result))),
@@ -79,11 +91,6 @@ def document_of(result: CalibrationResult) -> doc.Document:
             doc.Section("The arm at its poses", arm_figures(result)),
         ),
     )
-
-
-def _warnings(result: CalibrationResult) -> doc.Warnings:
-    reasons = phrases(result.verdict.reasons)
-    return doc.Warnings(tuple(each for each in result.warnings if each not in reasons))
 
 
 def _title(result: CalibrationResult) -> str:
@@ -211,7 +218,7 @@ def _uncertainty(result: CalibrationResult) -> tuple[doc.Block, ...]:
         doc.Paragraph(_truth(result)),
         _model_selection(result),
         doc.Paragraph(_EXPLAINED if result.fit.explained else "", "note", shown_in=doc.PAGE),
-        selection_figure(result),
+        doc.Figure("selection-figure", selection_picture(result), _SELECTION),
         doc.Table(("joint", "stiffness, Nm/rad", "1σ"), stiffness),
     )
 
@@ -360,7 +367,7 @@ def _identifiability(result: CalibrationResult) -> tuple[doc.Block, ...]:
         (f"1/{1 / each.singular_value:,.0f}", _mixture(each, parameters), f"{short(MICRONS.of(each.moved))} µm")
         for each in directions
     )
-    correlated = tuple((" and ".join(pair.names), fixed(pair.correlation, 3)) for pair in pairs)
+    correlated = tuple((f"{one} and {other}", fixed(correlation, 3)) for one, other, correlation in pairs)
     none = "" if weak or pairs else " No parameters are strongly correlated, and no direction is weakly observable."
     return (
         doc.Paragraph(_identifiable(result) + none),
@@ -373,8 +380,8 @@ def _identifiability(result: CalibrationResult) -> tuple[doc.Block, ...]:
         doc.Table(
             ("strongly correlated parameters", "correlation"), correlated, most_rows=_MOST_LISTED, shown_in=doc.PAGE
         ),
-        singular_value_figure(found.fit.singular_values),
-        correlation_figure(result),
+        doc.Figure("singular-values-figure", singular_value_picture(found.fit.singular_values), _SINGULAR_VALUES),
+        doc.Figure("correlations-figure", correlation_picture(result), _CORRELATIONS),
     )
 
 

@@ -7,6 +7,7 @@ The world is the model's where there is one; for a robot given as a table it is 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,10 +47,9 @@ from lab.render.style import (
 )
 
 __all__ = [
-    "MOST_POSES", "arm_figures", "correction_pictures", "correlation_figure",
-    "correlation_picture", "error_histograms", "error_maps", "has_correction", "main_picture", "residual_figures",
-    "residual_pictures", "selection_figure", "selection_picture", "singular_value_figure", "uncertainty_map",
-    "where_figures", "world_of",
+    "MOST_POSES", "arm_figures", "correction_pictures", "correlation_picture", "error_histograms", "error_maps",
+    "has_correction", "main_picture", "residual_figures", "residual_pictures", "selection_picture",
+    "singular_value_picture", "uncertainty_map", "where_figures", "world_of",
 ]  # fmt: skip
 
 _MOST_ARMS = 12  # drawn in a picture
@@ -62,18 +62,9 @@ _WHICH: dict[JudgedBy, str] = {
 _FITTED = "the fitted poses, with the residuals of the fit"
 
 
-@dataclass(frozen=True)
-class _ErrorMap:
-    """Errors where they are.
-
-    Attributes:
-        sizes: the errors that are drawn: before calibration and after it, by one scale.
-        which: the poses that they are of, in words.
-        all_shown: whether they are all drawn.
-    """
-
-    sizes: tuple[SizeMap, SizeMap]
-    which: str
+class _ErrorMap(NamedTuple):
+    sizes: tuple[SizeMap, SizeMap]  # before calibration and after it, by one scale
+    which: str  # the poses of the errors, in words
     all_shown: bool
 
 
@@ -240,7 +231,7 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, number: int) ->
     return axes_picture(f"corrections-{number}", label, (4.5, height), draw, (1.35, 0.5, 0.15, 0.15))
 
 
-def _singular_value_picture(values: Array) -> tuple[Picture, ...]:
+def singular_value_picture(values: Array) -> tuple[Picture, ...]:
     """Singular values ``(f,)`` relative to the largest, in descending order; none where they are not finite."""
     if not (len(values) and np.isfinite(values).all() and values[0] > 0):
         return ()
@@ -579,32 +570,6 @@ def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
         drawn = f"{MOST_POSES:,} of the {len(result.fitted):,} poses are drawn, evenly spaced"
         caption += f" {drawn}; the titles refer to all poses."
     return (Figure("residuals", residual_pictures(result), caption),)
-
-
-def selection_figure(result: CalibrationResult) -> Figure:
-    """Draw the hold-out error that each parameter group removes."""
-    caption = (
-        "The first bar is the hold-out error of geometry alone; the bars below show how each selected group changes it."
-    )
-    return Figure("selection-figure", selection_picture(result), caption)
-
-
-def correlation_figure(result: CalibrationResult) -> Figure:
-    """Draw the correlations of the identified parameters at these poses."""
-    caption = (
-        "The blocks show the correlations of the identified parameters by link. Blue: both rise together; vermilion: "
-        "one falls as the other rises. Dark cells off the diagonal mark parameters that these poses barely separate."
-    )
-    return Figure("correlations-figure", correlation_picture(result), caption)
-
-
-def singular_value_figure(values: Array) -> Figure:
-    """Draw the singular values: how well the measurements observe each direction."""
-    caption = (
-        "The plot shows the singular values of the Jacobian (whitened rows, unit columns) of the identified "
-        "parameters. The measurements barely determine a direction that is far below the others."
-    )
-    return Figure("singular-values-figure", _singular_value_picture(values), caption)
 
 
 def arm_figures(result: CalibrationResult) -> tuple[Block, ...]:

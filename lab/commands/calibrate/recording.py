@@ -9,6 +9,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -53,12 +54,9 @@ _ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
 _ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
 
 
-@dataclass(frozen=True)
-class _OutlierPose:
-    """An outlier: where its farthest target was measured and where it should be, in the world ``(3,)`` m."""
-
+class _OutlierPose(NamedTuple):
     description: str
-    measured: Array
+    measured: Array  # its farthest target in the world, (3,) m
     expected: Array
 
 

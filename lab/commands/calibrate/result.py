@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -62,25 +62,10 @@ __all__ = [
 _CORRELATED = 0.95  # the least correlation that is called strong
 
 
-@dataclass(frozen=True)
-class _JointStiffness:
-    """Stiffness of a joint and its standard deviation, Nm/rad; NaN where that is not known."""
-
+class _JointStiffness(NamedTuple):
     joint: str
-    stiffness: float
-    std: float
-
-
-@dataclass(frozen=True)
-class _CorrelatedPair:
-    """A pair of parameters whose errors are strongly correlated."""
-
-    names: tuple[str, str]
-    correlation: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of ``correlated`` in ``result.json``."""
-        return {"parameters": list(self.names), "correlation": self.correlation}
+    stiffness: float  # Nm/rad
+    std: float  # NaN where it is unknown
 
 
 def stiffnesses(identification: Identification, chain: JointSpec) -> tuple[_JointStiffness, ...]:
@@ -94,15 +79,15 @@ def stiffnesses(identification: Identification, chain: JointSpec) -> tuple[_Join
     return tuple(found)
 
 
-def correlated_pairs(identification: Identification) -> tuple[_CorrelatedPair, ...]:
-    """Pairs of identified parameters that are strongly correlated, the strongest first."""
+def correlated_pairs(identification: Identification) -> tuple[tuple[str, str, float], ...]:
+    """Pairs of identified parameters with strong correlations, the strongest first."""
     names, std = [identification.model.names[i] for i in identification.fit.free], identification.std
     if not (np.isfinite(std).all() and (std > 0).all()):
         return ()
     matrix = np.triu(identification.covariance / np.outer(std, std), 1)
     pairs = np.argwhere(np.abs(matrix) > _CORRELATED)
     order = sorted(pairs.tolist(), key=lambda pair: -abs(matrix[pair[0], pair[1]]))
-    return tuple(_CorrelatedPair((names[i], names[j]), round(float(matrix[i, j]), 4)) for i, j in order)
+    return tuple((names[i], names[j], round(float(matrix[i, j]), 4)) for i, j in order)
 
 
 def _weak_directions_of(identification: Identification, fitted: Measurements) -> tuple[Direction, ...]:
@@ -323,7 +308,10 @@ class CalibrationResult(Result):
             "adequacy": phrase(self.fit.adequacy),
             "stiffness_nm_per_rad": {each.joint: each.stiffness for each in self.stiffnesses},
             "stiffness_std_nm_per_rad": {each.joint: number(each.std) for each in self.stiffnesses},
-            "correlated": [pair.to_dict() for pair in correlated_pairs(identification)],
+            "correlated": [
+                {"parameters": [*pair], "correlation": correlation}
+                for *pair, correlation in correlated_pairs(identification)
+            ],
             "weak_directions": [direction_to_dict(each) for each in self.weak_directions],
             "outliers": [_outlier_to_dict(pose) for pose in self.fit.outliers],
             "outliers_left_out": self.fit.left_out,

@@ -191,19 +191,7 @@ def _refuse_other_joints(what: str | Path, data: Measurements, robot: Robot) -> 
 def _read_rows(
     robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None, given: Measurements | None = None
 ) -> Measurements:
-    """The rows of a file, or those given in memory, with what the robot carries there.
-
-    Args:
-        robot: whose they are.
-        path: of the file; of rows in memory their name in errors.
-        options: what is observed, and how.
-        load: what the robot carries; None for nothing.
-        given: the rows in memory; None where the file is to be read.
-
-    Raises:
-        LabError: the file cannot be read, rows in memory cannot be the robot's, joints are impossible, or next to
-            nothing but copied rows is left.
-    """
+    """The rows of a file, or those given in memory, with what the robot carries there."""
     chain, sensor = robot.chain, sensor_named(options.observe)
     positions = sensor.in_instrument_frame
     if given is None:

@@ -386,11 +386,7 @@ def _device_sigma(device: Instrument | None, fitted: FittedRows) -> float:
 def _repeatability(
     fitted: FittedRows, instrument_m: float, stated_mm: float | None, found: Repeats | None, *, of_residuals: bool
 ) -> RandomScatter | None:
-    """Return the repeatability by the run's noise model, by repeated poses, or as stated; None if there is none.
-
-    Args:
-        of_residuals: whether the run estimated the joint scatter; else it is that of the encoder counts.
-    """
+    """Return the repeatability by the run's noise model, by repeated poses, or as stated; None if there is none."""
     shared = fitted.observed.correlation
     if shared is not None and shared.scatter.size:
         source = f"scatter of the joints, {_BY_NOISE_MODEL}"

@@ -162,9 +162,15 @@ class Certificate(Result):
                 for each, more in zip(self.budgets, self.with_unseen_m, strict=True)
             },
             "validation": None if self.validation is None else _validation_to_dict(self.validation),
-            "unseen": [_unseen_to_dict(each) for each in self.unseen],
+            "unseen": [
+                {"quantity": each.quantity.label, "limit": each.limit, "unit": each.unit, "remedy": each.remedy}
+                for each in self.unseen
+            ],
             "issued": self.issued,
-            "implausible": [_implausible_to_dict(each) for each in self.implausible],
+            "implausible": [
+                {"where": each.data["where"], "words": phrase(each), "impossible": each.outcome == "failed"}
+                for each in self.implausible
+            ],
             "conformity": None if self.conformity is None else self._conformity_to_dict(self.conformity),
             "iso_9283": self._iso_to_dict(),
             "warnings": list(self.warnings),
@@ -231,14 +237,6 @@ def _validation_to_dict(found: LackOfFit) -> dict[str, Any]:
         "p": found.p,
         "lack_of_fit_mm": MM.of(found.sigma_m),
     }
-
-
-def _implausible_to_dict(found: Check) -> dict[str, Any]:
-    return {"where": found.data["where"], "words": phrase(found), "impossible": found.outcome == "failed"}
-
-
-def _unseen_to_dict(found: Unseen) -> dict[str, Any]:
-    return {"quantity": found.quantity.label, "limit": found.limit, "unit": found.unit, "remedy": found.remedy}
 
 
 def _statistics_to_dict(found: Mapping[str, float] | None) -> dict[str, float | int] | None:
@@ -411,19 +409,14 @@ def _details(result: Certificate) -> tuple[doc.Block, ...]:
         ]
     }
     for part, values in result.details.to_dict().items():
-        parts[part.capitalize()] = [(_name(key), _shown(value)) for key, value in values.items()]
+        parts[part.capitalize()] = [
+            (_NAMES.get(key, key.replace("_", " ")), short(value) if isinstance(value, float) else str(value))
+            for key, value in values.items()
+        ]
     rows = [("" if i else part, *row) for part, each in parts.items() for i, row in enumerate(each)]
     missing = result.details.missing
     left = f"Not stated: {', '.join(missing)}." if missing else ""
     return doc.Table(("", "", ""), tuple(rows)), doc.Paragraph(left, "note")
-
-
-def _name(key: str) -> str:
-    return _NAMES.get(key, key.replace("_", " "))
-
-
-def _shown(value: object) -> str:
-    return short(value) if isinstance(value, float) else str(value)
 
 
 def _results(result: Certificate) -> tuple[doc.Block, ...]:
@@ -432,21 +425,19 @@ def _results(result: Certificate) -> tuple[doc.Block, ...]:
     where = "not validated"
     if run.before_mm is not None and run.after_mm is not None:
         where = _VALIDATED.get(run.judged_by or "", "")
-        rows += [_position_row("nominal model", run.before_mm), _position_row("calibrated model", run.after_mm)]
-    names = "nominal model", "calibrated model"
-    rows += [_distance_row(name, each) for name, each in zip(names, distances, strict=True) if each is not None]
+        rows += [
+            _error_row("position, nominal model", run.before_mm),
+            _error_row("position, calibrated model", run.after_mm),
+        ]
+    names = "distance, nominal model", "distance, calibrated model"
+    rows += [_error_row(name, each.to_dict()) for name, each in zip(names, distances, strict=True) if each is not None]
     caption = f"Errors, mm. Positions {where}; distances between measured poses, which need no base"
     return (doc.Table(("error of a", "mean", "rms", "95 %", "max", "count"), tuple(rows), caption),)
 
 
-def _position_row(name: str, found: Mapping[str, float]) -> doc.Row:
+def _error_row(name: str, found: Mapping[str, float]) -> doc.Row:
     numbers = [short(found[key]) for key in ("mean", "rms", "p95", "max")]
-    return (f"position, {name}", *numbers, f"{found['count']:,.0f}")
-
-
-def _distance_row(name: str, found: ErrorStatistics) -> doc.Row:
-    numbers = (found.mean, found.rms, found.p95, found.max)
-    return (f"distance, {name}", *map(short, numbers), f"{found.count:,}")
+    return (name, *numbers, f"{found['count']:,.0f}")
 
 
 def _statement(result: Certificate) -> tuple[doc.Block, ...]:

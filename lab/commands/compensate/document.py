@@ -25,8 +25,9 @@ _MOST_LISTED = 100  # targets, in each table
 
 def compensation_document(result: CompensationResult) -> doc.Document:
     """The totals, the targets that are not reached and why, how far the others were moved, and every target."""
-    failed = len(result.failed)
-    verdict = doc.Badge(f"{failed:,} not reached" if failed else "all reached", result.verdict)
+    count = len(result.failed)
+    verdict = doc.Badge(f"{count:,} not reached" if count else "all reached", result.verdict)
+    failed = result.failed if result.program is None else ()  # those of a program are listed by line
     count = f"{len(result.reached):,} of {len(result.targets):,}"
     return doc.Document(
         f"{result.run.called}: {count} targets of {result.targets.tool} corrected",
@@ -41,8 +42,12 @@ def compensation_document(result: CompensationResult) -> doc.Document:
                 "Results of the targets",
                 (
                     *_totals(result),
-                    _failed(result),
-                    _other_solutions(result),
+                    doc.Table(("target", "why it is not reached"), failed, most_rows=_MOST_LISTED),
+                    doc.Table(
+                        ("target", "reached by another IK solution: reason against the nearest one"),
+                        result.passed_over,
+                        most_rows=_MOST_LISTED,
+                    ),
                     _near(result),
                     _extrapolated(result),
                     *_moves(result),
@@ -114,18 +119,6 @@ def _totals(result: CompensationResult) -> tuple[doc.Block, ...]:
     schemes = "" if apart is None else f"The three correction schemes agree within {short(apart)} mm. "
     note = doc.Paragraph(f"{schemes}Model: {result.model.replace('+', ' + ')}.", "note")
     return doc.Table(("", "mean", "largest"), rows), note
-
-
-def _failed(result: CompensationResult) -> doc.Table:
-    """The targets that are not reached; those of a program are listed by line, with all else that stays."""
-    if result.program is not None:
-        return doc.Table((), ())
-    return doc.Table(("target", "why it is not reached"), result.failed, most_rows=_MOST_LISTED)
-
-
-def _other_solutions(result: CompensationResult) -> doc.Table:
-    header = ("target", "reached by another IK solution: reason against the nearest one")
-    return doc.Table(header, result.passed_over, most_rows=_MOST_LISTED)
 
 
 def _moves(result: CompensationResult) -> tuple[doc.Block, ...]:

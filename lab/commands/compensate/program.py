@@ -254,11 +254,7 @@ class OpenProgram:
 
 
 def _outside_of(options: CompensateOptions) -> Outside:
-    """Read the values that the options give beside the program's text.
-
-    Raises:
-        LabError: a value cannot be read, or has the wrong number of numbers.
-    """
+    """Read the values that the options give beside the program's text."""
     frames: dict[str, tuple[float, ...] | str] = {}
     for given in filter(None, (each.strip() for each in options.frames.split(";"))):
         name, equals, value = (part.strip() for part in given.partition("="))

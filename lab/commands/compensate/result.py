@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,23 +41,11 @@ JOINTS, CARTESIAN, NOMINAL = "joints.csv", "cartesian.csv", "nominal.toml"
 _BLOCK = 2_000  # targets whose derivatives are held at a time
 
 
-@dataclass(frozen=True)
-class _NearSingular:
-    """A target that is reached within 1 degree of a singularity.
-
-    Attributes:
-        joint: the one that would have to move most to get there.
-        distance: how far (rad or m), and the joint's unit.
-    """
-
-    id: str
-    joint: str
-    distance: float
+class _NearSingular(NamedTuple):
+    id: str  # of a target within 1 degree of a singularity
+    joint: str  # that would have to move most to get there
+    distance: float  # rad or m
     unit: Unit
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values: degrees, or mm of a prismatic joint."""
-        return {"id": self.id, "joint": self.joint, f"distance_{self.unit.key}": self.unit.of(self.distance)}
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -221,7 +209,8 @@ class CompensationResult(Result):
     def _sensitivities(self) -> Iterator[Array]:
         """Derivatives ``(some, 3, p)`` of the aimed point by the parameters, of some targets at a time."""
         run = self.run
-        return (_of_points(run.estimate.arm.observe(each, run.estimate.values)[1], at) for each, at in self._blocks())
+        for inputs, at in self._blocks():
+            yield run.estimate.arm.observe(inputs, run.estimate.values)[1][np.arange(len(inputs)), at]
 
     def _by_identified(self) -> Iterator[tuple[Array, Array]]:
         """Derivatives ``(some, 3, f)`` of the aimed point by the identified parameters, the flange's with the tool's.
@@ -314,7 +303,33 @@ class CompensationResult(Result):
 
     def write_files(self, folder: Path) -> None:
         """Write the corrected targets and the calibrated arm in every format."""
-        _write_files(folder, self)
+        run, rows = self.run, np.flatnonzero(self.found.converged)
+        chain, ids = run.robot.chain, {"id": [self.targets.ids[i] for i in rows]}
+        marks = ["yes" if extrapolated else "no" for extrapolated in self.extrapolated[rows]]
+        conditions = {name: column[rows] for name, column in self.targets.conditions.items()}
+        conditions |= {"extrapolated": marks} if self.extrapolated.any() else {}
+        _write_csv(folder / JOINTS, self, {**self.waypoints.columns(chain), **_waypoint_conditions(self)})
+        at_targets = {**_cartesian_columns(self, rows), **joint_columns(chain, self.found.joints[rows])}
+        _write_csv(folder / CARTESIAN, self, {**ids, **at_targets, **conditions})
+        nominal_inverse = run.estimate.nominal_inverse(self.target)  # what the corrected targets are for
+        exact = run.robot.description_files[-1]
+        nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
+        (folder / NOMINAL).write_text(nominal, encoding="utf-8")
+        arm, values = run.estimate.geometry
+        module, refused = run.export(self.arm_inputs[rows]).module()
+        off = self.without_effects_m
+        lacking = comment_on_missing_effects(
+            run.estimate.groups, off, "at the corrected targets", module=refused is None
+        )
+        for name in run.robot.description_files:
+            if text := run.robot.description(name, arm.targets, values, lacking):
+                (folder / name).write_text(text, encoding="utf-8")
+        (folder / MODULE_FILE).write_text(module, encoding="utf-8")
+        if self.program is not None:
+            (folder / self.program.name).write_bytes(self.program.content)
+        elif len(rows) and refusal(chain, self.options.controller, len(self.targets)) is None:
+            for name, content in target_files(run.robot.chain, self.options.controller, _target_moves(self)).items():
+                (folder / name).write_bytes(content)
 
     def saved_dict(self) -> dict[str, Any]:
         """Return the values of ``result.json`` with the waypoints one by one: a list of a million takes 1 GB."""
@@ -342,7 +357,10 @@ class CompensationResult(Result):
                 "share": self._extrapolated_share,
                 "ids": [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)],
             },
-            "near_singular": [each.to_dict() for each in self.near_singular],
+            "near_singular": [
+                {"id": name, "joint": joint, f"distance_{unit.key}": unit.of(distance)}
+                for name, joint, distance, unit in self.near_singular
+            ],
             "without_effects_mm": None if self.without_effects_m is None else MM.of(self.without_effects_m),
             "warnings": list(self.warnings),
             **({} if self.program is None else {"program": self._program_values}),
@@ -477,38 +495,6 @@ class CompensationResult(Result):
         return self.run.estimate.arm.targets.index(self.targets.tool)
 
 
-def _of_points(values: Array, points: NDArray[np.int_]) -> Array:
-    """Select from values ``(n, k, …)`` of an arm's targets the one of each pose, ``(n, …)``."""
-    return np.asarray(values[np.arange(len(values)), points])
-
-
-def _write_files(folder: Path, result: CompensationResult) -> None:
-    run, rows = result.run, np.flatnonzero(result.found.converged)
-    chain, ids = run.robot.chain, {"id": [result.targets.ids[i] for i in rows]}
-    lone = result.extrapolated
-    marked = {"extrapolated": _yes(lone[rows])} if lone.any() else {}
-    _write_csv(folder / JOINTS, result, {**result.waypoints.columns(chain), **_waypoint_conditions(result)})
-    at_targets = {**_cartesian_columns(result, rows), **joint_columns(chain, result.found.joints[rows])}
-    _write_csv(folder / CARTESIAN, result, {**ids, **at_targets, **_conditions_files(result, rows), **marked})
-    nominal_inverse = run.estimate.nominal_inverse(result.target)  # what the corrected targets are for
-    exact = run.robot.description_files[-1]
-    nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
-    (folder / NOMINAL).write_text(nominal, encoding="utf-8")
-    arm, values = run.estimate.geometry
-    module, refused = run.export(result.arm_inputs[rows]).module()
-    off = result.without_effects_m
-    lacking = comment_on_missing_effects(run.estimate.groups, off, "at the corrected targets", module=refused is None)
-    for name in run.robot.description_files:
-        if text := run.robot.description(name, arm.targets, values, lacking):
-            (folder / name).write_text(text, encoding="utf-8")
-    (folder / MODULE_FILE).write_text(module, encoding="utf-8")
-    if result.program is not None:
-        (folder / result.program.name).write_bytes(result.program.content)
-    elif len(rows) and refusal(chain, result.options.controller, len(result.targets)) is None:
-        for name, content in target_files(run.robot.chain, result.options.controller, _target_moves(result)).items():
-            (folder / name).write_bytes(content)
-
-
 def _target_moves(result: CompensationResult) -> TargetMoves:
     """Return the moves of a controller's program, with the base and tool for the controller's nominal links."""
     run, nominal_inverse = result.run, result.run.estimate.nominal_inverse(result.target)
@@ -535,10 +521,6 @@ def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> di
     return columns | {f"{tool}_q{part}": values for part, values in zip("wxyz", quaternions.T, strict=True)}
 
 
-def _conditions_files(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
-    return {name: column[rows] for name, column in result.targets.conditions.items()}
-
-
 def _waypoint_conditions(result: CompensationResult) -> dict[str, list[Any]]:
     """Return the conditions of the targets among the waypoints; empty where a waypoint is no target."""
     rows, which = np.flatnonzero(result.found.converged), result.waypoints.which
@@ -546,10 +528,6 @@ def _waypoint_conditions(result: CompensationResult) -> dict[str, list[Any]]:
         name: [column[rows[pose]] if pose >= 0 else "" for pose in which.tolist()]
         for name, column in result.targets.conditions.items()
     }
-
-
-def _yes(flags: NDArray[np.bool_]) -> list[str]:
-    return ["yes" if flag else "no" for flag in flags]
 
 
 def _write_csv(path: Path, result: CompensationResult, columns: Mapping[str, Sequence[Any] | Array]) -> None:

@@ -148,15 +148,7 @@ def _corrected(
     access: ReachabilityGraph | None,
     program: OpenProgram | None = None,
 ) -> CompensationResult:
-    """Correct targets for the arm of a run.
-
-    Args:
-        access: where the arm may go; None where nothing is checked, and of a program, whose ways are its own.
-        program: that the targets are of; its text is written too.
-
-    Raises:
-        LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
-    """
+    """Correct targets for the arm of a run."""
     source = str(options.source)
     run.refuse_unplaced("targets")
     _refuse_beyond_limits(run, targets, source)

@@ -224,11 +224,7 @@ def pose_pictures(plan: DesignResult) -> tuple[doc.Picture, ...]:
 
 
 def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, float] | None = None) -> None:
-    """Draw predicted errors on validation poses (µm, logarithmic) against the number of poses.
-
-    Args:
-        chosen: the plan's number of poses, and its tolerance bound (m).
-    """
+    """Draw predicted errors on validation poses (µm, logarithmic) against the number of poses."""
     poses = [step.poses for step in curve]
     drawn = [MICRONS.of(np.array([_rms(s.prediction.rms) for s in curve]))]
     for label, values, tint, style in (
@@ -254,12 +250,7 @@ def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, flo
 
 
 def _draw_information(axes: Axes, curve: Sequence[DesignStep], scaling: str, chosen: int | None = None) -> None:
-    """Draw O1, the information per pose, against the number of poses.
-
-    Args:
-        scaling: of O1, in words.
-        chosen: the plan's number of poses.
-    """
+    """Draw O1, the information per pose, against the number of poses."""
     o1 = [step.o1 for step in curve]
     axes.plot([step.poses for step in curve], o1, "D--", color=INDEX, markersize=4)
     if chosen is not None:

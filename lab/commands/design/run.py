@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -347,11 +347,8 @@ class DesignResult(Result):
 _SLACK = 1e-9  # rad or m
 
 
-@dataclass(frozen=True)
-class _Fault:
-    """A stop that the arm may not take, or a way to one that is not free: its id, and why."""
-
-    waypoint: str
+class _Fault(NamedTuple):
+    waypoint: str  # that the arm may not take, or the path to it
     why: str
 
 
@@ -501,14 +498,14 @@ def planned_session(options: DesignOptions, robot: Robot | None = None, own: Cri
         LabError: the request cannot be met.
     """
     with status("planning") as progress:
-        known = load_virtual(options.robot, options.cell) if robot is None else robot
-        return _planned(options, known, own, progress)
+        loaded = load_virtual(options.robot, options.cell) if robot is None else robot
+        started = time.perf_counter()
+        problem = pose_problem(options, loaded, partial(progress, "1 of 5, candidates"), own)
+        return _planned(options, problem, started, progress)
 
 
-def _planned(options: DesignOptions, robot: Robot, own: Criterion | None, progress: Stage) -> DesignResult:
-    started = time.perf_counter()
-    problem = pose_problem(options, robot, partial(progress, "1 of 5, candidates"), own)
-    least = _least(problem)
+def _planned(options: DesignOptions, problem: PoseProblem, started: float, progress: Stage) -> DesignResult:
+    least = enough_poses(problem.pool, problem.before)
     quick = _of_any_size(options, problem)
     if options.accuracy_mm is not None:
         design = _accurate_design(options, problem, least, quick, progress)
@@ -567,11 +564,6 @@ def _tour(options: DesignOptions, problem: PoseProblem, inputs: Array, chain: Jo
 def _prediction(problem: PoseProblem, inputs: Array, seed: int) -> PredictedAccuracy:
     everything = problem.whitened(np.concatenate([inputs, problem.already]))
     return predict(information(everything), problem.test, rng_for(seed, "promise"))
-
-
-def _least(problem: PoseProblem) -> int:
-    """The fewest further poses that can show the base set."""
-    return enough_poses(problem.pool, problem.before)
 
 
 def _of_any_size(options: DesignOptions, problem: PoseProblem) -> Callable[[int], Design]:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,13 +97,10 @@ _ENDING = re.compile(r"(.+?)[\s_.:/\-]+([^\s_.:/\-]+)")  # pose and target in on
 _LOG_GAP_S = 1.0  # rows that follow each other faster are a log, not a list of poses
 
 
-@dataclass(frozen=True)
-class _MatchedPose:
-    """A pose, its joints, and the points that were measured there: their rows in the tracker's file, by target."""
-
+class _MatchedPose(NamedTuple):
     name: str
     joints: Array
-    points: dict[str, int]
+    points: dict[str, int]  # rows of the measured points in the tracker's file, by target
 
 
 @dataclass(frozen=True)

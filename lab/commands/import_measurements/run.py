@@ -326,9 +326,6 @@ def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: N
     The distance of two points of one target hardly depends on where base and tool are: a wrong unit of lengths scales
     all of them. Points of other poses, or joints in another unit or with another sign, are far from the nominal arm
     wherever base and tool are.
-
-    Raises:
-        LabError: the distances are another unit's.
     """
     shown = data.take(np.arange(min(len(data), _SHOWN)))
     flange = nominal.flanges(shown.joints)

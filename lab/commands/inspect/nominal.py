@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,37 +44,18 @@ ZERO = 1e-12  # of a factor (m, or a sine)
 _LEAST = 1e-6  # of a joint's part in a combination
 
 
-@dataclass(frozen=True)
-class _Singularity:
-    """A singularity of a serial arm.
-
-    Attributes:
-        factor: the factor of the determinant that is zero there.
-        joints: ``(n,)`` positions of an example; None where there is none within the limits.
-        free: ``(k, n)`` combinations of the joints that move nothing in the example, the largest part 1.
-    """
-
-    factor: Factor
-    joints: Array | None
-    free: Array
+class _Singularity(NamedTuple):
+    factor: Factor  # of the determinant, which is zero there
+    joints: Array | None  # (n,) positions of an example; None where there is none within the limits
+    free: Array  # (k, n) combinations of the joints that move nothing in the example, the largest part 1
 
 
-@dataclass(frozen=True)
-class _SerialShape:
-    """Structure of a serial nominal model.
-
-    Attributes:
-        reach_m: largest distance of the last frame from axis 1, within the limits; from frame 0 where joint 1 slides.
-        branches: number of IK solutions of a pose; None where no closed form is implemented.
-        determinant: of the Jacobian, in words; "" where no closed form is implemented.
-        moved: the motions that the determinant refers to, in words.
-    """
-
-    reach_m: float
-    branches: int | None
-    determinant: str
+class _SerialShape(NamedTuple):
+    reach_m: float  # largest distance of the last frame from axis 1, or frame 0 where joint 1 slides
+    branches: int | None  # IK solutions of a pose; None where no closed form is implemented
+    determinant: str  # of the Jacobian, in words; "" where no closed form is implemented
     singularities: tuple[_Singularity, ...]
-    moved: str = ""
+    moved: str = ""  # motions that the determinant refers to, in words
 
 
 def shape_of(chain: Chain) -> _SerialShape:

@@ -97,11 +97,7 @@ def write_figures(folder: Path, pictures: Mapping[str, doc.Picture]) -> None:
 
 
 def _means_figure(analysis: Analysis, metric: str, factor: str, line: str | None = None) -> Drawing:
-    """A metric against a factor with 95 % intervals, a line a level of another one, a panel where the rest agrees.
-
-    Args:
-        line: the other factor; where not given one that varies.
-    """
+    """A metric against a factor with 95 % intervals, a line a level of another one, a panel where the rest agrees."""
     cells = analysis.cells
     line = line or _line_factor(cells, factor)
     means = {mean.cell: mean for mean in analysis.means if mean.metric == metric}

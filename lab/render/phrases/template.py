@@ -18,7 +18,7 @@ class _Filled(Formatter):
     """Templates with the lab's formats: ``{off_m:mm 2}`` is a length in mm to two digits (three where none is given).
 
     ``{count:be}`` is "is" or "are", ``{count:n pose}`` is "1 pose" or "2 poses", ``{names:list}`` has commas between,
-    ``{size_m:short}`` is a length in µm or mm, ``{share:%}`` whole per cent.
+    ``{size_m:short}`` is a length in µm or mm, ``{share:%}`` is in whole per cent, ``{share:% 3}`` to three digits.
     """
 
     def format_field(self, value: Any, spec: str) -> str:
@@ -35,7 +35,7 @@ class _Filled(Formatter):
             case "short":
                 return short_length(value)
             case "%":
-                return f"{100 * value:.0f} %"
+                return f"{100 * value:.{more}g} %" if more else f"{100 * value:.0f} %"
         return str(super().format_field(value, spec))
 
 

@@ -238,10 +238,6 @@ def _gain(check: Check) -> str:
     return f"little better than the nominal model: {before} before, {after} after{largest}"
 
 
-def _outliers(check: Check) -> str:
-    return f"{100 * check.data['share']:.3g} % of the hold-out set are outliers"
-
-
 def _error(check: Check) -> str:
     region, elsewhere, condition = (check.data[name] for name in ("region", "elsewhere", "condition"))
     of_condition = f", condition number {condition:,.0f}" if np.isfinite(condition) else ""
@@ -366,7 +362,7 @@ PHRASES: Mapping[str, Phrase] = {
     "accuracy.worse": ("the calibrated model is worse than the nominal one: {before_m:mm} before, {after_m:mm} after"),
     "accuracy.gain": _gain,
     "accuracy.fitted_poses": "{share:%} of the validation poses were fitted",
-    "accuracy.outliers": _outliers,
+    "accuracy.outliers": "{share:% 3} of the hold-out set are outliers",
     "accuracy.prediction": (
         "95 % of the errors at poses that were not fitted are below {observed_p95_m:mm}, but {predicted_p95_m:mm} was "
         "predicted there ({allowed_p95_m:mm} allowing for chance): the assumed model or noise is wrong"
