@@ -1,4 +1,4 @@
-"""Calibrations of one robot against each other: have its links moved?"""
+"""Compare calibrations of one robot: have its links moved?"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

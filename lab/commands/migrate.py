@@ -1,4 +1,4 @@
-"""Runs of an older lab, made readable as those of today: schema, checksums, and a date where one is given."""
+"""Migrate runs of an older lab to the current format: schema, checksums, and a date where one is given."""
 
 import shutil
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""A calibrated arm at joint positions: where its points are, with all effects, and how sure that is."""
+"""Predict the points of a calibrated arm at joint positions, with all effects and their uncertainty."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Folders of runs: written whole, resumed, checked for edits, with the inputs and versions that they were made from."""
+"""Write folders of runs whole, resume them, and check them for edits; keep their inputs and versions with them."""
 
 import itertools
 import json

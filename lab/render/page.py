@@ -1,8 +1,7 @@
-"""A document as one HTML file that needs nothing but itself: no network, the same bytes each time.
+"""Render a document as one HTML file that needs no network; the same document gives the same bytes.
 
-It is made for wide screens, phones, dark screens and paper, and reads without its script, which sorts tables.
-The template escapes whatever is not markup already:
-names of robots, targets, files and poses are a user's.
+It is made for wide screens, phones, dark screens and paper, and reads without its script, which sorts tables. The
+template escapes all text that is not markup: names of robots, targets, files and poses are a user's.
 """
 
 import gc

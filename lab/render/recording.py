@@ -1,8 +1,6 @@
-"""Write recordings: entities, layouts, arms in time.
+"""Draw rerun recordings: bodies in motion, frames, beams, ellipsoids, tags, texts, and the layout of their views.
 
-Things that every recording draws: bodies that move, a frame, beams, ellipsoids, tags, texts.
-
-What moves is given ``at`` the values of a timeline, one for each of its rows.
+Things in motion are given ``at`` the values of a timeline, one for each of their rows.
 """
 
 import os
@@ -226,32 +224,19 @@ def layout(left: rrb.Container, right: rrb.Container, timeline: str) -> rrb.Blue
 
 def main_view(name: str, controls: rrb.EyeControls3D) -> rrb.Spatial3DView:
     """The arm and what is around it; ellipsoids and what is magnified more have their own views."""
+    contents = ["+ /world/**", "- /world/ellipsoid/**", "- /world/magnified/**", "- /world/focus/**"]
     return rrb.Spatial3DView(
-        origin="world",
-        name=name,
-        contents=["+ /world/**", "- /world/ellipsoid/**", "- /world/magnified/**", "- /world/focus/**"],
-        line_grid=_floor(),
-        eye_controls=controls,
-        background=backdrop(),
+        origin="world", name=name, contents=contents, line_grid=_floor(), eye_controls=controls, background=backdrop()
     )
 
 
 def magnified_view(name: str, origins: Array, reach_m: float) -> rrb.Spatial3DView:
     """Return the side view of the magnified parts, without shells; frame ``origins`` ``(m, f, 3)``."""
     middle = origins.mean(axis=(0, 1))
-    controls = rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=middle + reach_m * np.array([0.35, -1.1, 0.3]),
-        look_target=middle,
-        eye_up=(0.0, 0.0, 1.0),
-    )
+    controls = _orbital(middle + reach_m * np.array([0.35, -1.1, 0.3]), middle)
+    contents = ["+ /world/magnified/**", "+ /world/path"]
     return rrb.Spatial3DView(
-        origin="world",
-        name=name,
-        contents=["+ /world/magnified/**", "+ /world/path"],
-        line_grid=_floor(),
-        eye_controls=controls,
-        background=backdrop(),
+        origin="world", name=name, contents=contents, line_grid=_floor(), eye_controls=controls, background=backdrop()
     )
 
 
@@ -262,12 +247,7 @@ def close_view(entities: str, name: str, reach_m: float) -> rrb.Spatial3DView:
         name=name,
         contents=["+ /world/arm/**", "+ /world/targets/measured", f"+ /world/{entities}/**"],
         line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital,
-            position=_CLOSE * reach_m * np.array([0.45, -0.8, 0.4]),
-            look_target=(0.0, 0.0, 0.0),
-            eye_up=(0.0, 0.0, 1.0),
-        ),
+        eye_controls=_orbital(_CLOSE * reach_m * np.array([0.45, -0.8, 0.4]), np.zeros(3)),
         background=backdrop(),
     )
 
@@ -310,9 +290,7 @@ def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeCo
         more = np.concatenate([arm + np.array([0.0, 0.0, sign * 0.25 * reach_m]) for sign in (1, -1)])
     span = np.concatenate([arm, more])
     target, back = _framed(span, forward)
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital, position=target - back * forward, look_target=target, eye_up=(0.0, 0.0, 1.0)
-    )
+    return _orbital(target - back * forward, target)
 
 
 def eye_on_arm(origins: Array, points: Array, reach_m: float) -> rrb.EyeControls3D:
@@ -320,6 +298,10 @@ def eye_on_arm(origins: Array, points: Array, reach_m: float) -> rrb.EyeControls
     shells = origins.reshape(-1, 3)[:, None] + _SHELL * reach_m * np.array([[0, 0, 1], [0, 0, -1], [1, -1, 0]])
     behind = origins[0, 0] + FAR * reach_m * np.array([0.2, 1.0, 0.0])  # no instrument: a direction alone
     return eye(origins, np.concatenate([points, shells.reshape(-1, 3)]), reach_m, behind)
+
+
+def _orbital(position: Array, target: Array) -> rrb.EyeControls3D:
+    return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, eye_up=(0.0, 0.0, 1.0))
 
 
 def _framed(points: Array, forward: Array) -> tuple[Array, float]:

@@ -1,6 +1,4 @@
-"""Colours and styles of pages, charts and recordings, and the glossary of symbols.
-
-Every colour and font of pages, figures and recordings, named by what it means.
+"""Colours and fonts of pages, charts and recordings, named by their meaning, and the glossary of symbols.
 
 A page and its figures stand on white (in a dark page the figures stay on white cards); a recording stands on near
 black, so what is ``BEFORE`` in one is ``RGB_BEFORE``, a brighter shade of the same hue, in the other.

@@ -1,8 +1,6 @@
-"""The pictures of a calibration's report: errors, corrections of parameters, singular values, the arm at its poses.
+"""Pictures of a calibration's report: errors, corrections of parameters, singular values, the arm at its poses.
 
-Where a calibration's errors and its arm are in the world, for the pictures of its report.
-
-The world is the model's where there is one; for a robot given as a table it is frame 0.
+Positions are in the world of the model; for a robot given as a table that is frame 0.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Corrected targets: typed, and as plain values for their JSON files."""
+"""Result of a compensation: corrected targets with their expected errors, as values and as files."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""A plan as a rerun recording: the arm on its tour, the targets in order, and what each pose shows.
+"""Record a plan with rerun: the arm on its tour, the targets in order, and the ellipsoids of each pose.
 
-What moves is on the timeline ``stop``: 0 is home, then every pose of the tour and every pose that
-is only passed, and home again; and on ``time``, where the arm moves from one to the next at its full speed.
+Motion is on the timeline ``stop``: 0 is home, then every waypoint of the tour, measured or via, and home again; and on
+``time``, where the arm moves from one to the next at its full speed.
 """
 
 import hashlib

@@ -1,13 +1,10 @@
-"""The offset and drift between a tracker's clock and a controller's, from when points were measured and poses held.
+"""Estimate offset and drift between a tracker's clock and a controller's, from times of points and of rests.
 
 An offset places a point if it moves its time into a window in which the arm stood still. The number of points that are
-placed is a step function of the offset, whose maxima are all found by sorting its steps. Equally spaced stops have many
-maxima: the nominal arm tells them apart, as it follows the points of the right poses alone.
-
-How well points follow the nominal arm in the poses that they are taken for.
-
-Base and tool are fitted to the points; what the nominal links then miss is millimetres. Points that belong to other
-poses, or joints in another unit, order or direction, are missed by a large part of the arm's reach.
+placed is a step function of the offset, whose maxima are all found by sorting its steps. Equally spaced rests have many
+maxima, of which the nominal arm decides: with base and tool fitted, it follows the points of the right poses to within
+millimetres. Points of other poses, or joints in another unit, order or direction, are missed by a large part of its
+reach.
 """
 
 from collections.abc import Callable, Iterator, Sequence

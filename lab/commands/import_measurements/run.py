@@ -1,4 +1,4 @@
-"""A tracker's export and a controller's file, merged into measurements."""
+"""Merge a tracker's export with a controller's file into measurements."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,7 @@
-"""Chart of one set of axes, as SVG. It takes the calls of ``Axes``, with matplotlib's defaults.
+"""Draw pictures of pages, as charts or with matplotlib, into SVG that refers to nothing outside.
 
-Pictures of pages: drawn as charts, or with matplotlib, and put into a page as SVG that refers to nothing outside.
-
-matplotlib is slow to import, so it is imported where it draws something, and not before.
+A chart takes the calls of ``Axes``, with matplotlib's defaults. matplotlib is slow to import, so it is imported where
+it draws something.
 """
 
 import io

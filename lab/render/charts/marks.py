@@ -1,10 +1,8 @@
-"""Axes, ticks and marks of a chart.
+"""Axes, ticks and marks of a chart, as SVG.
 
-What a picture is drawn into: matplotlib's axes, or a chart that becomes a part of a page.
-
-A page has many pictures and matplotlib takes a second or more to be loaded and to draw them; a chart takes a
-hundredth. Both understand the calls listed here, with the names, units and defaults that matplotlib gives them, so a
-picture is described once. matplotlib makes the figures that are saved as PNG or shown in a notebook.
+A picture is drawn into matplotlib's axes, or into a chart that becomes a part of a page in a hundredth of the time.
+Both understand the calls of ``Axes``, with matplotlib's names, units and defaults, so a picture is described once.
+matplotlib makes the figures that are saved as PNG or shown in a notebook.
 """
 
 from collections.abc import Callable, Iterable, Sequence
