@@ -268,7 +268,7 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
                 RGB_BEFORE,
                 "vermilion",
                 _at_waypoints(before - wanted, at_target, len(waypoints))[:, None],
-            ),
+            )
         ],
         _at_waypoints(result.predicted_m[aimed], at_target, len(waypoints)),
     )

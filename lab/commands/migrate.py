@@ -54,10 +54,7 @@ class MigrationResult(Result):
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each run."""
-        return {
-            "run": [str(each.folder) for each in self.runs],
-            "given": [", ".join(each.given) for each in self.runs],
-        }
+        return {"run": [str(each.folder) for each in self.runs], "given": [", ".join(each.given) for each in self.runs]}
 
 
 def _migration_document(result: MigrationResult) -> Document:

@@ -32,14 +32,7 @@ from lab.render.document import digits_of, fixed, plus_minus, short
 from lab.render.style import GRID, INK, MEASURED, MUTED, RMS, WORST
 from lab.render.terminal import status as showing
 
-__all__ = [
-    "STATES",
-    "ArmStatus",
-    "Check",
-    "LeftOut",
-    "StatusResult",
-    "status",
-]
+__all__ = ["STATES", "ArmStatus", "Check", "LeftOut", "StatusResult", "status"]
 
 _RESULT = "result.json"
 _MEND = "repeat the run, or remove it"

@@ -38,15 +38,7 @@ from lab.verification.change_points import POWER, ChangePoint, Directions, Serie
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "DatedRun",
-    "TrendResult",
-    "change_text",
-    "content_of",
-    "errors_picture",
-    "followed",
-    "trend",
-]
+__all__ = ["DatedRun", "TrendResult", "change_text", "content_of", "errors_picture", "followed", "trend"]
 
 
 @dataclass(frozen=True)

@@ -111,10 +111,7 @@ def reach_of(T_world_frame0: Array, points: Array, between: Legs) -> float:
 
 def legs_legend(legs: Legs) -> Text:
     """Return the legend of a mechanism's lines; empty for an arm without legs."""
-    kinds = {
-        True: (Strong("orange"), ": legs whose length is a joint position"),
-        False: (Strong("grey"), ": rods"),
-    }
+    kinds = {True: (Strong("orange"), ": legs whose length is a joint position"), False: (Strong("grey"), ": rods")}
     parts = [words for kind, words in kinds.items() if kind in legs.measured]
     joined = [part for words in parts for part in ("; ", *words)][1:]
     return ("lines of the robot, ", *joined) if joined else ""

@@ -367,12 +367,7 @@ def load_estimate(folder: str | Path, robot: str | Path | Robot | None = None) -
 
 
 def calibrated_by(
-    run: RunLike,
-    folder: Path,
-    load: Path | None = None,
-    cell: Path | None = None,
-    *,
-    accept_edited: bool = False,
+    run: RunLike, folder: Path, load: Path | None = None, cell: Path | None = None, *, accept_edited: bool = False
 ) -> CalibrationRun:
     """Return the run of a result in memory; of anything else that of its folder."""
     from lab.commands.calibrate.result import CalibrationResult

@@ -268,11 +268,7 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
 def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
     unit = "in σ" if outcome.identification.sigma_given else "in mm"
     controls = rec.eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
-    left = rrb.Vertical(
-        rec.main_view("Arm, measured points, errors", controls),
-        rec.error_plot(),
-        row_shares=[3, 1],
-    )
+    left = rrb.Vertical(rec.main_view("Arm, measured points, errors", controls), rec.error_plot(), row_shares=[3, 1])
     texts = rrb.Tabs(
         rrb.TextDocumentView(origin=rec.SUMMARY, name="Summary"),
         rrb.TextDocumentView(origin=_PARAMETERS, name="Parameters"),

@@ -335,9 +335,7 @@ def _judged_by_fresh(session: MeasurementSession, state: Fitted) -> Fitted:
 
 @takes(MeasuredCampaign, file="measurements")
 def identify(
-    measurements: str | Path | Measurements | MeasuredCampaign,
-    robot: str | Path | Robot | None = None,
-    **options: Any,
+    measurements: str | Path | Measurements | MeasuredCampaign, robot: str | Path | Robot | None = None, **options: Any
 ) -> CalibrationResult:
     """Identify a robot from measurements, and validate it: on held-out poses, another file, or by cross-validation.
 

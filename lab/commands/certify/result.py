@@ -283,10 +283,7 @@ def _line_to_dict(line: BudgetLine) -> dict[str, Any]:
     }
 
 
-_MEASURANDS = {
-    "position": "a calibrated position",
-    "distance": "a distance between two calibrated positions",
-}
+_MEASURANDS = {"position": "a calibrated position", "distance": "a distance between two calibrated positions"}
 _STATISTICS = {"mean": "mean", "p95": "95th percentile", "max": "largest"}
 _VALIDATED = {
     "fresh": "at validation poses of the virtual robot, without noise",

@@ -274,10 +274,7 @@ class CompensationResult(Result):
         joints = found.singular_joint.tolist()
         return tuple(
             _NearSingular(
-                self.targets.ids[i],
-                chain.joint_names[joints[i]],
-                float(found.singular_rad[i]),
-                chain.unit(joints[i]),
+                self.targets.ids[i], chain.joint_names[joints[i]], float(found.singular_rad[i]), chain.unit(joints[i])
             )
             for i in rows
         )

@@ -608,11 +608,7 @@ def _accurate_design(
 
 
 def _designed_steps(
-    options: DesignOptions,
-    problem: PoseProblem,
-    sizes: Sequence[int],
-    quick: Callable[[int], Design],
-    progress: Stage,
+    options: DesignOptions, problem: PoseProblem, sizes: Sequence[int], quick: Callable[[int], Design], progress: Stage
 ) -> Iterator[DesignStep]:
     """Predicted error and O1 of exchanged designs of these sizes."""
     for done, size in enumerate(sizes):

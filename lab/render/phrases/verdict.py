@@ -37,10 +37,7 @@ _NOT_TESTED = {
         "lack of fit is not tested",
         ": the group residual follows the measurements; only errors at other poses test it",
     ),
-    "too few": (
-        "lack of fit cannot be tested",
-        ": there are no more measurements than parameters; measure more poses",
-    ),
+    "too few": ("lack of fit cannot be tested", ": there are no more measurements than parameters; measure more poses"),
     "unknown noise": (
         "lack of fit cannot be tested",
         ": sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice",
