@@ -11,17 +11,9 @@ from lab.core.errors import LabError
 from lab.core.limits import CLOCK_DRIFT_PPM, CLOCKS_S, DAYS, TARGETS, check_serial, checked_name, day, positive, whole
 
 __all__ = [
-    "By",
-    "CertifyOptions",
-    "CompareOptions",
-    "ImportOptions",
-    "MigrateOptions",
-    "PredictOptions",
-    "StatusOptions",
-    "StudyOptions",
-    "TrendOptions",
-    "VerifyOptions",
-]
+    "By", "CertifyOptions", "CompareOptions", "ImportOptions", "MigrateOptions", "PredictOptions", "StatusOptions",
+    "StudyOptions", "TrendOptions", "VerifyOptions",
+]  # fmt: skip
 
 By = Literal["auto", "name", "order", "time"]
 

@@ -23,17 +23,9 @@ if TYPE_CHECKING:
     from lab.render.document import Document, Picture, Section
 
 __all__ = [
-    "ErrorStatistics",
-    "Result",
-    "error_statistics",
-    "exit_code_of",
-    "joint_values",
-    "number",
-    "plain_numbers",
-    "printed",
-    "sizes_mm",
-    "tidy",
-]
+    "ErrorStatistics", "Result", "error_statistics", "exit_code_of", "joint_values", "number", "plain_numbers",
+    "printed", "sizes_mm", "tidy",
+]  # fmt: skip
 
 
 class Result(Value, ABC):

@@ -475,8 +475,8 @@ def _row(arm: ArmStatus) -> doc.Row:
         doc.Code(arm.called),
         *_checked(arm.calibration),
         *_checked(arm.verification),
-        _length(arm.error_then_mm),
-        _length(arm.error_now_mm),
+        short(arm.error_then_mm),
+        short(arm.error_now_mm),
         text,
         "–" if arm.due is None else arm.due.isoformat(),
     )
@@ -486,10 +486,6 @@ def _checked(check: Check | None) -> tuple[doc.Text, doc.Text]:
     if check is None or check.on is None:
         return "–", "–"
     return check.on.isoformat(), check.verdict
-
-
-def _length(value: float | None) -> str:
-    return "–" if value is None else short(value)
 
 
 def _explained(result: StatusResult) -> str:

@@ -190,7 +190,7 @@ def _errors(result: CalibrationResult) -> doc.Section:
 
 def _predictions(result: CalibrationResult) -> doc.Table:
     """Tabulate the predicted errors of the arm, and at the validation poses the observed ones beside them."""
-    region, elsewhere, bounds = result.verdict.region, result.verdict.elsewhere, result.bounds
+    region, elsewhere, bounds = result.verdict.region, result.verdict.elsewhere, result.fit.bounds
     rows: list[doc.Row] = []
     if np.isfinite(region.p95_m):
         rows.append((region_text(region), short(MM.of(region.mean_m)), short(MM.of(region.p95_m)), "", ""))

@@ -1,6 +1,6 @@
 """Result of ``lab calibrate`` and ``lab identify``: the identified parameters and their prediction error."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,6 @@ from lab.calibration.identifiability import Direction, weak_directions
 from lab.calibration.identify import Identification, most_likely_parameters
 from lab.calibration.noise.rigid_distances import InstrumentNoise
 from lab.calibration.observation import observation_of
-from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import ExpectedGain
 from lab.calibration.residual.process import GROUP
 from lab.calibration.sensor import Sensor
@@ -50,14 +49,9 @@ from lab.render.phrases.verdict import gate_text
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = [
-    "CalibrationResult",
-    "correlated_pairs",
-    "direction_to_dict",
-    "errors_without_outliers",
-    "khalil_rows",
-    "outliers_found",
-    "stiffnesses",
-]
+    "CalibrationResult", "correlated_pairs", "direction_to_dict", "errors_without_outliers", "khalil_rows",
+    "outliers_found", "stiffnesses",
+]  # fmt: skip
 
 _CORRELATED = 0.95  # the least correlation that is called strong
 
@@ -88,17 +82,6 @@ def correlated_pairs(identification: Identification) -> tuple[tuple[str, str, fl
     pairs = np.argwhere(np.abs(matrix) > _CORRELATED)
     order = sorted(pairs.tolist(), key=lambda pair: -abs(matrix[pair[0], pair[1]]))
     return tuple((names[i], names[j], round(float(matrix[i, j]), 4)) for i, j in order)
-
-
-def _weak_directions_of(identification: Identification, fitted: Measurements) -> tuple[Direction, ...]:
-    model, free = identification.model, list(identification.fit.free)
-    seen = Observations(fitted.inputs(model.conditions), fitted.points, np.ones(fitted.points.shape[:2]))
-    triangle = triangle_of(
-        each.apply(model.observe(each.inputs, identification.values)[1][..., free]) for each in seen.blocks()
-    )
-    return weak_directions(
-        [model.names[i] for i in free], triangle, rows=int(fitted.seen.sum() * fitted.points.shape[2])
-    )
 
 
 def direction_to_dict(direction: Direction) -> dict[str, Any]:
@@ -151,11 +134,6 @@ class CalibrationResult(Result):
         return self.fit.fitter.nominal(self.identification.model)
 
     @property
-    def tolerance(self) -> Tolerance:
-        """Tolerances of manufacture."""
-        return self.fit.fitter.tolerance
-
-    @property
     def validation(self) -> Validation:
         """Errors at poses that were not fitted."""
         return self.fit.validation
@@ -164,11 +142,6 @@ class CalibrationResult(Result):
     def verdict(self) -> Verdict:
         """Verdict on the calibration."""
         return self.fit.verdict
-
-    @property
-    def bounds(self) -> ValidationBounds | None:
-        """Predicted and observed 95 % errors at the validation poses; None where there are none."""
-        return self.fit.bounds
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -198,7 +171,7 @@ class CalibrationResult(Result):
     @cached_property
     def exported(self) -> Array:
         """``(p,)`` the exported parameters: those of the most likely arm among those that predict the same."""
-        return most_likely_parameters(self.identification, self.nominal, self.tolerance)
+        return most_likely_parameters(self.identification, self.nominal, self.fit.fitter.tolerance)
 
     @cached_property
     def estimate(self) -> Estimate:
@@ -224,8 +197,15 @@ class CalibrationResult(Result):
 
     @cached_property
     def weak_directions(self) -> tuple[Direction, ...]:
-        """Directions of the parameters that the fitted measurements hardly observe."""
-        return _weak_directions_of(self.identification, self.fitted)
+        """Directions of the parameters that the fitted measurements weakly observe."""
+        found, fitted = self.identification, self.fitted
+        model, free = found.model, list(found.fit.free)
+        seen = Observations(fitted.inputs(model.conditions), fitted.points, np.ones(fitted.points.shape[:2]))
+        triangle = triangle_of(
+            each.apply(model.observe(each.inputs, found.values)[1][..., free]) for each in seen.blocks()
+        )
+        rows = int(fitted.seen.sum() * fitted.points.shape[2])
+        return weak_directions([model.names[i] for i in free], triangle, rows=rows)
 
     @property
     def before(self) -> ErrorStatistics | None:
@@ -254,9 +234,9 @@ class CalibrationResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``result.json`` holds and ``--json`` prints. Lengths in mm."""
-        identification, after, robust = self.identification, self.after, errors_without_outliers(self)
         from lab.commands.run_folder import SCHEMA
 
+        identification = self.identification
         result: dict[str, Any] = {
             "schema": SCHEMA,
             "robot": self.robot.name,
@@ -278,9 +258,9 @@ class CalibrationResult(Result):
             "gate_mm": self.options.gate_mm,
             "answers": {name: _answer_to_dict(each) for name, each in self.verdict.answers.items()},
             "judged_by": self.validation.judged_by,
-            "before_mm": None if (before := self.before) is None else before.to_dict(),
-            "after_mm": None if after is None else after.to_dict(),
-            "after_without_outliers_mm": None if robust is None else robust.to_dict(),
+            "before_mm": _optional(ErrorStatistics.to_dict, self.before),
+            "after_mm": _optional(ErrorStatistics.to_dict, self.after),
+            "after_without_outliers_mm": _optional(ErrorStatistics.to_dict, errors_without_outliers(self)),
             "noise_mm": number(MM.of(identification.sigma_m)),
             "noise_mrad": number(MRAD.of(rotation_noise_rad(identification))),
             "noise_known": identification.sigma_given,
@@ -288,19 +268,19 @@ class CalibrationResult(Result):
             "noise_tail_freedom": number(self.fit.tail_dof),
             "noise_model": noise_model_to_dict(self.fit.noise.shared, self.fit.noise.component_errors),
             "noise_findings": [_finding_to_dict(each) for each in self.fit.findings],
-            "prediction_at_validation": _prediction_to_dict(self.verdict.prediction),
-            "instrument_noise": _instrument_to_dict(self.fit.instrument),
+            "prediction_at_validation": _optional(_prediction_to_dict, self.verdict.prediction),
+            "instrument_noise": _optional(_instrument_to_dict, self.fit.instrument),
             "residual_mm": number(MM.of(identification.residual_sigma_m)),
             "freedom": identification.dof,
             "predicted_mm": number(MM.of(self.verdict.workspace.rms_m)),
             "predicted_95_mm": number(MM.of(self.verdict.workspace.p95_m)),
-            "prediction": _region_to_dict(self.verdict.region),
-            "prediction_elsewhere": _region_to_dict(self.verdict.elsewhere),
-            "validation_bounds": _bounds_to_dict(self.bounds),
+            "prediction": _optional(_region_to_dict, self.verdict.region),
+            "prediction_elsewhere": _optional(_region_to_dict, self.verdict.elsewhere),
+            "validation_bounds": _optional(_bounds_to_dict, self.fit.bounds),
             "remaining_error": _remaining_to_dict(self.fit.remaining, self.fit.gain),
             "measured_range": measured_range_to_dict(self.fit.measured, self.robot.chain),
             "extrapolation": self._extrapolation,
-            "farthest_link": _distance_to_dict(self.verdict.farthest),
+            "farthest_link": _optional(_distance_to_dict, self.verdict.farthest),
             "model": "+".join(("geometric", *self.fit.groups, *[GROUP] * (self.fit.process is not None))),
             "residual": residual_to_dict(self.fit.process),
             "groups": [_group_to_dict(group, self.fit.explained.get(group.name)) for group in self.groups],
@@ -412,6 +392,10 @@ class CalibrationResult(Result):
 _ADEQUATE: dict[Outcome, bool | None] = {"passed": True, "failed": False, "not tested": None, "noted": None}
 
 
+def _optional(to_dict: Callable[[Any], dict[str, Any]], found: Any) -> dict[str, Any] | None:
+    return None if found is None else to_dict(found)
+
+
 def _answer_to_dict(answer: Answer) -> dict[str, Any]:
     return {"standing": answer.standing, "words": in_one_line(answer.checks)}
 
@@ -428,10 +412,8 @@ def _finding_to_dict(found: Check) -> dict[str, Any]:
     }
 
 
-def _prediction_to_dict(found: Check | None) -> dict[str, Any] | None:
+def _prediction_to_dict(found: Check) -> dict[str, Any]:
     """Observed and predicted 95 % errors at the validation poses, in mm."""
-    if found is None:
-        return None
     sizes = {f"{name}_95_mm": MM.of(found.data[f"{name}_p95_m"]) for name in ("observed", "predicted", "allowed")}
     return {**sizes, "exceeded": found.outcome == "failed"}
 
@@ -446,10 +428,8 @@ def errors_without_outliers(result: CalibrationResult) -> ErrorStatistics | None
     return None if (robust := result.validation.robust) is None else error_statistics(robust.after)
 
 
-def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
-    """The noise by the distances between targets, in mm; None where they do not determine it."""
-    if found is None:
-        return None
+def _instrument_to_dict(found: InstrumentNoise) -> dict[str, Any]:
+    """The noise by the distances between targets, in mm."""
     sizes = {"estimate_mm": found.sigma_m, "low_mm": found.low_m, "high_mm": found.high_m}
     return {name: MM.of(size) for name, size in sizes.items()} | {
         "freedom": found.dof,
@@ -473,10 +453,8 @@ def _remaining_to_dict(found: RemainingError | None, gain: ExpectedGain | None) 
     }
 
 
-def _region_to_dict(found: RegionPrediction | None) -> dict[str, Any] | None:
-    """A prediction over a region, lengths in mm; None where there is none."""
-    if found is None:
-        return None
+def _region_to_dict(found: RegionPrediction) -> dict[str, Any]:
+    """A prediction over a region, lengths in mm."""
     return {
         "region": found.kind,
         "poses": found.poses,
@@ -485,10 +463,8 @@ def _region_to_dict(found: RegionPrediction | None) -> dict[str, Any] | None:
     }
 
 
-def _bounds_to_dict(found: ValidationBounds | None) -> dict[str, Any] | None:
-    """Predicted and observed errors at the validation poses, lengths in mm; None where there are none."""
-    if found is None:
-        return None
+def _bounds_to_dict(found: ValidationBounds) -> dict[str, Any]:
+    """Predicted and observed errors at the validation poses, lengths in mm."""
     return {
         **sizes_mm(found, "predicted_95", "observed_95"),
         "inside_share": found.inside_share,
@@ -527,10 +503,8 @@ def _group_to_dict(group: GroupTrial, explained: ExplainedError | None) -> dict[
     }
 
 
-def _distance_to_dict(found: Distance | None) -> dict[str, Any] | None:
+def _distance_to_dict(found: Distance) -> dict[str, Any]:
     """The link that is farthest from its nominal value, in mm or mrad and in tolerances."""
-    if found is None:
-        return None
     unit = MRAD if found.is_angle else MM
     return {"name": found.name, f"distance_{unit.key}": unit.of(found.size), "tolerances": found.tolerances}
 

@@ -49,15 +49,9 @@ from lab.simulation.effects import true_parameters
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = [
-    "CalibrationResult",
-    "MeasurementSession",
-    "calibrate",
-    "checked",
-    "identify",
-    "measurement_session",
-    "robot_of",
+    "CalibrationResult", "MeasurementSession", "calibrate", "checked", "identify", "measurement_session", "robot_of",
     "simulate",
-]
+]  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False, eq=False)

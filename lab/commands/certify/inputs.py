@@ -29,14 +29,9 @@ from lab.noise.error_model import row_times
 from lab.noise.instruments import Instrument
 
 __all__ = [
-    "FittedRows",
-    "fitted_motions",
-    "fitted_rows",
-    "instrument_noise_m",
-    "motions_found",
-    "random_errors",
+    "FittedRows", "fitted_motions", "fitted_rows", "instrument_noise_m", "motions_found", "random_errors",
     "validation_errors",
-]
+]  # fmt: skip
 
 _NOWHERE = (
     "determine the robot's base, so no position can be certified: measure points with a tracker, identify these, and "

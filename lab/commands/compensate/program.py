@@ -40,15 +40,9 @@ if TYPE_CHECKING:
     from lab.commands.compensate.program_reference import ProgramReference
 
 __all__ = [
-    "CorrectedProgram",
-    "OpenProgram",
-    "UsedTool",
-    "flange_note",
-    "flange_values",
-    "open_program",
-    "stated_positions_note",
-    "used_tools",
-]
+    "CorrectedProgram", "OpenProgram", "UsedTool", "flange_note", "flange_values", "open_program",
+    "stated_positions_note", "used_tools",
+]  # fmt: skip
 
 _BYTES = "latin-1"  # in which every byte is one character, whatever the file's encoding
 _QUATERNION_DIGITS = 6

@@ -42,14 +42,9 @@ from lab.simulation.free_path import path_check
 from lab.simulation.model import RobotModel, at_zero, site_pose
 
 __all__ = [
-    "ProgramErrors",
-    "ProgramReference",
-    "frames_of",
-    "paths_touched",
-    "program_errors",
-    "program_reference",
+    "ProgramErrors", "ProgramReference", "frames_of", "paths_touched", "program_errors", "program_reference",
     "requested_solutions",
-]
+]  # fmt: skip
 
 _BASE, _FLANGE = "base", "flange"  # frames of the controller in the lab's frame 0 and last frame
 _GIVEN_DOF = 2  # as many links the tolerances as they are given weigh beside those that were identified

@@ -42,14 +42,8 @@ from lab.render.style import (
 from lab.simulation.meshes import Shell, body_poses, shells
 
 __all__ = [
-    "PlanScene",
-    "check_document",
-    "curve_pictures",
-    "design_document",
-    "main_picture",
-    "plan_scene",
-    "pose_pictures",
-]
+    "PlanScene", "check_document", "curve_pictures", "design_document", "main_picture", "plan_scene", "pose_pictures",
+]  # fmt: skip
 
 _STEP_S = 0.1  # between two pictures of the moving arm
 _POINTS_PER_PATH = 16  # points drawn of the path between two stops

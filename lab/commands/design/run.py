@@ -50,15 +50,9 @@ from lab.simulation.collisions import describe_collisions
 from lab.simulation.free_path import path_check, planning_model
 
 __all__ = [
-    "DesignResult",
-    "DesignStep",
-    "PlanCheckResult",
-    "SessionDuration",
-    "check_plan",
-    "design",
-    "planned_session",
+    "DesignResult", "DesignStep", "PlanCheckResult", "SessionDuration", "check_plan", "design", "planned_session",
     "visit_ids",
-]
+]  # fmt: skip
 
 _WARM_UP_S = 1800.0  # ISO 9283:1998 asks for a warm-up, its length as the maker says; half an hour is common
 REFERENCE_EVERY = 10  # poses after which the reference pose is measured again

@@ -27,17 +27,9 @@ from lab.kinematics.serial.khalil_frames import ANGULAR, khalil_frame
 from lab.render.document import Block, Bullets, Paragraph, Table
 
 __all__ = [
-    "ClosedShape",
-    "closed_blocks",
-    "closed_nominal",
-    "closed_shape",
-    "closed_shape_of",
-    "serial_blocks",
-    "serial_frames",
-    "serial_nominal",
-    "serial_shape",
-    "shape_of",
-]
+    "ClosedShape", "closed_blocks", "closed_nominal", "closed_shape", "closed_shape_of", "serial_blocks",
+    "serial_frames", "serial_nominal", "serial_shape", "shape_of",
+]  # fmt: skip
 
 _TRIES = 200  # poses from which a singular one is sought
 ZERO = 1e-12  # of a factor (m, or a sine)

@@ -43,14 +43,9 @@ from lab.studies.campaigns import origin_of
 from lab.studies.grid import ANY, Cell
 
 __all__ = [
-    "analysis_sections",
-    "first_picture",
-    "pictures_of",
-    "provenance_of",
-    "study_document",
-    "study_pictures",
+    "analysis_sections", "first_picture", "pictures_of", "provenance_of", "study_document", "study_pictures",
     "write_figures",
-]
+]  # fmt: skip
 
 _MOST_ANSWERS = 3  # in a caption
 _KINDS = {
