@@ -111,21 +111,13 @@ _OVERWRITE = Annotated[Flag, tyro.conf.arg(help="Replace an earlier run in that 
 
 @dataclass(frozen=True)
 class Arguments:
-    """Parsed arguments of a command.
+    """Parsed arguments of a command."""
 
-    Attributes:
-        options: an instance of the command's own class.
-        out: the run's folder; None for the default one.
-        overwrite: whether an earlier run in that folder is replaced.
-        json: whether to print the result as JSON.
-        resume: whether to go on with a run that was interrupted.
-    """
-
-    options: Any
-    out: Path | None
-    overwrite: bool
-    json: bool
-    resume: bool
+    options: Any  # of the command's own class
+    out: Path | None  # the run's folder; None for the default one
+    overwrite: bool  # whether an earlier run in that folder is replaced
+    json: bool  # whether to print the result as JSON
+    resume: bool  # whether to go on with a run that was interrupted
 
 
 def parsed(command: Command, arguments: Sequence[str]) -> Arguments:

@@ -31,22 +31,16 @@ __all__ = ["ComparisonResult", "compare"]
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ComparisonResult(Result):
-    """Differences between later calibrations of a robot and the first.
-
-    Attributes:
-        runs: the calibrations, the first one the reference.
-        differences: of each later run from the first.
-        serial: the serial number of the arm; None where no run states it.
-    """
+    """Differences between later calibrations of a robot and the first."""
 
     command = "compare"
     shown_by = "lab.commands.compare:_comparison_document"
     drawn_by = "lab.commands.compare:_differences_picture"
 
     options: CompareOptions
-    runs: tuple[CalibrationRun, ...]
-    differences: tuple[Difference, ...]
-    serial: str | None = None
+    runs: tuple[CalibrationRun, ...]  # the calibrations, the first one the reference
+    differences: tuple[Difference, ...]  # of each later run from the first
+    serial: str | None = None  # the serial number of the arm; None where no run states it
 
     @property
     def model_sha256(self) -> str:

@@ -44,20 +44,13 @@ _LEAST_MM = 1e-9  # what a logarithmic plot shows of an error of nothing
 
 @dataclass(frozen=True)
 class PointErrors:
-    """Errors of one kind at every pose.
+    """Errors of one kind at every pose."""
 
-    Attributes:
-        name: of the kind, a word.
-        description: what an arrow leads from and to.
-        colour_name: its colour, in words.
-        vectors: ``(m, k, 3)`` m in the instrument's frame, NaN where there are none.
-    """
-
-    name: str
-    description: str
+    name: str  # of the kind, a word
+    description: str  # what an arrow leads from and to
     colour: rec.Colour
-    colour_name: str
-    vectors: Array
+    colour_name: str  # its colour, in words
+    vectors: Array  # (m, k, 3) m in the instrument's frame, NaN where there are none
 
 
 @dataclass(frozen=True)
@@ -65,25 +58,18 @@ class ErrorScene:
     """An arm that goes through poses, and what it misses points by.
 
     Attributes:
-        model: what is drawn.
         arm, values: the arm's geometry, with the base ``(p,)`` that the instrument sees.
-        joints: ``(m, joints)`` of the poses, in their order.
-        names: of the poses.
-        points: ``(m, k, 3)`` m in the instrument's frame: where the errors are drawn from; NaN where there is none.
-        points_label: what these points are.
-        errors: of each kind, all drawn with one magnification.
-        expected: ``(m,)`` m, how long an error is to be expected (RMS), drawn as a sphere in a view of its own.
     """
 
-    model: RobotModel
+    model: RobotModel  # what is drawn
     arm: RigidArm
     values: Array
-    joints: Array
-    names: Sequence[str]
-    points: Array
-    points_label: str
-    errors: Sequence[PointErrors]
-    expected: Array
+    joints: Array  # (m, joints) of the poses, in their order
+    names: Sequence[str]  # of the poses
+    points: Array  # (m, k, 3) m in the instrument's frame: where the errors are drawn from; NaN where there is none
+    points_label: str  # what these points are
+    errors: Sequence[PointErrors]  # of each kind, all drawn with one magnification
+    expected: Array  # (m,) m, how long an error is to be expected (RMS), drawn as a sphere in a view of its own
 
     @property
     def T_world_instrument(self) -> Array:

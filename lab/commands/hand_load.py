@@ -21,16 +21,11 @@ __all__ = ["HandLoad", "carrying", "read_hand_load"]
 
 @dataclass(frozen=True)
 class HandLoad:
-    """A load at the flange, with mass and centre of mass.
-
-    Attributes:
-        centre_m: ``(3,)``, its centre of mass in the last frame.
-        covariance: ``(4, 4)`` of mass and first moment, kg and kg m.
-    """
+    """A load at the flange, with mass and centre of mass."""
 
     mass_kg: float
-    centre_m: Array
-    covariance: Array
+    centre_m: Array  # (3,), its centre of mass in the last frame
+    covariance: Array  # (4, 4) of mass and first moment, kg and kg m
 
     def write(self, folder: Path) -> None:
         """Write it into the folder of a run."""

@@ -508,21 +508,13 @@ _BLOCK = 10_000  # stops that are made plain values at a time
 
 @dataclass(frozen=True)
 class Waypoints:
-    """Waypoints of a robot's way, each reached in a straight line of all joints.
+    """Waypoints of a robot's way, each reached in a straight line of all joints."""
 
-    Attributes:
-        joints: ``(s, n)`` rad or m.
-        which: ``(s,)`` which of the poses or targets ``ids`` each one is; -1 where it is none.
-        ids: what these are called.
-        purpose: what is done at them; every other stop is there for ``via``.
-        stations: of the instrument that measures then, ``(s,)`` names; none where it has one alone.
-    """
-
-    joints: Array
-    which: NDArray[np.int_]
-    ids: Sequence[str]
-    purpose: str
-    stations: tuple[str, ...] = ()
+    joints: Array  # (s, n) rad or m
+    which: NDArray[np.int_]  # (s,) which of the poses or targets ids each one is; -1 where it is none
+    ids: Sequence[str]  # what these are called
+    purpose: str  # what is done at them; every other stop is there for via
+    stations: tuple[str, ...] = ()  # of the instrument that measures then, (s,) names; none where it has one alone
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -40,26 +40,17 @@ _MEND = "repeat the run, or remove it"
 
 @dataclass(frozen=True)
 class Check:
-    """A calibration or a verification of an arm.
-
-    Attributes:
-        calibrates: whether it is a calibration.
-        on: the day of its measurements; None where the run names none.
-        verdict: good, doubtful, bad or not judged.
-        error_mm: the mean error at poses that were not fitted; None where there are none.
-        of: the digest of the calibration's ``result.json``; None of a verification of a result in memory.
-        model_sha256: of the robot's files.
-    """
+    """A calibration or a verification of an arm."""
 
     folder: Path
     robot: str
     serial: str | None
-    calibrates: bool
-    on: date | None
-    verdict: str
-    error_mm: float | None
-    of: str | None
-    model_sha256: str
+    calibrates: bool  # whether it is a calibration
+    on: date | None  # the day of its measurements; None where the run names none
+    verdict: str  # good, doubtful, bad or not judged
+    error_mm: float | None  # the mean error at poses that were not fitted; None where there are none
+    of: str | None  # the digest of the calibration's result.json; None of a verification of a result in memory
+    model_sha256: str  # of the robot's files
 
 
 class LeftOut(NamedTuple):
@@ -157,22 +148,14 @@ class _Slope(NamedTuple):
 
 @dataclass(frozen=True)
 class ArmStatus:
-    """An arm on a day.
-
-    Attributes:
-        serial: its serial number; None where its runs name none.
-        checks: its calibrations and verifications up to the day, in order; those without a day first.
-        on: the day.
-        every_days: after how many days without a check it is due.
-        trend: of its calibrations; None where fewer than two can be compared.
-    """
+    """An arm on a day."""
 
     robot: str
-    serial: str | None
-    checks: tuple[Check, ...]
-    on: date
-    every_days: int
-    trend: TrendResult | None = None
+    serial: str | None  # its serial number; None where its runs name none
+    checks: tuple[Check, ...]  # its calibrations and verifications up to the day, in order; those without a day first
+    on: date  # the day
+    every_days: int  # after how many days without a check it is due
+    trend: TrendResult | None = None  # of its calibrations; None where fewer than two can be compared
 
     @property
     def called(self) -> str:
@@ -261,22 +244,16 @@ def _slope(points: Sequence[tuple[float, float]]) -> _Slope | None:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class StatusResult(Result):
-    """The state of every arm of a folder of runs on a day.
-
-    Attributes:
-        on: the day.
-        arms: the worst first.
-        left_out: runs that could not be used, and why not.
-    """
+    """The state of every arm of a folder of runs on a day."""
 
     command = "status"
     shown_by = "lab.commands.status:_status_document"
     drawn_by = "lab.commands.status:_checks_picture"
 
     options: StatusOptions
-    on: date
-    arms: tuple[ArmStatus, ...]
-    left_out: tuple[LeftOut, ...]
+    on: date  # the day
+    arms: tuple[ArmStatus, ...]  # the worst first
+    left_out: tuple[LeftOut, ...]  # runs that could not be used, and why not
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -51,45 +51,29 @@ class DatedRun:
 
 @dataclass(frozen=True)
 class _DetectableChange:
-    """Smallest shift of a joint's zero that one more calibration detects in 95 of 100 (rad; m if prismatic).
+    """Smallest shift of a joint's zero that one more calibration detects in 95 of 100 (rad; m if prismatic)."""
 
-    Attributes:
-        joint: counted from one.
-        unit: in which the change is displayed.
-        links_alone: where only the links are compared (and what else is retained); infinite if unobservable.
-        all_kept: where neither base nor tool was set up anew.
-    """
-
-    joint: int
-    unit: Unit
-    links_alone: float
-    all_kept: float
+    joint: int  # counted from one
+    unit: Unit  # in which the change is displayed
+    links_alone: float  # where only the links are compared (and what else is retained); infinite if unobservable
+    all_kept: float  # where neither base nor tool was set up anew
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class TrendResult(Result):
-    """The calibrations of a robot in order, and the changes between them.
-
-    Attributes:
-        runs: the calibrations, in the order of their days.
-        estimates: of each the compared parameters.
-        changes: between them, in order.
-        detectable: of each joint.
-        left_out: what of the folder was not taken, a sentence each.
-        serial: the serial number of the arm; None where no run states it.
-    """
+    """The calibrations of a robot in order, and the changes between them."""
 
     command = "trend"
     shown_by = "lab.commands.trend:_trend_document"
     drawn_by = "lab.commands.trend:_parameters_picture"
 
     options: TrendOptions
-    runs: tuple[DatedRun, ...]
-    estimates: tuple[IdentifiedSubset, ...]
-    changes: tuple[ChangePoint, ...]
-    detectable: tuple[_DetectableChange, ...]
-    left_out: tuple[str, ...]
-    serial: str | None = None
+    runs: tuple[DatedRun, ...]  # the calibrations, in the order of their days
+    estimates: tuple[IdentifiedSubset, ...]  # of each the compared parameters
+    changes: tuple[ChangePoint, ...]  # between them, in order
+    detectable: tuple[_DetectableChange, ...]  # of each joint
+    left_out: tuple[str, ...]  # what of the folder was not taken, a sentence each
+    serial: str | None = None  # the serial number of the arm; None where no run states it
 
     @property
     def model_sha256(self) -> str:

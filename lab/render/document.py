@@ -72,14 +72,10 @@ def plain(text: Text) -> str:
 
 @dataclass(frozen=True)
 class Block:
-    """A part of a document.
-
-    Attributes:
-        shown_in: the media that show it.
-    """
+    """A part of a document."""
 
     kind: ClassVar[str] = ""
-    shown_in: _Media = field(default=EVERYWHERE, kw_only=True)
+    shown_in: _Media = field(default=EVERYWHERE, kw_only=True)  # the media that show it
 
     def _reduced(self, medium: _Medium) -> "Iterable[Block]":
         """Return the parts of the block that a medium shows; none if there is nothing to show."""

@@ -30,14 +30,12 @@ class Spread:
     """Lengths to be shown as a histogram, and what is marked in it.
 
     Attributes:
-        lengths: ``(n,)`` m, NaN where there is none.
-        mark: words and a length (m).
         hatch, marker: of areas and of single dots, which differ in grey prints.
     """
 
-    lengths: Array
+    lengths: Array  # (n,) m, NaN where there is none
     colour: str
-    mark: tuple[str, float]
+    mark: tuple[str, float]  # words and a length (m)
     hatch: str = ""
     marker: str = "o"
 
@@ -47,27 +45,20 @@ class SizeMap:
     """Lengths (errors, corrections) where they are.
 
     Attributes:
-        points: ``(m, 3)`` m.
-        sizes: ``(m,)`` m.
-        crosses: ``(o, 3)`` m, marked beside them.
         size_means, cross_means: what the lengths and the crosses are.
-        frame: whose frame the points are in.
-        name: of its pictures.
         range_m: ends of a logarithmic scale that several maps share; None for a linear one of its own.
-        with_scale: whether the scale is drawn beside it.
-        from_one_side: whether one view is enough: from the side, or from above where that is a line.
     """
 
-    points: Array
-    sizes: Array
+    points: Array  # (m, 3) m
+    sizes: Array  # (m,) m
     size_means: str
-    crosses: Array = field(default_factory=lambda: np.empty((0, 3)))
+    crosses: Array = field(default_factory=lambda: np.empty((0, 3)))  # (o, 3) m, marked beside them
     cross_means: str = "outlier"
-    frame: str = "base"
-    name: str = "where"
+    frame: str = "base"  # whose frame the points are in
+    name: str = "where"  # of its pictures
     range_m: tuple[float, float] | None = None
-    with_scale: bool = True
-    from_one_side: bool = False
+    with_scale: bool = True  # whether the scale is drawn beside it
+    from_one_side: bool = False  # whether one view is enough: from the side, or from above where that is a line
 
 
 def spread_by_size(sizes: Array) -> NDArray[np.int_]:

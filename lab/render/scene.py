@@ -24,15 +24,10 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Legs:
-    """Lines of a mechanism that belong to no body: its rods, and legs whose length is a joint position.
+    """Lines of a mechanism that belong to no body: its rods, and legs whose length is a joint position."""
 
-    Attributes:
-        ends: ``(n, legs, 2, 3)`` m, the base's side first; a serial arm has none.
-        measured: of each leg, whether its length is a joint position.
-    """
-
-    ends: Array
-    measured: tuple[bool, ...]
+    ends: Array  # (n, legs, 2, 3) m, the base's side first; a serial arm has none
+    measured: tuple[bool, ...]  # of each leg, whether its length is a joint position
 
 
 def skeleton(arm: RigidArm, values: Array, joints: Array) -> Skeleton:
@@ -47,17 +42,11 @@ _HALF_AXIS = 0.11  # of the reach: the longest half-axis of an ellipsoid as draw
 
 @dataclass(frozen=True)
 class MagnifiedEllipsoids:
-    """Ellipsoids in the world, one for each drawn pose, magnified.
+    """Ellipsoids in the world, one for each drawn pose, magnified."""
 
-    Attributes:
-        centers: ``(m, 3)`` m.
-        axes: ``(m, 3, 3)``, columns unit and right-handed.
-        half_sizes: ``(m, 3)``, descending, times ``factor``.
-    """
-
-    centers: Array
-    axes: Array
-    half_sizes: Array
+    centers: Array  # (m, 3) m
+    axes: Array  # (m, 3, 3), columns unit and right-handed
+    half_sizes: Array  # (m, 3), descending, times factor
     factor: float
 
 

@@ -68,25 +68,15 @@ class _ErrorMap(NamedTuple):
 
 @dataclass(frozen=True)
 class _ArmPoses:
-    """The arm at some of its fitted poses, in the world.
+    """The arm at some of its fitted poses, in the world."""
 
-    Attributes:
-        first: the id of the first of them: it stretches farthest along x, so that it is seen from both sides.
-        strips: lines ``(m, c, 3)`` m, along the chain or each leg.
-        joints: ``(m, f, 3)`` m, the frames on them.
-        tips: ``(m, k, 3)`` m, the targets at these poses.
-        points: ``(q, 3)`` m: targets at all fitted poses, as measured where they are.
-        measured: whether they are.
-        head: ``(3,)`` m, the instrument; None where nothing is measured in its frame.
-    """
-
-    first: str
-    strips: tuple[Array, ...]
-    joints: Array
-    tips: Array
-    points: Array
-    measured: bool
-    head: Array | None
+    first: str  # the id of the first of them: it stretches farthest along x, so that it is seen from both sides
+    strips: tuple[Array, ...]  # lines (m, c, 3) m, along the chain or each leg
+    joints: Array  # (m, f, 3) m, the frames on them
+    tips: Array  # (m, k, 3) m, the targets at these poses
+    points: Array  # (q, 3) m: targets at all fitted poses, as measured where they are
+    measured: bool  # whether points are as measured
+    head: Array | None  # (3,) m, the instrument; None where nothing is measured in its frame
 
 
 def world_of(result: CalibrationResult) -> Array:

@@ -62,19 +62,12 @@ def comment_on_missing_effects(groups: Sequence[str], error_m: float | None, whe
 
 @dataclass(frozen=True)
 class ArmExport:
-    """An identified arm, for ``calibrated.py``.
-
-    Attributes:
-        estimate: of the arm.
-        observed: how the run was observed, where its positions are in no instrument's frame; "" else.
-        verdict: of the run, in words.
-        inputs: ``(n, joints + conditions)`` at poses that were measured; the module is checked at some of them.
-    """
+    """An identified arm, for ``calibrated.py``."""
 
     estimate: Estimate
-    observed: str
-    verdict: str
-    inputs: Array
+    observed: str  # how the run was observed, where its positions are in no instrument's frame; "" else
+    verdict: str  # of the run, in words
+    inputs: Array  # (n, joints + conditions) at poses that were measured; the module is checked at some of them
 
     def module(self) -> tuple[str, str | None]:
         """The text of ``calibrated.py``, and why its functions refuse; None where they do not."""
@@ -134,9 +127,6 @@ class RunVerdict:
 
     Attributes:
         after_mm, before_mm: errors after and before; None without a validation.
-        judged_by: the validation set; None without validation.
-        outliers: poses that the test of outliers names.
-        outliers_left_out: whether these were not fitted.
         noise_model: correlated errors of the measurements that the run estimated; None where there are none.
     """
 
@@ -145,9 +135,9 @@ class RunVerdict:
     adequacy: str
     after_mm: Mapping[str, float] | None = None
     before_mm: Mapping[str, float] | None = None
-    judged_by: str | None = None
-    outliers: tuple[_NamedOutlier, ...] = ()
-    outliers_left_out: bool = False
+    judged_by: str | None = None  # the validation set; None without validation
+    outliers: tuple[_NamedOutlier, ...] = ()  # poses that the test of outliers names
+    outliers_left_out: bool = False  # whether these were excluded from the fit
     noise_model: NoiseModel | None = None
     reasons: tuple[str, ...] = ()
     gate_mm: float | None = None
@@ -179,26 +169,16 @@ class RunVerdict:
 
 @dataclass(frozen=True)
 class CalibrationRun:
-    """A calibration with its provenance: who uses an estimate of a run takes it from here.
+    """A calibration with its provenance: who uses an estimate of a run takes it from here."""
 
-    Attributes:
-        folder: of the run.
-        robot: that was calibrated, with payloads where the load of the estimate hangs.
-        estimate: what was identified.
-        result: how the run was judged.
-        load: at the flange; that of the estimate.
-        inputs: that the run was made from; None of a result in memory, whose are at hand.
-        edits: sentences about files that were changed since the run was written.
-    """
-
-    folder: Path
-    robot: Robot
+    folder: Path  # of the run
+    robot: Robot  # the calibrated robot, with payloads where the load of the estimate hangs
     estimate: Estimate
     result: RunVerdict
     options: Campaign
-    load: HandLoad | None
-    inputs: RunInputs | None = None
-    edits: tuple[str, ...] = ()
+    load: HandLoad | None  # at the flange; that of the estimate
+    inputs: RunInputs | None = None  # inputs of the run; None of a result in memory
+    edits: tuple[str, ...] = ()  # sentences about files that were changed since the run was written
 
     @property
     def serial(self) -> str | None:

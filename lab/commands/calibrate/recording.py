@@ -65,43 +65,32 @@ class Scene:
     """A campaign's fitted poses in the world (m).
 
     Attributes:
-        rows: ``(m,)`` which of the fitted poses are drawn.
-        numbers: ``(n,)`` each fitted pose's row among all that were measured.
-        outliers: the farthest first.
         Ts_world_station: ``(4, 4)``, identified, by the names of the stations from which was measured, the first first.
-        heads: ``(m, 3)``, the instrument's in each drawn pose.
-        reach_m: the largest distance of a measured point, or a leg's end, from frame 0; sizes of marks follow it.
         measured, before, after: ``(m, k, 3)`` points as measured (NaN where not), and as predicted.
-        all_measured: ``(q, 3)`` of every fitted pose.
         error_before, error_after: ``(n,)`` m, mean over the targets measured at each fitted pose, NaN where none was.
         factor_before, factor_after: magnification of the error arrows.
-        uncertainty: None where the noise is not known, or there was none.
-        shells: of the bodies in ``bodies``.
-        bodies: world poses ``(m, 4, 4)`` by name.
-        origins: ``(m, f, 3)`` of the arm's frames.
-        legs: in the world.
     """
 
-    rows: NDArray[np.int_]
-    numbers: NDArray[np.int_]
-    outliers: tuple[_OutlierPose, ...]
-    reach_m: float
+    rows: NDArray[np.int_]  # (m,) rows of the drawn poses among the fitted ones
+    numbers: NDArray[np.int_]  # (n,) each fitted pose's row among all that were measured
+    outliers: tuple[_OutlierPose, ...]  # the farthest first
+    reach_m: float  # the largest distance of a measured point, or a leg's end, from frame 0; sizes of marks follow it
     Ts_world_station: Mapping[str, Array]
-    heads: Array
+    heads: Array  # (m, 3), the instrument's in each drawn pose
     measured: Array
     before: Array
     after: Array
-    all_measured: Array
+    all_measured: Array  # (q, 3) of every fitted pose
     error_before: Array
     error_after: Array
     factor_before: float
     factor_after: float
     mapping: MagnifiedEllipsoids
-    uncertainty: MagnifiedEllipsoids | None
-    shells: tuple[Shell, ...]
-    bodies: dict[str, Array]
-    origins: Array
-    legs: Legs
+    uncertainty: MagnifiedEllipsoids | None  # None where the noise is not known, or there was none
+    shells: tuple[Shell, ...]  # of the drawn bodies
+    bodies: dict[str, Array]  # world poses (m, 4, 4) by name
+    origins: Array  # (m, f, 3) of the arm's frames
+    legs: Legs  # in the world
 
     @property
     def at(self) -> NDArray[np.int_]:

@@ -50,23 +50,14 @@ _UNCERTIFIED = {
 
 @dataclass(frozen=True)
 class FittedRows:
-    """Rows that a run was fitted to, and rows that it held out for validation.
+    """Rows that a run was fitted to, and rows that it held out for validation."""
 
-    Attributes:
-        rows: the fitted rows.
-        judged: rows of the same file that were held out; None where there are none.
-        observed: the fitted rows, weighted as in the run.
-        sigma_m: noise of one coordinate, by which they are weighted.
-        instrument: the source of that noise; None where it was given as a number, or estimated.
-        validated: rows of the validation file that the run used; None where there was none.
-    """
-
-    rows: Measurements
-    judged: Measurements | None
-    observed: Observations
-    sigma_m: float
-    instrument: Instrument | None
-    validated: Measurements | None = None
+    rows: Measurements  # the fitted rows
+    judged: Measurements | None  # rows of the same file that were held out; None where there are none
+    observed: Observations  # the fitted rows, weighted as in the run
+    sigma_m: float  # noise of one coordinate, by which they are weighted
+    instrument: Instrument | None  # the source of that noise; None where it was given as a number, or estimated
+    validated: Measurements | None = None  # rows of the validation file that the run used; None where there was none
 
     @property
     def sets(self) -> dict[str, Measurements]:

@@ -40,16 +40,14 @@ class RobotFound:
         before, after: pose accuracy, commanded through the nominal and the calibrated model; ``after`` is None where
             the parameters were identified from all rows, whose residuals are no accuracy.
         distances_before, distances_after: errors of distances (m), measured less commanded; ``after`` empty likewise.
-        repeats: of all rows, fitted or not; None where no pose was repeated.
-        repeated_in: which rows have repeats.
     """
 
     before: PoseAccuracy
     after: PoseAccuracy | None
     distances_before: Array
     distances_after: Array
-    repeats: Repeats | None
-    repeated_in: tuple[str, ...]
+    repeats: Repeats | None  # of all rows, fitted or not; None where no pose was repeated
+    repeated_in: tuple[str, ...]  # which rows have repeats
 
     @property
     def of_fitted_rows(self) -> bool:
@@ -59,17 +57,12 @@ class RobotFound:
 
 @dataclass(frozen=True)
 class Unseen:
-    """An effect that neither the measurements nor the instrument's specification covers, with its remedy.
-
-    Attributes:
-        limit: its largest size in ``unit``.
-        remedy: what to do to make it observable.
-    """
+    """An effect that neither the measurements nor the instrument's specification covers, with its remedy."""
 
     quantity: InputQuantity
-    limit: float
+    limit: float  # its largest size in unit
     unit: str
-    remedy: str
+    remedy: str  # what to do to make it observable
 
     @property
     def description(self) -> str:
@@ -82,17 +75,7 @@ class Certificate(Result):
     """A calibration's certificate.
 
     Attributes:
-        calibrated: the run.
-        details: who measured what, when, where and with which instrument.
-        device: the instrument; None where it is not known.
-        budgets: of a position, and of a distance between two.
-        robot: how the robot was found.
         conformity: None without a tolerance, without validation, or where the certificate is not issued.
-        poses: how many were fitted.
-        implausible: details that cannot be right, or are unusual.
-        validation: what validation shows beside the budget; None where the run was not validated.
-        unseen: what U does not contain, as nothing shows it.
-        with_unseen_m: expanded uncertainty of each budget's measurand with that, too.
     """
 
     command = "certify"
@@ -102,17 +85,17 @@ class Certificate(Result):
 
     options: CertifyOptions
     calibrated: CalibrationRun
-    details: CertificateDetails
-    device: Instrument | None
-    budgets: tuple[Budget, ...]
+    details: CertificateDetails  # who measured what, when, where and with which instrument
+    device: Instrument | None  # the instrument; None where it is not known
+    budgets: tuple[Budget, ...]  # of a position, and of a distance between two
     robot: RobotFound
     conformity: Conformity | None
     warnings: tuple[str, ...]
-    poses: int
-    implausible: tuple[Check, ...]
-    validation: LackOfFit | None
-    unseen: tuple[Unseen, ...]
-    with_unseen_m: tuple[float, ...]
+    poses: int  # number of fitted poses
+    implausible: tuple[Check, ...]  # details that cannot be right, or are unusual
+    validation: LackOfFit | None  # what validation shows beside the budget; None where the run was not validated
+    unseen: tuple[Unseen, ...]  # effects that U does not contain
+    with_unseen_m: tuple[float, ...]  # expanded uncertainty of each measurand with the unseen effects
 
     @property
     def serial(self) -> str | None:

@@ -57,23 +57,17 @@ class CorrectedProgram:
     """A program with corrected targets.
 
     Attributes:
-        name: of its file.
-        language: what its users call it.
-        content: the file.
-        rows: of the targets in the list of all, which target of the text each one is.
-        targets: of the text.
-        uncorrected: lines that stay as they are, and why, by line.
         rounding_mm, rounding_deg: how far the written numbers bring the controller's arm from the exact ones at most;
             None where no target is corrected.
         touching_paths: what the arm touches on its way from target to target, in words, by line.
     """
 
-    name: str
-    language: str
+    name: str  # name of its file
+    language: str  # what its users call it
     content: bytes
-    rows: NDArray[np.int_]
-    targets: tuple[TargetText, ...]
-    uncorrected: tuple[Uncorrected, ...]
+    rows: NDArray[np.int_]  # of the targets in the list of all, which target of the text each one is
+    targets: tuple[TargetText, ...]  # of the text
+    uncorrected: tuple[Uncorrected, ...]  # lines that stay as they are, and why, by line
     rounding_mm: float | None
     rounding_deg: float | None
     touching_paths: tuple[tuple[int, str], ...]
@@ -97,25 +91,16 @@ class CorrectedProgram:
 
 @dataclass(frozen=True)
 class OpenProgram:
-    """A program whose targets are to be corrected.
-
-    Attributes:
-        path: of its file.
-        read: what was read of its text.
-        reference: the base, flange and tools that its numbers are relative to.
-        rows: which of the text's targets are to be corrected.
-        targets: these, for the arm.
-        left: those that are not, and why.
-    """
+    """A program whose targets are to be corrected."""
 
     path: Path
     text: str
     language: Language
-    read: ProgramText
-    reference: ProgramReference
-    rows: NDArray[np.int_]
-    targets: Targets
-    left: tuple[Uncorrected, ...]
+    read: ProgramText  # what was read of its text
+    reference: ProgramReference  # the base, flange and tools that its numbers are relative to
+    rows: NDArray[np.int_]  # which of the text's targets are to be corrected
+    targets: Targets  # to be corrected, for the arm
+    left: tuple[Uncorrected, ...]  # targets that are not corrected, and why
 
     @property
     def nominal(self) -> NominalInverse:
@@ -364,21 +349,13 @@ _AGREES_M = 0.5e-3  # and disagrees with it where it is farther
 
 @dataclass(frozen=True)
 class UsedTool:
-    """A tool that a program's targets are for.
+    """A tool that a program's targets are for."""
 
-    Attributes:
-        name: in the text; empty for joint positions whose tool the text does not name.
-        targets: how many.
-        position_m: ``(3,)`` in the flange.
-        point: the measured point that it is apparently meant to be; empty where none is near.
-        distance_m: of that point, as measured.
-    """
-
-    name: str
-    targets: int
-    position_m: tuple[float, ...]
-    point: str = ""
-    distance_m: float = 0.0
+    name: str  # in the text; empty for joint positions whose tool the text does not name
+    targets: int  # number of targets
+    position_m: tuple[float, ...]  # (3,) in the flange
+    point: str = ""  # the measured point that it is apparently meant to be; empty where none is near
+    distance_m: float = 0.0  # distance of that point, as measured
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, in mm."""

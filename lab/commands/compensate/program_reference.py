@@ -61,21 +61,15 @@ class ProgramReference:
     Attributes:
         run: the run; behind its targets the arm has the controller's flange and a point for each tool, and its nominal
             values have the identified base and the tools as stated.
-        flange: in the last frame.
-        sigma: ``(6,)`` tolerances of the first and the last link (m, rad), as large as this arm's are.
-        dof: degrees of freedom of these.
-        target: of the arm, that stands in the flange's place.
-        points: targets of the arm by the tools' names.
-        gain: ``(6, f)`` how the flange's motion in the last frame follows the identified parameters.
     """
 
     run: CalibrationRun
-    flange: Flange
-    sigma: Array
-    dof: float
-    target: int
-    points: Mapping[str, int]
-    gain: Array
+    flange: Flange  # in the last frame
+    sigma: Array  # (6,) tolerances of the first and the last link (m, rad), as large as this arm's are
+    dof: float  # degrees of freedom of sigma
+    target: int  # target of the arm that stands for the flange
+    points: Mapping[str, int]  # targets of the arm by the tools' names
+    gain: Array  # (6, f) how the flange's motion in the last frame follows the identified parameters
 
     @cached_property
     def nominal(self) -> NominalInverse:
@@ -296,19 +290,12 @@ _LEAST_M2 = 1e-24  # a mean square that is none
 
 @dataclass(frozen=True)
 class ProgramErrors:
-    """Expected errors of n targets.
+    """Expected errors of n targets."""
 
-    Attributes:
-        flange_m: ``(n,)`` the flange's part (RMS).
-        flange_95_m: ``(n,)`` length that 95 % of the flange's part do not exceed.
-        base_95_m: ``(n,)`` length that 95 % of the errors in the robot's base do not exceed.
-        shape_95_m: ``(n,)`` the same of errors after the best rigid motion of all targets.
-    """
-
-    flange_m: Array
-    flange_95_m: Array
-    base_95_m: Array
-    shape_95_m: Array
+    flange_m: Array  # (n,) the flange's part (RMS)
+    flange_95_m: Array  # (n,) length that 95 % of the flange's part do not exceed
+    base_95_m: Array  # (n,) length that 95 % of the errors in the robot's base do not exceed
+    shape_95_m: Array  # (n,) length that 95 % of the errors do not exceed after the best rigid motion of all targets
 
 
 def program_errors(

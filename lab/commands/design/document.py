@@ -54,40 +54,26 @@ class PlanScene:
     """The stops of a tour: home, poses and the poses passed on the way, home.
 
     Attributes:
-        measured: ``(s,)``, whether a stop is measured.
-        ids: ``(n,)`` of the measured ones, as in ``plan.csv``.
-        points: ``(s, k, 3)`` targets.
-        path: ``(p, 3)``, the first target's way through all stops.
-        Ts_world_station: ``(q, 4, 4)``, where the instrument measures from, with its names in ``stations``.
-        station: ``(s,)`` from where it measures at each stop.
-        reach_m: the largest distance of a target, or a leg's end, from frame 0.
-        shells: of the bodies in ``bodies``.
-        bodies: world poses ``(s, 4, 4)`` by name.
-        origins: ``(s, f, 3)`` of the arm's frames.
-        home: lines ``(f, 3)`` from frame to frame, of the arm at home.
-        legs: in the world.
-        mapping: sensitivity of the position to the scaled parameters.
-        uncertainty: predicted 1 sigma of the first target after calibration.
         arrivals, departures: ``(s,)`` s, when the arm comes to each stop and leaves it, at its full speed.
         times: ``(t,)`` s while it moves, with ``moving``, poses ``(t, 4, 4)`` of the bodies by name,
             ``moving_legs``, and ``moving_points`` ``(t, k, 3)``.
     """
 
-    measured: NDArray[np.bool_]
-    ids: tuple[str, ...]
-    points: Array
-    path: Array
-    Ts_world_station: Array
+    measured: NDArray[np.bool_]  # (s,), whether a stop is measured
+    ids: tuple[str, ...]  # (n,) of the measured ones, as in plan.csv
+    points: Array  # (s, k, 3) targets
+    path: Array  # (p, 3), the first target's way through all stops
+    Ts_world_station: Array  # (q, 4, 4), where the instrument measures from, with its names in stations
     stations: tuple[str, ...]
-    station: NDArray[np.int_]
-    reach_m: float
-    shells: tuple[Shell, ...]
-    bodies: dict[str, Array]
-    origins: Array
-    home: tuple[Array, ...]
-    legs: Legs
-    mapping: MagnifiedEllipsoids
-    uncertainty: MagnifiedEllipsoids
+    station: NDArray[np.int_]  # (s,) from where it measures at each stop
+    reach_m: float  # the largest distance of a target, or a leg's end, from frame 0
+    shells: tuple[Shell, ...]  # of the drawn bodies
+    bodies: dict[str, Array]  # world poses (s, 4, 4) by name
+    origins: Array  # (s, f, 3) of the arm's frames
+    home: tuple[Array, ...]  # lines (f, 3) from frame to frame, of the arm at home
+    legs: Legs  # in the world
+    mapping: MagnifiedEllipsoids  # sensitivity of the position to the scaled parameters
+    uncertainty: MagnifiedEllipsoids  # predicted 1 sigma of the first target after calibration
     arrivals: Array
     departures: Array
     times: Array

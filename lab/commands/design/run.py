@@ -60,17 +60,11 @@ REFERENCE_EVERY = 10  # poses after which the reference pose is measured again
 
 @dataclass(frozen=True)
 class SessionDuration:
-    """The time that a plan takes.
+    """The time that a plan takes."""
 
-    Attributes:
-        poses: how many are measured.
-        moving_s: on the move at full speed, s.
-        again: how many stops of the plan are poses that are measured again; none where the plan leaves that out.
-    """
-
-    poses: int
-    moving_s: float
-    again: int = 0
+    poses: int  # number of measured poses
+    moving_s: float  # time of motion at full speed, s
+    again: int = 0  # number of repeated measurements of the plan
 
     @classmethod
     def of(cls, tour: Tour) -> Self:

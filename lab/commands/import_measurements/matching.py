@@ -30,14 +30,12 @@ class Windows:
 
     Attributes:
         starts, ends: ``(k,)`` s, of the log's clock.
-        joints: ``(k, joints)`` rad or m: the mean of the rows of each.
-        lines: ``(k,)`` of the first row of each, as an editor counts.
     """
 
     starts: Array
     ends: Array
-    joints: Array
-    lines: tuple[int, ...]
+    joints: Array  # (k, joints) rad or m: the mean of the rows of each
+    lines: tuple[int, ...]  # (k,) of the first row of each, as an editor counts
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -108,36 +106,25 @@ class Timeline:
     """When points were measured and the arm stood still, on the controller's clock.
 
     Attributes:
-        at: ``(n,)`` s, of the points; NaN where unknown.
         starts, ends: ``(k,)`` s, of the windows in which the arm stood still.
-        placed: which window each point falls into, by which offset of the clocks.
-        retained: ``(n,)`` which points are in the measurements.
     """
 
-    at: Array
+    at: Array  # (n,) s, of the points; NaN where unknown
     starts: Array
     ends: Array
-    placed: PlacedPoints
-    retained: NDArray[np.bool_]
+    placed: PlacedPoints  # which window each point falls into, by which offset of the clocks
+    retained: NDArray[np.bool_]  # (n,) which points are in the measurements
 
 
 @dataclass(frozen=True)
 class Matching:
-    """Assignment of points to poses.
+    """Assignment of points to poses."""
 
-    Attributes:
-        by: the criterion that was compared.
-        poses: in the order of the controller's file.
-        left_out: points and poses without the other.
-        description: description of the method, in sentences.
-        timeline: of points that found their poses by time.
-    """
-
-    by: By
-    poses: tuple[_MatchedPose, ...]
-    left_out: tuple[LeftOut, ...]
-    description: tuple[str, ...]
-    timeline: Timeline | None = None
+    by: By  # the criterion that was compared
+    poses: tuple[_MatchedPose, ...]  # in the order of the controller's file
+    left_out: tuple[LeftOut, ...]  # points and poses without the other
+    description: tuple[str, ...]  # description of the method, in sentences
+    timeline: Timeline | None = None  # of points that found their poses by time
 
 
 def matched(

@@ -33,14 +33,7 @@ __all__ = ["ImportResult", "import_measurements"]
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ImportResult(Result):
-    """Measurements that were merged from a tracker's and a controller's file.
-
-    Attributes:
-        measurements: a row for each pose (m, rad, in the tracker's frame).
-        points: the tracker's file.
-        log: the controller's file.
-        matching: how points found their poses.
-    """
+    """Measurements that were merged from a tracker's and a controller's file."""
 
     command = "import"
     robot_at = "robot"
@@ -49,10 +42,10 @@ class ImportResult(Result):
 
     options: ImportOptions
     robot: Robot
-    measurements: Measurements
-    points: TrackerPoints
-    log: JointLog
-    matching: Matching
+    measurements: Measurements  # a row for each pose (m, rad, in the tracker's frame)
+    points: TrackerPoints  # the tracker's file
+    log: JointLog  # the controller's file
+    matching: Matching  # how points found their poses
     warnings: tuple[str, ...]
 
     @property

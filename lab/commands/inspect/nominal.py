@@ -268,23 +268,14 @@ _RANK = 1e-9  # of the largest singular value
 
 @dataclass(frozen=True)
 class ClosedShape:
-    """Structure of a closed-loop nominal model, in the nominal assembly mode.
+    """Structure of a closed-loop nominal model, in the nominal assembly mode."""
 
-    Attributes:
-        mobility: joints and passive values less the closures' equations.
-        freedoms: joints and passive values less the rank of the closures' Jacobian at home.
-        closed_form: parameters of its closed form, if it has one.
-        share: of joint positions within the limits, those at which the loops close.
-        extents: ``(3, 2)`` least and largest coordinates (m) of the platform's origin in the base.
-        conditions: of the closures' Jacobian by the passive values: least, median and largest.
-    """
-
-    mobility: int
-    freedoms: int
-    closed_form: ClosedFormShape | None
-    share: float
-    extents: Array
-    conditions: Array
+    mobility: int  # joints and passive values less the closures' equations
+    freedoms: int  # joints and passive values less the rank of the closures' Jacobian at home
+    closed_form: ClosedFormShape | None  # parameters of its closed form, if it has one
+    share: float  # of joint positions within the limits, those at which the loops close
+    extents: Array  # (3, 2) least and largest coordinates (m) of the platform's origin in the base
+    conditions: Array  # of the closures' Jacobian by the passive values: least, median and largest
 
 
 def closed_shape_of(mechanism: Mechanism) -> ClosedShape:

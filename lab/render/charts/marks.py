@@ -374,14 +374,10 @@ def heading(title: str, x: Scale, y: Scale) -> str:
 
 @dataclass(frozen=True)
 class Entry:
-    """A labelled mark.
-
-    Attributes:
-        sample: draws it from a place ``(x, y)`` on, with a width; points.
-    """
+    """A labelled mark."""
 
     label: str
-    sample: Callable[[float, float, float], str]
+    sample: Callable[[float, float, float], str]  # draws it from a place (x, y) on, with a width; points
 
 
 @dataclass(frozen=True)
