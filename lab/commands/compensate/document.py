@@ -25,8 +25,8 @@ _MOST_LISTED = 100  # targets, in each table
 
 def compensation_document(result: CompensationResult) -> doc.Document:
     """The totals, the targets that are not reached and why, how far the others were moved, and every target."""
-    count = len(result.failed)
-    verdict = doc.Badge(f"{count:,} not reached" if count else "all reached", result.verdict)
+    lost = len(result.failed)
+    verdict = doc.Badge(f"{lost:,} not reached" if lost else "all reached", result.verdict)
     failed = result.failed if result.program is None else ()  # those of a program are listed by line
     count = f"{len(result.reached):,} of {len(result.targets):,}"
     return doc.Document(

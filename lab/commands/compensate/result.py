@@ -303,7 +303,7 @@ class CompensationResult(Result):
         run, rows = self.run, np.flatnonzero(self.found.converged)
         chain, ids = run.robot.chain, {"id": [self.targets.ids[i] for i in rows]}
         marks = ["yes" if extrapolated else "no" for extrapolated in self.extrapolated[rows]]
-        conditions = {name: column[rows] for name, column in self.targets.conditions.items()}
+        conditions: dict[str, Any] = {name: column[rows] for name, column in self.targets.conditions.items()}
         conditions |= {"extrapolated": marks} if self.extrapolated.any() else {}
         _write_csv(folder / JOINTS, self, {**self.waypoints.columns(chain), **_waypoint_conditions(self)})
         at_targets = {**_cartesian_columns(self, rows), **joint_columns(chain, self.found.joints[rows])}

@@ -13,9 +13,8 @@ from lab.calibration.checks.fit import note
 from lab.calibration.verdict import Verdict
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
-from lab.commands.calibrate.figures import error_maps, has_correction
+from lab.commands.calibrate.figures import error_maps, has_correction, world_of
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.recording import world_of
 from lab.commands.calibrate.run import calibrate, identify
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
