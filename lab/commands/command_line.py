@@ -248,11 +248,11 @@ def _spec(kind: type, read: Any, metavar: str, *, optional: bool) -> "tyro.const
     )
 
 
-Options = TypeVar("Options")
-Call = TypeVar("Call", bound=Callable[..., Any])
+_Options = TypeVar("_Options")
+_Call = TypeVar("_Call", bound=Callable[..., Any])
 
 
-def options_of(call: str, kind: type[Options], given: Mapping[str, Any]) -> Options:
+def options_of(call: str, kind: type[_Options], given: Mapping[str, Any]) -> _Options:
     """Return the options that keywords set; the others are at their defaults.
 
     Args:
@@ -273,7 +273,7 @@ def options_of(call: str, kind: type[Options], given: Mapping[str, Any]) -> Opti
     return structured(call, kind, nested)
 
 
-def takes(kind: type[Any], **called: str) -> Callable[[Call], Call]:
+def takes(kind: type[Any], **called: str) -> Callable[[_Call], _Call]:
     """Mark a public call whose ``**options`` are a command's: ``help`` and editors show them as its keywords.
 
     It runs on one BLAS thread: small matrices gain nothing from more, and results stay the same to the last bit.
@@ -283,7 +283,7 @@ def takes(kind: type[Any], **called: str) -> Callable[[Call], Call]:
         called: options that are arguments of the call by another name.
     """
 
-    def mark(function: Call) -> Call:
+    def mark(function: _Call) -> _Call:
         shown = signature(function)
 
         @wraps(function)
@@ -304,7 +304,7 @@ def takes(kind: type[Any], **called: str) -> Callable[[Call], Call]:
             if name not in taken
         ]
         call.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
-        return cast(Call, call)
+        return cast(_Call, call)
 
     return mark
 

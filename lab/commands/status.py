@@ -32,7 +32,7 @@ from lab.render.document import digits_of, fixed, plus_minus, short
 from lab.render.style import GRID, INK, MEASURED, MUTED, RMS, WORST
 from lab.render.terminal import status as showing
 
-__all__ = ["STATES", "ArmStatus", "Check", "LeftOut", "StatusResult", "status"]
+__all__ = ["STATES", "Check", "StatusResult", "status"]
 
 _RESULT = "result.json"
 _MEND = "repeat the run, or remove it"
@@ -53,7 +53,7 @@ class Check:
     model_sha256: str  # of the robot's files
 
 
-class LeftOut(NamedTuple):
+class _LeftOut(NamedTuple):
     """A run that cannot be used, and why not."""
 
     folder: Path
@@ -72,16 +72,16 @@ class _Summary:
     observed_mm: Mapping[str, float] | None = None
 
 
-def _checks_of(folder: Path) -> tuple[tuple[Check, ...], tuple[LeftOut, ...]]:
+def _checks_of(folder: Path) -> tuple[tuple[Check, ...], tuple[_LeftOut, ...]]:
     """Read every calibration and verification below a folder; a run that cannot be used is listed with the reason."""
     if not folder.is_dir():
         raise LabError(f"{folder}: is no folder; give the folder that contains the runs")
-    found, left_out = list[Check](), list[LeftOut]()
+    found, left_out = list[Check](), list[_LeftOut]()
     for run in _runs(folder, left_out):
         try:
             check = _check(run)
         except LabError as error:
-            left_out.append(LeftOut(run, _reason_of(error, run)))
+            left_out.append(_LeftOut(run, _reason_of(error, run)))
             continue
         found += [] if check is None else [check]
     return tuple(found), tuple(left_out)
@@ -92,7 +92,7 @@ def _reason_of(error: LabError, run: Path) -> str:
     return str(error).removeprefix(f"{run}: ").partition("; ")[0]
 
 
-def _runs(folder: Path, left_out: list[LeftOut]) -> Iterator[Path]:
+def _runs(folder: Path, left_out: list[_LeftOut]) -> Iterator[Path]:
     """The folders of runs, without those inside of runs; what a killed process left goes to ``left_out``."""
     for name, inside, files in os.walk(folder):
         here = Path(name)
@@ -106,7 +106,7 @@ def _runs(folder: Path, left_out: list[LeftOut]) -> Iterator[Path]:
                 continue
             inside.remove(draft)
             if not is_being_written(place):
-                left_out.append(LeftOut(here / draft, f"is an incomplete copy of the run {place.name}"))
+                left_out.append(_LeftOut(here / draft, f"is an incomplete copy of the run {place.name}"))
         inside[:] = [each for each in inside if not each.startswith(".")]
 
 
@@ -147,7 +147,7 @@ class _Slope(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ArmStatus:
+class _ArmStatus:
     """An arm on a day."""
 
     robot: str
@@ -252,8 +252,8 @@ class StatusResult(Result):
 
     options: StatusOptions
     on: date  # the day
-    arms: tuple[ArmStatus, ...]  # the worst first
-    left_out: tuple[LeftOut, ...]  # runs that could not be used, and why not
+    arms: tuple[_ArmStatus, ...]  # the worst first
+    left_out: tuple[_LeftOut, ...]  # runs that could not be used, and why not
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -317,7 +317,7 @@ class StatusResult(Result):
         return {name: ["" if row[name] is None else row[name] for row in flat] for name in (flat or [{}])[0]}
 
 
-def _arm(arm: ArmStatus) -> dict[str, Any]:
+def _arm(arm: _ArmStatus) -> dict[str, Any]:
     slope, trend = arm.slope, arm.trend
     return {
         "serial": arm.serial,
@@ -441,7 +441,7 @@ def _arms(result: StatusResult) -> doc.Table:
     return doc.Table(columns, tuple(_row(each) for each in result.arms), "Mean position errors, mm", most_rows=200)
 
 
-def _row(arm: ArmStatus) -> doc.Row:
+def _row(arm: _ArmStatus) -> doc.Row:
     slope = arm.slope
     text = "–"
     if slope is not None:
@@ -474,7 +474,7 @@ def _explained(result: StatusResult) -> str:
     )
 
 
-def _changes(arm: ArmStatus) -> doc.Text:
+def _changes(arm: _ArmStatus) -> doc.Text:
     if arm.trend is None:
         return ""
     if not arm.trend.changes:
@@ -488,7 +488,7 @@ _STATES = ", ".join(f"{i} {word}" for i, word in enumerate(STATES))
 _ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
 
 
-def _exposition(arms: Sequence[ArmStatus], left_out: int) -> str:
+def _exposition(arms: Sequence[_ArmStatus], left_out: int) -> str:
     """Return the text that a scraper reads: a family for each quantity, a line for each arm that has it.
 
     Days are the seconds of their first moment, UTC.
@@ -554,14 +554,14 @@ def status(folder: str | Path | StatusOptions, **options: Any) -> StatusResult:
                 f"{requested.folder}: contains no run of lab calibrate, lab identify or lab verify; give a folder "
                 "that does"
             )
-        arms, reasons = list[ArmStatus](), list(left_out)
+        arms, reasons = list[_ArmStatus](), list(left_out)
         groups = _by_arm(checks)
         for i, ((serial, robot), own) in enumerate(groups.items()):
             stage("following the calibrations", i, len(groups))
             own = tuple(each for each in own if each.on is None or each.on <= on)
             if own:
                 arms.append(
-                    ArmStatus(robot, serial or None, own, on, requested.every_days, _trend(requested, own, reasons))
+                    _ArmStatus(robot, serial or None, own, on, requested.every_days, _trend(requested, own, reasons))
                 )
     arms.sort(key=lambda each: -STATES.index(each.state))
     result = StatusResult(requested, on, tuple(arms), tuple(dict.fromkeys(reasons)))
@@ -580,7 +580,7 @@ def _by_arm(checks: Iterable[Check]) -> Mapping[tuple[str, str], tuple[Check, ..
     }
 
 
-def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[LeftOut]) -> TrendResult | None:
+def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[_LeftOut]) -> TrendResult | None:
     """Follow the calibrations of an arm; what cannot be read or compared goes to ``left_out``."""
     dated = [each for each in checks if each.calibrates and each.on is not None]
     if len(dated) < 2:
@@ -590,7 +590,7 @@ def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[Lef
         try:
             run = read_calibrated(each.folder)
         except LabError as error:
-            left_out.append(LeftOut(each.folder, _reason_of(error, each.folder)))
+            left_out.append(_LeftOut(each.folder, _reason_of(error, each.folder)))
             continue
         twin = content_of(each.folder) in seen  # the same measurements, identified again
         if each.on is not None and run.result.usable and np.isfinite(run.estimate.free_covariance).all() and not twin:
@@ -601,5 +601,5 @@ def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[Lef
     try:
         return followed(TrendOptions(options.folder), runs)
     except LabError as error:
-        left_out.append(LeftOut(runs[-1].run.folder, f"is not compared with earlier calibrations: {error}"))
+        left_out.append(_LeftOut(runs[-1].run.folder, f"is not compared with earlier calibrations: {error}"))
         return None

@@ -38,7 +38,7 @@ from lab.verification.change_points import POWER, ChangePoint, Directions, Serie
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["DatedRun", "TrendResult", "change_text", "content_of", "errors_picture", "followed", "trend"]
+__all__ = ["DatedRun", "TrendResult", "change_text", "content_of", "followed", "trend"]
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ _REACH = 4.0  # halves of a 95 % interval at which the colours end
 _MOST = 6  # parameters with a picture of their own
 
 
-def errors_picture(result: TrendResult) -> tuple[doc.Picture, ...]:
+def _errors_picture(result: TrendResult) -> tuple[doc.Picture, ...]:
     """Mean and 95 % of the errors at validation, over time; nothing where fewer than two runs were validated."""
     of = [(each.date, each.run.result.after_mm) for each in result.runs]
     found = [(day, errors["mean"], errors["p95"]) for day, errors in of if errors is not None and errors["mean"] > 0]
@@ -368,7 +368,7 @@ def _errors(result: TrendResult) -> doc.Figure:
         "The validation error of each calibration shows its accuracy at that date; changes of the arm show in the "
         "parameters. The axis is logarithmic; dotted lines mark changes."
     )
-    return doc.Figure("errors-over-time", errors_picture(result), caption)
+    return doc.Figure("errors-over-time", _errors_picture(result), caption)
 
 
 def _parameters(result: TrendResult) -> tuple[doc.Figure, ...]:

@@ -48,7 +48,7 @@ from lab.verification.test import verify as test
 if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult
 
-__all__ = ["VerificationResult", "errors_picture", "verify"]
+__all__ = ["VerificationResult", "verify"]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -64,7 +64,7 @@ class VerificationResult(Result):
     command = "verify"
     robot_at = "calibrated.robot"
     shown_by = "lab.commands.verify:_verification_document"
-    drawn_by = "lab.commands.verify:errors_picture"
+    drawn_by = "lab.commands.verify:_errors_picture"
     recorded_by = "lab.commands.error_recording:record_verification"
 
     options: VerifyOptions
@@ -222,7 +222,7 @@ def _verification_document(result: VerificationResult) -> doc.Document:
     )
 
 
-def errors_picture(result: VerificationResult) -> doc.Picture:
+def _errors_picture(result: VerificationResult) -> doc.Picture:
     """The observed errors as a histogram, with their root mean square and the predicted one."""
     found = result.verified
     observed = MM.to_si(float(result.observed_mm["rms"]))
@@ -249,7 +249,7 @@ def _errors(result: VerificationResult) -> tuple[doc.Block, ...]:
     return (
         doc.Table(("", "mean", "rms", "95 %", "max", "points"), rows, "Position error, mm"),
         doc.Paragraph(below, "note"),
-        doc.Figure("errors-figure", (errors_picture(result),), drawn),
+        doc.Figure("errors-figure", (_errors_picture(result),), drawn),
     )
 
 

@@ -24,7 +24,7 @@ from lab.simulation.meshes import Shell, body_poses, shells
 from lab.simulation.model import RobotModel
 
 __all__ = [
-    "FAR", "LEGS", "LOG_ERRORS", "SUMMARY", "TIME", "Colour", "Times", "backdrop", "bars", "close_view", "draw_beams",
+    "LEGS", "LOG_ERRORS", "SUMMARY", "TIME", "Colour", "Times", "backdrop", "bars", "close_view", "draw_beams",
     "draw_ellipsoid", "draw_instrument", "draw_legs", "draw_moves", "draw_moving", "draw_moving_legs", "draw_shells",
     "draw_tag", "draw_tracker", "error_plot", "eye", "eye_on_arm", "layout", "magnified_view", "main_view", "markdown",
     "moves_between", "pose_times", "recording_to",
@@ -207,7 +207,7 @@ _CLOSE = 0.5  # of the reach: how far a close view's eye is from the target
 _SHOULDER_RAD, _DOWN = 0.9, 0.35  # the main view looks past the arm: turned from the line to the instrument, and down
 _SHELL = 0.12  # of the reach: how far bodies stand out from the frames, for an arm that fills the view
 _FLAT, _DOWN_ON_FLAT = 0.15, 1.8  # an arm of which all is lower than this share of its width lies in a plane
-FAR = 4.0  # reaches: an instrument further away does not have to be in view
+_FAR = 4.0  # reaches: an instrument further away does not have to be in view
 _HALF_FIELD, _ASPECT = 0.5, 1.4  # what is to fit in a view: less than the viewer's field of 55 degrees
 
 
@@ -284,7 +284,7 @@ def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeCo
     down = _DOWN_ON_FLAT if flat else _DOWN
     forward = se3.exp(np.array([0.0, 0.0, _SHOULDER_RAD])) @ towards + np.array([0.0, 0.0, -down])
     forward /= np.linalg.norm(forward)
-    near = distance < FAR * reach_m and not flat
+    near = distance < _FAR * reach_m and not flat
     more = head + np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -head[2]]]) if near else arm[:0]
     if flat:  # room for what is drawn above and below its plane
         more = np.concatenate([arm + np.array([0.0, 0.0, sign * 0.25 * reach_m]) for sign in (1, -1)])
@@ -296,7 +296,7 @@ def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeCo
 def eye_on_arm(origins: Array, points: Array, reach_m: float) -> rrb.EyeControls3D:
     """Return a view from the front and the side of an arm without an instrument; arguments as those of ``eye``."""
     shells = origins.reshape(-1, 3)[:, None] + _SHELL * reach_m * np.array([[0, 0, 1], [0, 0, -1], [1, -1, 0]])
-    behind = origins[0, 0] + FAR * reach_m * np.array([0.2, 1.0, 0.0])  # no instrument: a direction alone
+    behind = origins[0, 0] + _FAR * reach_m * np.array([0.2, 1.0, 0.0])  # no instrument: a direction alone
     return eye(origins, np.concatenate([points, shells.reshape(-1, 3)]), reach_m, behind)
 
 

@@ -45,9 +45,9 @@ from lab.render.style import (
 )
 
 __all__ = [
-    "MOST_POSES", "arm_figures", "correction_pictures", "correlation_picture", "error_histograms", "error_maps",
-    "has_correction", "main_picture", "residual_figures", "residual_pictures", "selection_picture",
-    "singular_value_picture", "uncertainty_map", "where_figures", "world_of",
+    "arm_figures", "correction_pictures", "correlation_picture", "error_histograms", "error_maps", "has_correction",
+    "main_picture", "residual_figures", "residual_pictures", "selection_picture", "singular_value_picture",
+    "uncertainty_map", "where_figures", "world_of",
 ]  # fmt: skip
 
 _MOST_ARMS = 12  # drawn in a picture
@@ -313,7 +313,7 @@ def _instrument(axes: Axes, head: Array, middle: Array, half: float, plane: tupl
     axes.plot([], [], color=INSTRUMENT, linewidth=2.0, label=far)
 
 
-MOST_POSES = 2000  # whose residuals are drawn
+_MOST_POSES = 2000  # whose residuals are drawn
 _WIDE, _SQUARE = (5.6, 2.6), (3.4, 3.2)  # inches
 _QUANTILES = 120
 _FEWEST = 8  # residuals that are drawn
@@ -337,7 +337,7 @@ def residual_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
 
 def _drawn(residuals: Array) -> NDArray[np.int_]:
     """The poses of residuals ``(n, ...)`` that are drawn: all, or some evenly spaced."""
-    some = evenly(len(residuals), MOST_POSES)
+    some = evenly(len(residuals), _MOST_POSES)
     return np.arange(len(residuals)) if some is None else some
 
 
@@ -368,7 +368,7 @@ def _by_joint(result: CalibrationResult, residuals: Array, band: float) -> Pictu
     low, high = joints.min(axis=0), joints.max(axis=0)
     share = (joints - low) / np.where(high > low, high - low, 1.0)
     per_pose = residuals.reshape(len(residuals), -1)
-    per_pose = per_pose[:, : max(1, MOST_POSES // max(1, len(per_pose)))]
+    per_pose = per_pose[:, : max(1, _MOST_POSES // max(1, len(per_pose)))]
     drawn = _drawn(residuals)
 
     def draw(axes: Axes) -> None:
@@ -554,8 +554,8 @@ def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
         "The plots show the residuals of the fit per axis; the band contains 95 % of the noise. Bends or steps against "
         "a joint show effects that the model lacks. In the last plot, normal noise lies on the line, within the band."
     )
-    if len(result.fitted) > MOST_POSES:
-        drawn = f"{MOST_POSES:,} of the {len(result.fitted):,} poses are drawn, evenly spaced"
+    if len(result.fitted) > _MOST_POSES:
+        drawn = f"{_MOST_POSES:,} of the {len(result.fitted):,} poses are drawn, evenly spaced"
         caption += f" {drawn}; the titles refer to all poses."
     return (Figure("residuals", residual_pictures(result), caption),)
 

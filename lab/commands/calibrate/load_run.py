@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from lab.commands.calibrate.result import CalibrationResult
 
 __all__ = [
-    "CALIBRATIONS", "MEASUREMENTS_FILE", "READ_FILES", "ArmExport", "CalibrationRun", "Campaign", "RunLike",
-    "RunVerdict", "calibrated_by", "comment_on_missing_effects", "condition_notes", "folder_of", "load_estimate",
-    "read_calibrated", "read_header", "refuse_other_parameters",
+    "CALIBRATIONS", "MEASUREMENTS_FILE", "READ_FILES", "ArmExport", "CalibrationRun", "RunLike", "RunVerdict",
+    "calibrated_by", "comment_on_missing_effects", "condition_notes", "folder_of", "load_estimate", "read_calibrated",
+    "read_header", "refuse_other_parameters",
 ]  # fmt: skip
 
 _CHECKED, _SAME_M = 3, 1e-9  # poses at which a module is compared with the lab's own arm, and how near it has to be
@@ -102,9 +102,9 @@ class ArmExport:
         return {"has": has, "lacks": [*lacks, *self.estimate.left_out], "conditions": conditions, "reason": reason}
 
 
-Campaign = VirtualCampaign | MeasuredCampaign
+_Campaign = VirtualCampaign | MeasuredCampaign
 RunLike = Union["CalibrationResult", str, Path, None]
-CALIBRATIONS: Mapping[str, type[Campaign]] = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign}
+CALIBRATIONS: Mapping[str, type[_Campaign]] = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign}
 MEASUREMENTS_FILE = "measurements.csv"
 READ_FILES = (
     CONFIG_FILE, RESULT_FILE, PARAMETERS_FILE, COVARIANCE_FILE, RESIDUAL_FILE, POSES_FILE, MEASUREMENTS_FILE, LOAD_FILE,
@@ -175,7 +175,7 @@ class CalibrationRun:
     robot: Robot  # the calibrated robot, with payloads where the load of the estimate hangs
     estimate: Estimate
     result: RunVerdict
-    options: Campaign
+    options: _Campaign
     load: HandLoad | None  # at the flange; that of the estimate
     inputs: RunInputs | None = None  # inputs of the run; None of a result in memory
     edits: tuple[str, ...] = ()  # sentences about files that were changed since the run was written
@@ -307,7 +307,7 @@ def read_calibrated(
     return CalibrationRun(folder, robot, estimate, verdict, options, payload, inputs, edits)
 
 
-def read_header(folder: Path) -> tuple[RunConfig, RunVerdict, Campaign]:
+def read_header(folder: Path) -> tuple[RunConfig, RunVerdict, _Campaign]:
     """Read how a run was made and judged."""
     config = read_config(folder, _MEND)
     verdict = read_structured(folder / RESULT_FILE, RunVerdict, _MEND)

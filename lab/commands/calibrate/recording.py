@@ -47,7 +47,7 @@ from lab.render.scene import (
 from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MAPPING, RGB_MEASURED, RGB_OUTLIER, RGB_UNCERTAINTY
 from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_body_poses
 
-__all__ = ["Scene", "parameters_text", "record", "scene", "summary_text"]
+__all__ = ["parameters_text", "record", "scene", "summary_text"]
 
 _MOST_OUTLIERS = 30  # marked
 _ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
@@ -61,7 +61,7 @@ class _OutlierPose(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Scene:
+class _Scene:
     """A campaign's fitted poses in the world (m).
 
     Attributes:
@@ -98,7 +98,7 @@ class Scene:
         return self.numbers[self.rows]
 
 
-def scene(outcome: CalibrationResult) -> Scene:
+def scene(outcome: CalibrationResult) -> _Scene:
     """The scene of a campaign; an evenly spaced part of its poses where they are many."""
     fitted, identification = outcome.fitted, outcome.identification
     model = identification.model
@@ -123,7 +123,7 @@ def scene(outcome: CalibrationResult) -> Scene:
     reach = reach_of(outcome.robot.model.T_world_frame0, measured[there], between)
     visible, bodies = _bodies(outcome, arm, values, joints, stations)
     everything = {name: i for i, name in enumerate(outcome.measurements.ids)}
-    return Scene(
+    return _Scene(
         rows,
         np.array([everything[name] for name in fitted.ids]),
         _outlier_poses(outcome, T_world_instrument),
@@ -218,7 +218,7 @@ def record(path: Path, outcome: CalibrationResult) -> None:
         recording.log(_PARAMETERS, rec.markdown(parameters_text(outcome)), static=True)
 
 
-def summary_text(outcome: CalibrationResult, shown: Scene) -> str:
+def summary_text(outcome: CalibrationResult, shown: _Scene) -> str:
     """The calibration's document with what is shown and by how much it is magnified, as Markdown."""
     document = outcome.document()
     return to_markdown(replace(document, blocks=(*document.blocks, _legend(outcome, shown))))
@@ -229,7 +229,7 @@ def parameters_text(outcome: CalibrationResult) -> str:
     return to_markdown(Document("Parameters", (parameters_table(outcome),)))
 
 
-def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
+def _legend(outcome: CalibrationResult, shown: _Scene) -> Section:
     known = outcome.identification.sigma_given
     unit = "their effects in standard deviations" if known else "all points have the same weight"
     before, after = format_magnification(shown.factor_before), format_magnification(shown.factor_after)
@@ -254,7 +254,7 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
     return Section("What is shown", (Bullets(tuple(lines)),))
 
 
-def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
+def _blueprint(outcome: CalibrationResult, shown: _Scene) -> rrb.Blueprint:
     unit = "in σ" if outcome.identification.sigma_given else "in mm"
     controls = rec.eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
     left = rrb.Vertical(rec.main_view("Arm, measured points, errors", controls), rec.error_plot(), row_shares=[3, 1])
@@ -271,7 +271,7 @@ def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
     return rec.layout(left, right, rec.TIME)
 
 
-def _close_views(shown: Scene) -> rrb.Horizontal:
+def _close_views(shown: _Scene) -> rrb.Horizontal:
     """The target from near by, fixed in the middle, with the errors after calibration or one ellipsoid each."""
     views = [
         rec.close_view("magnified", "Errors after", shown.reach_m),
@@ -290,7 +290,7 @@ def _identity(outcome: CalibrationResult) -> str:
     return digest.hexdigest()[:32]
 
 
-def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
+def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: _Scene) -> None:
     """Draw the instrument's frame; of a virtual tracker also the beam to each visible target."""
     name = "tracker" if outcome.real is not None else "instrument's frame"
     for i, (station, T_world_station) in enumerate(shown.Ts_world_station.items()):
@@ -301,7 +301,7 @@ def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown
         rec.draw_beams(recording, rec.pose_times(shown.at), shown.heads, shown.measured)
 
 
-def _points(recording: rr.RecordingStream, shown: Scene) -> None:
+def _points(recording: rr.RecordingStream, shown: _Scene) -> None:
     """Measured and predicted points: these in points on the screen, so that they part when one comes close."""
     radius = 0.007 * shown.reach_m * min(1.0, (100 / len(shown.all_measured)) ** (1 / 3))
     cloud = rr.Points3D(shown.all_measured, colors=RGB_MEASURED, radii=radius)
@@ -318,7 +318,7 @@ def _points(recording: rr.RecordingStream, shown: Scene) -> None:
         recording.log(f"world/targets/{name}", style, static=True)
 
 
-def _outliers(recording: rr.RecordingStream, shown: Scene) -> None:
+def _outliers(recording: rr.RecordingStream, shown: _Scene) -> None:
     """Outliers, whether they were fitted or not: marked, named, and joined to where they should be."""
     if not shown.outliers:
         return
@@ -334,7 +334,7 @@ def _outliers(recording: rr.RecordingStream, shown: Scene) -> None:
     recording.log("world/targets/off/to_expected", lines, static=True)
 
 
-def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
+def _arrows(recording: rr.RecordingStream, shown: _Scene) -> None:
     """Measured less predicted, from the predicted point, with the factor at the tip of the first target's arrow.
 
     Before and after calibration have one factor; with one of their own, those after are drawn once more, apart.
@@ -356,7 +356,7 @@ def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
         rec.draw_tag(recording, f"world/{entity}/factor", rec.pose_times(shown.at), tips, text, colour)
 
 
-def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
+def _ellipsoids(recording: rr.RecordingStream, shown: _Scene) -> None:
     """Both ellipsoids of the first target with their half-axes, and the place that their views look at."""
     focus = rr.Transform3D.columns(translation=shown.mapping.centers)
     recording.send_columns("world/focus", rec.pose_times(shown.at), focus)
@@ -365,7 +365,7 @@ def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
         rec.draw_ellipsoid(recording, "uncertainty", rec.pose_times(shown.at), shown.uncertainty, RGB_UNCERTAINTY)
 
 
-def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
+def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: _Scene) -> None:
     for name, errors, colour in (("before", shown.error_before, RGB_BEFORE), ("after", shown.error_after, RGB_AFTER)):
         used = np.flatnonzero(np.isfinite(errors))
         recording.send_columns(
@@ -382,7 +382,7 @@ def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: S
     recording.log(
         _SINGULAR_VALUES, rr.BarChart(values, abscissa=np.arange(1, len(values) + 1), color=RGB_MAPPING), static=True
     )
-    rms = convergence(outcome)
+    rms = _convergence(outcome)
     steps = np.arange(len(rms))
     iterations = [rr.TimeColumn("iteration", sequence=steps)]
     recording.send_columns(f"{_CONVERGENCE}/rms", iterations, rr.Scalars.columns(scalars=rms))
@@ -390,7 +390,7 @@ def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: S
     recording.log(f"{_CONVERGENCE}/bars", rr.BarChart(logarithms, abscissa=steps, color=RGB_AFTER), static=True)
 
 
-def convergence(outcome: CalibrationResult) -> Array:
+def _convergence(outcome: CalibrationResult) -> Array:
     """Root mean square residual of a coordinate before and after each step: in sigmas, in mm if sigma was estimated."""
     identification = outcome.identification
     squares = 2 * np.array(identification.fit.cost_trace) / (3 * outcome.fitted.seen.sum())

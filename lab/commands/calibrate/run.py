@@ -141,7 +141,7 @@ def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[Measure
 
 _ANOTHER_UNIT = 100.0  # times as far as the robot's points: mm taken for m are a thousand
 _LEAST_SPREAD_M = 1.0  # no error of a robot is as large
-LEAST_ROWS = 3
+_LEAST_ROWS = 3
 _SPREAD_OF = 4_000  # of more poses the spread of so many is as good
 
 
@@ -234,7 +234,7 @@ def _refuse_another_unit(what: str | Path, data: Measurements, robot: Robot) -> 
     for each in dict.fromkeys(placed):  # each in a frame of its own
         rows = [i for i, setup in enumerate(placed) if setup == each]
         measured_m, robot_m = spread(some.points[rows]), spread(predicted[rows])
-        if len(rows) >= LEAST_ROWS and measured_m > _LEAST_SPREAD_M:
+        if len(rows) >= _LEAST_ROWS and measured_m > _LEAST_SPREAD_M:
             ratios.append(measured_m / max(robot_m, 1e-9))
     if ratios and (times := float(np.median(ratios))) > _ANOTHER_UNIT:
         raise LabError(

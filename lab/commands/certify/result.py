@@ -29,7 +29,7 @@ from lab.render.style import AFTER
 if TYPE_CHECKING:
     pass
 
-__all__ = ["Certificate", "RobotFound", "Unseen", "not_measured"]
+__all__ = ["Certificate", "RobotFound", "Unseen"]
 
 
 @dataclass(frozen=True)
@@ -192,11 +192,11 @@ class Certificate(Result):
             "repeats": None if repeats is None else _repeats_to_dict(repeats, robot.repeated_in),
             "distance_accuracy_before_mm": None if before is None else before.to_dict(),
             "distance_accuracy_mm": None if after is None else after.to_dict(),
-            "not_measured": list(not_measured(robot)),
+            "not_measured": list(_not_measured(robot)),
         }
 
 
-def not_measured(robot: RobotFound) -> tuple[str, ...]:
+def _not_measured(robot: RobotFound) -> tuple[str, ...]:
     """Return the standard's characteristics that were not measured."""
     fitted = ("pose accuracy and distance accuracy of the calibrated model",) if robot.of_fitted_rows else ()
     unrepeated = () if robot.repeats is not None else ("pose repeatability",)
@@ -566,7 +566,7 @@ def _characteristics(result: Certificate) -> tuple[doc.Block, ...]:
     return (
         doc.Table(("characteristic", "mean", "max"), tuple(rows)),
         doc.Paragraph(note, "note"),
-        doc.Paragraph(f"Not measured: {', '.join(not_measured(robot))}; orientations."),
+        doc.Paragraph(f"Not measured: {', '.join(_not_measured(robot))}; orientations."),
     )
 
 

@@ -37,7 +37,7 @@ from lab.render.phrases.registry import phrases
 
 __all__ = ["CompensationResult"]
 
-JOINTS, CARTESIAN, NOMINAL = "joints.csv", "cartesian.csv", "nominal.toml"
+_JOINTS, _CARTESIAN, _NOMINAL = "joints.csv", "cartesian.csv", "nominal.toml"
 _BLOCK = 2_000  # targets whose derivatives are held at a time
 
 
@@ -305,13 +305,13 @@ class CompensationResult(Result):
         marks = ["yes" if extrapolated else "no" for extrapolated in self.extrapolated[rows]]
         conditions: dict[str, Any] = {name: column[rows] for name, column in self.targets.conditions.items()}
         conditions |= {"extrapolated": marks} if self.extrapolated.any() else {}
-        _write_csv(folder / JOINTS, self, {**self.waypoints.columns(chain), **_waypoint_conditions(self)})
+        _write_csv(folder / _JOINTS, self, {**self.waypoints.columns(chain), **_waypoint_conditions(self)})
         at_targets = {**_cartesian_columns(self, rows), **joint_columns(chain, self.found.joints[rows])}
-        _write_csv(folder / CARTESIAN, self, {**ids, **at_targets, **conditions})
+        _write_csv(folder / _CARTESIAN, self, {**ids, **at_targets, **conditions})
         nominal_inverse = run.estimate.nominal_inverse(self.target)  # what the corrected targets are for
         exact = run.robot.description_files[-1]
         nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
-        (folder / NOMINAL).write_text(nominal, encoding="utf-8")
+        (folder / _NOMINAL).write_text(nominal, encoding="utf-8")
         arm, values = run.estimate.geometry
         module, refused = run.export(self.arm_inputs[rows]).module()
         off = self.without_effects_m

@@ -41,9 +41,7 @@ from lab.render.style import (
 )
 from lab.simulation.meshes import Shell, body_poses, shells
 
-__all__ = [
-    "PlanScene", "check_document", "curve_pictures", "design_document", "main_picture", "plan_scene", "pose_pictures",
-]  # fmt: skip
+__all__ = ["PlanScene", "check_document", "design_document", "main_picture", "plan_scene", "pose_pictures"]
 
 _STEP_S = 0.1  # between two pictures of the moving arm
 _POINTS_PER_PATH = 16  # points drawn of the path between two stops
@@ -166,7 +164,7 @@ _NUMBER = 6.5  # points, of a pose's number
 _TICKS = (1, 2, 3, 5)  # of each power of ten
 
 
-def curve_pictures(plan: DesignResult) -> tuple[doc.Picture, ...]:
+def _curve_pictures(plan: DesignResult) -> tuple[doc.Picture, ...]:
     """Predicted errors against the number of poses with the plan's; beside them O1, where each number was designed."""
     chosen = len(plan.joints), plan.prediction.coverage_radius
     scaling = plan.problem.scaling.describe()
@@ -185,7 +183,7 @@ def curve_pictures(plan: DesignResult) -> tuple[doc.Picture, ...]:
 
 def main_picture(plan: DesignResult) -> doc.Picture:
     """Return the predicted errors against the number of poses."""
-    return curve_pictures(plan)[0]
+    return _curve_pictures(plan)[0]
 
 
 def pose_pictures(plan: DesignResult) -> tuple[doc.Picture, ...]:
@@ -361,7 +359,7 @@ def design_document(result: DesignResult) -> doc.Document:
             doc.Section(
                 "Number of poses",
                 (
-                    doc.Figure("curve-figure", curve_pictures(result), _CURVE + _O1 * result.options.curve),
+                    doc.Figure("curve-figure", _curve_pictures(result), _CURVE + _O1 * result.options.curve),
                     _steps(values),
                     doc.Paragraph(f"{_BOUND} {_OF[values['curve_of']]}", "note"),
                 ),

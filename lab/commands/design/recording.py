@@ -26,8 +26,8 @@ from lab.render.style import RGB_CURRENT, RGB_FIRST, RGB_LAST, RGB_MAPPING, RGB_
 
 __all__ = ["record_plan"]
 
-TIMELINE, POSES = "stop", "poses"
-BOUND, O1 = "curve/bound_um", "curve/o1"
+_TIMELINE, _POSES = "stop", "poses"
+_BOUND, _O1 = "curve/bound_um", "curve/o1"
 _PATH, _HERE, _PASSED = RGB_PATH, RGB_CURRENT, RGB_MUTED
 _TALLEST = 8.0  # bars of the curve, in times the last one
 _FIRST, _LAST = np.array(RGB_FIRST), np.array(RGB_LAST)  # colours of the targets, by the order of the tour
@@ -36,7 +36,7 @@ _FIRST, _LAST = np.array(RGB_FIRST), np.array(RGB_LAST)  # colours of the target
 def record_plan(path: Path, plan: DesignResult) -> None:
     """Write a plan's recording, with the blueprint that shows it, to ``path``."""
     shown = plan_scene(plan)
-    at = [rr.TimeColumn(TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
+    at = [rr.TimeColumn(_TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
     with rec.recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
         recording.send_blueprint(_blueprint(shown, designed=plan.options.curve))
         rec.draw_shells(recording, at, shown.shells, shown.bodies)
@@ -54,7 +54,7 @@ def record_plan(path: Path, plan: DesignResult) -> None:
         rec.draw_ellipsoid(recording, "uncertainty", at, shown.uncertainty, RGB_UNCERTAINTY)
         _curve(recording, plan)
         recording.log(rec.SUMMARY, rec.markdown(to_markdown(_document(plan, shown))), static=True)
-        recording.log(POSES, rec.markdown(to_markdown(_pose_table(plan, shown))), static=True)
+        recording.log(_POSES, rec.markdown(to_markdown(_pose_table(plan, shown))), static=True)
 
 
 def _seconds(times: Array) -> rr.TimeColumn:
@@ -89,11 +89,11 @@ def _targets(recording: rr.RecordingStream, at: rec.Times, shown: PlanScene) -> 
     recording.log("world/targets/here", rr.Points3D.from_fields(colors=_HERE, radii=1.2 * radius), static=True)
     if (passed := _passed(shown)).any():
         place = shown.points[passed, 0]
-        rec.draw_tag(recording, "world/targets/passed", [rr.TimeColumn(TIMELINE, sequence=np.flatnonzero(passed))],
+        rec.draw_tag(recording, "world/targets/passed", [rr.TimeColumn(_TIMELINE, sequence=np.flatnonzero(passed))],
                  place, "passed only", _PASSED)  # fmt: skip
         gone = np.flatnonzero(passed[:-1] & ~passed[1:]) + 1
         cleared = rr.Points3D.columns(positions=np.empty((0, 3))).partition([0] * len(gone))
-        recording.send_columns("world/targets/passed", [rr.TimeColumn(TIMELINE, sequence=gone)], cleared)
+        recording.send_columns("world/targets/passed", [rr.TimeColumn(_TIMELINE, sequence=gone)], cleared)
 
 
 def _passed(shown: PlanScene) -> NDArray[np.bool_]:
@@ -107,9 +107,11 @@ def _curve(recording: rr.RecordingStream, plan: DesignResult) -> None:
     poses = np.array([step.poses for step in plan.curve])
     bound = np.array([MICRONS.of(step.prediction.coverage_radius) for step in plan.curve])
     near = bound <= _TALLEST * bound[-1]  # the first set that identifies the parameters would hide all others
-    recording.log(BOUND, rr.BarChart(bound[near], abscissa=poses[near], color=RGB_UNCERTAINTY), static=True)
+    recording.log(_BOUND, rr.BarChart(bound[near], abscissa=poses[near], color=RGB_UNCERTAINTY), static=True)
     if plan.options.curve:
-        recording.log(O1, rr.BarChart([step.o1 for step in plan.curve], abscissa=poses, color=RGB_MAPPING), static=True)
+        recording.log(
+            _O1, rr.BarChart([step.o1 for step in plan.curve], abscissa=poses, color=RGB_MAPPING), static=True
+        )
 
 
 def _document(plan: DesignResult, shown: PlanScene) -> Document:
@@ -151,10 +153,10 @@ def _blueprint(shown: PlanScene, *, designed: bool) -> rrb.Blueprint:
     )
     texts = rrb.Tabs(
         rrb.TextDocumentView(origin=rec.SUMMARY, name="Summary"),
-        rrb.TextDocumentView(origin=POSES, name="Poses"),
+        rrb.TextDocumentView(origin=_POSES, name="Poses"),
         active_tab=0,
     )
-    bound = rec.bars(BOUND, "95 %/95 % tolerance bound, µm, by poses")
-    charts = rrb.Horizontal(bound, rec.bars(O1, "O1, by poses")) if designed else bound
+    bound = rec.bars(_BOUND, "95 %/95 % tolerance bound, µm, by poses")
+    charts = rrb.Horizontal(bound, rec.bars(_O1, "O1, by poses")) if designed else bound
     left = rrb.Vertical(rec.main_view("Tour", controls))
-    return rec.layout(left, rrb.Vertical(close, texts, charts, row_shares=[1.2, 1.9, 0.9]), TIMELINE)
+    return rec.layout(left, rrb.Vertical(close, texts, charts, row_shares=[1.2, 1.9, 0.9]), _TIMELINE)

@@ -49,13 +49,10 @@ from lab.simulation.candidate_poses import field_of_view, incidence, view_of
 from lab.simulation.collisions import describe_collisions
 from lab.simulation.free_path import path_check, planning_model
 
-__all__ = [
-    "DesignResult", "DesignStep", "PlanCheckResult", "SessionDuration", "check_plan", "design", "planned_session",
-    "visit_ids",
-]  # fmt: skip
+__all__ = ["DesignResult", "DesignStep", "PlanCheckResult", "SessionDuration", "design", "planned_session", "visit_ids"]
 
 _WARM_UP_S = 1800.0  # ISO 9283:1998 asks for a warm-up, its length as the maker says; half an hour is common
-REFERENCE_EVERY = 10  # poses after which the reference pose is measured again
+_REFERENCE_EVERY = 10  # poses after which the reference pose is measured again
 
 
 @dataclass(frozen=True)
@@ -75,7 +72,7 @@ class SessionDuration:
     @property
     def references(self) -> int:
         """Number of reference measurements: first, after every tenth pose, and last; or as planned."""
-        return 1 + (self.again or 1 + (self.poses - 1) // REFERENCE_EVERY)
+        return 1 + (self.again or 1 + (self.poses - 1) // _REFERENCE_EVERY)
 
     @property
     def seconds(self) -> float:
@@ -101,8 +98,8 @@ class SessionDuration:
         reference = (
             "The plan measures its reference pose again (--reference-every)."
             if self.again
-            else f"Choose one pose of the plan as reference; measure it first, after every {REFERENCE_EVERY}th pose "
-            f"and last (--reference-every {REFERENCE_EVERY} plans this)."
+            else f"Choose one pose of the plan as reference; measure it first, after every {_REFERENCE_EVERY}th pose "
+            f"and last (--reference-every {_REFERENCE_EVERY} plans this)."
         )
         return (
             f"The session takes about {self.seconds / 60:.0f} minutes: {_WARM_UP_S / 60:.0f} minutes of warm-up, in "
@@ -384,7 +381,7 @@ class PlanCheckResult(Result):
         return {"stop": [fault.waypoint for fault in self.faults], "why": [fault.why for fault in self.faults]}
 
 
-def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
+def _check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     """Check every stop of a plan, and every way between two stops, against the arm, its cell and its limits.
 
     Args:
@@ -432,10 +429,10 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     return PlanCheckResult(options, robot, waypoints, found, day, (*robot.warnings, *waypoints.warnings, *warnings))
 
 
-POSES = 30  # where neither a number nor an accuracy is asked for
+_POSES = 30  # where neither a number nor an accuracy is asked for
 _CURVE_STEPS = 10
 _NO_WEIGHT = 1e-6  # of the continuous design: a pose with less is left out
-MOST_POSES = 200  # where an accuracy is asked for
+_MOST_POSES = 200  # where an accuracy is asked for
 
 
 @takes(DesignOptions)
@@ -471,7 +468,7 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         requested = options_of("lab.design", DesignOptions, {"robot": known.source, **options})
         known = known.placed_in(requested.cell)
     requested.refuse_nonsense()
-    return check_plan(requested, known) if requested.check is not None else planned_session(requested, known, own)
+    return _check_plan(requested, known) if requested.check is not None else planned_session(requested, known, own)
 
 
 def planned_session(options: DesignOptions, robot: Robot | None = None, own: Criterion | None = None) -> DesignResult:
@@ -498,7 +495,7 @@ def _planned(options: DesignOptions, problem: PoseProblem, started: float, progr
     if options.accuracy_mm is not None:
         design = _accurate_design(options, problem, least, quick, progress)
     else:
-        count = POSES if options.poses is None else options.poses
+        count = _POSES if options.poses is None else options.poses
         if count < least:
             raise LabError(f"--poses {count}: {problem.pool.shape[2]} parameters need {least} poses or more")
         design = best_design(options, problem, count, progress)
@@ -510,7 +507,7 @@ def _planned(options: DesignOptions, problem: PoseProblem, started: float, progr
     measured = None if problem.measured is None else problem.measured / n0
     certificate = certify(pool, measured=measured, share=count / (n0 + count))
     everything = np.concatenate([design.jacobian, problem.before])
-    most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(MOST_POSES, count)))
+    most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(_MOST_POSES, count)))
     sizes = np.unique(np.geomspace(least, most, _CURVE_STEPS).round().astype(int)).tolist()
     progress("4 of 5, tour")
     chain, warnings = rated(problem.robot.chain)
@@ -575,7 +572,7 @@ def _accurate_design(
     """
     assert options.accuracy_mm is not None
     wanted = MM.to_si(options.accuracy_mm)
-    most = max(least, min(MOST_POSES, len(problem.pool) // 2))
+    most = max(least, min(_MOST_POSES, len(problem.pool) // 2))
 
     def bound(design: Design) -> float:
         return _prediction(problem, design.joints, options.seed).coverage_radius

@@ -17,7 +17,7 @@ from lab.formats.joint_log import JointLog
 from lab.formats.loose_table import LeftOut
 from lab.formats.tracker_export import TrackerPoints
 
-__all__ = ["Matching", "Timeline", "Windows", "matched", "settled_windows"]
+__all__ = ["Matching", "Timeline", "matched", "settled_windows"]
 
 _SPAN_S = 0.4  # over which a speed is taken: shorter, and the steps of an encoder look like motion
 _ROWS = 2.5  # steps of a log that a speed is taken over at least, where it has few rows a second
@@ -25,7 +25,7 @@ _FEWEST = 3  # rows of a window
 
 
 @dataclass(frozen=True)
-class Windows:
+class _Windows:
     """Times at which the arm stood still.
 
     Attributes:
@@ -41,7 +41,7 @@ class Windows:
         return len(self.starts)
 
 
-def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, least_s: float) -> Windows:
+def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, least_s: float) -> _Windows:
     """Find the windows in which every joint moves more slowly than a bound.
 
     The speed at a row is the change of a joint over 0.4 s about it (in a log of few rows a second: from the row before
@@ -83,7 +83,7 @@ def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, le
             f"{log.path}: no joint position holds for {least_s:g} s at less than {still:g} °/s "
             f"(the slowest moment has {speed.min():.3g} °/s); give --still-deg-s or --settled-s, or --by order"
         )
-    return Windows(
+    return _Windows(
         np.array([times[first] for first, _ in spans]),
         np.array([times[last - 1] for _, last in spans]),
         np.array([log.joints[first:last].mean(axis=0) for first, last in spans]),
@@ -162,11 +162,11 @@ def _is_log(log: JointLog) -> bool:
     return bool(known.all()) and len(known) > 2 and float(np.median(np.diff(log.seconds))) < _LOG_GAP_S
 
 
-def _poses(options: ImportOptions, log: JointLog, prismatic: tuple[bool, ...], *, as_log: bool) -> Windows:
+def _poses(options: ImportOptions, log: JointLog, prismatic: tuple[bool, ...], *, as_log: bool) -> _Windows:
     """The poses at which the arm stood: settled windows of a log, else the file's rows."""
     if as_log:
         return settled_windows(log, prismatic, options.still_deg_s, options.settled_s)
-    return Windows(log.seconds, log.seconds, log.joints, log.lines)
+    return _Windows(log.seconds, log.seconds, log.joints, log.lines)
 
 
 # By name
@@ -229,7 +229,7 @@ def _by_name(options: ImportOptions, points: TrackerPoints, log: JointLog) -> Ma
 # In order
 
 
-def _by_order(options: ImportOptions, points: TrackerPoints, log: JointLog, waypoints: Windows) -> Matching:
+def _by_order(options: ImportOptions, points: TrackerPoints, log: JointLog, waypoints: _Windows) -> Matching:
     each, count = len(options.targets), len(points.names)
     if count != len(waypoints) * each:
         of_each = f" with {each} points each" if each > 1 else ""
@@ -259,7 +259,7 @@ def _pose_name(points: TrackerPoints, i: int, k: int) -> str:
 
 
 def _by_time(
-    options: ImportOptions, points: TrackerPoints, log: JointLog, waypoints: Windows, nominal: NominalFit | None
+    options: ImportOptions, points: TrackerPoints, log: JointLog, waypoints: _Windows, nominal: NominalFit | None
 ) -> Matching:
     if not np.isfinite(points.seconds).any():
         raise LabError(f"{points.path}: its points have no times; give --by name or --by order, or --columns")
@@ -311,7 +311,7 @@ def _by_time(
     return Matching("time", tuple(poses), tuple(left), tuple(messages), timeline)
 
 
-def _one_clock(points: TrackerPoints, log: JointLog, waypoints: Windows) -> tuple[Array, Array, Array, bool]:
+def _one_clock(points: TrackerPoints, log: JointLog, waypoints: _Windows) -> tuple[Array, Array, Array, bool]:
     """Times of the points, and of when poses begin and end, on one clock; whether the clocks are of one kind."""
     at, starts, ends = points.seconds, waypoints.starts, waypoints.ends
     clocks = {points.clock, log.clock}
@@ -360,7 +360,7 @@ def _windows_by_time(
 
 
 def _timed_poses(
-    options: ImportOptions, points: TrackerPoints, waypoints: Windows, where: NDArray[np.int_]
+    options: ImportOptions, points: TrackerPoints, waypoints: _Windows, where: NDArray[np.int_]
 ) -> "list[_MatchedPose]":
     each, poses = len(options.targets), list[_MatchedPose]()
     for k, rows in _rows_of_windows(where):

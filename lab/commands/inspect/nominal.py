@@ -32,7 +32,7 @@ __all__ = [
 ]  # fmt: skip
 
 _TRIES = 200  # poses from which a singular one is sought
-ZERO = 1e-12  # of a factor (m, or a sine)
+_ZERO = 1e-12  # of a factor (m, or a sine)
 _LEAST = 1e-6  # of a joint's part in a combination
 
 
@@ -71,7 +71,7 @@ def _singularity(chain: Chain, factor: Factor) -> _Singularity:
         )
         size = np.maximum((slope**2).sum(axis=1, keepdims=True), 1e-300)
         joints = joints - value[:, None] * slope / size
-    fits = (np.abs(factor.at(joints)) < ZERO) & ~chain.beyond_limits(joints, 0.0).any(axis=1)
+    fits = (np.abs(factor.at(joints)) < _ZERO) & ~chain.beyond_limits(joints, 0.0).any(axis=1)
     if not fits.any():
         return _Singularity(factor, None, np.empty((0, chain.size)))
     example = joints[np.flatnonzero(fits)[0]]

@@ -56,7 +56,7 @@ from lab.simulation.collisions import collides, colliding_pairs, describe_collis
 from lab.simulation.free_path import CLEARANCE_MM, Clearances, planning_model
 from lab.simulation.meshes import instrument_body, solid_points
 
-__all__ = ["Inspection", "inspect", "singular_values_picture"]
+__all__ = ["Inspection", "inspect"]
 
 _ROOM = 0.1  # around all that is shown, of its width
 _MARGINS = (0.75, 0.5, 0.15, 0.3)
@@ -199,7 +199,7 @@ class Inspection(Result):
     command = "inspect"
     robot_at = "robot"
     shown_by = "lab.commands.inspect.run:_inspection_document"
-    drawn_by = "lab.commands.inspect.run:singular_values_picture"
+    drawn_by = "lab.commands.inspect.run:_singular_values_picture"
 
     options: InspectOptions
     robot: Robot
@@ -242,7 +242,7 @@ def _inspection_document(result: Inspection) -> Document:
     )
 
 
-def singular_values_picture(result: Inspection) -> Picture:
+def _singular_values_picture(result: Inspection) -> Picture:
     """Singular values relative to the largest, from the best observable direction to the worst."""
     relative = result.singular_values / result.singular_values[0]
 
@@ -320,11 +320,11 @@ def _conditioning(result: Inspection) -> list[Block]:
     return [
         Paragraph(f"condition number over random poses, with unit columns: {values['condition']:.1f}"),
         Bullets((*weak, *better)),
-        Figure("singular-values-figure", (singular_values_picture(result),), caption),
+        Figure("singular-values-figure", (_singular_values_picture(result),), caption),
     ]
 
 
-POSES = 200
+_POSES = 200
 
 
 @takes(InspectOptions)
@@ -359,7 +359,7 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
     arm = robot.arm_with(options.targets, groups)
     structure = base_set(arm, nominal, fix=options.fix, free=options.free)
     hidden = aliases(arm, structure, column_scale(arm, nominal))
-    inputs = arm.structure_joints(POSES, rng_for(0, "structure"))
+    inputs = arm.structure_joints(_POSES, rng_for(0, "structure"))
     jacobian = arm.observe(inputs, arm.rank_point(nominal))[1].reshape(-1, len(arm.names))[
         :, list(structure.identifiable)
     ]

@@ -252,12 +252,12 @@ def _ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> D
     return figure
 
 
-Shown = TypeVar("Shown")
+_Shown = TypeVar("_Shown")
 
 
 def _panels(
-    shown: Sequence[Shown],
-    draw: Callable[[Axes, Shown], None],
+    shown: Sequence[_Shown],
+    draw: Callable[[Axes, _Shown], None],
     title: str,
     size: tuple[float, float],
     sharex: bool = False,

@@ -30,7 +30,7 @@ __all__ = [
     "mean_text", "metric_text", "rank_text", "sentences", "study", "varying", "write_csv",
 ]  # fmt: skip
 
-METRICS = {
+_METRICS = {
     "fresh_mean_mm": ("mean error on validation poses", "mm"),
     "fresh_p95_mm": ("95 % of the errors on validation poses", "mm"),
     "fresh_worst_mm": ("worst error on validation poses", "mm"),
@@ -54,7 +54,7 @@ _NAMED = {"position_sigma_mm": "σ ", "rotation_sigma_mrad": "σ ", "scaling": "
 
 def metric_text(metric: str, unit: bool = True) -> str:
     """A metric as people read it, e.g. "mean error on validation poses, mm"."""
-    text, its_unit = METRICS.get(metric, (metric, ""))
+    text, its_unit = _METRICS.get(metric, (metric, ""))
     return f"{text}, {its_unit}" if unit and its_unit else text
 
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "Chart", "Coordinates", "Sheet", "arrow", "axes_picture", "cube", "figure_picture", "inline_svg", "log_ticks",
-    "place", "save_figure", "shades", "view",
+    "Chart", "Sheet", "arrow", "axes_picture", "cube", "figure_picture", "inline_svg", "log_ticks", "place",
+    "save_figure", "shades", "view",
 ]  # fmt: skip
 
 _POINTS = 72  # per inch
@@ -35,8 +35,8 @@ _SPACE = 3 * svg.FONT_SIZE, 2 * svg.FONT_SIZE  # that a step along x, along y ne
 _HATCH = 6.0  # points between the lines of a hatched area
 _HEAD = 7.0  # of an arrow, points
 _LEGEND = 5.0  # what is drawn later than others: as matplotlib's zorder
-Draw = Callable[[Scale, Scale], str]
-Coordinates = str | tuple[str, str]
+_Draw = Callable[[Scale, Scale], str]
+_Coordinates = str | tuple[str, str]
 
 
 class Sheet:
@@ -58,15 +58,15 @@ class Sheet:
         self.left, self.bottom, self.right, self.top = (_POINTS * each for each in margins)
         self.x, self.y = ChartAxis(), ChartAxis()
         self.points: list[tuple[Array, Array]] = []  # that a legend should not hide
-        self.labels: list[Draw] = []  # which may lie beyond the axes
+        self.labels: list[_Draw] = []  # which may lie beyond the axes
         self.shown_legend: Legend | None = None
         self.title, self.equal, self.hidden = "", "", False
-        self._marks: list[tuple[float, Draw]] = []
+        self._marks: list[tuple[float, _Draw]] = []
         self._entries: list[Entry] = []
         self._patterns: dict[str, str] = {}
 
     def add(
-        self, order: float, draw: Draw, label: str = "", sample: Callable[[float, float, float], str] | None = None
+        self, order: float, draw: _Draw, label: str = "", sample: Callable[[float, float, float], str] | None = None
     ) -> None:
         """Something to be drawn, over what has a lower order; with a label it has an entry in the legend."""
         self._marks.append((order, draw))
@@ -148,7 +148,7 @@ class Sheet:
         return x, Scale(under, over, bottom, top, self.y.logarithmic)
 
 
-def place(at: Any, coordinates: Coordinates, across: Scale, up: Scale) -> tuple[float, float]:
+def place(at: Any, coordinates: _Coordinates, across: Scale, up: Scale) -> tuple[float, float]:
     """A place whose parts are values of the axes (``data``), or shares of them (``axes fraction``)."""
     kinds = (coordinates, coordinates) if isinstance(coordinates, str) else coordinates
     x, y = (
@@ -337,7 +337,7 @@ class Chart(Sheet):
         self._cells(np.asarray(x, float), np.asarray(y, float), np.asarray(colours, float))
 
     def annotate(
-        self, text: str, xy: Any, xytext: Any = None, *, xycoords: Coordinates = "data",
+        self, text: str, xy: Any, xytext: Any = None, *, xycoords: _Coordinates = "data",
         textcoords: Literal["offset points"] | None = None, color: str = "#000000", fontsize: float = svg.FONT_SIZE,
         fontweight: str = "", ha: str = "left", va: str = "baseline", arrowprops: Any = None, bbox: Any = None,
         zorder: float = 3.0,
