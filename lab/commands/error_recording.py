@@ -83,12 +83,7 @@ class ErrorScene:
 
 
 def record_errors(path: Path, robot: str, identity: str, scene: ErrorScene, document: Document) -> None:
-    """Write the recording of a scene, with its blueprint and the document of its command.
-
-    Args:
-        robot: its name.
-        identity: the same for the same content.
-    """
+    """Write the recording of a scene, with its blueprint and the document of its command."""
     model, arm, values, joints = scene.model, scene.arm, scene.values, scene.joints
     at, T_world_frame0 = rec.pose_times(scene.numbers), model.T_world_frame0
     legs = world_legs(T_world_frame0, arm, values, joints)

@@ -67,15 +67,9 @@ def input_files(options: Any) -> tuple[Path, ...]:
 
 
 def _copy_inputs(folder: Path, options: Any) -> dict[str, str]:
-    """Copy what options name into a run's folder, with what those files name in their turn, as meshes.
+    """Copy the inputs of options into a run's folder, with the files that they name, as meshes.
 
-    Robots of the lab's own are not copied, and of folders only runs are: a folder of many runs is not.
-
-    Args:
-        folder: of the run, that is there.
-
-    Returns:
-        By the path that the options name, the path of the copy in the run's folder.
+    The lab's own robots and folders that are no runs are not copied. The result maps paths to those of their copies.
     """
     found, taken = dict[str, str](), dict[Path, Path]()
     for path in input_files(options):
@@ -133,10 +127,9 @@ def _texts(content: Any) -> Iterator[str]:
 
 
 def _copied(folder: Path, files: list[tuple[Path, Path]], taken: dict[Path, Path]) -> str:
-    """Copy the files of an input as they are to each other; where the input's own copy is, in the run's folder.
+    """Copy the files of an input with their relative paths; return the path of the input's copy in the folder.
 
-    Args:
-        taken: by the places that copies have, what was copied; where another file is, this input gets a folder.
+    ``taken`` has the sources of earlier copies; where one of another file is in the way, this input gets a subfolder.
     """
     own = files[0][1]
     root = Path(os.path.commonpath([place.parent for _, place in files]))
@@ -179,12 +172,10 @@ _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 
 @contextmanager
 def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = False) -> Iterator[Path]:
-    """A folder to write a run into, which becomes ``out`` when the block ends well.
-
-    ``out`` may be missing or empty.
+    """Give a folder to write a run into, which becomes ``out`` (missing, or empty) when the block ends well.
 
     Args:
-        inputs: what the run is made from, which is not to be replaced.
+        inputs: of the run, which are not to be replaced.
         overwrite: whether ``out`` may also be an earlier run, which is then replaced.
 
     Raises:
@@ -416,14 +407,14 @@ _NO_PART = ("out", "overwrite")  # options that do not change the result
 
 @contextmanager
 def unfinished(command: str, options: Any, out: Path | None, *, resume: bool) -> Iterator[None]:
-    """Pieces of the work inside the block are kept beside the run's folder, until that stands.
+    """Keep pieces of the work inside the block beside the run's folder until that is complete.
 
     Args:
         out: the run's folder; None where none is written, and nothing is kept.
-        resume: whether to go on with what an earlier run with the same options kept; otherwise it is removed.
+        resume: whether to use pieces that an earlier run with the same options kept; else they are removed.
 
     Raises:
-        LabError: what is there is of other options, other files or another version.
+        LabError: the pieces are of other options, other files or another version.
     """
     if out is None:
         if resume:

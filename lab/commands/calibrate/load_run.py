@@ -49,11 +49,7 @@ _CHECKED, _SAME_M = 3, 1e-9  # poses at which a module is compared with the lab'
 
 
 def comment_on_missing_effects(groups: Sequence[str], error_m: float | None, where: str, *, module: bool) -> str:
-    """Write the comment of a geometry-only file on the effects it lacks; "" if it holds all identified effects.
-
-    Args:
-        module: whether ``calibrated.py`` has the arm.
-    """
+    """Write the comment of a geometry-only file on the effects it lacks; "" if it holds all identified effects."""
     if error_m is None:
         return ""
     text = f"Geometry alone: the file lacks {', '.join(listed(groups))}, an error of {MM.text(error_m, 2)} RMS {where}"
@@ -368,15 +364,7 @@ def folder_of(run: RunLike) -> dict[str, str]:
 
 
 def refuse_other_parameters(runs: Sequence[CalibrationRun], subsets: Sequence[IdentifiedSubset]) -> None:
-    """Refuse runs that are of another robot than the first, or whose compared parameters are others.
-
-    Args:
-        runs: the runs.
-        subsets: the parameters of each that are compared.
-
-    Raises:
-        LabError: a run is, or its are.
-    """
+    """Refuse runs of another robot than the first, or with other compared parameters, with a LabError."""
     first, names = runs[0], set(subsets[0].names)
     for run, each in zip(runs[1:], subsets[1:], strict=True):
         if run.robot.sha256 != first.robot.sha256:
@@ -389,14 +377,11 @@ def refuse_other_parameters(runs: Sequence[CalibrationRun], subsets: Sequence[Id
 
 
 def condition_notes(run: CalibrationRun, file: object, given: Sequence[str], row: str, verb: str) -> list[str]:
-    """Word what is assumed of the conditions that a model asks for.
+    """Describe what is assumed of the conditions of a run's model, where rows of a file have only ``given`` ones.
 
     Args:
-        run: whose model it is.
-        file: that the rows are of.
-        given: names of the conditions that the rows give.
-        row: what a row is: pose, target.
-        verb: what is done with hysteresis: predicted, corrected.
+        row: name of a row: pose, target.
+        verb: of hysteresis: predicted, corrected.
     """
     requested, messages = run.estimate.arm.conditions, []
     if unused := [name for name in given if name not in requested]:

@@ -146,15 +146,10 @@ _SPREAD_OF = 4_000  # of more poses the spread of so many is as good
 
 
 def robot_of(call: str, data: Measurements, robot: str | Path | Robot | None) -> Robot:
-    """The robot of measurements in memory: the given one, else the one whose name they have.
-
-    Args:
-        call: its name in errors.
-        data: the measurements.
-        robot: a name, a path, or a loaded robot; None for the one that the measurements name.
+    """Return the robot of measurements in memory: the given one, else the one that they name.
 
     Raises:
-        LabError: neither names a robot, it cannot be loaded, or its joints are others.
+        LabError: neither names a robot, it cannot be loaded, or its joints are others; it begins with ``call``.
     """
     if robot is None and not data.robot:
         raise LabError(f"{call}: the measurements name no robot; give robot=")
@@ -201,15 +196,9 @@ def _read_rows(
 def checked(what: str | Path, data: Measurements, robot: Robot, *, points: bool = True) -> Measurements:
     """Return measurements in memory as those of a robot, where they can be.
 
-    Args:
-        what: their name in errors.
-        data: joint positions (rad or m) and points (m).
-        robot: whose they are to be.
-        points: whether points are observed.
-
     Raises:
         LabError: the joints are not the robot's, or the points spread so much further than the robot's that they are
-            in another unit.
+            in another unit; it begins with ``what``.
     """
     _refuse_other_joints(what, data, robot)
     if points:

@@ -111,12 +111,7 @@ class SessionDuration:
 
 
 def visit_ids(tour: Tour, pose_ids: Sequence[str]) -> tuple[str, ...]:
-    """Name each measured waypoint of a tour: its pose's id, with the number of the visit if it is repeated.
-
-    Args:
-        tour: of the poses.
-        pose_ids: of the poses, in the order in which they are first measured.
-    """
+    """Name each measured waypoint of a tour: its pose's id, with the number of the visit if it is repeated."""
     names = dict(zip(tour.order.tolist(), pose_ids, strict=True))
     visits, ids = dict.fromkeys(names, 0), list[str]()
     for pose in tour.measured[tour.measured >= 0].tolist():
@@ -382,15 +377,7 @@ class PlanCheckResult(Result):
 
 
 def _check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
-    """Check every stop of a plan, and every way between two stops, against the arm, its cell and its limits.
-
-    Args:
-        options: whose ``check`` is the plan's file, with every stop in order.
-        robot: in its cell.
-
-    Raises:
-        LabError: the file cannot be read, or has no stop to measure.
-    """
+    """Check every waypoint of a plan, and every path between two, against the arm, its cell and its limits."""
     assert options.check is not None
     chain, warnings = rated(robot.chain)
     waypoints = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
@@ -472,12 +459,7 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
 
 
 def planned_session(options: DesignOptions, robot: Robot | None = None, own: Criterion | None = None) -> DesignResult:
-    """Choose poses, and order them.
-
-    Args:
-        options: what is asked.
-        robot: in its cell; by default the options' robot is loaded.
-        own: the criterion, in the place of the one that the options name.
+    """Choose poses and order them, for the options' robot unless one is given, and by their criterion or an own one.
 
     Raises:
         LabError: the request cannot be met.

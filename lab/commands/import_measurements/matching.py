@@ -49,13 +49,11 @@ def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, le
     keeps the ends of a window clear of the motion.
 
     Args:
-        log: with times in every row.
-        prismatic: which joints slide.
-        still: the largest speed of a joint that stands, degrees per s, mm per s of a slide.
+        still: the largest speed of a joint at rest, degrees per s, mm per s of a slide.
         least_s: the shortest window.
 
     Raises:
-        LabError: times are missing or fall, or the arm never stands.
+        LabError: times are missing or fall, or the arm never rests.
     """
     times = log.seconds
     for i in np.flatnonzero(~np.isfinite(times)):
