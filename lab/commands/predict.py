@@ -126,11 +126,6 @@ class PredictionResult(Result):
             }
         return found
 
-    @property
-    def model(self) -> str:
-        """The model's groups, joined by +."""
-        return self.run.estimate.model
-
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
         T, errors = self.T_instrument_base, self.without_effects_m
@@ -138,7 +133,7 @@ class PredictionResult(Result):
             "run": str(self.run.folder),
             "robot": self.run.robot.name,
             "run_verdict": self.run.result.to_dict(),
-            "model": self.model,
+            "model": self.run.estimate.model,
             "poses": len(self.rows),
             "frames": {
                 "instrument": "the frame in which the arm was measured",

@@ -1,11 +1,9 @@
 """A document on a terminal, or as plain text."""
 
 import io
-import json
-import math
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
 
@@ -17,7 +15,7 @@ from rich.text import Text as RichText
 from lab.render import document as doc
 from lab.render.document import inlines, plain, shown
 
-__all__ = ["Stage", "bars", "no_stage", "print_document", "print_json", "starting", "status", "time_left", "to_text"]
+__all__ = ["Stage", "bars", "no_stage", "print_document", "starting", "status", "time_left", "to_text"]
 
 _UNWRAPPED = 100_000  # columns
 _ROW_STYLES = {"before": "dark_orange3", "after": "blue", "quiet": "dim"}
@@ -34,19 +32,6 @@ def print_document(document: doc.Document, console: Console | None = None, *, wa
     console = console or Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _UNWRAPPED)
     console.print(RichText(document.title, style="bold"), soft_wrap=True)
     _print(console, shown(document.blocks, "terminal"), warnings)
-
-
-def print_json(values: Mapping[str, Any]) -> None:
-    """Print one JSON object on standard output; a number that is not finite is null, for JSON has none."""
-    print(json.dumps(_finite(values), allow_nan=False))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _finite(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def to_text(document: doc.Document, width: int = 100) -> str:

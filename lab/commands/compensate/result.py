@@ -108,13 +108,16 @@ class CompensationResult(Result):
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the reader."""
         gate_mm, (mean_mm, _) = self.run.options.gate_mm, self.mean_and_max_mm(self._model_m)
-        far: tuple[str, ...] = ()
+        far, of_program = tuple[str, ...](), tuple[str, ...]()
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
-        of_program = () if self.program is None else self.program.warnings
+        if self.program is None:
+            refused = refusal(self.run.robot.chain, self.options.controller, len(self.targets))
+            of_program = () if refused is None else (refused,)
+        else:
+            of_program = self.program.warnings
         tools = tuple(each.description for each in self.tools if each.disagrees)
-        without = () if self._no_program is None else (self._no_program,)
-        return (*tools, *self.notes, *far, *self._beyond, *self._unchecked, *without, *of_program)
+        return (*tools, *self.notes, *far, *self._beyond, *self._unchecked, *of_program)
 
     @property
     def _beyond(self) -> tuple[str, ...]:
@@ -136,13 +139,6 @@ class CompensationResult(Result):
     @property
     def _extrapolated_share(self) -> float:
         return float(self.extrapolated.sum()) / max(len(self.reached), 1)
-
-    @property
-    def _no_program(self) -> str | None:
-        """Reason for having no program for the controller; None where there is one."""
-        if self.program is not None:
-            return None
-        return refusal(self.run.robot.chain, self.options.controller, len(self.targets))
 
     @property
     def _unchecked(self) -> tuple[str, ...]:
@@ -256,6 +252,9 @@ class CompensationResult(Result):
         finite = values[np.isfinite(values)]
         return (float(finite.mean()), float(finite.max())) if len(finite) else (None, None)
 
+    def _mean_and_max(self, lengths: Array) -> dict[str, float | None]:
+        return dict(zip(("mean", "max"), self.mean_and_max_mm(lengths), strict=True))
+
     @property
     def verdict(self) -> Literal["good", "doubtful", "bad"]:
         """``bad`` where a target is not reached, ``doubtful`` where there are reasons for that, else ``good``."""
@@ -346,8 +345,8 @@ class CompensationResult(Result):
             "checked": self.checked,
             "other_solution": [{"id": name, "reason": reason} for name, reason in self.passed_over],
             "stops": self.waypoints.rows(chain),
-            "correction_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.correction_m), strict=True)),
-            "predicted_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.predicted_m), strict=True)),
+            "correction_mm": self._mean_and_max(self.correction_m),
+            "predicted_mm": self._mean_and_max(self.predicted_m),
             "judged_mm": None if (after := self.run.result.after_mm) is None else after["mean"],
             "schemes_apart_mm": self.mean_and_max_mm(self.found.scheme_disagreement_m)[1],
             "extrapolated": {
@@ -386,12 +385,9 @@ class CompensationResult(Result):
             "tools": [each.to_dict() for each in self.tools],
             "flange": flange_values(reference),
             "expected_95_mm": {
-                name: dict(zip(("mean", "max"), self.mean_and_max_mm(lengths), strict=True))
-                for name, lengths in (
-                    ("shape", expected.shape_95_m),
-                    ("base", expected.base_95_m),
-                    ("flange", expected.flange_95_m),
-                )
+                "shape": self._mean_and_max(expected.shape_95_m),
+                "base": self._mean_and_max(expected.base_95_m),
+                "flange": self._mean_and_max(expected.flange_95_m),
             },
             "rounding_mm": program.rounding_mm,
             "rounding_deg": program.rounding_deg,
