@@ -86,7 +86,7 @@ def _report_error(arguments: list[str], error: Exception) -> tuple[str, int]:
         return "this needs more memory than there is; give fewer rows, poses, targets or joints", 2
     log = write_log(arguments, error)
     kept = f"its traceback is in {log}: please report it with that file" if log else "no log of it could be written"
-    return f"a defect of the lab, not of what you gave ({type(error).__name__}: {error}); {kept}", DEFECT
+    return f"internal error ({type(error).__name__}: {error}); {kept}", DEFECT
 
 
 def _run(arguments: list[str]) -> int:

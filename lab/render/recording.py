@@ -335,10 +335,10 @@ _MOVING = 0.6  # of the time from pose to pose; the arm stands at each for the r
 _STEPS = 9  # drawn on the way to the next pose
 
 
-def pose_times(numbers: NDArray[np.int_], poses: str = "pose") -> Times:
+def pose_times(numbers: NDArray[np.int_]) -> Times:
     """When poses ``numbers`` ``(m,)`` are shown: by their number on a timeline, and in seconds on ``time``."""
     return [
-        rr.TimeColumn(poses, sequence=numbers),
+        rr.TimeColumn("pose", sequence=numbers),
         rr.TimeColumn(TIME, duration=np.asarray(numbers) / _POSES_PER_SECOND),
     ]
 

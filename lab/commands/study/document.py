@@ -74,9 +74,7 @@ def study_pictures(analysis: Analysis, metric: str) -> dict[str, doc.Picture]:
             "pairs": partial(_pairs_figure, comparisons, analysis.cells),
         }
         if any(rank.lowest < rank.highest for each in comparisons for rank in each.ranks):
-            draw["ranks"] = partial(
-                _ranks_figure, comparisons, analysis.cells
-            )  # where each is certain they say nothing
+            draw["ranks"] = partial(_ranks_figure, comparisons, analysis.cells)  # none where each rank is certain
         answers = ". ".join(capital(comparison_sentence(each, analysis.cells)) for each in comparisons[:_MOST_ANSWERS])
         for kind, figure in draw.items():
             name = f"{metric}-{'-'.join(free)}-{kind}"
@@ -91,10 +89,10 @@ def write_figures(folder: Path, pictures: Mapping[str, doc.Picture]) -> None:
         save_figure(folder, name, picture.draw())
 
 
-def _means_figure(analysis: Analysis, metric: str, factor: str, line: str | None = None) -> Drawing:
+def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
     """A metric against a factor with 95 % intervals, a line a level of another one, a panel where the rest agrees."""
     cells = analysis.cells
-    line = line or _line_factor(cells, factor)
+    line = _line_factor(cells, factor)
     means = {mean.cell: mean for mean in analysis.means if mean.metric == metric}
     shown = groups(cells, [factor, line] if line else [factor])
     names = list(dict.fromkeys(_line_name(cells[i], line) for group in shown for i in group.cells))
