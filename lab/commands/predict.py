@@ -28,7 +28,6 @@ from lab.render.document import capital, fixed, short
 from lab.render.phrases.fit import listed, model_name
 from lab.render.phrases.registry import phrases
 from lab.render.plots import Spread, histograms
-from lab.render.style import AFTER, BEFORE, HATCH_AFTER, HATCH_BEFORE, MARK_AFTER, MARK_BEFORE
 
 if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult
@@ -232,8 +231,8 @@ def _prediction_document(result: PredictionResult) -> doc.Document:
 def _radii_picture(result: PredictionResult) -> doc.Picture:
     """Radii of 95 % of the errors, all causes together and of the parameters alone, as histograms."""
     every, own = (lengths[np.isfinite(lengths)] for lengths in _two(result))
-    spreads = [Spread(every, BEFORE, ("together: mean", float(every.mean())), HATCH_BEFORE, MARK_BEFORE)]
-    spreads.append(Spread(own, AFTER, ("parameters: mean", float(own.mean())), HATCH_AFTER, MARK_AFTER))
+    spreads = [Spread.before(every, ("together: mean", float(every.mean())))]
+    spreads.append(Spread.after(own, ("parameters: mean", float(own.mean()))))
     return histograms("radii", spreads, "radius of 95 % of the errors", result.run.result.gate_mm)
 
 

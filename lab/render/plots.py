@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,18 @@ from lab.core.units import MM
 from lab.render.charts.chart import axes_picture, cube, log_ticks, shades, view
 from lab.render.charts.marks import Axes
 from lab.render.document import Picture, capital, short
-from lab.render.style import COLOUR_SCALE, GATE, MARK_EDGE, OUTLIER
+from lab.render.style import (
+    AFTER,
+    BEFORE,
+    COLOUR_SCALE,
+    GATE,
+    HATCH_AFTER,
+    HATCH_BEFORE,
+    MARK_AFTER,
+    MARK_BEFORE,
+    MARK_EDGE,
+    OUTLIER,
+)
 
 __all__ = ["MOST_POINTS", "SQUARE", "VIEWS", "SizeMap", "Spread", "histograms", "size_maps", "spread_by_size"]
 
@@ -38,6 +50,16 @@ class Spread:
     mark: tuple[str, float]  # words and a length (m)
     hatch: str = ""
     marker: str = "o"
+
+    @classmethod
+    def before(cls, lengths: Array, mark: tuple[str, float]) -> Self:
+        """Return lengths in the style of those before calibration."""
+        return cls(lengths, BEFORE, mark, HATCH_BEFORE, MARK_BEFORE)
+
+    @classmethod
+    def after(cls, lengths: Array, mark: tuple[str, float]) -> Self:
+        """Return lengths in the style of those after calibration."""
+        return cls(lengths, AFTER, mark, HATCH_AFTER, MARK_AFTER)
 
 
 @dataclass(frozen=True)

@@ -31,13 +31,10 @@ from lab.render.style import (
     AFTER,
     ARM,
     BEFORE,
-    HATCH_AFTER,
     HATCH_BEFORE,
     HIGHLIGHT,
     INK,
     INSTRUMENT,
-    MARK_AFTER,
-    MARK_BEFORE,
     MEASURED,
     MUTED,
     PREDICTED,
@@ -166,8 +163,8 @@ def error_histograms(result: CalibrationResult, error: str) -> tuple[Picture, ..
     if errors is None or not np.isfinite(errors.after).any():
         return ()
     spreads = [
-        Spread(errors.before, BEFORE, ("before: mean", float(np.nanmean(errors.before))), HATCH_BEFORE, MARK_BEFORE),
-        Spread(errors.after, AFTER, ("after: mean", float(np.nanmean(errors.after))), HATCH_AFTER, MARK_AFTER),
+        Spread.before(errors.before, ("before: mean", float(np.nanmean(errors.before)))),
+        Spread.after(errors.after, ("after: mean", float(np.nanmean(errors.after)))),
     ]
     return (histograms("errors", spreads, error, result.options.gate_mm),)
 

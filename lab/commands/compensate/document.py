@@ -14,7 +14,6 @@ from lab.render import document as doc
 from lab.render.charts.chart import cube
 from lab.render.document import capital, fixed, short
 from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
-from lab.render.style import AFTER, BEFORE, HATCH_AFTER, HATCH_BEFORE, MARK_AFTER, MARK_BEFORE
 
 __all__ = ["compensation_document", "corrections_picture"]
 
@@ -69,10 +68,10 @@ def corrections_picture(result: CompensationResult) -> doc.Picture:
     if not len(result.reached):
         raise LabError("no target is reached: there is nothing to draw; see failed for the reasons")
     moved, expected = (_finite(result, lengths) for lengths in (result.correction_m, result.predicted_m))
-    spreads = [Spread(moved, BEFORE, ("moved by: mean", float(moved.mean())), HATCH_BEFORE, MARK_BEFORE)]
+    spreads = [Spread.before(moved, ("moved by: mean", float(moved.mean())))]
     if len(expected):
         mark = ("expected error: mean", float(expected.mean()))
-        spreads.append(Spread(expected, AFTER, mark, HATCH_AFTER, MARK_AFTER))
+        spreads.append(Spread.after(expected, mark))
     return histograms("moved", spreads, "length", result.run.result.gate_mm)
 
 
