@@ -182,7 +182,8 @@ class OpenProgram:
         """
         correction = _apart(self._pose(target, target.values), exact)
         enough, places, parts = np.clip(_SHARE * correction, _FINE, _COARSE), dict(places), _parts(target)
-        most = {part: max(self._most(target, part), places[part]) for part, _ in parts}
+        of_length, of_angle = (0, 0) if target.whole else self.language.most_digits
+        most = {part: max(of_length if part == "place" else of_angle, places[part]) for part, _ in parts}
         while True:
             texts = [
                 written(number, value, places[part])
@@ -197,10 +198,6 @@ class OpenProgram:
             places |= {part: places[part] + 1 for part in wider}
         kept = lost <= np.maximum(_SHARE * correction, _COARSE)
         return texts, lost, "" if kept.all() else _lost_in_rounding(target, correction, lost)
-
-    def _most(self, target: TargetText, part: str) -> int:
-        of_length, of_angle = self.language.most_digits
-        return 0 if target.whole else of_length if part == "place" else of_angle
 
     def _pose(self, target: TargetText, values: Array) -> Array:
         """The pose ``(4, 4)`` (m) of the tool of the controller's arm for numbers of a target.

@@ -121,7 +121,10 @@ class CompensationResult(Result):
 
     @property
     def _beyond(self) -> tuple[str, ...]:
-        sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)]
+        sizes, ids = (
+            np.sqrt(self._mean_squares["extrapolation"])[self.reached],
+            [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)],
+        )
         messages = list(phrases(check_extrapolated("targets", ids, len(sizes))))
         if count := int((sizes > 0).sum()):
             messages.append(
@@ -156,7 +159,9 @@ class CompensationResult(Result):
     @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons to check the corrected targets before use."""
-        of_run, run = self.run.result, list(filter(None, [self._unknown_flange]))
+        of_run, run = self.run.result, list[str]()
+        if self.reference is not None and self.expected is not None:
+            run += filter(None, [flange_note(self.reference, self.expected.flange_95_m[self.reached])])
         if of_run.verdict != "good":
             run += [f"the run is {of_run.verdict}: {reason}" for reason in of_run.reasons or (of_run.reason,)]
         if self._extrapolated_share > MOST_UNCOVERED:
@@ -284,13 +289,6 @@ class CompensationResult(Result):
         if self.reference is None or self.points is None:
             return ()
         return used_tools(self.reference, self.points[self.reached])
-
-    @property
-    def _unknown_flange(self) -> str:
-        """Explain why the flange's orientation is unknown; "" where it is identified, or no matter."""
-        if self.reference is None or self.expected is None:
-            return ""
-        return flange_note(self.reference, self.expected.flange_95_m[self.reached])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
@@ -471,11 +469,6 @@ class CompensationResult(Result):
             self._independent_m,
             dof,
         )
-
-    @cached_property
-    def beyond_m(self) -> Array:
-        """The part ``(n,)`` of the predicted error that is what the model may lack where nothing was measured (m)."""
-        return np.asarray(np.sqrt(self._mean_squares["extrapolation"]))
 
     @cached_property
     def load_m(self) -> Array:

@@ -53,11 +53,6 @@ class ImportResult(Result):
         """Entries of the two files that are not in the measurements, with the reason."""
         return (*self.points.left_out, *self.log.left_out, *self.matching.left_out)
 
-    @property
-    def left_out_counts(self) -> dict[str, int]:
-        """Number of entries left out for each reason."""
-        return dict(Counter(each.why for each in self.left_out))
-
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints."""
         data = self.measurements
@@ -215,7 +210,7 @@ def _left_out(result: ImportResult) -> tuple[Paragraph | Table, ...]:
     left = result.left_out
     if not left:
         return (Paragraph("None: every line is a point or a pose."),)
-    counts = "; ".join(f"{count} because: {why}" for why, count in result.left_out_counts.items())
+    counts = "; ".join(f"{count} because: {why}" for why, count in Counter(each.why for each in left).items())
     more = f" The first {_MOST} of {len(left)} are listed; result.json has all." if len(left) > _MOST else ""
     rows: list[Row] = [
         (each.file.rsplit("/", 1)[-1], str(each.line or "–"), each.what, each.why) for each in left[:_MOST]
