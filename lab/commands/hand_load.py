@@ -37,6 +37,16 @@ class HandLoad:
         }
         (folder / LOAD_FILE).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
+    def carried_by(self, robot: Robot) -> Robot:
+        """The robot with payloads' centre of mass where this load's is.
+
+        Raises:
+            LabError: the robot has no masses.
+        """
+        if robot.loads is None:
+            raise LabError(f"--load: robot {robot.name} has no masses, so nothing bends under a load; give its masses")
+        return replace(robot, loads=replace(robot.loads, payload_at_m=self.centre_m))
+
     def with_payload(self, data: Measurements) -> Measurements:
         """Return rows with this payload, where they have no payload of their own."""
         if "payload_kg" in data.conditions:
@@ -67,9 +77,7 @@ def carrying(robot: Robot, folder: Path | None, *, accept_edited: bool = False) 
     if folder is None:
         return robot, None
     load = read_hand_load(folder, accept_edited=accept_edited)
-    if robot.loads is None:
-        raise LabError(f"--load: robot {robot.name} has no masses, so nothing bends under a load; give its masses")
-    return replace(robot, loads=replace(robot.loads, payload_at_m=load.centre_m)), load
+    return load.carried_by(robot), load
 
 
 def read_hand_load(folder: Path, *, accept_edited: bool = False) -> HandLoad:
