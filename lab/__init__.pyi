@@ -16,7 +16,6 @@ from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.design.run import DesignResult, PlanCheckResult
 from lab.commands.import_measurements.run import ImportResult
-from lab.commands.inspect.options import InspectOptions
 from lab.commands.inspect.run import Inspection
 from lab.commands.measurements import (
     WorldFrames,
@@ -29,6 +28,7 @@ from lab.commands.measurements import (
 from lab.commands.options import (
     CompareOptions,
     ImportOptions,
+    InspectOptions,
     PredictOptions,
     StatusOptions,
     StudyOptions,

@@ -6,14 +6,23 @@ from typing import Annotated, Literal
 
 import tyro
 
-from lab.campaign.option_types import Flag, Names, NoRecording
+from lab.campaign.option_types import Flag, Names, NoRecording, Numbers
 from lab.core.errors import LabError
 from lab.core.limits import CLOCK_DRIFT_PPM, CLOCKS_S, DAYS, TARGETS, check_serial, checked_name, day, positive, whole
 
 __all__ = [
-    "By", "CertifyOptions", "CompareOptions", "ImportOptions", "MigrateOptions", "PredictOptions", "StatusOptions",
-    "StudyOptions", "TrendOptions", "VerifyOptions",
-]  # fmt: skip
+    "By",
+    "CertifyOptions",
+    "CompareOptions",
+    "ImportOptions",
+    "InspectOptions",
+    "MigrateOptions",
+    "PredictOptions",
+    "StatusOptions",
+    "StudyOptions",
+    "TrendOptions",
+    "VerifyOptions",
+]
 
 By = Literal["auto", "name", "order", "time"]
 
@@ -254,3 +263,38 @@ class StudyOptions:
             raise LabError("--resume continues a study: give its folder by --out")
         if self.scheduler is not None and self.workers is not None:
             raise LabError("--workers sets processes on this machine, --scheduler a cluster; give one")
+
+
+@dataclass(frozen=True)
+class InspectOptions:
+    """A robot, and what is to be identified of it."""
+
+    robot: tyro.conf.Positional[str] = "irb120"
+    """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
+    cell: Path | None = None
+    """The cell (obstacles, payload, narrower limits, instrument's position): TOML."""
+    targets: Names = ("p1",)
+    """Measured points of the tool."""
+    tool_mm: Numbers = ()
+    """Where the first of them is in the last frame; by default on the robot's tool."""
+    model: str = "geometric"
+    """geometric, or groups of effects joined by +."""
+    fix: Names = ()
+    """Fix these parameters at nominal: names or patterns."""
+    free: Names = ()
+    """Identify these parameters, which are usually fixed, in the place of fixed ones."""
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups of effects that are asked for.
+
+        Raises:
+            LabError: one is given twice, or they are to be chosen by measurements, which there are none of.
+        """
+        from lab.campaign.option_groups import Fitting  # slow to import
+
+        fitting = Fitting(self.model, fix=self.fix, free=self.free)
+        fitting.check()
+        if self.model == "auto":
+            raise LabError("--model auto: groups are chosen by measurements; name groups to inspect")
+        return fitting.groups

@@ -76,7 +76,7 @@ COMMANDS = (
     Command(
         "inspect",
         "Print a robot's table, its limits, and what can be identified.",
-        "lab.commands.inspect.options:InspectOptions",
+        "lab.commands.options:InspectOptions",
         "lab.commands.inspect.run:inspect",
     ),
     Command(

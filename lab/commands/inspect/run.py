@@ -31,7 +31,7 @@ from lab.commands.inspect.nominal import (
     serial_nominal,
     serial_shape,
 )
-from lab.commands.inspect.options import InspectOptions
+from lab.commands.options import InspectOptions
 from lab.commands.result import Result, joint_values, number
 from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE
