@@ -10,8 +10,15 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
-from lab.commands.study.document import analysis_sections, study_pictures, write_figures
-from lab.commands.study.run import comparison_sentence, effect_text, sentences, write_csv
+from lab.commands.study.document import (
+    analysis_sections,
+    comparison_sentence,
+    effect_text,
+    sentences,
+    study_pictures,
+    write_figures,
+)
+from lab.commands.study.run import write_csv
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON

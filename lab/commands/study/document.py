@@ -6,7 +6,7 @@ matplotlib is slow to import: import this module where a picture is asked for.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache, partial
-from math import ceil, isfinite
+from math import ceil, floor, isfinite, log10
 from pathlib import Path
 from textwrap import fill
 from typing import Any, TypeVar
@@ -19,32 +19,19 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullLocator
 
-from lab.commands.study.run import (
-    StudyResult,
-    behind_text,
-    circumstances,
-    comparison_sentence,
-    effect_text,
-    factor_text,
-    level_text,
-    mean_text,
-    metric_text,
-    rank_text,
-    sentences,
-    varying,
-)
+from lab.commands.study.run import StudyResult, circumstances, level_text
 from lab.core.errors import LabError
 from lab.render import document as doc
 from lab.render.charts.chart import save_figure
 from lab.render.document import capital, sentence
 from lab.render.style import FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
-from lab.studies.analysis import Analysis, CellGroup, Comparison, Mean, Pair, groups
+from lab.studies.analysis import Analysis, CellGroup, Comparison, Kind, Mean, Pair, Rank, groups
 from lab.studies.campaigns import origin_of
-from lab.studies.grid import ANY, Cell
+from lab.studies.grid import ANY, FACTORS, Cell
 
 __all__ = [
-    "analysis_sections", "first_picture", "pictures_of", "provenance_of", "study_document", "study_pictures",
-    "write_figures",
+    "analysis_sections", "comparison_sentence", "effect_text", "first_picture", "pictures_of", "provenance_of",
+    "sentences", "study_document", "study_pictures", "write_figures",
 ]  # fmt: skip
 
 _MOST_ANSWERS = 3  # in a caption
@@ -59,6 +46,134 @@ _SHOWN = 0.005  # of the resamples: less is not written
 _MOST_ACROSS = 3  # panels side by side
 _LETTERS_AN_INCH = 11  # of a title
 _APART = 0.035  # of the axis, between the lines' marks at one level
+_METRICS = {
+    "fresh_mean_mm": ("mean error on validation poses", "mm"),
+    "fresh_p95_mm": ("95 % of the errors on validation poses", "mm"),
+    "fresh_worst_mm": ("worst error on validation poses", "mm"),
+    "length_rms_mm": ("RMS error of the lengths", "mm"),
+    "angle_rms_mrad": ("RMS error of the angles", "mrad"),
+    "mixed_rms": ("RMS error of all parameters", "mm and rad"),
+    "nees": ("NEES per parameter, 1 expected", ""),
+    "before_mm": ("mean error on validation poses before the calibration", "mm"),
+    "steps": ("Gauss-Newton steps", ""),
+}
+_AXES = {
+    "poses": "number of poses",
+    "position_sigma_mm": "position σ of the arm, mm",
+    "rotation_sigma_mrad": "rotation σ of the arm, mrad",
+}
+_WIDE = 10  # a ratio's upper end over its lower
+_MOST_DIGITS = 9  # after the point, to show a bound that is not zero
+
+
+def _metric_text(metric: str, unit: bool = True) -> str:
+    """A metric as people read it, e.g. "mean error on validation poses, mm"."""
+    text, its_unit = _METRICS.get(metric, (metric, ""))
+    return f"{text}, {its_unit}" if unit and its_unit else text
+
+
+def _factor_text(factor: str) -> str:
+    """A factor as an axis names it."""
+    return _AXES.get(factor, factor)
+
+
+def _varying(cells: Sequence[Cell]) -> tuple[str, ...]:
+    """The factors of which there is more than one level."""
+    return tuple(name for name in FACTORS if len({getattr(cell, name) for cell in cells}) > 1)
+
+
+def effect_text(pair: Pair, kind: Kind) -> str:
+    """Format the excess of a pair's second cell over the first, e.g. "4.1 % (3.7 to 4.6)".
+
+    A ratio from 2 on, or one with a wide interval, is printed as "2.1 times (2.0 to 2.2)".
+    """
+    ends = (pair.effect, pair.lower, pair.upper)
+    if not isfinite(pair.effect):
+        return "not known"
+    if kind == "difference":
+        return _with_interval(ends, "")
+    if pair.upper > _WIDE * pair.lower:  # few robots: hardly the order of magnitude is known
+        value, lower, upper = (f"{float(f'{end:.2g}'):,.10g}" for end in ends)
+        return f"{value} times ({lower} to {upper})"
+    return _with_interval(ends, " times") if pair.effect >= 2 else _with_interval([100 * (e - 1) for e in ends], " %")
+
+
+def _mean_text(mean: Mean) -> str:
+    """A mean with its interval, e.g. "0.00512 (0.00498 to 0.00526)"."""
+    return _with_interval((mean.mean, mean.lower, mean.upper), "")
+
+
+def _with_interval(ends: Sequence[float], unit: str) -> str:
+    """A value and its interval, to the digits that it leaves, and that show on which side of zero it ends."""
+    value, lower, upper = ends
+    if not isfinite(lower):
+        return f"{value:.3g}{unit} (too few robots for an interval)".replace("-", "−")
+    half = (upper - lower) / 2
+    size = 10.0 ** floor(log10(half)) if half > 0 else 1e-3
+    digits = max(0, round(-log10(size)) + (half < 2 * size))
+    while digits < _MOST_DIGITS and any(end and not float(f"{end:.{digits}f}") for end in ends):
+        digits += 1
+    shown = [f"{end + 0:.{digits}f}" for end in ends]
+    return f"{shown[0]}{unit} ({shown[1]} to {shown[2]})".replace("-", "−")
+
+
+def _rank_text(rank: Rank) -> str:
+    """A rank with its 95 % set, where that has more than one."""
+    return f"{rank.rank} ({rank.lowest} to {rank.highest})" if rank.lowest < rank.highest else str(rank.rank)
+
+
+def _behind_text(comparison: Comparison, rank: Rank) -> str:
+    """Format the excess of a cell over the first of its comparison; empty for the first."""
+    first = comparison.ranks[0].cell
+    return "" if rank.cell == first else effect_text(comparison.against(first, rank.cell), comparison.kind)
+
+
+def sentences(analysis: Analysis, metric: str) -> list[str]:
+    """Return a sentence for each comparison by a metric, and one for simulated calibrations that did not converge."""
+    found = [comparison_sentence(each, analysis.cells) for each in analysis.comparisons if each.metric == metric]
+    return [*found, *_failures([mean for mean in analysis.means if mean.metric == metric], analysis.cells)]
+
+
+def comparison_sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
+    """Describe which cell of a group is best, by how much, and which do not differ significantly."""
+    group = comparison.group
+    names = {i: level_text(cells[i], group.free) for i in group.cells}
+    where = circumstances(group.shared)
+    head = f"{where + ', ' if where else ''}by {' and '.join(group.free)}"
+    if not comparison.ranks:
+        return f"{head}: no simulated calibration converged in two of them, so nothing can be compared"
+    ranked = [each.cell for each in comparison.ranks]
+    leaders = [each.cell for each in comparison.ranks if each.lowest == 1]
+    messages = [_leading([names[i] for i in leaders])]
+    than = f" than {names[ranked[0]]}" if len(leaders) > 1 else ""
+    for cell in ranked[1:]:
+        pair = comparison.against(ranked[0], cell)
+        many = comparison.kind == "ratio" and pair.effect >= 2
+        messages.append(f"{names[cell]} {effect_text(pair, comparison.kind)} {'as much' if many else 'worse'}{than}")
+    same = [(p.first, p.second) for p in comparison.pairs if not p.is_significant and isfinite(p.effect)]
+    apart = [f"{names[i]} and {names[j]}" for i, j in same if not {i, j} <= set(leaders)]
+    messages += [f"no significant difference: {', '.join(apart)}"] if apart else []
+    messages += [f"{names[i]} never converged where another did" for i in group.cells if i not in ranked]
+    return f"{head}: {'; '.join(messages)}"
+
+
+def _leading(names: Sequence[str]) -> str:
+    if len(names) == 1:
+        return f"best is {names[0]}"
+    return f"best are {', '.join(names[:-1])} and {names[-1]}, which do not differ significantly"
+
+
+def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
+    campaigns, lost = sum(each.campaigns for each in means), sum(each.not_converged for each in means)
+    if not lost:
+        return []
+    worst = max(means, key=lambda each: each.not_converged / max(each.campaigns, 1))
+    where = circumstances({name: getattr(cells[worst.cell], name) for name in _varying(cells)})
+    return [
+        f"{lost:,} of {campaigns:,} simulated calibrations did not converge and are left out, as are pairs with one "
+        f"of them. If many fail, the results are too favourable; the most are {worst.not_converged:,} of "
+        f"{worst.campaigns:,}{f' ({where})' if where else ''}"
+    ]
 
 
 def study_pictures(analysis: Analysis, metric: str) -> dict[str, doc.Picture]:
@@ -78,7 +193,7 @@ def study_pictures(analysis: Analysis, metric: str) -> dict[str, doc.Picture]:
         answers = ". ".join(capital(comparison_sentence(each, analysis.cells)) for each in comparisons[:_MOST_ANSWERS])
         for kind, figure in draw.items():
             name = f"{metric}-{'-'.join(free)}-{kind}"
-            shown = f"{capital(metric_text(metric, unit=False))} by {' and '.join(map(factor_text, free))}"
+            shown = f"{capital(_metric_text(metric, unit=False))} by {' and '.join(map(_factor_text, free))}"
             made[name] = doc.Picture(name.replace("_", "-"), f"{shown}, {_KINDS[kind]}. {answers}.", figure)
     return made
 
@@ -111,22 +226,22 @@ def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
         axes.set_xlim(-0.1, 1.1)
         axes.set_title(circumstances(group.shared), fontsize=10)
 
-    title = f"{metric_text(metric, unit=False)}: means with 95 % intervals over robots"
+    title = f"{_metric_text(metric, unit=False)}: means with 95 % intervals over robots"
     figure = _panels(shown, draw, title, (3.6, 3.6), sharey=True)
-    figure.supxlabel(factor_text(factor), fontsize=10)
-    figure.supylabel(metric_text(metric), fontsize=10)
+    figure.supxlabel(_factor_text(factor), fontsize=10)
+    figure.supylabel(_metric_text(metric), fontsize=10)
     if line:
         handles = {str(h.get_label()): h for axes in figure.axes for h in axes.get_legend_handles_labels()[0]}
         shown_lines = [handles[name] for name in names]
         figure.legend(
-            shown_lines, names, title=factor_text(line), loc="outside right center", fontsize=9, handlelength=3.5
+            shown_lines, names, title=_factor_text(line), loc="outside right center", fontsize=9, handlelength=3.5
         )
     return figure
 
 
 def _line_factor(cells: Sequence[Cell], factor: str) -> str | None:
     """The factor of the lines: preferably one whose every level is a level of its own."""
-    others = [name for name in varying(cells) if name != factor]
+    others = [name for name in _varying(cells) if name != factor]
     return next((n for n in others if all(getattr(cell, n) != ANY for cell in cells)), others[0] if others else None)
 
 
@@ -196,11 +311,11 @@ def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> D
             axes.xaxis.set_major_formatter("{x:g}")
             axes.xaxis.set_minor_locator(NullLocator())
 
-    text = metric_text(comparisons[0].metric, unit=False)
-    title = f"{text} by {factor_text(free[0])}, against the best: same robots, same noise"
+    text = _metric_text(comparisons[0].metric, unit=False)
+    title = f"{text} by {_factor_text(free[0])}, against the best: same robots, same noise"
     figure = _panels(comparisons, draw, title, (4.6, 0.9 + 0.33 * _most_rows(comparisons)), sharex=True)
     measure = (
-        "ratio to the best" if kind == "ratio" else f"difference from the best, {metric_text(comparisons[0].metric)}"
+        "ratio to the best" if kind == "ratio" else f"difference from the best, {_metric_text(comparisons[0].metric)}"
     )
     figure.supxlabel(
         f"{measure}, 95 % interval of each pair; hollow: no significant difference (Holm, 5 %)", fontsize=10
@@ -242,9 +357,9 @@ def _ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> D
         axes.set_xticks(range(len(chances)), [str(1 + k) for k in range(len(chances))])
         _rows(axes, each, cells)
 
-    text = metric_text(comparisons[0].metric, unit=False)
+    text = _metric_text(comparisons[0].metric, unit=False)
     rows = _most_rows(comparisons)
-    title = f"{text}: ranks by {factor_text(free[0])}"
+    title = f"{text}: ranks by {_factor_text(free[0])}"
     figure = _panels(comparisons, draw, title, (1.4 + 0.45 * rows, 0.9 + 0.33 * rows))
     figure.supxlabel("rank; per cent of the resamples of robots; framed: 95 % set of ranks", fontsize=10)
     return figure
@@ -326,14 +441,14 @@ def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[doc.S
     media = [doc.EVERYWHERE if i == 0 else doc.PAGE for i in range(len(metrics))]
     answers = [
         doc.Section(
-            capital(metric_text(metric, unit=False)),
+            capital(_metric_text(metric, unit=False)),
             (doc.Bullets(tuple(map(sentence, sentences(analysis, metric)))),),
             shown_in=media[i],
         )
         for i, metric in enumerate(metrics)
     ]
     ranks = [
-        doc.Section(f"By {metric_text(metric)}", tuple(_ranks(analysis, metric)), shown_in=media[i])
+        doc.Section(f"By {_metric_text(metric)}", tuple(_ranks(analysis, metric)), shown_in=media[i])
         for i, metric in enumerate(metrics)
     ]
     note = (
@@ -349,7 +464,7 @@ def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[doc.S
 
 def _means(analysis: Analysis, metrics: Sequence[str]) -> doc.Table:
     """Tabulate all cells' means with 95 % intervals over the robots; only the first metric if space is short."""
-    names = varying(analysis.cells)
+    names = _varying(analysis.cells)
     of = {(mean.cell, mean.metric): mean for mean in analysis.means}
     more = [metric for metric in (*metrics[1:], "nees", "before_mm") if (0, metric) in of]
     rows = []
@@ -358,15 +473,15 @@ def _means(analysis: Analysis, metrics: Sequence[str]) -> doc.Table:
         rows.append(
             (
                 *(str(getattr(cell, name)) for name in names),
-                mean_text(first),
-                *(mean_text(of[i, metric]) for metric in more),
+                _mean_text(first),
+                *(_mean_text(of[i, metric]) for metric in more),
                 f"{first.not_converged:,} of {first.campaigns:,}",
             )
         )
     columns: tuple[str | doc.Column, ...] = (
         *names,
-        metric_text(metrics[0]),
-        *(doc.Column(metric_text(metric), doc.PAGE) for metric in more),
+        _metric_text(metrics[0]),
+        *(doc.Column(_metric_text(metric), doc.PAGE) for metric in more),
         "not converged",
     )
     robots = max(mean.robots for mean in analysis.means if mean.metric == metrics[0])
@@ -385,9 +500,9 @@ def _ranks(analysis: Analysis, metric: str) -> Iterable[doc.Table]:
             rows += [
                 (
                     level_text(analysis.cells[rank.cell], free),
-                    rank_text(rank),
+                    _rank_text(rank),
                     f"{100 * rank.chances[0]:.0f}",
-                    behind_text(each, rank),
+                    _behind_text(each, rank),
                 )
                 for rank in each.ranks
             ]
