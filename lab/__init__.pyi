@@ -7,30 +7,38 @@ from lab.calibration.estimate_files import save_estimate
 from lab.campaign.instruments import instrument
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.arrays import measurements, robot_from_dh
 from lab.commands.calibrate.load_run import load_estimate
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.run import MeasurementSession
-from lab.commands.compare.options import CompareOptions
-from lab.commands.compare.run import ComparisonResult
+from lab.commands.compare import ComparisonResult
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
-from lab.commands.design.result import DesignResult, PlanCheckResult
-from lab.commands.import_measurements.options import ImportOptions
+from lab.commands.design.run import DesignResult, PlanCheckResult
 from lab.commands.import_measurements.run import ImportResult
-from lab.commands.inspect.options import InspectOptions
 from lab.commands.inspect.run import Inspection
-from lab.commands.measurements import WorldFrames, read_measurements, world_frames, write_measurements
-from lab.commands.predict.options import PredictOptions
-from lab.commands.predict.run import PredictionResult
+from lab.commands.measurements import (
+    WorldFrames,
+    measurements,
+    read_measurements,
+    robot_from_dh,
+    world_frames,
+    write_measurements,
+)
+from lab.commands.options import (
+    CompareOptions,
+    ImportOptions,
+    InspectOptions,
+    PredictOptions,
+    StatusOptions,
+    StudyOptions,
+    VerifyOptions,
+)
+from lab.commands.predict import PredictionResult
 from lab.commands.result import Result
-from lab.commands.status.options import StatusOptions
-from lab.commands.status.run import StatusResult
-from lab.commands.study.options import StudyOptions
+from lab.commands.status import StatusResult
 from lab.commands.study.run import StudyResult
-from lab.commands.verify.options import VerifyOptions
-from lab.commands.verify.run import VerificationResult
+from lab.commands.verify import VerificationResult
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array

@@ -1,12 +1,12 @@
 """The command line: arguments in, a call of the library, its result out.
 
 Exit code 0: done; 1: the answer is bad; 2: the input is bad; 3: a good answer is required and it is doubtful or not
-judged; 70: a defect of the lab; 130: interrupted. It is told in one line, whatever it is.
+judged; 70: an internal error; 130: interrupted. Each but 0 is explained in one line.
 """
 
 import sys
 
-TYPE_CHECKING = False  # an interruption is told from the first line on: what takes time is imported inside ``main``
+TYPE_CHECKING = False  # an interruption is reported from the first line on: slow imports are inside ``main``
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
@@ -36,7 +36,7 @@ def main(arguments: "Sequence[str] | None" = None) -> int:
         if code == INTERRUPTED:
             leave(code)
         return code
-    except KeyboardInterrupt:  # before there was anything to write, or while that was told
+    except KeyboardInterrupt:  # before there was anything to write, or while it was reported
         print("lab: interrupted", file=sys.stderr)
         return 130
 
@@ -50,7 +50,6 @@ def _only_our_warnings() -> None:
 
 
 def _ended(arguments: list[str]) -> int:
-    """Run one command, and tell in one line how it ended, if not well."""
     from lab.commands import program
     from lab.core.errors import LabError, options_as_flags
 
@@ -73,13 +72,12 @@ def _ended(arguments: list[str]) -> int:
 
 
 def _report_error(arguments: list[str], error: Exception) -> tuple[str, int]:
-    """Print an error, and return the exit code."""
     from lab.commands.program import DEFECT, drop_output, write_log
     from lab.core.errors import LabError
 
     if isinstance(error, LabError):
         return str(error), 2
-    if isinstance(error, OSError) and error.filename is None:  # of files the library tells; what is left is the output
+    if isinstance(error, OSError) and error.filename is None:  # errors of files have names; what is left is the output
         drop_output()
         return f"the output cannot be written ({error.strerror or error}); look where it goes", 2
     if isinstance(error, OSError):
@@ -88,7 +86,7 @@ def _report_error(arguments: list[str], error: Exception) -> tuple[str, int]:
         return "this needs more memory than there is; give fewer rows, poses, targets or joints", 2
     log = write_log(arguments, error)
     kept = f"its traceback is in {log}: please report it with that file" if log else "no log of it could be written"
-    return f"a defect of the lab, not of what you gave ({type(error).__name__}: {error}); {kept}", DEFECT
+    return f"internal error ({type(error).__name__}: {error}); {kept}", DEFECT
 
 
 def _run(arguments: list[str]) -> int:
@@ -133,7 +131,6 @@ def _help() -> str:
 
 
 def _where(place: "Path") -> list[str]:
-    """The folder of a run, its page, and the command that shows its recording."""
     page, recording = place / "report.html", place / "recording.rrd"
     return [
         f"run: {place}",
@@ -166,7 +163,7 @@ def _run_command(command: "Command", arguments: list[str]) -> int:
 
 
 def _checksums(place: "Path") -> bytes:
-    """Those of the run that stands there; none where there is no run."""
+    """Return the checksums of the run in that folder; none where there is no run."""
     from lab.core.whole_folder import CHECKSUMS
 
     try:

@@ -22,7 +22,7 @@ An extension may use the public interface ``lab``, this module, and the toolbox,
   and the types of options.
 - ``lab.simulation``: models of MuJoCo, collisions, meshes;
   ``lab.pose_selection``: criteria, exchange, durations of moves.
-- ``lab.render``: documents, charts, recordings; the modules of ``lab.commands`` (not its folders): a command's result,
+- ``lab.render``: documents, charts, recordings; the modules of ``lab.commands`` (not the commands): a command's result,
   its run's folder, values for ``--json``.
 
 The lab's own extensions (``lab.extensions``) are registered in the same way. An entry is imported at its first use. One

@@ -35,7 +35,7 @@ from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot, load_virtual
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.import_measurements.matching import matched
-from lab.commands.import_measurements.options import ImportOptions
+from lab.commands.options import ImportOptions
 from lab.core.limits import PROGRAM_BYTES, PROGRAM_MOVES
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for

@@ -83,7 +83,11 @@ def compensator_of(outcome: lab.CalibrationResult, target: str = "p1") -> Compen
     groups = [name for name in outcome.fit.groups if name not in CAMPAIGN_SPECIFIC]
     arm = outcome.robot.arm_with(outcome.fitted.targets, groups)
     likely = dict(
-        zip(found.model.names, most_likely_parameters(found, outcome.nominal, outcome.tolerance), strict=True)
+        zip(
+            found.model.names,
+            most_likely_parameters(found, outcome.nominal, outcome.fit.fitter.options.tolerance),
+            strict=True,
+        )
     )
     before = dict(zip(found.model.names, found.nominal_aligned, strict=True))
     rigid = arm.rigid

@@ -15,7 +15,7 @@ from closed_loop import ClosedLoop, Cube, VisitedPath, compensator_of
 from numpy.typing import NDArray
 
 import lab
-from lab.commands.calibrate.scene import world_of
+from lab.commands.calibrate.figures import world_of
 from lab.compensation.iso9283 import accuracy, cube_positions, repeatability
 from lab.core.errors import LabError
 from lab.core.se3 import Array

@@ -5,6 +5,8 @@ processes of a study call functions of importable modules only, so that a script
 """
 
 import csv
+import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +22,7 @@ from lab.core.errors import LabError
 from lab.render.charts.chart import save_figure
 from lab.render.document import Block, Document, Paragraph, Row, Section, Table, short
 from lab.render.style import FIGURE_STYLE, SERIES
-from lab.render.terminal import print_document, print_json
+from lab.render.terminal import print_document
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,9 +82,17 @@ def run_script(name: str, arguments: Sequence[str] | None = None) -> None:
         print(f"lab: {error}", file=sys.stderr)
         raise SystemExit(2) from error
     if options.json:
-        print_json(answer.values)
+        print(json.dumps(_finite(answer.values), allow_nan=False))  # JSON has no numbers that are not finite
     else:
         print_document(answer.document)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _finite(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def paragraphs(lines: Sequence[str]) -> tuple[Paragraph, ...]:

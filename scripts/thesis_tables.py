@@ -33,7 +33,7 @@ from shared import (
 )
 
 from lab.campaign.robot import load_virtual
-from lab.commands.study.format import effect_text
+from lab.commands.study.document import effect_text
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.reproduction.thesis_case import (

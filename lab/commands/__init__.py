@@ -1,1 +1,1 @@
-"""Commands of the lab, one folder each."""
+"""Commands of the lab: a module or a folder each."""

@@ -1,10 +1,8 @@
-"""The command line of one command: its options, by tyro, and what every command takes beside them.
+"""Parse the command line of one command by tyro: its own options, and those that every command takes.
 
-What the parser of the command line rejects, in one line: what is wrong, where, and where to read on.
-
-tyro prints a box and exits. Its hook ``tyro._errors.on_parse_error`` hands over the same as an event with fields, so no
-text is taken out of the box; but the module is private, so it is used here alone, and without it (or for an event that
-is not known here) tyro's box is shown as it is.
+An error becomes one line: what is wrong, where, and where to read on. tyro prints a box and exits; its hook
+``tyro._errors.on_parse_error`` gives the error as an event with fields. That module is private, so it is used here
+alone; without it, or for an unknown event, tyro's box is shown.
 """
 
 import re
@@ -44,12 +42,12 @@ _OF_SEVERAL_TYPES = "no type matching"  # tyro's words of a value that may be le
 
 @contextmanager
 def _one_line_errors(program: str, flags: Sequence[str], alone: Sequence[str] = ()) -> Iterator[None]:
-    """Within the block, what tyro rejects is a LabError.
+    """Raise a LabError for arguments that tyro rejects within the block.
 
     Args:
-        program: what to ask for help.
-        flags: that the command has, for a guess at what was meant.
-        alone: those of them that stand without their name.
+        program: the command line that prints help.
+        flags: of the command, from which a similar one is proposed.
+        alone: the flags of positional arguments.
     """
     if events is None:
         yield
@@ -86,12 +84,10 @@ def _line(event: Any, flags: Sequence[str], alone: Sequence[str]) -> str:
 
 
 def _name(argument: Any) -> str:
-    """A flag as it is typed, or what stands for a value without one."""
     return str(argument.lowered.metavar if argument.is_positional() else argument.lowered.name_or_flags[0])
 
 
 def _described(argument: Any) -> str:
-    """A missing argument or flag, and of what kind it is."""
     name = argument.field.intern_name if argument.is_positional() else argument.lowered.name_or_flags[0]
     return f"{name} ({argument.lowered.metavar})"
 
@@ -115,25 +111,17 @@ _OVERWRITE = Annotated[Flag, tyro.conf.arg(help="Replace an earlier run in that 
 
 @dataclass(frozen=True)
 class Arguments:
-    """Parsed arguments of a command.
+    """Parsed arguments of a command."""
 
-    Attributes:
-        options: an instance of the command's own class.
-        out: the run's folder; None for the default one.
-        overwrite: whether an earlier run in that folder is replaced.
-        json: whether to print the result as JSON.
-        resume: whether to go on with a run that was interrupted.
-    """
-
-    options: Any
-    out: Path | None
-    overwrite: bool
-    json: bool
-    resume: bool
+    options: Any  # of the command's own class
+    out: Path | None  # the run's folder; None for the default one
+    overwrite: bool  # whether an earlier run in that folder is replaced
+    json: bool  # whether to print the result as JSON
+    resume: bool  # whether to go on with a run that was interrupted
 
 
 def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
-    """The arguments that follow the command's name; those for help print it and end the program.
+    """Parse the arguments after the command's name; those for help print it and end the program.
 
     Raises:
         LabError: they cannot be parsed, or ``--config`` names what is no run's ``config.json``.
@@ -210,22 +198,21 @@ def _split(argument: str) -> tuple[str, ...]:
 
 
 def _names(kind: Any) -> Iterator[str]:
-    """Yield the names of all options, including those in groups."""
     hints = get_type_hints(kind)
     for each in fields(kind):
         yield from _names(hints[each.name]) if is_dataclass(hints[each.name]) else (each.name,)
 
 
 def _numbers() -> tyro.constructors.ConstructorRegistry:
-    """Numbers whose refusal is a plain sentence, and what need not be given, whose help says so in words."""
+    """Return constructors of numbers and optional values with plain errors and help."""
     registry = tyro.constructors.ConstructorRegistry()
-    words: dict[type, tuple[Any, str]] = {
+    parsers: dict[type, tuple[Any, str]] = {
         int: (whole_number, "INT"), float: (number, "FLOAT"), Path: (Path, "PATH"), str: (str, "STR"),
     }  # fmt: skip
 
     @registry.primitive_rule
     def rule(info: tyro.constructors.PrimitiveTypeInfo) -> tyro.constructors.PrimitiveConstructorSpec[Any] | None:
-        for kind, (read, metavar) in words.items():
+        for kind, (read, metavar) in parsers.items():
             if info.type is kind:
                 return _spec(kind, read, metavar, optional=False)
             if info.type == kind | None:
@@ -261,15 +248,15 @@ def _spec(kind: type, read: Any, metavar: str, *, optional: bool) -> "tyro.const
     )
 
 
-Options = TypeVar("Options")
-Call = TypeVar("Call", bound=Callable[..., Any])
+_Options = TypeVar("_Options")
+_Call = TypeVar("_Call", bound=Callable[..., Any])
 
 
-def options_of(call: str, kind: type[Options], given: Mapping[str, Any]) -> Options:
-    """The options that keywords say; the others are at their defaults.
+def options_of(call: str, kind: type[_Options], given: Mapping[str, Any]) -> _Options:
+    """Return the options that keywords set; the others are at their defaults.
 
     Args:
-        call: what an error calls it.
+        call: its name in errors.
 
     Raises:
         LabError: there is no such option, one is missing, or a value is not of its type.
@@ -286,17 +273,17 @@ def options_of(call: str, kind: type[Options], given: Mapping[str, Any]) -> Opti
     return structured(call, kind, nested)
 
 
-def takes(kind: type[Any], **called: str) -> Callable[[Call], Call]:
-    """A public call whose ``**options`` are a command's: ``help`` and editors show them as its keywords.
+def takes(kind: type[Any], **called: str) -> Callable[[_Call], _Call]:
+    """Mark a public call whose ``**options`` are a command's: ``help`` and editors show them as its keywords.
 
-    It runs on one BLAS thread: for small matrices more threads wait for each other, and the bits stay the same.
+    It runs on one BLAS thread: small matrices gain nothing from more, and results stay the same to the last bit.
 
     Args:
-        kind: of the command's options, which may also be given in one object, as the first argument and alone.
-        called: options that are arguments of the call by another name: of each its argument's name.
+        kind: class of the command's options; an object of it may be the only argument.
+        called: options that are arguments of the call by another name.
     """
 
-    def mark(function: Call) -> Call:
+    def mark(function: _Call) -> _Call:
         shown = signature(function)
 
         @wraps(function)
@@ -308,13 +295,16 @@ def takes(kind: type[Any], **called: str) -> Callable[[Call], Call]:
 
         own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
         taken = {*called, *(each.name for each in own)}
+        defaults = {
+            name: Parameter.empty if one.default is MISSING else one.default for name, (_, one, _) in _options(kind)
+        }
         more = [
-            Parameter(name, Parameter.KEYWORD_ONLY, default=_default(field), annotation=hint)
-            for name, (_, field, hint) in _options(kind)
+            Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=hint)
+            for name, (_, _, hint) in _options(kind)
             if name not in taken
         ]
         call.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
-        return cast(Call, call)
+        return cast(_Call, call)
 
     return mark
 
@@ -348,7 +338,3 @@ def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]", Any]]]:
             yield from ((name, (one.name, *each[1:])) for name, each in _options(hints[one.name]))
         else:
             yield one.name, ("", one, hints[one.name])
-
-
-def _default(field: "Field[Any]") -> Any:
-    return Parameter.empty if field.default is MISSING else field.default

@@ -1,4 +1,4 @@
-"""A load at the hand as ``lab payload`` found it, for the calibrations and corrections that it matters to."""
+"""Load at the flange as ``lab payload`` identified it, for calibrations and corrections."""
 
 import json
 from dataclasses import dataclass, replace
@@ -21,19 +21,14 @@ __all__ = ["HandLoad", "carrying", "read_hand_load"]
 
 @dataclass(frozen=True)
 class HandLoad:
-    """A load at the flange, with mass and centre of mass.
-
-    Attributes:
-        centre_m: ``(3,)``, its centre of mass in the last frame.
-        covariance: ``(4, 4)`` of mass and first moment, kg and kg m.
-    """
+    """A load at the flange, with mass and centre of mass."""
 
     mass_kg: float
-    centre_m: Array
-    covariance: Array
+    centre_m: Array  # (3,), its centre of mass in the last frame
+    covariance: Array  # (4, 4) of mass and first moment, kg and kg m
 
     def write(self, folder: Path) -> None:
-        """Keep it with a run."""
+        """Write it into the folder of a run."""
         content = {
             "frame": "flange",
             "mass_kg": plain_numbers(self.mass_kg),
@@ -53,7 +48,7 @@ class HandLoad:
         return replace(robot, loads=replace(robot.loads, payload_at_m=self.centre_m))
 
     def with_payload(self, data: Measurements) -> Measurements:
-        """Rows that carry it, where they do not say what they carry."""
+        """Return rows with this payload, where they have no payload of their own."""
         if "payload_kg" in data.conditions:
             return data
         return replace(data, conditions={**data.conditions, "payload_kg": np.full(len(data), self.mass_kg)})
@@ -68,7 +63,6 @@ class _SavedLoad:
     covariance_of_mass_and_moment: tuple[tuple[float | None, ...], ...]
 
     def __post_init__(self) -> None:
-        """Refuse arrays of another size and what is no mass or place of a payload, with a LabError."""
         rows = self.covariance_of_mass_and_moment
         if len(self.com_m) != 3 or [len(row) for row in rows] != [4] * 4:
             raise LabError("com_m has 3 numbers, covariance_of_mass_and_moment 4 rows of 4")

@@ -12,23 +12,13 @@ from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
 __all__ = [
-    "CLOSED",
-    "DEFECT",
-    "INTERRUPTED",
-    "drop_output",
-    "interruptible",
-    "leave",
-    "output_may_close",
-    "plain_streams",
-    "say",
-    "say_as_json",
-    "was_interrupted",
-    "write_log",
-]
+    "CLOSED", "DEFECT", "INTERRUPTED", "drop_output", "interruptible", "leave", "output_may_close", "plain_streams",
+    "say", "say_as_json", "was_interrupted", "write_log",
+]  # fmt: skip
 
 DEFECT, INTERRUPTED = 70, 130  # exit codes: EX_SOFTWARE of sysexits.h; 128 + SIGINT
-CLOSED = 0  # where whoever read the output has seen enough, and there is no result to tell
-_LONGEST_LINE = 1000  # characters of what is said: a name or a cell may be a million
+CLOSED = 0  # where the reader closed the output
+_LONGEST_LINE = 1000  # characters of a message: a name or a cell may have a million
 _ENCODING_ERRORS = "lab.plain"
 _PLAIN = {"−": "-", "→": "->", "±": "+-", "σ": "sigma", "χ": "chi", "µ": "u", "·": "*", "×": "x", "°": "deg", "≤": "<="}
 
@@ -45,9 +35,9 @@ def _transliterated(error: UnicodeError) -> tuple[str, int]:
 
 
 def plain_streams() -> None:
-    """Let no character be an error of standard output and error: one that their encoding lacks is transliterated.
+    """Transliterate characters that the encoding of standard output or error lacks.
 
-    One that was closed before the program began leads nowhere: no file may take its number, and be written into.
+    A stream that was closed before the program began leads to the null device: no other file may get its number.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
@@ -73,19 +63,19 @@ def say(message: str) -> None:
     line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
     if len(line) > _LONGEST_LINE:
         line = f"{line[: _LONGEST_LINE // 2]} … {line[-_LONGEST_LINE // 2 :]}"
-    with suppress(OSError):  # nobody is there to be told
+    with suppress(OSError):  # nobody reads it
         print(f"lab: {line}", file=sys.stderr, flush=True)
 
 
 def say_as_json(message: str, code: int) -> None:
-    """An error as one JSON object on standard output, for programs that read results there."""
+    """Print an error as one JSON object on standard output, for programs that read results there."""
     with suppress(OSError):
         print(json.dumps({"error": {"message": message, "exit_code": code}}), flush=True)
 
 
 @contextmanager
 def output_may_close() -> Iterator[None]:
-    """Whoever reads the output may close it: what is left of it is then dropped, without an error."""
+    """Drop the rest of the output without an error where its reader closes it."""
     try:
         try:
             yield
@@ -110,7 +100,7 @@ def _closed_output(error: BaseException) -> bool:
 
 
 def drop_output() -> None:
-    """Nothing more is written to standard output: Python would try once more when it ends."""
+    """Send further standard output to the null device: Python would try once more when it ends."""
     with suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
@@ -131,7 +121,7 @@ def was_interrupted(error: BaseException | None) -> bool:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Until the block ends an interruption reaches it, wherever it comes; after it, as the program ends, none does."""
+    """Deliver an interruption within the block wherever it comes; ignore it after the block, as the program ends."""
     import _thread
     import signal
     import threading
@@ -159,7 +149,7 @@ def leave(code: int) -> NoReturn:
 
 
 def write_log(arguments: list[str], error: BaseException) -> str:
-    """Keep a defect's traceback in a new file of the folder for temporary files; its path, "" if it cannot be kept."""
+    """Write a traceback into a new temporary file; return its path, or "" if it cannot be written."""
     import tempfile
 
     from lab.core.version import __version__

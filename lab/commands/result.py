@@ -4,6 +4,8 @@ from abc import ABC, abstractmethod
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from html import escape
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -11,11 +13,9 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.core.units import MM
+from lab.core.units import DEGREES, MM
 from lab.core.values import Value, data_frame
 from lab.extension_points import load_reference
-from lab.kinematics.joints import JointSpec
-from lab.kinematics.parameter import Parameter
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,32 +23,20 @@ if TYPE_CHECKING:
     from lab.render.document import Document, Picture, Section
 
 __all__ = [
-    "ErrorStatistics",
-    "Result",
-    "coefficient",
-    "error_statistics",
-    "exit_code_of",
-    "joint_kind",
-    "joint_limits",
-    "joint_values",
-    "limits_and_speed",
-    "number",
-    "per_person",
-    "plain_numbers",
-    "printed",
-    "tidy",
-    "with_joint",
-]
+    "ErrorStatistics", "Result", "error_statistics", "exit_code_of", "joint_values", "number", "plain_numbers",
+    "printed", "sizes_mm", "tidy",
+]  # fmt: skip
 
 
 class Result(Value, ABC):
     """Result of a call of the interface.
 
     A subclass is ``@dataclass(frozen=True, repr=False, eq=False)``: it holds arrays, which neither print shortly nor
-    compare to one truth value. It holds data alone: what shows it is named, and imported when it is asked for. What is
-    declared for type checkers here may be a field, a property or an attribute of the class.
+    compare to one truth value. It holds data alone: the functions that show it are named, and imported on use. A
+    subclass gives the names declared for type checkers as fields, properties or attributes of the class.
 
     Attributes:
+        robot_at: the attribute that holds the robot, e.g. ``run.robot``; empty where there is none.
         shown_by: ``module:function`` from the result to its ``Document``, to which is added what extensions show of it,
             and how it was made.
         drawn_by: ``module:function`` from the result to the ``Picture`` of its main figure; a LabError where there is
@@ -56,6 +44,7 @@ class Result(Value, ABC):
         recorded_by: ``module:function`` that writes the recording, of a path and the result; empty where there is none.
     """
 
+    robot_at: ClassVar[str] = ""
     shown_by: ClassVar[str]
     drawn_by: ClassVar[str] = ""
     recorded_by: ClassVar[str] = ""
@@ -85,7 +74,8 @@ class Result(Value, ABC):
     @property
     def model_sha256(self) -> str:
         """Digest of the robot's description; empty where there is none."""
-        return ""
+        digest: str = attrgetter(self.robot_at)(self).sha256 if self.robot_at else ""
+        return digest
 
     @property
     def serial(self) -> str | None:
@@ -164,8 +154,10 @@ class Result(Value, ABC):
         Raises:
             LabError: the file cannot be written.
         """
+        from lab.render.page import to_html
+
         try:
-            Path(path).write_text(self._page(), encoding="utf-8")
+            Path(path).write_text(to_html(self.document()), encoding="utf-8")
         except OSError as error:
             raise LabError(f"{path}: cannot be written ({error.strerror}); give another path") from error
         return Path(path)
@@ -203,20 +195,16 @@ class Result(Value, ABC):
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: summary(), to_dict(), to_frame(), plot(), report(path) and save(folder)>"
 
-    def _facts(self) -> Mapping[str, str]:
-        return {self.command: self.document().title, "warnings": " ".join(self.warnings) or "none"}
-
     def _repr_html_(self) -> str:
         """A small table, with a link by which the page can be saved and opened."""
-        page = b64encode(self._page().encode()).decode()
-        link = f'<a download="{self.command}.html" href="data:text/html;base64,{page}">Open the page</a>'
-        return f"{super()._repr_html_()}<p>{link}</p>"
-
-    def _page(self) -> str:
         from lab.render.page import to_html
 
-        page: str = to_html(self.document())
-        return page
+        document = self.document()
+        facts = {self.command: document.title, "warnings": " ".join(self.warnings) or "none"}
+        rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in facts.items())
+        page = b64encode(to_html(document).encode()).decode()
+        link = f'<a download="{self.command}.html" href="data:text/html;base64,{page}">Open the page</a>'
+        return f"<table>{rows}</table><p>{link}</p>"
 
 
 @dataclass(frozen=True)
@@ -255,12 +243,17 @@ def exit_code_of(verdict: str, require: str | None) -> int:
 
 def joint_values(prismatic: Sequence[bool], joints: Array) -> Array:
     """Joint positions or rates ``(..., n)`` (rad, m of a slide) as a person reads them: degrees, mm of a slide."""
-    return np.asarray(joints * np.where(prismatic, 1e3, 180 / np.pi))
+    return np.asarray(joints * np.where(prismatic, MM.factor, DEGREES.factor))
 
 
 def number(value: float) -> float | None:
     """The value, or None where it is not finite."""
     return float(value) if np.isfinite(value) else None
+
+
+def sizes_mm(found: Any, *names: str) -> dict[str, float | None]:
+    """Return lengths of an object in mm, by their names: ``rms_mm`` of ``rms_m``; None where not finite."""
+    return {f"{name}_mm": number(MM.of(getattr(found, f"{name}_m"))) for name in names}
 
 
 def plain_numbers(values: Array | float) -> Any:
@@ -270,52 +263,10 @@ def plain_numbers(values: Array | float) -> Any:
 
 
 def tidy(value: float) -> float:
-    """Without the last digits of a unit's conversion, and without minus zero."""
+    """Round away the last digits of a unit's conversion, and minus zero."""
     return round(float(value), 9) + 0.0
 
 
 def printed(value: float) -> str:
     """Format a number of a nominal model: whole numbers without a point, a true minus sign."""
     return f"{value:.6g}".replace("-", "−")
-
-
-def coefficient(parameter: Parameter, other: Parameter, value: float) -> str:
-    """Format the effect of one parameter's error on another, in display units."""
-    per, into = parameter.unit, other.unit
-    number = f"{value * into.factor / per.factor:+.4g}".replace("-", "−")
-    return f"{other.name} ({number})" if per == into else f"{other.name} ({number} {into.name} per {per.name})"
-
-
-def per_person(parameter: Parameter, value: float) -> str:
-    """A change of a parameter in the unit that a person reads."""
-    return f"{parameter.unit.of(value):+.3g} {parameter.unit.name}".replace("-", "−")
-
-
-def joint_kind(joints: JointSpec, i: int) -> dict[str, Any]:
-    """A joint's name, kind and sign."""
-    kind = "prismatic" if joints.prismatic[i] else "revolute"
-    return {"name": joints.joint_names[i], "type": kind, "sign": int(joints.sign[i])}
-
-
-def joint_limits(joints: JointSpec, i: int) -> dict[str, Any]:
-    """A joint's limits and largest speed, mm or degrees."""
-    unit = joints.unit(i)
-    return {
-        f"lower_{unit.key}": tidy(unit.of(joints.lower[i])),
-        f"upper_{unit.key}": tidy(unit.of(joints.upper[i])),
-        f"speed_{unit.key}_per_s": tidy(unit.of(joints.speed[i])) if np.isfinite(joints.speed[i]) else None,
-    }
-
-
-def limits_and_speed(joint: dict[str, Any]) -> tuple[str, str]:
-    """A joint's limits and largest speed, printed."""
-    unit = "mm" if joint["type"] == "prismatic" else "deg"
-    speed = joint[f"speed_{unit}_per_s"]
-    limits = f"{printed(joint[f'lower_{unit}'])} … {printed(joint[f'upper_{unit}'])}"
-    return limits, "–" if speed is None else printed(speed)
-
-
-def with_joint(joint: str, sign: int, offset: float) -> str:
-    """A value to which a joint's position adds, by its sign: the joint and the offset."""
-    position = joint if sign > 0 else f"−{joint}"
-    return position if offset == 0 else f"{position} {'−' if offset < 0 else '+'} {printed(abs(offset))}"

@@ -1,4 +1,4 @@
-"""Folders of runs: written whole, resumed, checked for edits, with the inputs and versions that they were made from."""
+"""Write folders of runs whole, resume them, and check them for edits; keep their inputs and versions with them."""
 
 import itertools
 import json
@@ -26,7 +26,6 @@ from lab.commands.registry import command_named
 from lab.core.errors import LabError
 from lab.core.limits import TABLE_BYTES, TEXT_BYTES
 from lab.core.se3 import Array
-from lab.core.units import MM
 from lab.core.version import __version__
 from lab.core.whole_folder import (
     CHECKSUMS,
@@ -47,27 +46,10 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 __all__ = [
-    "LOAD_FILE",
-    "SCHEMA",
-    "VIA",
-    "Waypoints",
-    "check_edits",
-    "command_line",
-    "config",
-    "free_name",
-    "input_files",
-    "is_older",
-    "joint_columns",
-    "positional",
-    "provenance_section",
-    "refuse_edits",
-    "refuse_own_name",
-    "run_folder",
-    "unfinished",
-    "versions",
-    "write_config",
-    "write_json",
-]
+    "LOAD_FILE", "SCHEMA", "VIA", "Waypoints", "check_edits", "command_line", "free_name", "input_files", "is_older",
+    "joint_columns", "positional", "provenance_section", "refuse_edits", "refuse_own_name", "run_folder", "unfinished",
+    "write_config", "write_json",
+]  # fmt: skip
 
 _OF_RUN = (".json", ".csv", ".toml", ".xml")  # files of a run that others build on: all but page and recording
 _NAMING = ("file", "robot")  # keys of a TOML file whose values name another one
@@ -85,15 +67,9 @@ def input_files(options: Any) -> tuple[Path, ...]:
 
 
 def _copy_inputs(folder: Path, options: Any) -> dict[str, str]:
-    """Copy what options name into a run's folder, with what those files name in their turn, as meshes.
+    """Copy the inputs of options into a run's folder, with the files that they name, as meshes.
 
-    Robots of the lab's own are not copied, and of folders only runs are: a folder of many runs is not.
-
-    Args:
-        folder: of the run, that is there.
-
-    Returns:
-        By the path that the options name, the path of the copy in the run's folder.
+    The lab's own robots and folders that are no runs are not copied. The result maps paths to those of their copies.
     """
     found, taken = dict[str, str](), dict[Path, Path]()
     for path in input_files(options):
@@ -118,7 +94,6 @@ def _files(path: Path) -> list[tuple[Path, Path]]:
 
 
 def _named(path: Path, place: Path, seen: set[Path]) -> Iterator[tuple[Path, Path]]:
-    """The files that a file names by relative paths, and those that they name."""
     for file, name in _names(path):
         if file.is_file() and not name.is_absolute() and file.resolve() not in seen and not is_own(file.resolve()):
             seen.add(file.resolve())
@@ -144,7 +119,6 @@ def _names(path: Path) -> Iterator[tuple[Path, Path]]:
 
 
 def _texts(content: Any) -> Iterator[str]:
-    """The values of a TOML file that name other files."""
     if isinstance(content, dict):
         yield from (value for key, value in content.items() if key in _NAMING and isinstance(value, str))
         yield from (text for value in content.values() for text in _texts(value))
@@ -153,10 +127,9 @@ def _texts(content: Any) -> Iterator[str]:
 
 
 def _copied(folder: Path, files: list[tuple[Path, Path]], taken: dict[Path, Path]) -> str:
-    """Copy the files of an input as they are to each other; where the input's own copy is, in the run's folder.
+    """Copy the files of an input with their relative paths; return the path of the input's copy in the folder.
 
-    Args:
-        taken: by the places that copies have, what was copied; where another file is, this input gets a folder.
+    ``taken`` has the sources of earlier copies; where one of another file is in the way, this input gets a subfolder.
     """
     own = files[0][1]
     root = Path(os.path.commonpath([place.parent for _, place in files]))
@@ -183,55 +156,26 @@ def _same(file: Path, other: Path | None) -> bool:
 
 
 LOAD_FILE = "load.json"  # a payload, in the folder of a run
-_FILES = {
-    "config.json",
-    "measurements.csv",
-    "parameters.json",
-    "covariance.csv",
-    "residual.csv",
-    "fitted_poses.csv",
-    "result.json",
-    LOAD_FILE,
-    "calibrated.xml",
-    "calibrated.toml",
-    "calibrated.urdf",
-    "calibrated_origins.xacro",
-    "ur_kinematics.yaml",
-    "calibration.conf",
-    "calibrated.py",
-    "predicted.csv",
-    "nominal.toml",
-    "joints.csv",
-    "cartesian.csv",
-    "plan.csv",
-    "trajectory.csv",
-    "corrected.csv",
-    "load.csv",
-    "motion.csv",
-    "another.csv",
-    "values.csv",
-    "exercise.csv",
-    "workspace.csv",
-    "sensor.toml",
-    "status.csv",
-    "status.prom",
-    "recording.rrd",
+_FILES = {  # and programs: a folder with anything else is not replaced
+    LOAD_FILE, CHECKSUMS,
+    "config.json", "measurements.csv", "parameters.json", "covariance.csv", "residual.csv", "fitted_poses.csv",
+    "result.json", "calibrated.xml", "calibrated.toml", "calibrated.urdf", "calibrated_origins.xacro",
+    "ur_kinematics.yaml", "calibration.conf", "calibrated.py", "predicted.csv", "nominal.toml", "joints.csv",
+    "cartesian.csv", "plan.csv", "trajectory.csv", "corrected.csv", "load.csv", "motion.csv", "another.csv",
+    "values.csv", "exercise.csv", "workspace.csv", "sensor.toml", "status.csv", "status.prom", "recording.rrd",
     "report.html",
-    CHECKSUMS,
-}  # and programs: a folder with anything else is not replaced
-SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas says it
+}  # fmt: skip
+SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas describes it
 _LONGEST_STEM = 100  # characters of a folder's default name
 _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 
 
 @contextmanager
 def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = False) -> Iterator[Path]:
-    """A folder to write a run into, which becomes ``out`` when the block ends well.
-
-    ``out`` may be missing or empty.
+    """Give a folder to write a run into, which becomes ``out`` (missing, or empty) when the block ends well.
 
     Args:
-        inputs: what the run is made from, which is not to be replaced.
+        inputs: of the run, which are not to be replaced.
         overwrite: whether ``out`` may also be an earlier run, which is then replaced.
 
     Raises:
@@ -270,7 +214,6 @@ def _hide_draft_path(draft: Path) -> Iterator[None]:
 
 
 def _place(out: Path) -> Path:
-    """Return the path of a run: a folder of its own."""
     try:
         place, here = resolved(out), Path.cwd()
     except OSError as error:
@@ -305,7 +248,6 @@ def _refuse_other_files(out: Path) -> None:
 
 
 def _is_of_run(path: Path, known: set[str]) -> bool:
-    """Decide whether a file or folder may be one of a run."""
     if path.is_symlink():
         return False
     return path.is_dir() if path.name == INPUTS else path.name in known and path.is_file()
@@ -333,11 +275,7 @@ def free_name(parent: Path, stem: str) -> Path:
     return next(name for name in names if not name.exists() and not (parent.exists() and is_being_written(name)))
 
 
-def config(
-    command: str,
-    options: "DataclassInstance",
-    model_sha256: str,
-) -> dict[str, Any]:
+def _config(command: str, options: "DataclassInstance", model_sha256: str) -> dict[str, Any]:
     """Return all options, and what else the numbers depend on: file contents, versions of libraries and schema."""
     return {
         "schema": SCHEMA,
@@ -345,13 +283,13 @@ def config(
         "options": asdict(options),
         "model_sha256": model_sha256,
         "inputs_sha256": dict(_input_hashes(options)),
-        "versions": versions(),
+        "versions": _versions(),
     }
 
 
 def write_config(folder: Path, command: str, options: "DataclassInstance", model_sha256: str) -> None:
     """Write ``config.json`` of a run, and beside it the copies of its inputs."""
-    content = config(command, options, model_sha256)
+    content = _config(command, options, model_sha256)
     write_json(folder / CONFIG_FILE, {**content, "inputs": _copy_inputs(folder, options)})
 
 
@@ -372,12 +310,12 @@ def _input_hashes(options: "DataclassInstance") -> Iterator[tuple[str, str]]:
     """The SHA-256 of each file that options name, and of the ``result.json`` of each run."""
     for path in input_files(options):
         content = path / "result.json" if path.is_dir() else path
-        with suppress(OSError):  # of a file that nobody has to read any more there is nothing to say
+        with suppress(OSError):  # a file that no longer exists has no digest
             yield str(path), sha256(content.read_bytes()).hexdigest()
 
 
 @cache
-def versions() -> dict[str, str]:
+def _versions() -> dict[str, str]:
     """Return the versions of all software that the numbers depend on."""
     libraries = {name: metadata.version(name) for name in _LIBRARIES}
     return libraries | {"python": platform.python_version(), "virtual-calibration-lab": __version__}
@@ -420,9 +358,9 @@ _ACCEPT_EDITED = "--accept-edited"
 
 
 def check_edits(folder: Path, names: Sequence[str], *, accept: bool) -> tuple[str, ...]:
-    """Refuse files of a run that were changed since it was written, or tell of them where they are accepted.
+    """Refuse files of a run that were changed since it was written, or return a warning where they are accepted.
 
-    A run of an older lab that never had checksums is read with a word about it.
+    A run of an older lab without checksums is read with a warning.
 
     Args:
         names: of the files that matter, as far as they are there.
@@ -464,19 +402,19 @@ def is_older(folder: Path) -> bool:
 _LABEL = "work.json"
 _PARTS = {"command": "command", "options": "option", "files": "content of", "versions": "version of"}
 _MAX_FILES = 100  # of a run that is built on
-_NO_PART = ("out", "overwrite")  # options that say where a run goes, and not what it is
+_NO_PART = ("out", "overwrite")  # options that do not change the result
 
 
 @contextmanager
 def unfinished(command: str, options: Any, out: Path | None, *, resume: bool) -> Iterator[None]:
-    """Pieces of the work inside the block are kept beside the run's folder, until that stands.
+    """Keep pieces of the work inside the block beside the run's folder until that is complete.
 
     Args:
         out: the run's folder; None where none is written, and nothing is kept.
-        resume: whether to go on with what an earlier run with the same options kept; otherwise it is removed.
+        resume: whether to use pieces that an earlier run with the same options kept; else they are removed.
 
     Raises:
-        LabError: what is there is of other options, other files or another version.
+        LabError: the pieces are of other options, other files or another version.
     """
     if out is None:
         if resume:
@@ -503,7 +441,6 @@ def unfinished(command: str, options: Any, out: Path | None, *, resume: bool) ->
 
 
 def _beside(out: Path) -> Path:
-    """Return the folder in which finished pieces are stored."""
     try:
         place = resolved(out)
     except OSError as error:
@@ -516,7 +453,7 @@ def _work(command: str, options: Any) -> dict[str, Any]:
     requested = {name: value for name, value in asdict(options).items() if name not in _NO_PART}
     own = getattr(options, "out", None)
     files = {str(path): _content(path) for path in input_files(options) if path != own}
-    work = {"command": command, "options": requested, "files": files, "versions": versions()}
+    work = {"command": command, "options": requested, "files": files, "versions": _versions()}
     plain: dict[str, Any] = json.loads(json.dumps(work, default=str))
     return plain
 
@@ -562,21 +499,13 @@ _BLOCK = 10_000  # stops that are made plain values at a time
 
 @dataclass(frozen=True)
 class Waypoints:
-    """Waypoints of a robot's way, each reached in a straight line of all joints.
+    """Waypoints of a robot's way, each reached in a straight line of all joints."""
 
-    Attributes:
-        joints: ``(s, n)`` rad or m.
-        which: ``(s,)`` which of the poses or targets ``ids`` each one is; -1 where it is none.
-        ids: what these are called.
-        purpose: what is done at them; every other stop is there for ``via``.
-        stations: of the instrument that measures then, ``(s,)`` names; none where it has one alone.
-    """
-
-    joints: Array
-    which: NDArray[np.int_]
-    ids: Sequence[str]
-    purpose: str
-    stations: tuple[str, ...] = ()
+    joints: Array  # (s, n) rad or m
+    which: NDArray[np.int_]  # (s,) which of the poses or targets ids each one is; -1 where it is none
+    ids: Sequence[str]  # what these are called
+    purpose: str  # what is done at them; every other stop is there for via
+    stations: tuple[str, ...] = ()  # of the instrument that measures then, (s,) names; none where it has one alone
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -619,10 +548,8 @@ class Waypoints:
 
 def joint_columns(chain: JointSpec, joints: Array) -> dict[str, Array]:
     """Joint positions ``(n, joints)`` (rad or m) by joint and unit, as people read them: ``<joint>_deg`` or ``_mm``."""
-    return {
-        f"{name}_{'mm' if slides else 'deg'}": MM.of(values) if slides else np.rad2deg(values)
-        for name, slides, values in zip(chain.joint_names, chain.prismatic, joints.T, strict=True)
-    }
+    columns = zip(chain.column_names, joints.T, strict=True)
+    return {name: chain.unit(i).of(values) for i, (name, values) in enumerate(columns)}
 
 
 (_POSITIONAL,) = get_args(tyro.conf.Positional[str])[1:]  # the mark of an option without a flag
@@ -633,9 +560,9 @@ def command_line(name: str, options: "DataclassInstance") -> str:
     """Write the command line for these options, without those at their defaults."""
     given, parts, flags = dict(_given_options(options)), ["lab", name], []
     for option in positional(type(options)):
-        value, told = getattr(options, option), given.pop(option, "")
-        several = map(str, value) if isinstance(value, tuple) else (told,)
-        parts += map(shlex.quote, several if told else ())
+        value, text = getattr(options, option), given.pop(option, "")
+        several = map(str, value) if isinstance(value, tuple) else (text,)
+        parts += map(shlex.quote, several if text else ())
     for option, value in given.items():
         flags.append(f"--{option.replace('_', '-')}" + (f" {shlex.quote(value)}" if value else ""))
     return " ".join([*parts, *flags])
@@ -675,11 +602,11 @@ def provenance_section(
         name: of the command.
         serial: the serial number of the arm, where it is known.
     """
-    made = config(name, options, model_sha256)
-    versions = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
+    made = _config(name, options, model_sha256)
+    libraries = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
     rows: list[Row] = [(key, str(made["options"][key])) for key in _SHOWN if made["options"].get(key) is not None]
     rows += [("serial", serial)] if serial is not None else []
-    rows += [("versions", versions), ("model (SHA-256)", Code(model_sha256))]
+    rows += [("versions", libraries), ("model (SHA-256)", Code(model_sha256))]
     text = "All other options had their defaults"
     if command_named(name).folder:
         text += f"; config.json holds every one; lab {name} --config config.json gives the same numbers again"

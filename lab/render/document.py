@@ -1,7 +1,7 @@
 """Document for a reader of a result, as plain data: paragraphs, tables, figures, without any markup.
 
-A command builds one ``Document``; ``terminal``, ``page`` and ``markdown`` render it. A block says in which of these it
-is shown. Blocks that have nothing to show (no text, no rows, no pictures) are left out, as are sections of only such.
+A command builds one ``Document``; ``terminal``, ``page`` and ``markdown`` render it. Each block has the media that
+show it. Blocks that have nothing to show (no text, no rows, no pictures) are left out, as are sections of only such.
 """
 
 import re
@@ -16,47 +16,19 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 __all__ = [
-    "EVERYWHERE",
-    "NARROW",
-    "PAGE",
-    "RECORDING",
-    "TERMINAL",
-    "Badge",
-    "Block",
-    "Bullets",
-    "Code",
-    "Column",
-    "Command",
-    "Document",
-    "Figure",
-    "Inline",
-    "Paragraph",
-    "Picture",
-    "Row",
-    "Section",
-    "Strong",
-    "Table",
-    "Text",
-    "Warnings",
-    "capital",
-    "digits_of",
-    "fixed",
-    "format_magnification",
-    "inlines",
-    "plain",
-    "plus_minus",
-    "sentence",
-    "short",
+    "EVERYWHERE", "NARROW", "PAGE", "RECORDING", "TERMINAL", "Badge", "Block", "Bullets", "Code", "Column", "Command",
+    "Document", "Figure", "Inline", "Paragraph", "Picture", "Row", "Section", "Strong", "Table", "Text", "Warnings",
+    "capital", "digits_of", "fixed", "format_magnification", "inlines", "plain", "plus_minus", "sentence", "short",
     "shown",
-]
+]  # fmt: skip
 
-Medium = Literal["terminal", "page", "recording"]
-Media = frozenset[Medium]
-TERMINAL: Final[Media] = frozenset({"terminal"})
-PAGE: Final[Media] = frozenset({"page"})
-RECORDING: Final[Media] = frozenset({"recording"})
-NARROW: Final[Media] = TERMINAL | RECORDING
-EVERYWHERE: Final[Media] = NARROW | PAGE
+_Medium = Literal["terminal", "page", "recording"]
+_Media = frozenset[_Medium]
+TERMINAL: Final[_Media] = frozenset({"terminal"})
+PAGE: Final[_Media] = frozenset({"page"})
+RECORDING: Final[_Media] = frozenset({"recording"})
+NARROW: Final[_Media] = TERMINAL | RECORDING
+EVERYWHERE: Final[_Media] = NARROW | PAGE
 _NUMBER = re.compile(r"[+−±<>≈]? ?(\d[\d.,]*)(e[+−-]?\d+)?( (%|σ|mm|mrad|°))?|∞|–|")
 
 
@@ -100,16 +72,12 @@ def plain(text: Text) -> str:
 
 @dataclass(frozen=True)
 class Block:
-    """A part of a document.
-
-    Attributes:
-        shown_in: the media that show it.
-    """
+    """A part of a document."""
 
     kind: ClassVar[str] = ""
-    shown_in: Media = field(default=EVERYWHERE, kw_only=True)
+    shown_in: _Media = field(default=EVERYWHERE, kw_only=True)  # the media that show it
 
-    def _reduced(self, medium: Medium) -> "Iterable[Block]":
+    def _reduced(self, medium: _Medium) -> "Iterable[Block]":
         """Return the parts of the block that a medium shows; none if there is nothing to show."""
         raise NotImplementedError
 
@@ -122,7 +90,7 @@ class Paragraph(Block):
     text: Text
     role: Literal["", "lead", "note"] = ""
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if plain(self.text) else ()
 
 
@@ -133,7 +101,7 @@ class Command(Block):
     kind: ClassVar[str] = "command"
     text: str
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if self.text else ()
 
 
@@ -144,7 +112,7 @@ class Bullets(Block):
     kind: ClassVar[str] = "bullets"
     items: tuple[Text, ...]
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         items = tuple(item for item in self.items if plain(item))
         return (replace(self, items=items),) if items else ()
 
@@ -161,7 +129,7 @@ class Warnings(Block):
         """Title with the number of warnings."""
         return counted(len(self.texts), "warning")
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if self.texts else ()
 
 
@@ -170,7 +138,7 @@ class Column:
     """The heading of a table's column, and the media that show the column."""
 
     heading: str = ""
-    shown_in: Media = EVERYWHERE
+    shown_in: _Media = EVERYWHERE
 
 
 Row = tuple[Text, ...]
@@ -221,7 +189,7 @@ class Table(Block):
         """The rows, each after its kind."""
         return tuple(zip(self.row_kinds or ("",) * len(self.rows), self.rows, strict=True))
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         if not self.rows:
             return ()
         retained = [i for i, each in enumerate(self.columns) if isinstance(each, str) or medium in each.shown_in]
@@ -262,7 +230,7 @@ class Figure(Block):
     pictures: tuple[Picture, ...]
     caption: str
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if self.pictures and medium == "page" else ()
 
 
@@ -274,7 +242,7 @@ class Section(Block):
     title: str
     blocks: tuple[Block, ...]
 
-    def _reduced(self, medium: Medium) -> Iterable[Block]:
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
         blocks = tuple(shown(self.blocks, medium))
         return (replace(self, blocks=blocks),) if blocks else ()
 
@@ -300,7 +268,7 @@ def _pictures(blocks: Iterable[Block]) -> Iterable[Picture]:
             yield from _pictures(block.blocks)
 
 
-def shown(blocks: Iterable[Block], medium: Medium) -> Iterable[Block]:
+def shown(blocks: Iterable[Block], medium: _Medium) -> Iterable[Block]:
     """The blocks that a medium shows, without what it does not show of them."""
     for block in blocks:
         if medium in block.shown_in:
@@ -336,7 +304,7 @@ def digits_of(half_width: float, most: int) -> int:
 
 
 def plus_minus(half_width: float, digits: int) -> str:
-    """Half of an interval, ``± 0.0038``, with the ``digits`` of its value; three significant where those say less."""
+    """Half of an interval, ``± 0.0038``, with the ``digits`` of its value; three significant where those are fewer."""
     says_enough = digits >= digits_of(half_width, digits + 1)
     return f"± {fixed(half_width, digits) if says_enough else short(half_width)}"
 

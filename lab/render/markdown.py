@@ -3,52 +3,38 @@
 import re
 from collections.abc import Iterable
 
-from lab.render.document import (
-    Badge,
-    Block,
-    Bullets,
-    Command,
-    Document,
-    Paragraph,
-    Section,
-    Strong,
-    Table,
-    Text,
-    Warnings,
-    inlines,
-    plain,
-    shown,
-)
+from lab.render import document as doc
+from lab.render.document import inlines, plain, shown
 
 __all__ = ["to_markdown"]
 
 _SPECIAL = re.compile(r"[\\`*<>|\[\]]|(?<!\w)_|_(?!\w)")  # an underscore within a word emphasises nothing
 
 
-def to_markdown(document: Document) -> str:
+def to_markdown(document: doc.Document) -> str:
     """The document; what a user named is escaped."""
     return "\n\n".join([f"# {_escaped(document.title)}", *_blocks(shown(document.blocks, "recording"), 2)]) + "\n"
 
 
-def _blocks(blocks: Iterable[Block], level: int) -> Iterable[str]:
+def _blocks(blocks: Iterable[doc.Block], level: int) -> Iterable[str]:
     for block in blocks:
         match block:
-            case Section():
+            case doc.Section():
                 yield f"{'#' * level} {_escaped(block.title)}"
                 yield from _blocks(block.blocks, level + 1)
-            case Paragraph():
+            case doc.Paragraph():
                 yield _to_inline(block.text)
-            case Command():
+            case doc.Command():
                 yield f"    {block.text}"
-            case Bullets():
+            case doc.Bullets():
                 yield "\n".join(f"- {_to_inline(item)}" for item in block.items)
-            case Warnings():
+            case doc.Warnings():
                 yield "\n".join([f"**{block.title}**", "", *(f"- {_escaped(text)}" for text in block.texts)])
-            case Table():
+            case doc.Table():
                 yield from _table(block)
 
 
-def _table(block: Table) -> Iterable[str]:
+def _table(block: doc.Table) -> Iterable[str]:
     if block.caption:
         yield _escaped(block.caption)
     lines = [map(_escaped, block.headings), ("--:" if number else ":--" for number in block.numeric)]
@@ -56,9 +42,8 @@ def _table(block: Table) -> Iterable[str]:
     yield "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _to_inline(text: Text) -> str:
-    """A text in one line."""
-    parts = ((isinstance(part, Strong | Badge), _escaped(plain(part))) for part in inlines(text))
+def _to_inline(text: doc.Text) -> str:
+    parts = ((isinstance(part, doc.Strong | doc.Badge), _escaped(plain(part))) for part in inlines(text))
     return "".join(f"**{words}**" if strong else words for strong, words in parts)
 
 

@@ -1,8 +1,7 @@
-"""A document as one HTML file that needs nothing but itself: no network, the same bytes each time.
+"""Render a document as one HTML file that needs no network; the same document gives the same bytes.
 
-It is made for wide screens, phones, dark screens and paper, and reads without its script, which sorts tables.
-The template escapes whatever is not markup already:
-names of robots, targets, files and poses are a user's.
+It is made for wide screens, phones, dark screens and paper, and reads without its script, which sorts tables. The
+template escapes all text that is not markup: names of robots, targets, files and poses are a user's.
 """
 
 import gc
@@ -15,22 +14,9 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from lab.render import document as doc
 from lab.render import style
-from lab.render.document import (
-    Badge,
-    Block,
-    Bullets,
-    Code,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    inlines,
-    plain,
-    shown,
-)
+from lab.render.document import inlines, plain, shown
 from lab.render.style import explained
 
 __all__ = ["to_html"]
@@ -39,10 +25,10 @@ _FEWEST_SECTIONS = 4  # of a page that has a table of contents and a glossary
 _MOST_ROWS = 12  # of a table that is not folded
 
 
-def to_html(document: Document) -> str:
+def to_html(document: doc.Document) -> str:
     """The whole page; its heading is the document's title."""
     blocks = list(shown(document.blocks, "page"))
-    sections = [each.title for each in blocks if isinstance(each, Section)]
+    sections = [each.title for each in blocks if isinstance(each, doc.Section)]
     with _collector_paused():
         return (
             _environment()
@@ -57,26 +43,25 @@ def to_html(document: Document) -> str:
         )
 
 
-def _texts(blocks: Iterable[Block]) -> Iterator[str]:
-    """Yield the texts of blocks."""
+def _texts(blocks: Iterable[doc.Block]) -> Iterator[str]:
     for each in blocks:
-        if isinstance(each, Section):
+        if isinstance(each, doc.Section):
             yield each.title
             yield from _texts(each.blocks)
-        elif isinstance(each, Paragraph):
+        elif isinstance(each, doc.Paragraph):
             yield plain(each.text)
-        elif isinstance(each, Bullets):
+        elif isinstance(each, doc.Bullets):
             yield from map(plain, each.items)
-        elif isinstance(each, Table):
+        elif isinstance(each, doc.Table):
             yield from (each.caption, *each.headings)
             yield from (plain(cell) for row in each.rows for cell in row)
-        elif isinstance(each, Figure):
+        elif isinstance(each, doc.Figure):
             yield each.caption
 
 
 @contextmanager
 def _collector_paused() -> Iterator[None]:
-    """Without garbage collections: a figure makes so many objects that each would walk through all of them anew."""
+    """Pause garbage collection: a figure makes so many objects that each collection would walk through all of them."""
     running = gc.isenabled()
     gc.disable()
     try:
@@ -96,7 +81,10 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {"inlines": inlines, "svg": _svg, "dates": _dates}
-    environment.tests |= {"badge": lambda part: isinstance(part, Badge), "code": lambda part: isinstance(part, Code)}
+    environment.tests |= {
+        "badge": lambda part: isinstance(part, doc.Badge),
+        "code": lambda part: isinstance(part, doc.Code),
+    }
     environment.globals |= {
         "light": style.PAGE_LIGHT,
         "dark": style.PAGE_DARK,
@@ -111,7 +99,7 @@ def _dates(text: str) -> Markup:
     return Markup(re.sub(r"\b\d{4}-\d\d-\d\d\b", r"<time>\g<0></time>", str(escape(text))))
 
 
-def _svg(picture: Picture) -> Markup:
+def _svg(picture: doc.Picture) -> Markup:
     from lab.render.charts.chart import inline_svg  # slow to import, as all that draws
 
     return inline_svg(picture)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,18 @@ from lab.core.units import MM
 from lab.render.charts.chart import axes_picture, cube, log_ticks, shades, view
 from lab.render.charts.marks import Axes
 from lab.render.document import Picture, capital, short
-from lab.render.style import COLOUR_SCALE, GATE, MARK_EDGE, OUTLIER
+from lab.render.style import (
+    AFTER,
+    BEFORE,
+    COLOUR_SCALE,
+    GATE,
+    HATCH_AFTER,
+    HATCH_BEFORE,
+    MARK_AFTER,
+    MARK_BEFORE,
+    MARK_EDGE,
+    OUTLIER,
+)
 
 __all__ = ["MOST_POINTS", "SQUARE", "VIEWS", "SizeMap", "Spread", "histograms", "size_maps", "spread_by_size"]
 
@@ -30,16 +42,24 @@ class Spread:
     """Lengths to be shown as a histogram, and what is marked in it.
 
     Attributes:
-        lengths: ``(n,)`` m, NaN where there is none.
-        mark: words and a length (m).
-        hatch, marker: of areas and of single dots, so that prints in grey tell them apart.
+        hatch, marker: of areas and of single dots, which differ in grey prints.
     """
 
-    lengths: Array
+    lengths: Array  # (n,) m, NaN where there is none
     colour: str
-    mark: tuple[str, float]
+    mark: tuple[str, float]  # words and a length (m)
     hatch: str = ""
     marker: str = "o"
+
+    @classmethod
+    def before(cls, lengths: Array, mark: tuple[str, float]) -> Self:
+        """Return lengths in the style of those before calibration."""
+        return cls(lengths, BEFORE, mark, HATCH_BEFORE, MARK_BEFORE)
+
+    @classmethod
+    def after(cls, lengths: Array, mark: tuple[str, float]) -> Self:
+        """Return lengths in the style of those after calibration."""
+        return cls(lengths, AFTER, mark, HATCH_AFTER, MARK_AFTER)
 
 
 @dataclass(frozen=True)
@@ -47,27 +67,20 @@ class SizeMap:
     """Lengths (errors, corrections) where they are.
 
     Attributes:
-        points: ``(m, 3)`` m.
-        sizes: ``(m,)`` m.
-        crosses: ``(o, 3)`` m, marked beside them.
         size_means, cross_means: what the lengths and the crosses are.
-        frame: whose frame the points are in.
-        name: of its pictures.
         range_m: ends of a logarithmic scale that several maps share; None for a linear one of its own.
-        with_scale: whether the scale is drawn beside it.
-        from_one_side: whether one view is enough: from the side, or from above where that is a line.
     """
 
-    points: Array
-    sizes: Array
+    points: Array  # (m, 3) m
+    sizes: Array  # (m,) m
     size_means: str
-    crosses: Array = field(default_factory=lambda: np.empty((0, 3)))
+    crosses: Array = field(default_factory=lambda: np.empty((0, 3)))  # (o, 3) m, marked beside them
     cross_means: str = "outlier"
-    frame: str = "base"
-    name: str = "where"
+    frame: str = "base"  # whose frame the points are in
+    name: str = "where"  # of its pictures
     range_m: tuple[float, float] | None = None
-    with_scale: bool = True
-    from_one_side: bool = False
+    with_scale: bool = True  # whether the scale is drawn beside it
+    from_one_side: bool = False  # whether one view is enough: from the side, or from above where that is a line
 
 
 def spread_by_size(sizes: Array) -> NDArray[np.int_]:
@@ -146,7 +159,6 @@ def size_maps(shown: SizeMap) -> tuple[Picture, ...]:
 
 
 def _ends(shown: SizeMap) -> tuple[float, float]:
-    """The lengths that the colours cover, mm: a few are larger."""
     if shown.range_m is not None:
         return MM.of(shown.range_m[0]), MM.of(shown.range_m[1])
     return 0.0, float(np.percentile(MM.of(shown.sizes), 99)) or 1.0
@@ -176,7 +188,6 @@ def _size_map(axes: Axes, shown: SizeMap, plane: tuple[int, int]) -> None:
 
 
 def _scale(shown: SizeMap) -> Picture:
-    """The colours as a bar, the last one for all that is larger."""
 
     def draw(axes: Axes) -> None:
         ends = _ends(shown)

@@ -1,8 +1,6 @@
-"""Write recordings: entities, layouts, arms in time.
+"""Draw rerun recordings: bodies in motion, frames, beams, ellipsoids, tags, texts, and the layout of their views.
 
-Things that every recording draws: bodies that move, a frame, beams, ellipsoids, tags, texts.
-
-What moves is given ``at`` the values of a timeline, one for each of its rows.
+Things in motion are given ``at`` the values of a timeline, one for each of their rows.
 """
 
 import os
@@ -26,35 +24,11 @@ from lab.simulation.meshes import Shell, body_poses, shells
 from lab.simulation.model import RobotModel
 
 __all__ = [
-    "FAR",
-    "LEGS",
-    "SUMMARY",
-    "TIME",
-    "Colour",
-    "Times",
-    "backdrop",
-    "bars",
-    "close_view",
-    "draw_beams",
-    "draw_ellipsoid",
-    "draw_instrument",
-    "draw_legs",
-    "draw_moves",
-    "draw_moving",
-    "draw_moving_legs",
-    "draw_shells",
-    "draw_tag",
-    "draw_tracker",
-    "eye",
-    "eye_on_arm",
-    "layout",
-    "magnified_view",
-    "main_view",
-    "markdown",
-    "moves_between",
-    "pose_times",
-    "recording_to",
-]
+    "LEGS", "LOG_ERRORS", "SUMMARY", "TIME", "Colour", "Times", "backdrop", "bars", "close_view", "draw_beams",
+    "draw_ellipsoid", "draw_instrument", "draw_legs", "draw_moves", "draw_moving", "draw_moving_legs", "draw_shells",
+    "draw_tag", "draw_tracker", "error_plot", "eye", "eye_on_arm", "layout", "magnified_view", "main_view", "markdown",
+    "moves_between", "pose_times", "recording_to",
+]  # fmt: skip
 
 Colour = tuple[int, int, int]
 Times = list[rr.TimeColumn]
@@ -85,7 +59,7 @@ def recording_to(path: Path, robot: str, identity: str) -> Iterator[rr.Recording
 
 @contextmanager
 def _enabled() -> Iterator[None]:
-    """Without the variable RERUN: one that turns off what a program logs would leave a file without content."""
+    """Unset the variable RERUN: it may turn logging off, which would leave an empty file."""
     given = os.environ.pop("RERUN", None)
     try:
         yield
@@ -227,12 +201,13 @@ def markdown(text: str) -> rr.TextDocument:
 
 
 SUMMARY = "summary"  # the entity of a recording's text
+LOG_ERRORS = "error_log10_mm"  # the entity of errors by a logarithmic scale
 _POSES_PER_SECOND = 2.0  # when it is played
 _CLOSE = 0.5  # of the reach: how far a close view's eye is from the target
 _SHOULDER_RAD, _DOWN = 0.9, 0.35  # the main view looks past the arm: turned from the line to the instrument, and down
 _SHELL = 0.12  # of the reach: how far bodies stand out from the frames, for an arm that fills the view
 _FLAT, _DOWN_ON_FLAT = 0.15, 1.8  # an arm of which all is lower than this share of its width lies in a plane
-FAR = 4.0  # reaches: an instrument further away does not have to be in view
+_FAR = 4.0  # reaches: an instrument further away does not have to be in view
 _HALF_FIELD, _ASPECT = 0.5, 1.4  # what is to fit in a view: less than the viewer's field of 55 degrees
 
 
@@ -249,32 +224,19 @@ def layout(left: rrb.Container, right: rrb.Container, timeline: str) -> rrb.Blue
 
 def main_view(name: str, controls: rrb.EyeControls3D) -> rrb.Spatial3DView:
     """The arm and what is around it; ellipsoids and what is magnified more have their own views."""
+    contents = ["+ /world/**", "- /world/ellipsoid/**", "- /world/magnified/**", "- /world/focus/**"]
     return rrb.Spatial3DView(
-        origin="world",
-        name=name,
-        contents=["+ /world/**", "- /world/ellipsoid/**", "- /world/magnified/**", "- /world/focus/**"],
-        line_grid=_floor(),
-        eye_controls=controls,
-        background=backdrop(),
+        origin="world", name=name, contents=contents, line_grid=_floor(), eye_controls=controls, background=backdrop()
     )
 
 
 def magnified_view(name: str, origins: Array, reach_m: float) -> rrb.Spatial3DView:
     """Return the side view of the magnified parts, without shells; frame ``origins`` ``(m, f, 3)``."""
     middle = origins.mean(axis=(0, 1))
-    controls = rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=middle + reach_m * np.array([0.35, -1.1, 0.3]),
-        look_target=middle,
-        eye_up=(0.0, 0.0, 1.0),
-    )
+    controls = _orbital(middle + reach_m * np.array([0.35, -1.1, 0.3]), middle)
+    contents = ["+ /world/magnified/**", "+ /world/path"]
     return rrb.Spatial3DView(
-        origin="world",
-        name=name,
-        contents=["+ /world/magnified/**", "+ /world/path"],
-        line_grid=_floor(),
-        eye_controls=controls,
-        background=backdrop(),
+        origin="world", name=name, contents=contents, line_grid=_floor(), eye_controls=controls, background=backdrop()
     )
 
 
@@ -285,12 +247,7 @@ def close_view(entities: str, name: str, reach_m: float) -> rrb.Spatial3DView:
         name=name,
         contents=["+ /world/arm/**", "+ /world/targets/measured", f"+ /world/{entities}/**"],
         line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital,
-            position=_CLOSE * reach_m * np.array([0.45, -0.8, 0.4]),
-            look_target=(0.0, 0.0, 0.0),
-            eye_up=(0.0, 0.0, 1.0),
-        ),
+        eye_controls=_orbital(_CLOSE * reach_m * np.array([0.45, -0.8, 0.4]), np.zeros(3)),
         background=backdrop(),
     )
 
@@ -298,6 +255,12 @@ def close_view(entities: str, name: str, reach_m: float) -> rrb.Spatial3DView:
 def bars(origin: str, name: str) -> rrb.BarChartView:
     """A bar chart without a legend."""
     return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
+
+
+def error_plot() -> rrb.TimeSeriesView:
+    """Return the plot of errors by a logarithmic scale."""
+    name = "Error, log10 of mm (0 is 1 mm, −2 is 0.01 mm), two poses a second"
+    return rrb.TimeSeriesView(origin=LOG_ERRORS, name=name)
 
 
 def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeControls3D:
@@ -321,22 +284,24 @@ def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeCo
     down = _DOWN_ON_FLAT if flat else _DOWN
     forward = se3.exp(np.array([0.0, 0.0, _SHOULDER_RAD])) @ towards + np.array([0.0, 0.0, -down])
     forward /= np.linalg.norm(forward)
-    near = distance < FAR * reach_m and not flat
+    near = distance < _FAR * reach_m and not flat
     more = head + np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -head[2]]]) if near else arm[:0]
     if flat:  # room for what is drawn above and below its plane
         more = np.concatenate([arm + np.array([0.0, 0.0, sign * 0.25 * reach_m]) for sign in (1, -1)])
     span = np.concatenate([arm, more])
     target, back = _framed(span, forward)
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital, position=target - back * forward, look_target=target, eye_up=(0.0, 0.0, 1.0)
-    )
+    return _orbital(target - back * forward, target)
 
 
 def eye_on_arm(origins: Array, points: Array, reach_m: float) -> rrb.EyeControls3D:
     """Return a view from the front and the side of an arm without an instrument; arguments as those of ``eye``."""
     shells = origins.reshape(-1, 3)[:, None] + _SHELL * reach_m * np.array([[0, 0, 1], [0, 0, -1], [1, -1, 0]])
-    behind = origins[0, 0] + FAR * reach_m * np.array([0.2, 1.0, 0.0])  # no instrument: a direction alone
+    behind = origins[0, 0] + _FAR * reach_m * np.array([0.2, 1.0, 0.0])  # no instrument: a direction alone
     return eye(origins, np.concatenate([points, shells.reshape(-1, 3)]), reach_m, behind)
+
+
+def _orbital(position: Array, target: Array) -> rrb.EyeControls3D:
+    return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, eye_up=(0.0, 0.0, 1.0))
 
 
 def _framed(points: Array, forward: Array) -> tuple[Array, float]:
@@ -370,10 +335,10 @@ _MOVING = 0.6  # of the time from pose to pose; the arm stands at each for the r
 _STEPS = 9  # drawn on the way to the next pose
 
 
-def pose_times(numbers: NDArray[np.int_], poses: str = "pose") -> Times:
+def pose_times(numbers: NDArray[np.int_]) -> Times:
     """When poses ``numbers`` ``(m,)`` are shown: by their number on a timeline, and in seconds on ``time``."""
     return [
-        rr.TimeColumn(poses, sequence=numbers),
+        rr.TimeColumn("pose", sequence=numbers),
         rr.TimeColumn(TIME, duration=np.asarray(numbers) / _POSES_PER_SECOND),
     ]
 

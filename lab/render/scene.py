@@ -16,33 +16,17 @@ from lab.render.document import Picture, Strong, Text
 from lab.render.style import ARM, FRAME_AXES
 
 __all__ = [
-    "LARGEST_FACTOR",
-    "MOST_POSES",
-    "Legs",
-    "MagnifiedEllipsoids",
-    "drawn_rows",
-    "legs_legend",
-    "magnification",
-    "magnified",
-    "moved",
-    "placement_picture",
-    "reach_of",
-    "skeleton",
-    "world_legs",
-]
+    "LARGEST_FACTOR", "MOST_POSES", "Legs", "MagnifiedEllipsoids", "drawn_rows", "legs_legend", "magnification",
+    "magnified", "mean_lengths", "moved", "placement_picture", "reach_of", "skeleton", "world_legs",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Legs:
-    """Lines of a mechanism that belong to no body: its rods, and legs whose length is a joint position.
+    """Lines of a mechanism that belong to no body: its rods, and legs whose length is a joint position."""
 
-    Attributes:
-        ends: ``(n, legs, 2, 3)`` m, the base's side first; a serial arm has none.
-        measured: of each leg, whether its length is a joint position.
-    """
-
-    ends: Array
-    measured: tuple[bool, ...]
+    ends: Array  # (n, legs, 2, 3) m, the base's side first; a serial arm has none
+    measured: tuple[bool, ...]  # of each leg, whether its length is a joint position
 
 
 def skeleton(arm: RigidArm, values: Array, joints: Array) -> Skeleton:
@@ -57,17 +41,11 @@ _HALF_AXIS = 0.11  # of the reach: the longest half-axis of an ellipsoid as draw
 
 @dataclass(frozen=True)
 class MagnifiedEllipsoids:
-    """Ellipsoids in the world, one for each drawn pose, magnified.
+    """Ellipsoids in the world, one for each drawn pose, magnified."""
 
-    Attributes:
-        centers: ``(m, 3)`` m.
-        axes: ``(m, 3, 3)``, columns unit and right-handed.
-        half_sizes: ``(m, 3)``, descending, times ``factor``.
-    """
-
-    centers: Array
-    axes: Array
-    half_sizes: Array
+    centers: Array  # (m, 3) m
+    axes: Array  # (m, 3, 3), columns unit and right-handed
+    half_sizes: Array  # (m, 3), descending, times factor
     factor: float
 
 
@@ -94,6 +72,14 @@ def magnified(shapes: Ellipsoids, centers: Array, T_world_instrument: Array, rea
     return MagnifiedEllipsoids(centers, T_world_instrument[:3, :3] @ shapes.axes, factor * shapes.half_lengths, factor)
 
 
+def mean_lengths(vectors: Array) -> Array:
+    """Mean length ``(m,)`` of those of the vectors ``(m, k, 3)`` that are not NaN; NaN where all are."""
+    lengths = np.linalg.norm(vectors, axis=2)
+    finite = np.isfinite(lengths)
+    count = np.where(finite.any(axis=1), finite.sum(axis=1), np.nan)
+    return np.asarray(np.where(finite, lengths, 0.0).sum(axis=1) / count)
+
+
 def moved(T_a_b: Array, points: Array) -> Array:
     """Points ``(…, 3)`` given in b, in a."""
     return se3.transform(T_a_b, points.reshape(-1, 3)).reshape(points.shape)
@@ -113,10 +99,7 @@ def reach_of(T_world_frame0: Array, points: Array, between: Legs) -> float:
 
 def legs_legend(legs: Legs) -> Text:
     """Return the legend of a mechanism's lines; empty for an arm without legs."""
-    kinds = {
-        True: (Strong("orange"), ": legs whose length is a joint position"),
-        False: (Strong("grey"), ": rods"),
-    }
+    kinds = {True: (Strong("orange"), ": legs whose length is a joint position"), False: (Strong("grey"), ": rods")}
     parts = [words for kind, words in kinds.items() if kind in legs.measured]
     joined = [part for words in parts for part in ("; ", *words)][1:]
     return ("lines of the robot, ", *joined) if joined else ""

@@ -1,6 +1,4 @@
-"""Colours and styles of pages, charts and recordings, and the glossary of symbols.
-
-Every colour and font of pages, figures and recordings, named by what it means.
+"""Colours and fonts of pages, charts and recordings, named by their meaning, and the glossary of symbols.
 
 A page and its figures stand on white (in a dark page the figures stay on white cards); a recording stands on near
 black, so what is ``BEFORE`` in one is ``RGB_BEFORE``, a brighter shade of the same hue, in the other.
@@ -11,69 +9,16 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 __all__ = [
-    "AFTER",
-    "ARM",
-    "AXIS",
-    "BEFORE",
-    "BETTER",
-    "BOUND",
-    "COLOUR_SCALE",
-    "EQUAL_CONTRAST",
-    "FIGURE_STYLE",
-    "FONT_MONO",
-    "FONT_SANS",
-    "FRAME_AXES",
-    "GATE",
-    "GRID",
-    "HATCH_AFTER",
-    "HATCH_BEFORE",
-    "HIGHLIGHT",
-    "INDEX",
-    "INK",
-    "INSTRUMENT",
-    "MARK_AFTER",
-    "MARK_BEFORE",
-    "MARK_EDGE",
-    "MEASURED",
-    "MUTED",
-    "ORDER_SCALE",
-    "OUTLIER",
-    "PAGE_DARK",
-    "PAGE_LIGHT",
-    "PREDICTED",
-    "REFERENCE",
-    "RGB_AFTER",
-    "RGB_ARROW",
-    "RGB_AXES",
-    "RGB_BACKDROP",
-    "RGB_BEAM",
-    "RGB_BEFORE",
-    "RGB_CURRENT",
-    "RGB_FIRST",
-    "RGB_FLOOR",
-    "RGB_LAST",
-    "RGB_LEG",
-    "RGB_LINKS",
-    "RGB_MAPPING",
-    "RGB_MEASURED",
-    "RGB_MUTED",
-    "RGB_OUTLIER",
-    "RGB_PATH",
-    "RGB_PAYLOAD",
-    "RGB_ROD",
-    "RGB_TRACKER",
-    "RGB_UNCERTAINTY",
-    "RGB_WEIGHT",
-    "RMS",
-    "SCALINGS",
-    "SERIES",
-    "TICK",
-    "WORST",
-    "explained",
-    "luminance",
-]
+    "AFTER", "ARM", "AXIS", "BEFORE", "BETTER", "BOUND", "COLOUR_SCALE", "EQUAL_CONTRAST", "FIGURE_STYLE", "FONT_MONO",
+    "FONT_SANS", "FRAME_AXES", "GATE", "GRID", "HATCH_AFTER", "HATCH_BEFORE", "HIGHLIGHT", "INDEX", "INK", "INSTRUMENT",
+    "MARK_AFTER", "MARK_BEFORE", "MARK_EDGE", "MEASURED", "MUTED", "ORDER_SCALE", "OUTLIER", "PAGE_DARK", "PAGE_LIGHT",
+    "PREDICTED", "REFERENCE", "RGB_AFTER", "RGB_ARROW", "RGB_AXES", "RGB_BACKDROP", "RGB_BEAM", "RGB_BEFORE",
+    "RGB_CURRENT", "RGB_FIRST", "RGB_FLOOR", "RGB_LAST", "RGB_LEG", "RGB_LINKS", "RGB_MAPPING", "RGB_MEASURED",
+    "RGB_MUTED", "RGB_OUTLIER", "RGB_PATH", "RGB_PAYLOAD", "RGB_ROD", "RGB_TRACKER", "RGB_UNCERTAINTY", "RGB_WEIGHT",
+    "RMS", "SCALINGS", "SERIES", "TICK", "WORST", "explained", "luminance",
+]  # fmt: skip
 
-Rgb = tuple[int, int, int]
+_Rgb = tuple[int, int, int]
 
 # Text and lines.
 INK: Final = "#1f2937"
@@ -129,30 +74,30 @@ SCALINGS: Final = {  # of parameters, with their marks
 }
 
 # Recordings.
-RGB_BACKDROP: Final[Rgb] = (30, 33, 40)
+RGB_BACKDROP: Final[_Rgb] = (30, 33, 40)
 RGB_FLOOR: Final = (120, 120, 130, 60)
-RGB_AXES: Final[tuple[Rgb, Rgb, Rgb]] = ((230, 70, 70), (90, 190, 90), (80, 130, 240))  # x, y, z
-RGB_MEASURED: Final[Rgb] = (250, 215, 70)
-RGB_BEFORE: Final[Rgb] = (225, 70, 50)  # vermilion and light blue, as dark and as light as on a page
-RGB_AFTER: Final[Rgb] = (130, 205, 255)
-RGB_OUTLIER: Final[Rgb] = (235, 80, 245)
-RGB_MAPPING: Final[Rgb] = (40, 190, 160)
-RGB_UNCERTAINTY: Final[Rgb] = (190, 130, 255)
-RGB_BEAM: Final[Rgb] = (235, 60, 60)
-RGB_ROD: Final[Rgb] = (170, 175, 185)
-RGB_TRACKER: Final[Rgb] = (205, 208, 214)
-RGB_LEG: Final[Rgb] = (242, 97, 15)  # whose length is a joint position
-RGB_LINKS: Final[tuple[Rgb, ...]] = (  # of an arm that bends, and of joints over time, base outward
+RGB_AXES: Final[tuple[_Rgb, _Rgb, _Rgb]] = ((230, 70, 70), (90, 190, 90), (80, 130, 240))  # x, y, z
+RGB_MEASURED: Final[_Rgb] = (250, 215, 70)
+RGB_BEFORE: Final[_Rgb] = (225, 70, 50)  # vermilion and light blue, as dark and as light as on a page
+RGB_AFTER: Final[_Rgb] = (130, 205, 255)
+RGB_OUTLIER: Final[_Rgb] = (235, 80, 245)
+RGB_MAPPING: Final[_Rgb] = (40, 190, 160)
+RGB_UNCERTAINTY: Final[_Rgb] = (190, 130, 255)
+RGB_BEAM: Final[_Rgb] = (235, 60, 60)
+RGB_ROD: Final[_Rgb] = (170, 175, 185)
+RGB_TRACKER: Final[_Rgb] = (205, 208, 214)
+RGB_LEG: Final[_Rgb] = (242, 97, 15)  # whose length is a joint position
+RGB_LINKS: Final[tuple[_Rgb, ...]] = (  # of an arm that bends, and of joints over time, base outward
     (250, 215, 70), (130, 205, 255), (240, 130, 90), (120, 220, 140), (210, 150, 255), (245, 160, 190),
 )  # fmt: skip
-RGB_ARROW: Final[Rgb] = (245, 245, 250)  # half-axes, wanted edges
-RGB_PATH: Final[Rgb] = (110, 118, 135)
-RGB_CURRENT: Final[Rgb] = (255, 255, 255)  # where the tour is
-RGB_MUTED: Final[Rgb] = (150, 155, 165)
-RGB_FIRST: Final[Rgb] = (70, 110, 255)  # pose of a tour
-RGB_LAST: Final[Rgb] = RGB_MEASURED
-RGB_PAYLOAD: Final[Rgb] = (60, 205, 130)
-RGB_WEIGHT: Final[Rgb] = RGB_BEAM
+RGB_ARROW: Final[_Rgb] = (245, 245, 250)  # half-axes, wanted edges
+RGB_PATH: Final[_Rgb] = (110, 118, 135)
+RGB_CURRENT: Final[_Rgb] = (255, 255, 255)  # where the tour is
+RGB_MUTED: Final[_Rgb] = (150, 155, 165)
+RGB_FIRST: Final[_Rgb] = (70, 110, 255)  # pose of a tour
+RGB_LAST: Final[_Rgb] = RGB_MEASURED
+RGB_PAYLOAD: Final[_Rgb] = (60, 205, 130)
+RGB_WEIGHT: Final[_Rgb] = RGB_BEAM
 
 # Pages.
 FONT_SANS: Final = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, "DejaVu Sans", sans-serif'

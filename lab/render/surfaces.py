@@ -1,4 +1,4 @@
-"""Surfaces as triangles, made smooth, cut open and written: what ``trimesh`` does."""
+"""Surfaces as triangles: cleaned, cut open, and written as STL by ``trimesh``."""
 
 from pathlib import Path
 

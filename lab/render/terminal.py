@@ -1,11 +1,9 @@
 """A document on a terminal, or as plain text."""
 
 import io
-import json
-import math
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
 
@@ -14,56 +12,29 @@ from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text as RichText
 
-from lab.render.document import (
-    Badge,
-    Block,
-    Bullets,
-    Command,
-    Document,
-    Paragraph,
-    Section,
-    Strong,
-    Table,
-    Text,
-    Warnings,
-    inlines,
-    plain,
-    shown,
-)
+from lab.render import document as doc
+from lab.render.document import inlines, plain, shown
 
-__all__ = ["Stage", "bars", "no_stage", "print_document", "print_json", "starting", "status", "time_left", "to_text"]
+__all__ = ["Stage", "bars", "no_stage", "print_document", "starting", "status", "time_left", "to_text"]
 
 _UNWRAPPED = 100_000  # columns
 _ROW_STYLES = {"before": "dark_orange3", "after": "blue", "quiet": "dim"}
 _BADGE_STYLES = {"good": "bold green", "doubtful": "bold yellow", "bad": "bold red", "open": "bold"}
 
 
-def print_document(document: Document, console: Console | None = None, *, warnings: bool = True) -> None:
+def print_document(document: doc.Document, console: Console | None = None, *, warnings: bool = True) -> None:
     """Print a document.
 
     Args:
         console: standard output by default; where that is no terminal, lines are as long as they are.
-        warnings: whether warnings are shown; not where they were told elsewhere already.
+        warnings: whether warnings are shown; not where they were reported elsewhere.
     """
     console = console or Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _UNWRAPPED)
     console.print(RichText(document.title, style="bold"), soft_wrap=True)
     _print(console, shown(document.blocks, "terminal"), warnings)
 
 
-def print_json(values: Mapping[str, Any]) -> None:
-    """Print one JSON object on standard output; a number that is not finite is null, for JSON has none."""
-    print(json.dumps(_finite(values), allow_nan=False))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _finite(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def to_text(document: Document, width: int = 100) -> str:
+def to_text(document: doc.Document, width: int = 100) -> str:
     """A document as plain text, lines no longer than ``width`` where words allow."""
     file = io.StringIO()
     console = Console(file=file, width=width, highlight=False, markup=False, color_system=None, force_jupyter=False)
@@ -71,32 +42,32 @@ def to_text(document: Document, width: int = 100) -> str:
     return file.getvalue()
 
 
-def _print(console: Console, blocks: Iterable[Block], warnings: bool) -> None:
+def _print(console: Console, blocks: Iterable[doc.Block], warnings: bool) -> None:
     for block in blocks:
         match block:
-            case Section():
+            case doc.Section():
                 console.print()
                 console.print(RichText(block.title, style="bold"))
                 _print(console, block.blocks, warnings)
-            case Paragraph():
+            case doc.Paragraph():
                 console.print(_styled(block.text))
-            case Command():
+            case doc.Command():
                 console.print(RichText(block.text), soft_wrap=True)
-            case Bullets():
+            case doc.Bullets():
                 for item in block.items:
                     hanging = RichTable.grid()
                     hanging.add_column(width=2)
                     hanging.add_column()
                     hanging.add_row("-", _styled(item))
                     console.print(hanging)
-            case Warnings():
+            case doc.Warnings():
                 for text in block.texts if warnings else ():
                     console.print(RichText("warning: ", style="bold yellow") + RichText(text))
-            case Table():
+            case doc.Table():
                 _print_table(console, block)
 
 
-def _print_table(console: Console, block: Table) -> None:
+def _print_table(console: Console, block: doc.Table) -> None:
     if block.caption:
         console.print(RichText(block.caption))
     table = RichTable(show_header=any(block.headings))
@@ -110,21 +81,23 @@ def _print_table(console: Console, block: Table) -> None:
     console.width = usual
 
 
-def _styled(text: Text) -> RichText:
+def _styled(text: doc.Text) -> RichText:
     styled = RichText()
     for part in inlines(text):
-        style = _BADGE_STYLES[part.kind] if isinstance(part, Badge) else "bold" if isinstance(part, Strong) else ""
+        style = (
+            _BADGE_STYLES[part.kind] if isinstance(part, doc.Badge) else "bold" if isinstance(part, doc.Strong) else ""
+        )
         styled.append(plain(part), style=style)
     return styled
 
 
-_SURE = 0.5  # s: before, nothing is said of the time left
-_NAMED = 12  # letters of a stage's words that say which it is
+_SURE = 0.5  # s: before, no remaining time is estimated
+_NAMED = 12  # letters of its name that identify a stage
 _ERASE = "\r\x1b[K"
 
 
 class Stage(Protocol):
-    """Takes what work is at: in words, and where parts of it are counted, how many are done of how many."""
+    """Receives the stage of the work: its name, and where parts are counted, how many are done of how many."""
 
     def __call__(self, name: str, done: int = 0, of: int = 0) -> None:
         """Show it."""
@@ -136,7 +109,7 @@ def no_stage(name: str, done: int = 0, of: int = 0) -> None:
 
 @contextmanager
 def starting(what: str) -> Iterator[None]:
-    """Say at once that a command has begun, in a line that goes when its libraries are loaded."""
+    """Show at once that a command has begun, in a line that goes when its libraries are loaded."""
     if not sys.stderr.isatty():
         yield
         return
@@ -149,7 +122,7 @@ def starting(what: str) -> Iterator[None]:
 
 @contextmanager
 def status(work: str) -> Iterator[Stage]:
-    """Takes the stage that the work is at, and shows it with the time in a line that goes when the work is done."""
+    """Show the stage of the work with the time, in a line that goes when the work is done."""
     if not sys.stderr.isatty():
         yield no_stage
         return
@@ -186,7 +159,7 @@ def time_left(seconds: float, done: int, of: int) -> str:
 
 @contextmanager
 def bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Takes what is being made, how many there are, and how many there are to be; a bar for each kind."""
+    """Show a bar for each kind of thing that is made: its name, how many there are, and of how many."""
     if not sys.stderr.isatty():
         yield lambda what, there, all_of_them: None
         return

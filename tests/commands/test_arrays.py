@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.commands.arrays import measurements, robot_from_dh
+from lab.commands.measurements import measurements, robot_from_dh
 from lab.core.measurements import Measurements
 
 TABLE = [

@@ -8,10 +8,9 @@ import pytest
 from helpers.recordings import column, rrd, statics
 
 from lab.commands.calibrate.load_run import read_calibrated
-from lab.commands.compensate.recording import record_compensation
 from lab.commands.compensate.run import compensate
-from lab.commands.verify.recording import record_verification
-from lab.commands.verify.run import verify
+from lab.commands.error_recording import record_compensation, record_verification
+from lab.commands.verify import verify
 
 pytestmark = [pytest.mark.usefixtures("strict_recordings"), pytest.mark.figures]
 

@@ -5,8 +5,8 @@ from pathlib import Path
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.compare.options import CompareOptions
 from lab.commands.compensate.options import CompensateOptions
+from lab.commands.options import CompareOptions
 from lab.commands.run_folder import command_line
 
 

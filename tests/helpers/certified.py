@@ -9,9 +9,9 @@ import numpy as np
 import lab
 from helpers.drawing import nothing_drawn
 from lab.certification.budget import propagated
-from lab.commands.certify.options import CertifyOptions
 from lab.commands.certify.result import Certificate
 from lab.commands.certify.run import certify
+from lab.commands.options import CertifyOptions
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for

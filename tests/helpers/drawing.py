@@ -11,10 +11,9 @@ from markupsafe import Markup
 
 _WRITES = {
     "lab.commands.calibrate.recording": "record",
-    "lab.commands.compensate.recording": "record_compensation",
+    "lab.commands.error_recording": "record_compensation record_verification",
     "lab.commands.design.recording": "record_plan",
     "lab.extensions.dynamics.recording": "record_dynamics record_payload",
-    "lab.commands.verify.recording": "record_verification",
 }  # by module: the functions that write a file
 
 

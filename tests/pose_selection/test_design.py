@@ -11,8 +11,7 @@ from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
-from lab.commands.design.result import DesignResult
-from lab.commands.design.run import design
+from lab.commands.design.run import DesignResult, design
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for

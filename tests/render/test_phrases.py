@@ -14,11 +14,10 @@ from helpers.mistakes import MISTAKES, session_with_noise
 
 import lab
 from lab.calibration.noise.rigid_distances import InstrumentNoise
-from lab.commands.certify.options import CertifyOptions
 from lab.commands.certify.run import certify
+from lab.commands.options import CertifyOptions, TrendOptions
 from lab.commands.result import Result
-from lab.commands.trend.options import TrendOptions
-from lab.commands.trend.run import trend
+from lab.commands.trend import trend
 from lab.core.measurements import Measurements
 from lab.core.units import MM
 from lab.noise.error_model import ErrorModel

@@ -10,9 +10,14 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
-from lab.commands.study.document import analysis_sections
-from lab.commands.study.figures import study_pictures, write_figures
-from lab.commands.study.format import comparison_sentence, effect_text, sentences
+from lab.commands.study.document import (
+    analysis_sections,
+    comparison_sentence,
+    effect_text,
+    sentences,
+    study_pictures,
+    write_figures,
+)
 from lab.commands.study.run import write_csv
 from lab.core.errors import LabError
 from lab.core.se3 import Array

@@ -12,12 +12,12 @@ from lab.calibration.verdict import Answer, Word, rotation_noise_rad
 from lab.commands.calibrate.figures import (
     arm_figures,
     correction_pictures,
-    correlation_figure,
+    correlation_picture,
     error_histograms,
     has_correction,
     residual_figures,
-    selection_figure,
-    singular_value_figure,
+    selection_picture,
+    singular_value_picture,
     where_figures,
 )
 from lab.commands.calibrate.result import CalibrationResult, correlated_pairs, errors_without_outliers, outliers_found
@@ -27,29 +27,8 @@ from lab.core.limits import called
 from lab.core.significance import VARIANCE_COMPONENTS
 from lab.core.units import MICRONS, MM, MRAD
 from lab.kinematics.parameter import Parameter
-from lab.render.document import (
-    EVERYWHERE,
-    PAGE,
-    Badge,
-    Block,
-    Bullets,
-    Code,
-    Column,
-    Document,
-    Figure,
-    Paragraph,
-    Row,
-    Section,
-    Strong,
-    Table,
-    Warnings,
-    capital,
-    digits_of,
-    fixed,
-    plus_minus,
-    sentence,
-    short,
-)
+from lab.render import document as doc
+from lab.render.document import capital, digits_of, fixed, plus_minus, sentence, short
 from lab.render.phrases.fit import model_name, standing
 from lab.render.phrases.registry import in_one_line, phrases
 from lab.render.phrases.verdict import gate_text, region_text, without_figures
@@ -63,17 +42,28 @@ _EXPLAINED = (
     "A group explains the error (RMS) that a measured coordinate would have without it, all other parameters refitted. "
     "The percentage is its share of the mean square error of geometry alone. Overlapping effects each look small alone."
 )
+_SELECTION = (
+    "The first bar is the hold-out error of geometry alone; the bars below show how each selected group changes it."
+)
+_CORRELATIONS = (
+    "The blocks show the correlations of the identified parameters by link. Blue: both rise together; vermilion: "
+    "one falls as the other rises. Dark cells off the diagonal mark parameters that these poses barely separate."
+)
+_SINGULAR_VALUES = (
+    "The plot shows the singular values of the Jacobian (whitened rows, unit columns) of the identified "
+    "parameters. The measurements barely determine a direction that is far below the others."
+)
 _VALIDATED = {
     "fresh": "on {count} points at validation poses without noise",
     "holdout": "on {count} points of the hold-out set",
     "file": "on {count} points of the validation measurements",
     "cross-validation": "by cross-validation on {count} points",
 }
-_VERDICTS: dict[Word, Badge] = {
-    "good": Badge("good", "good"),
-    "doubtful": Badge("doubtful", "doubtful"),
-    "bad": Badge("bad", "bad"),
-    "not judged": Badge("not judged"),
+_VERDICTS: dict[Word, doc.Badge] = {
+    "good": doc.Badge("good", "good"),
+    "doubtful": doc.Badge("doubtful", "doubtful"),
+    "bad": doc.Badge("bad", "bad"),
+    "not judged": doc.Badge("not judged"),
 }
 _STATUS = {
     "identified": "identified",
@@ -83,29 +73,24 @@ _STATUS = {
 }
 
 
-def document_of(result: CalibrationResult) -> Document:
+def document_of(result: CalibrationResult) -> doc.Document:
     """Build the document of a calibration, from the verdict to the parameters and the poses."""
-    return Document(
+    reasons = phrases(result.verdict.reasons)
+    return doc.Document(
         _title(result),
         (
             *_verdict_blocks(result),
             _lead(result),
-            _warnings(result),
+            doc.Warnings(tuple(each for each in result.warnings if each not in reasons)),
             _errors(result),
-            Section("Errors over the workspace", where_figures(result)),
-            Section("Uncertainty and goodness of fit", (*_uncertainty(result), *residual_figures(result))),
+            doc.Section("Errors over the workspace", where_figures(result)),
+            doc.Section("Uncertainty and goodness of fit", (*_uncertainty(result), *residual_figures(result))),
             _outliers(result),
             _parameters(result),
-            Section("Identifiability and conditioning", _identifiability(result)),
-            Section("The arm at its poses", arm_figures(result)),
+            doc.Section("Identifiability and conditioning", _identifiability(result)),
+            doc.Section("The arm at its poses", arm_figures(result)),
         ),
     )
-
-
-def _warnings(result: CalibrationResult) -> Warnings:
-    """List the warnings that are no reasons of the verdict."""
-    reasons = phrases(result.verdict.reasons)
-    return Warnings(tuple(each for each in result.warnings if each not in reasons))
 
 
 def _title(result: CalibrationResult) -> str:
@@ -116,7 +101,7 @@ def _title(result: CalibrationResult) -> str:
     return f"{name}: {short(before.mean)} → {short(after.mean)} mm, {result.verdict.word}"
 
 
-def _lead(result: CalibrationResult) -> Paragraph:
+def _lead(result: CalibrationResult) -> doc.Paragraph:
     terms = result.kind.terms
     fit, before, after, targets = result.identification.fit, result.before, result.after, result.fitted.targets
     of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if terms.names_targets else ""
@@ -127,12 +112,12 @@ def _lead(result: CalibrationResult) -> Paragraph:
         f"{len(result.parameters)} parameters were identified ({status} {steps})."
     )
     if before is None or after is None:
-        return Paragraph(f"{begun} The accuracy at other poses was not validated.", "lead")
+        return doc.Paragraph(f"{begun} The accuracy at other poses was not validated.", "lead")
     text = (
         f"{begun} The mean {_judged_error(result)} {_validated_on(result)} was {short(before.mean)} mm with "
         f"the nominal model and is {short(after.mean)} mm with the calibrated one."
     )
-    return Paragraph(text, "lead")
+    return doc.Paragraph(text, "lead")
 
 
 def _judged_error(result: CalibrationResult) -> str:
@@ -142,24 +127,23 @@ def _judged_error(result: CalibrationResult) -> str:
 
 
 def _validated_on(result: CalibrationResult) -> str:
-    """Describe the validation set: the number of errors and their source."""
     assert result.after is not None and result.validation.judged_by is not None
     return _VALIDATED[result.validation.judged_by].format(count=f"{result.after.count:,}")
 
 
-def _verdict_blocks(result: CalibrationResult) -> tuple[Block, ...]:
+def _verdict_blocks(result: CalibrationResult) -> tuple[doc.Block, ...]:
     """Word the verdict with its gate, the reasons where it is not good, and the three answers, nothing twice."""
     verdict = result.verdict
-    reasons = Bullets(tuple(map(capital, phrases(verdict.reasons))))
-    because = (Paragraph("Because:"), reasons) if verdict.reasons else ()
+    reasons = doc.Bullets(tuple(map(capital, phrases(verdict.reasons))))
+    because = (doc.Paragraph("Because:"), reasons) if verdict.reasons else ()
     answers = tuple(
-        (Strong(f"{capital(name)}: {each.standing}."), f" {_answer_text(each, verdict.reasons)}")
+        (doc.Strong(f"{capital(name)}: {each.standing}."), f" {_answer_text(each, verdict.reasons)}")
         for name, each in verdict.answers.items()
     )
     return (
-        Paragraph(("Verdict: ", _VERDICTS[verdict.word], f" ({gate_text(result.options.gate_mm)})")),
+        doc.Paragraph(("Verdict: ", _VERDICTS[verdict.word], f" ({gate_text(result.options.gate_mm)})")),
         *because,
-        Bullets(answers),
+        doc.Bullets(answers),
     )
 
 
@@ -171,10 +155,10 @@ def _answer_text(answer: Answer, reasons: Sequence[Check]) -> str:
     return "See above." if {each.name for each in answer.checks} <= set(above) else sentence(in_one_line(answer.checks))
 
 
-def _errors(result: CalibrationResult) -> Section:
+def _errors(result: CalibrationResult) -> doc.Section:
     title, before, after = "Before and after calibration", result.before, result.after
     if before is None or after is None:
-        return Section(title, (Paragraph("Too few poses for a hold-out set: the accuracy was not validated."),))
+        return doc.Section(title, (doc.Paragraph("Too few poses for a hold-out set: the accuracy was not validated."),))
     robust = errors_without_outliers(result)
     stated = [("before", before), ("after", after), *([] if robust is None else [("after, without outliers", robust)])]
     rows = tuple(
@@ -191,23 +175,23 @@ def _errors(result: CalibrationResult) -> Section:
         f"The mean error falls from {short(before.mean)} to {short(after.mean)} mm. Vermilion and hatched (squares): "
         "before; blue (dots): after; dashed: the means; dotted: the gate, where one was given. The axis is logarithmic."
     )
-    return Section(
+    return doc.Section(
         title,
         (
-            Table(
+            doc.Table(
                 ("", "mean", "rms", "95 %", "max", "points"), rows, caption, ("before", "after", "quiet")[: len(rows)]
             ),
-            Paragraph(note, "note", shown_in=PAGE),
+            doc.Paragraph(note, "note", shown_in=doc.PAGE),
             _predictions(result),
-            Figure("errors-figure", error_histograms(result, error.rstrip(",")), spread),
+            doc.Figure("errors-figure", error_histograms(result, error.rstrip(",")), spread),
         ),
     )
 
 
-def _predictions(result: CalibrationResult) -> Table:
+def _predictions(result: CalibrationResult) -> doc.Table:
     """Tabulate the predicted errors of the arm, and at the validation poses the observed ones beside them."""
-    region, elsewhere, bounds = result.verdict.region, result.verdict.elsewhere, result.bounds
-    rows: list[Row] = []
+    region, elsewhere, bounds = result.verdict.region, result.verdict.elsewhere, result.fit.bounds
+    rows: list[doc.Row] = []
     if np.isfinite(region.p95_m):
         rows.append((region_text(region), short(MM.of(region.mean_m)), short(MM.of(region.p95_m)), "", ""))
     if elsewhere is not None and np.isfinite(elsewhere.p95_m):
@@ -217,26 +201,25 @@ def _predictions(result: CalibrationResult) -> Table:
         sizes = (short(MM.of(size)) for size in (bounds.predicted_95_m, bounds.observed_95_m))
         rows.append(("at the validation poses", "", *sizes, f"{100 * bounds.inside_share:.0f} %"))
     columns = ("predicted", "mean", "95 %", "observed 95 %", "below their own 95 %")
-    return Table(columns, tuple(rows), "Predicted position error of the arm, mm", shown_in=PAGE)
+    return doc.Table(columns, tuple(rows), "Predicted position error of the arm, mm", shown_in=doc.PAGE)
 
 
-def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
-    """Model, goodness of fit, noise, the truth of a virtual robot, model selection, stiffness."""
+def _uncertainty(result: CalibrationResult) -> tuple[doc.Block, ...]:
     stiffness = tuple(
         (each.joint, f"{each.stiffness:,.0f}", f"± {each.std:,.0f}" if np.isfinite(each.std) else "–")
         for each in result.stiffnesses
     )
     groups = (*result.fit.groups, *["residual"] * (result.fit.process is not None))
     return (
-        Paragraph(f"Model: {model_name(groups)}. {sentence(without_figures(result.fit.adequacy))}"),
-        Paragraph(_noise(result)),
-        Paragraph("" if result.fit.remaining is None else result.fit.remaining.description, shown_in=PAGE),
-        Paragraph("" if result.fit.gain is None else result.fit.gain.description, shown_in=PAGE),
-        Paragraph(_truth(result)),
+        doc.Paragraph(f"Model: {model_name(groups)}. {sentence(without_figures(result.fit.adequacy))}"),
+        doc.Paragraph(_noise(result)),
+        doc.Paragraph("" if result.fit.remaining is None else result.fit.remaining.description, shown_in=doc.PAGE),
+        doc.Paragraph("" if result.fit.gain is None else result.fit.gain.description, shown_in=doc.PAGE),
+        doc.Paragraph(_truth(result)),
         _model_selection(result),
-        Paragraph(_EXPLAINED if result.fit.explained else "", "note", shown_in=PAGE),
-        selection_figure(result),
-        Table(("joint", "stiffness, Nm/rad", "1σ"), stiffness),
+        doc.Paragraph(_EXPLAINED if result.fit.explained else "", "note", shown_in=doc.PAGE),
+        doc.Figure("selection-figure", selection_picture(result), _SELECTION),
+        doc.Table(("joint", "stiffness, Nm/rad", "1σ"), stiffness),
     )
 
 
@@ -264,7 +247,6 @@ def _noise(result: CalibrationResult) -> str:
 
 
 def _truth(result: CalibrationResult) -> str:
-    """Compare the estimates with the true parameters of a virtual robot, in a sentence."""
     comparison = result.comparison
     if comparison is None or not np.isfinite(comparison.z).all():
         return ""
@@ -278,7 +260,7 @@ def _truth(result: CalibrationResult) -> str:
     return text
 
 
-def _model_selection(result: CalibrationResult) -> Table:
+def _model_selection(result: CalibrationResult) -> doc.Table:
     rows = tuple(
         (
             group.name,
@@ -292,8 +274,8 @@ def _model_selection(result: CalibrationResult) -> Table:
         for group in result.groups
     )
     kinds = tuple("" if group.chosen else "quiet" for group in result.groups)
-    explains = Column("explains, mm", PAGE), Column("explains, %", PAGE)
-    return Table(
+    explains = doc.Column("explains, mm", doc.PAGE), doc.Column("explains, %", doc.PAGE)
+    return doc.Table(
         ("group", "parameters", "hold-out error, mm", "p", "BIC", *explains, ""), rows, "Model selection", kinds
     )
 
@@ -303,7 +285,7 @@ def _explained(found: ExplainedError | None) -> tuple[str, str]:
     return ("", "") if found is None else (short(MM.of(found.size_m)), f"{100 * found.share:.2g}")
 
 
-def _outliers(result: CalibrationResult) -> Section:
+def _outliers(result: CalibrationResult) -> doc.Section:
     outliers = result.fit.outliers
     fitted = "excluded from the fit" if result.fit.left_out else "kept in the fit"
     held_out = "hold-out set, kept in the validation"
@@ -318,11 +300,11 @@ def _outliers(result: CalibrationResult) -> Section:
         for pose in outliers
     )
     in_file = any(pose.line is not None for pose in outliers)
-    columns = ("pose", Column("line", EVERYWHERE if in_file else frozenset()), "residual, mm", "p", "")
-    return Section(f"Outliers: {len(outliers)}", (Table(columns, rows, most_rows=_MOST_LISTED),))
+    columns = ("pose", doc.Column("line", doc.EVERYWHERE if in_file else frozenset()), "residual, mm", "p", "")
+    return doc.Section(f"Outliers: {len(outliers)}", (doc.Table(columns, rows, most_rows=_MOST_LISTED),))
 
 
-def _parameters(result: CalibrationResult) -> Section:
+def _parameters(result: CalibrationResult) -> doc.Section:
     caption = (
         "Corrections of the nominal values, with 95 % intervals (often smaller than the dot). "
         "Blue: the interval excludes zero; grey: it does not, or is unknown. Intervals beyond the axis are weakly "
@@ -334,31 +316,31 @@ def _parameters(result: CalibrationResult) -> Section:
         "dimensions. A fixed parameter stays at its nominal value; its error biases those that it is aliased with."
         + (f" A leg's length is its joint position plus its offset ({', '.join(offsets)})." if offsets else "")
     )
-    return Section(
+    return doc.Section(
         "Parameters",
         (
             parameters_table(result),
-            Paragraph(note, "note"),
-            Figure("corrections", correction_pictures(result), caption),
+            doc.Paragraph(note, "note"),
+            doc.Figure("corrections", correction_pictures(result), caption),
         ),
-        shown_in=PAGE,
+        shown_in=doc.PAGE,
     )
 
 
-def parameters_table(result: CalibrationResult) -> Table:
+def parameters_table(result: CalibrationResult) -> doc.Table:
     """Tabulate all parameters with their 95 % intervals, or the reason for having none."""
     rows, parameters = result.parameters, result.identification.model.parameters
     kinds = tuple("" if row.identified and not row.weakly_observable else "quiet" for row in rows)
     columns = ("parameter", "correction", "95 % interval", "unit", "estimated", "nominal", "status")
-    return Table(columns, tuple(map(_parameter_row, parameters, rows)), row_kinds=kinds)
+    return doc.Table(columns, tuple(map(_parameter_row, parameters, rows)), row_kinds=kinds)
 
 
-def _parameter_row(parameter: Parameter, row: EstimatedParameter) -> Row:
+def _parameter_row(parameter: Parameter, row: EstimatedParameter) -> doc.Row:
     unit = parameter.unit
     half = unit.of(row.half_width_95)
     digits = digits_of(half, unit.decimals)
     return (
-        Code(row.name),  # what matters comes first: a telephone shows the first columns
+        doc.Code(row.name),  # what matters comes first: a telephone shows the first columns
         fixed(unit.of(row.estimate - row.nominal), digits, signed=True) if has_correction(parameter, row) else "",
         plus_minus(half, digits) if np.isfinite(half) else "",
         unit.name,
@@ -376,7 +358,7 @@ def _status(row: EstimatedParameter) -> str:
     return f"{'weakly observable' if row.weakly_observable else _STATUS[str(row.status)]}{aliased}"
 
 
-def _identifiability(result: CalibrationResult) -> tuple[Block, ...]:
+def _identifiability(result: CalibrationResult) -> tuple[doc.Block, ...]:
     """Report which parameters robot structure and measured poses leave unidentifiable or weakly observable."""
     found = result.identification
     directions, pairs = result.weak_directions, correlated_pairs(found)
@@ -385,19 +367,21 @@ def _identifiability(result: CalibrationResult) -> tuple[Block, ...]:
         (f"1/{1 / each.singular_value:,.0f}", _mixture(each, parameters), f"{short(MICRONS.of(each.moved))} µm")
         for each in directions
     )
-    correlated = tuple((" and ".join(pair.names), fixed(pair.correlation, 3)) for pair in pairs)
+    correlated = tuple((f"{one} and {other}", fixed(correlation, 3)) for one, other, correlation in pairs)
     none = "" if weak or pairs else " No parameters are strongly correlated, and no direction is weakly observable."
     return (
-        Paragraph(_identifiable(result) + none),
-        Table(
+        doc.Paragraph(_identifiable(result) + none),
+        doc.Table(
             ("relative singular value", "weakly observable: a change of", "moves the targets by"),
             weak,
             most_rows=_MOST_LISTED,
-            shown_in=PAGE,
+            shown_in=doc.PAGE,
         ),
-        Table(("strongly correlated parameters", "correlation"), correlated, most_rows=_MOST_LISTED, shown_in=PAGE),
-        singular_value_figure(found.fit.singular_values),
-        correlation_figure(result),
+        doc.Table(
+            ("strongly correlated parameters", "correlation"), correlated, most_rows=_MOST_LISTED, shown_in=doc.PAGE
+        ),
+        doc.Figure("singular-values-figure", singular_value_picture(found.fit.singular_values), _SINGULAR_VALUES),
+        doc.Figure("correlations-figure", correlation_picture(result), _CORRELATIONS),
     )
 
 

@@ -1,12 +1,11 @@
-"""The pictures of a calibration's report: errors, corrections of parameters, singular values, the arm at its poses.
+"""Pictures of a calibration's report: errors, corrections of parameters, singular values, the arm at its poses.
 
-Where a calibration's errors and its arm are in the world, for the pictures of its report.
-
-The world is the model's where there is one; for a robot given as a table it is frame 0.
+Positions are in the world of the model; for a robot given as a table that is frame 0.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +16,10 @@ from lab.calibration.stations import in_first_frame
 from lab.calibration.validation import Errors, JudgedBy, errors_of
 from lab.calibration.workspace_prediction import predicted_errors
 from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.calibrate.scene import world_of
 from lab.core.linear_model import half_width_95
 from lab.core.measurements import Measurements, evenly, rows_called
 from lab.core.probability import beta_ppf, normal_ppf
-from lab.core.se3 import Array, transform
+from lab.core.se3 import Array, inverse, transform
 from lab.core.units import MM, Unit
 from lab.kinematics.parameter import Parameter
 from lab.render.charts.chart import axes_picture, cube, log_ticks, shades, view
@@ -33,13 +31,10 @@ from lab.render.style import (
     AFTER,
     ARM,
     BEFORE,
-    HATCH_AFTER,
     HATCH_BEFORE,
     HIGHLIGHT,
     INK,
     INSTRUMENT,
-    MARK_AFTER,
-    MARK_BEFORE,
     MEASURED,
     MUTED,
     PREDICTED,
@@ -47,25 +42,10 @@ from lab.render.style import (
 )
 
 __all__ = [
-    "MOST_POSES",
-    "ArmPoses",
-    "ErrorMap",
-    "arm_figures",
-    "correction_pictures",
-    "correlation_figure",
-    "correlation_picture",
-    "error_histograms",
-    "error_maps",
-    "has_correction",
-    "main_picture",
-    "residual_figures",
-    "residual_pictures",
-    "selection_figure",
-    "selection_picture",
-    "singular_value_figure",
-    "uncertainty_map",
-    "where_figures",
-]
+    "arm_figures", "correction_pictures", "correlation_picture", "error_histograms", "error_maps", "has_correction",
+    "main_picture", "residual_figures", "residual_pictures", "selection_picture", "singular_value_picture",
+    "uncertainty_map", "where_figures", "world_of",
+]  # fmt: skip
 
 _MOST_ARMS = 12  # drawn in a picture
 _WHICH: dict[JudgedBy, str] = {
@@ -77,45 +57,32 @@ _WHICH: dict[JudgedBy, str] = {
 _FITTED = "the fitted poses, with the residuals of the fit"
 
 
-@dataclass(frozen=True)
-class ErrorMap:
-    """Errors where they are.
-
-    Attributes:
-        sizes: the errors that are drawn: before calibration and after it, by one scale.
-        which: the poses that they are of, in words.
-        all_shown: whether they are all drawn.
-    """
-
-    sizes: tuple[SizeMap, SizeMap]
-    which: str
+class _ErrorMap(NamedTuple):
+    sizes: tuple[SizeMap, SizeMap]  # before calibration and after it, by one scale
+    which: str  # the poses of the errors, in words
     all_shown: bool
 
 
 @dataclass(frozen=True)
-class ArmPoses:
-    """The arm at some of its fitted poses, in the world.
+class _ArmPoses:
+    """The arm at some of its fitted poses, in the world."""
 
-    Attributes:
-        first: the id of the first of them: it stretches farthest along x, so that it is seen from both sides.
-        strips: lines ``(m, c, 3)`` m, along the chain or each leg.
-        joints: ``(m, f, 3)`` m, the frames on them.
-        tips: ``(m, k, 3)`` m, the targets at these poses.
-        points: ``(q, 3)`` m: targets at all fitted poses, as measured where they are.
-        measured: whether they are.
-        head: ``(3,)`` m, the instrument; None where nothing is measured in its frame.
-    """
-
-    first: str
-    strips: tuple[Array, ...]
-    joints: Array
-    tips: Array
-    points: Array
-    measured: bool
-    head: Array | None
+    first: str  # the id of the first of them: it stretches farthest along x, so that it is seen from both sides
+    strips: tuple[Array, ...]  # lines (m, c, 3) m, along the chain or each leg
+    joints: Array  # (m, f, 3) m, the frames on them
+    tips: Array  # (m, k, 3) m, the targets at these poses
+    points: Array  # (q, 3) m: targets at all fitted poses, as measured where they are
+    measured: bool  # whether points are as measured
+    head: Array | None  # (3,) m, the instrument; None where nothing is measured in its frame
 
 
-def error_maps(result: CalibrationResult, error: str) -> ErrorMap | None:
+def world_of(result: CalibrationResult) -> Array:
+    """Pose ``(4, 4)`` of the instrument in the world: where the identified base has it."""
+    arm, values = result.rigid(result.identification.values)
+    return result.robot.model.T_world_frame0 @ inverse(arm.T_tracker_frame0(values))
+
+
+def error_maps(result: CalibrationResult, error: str) -> _ErrorMap | None:
     """The errors of the validation, or the residuals where its poses' places are not known; None where there are none.
 
     Args:
@@ -139,7 +106,7 @@ def error_maps(result: CalibrationResult, error: str) -> ErrorMap | None:
     earlier = f"{error} before calibration"
     no_crosses = np.empty((0, 3))
     start = replace(shown, sizes=before[rows], size_means=earlier, crosses=no_crosses, name="before", with_scale=False)
-    return ErrorMap((start, shown), which, len(rows) == len(known))
+    return _ErrorMap((start, shown), which, len(rows) == len(known))
 
 
 def _validated(result: CalibrationResult) -> tuple[Measurements, Errors, str]:
@@ -157,7 +124,7 @@ def _predicted(result: CalibrationResult, data: Measurements) -> Array:
     return moved(world_of(result), arm.points(data.joints, values))
 
 
-def _arm_poses(result: CalibrationResult) -> ArmPoses:
+def _arm_poses(result: CalibrationResult) -> _ArmPoses:
     """The calibrated arm at up to twelve of its fitted poses, evenly spaced, with the points of all of them."""
     fitted, identification = result.fitted, result.identification
     rows = np.unique(np.round(np.linspace(0, len(fitted) - 1, _MOST_ARMS)).astype(np.int_))
@@ -172,12 +139,12 @@ def _arm_poses(result: CalibrationResult) -> ArmPoses:
     shape = fitted.ids[rows[first]], tuple(line[order] for line in lines), joints[order], tips[order]
     positions = observation_of(identification.model).positions
     if not positions:
-        return ArmPoses(*shape, _predicted(result, fitted).reshape(-1, 3), measured=False, head=None)
+        return _ArmPoses(*shape, _predicted(result, fitted).reshape(-1, 3), measured=False, head=None)
     T_world_instrument = world_of(result)
     model, inputs = identification.model, fitted.inputs(identification.model.conditions)
     points = in_first_frame(model, identification.values, inputs, fitted.points[:, :positions]).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
-    return ArmPoses(*shape, transform(T_world_instrument, points), True, T_world_instrument[:3, 3])
+    return _ArmPoses(*shape, transform(T_world_instrument, points), True, T_world_instrument[:3, 3])
 
 
 _WIDER = 1.15  # than the widest interval of a parameter that is well observed
@@ -196,8 +163,8 @@ def error_histograms(result: CalibrationResult, error: str) -> tuple[Picture, ..
     if errors is None or not np.isfinite(errors.after).any():
         return ()
     spreads = [
-        Spread(errors.before, BEFORE, ("before: mean", float(np.nanmean(errors.before))), HATCH_BEFORE, MARK_BEFORE),
-        Spread(errors.after, AFTER, ("after: mean", float(np.nanmean(errors.after))), HATCH_AFTER, MARK_AFTER),
+        Spread.before(errors.before, ("before: mean", float(np.nanmean(errors.before)))),
+        Spread.after(errors.after, ("after: mean", float(np.nanmean(errors.after)))),
     ]
     return (histograms("errors", spreads, error, result.options.gate_mm),)
 
@@ -249,8 +216,8 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, number: int) ->
     return axes_picture(f"corrections-{number}", label, (4.5, height), draw, (1.35, 0.5, 0.15, 0.15))
 
 
-def _singular_value_picture(values: Array) -> tuple[Picture, ...]:
-    """Singular values ``(f,)`` relative to the largest, in descending order; nothing where they say nothing."""
+def singular_value_picture(values: Array) -> tuple[Picture, ...]:
+    """Singular values ``(f,)`` relative to the largest, in descending order; none where they are not finite."""
     if not (len(values) and np.isfinite(values).all() and values[0] > 0):
         return ()
     relative = np.maximum(values / values[0], 1e-17)
@@ -270,7 +237,7 @@ def _singular_value_picture(values: Array) -> tuple[Picture, ...]:
     return (axes_picture("singular-values", label, (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15)),)
 
 
-def _arm_views(arm: ArmPoses) -> tuple[Picture, ...]:
+def _arm_views(arm: _ArmPoses) -> tuple[Picture, ...]:
     """The arm as a stick figure at its poses, with the points and the instrument, from above and from the side."""
     if not np.isfinite(arm.joints).all():
         return ()
@@ -297,8 +264,7 @@ def _arm_views(arm: ArmPoses) -> tuple[Picture, ...]:
     )
 
 
-def _sticks(axes: Axes, arm: ArmPoses, plane: tuple[int, int]) -> None:
-    """Links, joints, targets and points."""
+def _sticks(axes: Axes, arm: _ArmPoses, plane: tuple[int, int]) -> None:
     size = 9 if len(arm.points) <= 200 else 4
     word = "measured point" if arm.measured else "tool point"
     points = MM.of(arm.points[:: max(1, len(arm.points) // 1000)][:, plane])
@@ -332,7 +298,6 @@ def _parted(lines: Array) -> Array:
 
 
 def _instrument(axes: Axes, head: Array, middle: Array, half: float, plane: tuple[int, int]) -> None:
-    """The instrument, or an arrow towards it at the edge of the view where it is farther off."""
     position, centre = head[list(plane)], middle[list(plane)]
     away = position - centre
     if np.abs(head - middle).max() < half:
@@ -345,10 +310,10 @@ def _instrument(axes: Axes, head: Array, middle: Array, half: float, plane: tupl
     axes.plot([], [], color=INSTRUMENT, linewidth=2.0, label=far)
 
 
-MOST_POSES = 2000  # whose residuals are drawn
+_MOST_POSES = 2000  # whose residuals are drawn
 _WIDE, _SQUARE = (5.6, 2.6), (3.4, 3.2)  # inches
 _QUANTILES = 120
-_FEWEST = 8  # residuals whose shape says something
+_FEWEST = 8  # residuals that are drawn
 _LINK = 0.13  # inches of a parameter
 
 
@@ -369,7 +334,7 @@ def residual_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
 
 def _drawn(residuals: Array) -> NDArray[np.int_]:
     """The poses of residuals ``(n, ...)`` that are drawn: all, or some evenly spaced."""
-    some = evenly(len(residuals), MOST_POSES)
+    some = evenly(len(residuals), _MOST_POSES)
     return np.arange(len(residuals)) if some is None else some
 
 
@@ -396,12 +361,11 @@ def _in_order(result: CalibrationResult, residuals: Array, band: float) -> Pictu
 
 
 def _by_joint(result: CalibrationResult, residuals: Array, band: float) -> Picture:
-    """A lane for each joint, over the range that was measured."""
     joints, chain = result.fitted.joints, result.robot.chain
     low, high = joints.min(axis=0), joints.max(axis=0)
     share = (joints - low) / np.where(high > low, high - low, 1.0)
     per_pose = residuals.reshape(len(residuals), -1)
-    per_pose = per_pose[:, : max(1, MOST_POSES // max(1, len(per_pose)))]
+    per_pose = per_pose[:, : max(1, _MOST_POSES // max(1, len(per_pose)))]
     drawn = _drawn(residuals)
 
     def draw(axes: Axes) -> None:
@@ -587,36 +551,10 @@ def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
         "The plots show the residuals of the fit per axis; the band contains 95 % of the noise. Bends or steps against "
         "a joint show effects that the model lacks. In the last plot, normal noise lies on the line, within the band."
     )
-    if len(result.fitted) > MOST_POSES:
-        drawn = f"{MOST_POSES:,} of the {len(result.fitted):,} poses are drawn, evenly spaced"
+    if len(result.fitted) > _MOST_POSES:
+        drawn = f"{_MOST_POSES:,} of the {len(result.fitted):,} poses are drawn, evenly spaced"
         caption += f" {drawn}; the titles refer to all poses."
     return (Figure("residuals", residual_pictures(result), caption),)
-
-
-def selection_figure(result: CalibrationResult) -> Figure:
-    """Draw the hold-out error that each parameter group removes."""
-    caption = (
-        "The first bar is the hold-out error of geometry alone; the bars below show how each selected group changes it."
-    )
-    return Figure("selection-figure", selection_picture(result), caption)
-
-
-def correlation_figure(result: CalibrationResult) -> Figure:
-    """Draw the correlations of the identified parameters at these poses."""
-    caption = (
-        "The blocks show the correlations of the identified parameters by link. Blue: both rise together; vermilion: "
-        "one falls as the other rises. Dark cells off the diagonal mark parameters that these poses barely separate."
-    )
-    return Figure("correlations-figure", correlation_picture(result), caption)
-
-
-def singular_value_figure(values: Array) -> Figure:
-    """Draw the singular values: how well the measurements observe each direction."""
-    caption = (
-        "The plot shows the singular values of the Jacobian (whitened rows, unit columns) of the identified "
-        "parameters. The measurements barely determine a direction that is far below the others."
-    )
-    return Figure("singular-values-figure", _singular_value_picture(values), caption)
 
 
 def arm_figures(result: CalibrationResult) -> tuple[Block, ...]:

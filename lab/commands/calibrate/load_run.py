@@ -1,4 +1,4 @@
-"""A run of ``lab calibrate`` or ``lab identify``, read back from its folder: its provenance, verdict and estimate."""
+"""Read a run of ``lab calibrate`` or ``lab identify`` back: its provenance, verdict, estimate and exports."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,18 +19,20 @@ from lab.campaign.config_file import CONFIG_FILE, RunConfig, RunInputs, input_na
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.commands.calibrate.exports import ArmExport
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import HandLoad, carrying
 from lab.commands.run_folder import LOAD_FILE, check_edits
-from lab.core.errors import LabError, error_context
+from lab.core.errors import LabError, counted, error_context
 from lab.core.limits import called
-from lab.core.measurements import LAST_MOVE
+from lab.core.measurements import LAST_MOVE, evenly
 from lab.core.se3 import Array
+from lab.core.units import MM
+from lab.formats.calibrated_module import largest_difference, module_text, plain_model, refusing_text
 from lab.formats.noise_model import NoiseModel
 from lab.formats.structured import read_structured, structured
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.noise.instruments import Instrument
+from lab.render.phrases.fit import listed, model_name
 from lab.render.phrases.verdict import gate_text
 from lab.sensors.registry import sensor_named
 
@@ -38,25 +40,67 @@ if TYPE_CHECKING:
     from lab.commands.calibrate.result import CalibrationResult
 
 __all__ = [
-    "CALIBRATIONS",
-    "MEASUREMENTS_FILE",
-    "READ_FILES",
-    "CalibrationRun",
-    "Campaign",
-    "RunLike",
-    "RunVerdict",
-    "calibrated_by",
-    "condition_notes",
-    "folder_of",
-    "load_estimate",
-    "read_calibrated",
-    "read_header",
-    "refuse_other_parameters",
-]
+    "CALIBRATIONS", "MEASUREMENTS_FILE", "READ_FILES", "ArmExport", "CalibrationRun", "RunLike", "RunVerdict",
+    "calibrated_by", "comment_on_missing_effects", "condition_notes", "folder_of", "load_estimate", "read_calibrated",
+    "read_header", "refuse_other_parameters",
+]  # fmt: skip
 
-Campaign = VirtualCampaign | MeasuredCampaign
+_CHECKED, _SAME_M = 3, 1e-9  # poses at which a module is compared with the lab's own arm, and how near it has to be
+
+
+def comment_on_missing_effects(groups: Sequence[str], error_m: float | None, where: str, *, module: bool) -> str:
+    """Write the comment of a geometry-only file on the effects it lacks; "" if it holds all identified effects."""
+    if error_m is None:
+        return ""
+    text = f"Geometry alone: the file lacks {', '.join(listed(groups))}, an error of {MM.text(error_m, 2)} RMS {where}"
+    return f"{text}; calibrated.py has all effects" if module else text
+
+
+@dataclass(frozen=True)
+class ArmExport:
+    """An identified arm, for ``calibrated.py``."""
+
+    estimate: Estimate
+    observed: str  # how the run was observed, where its positions are in no instrument's frame; "" else
+    verdict: str  # of the run, in words
+    inputs: Array  # (n, joints + conditions) at poses that were measured; the module is checked at some of them
+
+    def module(self) -> tuple[str, str | None]:
+        """The text of ``calibrated.py``, and why its functions refuse; None where they do not."""
+        estimate, arm = self.estimate, self.estimate.arm
+        name = " ".join(estimate.rigid.chain.name.split())
+        title = f"{name}, calibrated: the identified arm as plain Python."
+        about = f"The verdict of the run that identified it is {self.verdict}. Model: {model_name(arm.groups)}."
+        if estimate.left_out:
+            about += f" Left out, because valid for the run's session only: {', '.join(estimate.left_out)}."
+        frame = "the frame in which the arm was measured"
+        if self.observed:
+            frame = f"a frame whose pose is unknown (the run was identified with --observe {self.observed})"
+        try:
+            usual = {PAYLOAD: 0.0 if estimate.load is None else estimate.load.mass_kg}
+            model = plain_model(arm, estimate.values, estimate.loads, estimate.R_last_tool, usual)
+            text = module_text(title, about, frame, model)
+            some = evenly(len(self.inputs), _CHECKED)
+            inputs = self.inputs if some is None else self.inputs[some]
+            apart = largest_difference(text, arm, estimate.values, inputs)
+            if not apart <= _SAME_M:
+                raise LabError(f"its points at {counted(len(inputs), 'measured pose')} are {MM.text(apart, 2)} off")
+        except LabError as error:
+            reason = f"robot {name} is not in this module: {error}"
+            return refusing_text(title, about, reason), reason
+        return text, None
+
+    def to_dict(self, reason: str | None) -> dict[str, Any]:
+        """Return the entry for ``calibrated.py`` in ``result.json``: effects it has and lacks, and why it refuses."""
+        whole = ["geometric", *self.estimate.groups]
+        has, lacks = ([], whole) if reason else (whole, [])
+        conditions = list(self.estimate.arm.conditions)
+        return {"has": has, "lacks": [*lacks, *self.estimate.left_out], "conditions": conditions, "reason": reason}
+
+
+_Campaign = VirtualCampaign | MeasuredCampaign
 RunLike = Union["CalibrationResult", str, Path, None]
-CALIBRATIONS: Mapping[str, type[Campaign]] = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign}
+CALIBRATIONS: Mapping[str, type[_Campaign]] = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign}
 MEASUREMENTS_FILE = "measurements.csv"
 READ_FILES = (
     CONFIG_FILE, RESULT_FILE, PARAMETERS_FILE, COVARIANCE_FILE, RESIDUAL_FILE, POSES_FILE, MEASUREMENTS_FILE, LOAD_FILE,
@@ -66,7 +110,7 @@ _STATISTICS = {"mean", "rms", "p95", "max", "count"}
 
 
 @dataclass(frozen=True)
-class NamedOutlier:
+class _NamedOutlier:
     """A pose that the test of outliers names, and whether it was held out."""
 
     id: str
@@ -79,9 +123,6 @@ class RunVerdict:
 
     Attributes:
         after_mm, before_mm: errors after and before; None without a validation.
-        judged_by: the validation set; None without validation.
-        outliers: poses that the test of outliers names.
-        outliers_left_out: whether these were not fitted.
         noise_model: correlated errors of the measurements that the run estimated; None where there are none.
     """
 
@@ -90,9 +131,9 @@ class RunVerdict:
     adequacy: str
     after_mm: Mapping[str, float] | None = None
     before_mm: Mapping[str, float] | None = None
-    judged_by: str | None = None
-    outliers: tuple[NamedOutlier, ...] = ()
-    outliers_left_out: bool = False
+    judged_by: str | None = None  # the validation set; None without validation
+    outliers: tuple[_NamedOutlier, ...] = ()  # poses that the test of outliers names
+    outliers_left_out: bool = False  # whether these were excluded from the fit
     noise_model: NoiseModel | None = None
     reasons: tuple[str, ...] = ()
     gate_mm: float | None = None
@@ -124,27 +165,16 @@ class RunVerdict:
 
 @dataclass(frozen=True)
 class CalibrationRun:
-    """A calibration with its provenance: who uses an estimate of a run takes it from here.
+    """A calibration with its provenance: who uses an estimate of a run takes it from here."""
 
-    Attributes:
-        folder: of the run.
-        robot: that was calibrated, with payloads where the load of the estimate hangs.
-        estimate: what was identified.
-        result: how the run was judged.
-        options: of the run.
-        load: at the flange; that of the estimate.
-        inputs: that the run was made from; None of a result in memory, whose are at hand.
-        edits: sentences about files that were changed since the run was written.
-    """
-
-    folder: Path
-    robot: Robot
+    folder: Path  # of the run
+    robot: Robot  # the calibrated robot, with payloads where the load of the estimate hangs
     estimate: Estimate
     result: RunVerdict
-    options: Campaign
-    load: HandLoad | None
-    inputs: RunInputs | None = None
-    edits: tuple[str, ...] = ()
+    options: _Campaign
+    load: HandLoad | None  # at the flange; that of the estimate
+    inputs: RunInputs | None = None  # inputs of the run; None of a result in memory
+    edits: tuple[str, ...] = ()  # sentences about files that were changed since the run was written
 
     @property
     def serial(self) -> str | None:
@@ -206,7 +236,6 @@ class CalibrationRun:
 
     @property
     def _doubts(self) -> list[str]:
-        """Reasons why the predicted error of the run may be too small."""
         result, messages = self.result, []
         if result.verdict != "good":
             why = f" ({'; '.join(result.reasons) or result.reason})" if result.reason else ""
@@ -274,7 +303,7 @@ def read_calibrated(
     return CalibrationRun(folder, robot, estimate, verdict, options, payload, inputs, edits)
 
 
-def read_header(folder: Path) -> tuple[RunConfig, RunVerdict, Campaign]:
+def read_header(folder: Path) -> tuple[RunConfig, RunVerdict, _Campaign]:
     """Read how a run was made and judged."""
     config = read_config(folder, _MEND)
     verdict = read_structured(folder / RESULT_FILE, RunVerdict, _MEND)
@@ -314,12 +343,7 @@ def load_estimate(folder: str | Path, robot: str | Path | Robot | None = None) -
 
 
 def calibrated_by(
-    run: RunLike,
-    folder: Path,
-    load: Path | None = None,
-    cell: Path | None = None,
-    *,
-    accept_edited: bool = False,
+    run: RunLike, folder: Path, load: Path | None = None, cell: Path | None = None, *, accept_edited: bool = False
 ) -> CalibrationRun:
     """Return the run of a result in memory; of anything else that of its folder."""
     from lab.commands.calibrate.result import CalibrationResult
@@ -340,15 +364,7 @@ def folder_of(run: RunLike) -> dict[str, str]:
 
 
 def refuse_other_parameters(runs: Sequence[CalibrationRun], subsets: Sequence[IdentifiedSubset]) -> None:
-    """Refuse runs that are of another robot than the first, or whose compared parameters are others.
-
-    Args:
-        runs: the runs.
-        subsets: the parameters of each that are compared.
-
-    Raises:
-        LabError: a run is, or its are.
-    """
+    """Refuse runs of another robot than the first, or with other compared parameters, with a LabError."""
     first, names = runs[0], set(subsets[0].names)
     for run, each in zip(runs[1:], subsets[1:], strict=True):
         if run.robot.sha256 != first.robot.sha256:
@@ -361,14 +377,11 @@ def refuse_other_parameters(runs: Sequence[CalibrationRun], subsets: Sequence[Id
 
 
 def condition_notes(run: CalibrationRun, file: object, given: Sequence[str], row: str, verb: str) -> list[str]:
-    """Word what is assumed of the conditions that a model asks for.
+    """Describe what is assumed of the conditions of a run's model, where rows of a file have only ``given`` ones.
 
     Args:
-        run: whose model it is.
-        file: that the rows are of.
-        given: names of the conditions that the rows give.
-        row: what a row is: pose, target.
-        verb: what is done with hysteresis: predicted, corrected.
+        row: name of a row: pose, target.
+        verb: of hysteresis: predicted, corrected.
     """
     requested, messages = run.estimate.arm.conditions, []
     if unused := [name for name in given if name not in requested]:

@@ -1,55 +1,200 @@
-"""A campaign as a rerun recording: what it measured, what it found, and how sure, pose by pose.
+"""Record a campaign with rerun: what it measured, what it found, and how sure, pose by pose.
 
 What moves is on the timelines ``pose``, the 0-based row among all that were measured, and ``time``, two poses a second;
-on ``time`` the arm moves from pose to pose;
-``convergence/rms`` is on the timeline ``iteration``. Positions are float32 there: the numbers to
-compute with are in the run's other files.
+on ``time`` the arm moves from pose to pose; ``convergence/rms`` is on the timeline ``iteration``. Positions are float32
+there: the numbers to compute with are in the other files of the run.
 """
 
 import hashlib
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from lab.calibration.identify import Identification, ellipsoids, mapping_ellipsoids, position_covariance
+from lab.calibration.observation import observation_of
+from lab.calibration.stations import in_first_frame, station_poses
 from lab.commands.calibrate.document import parameters_table
+from lab.commands.calibrate.figures import world_of
 from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.calibrate.scene import Scene, scene
+from lab.core.measurements import rows_called, seen_mask
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.kinematics.effects.sessions import at_first_station
+from lab.kinematics.model import RigidArm
+from lab.render import recording as rec
 from lab.render.document import Bullets, Document, Section, Strong, Text, format_magnification
 from lab.render.markdown import to_markdown
-from lab.render.recording import (
-    SUMMARY,
-    TIME,
-    Times,
-    bars,
-    close_view,
-    draw_beams,
-    draw_ellipsoid,
-    draw_instrument,
-    draw_legs,
-    draw_moves,
-    draw_shells,
-    draw_tag,
-    draw_tracker,
-    eye,
-    layout,
-    main_view,
-    markdown,
-    pose_times,
-    recording_to,
+from lab.render.scene import (
+    LARGEST_FACTOR,
+    Legs,
+    MagnifiedEllipsoids,
+    drawn_rows,
+    legs_legend,
+    magnification,
+    magnified,
+    mean_lengths,
+    moved,
+    reach_of,
+    skeleton,
+    world_legs,
 )
-from lab.render.scene import legs_legend
 from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MAPPING, RGB_MEASURED, RGB_OUTLIER, RGB_UNCERTAINTY
-from lab.simulation.meshes import instrument_body
+from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_body_poses
 
-__all__ = ["parameters_text", "record", "summary_text"]
+__all__ = ["parameters_text", "record", "scene", "summary_text"]
 
-_LOG_ERRORS, _LEAST_MM = "error_log10_mm", 1e-9
+_MOST_OUTLIERS = 30  # marked
+_ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
+_ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
+
+
+class _OutlierPose(NamedTuple):
+    description: str
+    measured: Array  # its farthest target in the world, (3,) m
+    expected: Array
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """A campaign's fitted poses in the world (m).
+
+    Attributes:
+        Ts_world_station: ``(4, 4)``, identified, by the names of the stations from which was measured, the first first.
+        measured, before, after: ``(m, k, 3)`` points as measured (NaN where not), and as predicted.
+        error_before, error_after: ``(n,)`` m, mean over the targets measured at each fitted pose, NaN where none was.
+        factor_before, factor_after: magnification of the error arrows.
+    """
+
+    rows: NDArray[np.int_]  # (m,) rows of the drawn poses among the fitted ones
+    numbers: NDArray[np.int_]  # (n,) each fitted pose's row among all that were measured
+    outliers: tuple[_OutlierPose, ...]  # the farthest first
+    reach_m: float  # the largest distance of a measured point, or a leg's end, from frame 0; sizes of marks follow it
+    Ts_world_station: Mapping[str, Array]
+    heads: Array  # (m, 3), the instrument's in each drawn pose
+    measured: Array
+    before: Array
+    after: Array
+    all_measured: Array  # (q, 3) of every fitted pose
+    error_before: Array
+    error_after: Array
+    factor_before: float
+    factor_after: float
+    mapping: MagnifiedEllipsoids
+    uncertainty: MagnifiedEllipsoids | None  # None where the noise is not known, or there was none
+    shells: tuple[Shell, ...]  # of the drawn bodies
+    bodies: dict[str, Array]  # world poses (m, 4, 4) by name
+    origins: Array  # (m, f, 3) of the arm's frames
+    legs: Legs  # in the world
+
+    @property
+    def at(self) -> NDArray[np.int_]:
+        """``(m,)`` the drawn poses' rows among all that were measured."""
+        return self.numbers[self.rows]
+
+
+def scene(outcome: CalibrationResult) -> _Scene:
+    """The scene of a campaign; an evenly spaced part of its poses where they are many."""
+    fitted, identification = outcome.fitted, outcome.identification
+    model = identification.model
+    observed = fitted.points[:, : observation_of(model).positions]
+    rows, inputs = drawn_rows(len(fitted)), fitted.inputs(model.conditions)
+    joints = fitted.joints[rows]
+    T_world_instrument = world_of(outcome)
+    poses = station_poses(model, identification.values, fitted)
+    stations = {name: T_world_instrument @ T for name, T in poses.items()}
+    both = (identification.nominal_aligned, identification.values)
+    before, after = (model.points(inputs, v)[:, : observed.shape[1]] for v in both)
+    errors = [mean_lengths(observed - predicted) for predicted in (before, after)]
+    measured, before, after = (
+        moved(T_world_instrument, in_first_frame(model, identification.values, inputs, points))
+        for points in (observed, before, after)
+    )
+    inputs = at_first_station(model.conditions, inputs)  # in whose frame ellipsoids are
+    there = seen_mask(observed)
+    arm, values = outcome.rigid(identification.values)
+    places = moved(outcome.robot.model.T_world_frame0, skeleton(arm, values, joints).origins)
+    between = world_legs(outcome.robot.model.T_world_frame0, arm, values, joints)
+    reach = reach_of(outcome.robot.model.T_world_frame0, measured[there], between)
+    visible, bodies = _bodies(outcome, arm, values, joints, stations)
+    everything = {name: i for i, name in enumerate(outcome.measurements.ids)}
+    return _Scene(
+        rows,
+        np.array([everything[name] for name in fitted.ids]),
+        _outlier_poses(outcome, T_world_instrument),
+        reach,
+        stations,
+        np.array([stations.get(fitted.stations[row], T_world_instrument)[:3, 3] for row in rows]),
+        measured[rows],
+        before[rows],
+        after[rows],
+        measured[there],
+        errors[0],
+        errors[1],
+        _error_factor(errors[0], _ARROW * reach),
+        _error_factor(errors[1], _ARROW * reach),
+        magnified(mapping_ellipsoids(identification, inputs[rows]), after[rows, 0], T_world_instrument, reach),
+        _uncertainty_ellipsoids(identification, inputs[rows], after[rows, 0], T_world_instrument, reach),
+        visible,
+        bodies,
+        places,
+        between,
+    )
+
+
+def _outlier_poses(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[_OutlierPose, ...]:
+    """The outliers that the test names; none where the file's points are not all that is observed."""
+    model, data = outcome.identification.model, outcome.measurements
+    named = outcome.fit.outliers[:_MOST_OUTLIERS]
+    observation = observation_of(model)
+    if not named or observation.positions < len(observation.units):
+        return ()
+    part = data.take(rows_called(data, [pose.id for pose in named]))
+    expected = model.points(part.inputs(model.conditions), outcome.identification.values)
+    worst = np.nanargmax(np.linalg.norm(part.points - expected, axis=2), axis=1)
+    inputs, values = part.inputs(model.conditions), outcome.identification.values
+    both = (in_first_frame(model, values, inputs, points) for points in (part.points, expected))
+    ends = (moved(T_world_instrument, points)[np.arange(len(named)), worst] for points in both)
+    return tuple(
+        _OutlierPose(f"{pose.id}: {MM.text(pose.size_m)}", measured, should)
+        for pose, measured, should in zip(named, *ends, strict=True)
+    )
+
+
+def _error_factor(errors: Array, shown: float) -> float:
+    return min(max(magnification(float(np.nanmean(errors)), shown), 1.0), LARGEST_FACTOR)
+
+
+def _bodies(
+    outcome: CalibrationResult, arm: RigidArm, values: Array, joints: Array, stations: Mapping[str, Array]
+) -> tuple[tuple[Shell, ...], dict[str, Array]]:
+    """The bodies that are drawn; the instrument's only where it is known: a virtual one."""
+    robot = outcome.robot.model
+    stands = station_body_poses(robot, stations)
+    hidden = set() if outcome.real is not None else {instrument_body(robot), *stands}
+    visible = tuple(shell for shell in shells(robot) if shell.body not in hidden)
+    poses = body_poses(robot, arm, values, joints)
+    poses |= {body: np.broadcast_to(T, (len(joints), 4, 4)) for body, T in stands.items()}
+    return visible, {shell.body: poses[shell.body] for shell in visible}
+
+
+def _uncertainty_ellipsoids(
+    identification: Identification, inputs: Array, centers: Array, T_world_instrument: Array, reach_m: float
+) -> MagnifiedEllipsoids | None:
+    """Compute the ellipsoids of the position covariance; None where it is unknown, or only rounding."""
+    covariance = position_covariance(identification, inputs)
+    if not np.isfinite(covariance).all():
+        return None
+    shapes = ellipsoids(covariance)
+    return magnified(shapes, centers, T_world_instrument, reach_m) if shapes.half_lengths.max() > _ROUNDING_M else None
+
+
+_LEAST_MM = 1e-9  # that is drawn on a logarithmic scale
 _LEAST_RMS = 1e-9  # of what is drawn on a logarithmic scale
 _PARAMETERS, _SINGULAR_VALUES, _CONVERGENCE = "parameters", "singular_values", "convergence"
 
@@ -57,23 +202,23 @@ _PARAMETERS, _SINGULAR_VALUES, _CONVERGENCE = "parameters", "singular_values", "
 def record(path: Path, outcome: CalibrationResult) -> None:
     """Write a campaign's recording, with the blueprint that shows it, to ``path``."""
     shown = scene(outcome)
-    with recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
+    with rec.recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
         recording.send_blueprint(_blueprint(outcome, shown))
-        draw_shells(recording, _poses(shown.at), shown.shells, shown.bodies)
-        draw_legs(recording, _poses(shown.at), shown.legs, shown.reach_m)
+        rec.draw_shells(recording, rec.pose_times(shown.at), shown.shells, shown.bodies)
+        rec.draw_legs(recording, rec.pose_times(shown.at), shown.legs, shown.reach_m)
         arm, values = outcome.rigid(outcome.identification.values)
-        draw_moves(recording, outcome.robot.model, arm, values, shown.at, outcome.fitted.joints[shown.rows])
+        rec.draw_moves(recording, outcome.robot.model, arm, values, shown.at, outcome.fitted.joints[shown.rows])
         _instrument(recording, outcome, shown)
         _points(recording, shown)
         _outliers(recording, shown)
         _arrows(recording, shown)
         _ellipsoids(recording, shown)
         _numbers(recording, outcome, shown)
-        recording.log(SUMMARY, markdown(summary_text(outcome, shown)), static=True)
-        recording.log(_PARAMETERS, markdown(parameters_text(outcome)), static=True)
+        recording.log(rec.SUMMARY, rec.markdown(summary_text(outcome, shown)), static=True)
+        recording.log(_PARAMETERS, rec.markdown(parameters_text(outcome)), static=True)
 
 
-def summary_text(outcome: CalibrationResult, shown: Scene) -> str:
+def summary_text(outcome: CalibrationResult, shown: _Scene) -> str:
     """The calibration's document with what is shown and by how much it is magnified, as Markdown."""
     document = outcome.document()
     return to_markdown(replace(document, blocks=(*document.blocks, _legend(outcome, shown))))
@@ -84,8 +229,7 @@ def parameters_text(outcome: CalibrationResult) -> str:
     return to_markdown(Document("Parameters", (parameters_table(outcome),)))
 
 
-def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
-    """Explain the colours of the recording and their magnifications."""
+def _legend(outcome: CalibrationResult, shown: _Scene) -> Section:
     known = outcome.identification.sigma_given
     unit = "their effects in standard deviations" if known else "all points have the same weight"
     before, after = format_magnification(shown.factor_before), format_magnification(shown.factor_after)
@@ -110,44 +254,32 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
     return Section("What is shown", (Bullets(tuple(lines)),))
 
 
-def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
-    """The layout of a campaign's recording."""
+def _blueprint(outcome: CalibrationResult, shown: _Scene) -> rrb.Blueprint:
     unit = "in σ" if outcome.identification.sigma_given else "in mm"
-    controls = eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
-    left = rrb.Vertical(
-        main_view("Arm, measured points, errors", controls),
-        _errors(),
-        row_shares=[3, 1],
-    )
+    controls = rec.eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
+    left = rrb.Vertical(rec.main_view("Arm, measured points, errors", controls), rec.error_plot(), row_shares=[3, 1])
     texts = rrb.Tabs(
-        rrb.TextDocumentView(origin=SUMMARY, name="Summary"),
+        rrb.TextDocumentView(origin=rec.SUMMARY, name="Summary"),
         rrb.TextDocumentView(origin=_PARAMETERS, name="Parameters"),
         active_tab=0,
     )
     charts = rrb.Horizontal(
-        bars(_SINGULAR_VALUES, "Singular values of J, scaled"),
-        bars(f"{_CONVERGENCE}/bars", f"RMS residual {unit}, log10"),
+        rec.bars(_SINGULAR_VALUES, "Singular values of J, scaled"),
+        rec.bars(f"{_CONVERGENCE}/bars", f"RMS residual {unit}, log10"),
     )
     right = rrb.Vertical(_close_views(shown), texts, charts, row_shares=[1.3, 1.7, 0.9])
-    return layout(left, right, TIME)
+    return rec.layout(left, right, rec.TIME)
 
 
-def _close_views(shown: Scene) -> rrb.Horizontal:
+def _close_views(shown: _Scene) -> rrb.Horizontal:
     """The target from near by, fixed in the middle, with the errors after calibration or one ellipsoid each."""
     views = [
-        close_view("magnified", "Errors after", shown.reach_m),
-        close_view("ellipsoid/mapping", "Sensitivity", shown.reach_m),
+        rec.close_view("magnified", "Errors after", shown.reach_m),
+        rec.close_view("ellipsoid/mapping", "Sensitivity", shown.reach_m),
     ]
     if shown.uncertainty is not None:
-        views.append(close_view("ellipsoid/uncertainty", "Uncertainty", shown.reach_m))
+        views.append(rec.close_view("ellipsoid/uncertainty", "Uncertainty", shown.reach_m))
     return rrb.Horizontal(*views)
-
-
-def _errors() -> rrb.TimeSeriesView:
-    """Both errors by one logarithmic scale."""
-    return rrb.TimeSeriesView(
-        origin=_LOG_ERRORS, name="Error, log10 of mm (0 is 1 mm, −2 is 0.01 mm), two poses a second"
-    )
 
 
 def _identity(outcome: CalibrationResult) -> str:
@@ -158,22 +290,18 @@ def _identity(outcome: CalibrationResult) -> str:
     return digest.hexdigest()[:32]
 
 
-def _poses(rows: NDArray[np.int_]) -> Times:
-    return pose_times(rows)
-
-
-def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
-    """Its frame; of a virtual tracker also the beam to each target that it sees."""
+def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: _Scene) -> None:
+    """Draw the instrument's frame; of a virtual tracker also the beam to each visible target."""
     name = "tracker" if outcome.real is not None else "instrument's frame"
     for i, (station, T_world_station) in enumerate(shown.Ts_world_station.items()):
-        draw_instrument(recording, station or name, T_world_station, station if i else "")
+        rec.draw_instrument(recording, station or name, T_world_station, station if i else "")
     if outcome.real is not None:
         if instrument_body(outcome.robot.model) not in shown.bodies:  # the robot's model draws none
-            draw_tracker(recording, next(iter(shown.Ts_world_station.values()))[:3, 3])
-        draw_beams(recording, _poses(shown.at), shown.heads, shown.measured)
+            rec.draw_tracker(recording, next(iter(shown.Ts_world_station.values()))[:3, 3])
+        rec.draw_beams(recording, rec.pose_times(shown.at), shown.heads, shown.measured)
 
 
-def _points(recording: rr.RecordingStream, shown: Scene) -> None:
+def _points(recording: rr.RecordingStream, shown: _Scene) -> None:
     """Measured and predicted points: these in points on the screen, so that they part when one comes close."""
     radius = 0.007 * shown.reach_m * min(1.0, (100 / len(shown.all_measured)) ** (1 / 3))
     cloud = rr.Points3D(shown.all_measured, colors=RGB_MEASURED, radii=radius)
@@ -185,12 +313,12 @@ def _points(recording: rr.RecordingStream, shown: Scene) -> None:
     ):
         visible = np.isfinite(points).all(axis=2)
         columns = rr.Points3D.columns(positions=points[visible]).partition(visible.sum(axis=1))
-        recording.send_columns(f"world/targets/{name}", _poses(shown.at), columns)
+        recording.send_columns(f"world/targets/{name}", rec.pose_times(shown.at), columns)
         style = rr.Points3D.from_fields(colors=colour, radii=rr.Radius.ui_points(size))
         recording.log(f"world/targets/{name}", style, static=True)
 
 
-def _outliers(recording: rr.RecordingStream, shown: Scene) -> None:
+def _outliers(recording: rr.RecordingStream, shown: _Scene) -> None:
     """Outliers, whether they were fitted or not: marked, named, and joined to where they should be."""
     if not shown.outliers:
         return
@@ -206,7 +334,7 @@ def _outliers(recording: rr.RecordingStream, shown: Scene) -> None:
     recording.log("world/targets/off/to_expected", lines, static=True)
 
 
-def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
+def _arrows(recording: rr.RecordingStream, shown: _Scene) -> None:
     """Measured less predicted, from the predicted point, with the factor at the tip of the first target's arrow.
 
     Before and after calibration have one factor; with one of their own, those after are drawn once more, apart.
@@ -220,42 +348,41 @@ def _arrows(recording: rr.RecordingStream, shown: Scene) -> None:
     ):
         vectors = factor * (shown.measured - points)
         columns = rr.Arrows3D.columns(origins=points[visible], vectors=vectors[visible]).partition(lengths)
-        recording.send_columns(f"world/{entity}", _poses(shown.at), columns)
+        recording.send_columns(f"world/{entity}", rec.pose_times(shown.at), columns)
         style = rr.Arrows3D.from_fields(colors=colour, radii=0.008 * shown.reach_m)
         recording.log(f"world/{entity}", style, static=True)
         text = f"{name} {format_magnification(factor)}"
         tips = points[:, 0] + np.where(visible[:, :1], np.nan_to_num(vectors[:, 0]), 0.0)
-        draw_tag(recording, f"world/{entity}/factor", _poses(shown.at), tips, text, colour)
+        rec.draw_tag(recording, f"world/{entity}/factor", rec.pose_times(shown.at), tips, text, colour)
 
 
-def _ellipsoids(recording: rr.RecordingStream, shown: Scene) -> None:
+def _ellipsoids(recording: rr.RecordingStream, shown: _Scene) -> None:
     """Both ellipsoids of the first target with their half-axes, and the place that their views look at."""
     focus = rr.Transform3D.columns(translation=shown.mapping.centers)
-    recording.send_columns("world/focus", _poses(shown.at), focus)
-    draw_ellipsoid(recording, "mapping", _poses(shown.at), shown.mapping, RGB_MAPPING)
+    recording.send_columns("world/focus", rec.pose_times(shown.at), focus)
+    rec.draw_ellipsoid(recording, "mapping", rec.pose_times(shown.at), shown.mapping, RGB_MAPPING)
     if shown.uncertainty is not None:
-        draw_ellipsoid(recording, "uncertainty", _poses(shown.at), shown.uncertainty, RGB_UNCERTAINTY)
+        rec.draw_ellipsoid(recording, "uncertainty", rec.pose_times(shown.at), shown.uncertainty, RGB_UNCERTAINTY)
 
 
-def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: Scene) -> None:
-    """Errors of every fitted pose, singular values, and how the fit converged."""
+def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: _Scene) -> None:
     for name, errors, colour in (("before", shown.error_before, RGB_BEFORE), ("after", shown.error_after, RGB_AFTER)):
         used = np.flatnonzero(np.isfinite(errors))
         recording.send_columns(
-            f"error_mm/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=MM.of(errors[used]))
+            f"error_mm/{name}", rec.pose_times(shown.numbers[used]), rr.Scalars.columns(scalars=MM.of(errors[used]))
         )
         logarithms = np.log10(np.maximum(MM.of(errors[used]), _LEAST_MM))
         recording.send_columns(
-            f"{_LOG_ERRORS}/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=logarithms)
+            f"{rec.LOG_ERRORS}/{name}", rec.pose_times(shown.numbers[used]), rr.Scalars.columns(scalars=logarithms)
         )
-        for entity, words in (("error_mm", f"{name}, mm"), (_LOG_ERRORS, name)):
-            line = rr.SeriesLines(colors=colour, names=words, widths=2)
+        for entity, label in (("error_mm", f"{name}, mm"), (rec.LOG_ERRORS, name)):
+            line = rr.SeriesLines(colors=colour, names=label, widths=2)
             recording.log(f"{entity}/{name}", line, static=True)
     values = outcome.identification.fit.singular_values
     recording.log(
         _SINGULAR_VALUES, rr.BarChart(values, abscissa=np.arange(1, len(values) + 1), color=RGB_MAPPING), static=True
     )
-    rms = convergence(outcome)
+    rms = _convergence(outcome)
     steps = np.arange(len(rms))
     iterations = [rr.TimeColumn("iteration", sequence=steps)]
     recording.send_columns(f"{_CONVERGENCE}/rms", iterations, rr.Scalars.columns(scalars=rms))
@@ -263,7 +390,7 @@ def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: S
     recording.log(f"{_CONVERGENCE}/bars", rr.BarChart(logarithms, abscissa=steps, color=RGB_AFTER), static=True)
 
 
-def convergence(outcome: CalibrationResult) -> Array:
+def _convergence(outcome: CalibrationResult) -> Array:
     """Root mean square residual of a coordinate before and after each step: in sigmas, in mm if sigma was estimated."""
     identification = outcome.identification
     squares = 2 * np.array(identification.fit.cost_trace) / (3 * outcome.fitted.seen.sum())

@@ -1,10 +1,10 @@
 """Result of ``lab calibrate`` and ``lab identify``: the identified parameters and their prediction error."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from lab.calibration.identifiability import Direction, weak_directions
 from lab.calibration.identify import Identification, most_likely_parameters
 from lab.calibration.noise.rigid_distances import InstrumentNoise
 from lab.calibration.observation import observation_of
-from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import ExpectedGain
 from lab.calibration.residual.process import GROUP
 from lab.calibration.sensor import Sensor
@@ -27,10 +26,10 @@ from lab.calibration.verdict import Answer, Verdict, rotation_noise_rad
 from lab.calibration.workspace_prediction import Distance, RegionPrediction, ValidationBounds
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
-from lab.commands.calibrate.exports import ArmExport, comment_on_missing_effects
+from lab.commands.calibrate.load_run import ArmExport, comment_on_missing_effects
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import read_hand_load
-from lab.commands.result import ErrorStatistics, Result, error_statistics, exit_code_of, number
+from lab.commands.result import ErrorStatistics, Result, error_statistics, exit_code_of, number, sizes_mm
 from lab.core import se3
 from lab.core.checks import Check, Outcome
 from lab.core.linear_model import triangle_of
@@ -50,73 +49,39 @@ from lab.render.phrases.verdict import gate_text
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = [
-    "CalibrationResult",
-    "CorrelatedPair",
-    "JointStiffness",
-    "correlated_pairs",
-    "direction_to_dict",
-    "errors_without_outliers",
-    "khalil_rows",
-    "outliers_found",
-    "stiffnesses",
-]
+    "CalibrationResult", "correlated_pairs", "direction_to_dict", "errors_without_outliers", "khalil_rows",
+    "outliers_found", "stiffnesses",
+]  # fmt: skip
 
 _CORRELATED = 0.95  # the least correlation that is called strong
 
 
-@dataclass(frozen=True)
-class JointStiffness:
-    """Stiffness of a joint and its standard deviation, Nm/rad; NaN where that is not known."""
-
+class _JointStiffness(NamedTuple):
     joint: str
-    stiffness: float
-    std: float
+    stiffness: float  # Nm/rad
+    std: float  # NaN where it is unknown
 
 
-@dataclass(frozen=True)
-class CorrelatedPair:
-    """A pair of parameters whose errors are strongly correlated."""
-
-    names: tuple[str, str]
-    correlation: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of ``correlated`` in ``result.json``."""
-        return {"parameters": list(self.names), "correlation": self.correlation}
-
-
-def stiffnesses(identification: Identification, chain: JointSpec) -> tuple[JointStiffness, ...]:
+def stiffnesses(identification: Identification, chain: JointSpec) -> tuple[_JointStiffness, ...]:
     """Stiffness of the hinges whose compliance was fitted and is above zero."""
     found = []
     for i, std in zip(identification.fit.free, identification.std, strict=True):
         parameter, compliance = identification.model.parameters[i], float(identification.values[i])
         joint = parameter.joint
         if parameter.symbol == "compliance" and joint is not None and compliance > 0 and not chain.prismatic[joint]:
-            found.append(JointStiffness(chain.joint_names[joint], 1 / compliance, float(std) / compliance**2))
+            found.append(_JointStiffness(chain.joint_names[joint], 1 / compliance, float(std) / compliance**2))
     return tuple(found)
 
 
-def correlated_pairs(identification: Identification) -> tuple[CorrelatedPair, ...]:
-    """Pairs of identified parameters that are strongly correlated, the strongest first."""
+def correlated_pairs(identification: Identification) -> tuple[tuple[str, str, float], ...]:
+    """Pairs of identified parameters with strong correlations, the strongest first."""
     names, std = [identification.model.names[i] for i in identification.fit.free], identification.std
     if not (np.isfinite(std).all() and (std > 0).all()):
         return ()
     matrix = np.triu(identification.covariance / np.outer(std, std), 1)
     pairs = np.argwhere(np.abs(matrix) > _CORRELATED)
     order = sorted(pairs.tolist(), key=lambda pair: -abs(matrix[pair[0], pair[1]]))
-    return tuple(CorrelatedPair((names[i], names[j]), round(float(matrix[i, j]), 4)) for i, j in order)
-
-
-def _weak_directions_of(identification: Identification, fitted: Measurements) -> tuple[Direction, ...]:
-    """Directions of the identified parameters that the fitted measurements hardly observe."""
-    model, free = identification.model, list(identification.fit.free)
-    seen = Observations(fitted.inputs(model.conditions), fitted.points, np.ones(fitted.points.shape[:2]))
-    triangle = triangle_of(
-        each.apply(model.observe(each.inputs, identification.values)[1][..., free]) for each in seen.blocks()
-    )
-    return weak_directions(
-        [model.names[i] for i in free], triangle, rows=int(fitted.seen.sum() * fitted.points.shape[2])
-    )
+    return tuple((names[i], names[j], round(float(matrix[i, j]), 4)) for i, j in order)
 
 
 def direction_to_dict(direction: Direction) -> dict[str, Any]:
@@ -135,12 +100,12 @@ class CalibrationResult(Result):
     Positions are in the frame of the measurements; of a virtual robot that is the tracker's.
 
     Attributes:
-        options: of the campaign.
         fit: the state that the pipeline ended with: fit, checks, validation and verdict.
         seconds: of the identification and its validation.
         real, comparison: of a virtual robot only; so are ``bad``, the ids of its simulated outliers.
     """
 
+    robot_at = "robot"
     shown_by = "lab.commands.calibrate.document:document_of"
     drawn_by = "lab.commands.calibrate.figures:main_picture"
     recorded_by = "lab.commands.calibrate.recording:record"
@@ -169,11 +134,6 @@ class CalibrationResult(Result):
         return self.fit.fitter.nominal(self.identification.model)
 
     @property
-    def tolerance(self) -> Tolerance:
-        """Tolerances of manufacture."""
-        return self.fit.fitter.options.tolerance
-
-    @property
     def validation(self) -> Validation:
         """Errors at poses that were not fitted."""
         return self.fit.validation
@@ -182,11 +142,6 @@ class CalibrationResult(Result):
     def verdict(self) -> Verdict:
         """Verdict on the calibration."""
         return self.fit.verdict
-
-    @property
-    def bounds(self) -> ValidationBounds | None:
-        """Predicted and observed 95 % errors at the validation poses; None where there are none."""
-        return self.fit.bounds
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -197,11 +152,6 @@ class CalibrationResult(Result):
     def command(self) -> str:
         """The command that this is the result of."""
         return "calibrate" if isinstance(self.options, VirtualCampaign) else "identify"
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.robot.sha256
 
     @property
     def exit_code(self) -> int:
@@ -221,7 +171,7 @@ class CalibrationResult(Result):
     @cached_property
     def exported(self) -> Array:
         """``(p,)`` the exported parameters: those of the most likely arm among those that predict the same."""
-        return most_likely_parameters(self.identification, self.nominal, self.tolerance)
+        return most_likely_parameters(self.identification, self.nominal, self.fit.fitter.options.tolerance)
 
     @cached_property
     def estimate(self) -> Estimate:
@@ -247,8 +197,15 @@ class CalibrationResult(Result):
 
     @cached_property
     def weak_directions(self) -> tuple[Direction, ...]:
-        """Directions of the parameters that the fitted measurements hardly observe."""
-        return _weak_directions_of(self.identification, self.fitted)
+        """Directions of the parameters that the fitted measurements weakly observe."""
+        found, fitted = self.identification, self.fitted
+        model, free = found.model, list(found.fit.free)
+        seen = Observations(fitted.inputs(model.conditions), fitted.points, np.ones(fitted.points.shape[:2]))
+        triangle = triangle_of(
+            each.apply(model.observe(each.inputs, found.values)[1][..., free]) for each in seen.blocks()
+        )
+        rows = int(fitted.seen.sum() * fitted.points.shape[2])
+        return weak_directions([model.names[i] for i in free], triangle, rows=rows)
 
     @property
     def before(self) -> ErrorStatistics | None:
@@ -266,7 +223,7 @@ class CalibrationResult(Result):
         return () if self.fit.selection is None else self.fit.selection.groups
 
     @property
-    def stiffnesses(self) -> tuple[JointStiffness, ...]:
+    def stiffnesses(self) -> tuple[_JointStiffness, ...]:
         """Stiffnesses of the joints whose compliance was identified."""
         return stiffnesses(self.identification, self.robot.chain)
 
@@ -277,9 +234,9 @@ class CalibrationResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``result.json`` holds and ``--json`` prints. Lengths in mm."""
-        identification, after, robust = self.identification, self.after, errors_without_outliers(self)
         from lab.commands.run_folder import SCHEMA
 
+        identification = self.identification
         result: dict[str, Any] = {
             "schema": SCHEMA,
             "robot": self.robot.name,
@@ -301,9 +258,9 @@ class CalibrationResult(Result):
             "gate_mm": self.options.gate_mm,
             "answers": {name: _answer_to_dict(each) for name, each in self.verdict.answers.items()},
             "judged_by": self.validation.judged_by,
-            "before_mm": None if (before := self.before) is None else before.to_dict(),
-            "after_mm": None if after is None else after.to_dict(),
-            "after_without_outliers_mm": None if robust is None else robust.to_dict(),
+            "before_mm": _optional(ErrorStatistics.to_dict, self.before),
+            "after_mm": _optional(ErrorStatistics.to_dict, self.after),
+            "after_without_outliers_mm": _optional(ErrorStatistics.to_dict, errors_without_outliers(self)),
             "noise_mm": number(MM.of(identification.sigma_m)),
             "noise_mrad": number(MRAD.of(rotation_noise_rad(identification))),
             "noise_known": identification.sigma_given,
@@ -311,19 +268,19 @@ class CalibrationResult(Result):
             "noise_tail_freedom": number(self.fit.tail_dof),
             "noise_model": noise_model_to_dict(self.fit.noise.shared, self.fit.noise.component_errors),
             "noise_findings": [_finding_to_dict(each) for each in self.fit.findings],
-            "prediction_at_validation": _prediction_to_dict(self.verdict.prediction),
-            "instrument_noise": _instrument_to_dict(self.fit.instrument),
+            "prediction_at_validation": _optional(_prediction_to_dict, self.verdict.prediction),
+            "instrument_noise": _optional(_instrument_to_dict, self.fit.instrument),
             "residual_mm": number(MM.of(identification.residual_sigma_m)),
             "freedom": identification.dof,
             "predicted_mm": number(MM.of(self.verdict.workspace.rms_m)),
             "predicted_95_mm": number(MM.of(self.verdict.workspace.p95_m)),
-            "prediction": _region_to_dict(self.verdict.region),
-            "prediction_elsewhere": _region_to_dict(self.verdict.elsewhere),
-            "validation_bounds": _bounds_to_dict(self.bounds),
+            "prediction": _optional(_region_to_dict, self.verdict.region),
+            "prediction_elsewhere": _optional(_region_to_dict, self.verdict.elsewhere),
+            "validation_bounds": _optional(_bounds_to_dict, self.fit.bounds),
             "remaining_error": _remaining_to_dict(self.fit.remaining, self.fit.gain),
             "measured_range": measured_range_to_dict(self.fit.measured, self.robot.chain),
             "extrapolation": self._extrapolation,
-            "farthest_link": _distance_to_dict(self.verdict.farthest),
+            "farthest_link": _optional(_distance_to_dict, self.verdict.farthest),
             "model": "+".join(("geometric", *self.fit.groups, *[GROUP] * (self.fit.process is not None))),
             "residual": residual_to_dict(self.fit.process),
             "groups": [_group_to_dict(group, self.fit.explained.get(group.name)) for group in self.groups],
@@ -331,7 +288,10 @@ class CalibrationResult(Result):
             "adequacy": phrase(self.fit.adequacy),
             "stiffness_nm_per_rad": {each.joint: each.stiffness for each in self.stiffnesses},
             "stiffness_std_nm_per_rad": {each.joint: number(each.std) for each in self.stiffnesses},
-            "correlated": [pair.to_dict() for pair in correlated_pairs(identification)],
+            "correlated": [
+                {"parameters": [*pair], "correlation": correlation}
+                for *pair, correlation in correlated_pairs(identification)
+            ],
             "weak_directions": [direction_to_dict(each) for each in self.weak_directions],
             "outliers": [_outlier_to_dict(pose) for pose in self.fit.outliers],
             "outliers_left_out": self.fit.left_out,
@@ -432,8 +392,11 @@ class CalibrationResult(Result):
 _ADEQUATE: dict[Outcome, bool | None] = {"passed": True, "failed": False, "not tested": None, "noted": None}
 
 
+def _optional(to_dict: Callable[[Any], dict[str, Any]], found: Any) -> dict[str, Any] | None:
+    return None if found is None else to_dict(found)
+
+
 def _answer_to_dict(answer: Answer) -> dict[str, Any]:
-    """Return plain values of one of the verdict's three answers."""
     return {"standing": answer.standing, "words": in_one_line(answer.checks)}
 
 
@@ -449,10 +412,8 @@ def _finding_to_dict(found: Check) -> dict[str, Any]:
     }
 
 
-def _prediction_to_dict(found: Check | None) -> dict[str, Any] | None:
+def _prediction_to_dict(found: Check) -> dict[str, Any]:
     """Observed and predicted 95 % errors at the validation poses, in mm."""
-    if found is None:
-        return None
     sizes = {f"{name}_95_mm": MM.of(found.data[f"{name}_p95_m"]) for name in ("observed", "predicted", "allowed")}
     return {**sizes, "exceeded": found.outcome == "failed"}
 
@@ -467,10 +428,8 @@ def errors_without_outliers(result: CalibrationResult) -> ErrorStatistics | None
     return None if (robust := result.validation.robust) is None else error_statistics(robust.after)
 
 
-def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
-    """The noise that distances between targets say, in mm; None where they say nothing."""
-    if found is None:
-        return None
+def _instrument_to_dict(found: InstrumentNoise) -> dict[str, Any]:
+    """The noise by the distances between targets, in mm."""
     sizes = {"estimate_mm": found.sigma_m, "low_mm": found.low_m, "high_mm": found.high_m}
     return {name: MM.of(size) for name, size in sizes.items()} | {
         "freedom": found.dof,
@@ -480,7 +439,6 @@ def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
 
 
 def _remaining_to_dict(found: RemainingError | None, gain: ExpectedGain | None) -> dict[str, Any] | None:
-    """Return the components of a coordinate's remaining error, in mm."""
     if found is None:
         return None
     sizes = {"total_mm": found.total_m, "instrument_mm": found.instrument_m, "shared_mm": found.shared_m}
@@ -495,28 +453,20 @@ def _remaining_to_dict(found: RemainingError | None, gain: ExpectedGain | None) 
     }
 
 
-def _region_to_dict(found: RegionPrediction | None) -> dict[str, Any] | None:
-    """A prediction over a region, lengths in mm; None where there is none."""
-    if found is None:
-        return None
+def _region_to_dict(found: RegionPrediction) -> dict[str, Any]:
+    """A prediction over a region, lengths in mm."""
     return {
         "region": found.kind,
         "poses": found.poses,
-        "rms_mm": number(MM.of(found.rms_m)),
-        "mean_mm": number(MM.of(found.mean_m)),
-        "p95_mm": number(MM.of(found.p95_m)),
-        "uncalibrated_rms_mm": number(MM.of(found.uncalibrated_rms_m)),
+        **sizes_mm(found, "rms", "mean", "p95", "uncalibrated_rms"),
         "extrapolated_share": found.extrapolated_share,
     }
 
 
-def _bounds_to_dict(found: ValidationBounds | None) -> dict[str, Any] | None:
-    """Predicted and observed errors at the validation poses, lengths in mm; None where there are none."""
-    if found is None:
-        return None
+def _bounds_to_dict(found: ValidationBounds) -> dict[str, Any]:
+    """Predicted and observed errors at the validation poses, lengths in mm."""
     return {
-        "predicted_95_mm": number(MM.of(found.predicted_95_m)),
-        "observed_95_mm": number(MM.of(found.observed_95_m)),
+        **sizes_mm(found, "predicted_95", "observed_95"),
         "inside_share": found.inside_share,
         "inside_low": found.inside_low,
         "inside_high": found.inside_high,
@@ -525,7 +475,6 @@ def _bounds_to_dict(found: ValidationBounds | None) -> dict[str, Any] | None:
 
 
 def _truth_to_dict(result: CalibrationResult, comparison: TruthComparison) -> dict[str, Any]:
-    """Return the comparison of the estimates with a virtual robot's true parameters."""
     return {
         "max_abs_z": number(np.abs(comparison.z).max()),
         "nees_per_parameter": number(comparison.nees_per_parameter),
@@ -554,10 +503,8 @@ def _group_to_dict(group: GroupTrial, explained: ExplainedError | None) -> dict[
     }
 
 
-def _distance_to_dict(found: Distance | None) -> dict[str, Any] | None:
+def _distance_to_dict(found: Distance) -> dict[str, Any]:
     """The link that is farthest from its nominal value, in mm or mrad and in tolerances."""
-    if found is None:
-        return None
     unit = MRAD if found.is_angle else MM
     return {"name": found.name, f"distance_{unit.key}": unit.of(found.size), "tolerances": found.tolerances}
 
@@ -576,8 +523,8 @@ def khalil_rows(estimate: Estimate, width_95: float) -> list[dict[str, Any]]:
     """Return rows of Z (the base in the instrument's frame) and of E of each target (in the last frame), if any.
 
     Their intervals are those of the base and the tool, carried over by the derivatives. Where no orientation of the
-    tool was measured, E's is that of the last frame, so that its axes are parallel; a ``note`` says it. There are none
-    without a base.
+    tool was measured, E's is that of the last frame, so that its axes are parallel; a ``note`` explains it. Without a
+    base there are none.
 
     Args:
         estimate: of any model.

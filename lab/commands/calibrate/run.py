@@ -50,15 +50,9 @@ from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = [
-    "CalibrationResult",
-    "MeasurementSession",
-    "calibrate",
-    "checked",
-    "identify",
-    "measurement_session",
-    "robot_of",
+    "CalibrationResult", "MeasurementSession", "calibrate", "checked", "identify", "measurement_session", "robot_of",
     "simulate",
-]
+]  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -112,9 +106,9 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
     """
     if isinstance(robot, VirtualCampaign):
         return measurement_session(robot, load_virtual(robot.robot, robot.cell))[0]
-    known = load_virtual(robot)
-    asked = options_of("lab.simulate", VirtualCampaign, {"robot": known.source, **options})
-    return measurement_session(asked, known.placed_in(asked.cell))[0]
+    loaded = load_virtual(robot)
+    requested = options_of("lab.simulate", VirtualCampaign, {"robot": loaded.source, **options})
+    return measurement_session(requested, loaded.placed_in(requested.cell))[0]
 
 
 def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[MeasurementSession, Mapping[str, Array]]:
@@ -135,8 +129,8 @@ def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[Measure
         raise LabError(f"--plan is not of --observe {options.observe}: where the arm touches follows from the fixtures")
     real = perturbed_arm(robot, options)
     joints, set_there, notes = poses_to_measure(robot, options)
-    asked = requested_conditions(robot, options)
-    conditions = draw_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
+    requested = requested_conditions(robot, options)
+    conditions = draw_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), requested) | set_there
     noise = rng_for(options.seed, "noise")
     poses = VirtualMeasurement(real, joints, options.targets, device, noise, options.readings, conditions)
     found = sensor.simulate(poses, options)
@@ -149,26 +143,21 @@ def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[Measure
 
 _ANOTHER_UNIT = 100.0  # times as far as the robot's points: mm taken for m are a thousand
 _LEAST_SPREAD_M = 1.0  # no error of a robot is as large
-LEAST_ROWS = 3
+_LEAST_ROWS = 3
 _SPREAD_OF = 4_000  # of more poses the spread of so many is as good
 
 
 def robot_of(call: str, data: Measurements, robot: str | Path | Robot | None) -> Robot:
-    """The robot of measurements in memory: the given one, else the one whose name they have.
-
-    Args:
-        call: what an error calls the call.
-        data: the measurements.
-        robot: a name, a path, or a loaded robot; None where the measurements are to say it.
+    """Return the robot of measurements in memory: the given one, else the one that they name.
 
     Raises:
-        LabError: neither says which robot it is, it cannot be loaded, or its joints are others.
+        LabError: neither names a robot, it cannot be loaded, or its joints are others; it begins with ``call``.
     """
     if robot is None and not data.robot:
         raise LabError(f"{call}: the measurements name no robot; give robot=")
-    known = load_robot(data.robot if robot is None else robot)
-    _refuse_other_joints(call, data, known)
-    return known
+    loaded = load_robot(data.robot if robot is None else robot)
+    _refuse_other_joints(call, data, loaded)
+    return loaded
 
 
 def _refuse_other_joints(what: str | Path, data: Measurements, robot: Robot) -> None:
@@ -193,19 +182,7 @@ def _refuse_other_joints(what: str | Path, data: Measurements, robot: Robot) -> 
 def _read_rows(
     robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None, given: Measurements | None = None
 ) -> Measurements:
-    """The rows of a file, or those given in memory, with what the robot carries there.
-
-    Args:
-        robot: whose they are.
-        path: of the file; of rows in memory what an error calls them.
-        options: what is observed, and how.
-        load: what the robot carries; None for nothing.
-        given: the rows in memory; None where the file is to be read.
-
-    Raises:
-        LabError: the file cannot be read, rows in memory cannot be the robot's, joints are impossible, or next to
-            nothing but copied rows is left.
-    """
+    """The rows of a file, or those given in memory, with what the robot carries there."""
     chain, sensor = robot.chain, sensor_named(options.observe)
     positions = sensor.in_instrument_frame
     if given is None:
@@ -219,17 +196,11 @@ def _read_rows(
 
 
 def checked(what: str | Path, data: Measurements, robot: Robot, *, points: bool = True) -> Measurements:
-    """Measurements in memory, as those of a robot.
-
-    Args:
-        what: what an error calls them.
-        data: joint positions (rad or m) and points (m).
-        robot: whose they are to be.
-        points: whether points are observed.
+    """Return measurements in memory as those of a robot, where they can be.
 
     Raises:
         LabError: the joints are not the robot's, or the points spread so much further than the robot's that they are
-            in another unit.
+            in another unit; it begins with ``what``.
     """
     _refuse_other_joints(what, data, robot)
     if points:
@@ -254,7 +225,7 @@ def _refuse_another_unit(what: str | Path, data: Measurements, robot: Robot) -> 
     for each in dict.fromkeys(placed):  # each in a frame of its own
         rows = [i for i, setup in enumerate(placed) if setup == each]
         measured_m, robot_m = spread(some.points[rows]), spread(predicted[rows])
-        if len(rows) >= LEAST_ROWS and measured_m > _LEAST_SPREAD_M:
+        if len(rows) >= _LEAST_ROWS and measured_m > _LEAST_SPREAD_M:
             ratios.append(measured_m / max(robot_m, 1e-9))
     if ratios and (times := float(np.median(ratios))) > _ANOTHER_UNIT:
         raise LabError(
@@ -288,9 +259,9 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
         stage("1 of 3, simulating the measurements")
         if isinstance(robot, VirtualCampaign):
             return _of_a_virtual_robot(*measurement_session(robot, load_virtual(robot.robot, robot.cell)), stage)
-        known = load_virtual(robot)
-        asked = options_of("lab.calibrate", VirtualCampaign, {"robot": known.source, **options})
-        return _of_a_virtual_robot(*measurement_session(asked, known.placed_in(asked.cell)), stage)
+        loaded = load_virtual(robot)
+        requested = options_of("lab.calibrate", VirtualCampaign, {"robot": loaded.source, **options})
+        return _of_a_virtual_robot(*measurement_session(requested, loaded.placed_in(requested.cell)), stage)
 
 
 def _of_a_virtual_robot(session: MeasurementSession, placed: Mapping[str, Array], stage: Stage) -> CalibrationResult:
@@ -332,7 +303,7 @@ def _against_truth(
 
 
 def _judged_by_fresh(session: MeasurementSession, state: Fitted) -> Fitted:
-    """On exact points at poses that were not measured; what was measured at fixtures has its base placed there."""
+    """Validate on exact points at poses that were not measured; the base of an arm at fixtures is fitted first."""
     fresh, found, fitter = session.validation, state.identification, state.fitter
     checks = _impossible("validation poses", fresh)
     if fitter.kind.in_instrument_frame:
@@ -349,9 +320,7 @@ def _judged_by_fresh(session: MeasurementSession, state: Fitted) -> Fitted:
 
 @takes(MeasuredCampaign, file="measurements")
 def identify(
-    measurements: str | Path | Measurements | MeasuredCampaign,
-    robot: str | Path | Robot | None = None,
-    **options: Any,
+    measurements: str | Path | Measurements | MeasuredCampaign, robot: str | Path | Robot | None = None, **options: Any
 ) -> CalibrationResult:
     """Identify a robot from measurements, and validate it: on held-out poses, another file, or by cross-validation.
 
@@ -382,15 +351,15 @@ def identify(
             return _of_measurements(measurements, load_robot(measurements.robot, measurements.cell), stage)
     if isinstance(measurements, Measurements):
         robot = robot_of("lab.identify", measurements, robot)
-    known, given = load_robot(MeasuredCampaign.robot if robot is None else robot), {}
+    loaded, given = load_robot(MeasuredCampaign.robot if robot is None else robot), {}
     named = {"file": measurements, "validate": options.pop("validate", None)}
     for option, value in named.items():
         if isinstance(value, Measurements):
             given[option] = value
             named[option] = f"{option} in memory"
-    asked = options_of("lab.identify", MeasuredCampaign, {**named, "robot": known.source, **options})
+    requested = options_of("lab.identify", MeasuredCampaign, {**named, "robot": loaded.source, **options})
     with status("identifying") as stage:
-        return _of_measurements(asked, known.placed_in(asked.cell), stage, given)
+        return _of_measurements(requested, loaded.placed_in(requested.cell), stage, given)
 
 
 def _of_measurements(
@@ -435,7 +404,6 @@ def _of_measurements(
 
 
 def _judging(options: VirtualCampaign | MeasuredCampaign) -> Judging:
-    """The options of the judgement that both kinds of campaign have."""
     gate_m = None if options.gate_mm is None else MM.to_si(options.gate_mm)
     return Judging(gate_m=gate_m, region=task_region(options.region), region_name=f"--region {options.region}")
 

@@ -29,14 +29,9 @@ from lab.noise.error_model import row_times
 from lab.noise.instruments import Instrument
 
 __all__ = [
-    "FittedRows",
-    "fitted_motions",
-    "fitted_rows",
-    "instrument_noise_m",
-    "motions_found",
-    "random_errors",
+    "FittedRows", "fitted_motions", "fitted_rows", "instrument_noise_m", "motions_found", "random_errors",
     "validation_errors",
-]
+]  # fmt: skip
 
 _NOWHERE = (
     "determine the robot's base, so no position can be certified: measure points with a tracker, identify these, and "
@@ -55,23 +50,14 @@ _UNCERTIFIED = {
 
 @dataclass(frozen=True)
 class FittedRows:
-    """Rows that a run was fitted to, and rows that it held out for validation.
+    """Rows that a run was fitted to, and rows that it held out for validation."""
 
-    Attributes:
-        rows: the fitted rows.
-        judged: rows of the same file that were held out; None where there are none.
-        observed: the fitted rows, weighted as in the run.
-        sigma_m: noise of one coordinate, by which they are weighted.
-        instrument: the source of that noise; None where it was given as a number, or estimated.
-        validated: rows of the validation file that the run used; None where there was none.
-    """
-
-    rows: Measurements
-    judged: Measurements | None
-    observed: Observations
-    sigma_m: float
-    instrument: Instrument | None
-    validated: Measurements | None = None
+    rows: Measurements  # the fitted rows
+    judged: Measurements | None  # rows of the same file that were held out; None where there are none
+    observed: Observations  # the fitted rows, weighted as in the run
+    sigma_m: float  # noise of one coordinate, by which they are weighted
+    instrument: Instrument | None  # the source of that noise; None where it was given as a number, or estimated
+    validated: Measurements | None = None  # rows of the validation file that the run used; None where there was none
 
     @property
     def sets(self) -> dict[str, Measurements]:
@@ -81,7 +67,7 @@ class FittedRows:
 
 
 def fitted_rows(calibrated: CalibrationRun) -> FittedRows:
-    """Read them.
+    """Read the rows of a run, fitted and held out.
 
     Raises:
         LabError: the run observed something else than points, or its measurements cannot be read.
@@ -132,10 +118,9 @@ def _split(calibrated: CalibrationRun) -> tuple[Measurements, Measurements | Non
 
 
 def _noise(calibrated: CalibrationRun, device: Instrument | None) -> Noise:
-    """Return the noise by which the run weighted its rows."""
     shared = calibrated.estimate.shared
     if (given := calibrated.options.noise_mm) is not None:
-        return Noise(sigma_m=given / 1e3, shared=shared)
+        return Noise(sigma_m=MM.to_si(given), shared=shared)
     if device is not None:
         return Noise(device, readings=calibrated.readings, shared=shared)
     estimated = max(calibrated.estimate.noise_m, LEAST_SIGMA_M)
@@ -148,7 +133,7 @@ _AXES = ("x", "y", "z", "rx", "ry", "rz", "scale")
 def fitted_motions(calibrated: CalibrationRun, rows: Measurements, positions: Array) -> Iterator[FrameMotion]:
     """The displacement of positions ``(w, 3)`` m from the start of the campaign to its end, and to each session.
 
-    The model takes the motion out of the fit; on another day nobody knows where the frame is.
+    The model takes the motion out of the fit; on another day the frame's pose is unknown.
     """
     if not calibrated.estimate.left_out:
         return
@@ -166,8 +151,8 @@ def fitted_motions(calibrated: CalibrationRun, rows: Measurements, positions: Ar
 def _spans(rows: Measurements) -> float:
     """Return the length of a drift in units of its rate: hours where the rows are timed, else one campaign."""
     times = rows.conditions.get("time_s")
-    known = None if times is None else times[np.isfinite(times)]
-    return 1.0 if known is None or not known.size else float(np.ptp(known)) / HOUR_S
+    finite = None if times is None else times[np.isfinite(times)]
+    return 1.0 if finite is None or not finite.size else float(np.ptp(finite)) / HOUR_S
 
 
 def _size(parameters: Mapping[str, EstimatedParameter], group: str, positions: Array) -> float:
@@ -205,7 +190,7 @@ def validation_errors(
     found, by = calibrated.result.after_mm, calibrated.result.judged_by
     if found is None or not found["count"]:
         return None
-    rms_m, p95_m = found["rms"] / 1e3, found["p95"] / 1e3
+    rms_m, p95_m = MM.to_si(found["rms"]), MM.to_si(found["p95"])
     shown = [each for each in quantities if each.group in _SHOWN or each.placed]
     dof, all_given = chance.noise.dof, chance.all_given
     if by == "cross-validation":
@@ -213,8 +198,8 @@ def validation_errors(
         return ValidationErrors(rms_m, p95_m, poses, own, shared, dof, all_given)
     rows = {"holdout": fitted.judged, "file": fitted.validated or fitted.rows}.get(by or "")
     if rows is None:  # exact points of a virtual robot
-        kept = [each for each in shown if each.group != "repeatability" or each.shifts is not None]
-        own, shared = _of_quantities(kept, propagation.slopes, 0.0)
+        used = [each for each in shown if each.group != "repeatability" or each.shifts is not None]
+        own, shared = _of_quantities(used, propagation.slopes, 0.0)
         return ValidationErrors(rms_m, p95_m, int(found["count"]), own, shared, dof, all_given)
     some = thinned(rows, _MOST_ROWS)
     own, shared = _of_quantities(shown, _slopes(calibrated, some), instrument_m)
@@ -224,7 +209,6 @@ def validation_errors(
 
 
 def _distinct(calibrated: CalibrationRun, rows: Measurements) -> int:
-    """Count the poses of some rows."""
     return int(cv_groups_of(calibrated.estimate.arm, rows).max()) + 1
 
 
@@ -233,10 +217,10 @@ def _slopes(calibrated: CalibrationRun, rows: Measurements) -> Array:
     arm = calibrated.estimate.arm
     free = list(calibrated.estimate.free)
     _, slopes = arm.observe(rows.inputs(arm.conditions), calibrated.estimate.values)
-    known = [name for name in arm.targets if name in rows.targets] or list(arm.targets[:1])
-    picked = slopes[:, [arm.targets.index(name) for name in known]][..., free]
-    if set(known) <= set(rows.targets):
-        picked = picked[rows.seen[:, [rows.targets.index(name) for name in known]]]
+    common = [name for name in arm.targets if name in rows.targets] or list(arm.targets[:1])
+    picked = slopes[:, [arm.targets.index(name) for name in common]][..., free]
+    if set(common) <= set(rows.targets):
+        picked = picked[rows.seen[:, [rows.targets.index(name) for name in common]]]
     flat = picked.reshape(-1, 3, len(free))
     return np.asarray(flat[np.isfinite(flat).all(axis=(1, 2))])
 
@@ -327,7 +311,7 @@ def random_errors(
         discrepancy = float(np.sqrt(max(MM.to_si(result.noise_model.independent_mm) ** 2 - instrument_m**2, 0.0)))
     elif estimate.noise_known and not discrepancy and (excess := _excess(calibrated)) > 1:
         discrepancy, larger, dof = fitted.sigma_m * float(np.sqrt(excess - 1)), max(larger, excess), estimate.dof
-    freedom = np.inf if dof is None else float(dof)
+    dof_or_inf = np.inf if dof is None else float(dof)
     scattered = result.noise_model is not None and result.noise_model.joint_scatter_mrad > 0
     repeatability = _repeatability(fitted, instrument_m, stated_mm, found, of_residuals=scattered)
     known_m = 0.0 if repeatability is None else repeatability.sigma_m
@@ -335,11 +319,11 @@ def random_errors(
     autocorrelated_m = 0.0 if result.noise_model is None else MM.to_si(result.noise_model.wandering_mm)
     return RandomErrors(
         larger * estimate.free_covariance,
-        RandomScatter(fitted.sigma_m * float(np.sqrt(larger)), freedom, _noise_source(calibrated)),
+        RandomScatter(fitted.sigma_m * float(np.sqrt(larger)), dof_or_inf, _noise_source(calibrated)),
         _placement(calibrated, fitted),
         repeatability,
         not estimate.noise_known or larger > 1 or estimate.shared is not None,
-        RandomScatter(left, freedom, _model_source(calibrated, device)) if left else None,
+        RandomScatter(left, dof_or_inf, _model_source(calibrated, device)) if left else None,
         RandomScatter(autocorrelated_m, np.inf, _BY_NOISE_MODEL) if autocorrelated_m else None,
     )
 
@@ -388,11 +372,7 @@ def _device_sigma(device: Instrument | None, fitted: FittedRows) -> float:
 def _repeatability(
     fitted: FittedRows, instrument_m: float, stated_mm: float | None, found: Repeats | None, *, of_residuals: bool
 ) -> RandomScatter | None:
-    """Return the repeatability by the run's noise model, by repeated poses, or as stated; None if there is none.
-
-    Args:
-        of_residuals: whether the run estimated the joint scatter; else it is that of the encoder counts.
-    """
+    """Return the repeatability by the run's noise model, by repeated poses, or as stated; None if there is none."""
     shared = fitted.observed.correlation
     if shared is not None and shared.scatter.size:
         source = f"scatter of the joints, {_BY_NOISE_MODEL}"
@@ -408,7 +388,7 @@ def _repeatability(
 def _scatter_m(fitted: FittedRows) -> float:
     """Compute the root mean square (m) of the joint scatter in a measured coordinate.
 
-    It is kept in units of the noise, which differ along the beam and across it.
+    It is stored in units of the noise, which differ along the beam and across it.
     """
     observed, shared = fitted.observed, fitted.observed.correlation
     assert shared is not None

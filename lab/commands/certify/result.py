@@ -1,4 +1,4 @@
-"""A certificate: typed, and as plain values."""
+"""Certificate of a calibration: as values, and as a document."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,44 +10,26 @@ from lab.certification.budget import COVERAGE, Budget, BudgetLine, InputQuantity
 from lab.certification.characteristics import CHARACTERISTICS, Accuracy, Conformity, PoseAccuracy, Repeats
 from lab.certification.lack_of_fit import LackOfFit
 from lab.commands.calibrate.load_run import CalibrationRun
-from lab.commands.certify.options import CertifyOptions
-from lab.commands.result import ErrorStatistics, Result, error_statistics, number
+from lab.commands.options import CertifyOptions
+from lab.commands.result import ErrorStatistics, Result, error_statistics, number, sizes_mm
 from lab.compensation.iso9283 import CYCLES
 from lab.core.checks import Check
 from lab.core.se3 import Array
 from lab.core.units import MICRONS, MM
 from lab.formats.certificate_toml import CertificateDetails
 from lab.noise.instruments import Instrument
+from lab.render import document as doc
 from lab.render.charts.chart import axes_picture
 from lab.render.charts.marks import Axes
-from lab.render.document import (
-    PAGE,
-    Badge,
-    Block,
-    Column,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Row,
-    Section,
-    Strong,
-    Table,
-    Warnings,
-    capital,
-    digits_of,
-    fixed,
-    sentence,
-    short,
-)
+from lab.render.document import capital, digits_of, fixed, sentence, short
 from lab.render.phrases.registry import in_one_line, phrase
 from lab.render.phrases.verdict import gate_text
 from lab.render.style import AFTER
 
 if TYPE_CHECKING:
-    from lab.render.document import Document
+    pass
 
-__all__ = ["Certificate", "RobotFound", "Unseen", "not_measured"]
+__all__ = ["Certificate", "RobotFound", "Unseen"]
 
 
 @dataclass(frozen=True)
@@ -58,16 +40,14 @@ class RobotFound:
         before, after: pose accuracy, commanded through the nominal and the calibrated model; ``after`` is None where
             the parameters were identified from all rows, whose residuals are no accuracy.
         distances_before, distances_after: errors of distances (m), measured less commanded; ``after`` empty likewise.
-        repeats: of all rows, fitted or not; None where no pose was repeated.
-        repeated_in: which rows have repeats.
     """
 
     before: PoseAccuracy
     after: PoseAccuracy | None
     distances_before: Array
     distances_after: Array
-    repeats: Repeats | None
-    repeated_in: tuple[str, ...]
+    repeats: Repeats | None  # of all rows, fitted or not; None where no pose was repeated
+    repeated_in: tuple[str, ...]  # which rows have repeats
 
     @property
     def of_fitted_rows(self) -> bool:
@@ -77,17 +57,12 @@ class RobotFound:
 
 @dataclass(frozen=True)
 class Unseen:
-    """An effect that neither the measurements nor the instrument's specification covers, with its remedy.
-
-    Attributes:
-        limit: its largest size in ``unit``.
-        remedy: what to do to make it observable.
-    """
+    """An effect that neither the measurements nor the instrument's specification covers, with its remedy."""
 
     quantity: InputQuantity
-    limit: float
+    limit: float  # its largest size in unit
     unit: str
-    remedy: str
+    remedy: str  # what to do to make it observable
 
     @property
     def description(self) -> str:
@@ -100,42 +75,27 @@ class Certificate(Result):
     """A calibration's certificate.
 
     Attributes:
-        options: what was asked.
-        calibrated: the run.
-        details: who measured what, when, where and with which instrument.
-        device: the instrument; None where it is not known.
-        budgets: of a position, and of a distance between two.
-        robot: how the robot was found.
         conformity: None without a tolerance, without validation, or where the certificate is not issued.
-        poses: how many were fitted.
-        implausible: details that cannot be right, or are unusual.
-        validation: what validation shows beside the budget; None where the run was not validated.
-        unseen: what U does not contain, as nothing shows it.
-        with_unseen_m: expanded uncertainty of each budget's measurand with that, too.
     """
 
     command = "certify"
+    robot_at = "calibrated.robot"
     shown_by = "lab.commands.certify.result:_certificate_document"
     drawn_by = "lab.commands.certify.result:_contributions_picture"
 
     options: CertifyOptions
     calibrated: CalibrationRun
-    details: CertificateDetails
-    device: Instrument | None
-    budgets: tuple[Budget, ...]
+    details: CertificateDetails  # who measured what, when, where and with which instrument
+    device: Instrument | None  # the instrument; None where it is not known
+    budgets: tuple[Budget, ...]  # of a position, and of a distance between two
     robot: RobotFound
     conformity: Conformity | None
     warnings: tuple[str, ...]
-    poses: int
-    implausible: tuple[Check, ...]
-    validation: LackOfFit | None
-    unseen: tuple[Unseen, ...]
-    with_unseen_m: tuple[float, ...]
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.calibrated.robot.sha256
+    poses: int  # number of fitted poses
+    implausible: tuple[Check, ...]  # details that cannot be right, or are unusual
+    validation: LackOfFit | None  # what validation shows beside the budget; None where the run was not validated
+    unseen: tuple[Unseen, ...]  # effects that U does not contain
+    with_unseen_m: tuple[float, ...]  # expanded uncertainty of each measurand with the unseen effects
 
     @property
     def serial(self) -> str | None:
@@ -185,9 +145,15 @@ class Certificate(Result):
                 for each, more in zip(self.budgets, self.with_unseen_m, strict=True)
             },
             "validation": None if self.validation is None else _validation_to_dict(self.validation),
-            "unseen": [_unseen_to_dict(each) for each in self.unseen],
+            "unseen": [
+                {"quantity": each.quantity.label, "limit": each.limit, "unit": each.unit, "remedy": each.remedy}
+                for each in self.unseen
+            ],
             "issued": self.issued,
-            "implausible": [_implausible_to_dict(each) for each in self.implausible],
+            "implausible": [
+                {"where": each.data["where"], "words": phrase(each), "impossible": each.outcome == "failed"}
+                for each in self.implausible
+            ],
             "conformity": None if self.conformity is None else self._conformity_to_dict(self.conformity),
             "iso_9283": self._iso_to_dict(),
             "warnings": list(self.warnings),
@@ -206,9 +172,7 @@ class Certificate(Result):
     def _conformity_to_dict(self, found: Conformity) -> dict[str, Any]:
         return {
             "statistic": self.options.statistic,
-            "value_mm": MM.of(found.value_m),
-            "tolerance_mm": MM.of(found.tolerance_m),
-            "expanded_mm": MM.of(found.expanded_m),
+            **sizes_mm(found, "value", "tolerance", "expanded"),
             "rule": found.rule,
             "rule_words": found.rule_text,
             "decision": found.decision,
@@ -228,12 +192,12 @@ class Certificate(Result):
             "repeats": None if repeats is None else _repeats_to_dict(repeats, robot.repeated_in),
             "distance_accuracy_before_mm": None if before is None else before.to_dict(),
             "distance_accuracy_mm": None if after is None else after.to_dict(),
-            "not_measured": list(not_measured(robot)),
+            "not_measured": list(_not_measured(robot)),
         }
 
 
-def not_measured(robot: RobotFound) -> tuple[str, ...]:
-    """The standard's characteristics that these measurements say nothing of."""
+def _not_measured(robot: RobotFound) -> tuple[str, ...]:
+    """Return the standard's characteristics that were not measured."""
     fitted = ("pose accuracy and distance accuracy of the calibrated model",) if robot.of_fitted_rows else ()
     unrepeated = () if robot.repeats is not None else ("pose repeatability",)
     return (*fitted, *unrepeated, *CHARACTERISTICS)
@@ -252,25 +216,13 @@ def _repeats_to_dict(found: Repeats, where: Sequence[str]) -> dict[str, Any]:
 def _validation_to_dict(found: LackOfFit) -> dict[str, Any]:
     return {
         "poses": found.poses,
-        "observed_rms_mm": MM.of(found.observed_rms_m),
-        "expected_rms_mm": MM.of(found.expected_rms_m),
-        "observed_95_mm": MM.of(found.observed_95_m),
-        "expected_95_mm": MM.of(found.expected_95_m),
+        **sizes_mm(found, "observed_rms", "expected_rms", "observed_95", "expected_95"),
         "p": found.p,
         "lack_of_fit_mm": MM.of(found.sigma_m),
     }
 
 
-def _implausible_to_dict(found: Check) -> dict[str, Any]:
-    return {"where": found.data["where"], "words": phrase(found), "impossible": found.outcome == "failed"}
-
-
-def _unseen_to_dict(found: Unseen) -> dict[str, Any]:
-    return {"quantity": found.quantity.label, "limit": found.limit, "unit": found.unit, "remedy": found.remedy}
-
-
 def _statistics_to_dict(found: Mapping[str, float] | None) -> dict[str, float | int] | None:
-    """Return the statistics as the run has them, with the count as an integer."""
     return None if found is None else {name: int(v) if name == "count" else v for name, v in found.items()}
 
 
@@ -284,16 +236,14 @@ def _budget_to_dict(budget: Budget) -> dict[str, Any]:
         "combined_mm": MM.of(budget.combined_m),
         "freedom": number(budget.dof),
         "coverage_factor": budget.coverage_factor,
-        "expanded_mm": MM.of(budget.expanded_m),
-        "propagated_mm": MM.of(budget.propagated_m),
+        **sizes_mm(budget, "expanded", "propagated"),
         "monte_carlo_mm": MM.of(budget.drawn_m),
         "monte_carlo_std_mm": MM.of(budget.drawn_std_m),
         "monte_carlo_draws": budget.draws,
         "tolerance_mm": MM.of(budget.tolerance_m),
         "agrees": budget.agrees,
         "kinematics": {
-            "linear_mm": MM.of(budget.kinematics.linear_m),
-            "full_mm": MM.of(budget.kinematics.full_m),
+            **sizes_mm(budget.kinematics, "linear", "full"),
             "draws": budget.kinematics.draws,
             "is_linear": budget.is_linear,
         },
@@ -316,10 +266,7 @@ def _line_to_dict(line: BudgetLine) -> dict[str, Any]:
     }
 
 
-_MEASURANDS = {
-    "position": "a calibrated position",
-    "distance": "a distance between two calibrated positions",
-}
+_MEASURANDS = {"position": "a calibrated position", "distance": "a distance between two calibrated positions"}
 _STATISTICS = {"mean": "mean", "p95": "95th percentile", "max": "largest"}
 _VALIDATED = {
     "fresh": "at validation poses of the virtual robot, without noise",
@@ -327,11 +274,15 @@ _VALIDATED = {
     "file": "of the validation measurements",
     "cross-validation": "by cross-validation",
 }
-_VERDICTS = {"good": Badge("good", "good"), "doubtful": Badge("doubtful", "doubtful"), "bad": Badge("bad", "bad")}
+_VERDICTS = {
+    "good": doc.Badge("good", "good"),
+    "doubtful": doc.Badge("doubtful", "doubtful"),
+    "bad": doc.Badge("bad", "bad"),
+}
 _DECISIONS = {
-    "conforms": Badge("conforms", "good"),
-    "does not conform": Badge("does not conform", "bad"),
-    "not decided": Badge("not decided", "doubtful"),
+    "conforms": doc.Badge("conforms", "good"),
+    "does not conform": doc.Badge("does not conform", "bad"),
+    "not decided": doc.Badge("not decided", "doubtful"),
 }
 _NAMES = {
     "temperature_c": "temperature, °C",
@@ -357,36 +308,39 @@ _METHOD = (
 )
 
 
-def _certificate_document(result: Certificate) -> Document:
+def _certificate_document(result: Certificate) -> doc.Document:
     """Build the certificate: session, results with uncertainty, statement, budgets, ISO 9283, signature."""
     run = result.calibrated.result
     name = result.details.certificate.number
-    badge = _VERDICTS.get(run.verdict, Badge(run.verdict))
-    return Document(
+    badge = _VERDICTS.get(run.verdict, doc.Badge(run.verdict))
+    return doc.Document(
         f"{result.calibrated.called}: calibration certificate{f' {name}' if name else ''}",
         (
-            Paragraph(("The verdict of the calibration: ", badge, f" ({gate_text(run.gate_mm)}).")),
+            doc.Paragraph(("The verdict of the calibration: ", badge, f" ({gate_text(run.gate_mm)}).")),
             *_withheld(result),
-            Paragraph(_lead(result), "lead"),
-            Warnings(result.warnings),
-            Section("Calibrated robot and measurement", _details(result)),
-            Section("Results", _results(result)),
-            *((Section("Validation against the budget", _validated(result)),) if result.validation else ()),
-            Section("Statement of conformity", _statement(result)),
+            doc.Paragraph(_lead(result), "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section("Calibrated robot and measurement", _details(result)),
+            doc.Section("Results", _results(result)),
+            *((doc.Section("Validation against the budget", _validated(result)),) if result.validation else ()),
+            doc.Section("Statement of conformity", _statement(result)),
             *(
-                Section(f"Uncertainty budget of {_MEASURANDS[each.measurand]}", _budget(each))
+                doc.Section(f"Uncertainty budget of {_MEASURANDS[each.measurand]}", _budget(each))
                 for each in result.budgets
             ),
-            *((Section("Effects not included in the uncertainty", _unseen(result)),) if result.unseen else ()),
-            Section("Characteristics of ISO 9283:1998", _characteristics(result)),
-            Section("Evaluation of the uncertainty", tuple(Paragraph(text, shown_in=PAGE) for text in _METHOD)),
-            Section("Signature", (Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=PAGE),)),
+            *((doc.Section("Effects not included in the uncertainty", _unseen(result)),) if result.unseen else ()),
+            doc.Section("Characteristics of ISO 9283:1998", _characteristics(result)),
+            doc.Section(
+                "Evaluation of the uncertainty", tuple(doc.Paragraph(text, shown_in=doc.PAGE) for text in _METHOD)
+            ),
+            doc.Section(
+                "Signature", (doc.Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=doc.PAGE),)
+            ),
         ),
     )
 
 
-def _contributions_picture(budget: Budget) -> Picture:
-    """Draw the contribution of each quantity to the standard uncertainty."""
+def _contributions_picture(budget: Budget) -> doc.Picture:
     lines = sorted(budget.lines, key=lambda line: line.contribution_m)
     sizes = MICRONS.of(np.array([line.contribution_m for line in lines]))
 
@@ -404,13 +358,12 @@ def _contributions_picture(budget: Budget) -> Picture:
     )
 
 
-def _withheld(result: Certificate) -> tuple[Block, ...]:
-    """Report that the certificate is not issued, where details are impossible."""
+def _withheld(result: Certificate) -> tuple[doc.Block, ...]:
     if result.issued:
         return ()
     why = in_one_line(each for each in result.implausible if each.outcome == "failed")
-    badge = Badge("not issued", "bad")
-    return (Paragraph(("This certificate is ", badge, f": {why}. Correct --details, or measure again.")),)
+    badge = doc.Badge("not issued", "bad")
+    return (doc.Paragraph(("This certificate is ", badge, f": {why}. Correct --details, or measure again.")),)
 
 
 def _lead(result: Certificate) -> str:
@@ -426,7 +379,7 @@ def _uncertainty(budget: Budget) -> str:
     return f"{fixed(MM.of(budget.expanded_m), digits)} mm (k = {budget.coverage_factor:.2f})"
 
 
-def _details(result: Certificate) -> tuple[Block, ...]:
+def _details(result: Certificate) -> tuple[doc.Block, ...]:
     parts: dict[str, list[tuple[str, str]]] = {
         "Calibration": [
             ("robot model", result.calibrated.robot.name),
@@ -436,51 +389,44 @@ def _details(result: Certificate) -> tuple[Block, ...]:
         ]
     }
     for part, values in result.details.to_dict().items():
-        parts[part.capitalize()] = [(_name(key), _shown(value)) for key, value in values.items()]
+        parts[part.capitalize()] = [
+            (_NAMES.get(key, key.replace("_", " ")), short(value) if isinstance(value, float) else str(value))
+            for key, value in values.items()
+        ]
     rows = [("" if i else part, *row) for part, each in parts.items() for i, row in enumerate(each)]
     missing = result.details.missing
     left = f"Not stated: {', '.join(missing)}." if missing else ""
-    return Table(("", "", ""), tuple(rows)), Paragraph(left, "note")
+    return doc.Table(("", "", ""), tuple(rows)), doc.Paragraph(left, "note")
 
 
-def _name(key: str) -> str:
-    return _NAMES.get(key, key.replace("_", " "))
-
-
-def _shown(value: object) -> str:
-    return short(value) if isinstance(value, float) else str(value)
-
-
-def _results(result: Certificate) -> tuple[Block, ...]:
+def _results(result: Certificate) -> tuple[doc.Block, ...]:
     run, distances = result.calibrated.result, result.distances
-    rows: list[Row] = []
+    rows: list[doc.Row] = []
     where = "not validated"
     if run.before_mm is not None and run.after_mm is not None:
         where = _VALIDATED.get(run.judged_by or "", "")
-        rows += [_position_row("nominal model", run.before_mm), _position_row("calibrated model", run.after_mm)]
-    names = "nominal model", "calibrated model"
-    rows += [_distance_row(name, each) for name, each in zip(names, distances, strict=True) if each is not None]
+        rows += [
+            _error_row("position, nominal model", run.before_mm),
+            _error_row("position, calibrated model", run.after_mm),
+        ]
+    names = "distance, nominal model", "distance, calibrated model"
+    rows += [_error_row(name, each.to_dict()) for name, each in zip(names, distances, strict=True) if each is not None]
     caption = f"Errors, mm. Positions {where}; distances between measured poses, which need no base"
-    return (Table(("error of a", "mean", "rms", "95 %", "max", "count"), tuple(rows), caption),)
+    return (doc.Table(("error of a", "mean", "rms", "95 %", "max", "count"), tuple(rows), caption),)
 
 
-def _position_row(name: str, found: Mapping[str, float]) -> Row:
+def _error_row(name: str, found: Mapping[str, float]) -> doc.Row:
     numbers = [short(found[key]) for key in ("mean", "rms", "p95", "max")]
-    return (f"position, {name}", *numbers, f"{found['count']:,.0f}")
+    return (name, *numbers, f"{found['count']:,.0f}")
 
 
-def _distance_row(name: str, found: ErrorStatistics) -> Row:
-    numbers = (found.mean, found.rms, found.p95, found.max)
-    return (f"distance, {name}", *map(short, numbers), f"{found.count:,}")
-
-
-def _statement(result: Certificate) -> tuple[Block, ...]:
+def _statement(result: Certificate) -> tuple[doc.Block, ...]:
     found = result.conformity
     if not result.issued:
-        return (Paragraph("None: the certificate is not issued."),)
+        return (doc.Paragraph("None: the certificate is not issued."),)
     if found is None:
         why = "no tolerance was given" if result.calibrated.result.after_mm is not None else "nothing was validated"
-        return (Paragraph(f"None: {why}."),)
+        return (doc.Paragraph(f"None: {why}."),)
     comparison = f" {_comparison(result, found)}"
     rule = sentence(f"rule: {found.rule_text}")
     note = ""
@@ -489,14 +435,17 @@ def _statement(result: Certificate) -> tuple[Block, ...]:
             "No instrument is named, so the measurements are not traceable to the metre: the uncertainty includes the "
             "effects that they cannot show."
         )
-    return Paragraph((_DECISIONS[found.decision], comparison)), Paragraph(note, "note"), Paragraph(rule, "note")
+    return (
+        doc.Paragraph((_DECISIONS[found.decision], comparison)),
+        doc.Paragraph(note, "note"),
+        doc.Paragraph(rule, "note"),
+    )
 
 
-def _validated(result: Certificate) -> tuple[Block, ...]:
-    """The errors of the validation beside those that the budget predicts for it."""
+def _validated(result: Certificate) -> tuple[doc.Block, ...]:
     found = result.validation
     assert found is not None
-    rows: list[Row] = [
+    rows: list[doc.Row] = [
         ("root mean square", short(MM.of(found.observed_rms_m)), short(MM.of(found.expected_rms_m))),
         ("95 %", short(MM.of(found.observed_95_m)), short(MM.of(found.expected_95_m))),
     ]
@@ -511,18 +460,17 @@ def _validated(result: Certificate) -> tuple[Block, ...]:
             f"has a line for this lack of fit: {short(MM.of(found.sigma_m))} mm in each coordinate."
         )
     caption = "Errors, mm. Predicted by the budget without the line for lack of fit"
-    return Table(("error", "observed", "predicted"), tuple(rows), caption), Paragraph(text)
+    return doc.Table(("error", "observed", "predicted"), tuple(rows), caption), doc.Paragraph(text)
 
 
-def _unseen(result: Certificate) -> tuple[Block, ...]:
-    """Tabulate the effects that nothing in the run covers, U including them, and the remedies."""
-    rows: tuple[Row, ...] = tuple((each.description, each.remedy) for each in result.unseen)
+def _unseen(result: Certificate) -> tuple[doc.Block, ...]:
+    rows: tuple[doc.Row, ...] = tuple((each.description, each.remedy) for each in result.unseen)
     digits = [short(MM.of(each)) for each in result.with_unseen_m]
     text = (
         "Neither the measurements nor the instrument's specification cover these effects. With them the expanded "
         f"uncertainty would be {digits[0]} mm of a position and {digits[1]} mm of a distance."
     )
-    return Table(("not contained in U", "remedy"), rows), Paragraph(text)
+    return doc.Table(("not contained in U", "remedy"), rows), doc.Paragraph(text)
 
 
 def _comparison(result: Certificate, found: Conformity) -> str:
@@ -533,13 +481,13 @@ def _comparison(result: Certificate, found: Conformity) -> str:
     )
 
 
-def _budget(budget: Budget) -> tuple[Block, ...]:
-    columns: Sequence[str | Column] = (
+def _budget(budget: Budget) -> tuple[doc.Block, ...]:
+    columns: Sequence[str | doc.Column] = (
         "quantity",
-        Column("source", PAGE),
-        Column("distribution", PAGE),
+        doc.Column("source", doc.PAGE),
+        doc.Column("distribution", doc.PAGE),
         "u",
-        Column("sensitivity, µm per unit", PAGE),
+        doc.Column("sensitivity, µm per unit", doc.PAGE),
         "µm",
         "ν",
         "%",
@@ -550,17 +498,17 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
         f"Combined standard uncertainty {short(MM.of(budget.combined_m))} mm, effective degrees of freedom "
         f"{_dof_text(budget.dof)}, "
         f"k = {budget.coverage_factor:.2f}: ",
-        Strong(f"U = {_uncertainty(budget)}, 95 % coverage."),
+        doc.Strong(f"U = {_uncertainty(budget)}, 95 % coverage."),
         f" By Monte Carlo, {budget.draws:,} draws: {fixed(MM.of(budget.drawn_m), drawn)} mm, which "
         f"{'confirms it' if budget.agrees else 'differs and is stated instead'}. {_of_kinematics(budget)}",
     )
     drawing = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}."
-    figure = Figure(f"budget-{budget.measurand}-figure", (_contributions_picture(budget),), drawing)
+    figure = doc.Figure(f"budget-{budget.measurand}-figure", (_contributions_picture(budget),), drawing)
     caption = (
         f"Standard uncertainty u, contribution in µm, degrees of freedom ν (∞: over {_ENDLESS:,}), "
         "share of the variance in %"
     )
-    return Table(tuple(columns), rows, caption), Paragraph(parts), figure
+    return doc.Table(tuple(columns), rows, caption), doc.Paragraph(parts), figure
 
 
 def _of_kinematics(budget: Budget) -> str:
@@ -573,7 +521,7 @@ def _of_kinematics(budget: Budget) -> str:
     )
 
 
-def _line(line: BudgetLine) -> Row:
+def _line(line: BudgetLine) -> doc.Row:
     quantity = line.quantity
     uncertainty = quantity.uncertainty
     return (
@@ -588,9 +536,9 @@ def _line(line: BudgetLine) -> Row:
     )
 
 
-def _characteristics(result: Certificate) -> tuple[Block, ...]:
+def _characteristics(result: Certificate) -> tuple[doc.Block, ...]:
     robot, (distance_before, distance_after) = result.robot, result.distances
-    rows: list[Row] = [("pose accuracy AP, nominal model", *_two(robot.before.accuracy))]
+    rows: list[doc.Row] = [("pose accuracy AP, nominal model", *_two(robot.before.accuracy))]
     if robot.after is not None:
         rows.append(("pose accuracy AP, calibrated model", *_two(robot.after.accuracy)))
     if robot.repeats is not None:
@@ -616,9 +564,9 @@ def _characteristics(result: Certificate) -> tuple[Block, ...]:
         "numbers include the instrument's noise."
     )
     return (
-        Table(("characteristic", "mean", "max"), tuple(rows)),
-        Paragraph(note, "note"),
-        Paragraph(f"Not measured: {', '.join(not_measured(robot))}; orientations."),
+        doc.Table(("characteristic", "mean", "max"), tuple(rows)),
+        doc.Paragraph(note, "note"),
+        doc.Paragraph(f"Not measured: {', '.join(_not_measured(robot))}; orientations."),
     )
 
 

@@ -1,4 +1,4 @@
-"""A calibration's certificate: what its positions are worth, and how the robot was found."""
+"""Certify a calibration: uncertainty of its positions, and performance of the robot before and after."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -48,8 +48,8 @@ from lab.commands.certify.inputs import (
     random_errors,
     validation_errors,
 )
-from lab.commands.certify.options import CertifyOptions
 from lab.commands.certify.result import Certificate, RobotFound, Unseen
+from lab.commands.options import CertifyOptions
 from lab.core.errors import LabError
 from lab.core.measurements import PLACE, Measurements
 from lab.core.probability import Uncertain
@@ -67,7 +67,7 @@ _SPANNING = 0.5  # of a campaign, between two visits to a pose: they show whethe
 
 
 def certify(options: CertifyOptions) -> Certificate:
-    """Work out the uncertainty budget of a run, and what its measurements say of the robot.
+    """Evaluate the uncertainty budget of a run, and the performance of its robot.
 
     Raises:
         LabError: the run cannot be read, its verdict is bad or not judged, or a file makes no sense.
@@ -111,12 +111,12 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     unseen = tuple(_unseen(device, details, propagation, chance, robot.repeats))
     totals = _with_unseen(quantities, unseen, propagation, budgets)
     facts = _facts(calibrated, source, robot)
-    strange = implausibilities(details, facts)
-    issued = not any(each.outcome == "failed" for each in strange)
+    implausible = implausibilities(details, facts)
+    issued = not any(each.outcome == "failed" for each in implausible)
     statement = None
     if issued:
         statement = _conformity(options, calibrated, totals[0] if device is None else budgets[0].expanded_m)
-    warnings = [*phrases(strange), *_warnings(calibrated, device, details, chance, robot, validation)]
+    warnings = [*phrases(implausible), *_warnings(calibrated, device, details, chance, robot, validation)]
     return Certificate(
         options,
         calibrated,
@@ -127,7 +127,7 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
         statement,
         tuple(dict.fromkeys(warnings)),
         len(fitted.rows),
-        strange,
+        implausible,
         validation,
         unseen,
         totals,
@@ -215,10 +215,10 @@ def _quantities(
     found = list(quantities_of(propagation, errors, source, chance))
     motions = *motions_found(calibrated, fitted), *fitted_motions(calibrated, fitted.rows, propagation.positions)
     found += [motion_of(propagation, motion) for motion in motions]
-    if (known := details.robot_temperature) is not None:
+    if (temperature := details.robot_temperature) is not None:
         values = dict(zip(calibrated.estimate.arm.names, calibrated.estimate.values.tolist(), strict=True))
         base = np.array([values.get(f"base.{axis}", 0.0) for axis in "xyz"])
-        found.append(temperature_of(propagation, base, *known))
+        found.append(temperature_of(propagation, base, *temperature))
     if details.scale is not None:
         found.append(scale_of(propagation, details.scale, "scale_ppm of [instrument]"))
     return found
@@ -254,20 +254,18 @@ def _with_unseen(
 
 
 def _facts(calibrated: CalibrationRun, source: str, robot: RobotFound) -> CampaignFacts:
-    """Collect the certificate's facts on robot, instrument and measurement session."""
     measured_mm = None if robot.repeats is None else MM.of(robot.repeats.repeatability.mean_m)
     instrument = source if source in INSTRUMENTS else ""
     return CampaignFacts(calibrated.robot.name, instrument, calibrated.options.date or "", measured_mm)
 
 
 def _conformity(options: CertifyOptions, calibrated: CalibrationRun, expanded_m: float) -> Conformity | None:
-    """The statement, where there is a tolerance and a value."""
     result = calibrated.result
     tolerance = result.gate_mm if options.tolerance_mm is None else options.tolerance_mm
     if tolerance is None or result.after_mm is None:
         return None
     value = float(result.after_mm[options.statistic])
-    return conformity_of(value / 1e3, tolerance / 1e3, expanded_m, options.decision_rule)
+    return conformity_of(MM.to_si(value), MM.to_si(tolerance), expanded_m, options.decision_rule)
 
 
 def _warnings(
@@ -278,7 +276,6 @@ def _warnings(
     robot: RobotFound,
     validation: LackOfFit | None,
 ) -> Iterator[str]:
-    """Yield the warnings: those of the run, and effects that the budget lacks."""
     if validation is not None and validation.sigma_m:
         yield (
             f"the validation error is {MM.text(validation.observed_rms_m, 2)} (RMS), but the rest of the budget "

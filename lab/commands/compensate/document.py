@@ -3,32 +3,17 @@
 import numpy as np
 
 from lab.commands.compensate.program import stated_positions_note
-from lab.commands.compensate.result import CompensationResult, NearSingular
+from lab.commands.compensate.result import CompensationResult
 from lab.commands.result import joint_values
 from lab.commands.run_folder import VIA
 from lab.core.errors import LabError
 from lab.core.measurements import evenly
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.render import document as doc
 from lab.render.charts.chart import cube
-from lab.render.document import (
-    PAGE,
-    Badge,
-    Block,
-    Bullets,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    Warnings,
-    capital,
-    fixed,
-    short,
-)
+from lab.render.document import capital, fixed, short
 from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
-from lab.render.style import AFTER, BEFORE, HATCH_AFTER, HATCH_BEFORE, MARK_AFTER, MARK_BEFORE
 
 __all__ = ["compensation_document", "corrections_picture"]
 
@@ -37,39 +22,44 @@ _SHAPED = 4  # targets: fewer are brought onto each other by a rigid motion, wha
 _MOST_LISTED = 100  # targets, in each table
 
 
-def compensation_document(result: CompensationResult) -> Document:
+def compensation_document(result: CompensationResult) -> doc.Document:
     """The totals, the targets that are not reached and why, how far the others were moved, and every target."""
-    failed = len(result.failed)
-    verdict = Badge(f"{failed:,} not reached" if failed else "all reached", result.verdict)
+    lost = len(result.failed)
+    verdict = doc.Badge(f"{lost:,} not reached" if lost else "all reached", result.verdict)
+    failed = result.failed if result.program is None else ()  # those of a program are listed by line
     count = f"{len(result.reached):,} of {len(result.targets):,}"
-    return Document(
+    return doc.Document(
         f"{result.run.called}: {count} targets of {result.targets.tool} corrected",
         (
-            Paragraph(
+            doc.Paragraph(
                 (verdict, f" ({'doubtful; ' if result.reasons else ''}the run is {result.run.result.description})")
             ),
-            Bullets(tuple(map(capital, result.reasons))),
-            Paragraph(_lead(result), "lead"),
-            Warnings(result.warnings),
-            Section(
+            doc.Bullets(tuple(map(capital, result.reasons))),
+            doc.Paragraph(_lead(result), "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section(
                 "Results of the targets",
                 (
                     *_totals(result),
-                    _failed(result),
-                    _other_solutions(result),
+                    doc.Table(("target", "why it is not reached"), failed, most_rows=_MOST_LISTED),
+                    doc.Table(
+                        ("target", "reached by another IK solution: reason against the nearest one"),
+                        result.passed_over,
+                        most_rows=_MOST_LISTED,
+                    ),
                     _near(result),
                     _extrapolated(result),
                     *_moves(result),
                 ),
             ),
             *_program(result),
-            Section("Corrections of the targets", (*_histograms(result), *_map(result))),
-            Section("Every target", _every_target(result), shown_in=PAGE),
+            doc.Section("Corrections of the targets", (*_histograms(result), *_map(result))),
+            doc.Section("Every target", _every_target(result), shown_in=doc.PAGE),
         ),
     )
 
 
-def corrections_picture(result: CompensationResult) -> Picture:
+def corrections_picture(result: CompensationResult) -> doc.Picture:
     """Draw histograms of the corrections and of the expected errors.
 
     Raises:
@@ -78,10 +68,10 @@ def corrections_picture(result: CompensationResult) -> Picture:
     if not len(result.reached):
         raise LabError("no target is reached: there is nothing to draw; see failed for the reasons")
     moved, expected = (_finite(result, lengths) for lengths in (result.correction_m, result.predicted_m))
-    spreads = [Spread(moved, BEFORE, ("moved by: mean", float(moved.mean())), HATCH_BEFORE, MARK_BEFORE)]
+    spreads = [Spread.before(moved, ("moved by: mean", float(moved.mean())))]
     if len(expected):
         mark = ("expected error: mean", float(expected.mean()))
-        spreads.append(Spread(expected, AFTER, mark, HATCH_AFTER, MARK_AFTER))
+        spreads.append(Spread.after(expected, mark))
     return histograms("moved", spreads, "length", result.run.result.gate_mm)
 
 
@@ -112,7 +102,7 @@ def _lead(result: CompensationResult) -> str:
     return text + ("." if after is None else f" (at the run's validation poses it was {short(after['mean'])} mm).")
 
 
-def _totals(result: CompensationResult) -> tuple[Block, ...]:
+def _totals(result: CompensationResult) -> tuple[doc.Block, ...]:
     expected = [("expected error, mm", result.predicted_m)]
     if result.expected is not None:
         expected = [
@@ -126,29 +116,16 @@ def _totals(result: CompensationResult) -> tuple[Block, ...]:
     )
     _, apart = result.mean_and_max_mm(result.found.scheme_disagreement_m)
     schemes = "" if apart is None else f"The three correction schemes agree within {short(apart)} mm. "
-    note = Paragraph(f"{schemes}Model: {result.model.replace('+', ' + ')}.", "note")
-    return Table(("", "mean", "largest"), rows), note
+    note = doc.Paragraph(f"{schemes}Model: {result.model.replace('+', ' + ')}.", "note")
+    return doc.Table(("", "mean", "largest"), rows), note
 
 
-def _failed(result: CompensationResult) -> Table:
-    """The targets that are not reached; those of a program are listed by line, with all else that stays."""
-    if result.program is not None:
-        return Table((), ())
-    return Table(("target", "why it is not reached"), result.failed, most_rows=_MOST_LISTED)
-
-
-def _other_solutions(result: CompensationResult) -> Table:
-    header = ("target", "reached by another IK solution: reason against the nearest one")
-    return Table(header, result.passed_over, most_rows=_MOST_LISTED)
-
-
-def _moves(result: CompensationResult) -> tuple[Block, ...]:
-    """Report which moves were checked for collisions, and the poses passed on the way."""
+def _moves(result: CompensationResult) -> tuple[doc.Block, ...]:
     if not result.checked or not len(result.reached):
         return ()
     if result.program is not None:
         return (
-            Paragraph(
+            doc.Paragraph(
                 f"The {len(result.reached)} corrected targets and the moves from each to the next one in the order "
                 "of the text, regardless of its loops and branches, were checked for collisions with the arm itself "
                 "and with the surroundings in the robot's model."
@@ -160,11 +137,10 @@ def _moves(result: CompensationResult) -> tuple[Block, ...]:
         "through all of them and back, each in a straight line of all joints, were checked for collisions with the "
         "arm itself and with the surroundings in the robot's model."
     )
-    return (Paragraph(text + (f" {passed} waypoints only lead around obstacles." if passed else "")),)
+    return (doc.Paragraph(text + (f" {passed} waypoints only lead around obstacles." if passed else "")),)
 
 
-def _program(result: CompensationResult) -> tuple[Section, ...]:
-    """Report the result for the program that contains the targets."""
+def _program(result: CompensationResult) -> tuple[doc.Section, ...]:
     if (program := result.program) is None:
         return ()
     text = (
@@ -176,53 +152,47 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
         "tolerances may displace all targets together, with or without the correction; relative positions are not "
         "affected."
     )
-    tools = Bullets(tuple(capital(each.description) + "." for each in result.tools))
+    tools = doc.Bullets(tuple(capital(each.description) + "." for each in result.tools))
     lines = tuple((str(each.line), each.reason) for each in program.uncorrected)
-    paths = tuple((str(line), words) for line, words in program.touching_paths)
+    paths = tuple((str(line), text) for line, text in program.touching_paths)
     return (
-        Section(
+        doc.Section(
             "The program",
             (
-                Paragraph(text),
+                doc.Paragraph(text),
                 tools,
-                Paragraph(() if result.reference is None else stated_positions_note(result.reference)),
-                Paragraph(in_base),
-                Table(("line", "not corrected, or to be checked"), lines, most_rows=_MOST_LISTED),
-                Table(("line", "paths that are not free of collisions"), paths, most_rows=_MOST_LISTED),
+                doc.Paragraph(() if result.reference is None else stated_positions_note(result.reference)),
+                doc.Paragraph(in_base),
+                doc.Table(("line", "not corrected, or to be checked"), lines, most_rows=_MOST_LISTED),
+                doc.Table(("line", "paths that are not free of collisions"), paths, most_rows=_MOST_LISTED),
             ),
         ),
     )
 
 
-def _near(result: CompensationResult) -> Table:
+def _near(result: CompensationResult) -> doc.Table:
     close = result.near_singular
-    rows = tuple((each.id, _distance(each), each.joint) for each in close)
-    return Table(("target", "within 1° of a singularity, by", "of joint"), rows, most_rows=_MOST_LISTED)
+    rows = tuple((each.id, short(each.unit.of(each.distance), each.unit.name), each.joint) for each in close)
+    return doc.Table(("target", "within 1° of a singularity, by", "of joint"), rows, most_rows=_MOST_LISTED)
 
 
-def _extrapolated(result: CompensationResult) -> Table:
-    """The targets that no measured pose is near, with the error to expect there."""
+def _extrapolated(result: CompensationResult) -> doc.Table:
     rows = tuple(
         (result.targets.ids[i], short(MM.of(float(result.predicted_m[i])))) for i in np.flatnonzero(result.extrapolated)
     )
-    return Table(
+    return doc.Table(
         ("target", "extrapolated: not covered by measured poses; expected error, mm"), rows, most_rows=_MOST_LISTED
     )
 
 
-def _distance(near: NearSingular) -> str:
-    """The distance to a singularity, in the unit of the joint that leads there."""
-    return short(MM.of(near.distance), "mm") if near.slides else short(float(np.rad2deg(near.distance)), "°")
-
-
-def _histograms(result: CompensationResult) -> tuple[Block, ...]:
+def _histograms(result: CompensationResult) -> tuple[doc.Block, ...]:
     if not len(result.reached):
         return ()
     caption = (
         "Corrections of the targets (vermilion, hatched), about the error without correction. Blue: the expected "
         "error with it."
     )
-    return (Figure("moved-figure", (corrections_picture(result),), caption),)
+    return (doc.Figure("moved-figure", (corrections_picture(result),), caption),)
 
 
 def _finite(result: CompensationResult, lengths: Array) -> Array:
@@ -230,7 +200,7 @@ def _finite(result: CompensationResult, lengths: Array) -> Array:
     return np.asarray(lengths[np.isfinite(lengths)])
 
 
-def _map(result: CompensationResult) -> tuple[Block, ...]:
+def _map(result: CompensationResult) -> tuple[doc.Block, ...]:
     reached, positions = result.reached, result.targets.positions
     if not len(reached):
         return ()
@@ -246,10 +216,10 @@ def _map(result: CompensationResult) -> tuple[Block, ...]:
     caption = "The targets in the frame of their file. The darker a target, the farther it is moved."
     if beyond := int((~near).sum()):
         caption += f" Not reached, and too far away to be drawn: {beyond}."
-    return (Figure("where", size_maps(shown), caption),)
+    return (doc.Figure("where", size_maps(shown), caption),)
 
 
-def _every_target(result: CompensationResult) -> tuple[Block, ...]:
+def _every_target(result: CompensationResult) -> tuple[doc.Block, ...]:
     chain, found = result.run.robot.chain, result.found
     moved = MM.of(found.positions - result.targets.positions)
     rows = tuple(
@@ -266,5 +236,5 @@ def _every_target(result: CompensationResult) -> tuple[Block, ...]:
     note = (
         "Joint positions that bring the calibrated arm there, and the distance from the wanted to the corrected target."
     )
-    table = Table(header, rows, most_rows=_MOST_LISTED, rest_in="joints.csv", count=len(result.reached))
-    return (Paragraph(note, "note"), table) if rows else ()
+    table = doc.Table(header, rows, most_rows=_MOST_LISTED, rest_in="joints.csv", count=len(result.reached))
+    return (doc.Paragraph(note, "note"), table) if rows else ()

@@ -1,7 +1,7 @@
-"""A program's targets, as targets for the arm; and the program with the numbers of the corrected ones.
+"""Correct the targets of a controller's program, and write its text with the corrected numbers.
 
-What a target says is where the tool of the text shall be in the base. So the flange is wanted where the identified base
-and that tool put it (``program_reference``), and the controller is told where its nominal arm then has the tool.
+A target places the tool of the text in the base. The identified base and that tool give the pose of the flange
+(``program_reference``); the text gets the pose at which the controller's nominal arm then has the tool.
 """
 
 from collections import Counter
@@ -40,15 +40,9 @@ if TYPE_CHECKING:
     from lab.commands.compensate.program_reference import ProgramReference
 
 __all__ = [
-    "CorrectedProgram",
-    "OpenProgram",
-    "UsedTool",
-    "flange_note",
-    "flange_values",
-    "open_program",
-    "stated_positions_note",
-    "used_tools",
-]
+    "CorrectedProgram", "OpenProgram", "UsedTool", "flange_note", "flange_values", "open_program",
+    "stated_positions_note", "used_tools",
+]  # fmt: skip
 
 _BYTES = "latin-1"  # in which every byte is one character, whatever the file's encoding
 _QUATERNION_DIGITS = 6
@@ -63,23 +57,17 @@ class CorrectedProgram:
     """A program with corrected targets.
 
     Attributes:
-        name: of its file.
-        language: what its users call it.
-        content: the file.
-        rows: of the targets in the list of all, which target of the text each one is.
-        targets: of the text.
-        uncorrected: lines that stay as they are, and why, by line.
         rounding_mm, rounding_deg: how far the written numbers bring the controller's arm from the exact ones at most;
             None where no target is corrected.
         touching_paths: what the arm touches on its way from target to target, in words, by line.
     """
 
-    name: str
-    language: str
+    name: str  # name of its file
+    language: str  # what its users call it
     content: bytes
-    rows: NDArray[np.int_]
-    targets: tuple[TargetText, ...]
-    uncorrected: tuple[Uncorrected, ...]
+    rows: NDArray[np.int_]  # of the targets in the list of all, which target of the text each one is
+    targets: tuple[TargetText, ...]  # of the text
+    uncorrected: tuple[Uncorrected, ...]  # lines that stay as they are, and why, by line
     rounding_mm: float | None
     rounding_deg: float | None
     touching_paths: tuple[tuple[int, str], ...]
@@ -103,25 +91,16 @@ class CorrectedProgram:
 
 @dataclass(frozen=True)
 class OpenProgram:
-    """A program whose targets are to be corrected.
-
-    Attributes:
-        path: of its file.
-        read: what was read of its text.
-        reference: the base, flange and tools that its numbers are relative to.
-        rows: which of the text's targets are to be corrected.
-        targets: these, for the arm.
-        left: those that are not, and why.
-    """
+    """A program whose targets are to be corrected."""
 
     path: Path
     text: str
     language: Language
-    read: ProgramText
-    reference: ProgramReference
-    rows: NDArray[np.int_]
-    targets: Targets
-    left: tuple[Uncorrected, ...]
+    read: ProgramText  # what was read of its text
+    reference: ProgramReference  # the base, flange and tools that its numbers are relative to
+    rows: NDArray[np.int_]  # which of the text's targets are to be corrected
+    targets: Targets  # to be corrected, for the arm
+    left: tuple[Uncorrected, ...]  # targets that are not corrected, and why
 
     @property
     def nominal(self) -> NominalInverse:
@@ -203,7 +182,8 @@ class OpenProgram:
         """
         correction = _apart(self._pose(target, target.values), exact)
         enough, places, parts = np.clip(_SHARE * correction, _FINE, _COARSE), dict(places), _parts(target)
-        most = {part: max(self._most(target, part), places[part]) for part, _ in parts}
+        of_length, of_angle = (0, 0) if target.whole else self.language.most_digits
+        most = {part: max(of_length if part == "place" else of_angle, places[part]) for part, _ in parts}
         while True:
             texts = [
                 written(number, value, places[part])
@@ -218,11 +198,6 @@ class OpenProgram:
             places |= {part: places[part] + 1 for part in wider}
         kept = lost <= np.maximum(_SHARE * correction, _COARSE)
         return texts, lost, "" if kept.all() else _lost_in_rounding(target, correction, lost)
-
-    def _most(self, target: TargetText, part: str) -> int:
-        """The most places behind the point that the language takes of a kind of number."""
-        of_length, of_angle = self.language.most_digits
-        return 0 if target.whole else of_length if part == "place" else of_angle
 
     def _pose(self, target: TargetText, values: Array) -> Array:
         """The pose ``(4, 4)`` (m) of the tool of the controller's arm for numbers of a target.
@@ -244,7 +219,7 @@ class OpenProgram:
     def _digits(self, least: int | None) -> dict[str, int]:
         """Places behind the point of each kind of number: as many as the text has of it anywhere.
 
-        A quaternion's numbers are exact and written without zeros at their end, so they say nothing of its digits.
+        A quaternion's numbers are exact and written without zeros at their end, so its digits are not known from them.
         """
         found = dict.fromkeys(("place", "rotation", "joints", "pulses"), 0)
         found["rotation"] = _QUATERNION_DIGITS if self.language.spelling.parts == 4 else 0
@@ -255,11 +230,7 @@ class OpenProgram:
 
 
 def _outside_of(options: CompensateOptions) -> Outside:
-    """Read the values that the options give beside the program's text.
-
-    Raises:
-        LabError: a value cannot be read, or has the wrong number of numbers.
-    """
+    """Read the values that the options give beside the program's text."""
     frames: dict[str, tuple[float, ...] | str] = {}
     for given in filter(None, (each.strip() for each in options.frames.split(";"))):
         name, equals, value = (part.strip() for part in given.partition("="))
@@ -281,7 +252,7 @@ def _outside_of(options: CompensateOptions) -> Outside:
 
 
 def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram:
-    """Read the program that is asked for, and say its targets for the arm.
+    """Read the requested program, and convert its targets for the arm.
 
     Raises:
         LabError: it cannot be read, or holds no target that can be corrected.
@@ -308,13 +279,13 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
     Ts = np.array([_T_instrument_last(nominal, read, read.targets[i]) for i in rows]).reshape(-1, 4, 4)
     wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
     joints, refused = requested_solutions(nominal, wanted, [read.targets[i] for i in rows])
-    left += [Uncorrected(read.targets[rows[i]].line, words) for i, words in refused.items()]
+    left += [Uncorrected(read.targets[rows[i]].line, reason) for i, reason in refused.items()]
     retained = np.array([i for i in range(len(rows)) if i not in refused], dtype=np.int_)
     if not len(retained):
         raise LabError(f"{path}: no target can be corrected; line {left[0].line}: {left[0].reason}")
     targets = Targets(
         reference.run.estimate.arm.targets[reference.target],
-        _names(read.targets, rows[retained]),
+        _unique_names(read.targets, rows[retained]),
         wanted.positions[retained],
         wanted.rotations[retained],
         joints[retained],
@@ -323,8 +294,7 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
     return OpenProgram(path, text, language, read, reference, rows[retained], targets, tuple(left))
 
 
-def _names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, ...]:
-    """Return a unique name for each target."""
+def _unique_names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, ...]:
     names, counts = dict[str, None](), Counter[str]()
     for i in rows.tolist():
         name = targets[i].name
@@ -349,7 +319,6 @@ def _T_instrument_last(nominal: NominalInverse, read: ProgramText, target: Targe
 
 
 def _parts(target: TargetText) -> tuple[tuple[str, slice], ...]:
-    """The kinds of a target's numbers, and where they are."""
     if target.spelling is None:
         return (("pulses" if target.whole else "joints", slice(0, 6)),)
     return ("place", slice(0, 3)), ("rotation", slice(3, 3 + target.spelling.parts))
@@ -377,21 +346,13 @@ _AGREES_M = 0.5e-3  # and disagrees with it where it is farther
 
 @dataclass(frozen=True)
 class UsedTool:
-    """A tool that a program's targets are for.
+    """A tool that a program's targets are for."""
 
-    Attributes:
-        name: in the text; empty for joint positions whose tool the text does not say.
-        targets: how many.
-        position_m: ``(3,)`` in the flange.
-        point: the measured point that it is apparently meant to be; empty where none is near.
-        distance_m: of that point, as measured.
-    """
-
-    name: str
-    targets: int
-    position_m: tuple[float, ...]
-    point: str = ""
-    distance_m: float = 0.0
+    name: str  # in the text; empty for joint positions whose tool the text does not name
+    targets: int  # number of targets
+    position_m: tuple[float, ...]  # (3,) in the flange
+    point: str = ""  # the measured point that it is apparently meant to be; empty where none is near
+    distance_m: float = 0.0  # distance of that point, as measured
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, in mm."""
@@ -472,7 +433,6 @@ def stated_positions_note(reference: "ProgramReference") -> str:
 
 
 def _why(reference: "ProgramReference") -> str:
-    """Explain why the measured points do not determine the flange's orientation."""
     measured = reference.measured_targets
     if not reference.flange.uses_stated and reference.run.options.observe == "pose":
         return ", since the measured pose of the tool is not the one that is stated"

@@ -1,16 +1,13 @@
-"""References of a program's numbers: the calibrated arm's base, its flange, and the tools of the text.
+"""Find base, flange and tools that a program's numbers refer to, and predict the errors of its corrected targets.
 
-A target of a program is the pose of the tool, which the text places in the flange, in the base. So base and flange
-are those of the calibrated arm, as far as identified: the base relative to the first joint's axis and zero by the
-nominal first link, the flange as ``lab.compensation.flange`` finds it. The controller's arm has the nominal links, and
-base and flange where the nominal model has them.
+A target of a program is a pose of the tool in the base; the text places the tool in the flange. The base of the
+calibrated arm follows from the first joint's axis and zero by the nominal first link, the flange from
+``lab.compensation.flange``. The controller's arm has the nominal links, base and flange.
 
-The errors to expect of a program's corrected targets, in the robot's base and relative to each other.
-
-A target's error has three parts: of the calibrated model (the covariance of its parameters, what it lacks), of the
-flange, which moves every tool alike in the last frame, and of the base, which moves all targets alike. The second and
-third are not measured; they have the sizes of the tolerances of the last and first link. Relative to each other, after
-the best rigid motion of all, targets keep of these what differs from one to the other.
+The error of a target has three parts: the calibrated model's (covariance of its parameters, model discrepancy), the
+flange's, which moves every tool alike in the last frame, and the base's, which moves all targets alike. The last two
+are not measured; their sizes are the tolerances of the last and first link. Errors of targets relative to each other
+are those after the best rigid motion of all.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,14 +41,9 @@ from lab.simulation.free_path import path_check
 from lab.simulation.model import RobotModel, at_zero, site_pose
 
 __all__ = [
-    "ProgramErrors",
-    "ProgramReference",
-    "frames_of",
-    "paths_touched",
-    "program_errors",
-    "program_reference",
+    "ProgramErrors", "ProgramReference", "frames_of", "paths_touched", "program_errors", "program_reference",
     "requested_solutions",
-]
+]  # fmt: skip
 
 _BASE, _FLANGE = "base", "flange"  # frames of the controller in the lab's frame 0 and last frame
 _GIVEN_DOF = 2  # as many links the tolerances as they are given weigh beside those that were identified
@@ -68,21 +60,15 @@ class ProgramReference:
     Attributes:
         run: the run; behind its targets the arm has the controller's flange and a point for each tool, and its nominal
             values have the identified base and the tools as stated.
-        flange: in the last frame.
-        sigma: ``(6,)`` tolerances of the first and the last link (m, rad), as large as this arm's are.
-        dof: degrees of freedom of these.
-        target: of the arm, that stands in the flange's place.
-        points: targets of the arm by the tools' names.
-        gain: ``(6, f)`` how the flange's motion in the last frame follows the identified parameters.
     """
 
     run: CalibrationRun
-    flange: Flange
-    sigma: Array
-    dof: float
-    target: int
-    points: Mapping[str, int]
-    gain: Array
+    flange: Flange  # in the last frame
+    sigma: Array  # (6,) tolerances of the first and the last link (m, rad), as large as this arm's are
+    dof: float  # degrees of freedom of sigma
+    target: int  # target of the arm that stands for the flange
+    points: Mapping[str, int]  # targets of the arm by the tools' names
+    gain: Array  # (6, f) how the flange's motion in the last frame follows the identified parameters
 
     @cached_property
     def nominal(self) -> NominalInverse:
@@ -114,9 +100,9 @@ class ProgramReference:
 
     @property
     def stated(self) -> tuple[str, ...]:
-        """Those whose places in the flange are stated.
+        """Measured points whose places in the flange are stated.
 
-        The default tool's places are where they show by their agreement that they are meant.
+        Those of the default tool count only if the measurements agree with them.
         """
         tool, names = self.run.robot.tool, _stated(self.run.robot.tool, self.measured_targets)
         default = all(
@@ -283,7 +269,6 @@ def _points_by_name(names: Sequence[str], places: Array) -> dict[str, float]:
 
 
 def _named(taken: Sequence[str], wished: Sequence[str]) -> list[str]:
-    """Names of targets as descriptions take them, each once."""
     found = list[str]()
     for name in wished:
         plain = (
@@ -304,19 +289,12 @@ _LEAST_M2 = 1e-24  # a mean square that is none
 
 @dataclass(frozen=True)
 class ProgramErrors:
-    """Expected errors of n targets.
+    """Expected errors of n targets."""
 
-    Attributes:
-        flange_m: ``(n,)`` the flange's part (RMS).
-        flange_95_m: ``(n,)`` length that 95 % of the flange's part do not exceed.
-        base_95_m: ``(n,)`` length that 95 % of the errors in the robot's base do not exceed.
-        shape_95_m: ``(n,)`` the same of errors after the best rigid motion of all targets.
-    """
-
-    flange_m: Array
-    flange_95_m: Array
-    base_95_m: Array
-    shape_95_m: Array
+    flange_m: Array  # (n,) the flange's part (RMS)
+    flange_95_m: Array  # (n,) length that 95 % of the flange's part do not exceed
+    base_95_m: Array  # (n,) length that 95 % of the errors in the robot's base do not exceed
+    shape_95_m: Array  # (n,) length that 95 % of the errors do not exceed after the best rigid motion of all targets
 
 
 def program_errors(
@@ -388,20 +366,19 @@ def _sizes(slopes: Array) -> Array:
 
 
 _REACHED_M = 1e-6  # a pose that a solution misses by less is reached
-_STEP_M, _STEP_RAD = 0.01, np.deg2rad(2.0)  # along a line of the tool, between two looks
+_STEP_M, _STEP_RAD = 0.01, np.deg2rad(2.0)  # along a line of the tool, between two checked poses
 _MAX_CHECKS = 400
-_BLOCK = 200  # ways that are looked at, and kept, together
-_LOOKED_AGAIN = 200  # along a way of all joints that is not free, for words
-_JUMP_RAD = 0.5  # of a joint between two looks on a line: it passes a singularity
+_BLOCK = 200  # paths that are checked and stored together
+_POSES_DESCRIBED = 200  # along a joint path that is not free
+_JUMP_RAD = 0.5  # of a joint between two checked poses of a line: it passes a singularity
 
 
 def requested_solutions(
     nominal: NominalInverse, wanted: PoseTarget, targets: Sequence[TargetText]
 ) -> tuple[Array, dict[int, str]]:
-    """The joint positions at which the controller's arm is at each target, as far as the text says it.
+    """Solve for the joint positions of the controller's arm at each target of the text.
 
-    Of the solutions that have the configuration that is asked for, the nearest to the target before; where none is
-    asked for, the nearest of all.
+    Among the IK solutions with the requested configuration, or among all, the nearest to the target before is taken.
 
     Args:
         wanted: of the measured point, in the instrument's frame.
@@ -501,24 +478,24 @@ def _of_joints(model: RobotModel, free: FreePath, start: Array, end: Array) -> s
     """Describe the collision on a straight line of all joints; "" if there is none."""
     if free(start, end):
         return ""
-    looks = start + np.linspace(0, 1, _LOOKED_AGAIN)[:, None] * (end - start)
-    return next((message for message in describe_collisions(model, looks) if message), "something is touched")
+    poses = start + np.linspace(0, 1, _POSES_DESCRIBED)[:, None] * (end - start)
+    return next((message for message in describe_collisions(model, poses) if message), "something is touched")
 
 
 def _on_line(model: RobotModel, nominal: NominalInverse, start: Array, end: Array) -> str:
     """Describe the collision while the tool moves on a straight line; "" if there is none."""
-    looks = _line_of_tool(nominal, start, end)
-    even = np.abs(np.diff(looks, axis=0)).max() <= _JUMP_RAD and np.abs(looks[-1] - end).max() <= _JUMP_RAD
+    poses = _line_of_tool(nominal, start, end)
+    even = np.abs(np.diff(poses, axis=0)).max() <= _JUMP_RAD and np.abs(poses[-1] - end).max() <= _JUMP_RAD
     if not even:
         return "a straight line of the tool passes a singularity or leaves the reach"
-    touched = collides(model, looks)
-    return next(iter(describe_collisions(model, looks[touched][:1])), "")
+    touched = collides(model, poses)
+    return next(iter(describe_collisions(model, poses[touched][:1])), "")
 
 
 def _line_of_tool(nominal: NominalInverse, start: Array, end: Array) -> Array:
-    """Joint positions ``(k, 6)`` rad on the way of a tool that moves and turns evenly from one pose to another.
+    """Joint positions ``(k, 6)`` rad of the nominal arm while its tool moves and turns evenly between two poses.
 
-    Of the nominal arm's solutions the nearest to those before, in closed form where there is one; NaN where none is.
+    Each is the IK solution nearest to the one before, in closed form where there is one; NaN where there is none.
     """
     T_start, T_end = nominal.tool(np.array([start, end]))[0]
     turn = se3.log(T_start[:3, :3].T @ T_end[:3, :3])
@@ -529,10 +506,10 @@ def _line_of_tool(nominal: NominalInverse, start: Array, end: Array) -> Array:
     found = start + shares[:, None] * (end - start)
     if nominal.closed_form is None:
         return nominal.again(wanted, found, np.full(len(found), -1))[0]
-    ways = nominal.solutions(wanted, found)
+    solutions = nominal.solutions(wanted, found)
     last = start
-    for i, some in enumerate(ways.joints):
-        turned = nearest_whole_turns(nominal.arm.chain, some[ways.gap_m[i] < _REACHED_M], last)
+    for i, some in enumerate(solutions.joints):
+        turned = nearest_whole_turns(nominal.arm.chain, some[solutions.gap_m[i] < _REACHED_M], last)
         found[i] = last = (
             turned[np.abs(turned - last).max(axis=1).argmin()] if len(turned) else np.full_like(start, np.nan)
         )

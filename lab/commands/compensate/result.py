@@ -1,10 +1,10 @@
-"""Corrected targets: typed, and as plain values for their JSON files."""
+"""Result of a compensation: corrected targets with their expected errors, as values and as files."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,7 @@ from lab.calibration.extrapolation import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
-from lab.commands.calibrate.exports import comment_on_missing_effects
-from lab.commands.calibrate.load_run import CalibrationRun
+from lab.commands.calibrate.load_run import CalibrationRun, comment_on_missing_effects
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram, UsedTool, flange_note, flange_values, used_tools
 from lab.commands.compensate.program_reference import ProgramErrors, ProgramReference, program_errors
@@ -26,7 +25,7 @@ from lab.compensation.flange import point_rows
 from lab.core import se3
 from lab.core.linear_model import covariance_root
 from lab.core.se3 import Array
-from lab.core.units import MM, MRAD
+from lab.core.units import MM, MRAD, Unit
 from lab.formats.calibrated_module import MODULE_FILE
 from lab.formats.csv_table import write_columns
 from lab.formats.programs.program_text import postures_of
@@ -36,33 +35,17 @@ from lab.formats.target_csv import Targets
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.render.phrases.registry import phrases
 
-if TYPE_CHECKING:
-    pass
+__all__ = ["CompensationResult"]
 
-__all__ = ["CompensationResult", "NearSingular"]
-
-JOINTS, CARTESIAN, NOMINAL = "joints.csv", "cartesian.csv", "nominal.toml"
+_JOINTS, _CARTESIAN, _NOMINAL = "joints.csv", "cartesian.csv", "nominal.toml"
 _BLOCK = 2_000  # targets whose derivatives are held at a time
 
 
-@dataclass(frozen=True)
-class NearSingular:
-    """A target that is reached within 1 degree of a singularity.
-
-    Attributes:
-        joint: the one that would have to move most to get there.
-        distance: how far (rad; m where that joint slides).
-    """
-
-    id: str
-    joint: str
-    distance: float
-    slides: bool
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values: degrees, or mm of a prismatic joint."""
-        unit, scale = ("mm", 1e3) if self.slides else ("deg", 180 / np.pi)
-        return {"id": self.id, "joint": self.joint, f"distance_{unit}": scale * self.distance}
+class _NearSingular(NamedTuple):
+    id: str  # of a target within 1 degree of a singularity
+    joint: str  # that would have to move most to get there
+    distance: float  # rad or m
+    unit: Unit
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -70,7 +53,6 @@ class CompensationResult(Result):
     """Compensation result of a list of targets.
 
     Attributes:
-        options: of the command.
         run: the run that calibrated the arm.
         targets: those of the file.
         wanted: the targets, with the rotations of the last frame, in the frame in which the arm was measured.
@@ -88,9 +70,10 @@ class CompensationResult(Result):
     """
 
     command = "compensate"
+    robot_at = "run.robot"
     shown_by = "lab.commands.compensate.document:compensation_document"
     drawn_by = "lab.commands.compensate.document:corrections_picture"
-    recorded_by = "lab.commands.compensate.recording:record_compensation"
+    recorded_by = "lab.commands.error_recording:record_compensation"
 
     options: CompensateOptions
     run: CalibrationRun
@@ -105,11 +88,6 @@ class CompensationResult(Result):
     program: CorrectedProgram | None = None
     reference: ProgramReference | None = None
     points: NDArray[np.int_] | None = None
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.run.robot.sha256
 
     @property
     def serial(self) -> str | None:
@@ -130,18 +108,23 @@ class CompensationResult(Result):
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the reader."""
         gate_mm, (mean_mm, _) = self.run.options.gate_mm, self.mean_and_max_mm(self._model_m)
-        far: tuple[str, ...] = ()
+        far, of_program = tuple[str, ...](), tuple[str, ...]()
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
-        of_program = () if self.program is None else self.program.warnings
+        if self.program is None:
+            refused = refusal(self.run.robot.chain, self.options.controller, len(self.targets))
+            of_program = () if refused is None else (refused,)
+        else:
+            of_program = self.program.warnings
         tools = tuple(each.description for each in self.tools if each.disagrees)
-        without = () if self._no_program is None else (self._no_program,)
-        return (*tools, *self.notes, *far, *self._beyond, *self._unchecked, *without, *of_program)
+        return (*tools, *self.notes, *far, *self._beyond, *self._unchecked, *of_program)
 
     @property
     def _beyond(self) -> tuple[str, ...]:
-        """Warnings on targets outside the measured range of the run."""
-        sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)]
+        sizes, ids = (
+            np.sqrt(self._mean_squares["extrapolation"])[self.reached],
+            [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)],
+        )
         messages = list(phrases(check_extrapolated("targets", ids, len(sizes))))
         if count := int((sizes > 0).sum()):
             messages.append(
@@ -158,19 +141,10 @@ class CompensationResult(Result):
 
     @property
     def _extrapolated_share(self) -> float:
-        """Share of extrapolated targets among those that are reached."""
         return float(self.extrapolated.sum()) / max(len(self.reached), 1)
 
     @property
-    def _no_program(self) -> str | None:
-        """Reason for having no program for the controller; None where there is one."""
-        if self.program is not None:
-            return None
-        return refusal(self.run.robot.chain, self.options.controller, len(self.targets))
-
-    @property
     def _unchecked(self) -> tuple[str, ...]:
-        """Warnings on moves not checked for collisions, or checked by assumed shapes only."""
         model = self.run.robot.model
         if self.checked:
             return ("collisions were checked with links drawn as rods",) if model.shapes_assumed else ()
@@ -185,7 +159,9 @@ class CompensationResult(Result):
     @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons to check the corrected targets before use."""
-        of_run, run = self.run.result, list(filter(None, [self._unknown_flange]))
+        of_run, run = self.run.result, list[str]()
+        if self.reference is not None and self.expected is not None:
+            run += filter(None, [flange_note(self.reference, self.expected.flange_95_m[self.reached])])
         if of_run.verdict != "good":
             run += [f"the run is {of_run.verdict}: {reason}" for reason in of_run.reasons or (of_run.reason,)]
         if self._extrapolated_share > MOST_UNCOVERED:
@@ -234,7 +210,8 @@ class CompensationResult(Result):
     def _sensitivities(self) -> Iterator[Array]:
         """Derivatives ``(some, 3, p)`` of the aimed point by the parameters, of some targets at a time."""
         run = self.run
-        return (_of_points(run.estimate.arm.observe(each, run.estimate.values)[1], at) for each, at in self._blocks())
+        for inputs, at in self._blocks():
+            yield run.estimate.arm.observe(inputs, run.estimate.values)[1][np.arange(len(inputs)), at]
 
     def _by_identified(self) -> Iterator[tuple[Array, Array]]:
         """Derivatives ``(some, 3, f)`` of the aimed point by the identified parameters, the flange's with the tool's.
@@ -254,7 +231,6 @@ class CompensationResult(Result):
             yield found, by_tool
 
     def _blocks(self) -> Iterator[tuple[Array, NDArray[np.int_]]]:
-        """Inputs of the arm, and which of its targets are aimed, of some targets at a time."""
         aimed = np.full(len(self.arm_inputs), self.target) if self.points is None else self.points
         for first in range(0, len(self.arm_inputs), _BLOCK):
             yield self.arm_inputs[first : first + _BLOCK], aimed[first : first + _BLOCK]
@@ -281,6 +257,9 @@ class CompensationResult(Result):
         finite = values[np.isfinite(values)]
         return (float(finite.mean()), float(finite.max())) if len(finite) else (None, None)
 
+    def _mean_and_max(self, lengths: Array) -> dict[str, float | None]:
+        return dict(zip(("mean", "max"), self.mean_and_max_mm(lengths), strict=True))
+
     @property
     def verdict(self) -> Literal["good", "doubtful", "bad"]:
         """``bad`` where a target is not reached, ``doubtful`` where there are reasons for that, else ``good``."""
@@ -292,17 +271,14 @@ class CompensationResult(Result):
         return len(self.reached) > 0
 
     @property
-    def near_singular(self) -> tuple[NearSingular, ...]:
+    def near_singular(self) -> tuple[_NearSingular, ...]:
         """The targets that are reached within 1 degree of a singularity."""
         found, chain = self.found, self.run.robot.chain
         rows = np.flatnonzero(found.converged & (found.singular_rad < NEAR_RAD)).tolist()
-        joints = found.singular_joint
+        joints = found.singular_joint.tolist()
         return tuple(
-            NearSingular(
-                self.targets.ids[i],
-                chain.joint_names[joints[i]],
-                float(found.singular_rad[i]),
-                chain.prismatic[joints[i]],
+            _NearSingular(
+                self.targets.ids[i], chain.joint_names[joints[i]], float(found.singular_rad[i]), chain.unit(joints[i])
             )
             for i in rows
         )
@@ -314,13 +290,6 @@ class CompensationResult(Result):
             return ()
         return used_tools(self.reference, self.points[self.reached])
 
-    @property
-    def _unknown_flange(self) -> str:
-        """Explain why the flange's orientation is unknown; "" where it is identified, or no matter."""
-        if self.reference is None or self.expected is None:
-            return ""
-        return flange_note(self.reference, self.expected.flange_95_m[self.reached])
-
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
         values = self.saved_dict()
@@ -328,7 +297,33 @@ class CompensationResult(Result):
 
     def write_files(self, folder: Path) -> None:
         """Write the corrected targets and the calibrated arm in every format."""
-        _write_files(folder, self)
+        run, rows = self.run, np.flatnonzero(self.found.converged)
+        chain, ids = run.robot.chain, {"id": [self.targets.ids[i] for i in rows]}
+        marks = ["yes" if extrapolated else "no" for extrapolated in self.extrapolated[rows]]
+        conditions: dict[str, Any] = {name: column[rows] for name, column in self.targets.conditions.items()}
+        conditions |= {"extrapolated": marks} if self.extrapolated.any() else {}
+        _write_csv(folder / _JOINTS, self, {**self.waypoints.columns(chain), **_waypoint_conditions(self)})
+        at_targets = {**_cartesian_columns(self, rows), **joint_columns(chain, self.found.joints[rows])}
+        _write_csv(folder / _CARTESIAN, self, {**ids, **at_targets, **conditions})
+        nominal_inverse = run.estimate.nominal_inverse(self.target)  # what the corrected targets are for
+        exact = run.robot.description_files[-1]
+        nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
+        (folder / _NOMINAL).write_text(nominal, encoding="utf-8")
+        arm, values = run.estimate.geometry
+        module, refused = run.export(self.arm_inputs[rows]).module()
+        off = self.without_effects_m
+        lacking = comment_on_missing_effects(
+            run.estimate.groups, off, "at the corrected targets", module=refused is None
+        )
+        for name in run.robot.description_files:
+            if text := run.robot.description(name, arm.targets, values, lacking):
+                (folder / name).write_text(text, encoding="utf-8")
+        (folder / MODULE_FILE).write_text(module, encoding="utf-8")
+        if self.program is not None:
+            (folder / self.program.name).write_bytes(self.program.content)
+        elif len(rows) and refusal(chain, self.options.controller, len(self.targets)) is None:
+            for name, content in target_files(run.robot.chain, self.options.controller, _target_moves(self)).items():
+                (folder / name).write_bytes(content)
 
     def saved_dict(self) -> dict[str, Any]:
         """Return the values of ``result.json`` with the waypoints one by one: a list of a million takes 1 GB."""
@@ -348,15 +343,18 @@ class CompensationResult(Result):
             "checked": self.checked,
             "other_solution": [{"id": name, "reason": reason} for name, reason in self.passed_over],
             "stops": self.waypoints.rows(chain),
-            "correction_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.correction_m), strict=True)),
-            "predicted_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.predicted_m), strict=True)),
+            "correction_mm": self._mean_and_max(self.correction_m),
+            "predicted_mm": self._mean_and_max(self.predicted_m),
             "judged_mm": None if (after := self.run.result.after_mm) is None else after["mean"],
             "schemes_apart_mm": self.mean_and_max_mm(self.found.scheme_disagreement_m)[1],
             "extrapolated": {
                 "share": self._extrapolated_share,
                 "ids": [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)],
             },
-            "near_singular": [each.to_dict() for each in self.near_singular],
+            "near_singular": [
+                {"id": name, "joint": joint, f"distance_{unit.key}": unit.of(distance)}
+                for name, joint, distance, unit in self.near_singular
+            ],
             "without_effects_mm": None if self.without_effects_m is None else MM.of(self.without_effects_m),
             "warnings": list(self.warnings),
             **({} if self.program is None else {"program": self._program_values}),
@@ -385,12 +383,9 @@ class CompensationResult(Result):
             "tools": [each.to_dict() for each in self.tools],
             "flange": flange_values(reference),
             "expected_95_mm": {
-                name: dict(zip(("mean", "max"), self.mean_and_max_mm(lengths), strict=True))
-                for name, lengths in (
-                    ("shape", expected.shape_95_m),
-                    ("base", expected.base_95_m),
-                    ("flange", expected.flange_95_m),
-                )
+                "shape": self._mean_and_max(expected.shape_95_m),
+                "base": self._mean_and_max(expected.base_95_m),
+                "flange": self._mean_and_max(expected.flange_95_m),
             },
             "rounding_mm": program.rounding_mm,
             "rounding_deg": program.rounding_deg,
@@ -476,11 +471,6 @@ class CompensationResult(Result):
         )
 
     @cached_property
-    def beyond_m(self) -> Array:
-        """The part ``(n,)`` of the predicted error that is what the model may lack where nothing was measured (m)."""
-        return np.asarray(np.sqrt(self._mean_squares["extrapolation"]))
-
-    @cached_property
     def load_m(self) -> Array:
         """The part ``(n,)`` of the predicted error that is the uncertainty of an identified payload (m, RMS)."""
         return self.run.estimate.load_errors(self.arm_inputs, [self.target])[:, 0]
@@ -489,39 +479,6 @@ class CompensationResult(Result):
     def target(self) -> int:
         """The index of the arm's target that is aimed."""
         return self.run.estimate.arm.targets.index(self.targets.tool)
-
-
-def _of_points(values: Array, points: NDArray[np.int_]) -> Array:
-    """Select from values ``(n, k, …)`` of an arm's targets the one of each pose, ``(n, …)``."""
-    return np.asarray(values[np.arange(len(values)), points])
-
-
-def _write_files(folder: Path, result: CompensationResult) -> None:
-    """Write the corrected targets and the calibrated arm in every format."""
-    run, rows = result.run, np.flatnonzero(result.found.converged)
-    chain, ids = run.robot.chain, {"id": [result.targets.ids[i] for i in rows]}
-    lone = result.extrapolated
-    marked = {"extrapolated": _yes(lone[rows])} if lone.any() else {}
-    _write_csv(folder / JOINTS, result, {**result.waypoints.columns(chain), **_waypoint_conditions(result)})
-    at_targets = {**_cartesian_columns(result, rows), **joint_columns(chain, result.found.joints[rows])}
-    _write_csv(folder / CARTESIAN, result, {**ids, **at_targets, **_conditions_files(result, rows), **marked})
-    nominal_inverse = run.estimate.nominal_inverse(result.target)  # what the corrected targets are for
-    exact = run.robot.description_files[-1]
-    nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
-    (folder / NOMINAL).write_text(nominal, encoding="utf-8")
-    arm, values = run.estimate.geometry
-    module, refused = run.export(result.arm_inputs[rows]).module()
-    off = result.without_effects_m
-    lacking = comment_on_missing_effects(run.estimate.groups, off, "at the corrected targets", module=refused is None)
-    for name in run.robot.description_files:
-        if text := run.robot.description(name, arm.targets, values, lacking):
-            (folder / name).write_text(text, encoding="utf-8")
-    (folder / MODULE_FILE).write_text(module, encoding="utf-8")
-    if result.program is not None:
-        (folder / result.program.name).write_bytes(result.program.content)
-    elif len(rows) and refusal(chain, result.options.controller, len(result.targets)) is None:
-        for name, content in target_files(run.robot.chain, result.options.controller, _target_moves(result)).items():
-            (folder / name).write_bytes(content)
 
 
 def _target_moves(result: CompensationResult) -> TargetMoves:
@@ -544,16 +501,10 @@ def _target_moves(result: CompensationResult) -> TargetMoves:
 
 
 def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
-    """Positions in mm and quaternions wxyz, in the frame of the targets' file."""
     positions, tool = MM.of(result.found.positions[rows]), result.targets.tool
     quaternions = se3.quaternion_from_rotation(result.found.rotations[rows] @ result.run.estimate.R_last_tool)
     columns = {f"{tool}_{axis}_mm": values for axis, values in zip("xyz", positions.T, strict=True)}
     return columns | {f"{tool}_q{part}": values for part, values in zip("wxyz", quaternions.T, strict=True)}
-
-
-def _conditions_files(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
-    """Return the conditions of the targets in these rows."""
-    return {name: column[rows] for name, column in result.targets.conditions.items()}
 
 
 def _waypoint_conditions(result: CompensationResult) -> dict[str, list[Any]]:
@@ -565,13 +516,7 @@ def _waypoint_conditions(result: CompensationResult) -> dict[str, list[Any]]:
     }
 
 
-def _yes(flags: NDArray[np.bool_]) -> list[str]:
-    """Flags in words."""
-    return ["yes" if flag else "no" for flag in flags]
-
-
 def _write_csv(path: Path, result: CompensationResult, columns: Mapping[str, Sequence[Any] | Array]) -> None:
-    """A column says so where nothing was checked."""
     if not result.checked:
         columns = {**columns, "checked": ["no"] * len(columns["id"])}
     write_columns(path, columns)

@@ -1,4 +1,4 @@
-"""Targets that a calibrated arm really hits: from a run and a file of targets to joint values and corrected targets."""
+"""Compensate targets: from a run and a file of targets to joint values and corrected targets."""
 
 from dataclasses import replace
 from functools import partial
@@ -38,8 +38,8 @@ __all__ = ["compensate"]
 
 _HUBS = 100  # free poses tried as ones to pass through on the way to others
 _CONFIGURATION_REASON = "the program's configuration asks for this solution"
-_UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
-_UNPLACED_M = 1e-7  # and a place
+_UNTURNED_RAD = 1e-6  # a rotation that is missed by more is reported
+_UNPLACED_M = 1e-7  # and a position
 
 
 @takes(CompensateOptions)
@@ -97,7 +97,6 @@ def _compensated(options: CompensateOptions, run: CalibrationRun, given: Targets
 
 
 def _of_program(options: CompensateOptions, run: CalibrationRun) -> CompensationResult:
-    """Correct the targets of a program, and its text."""
     program = open_program(options, run)
     done = _corrected_program(options, program)
     if left := done.better_left:
@@ -149,15 +148,7 @@ def _corrected(
     access: ReachabilityGraph | None,
     program: OpenProgram | None = None,
 ) -> CompensationResult:
-    """Correct targets for the arm of a run.
-
-    Args:
-        access: where the arm may go; None where nothing is checked, and of a program, whose ways are its own.
-        program: that the targets are of; its text is written too.
-
-    Raises:
-        LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
-    """
+    """Correct targets for the arm of a run."""
     source = str(options.source)
     run.refuse_unplaced("targets")
     _refuse_beyond_limits(run, targets, source)
@@ -188,11 +179,11 @@ def _corrected(
     warnings += _left_out(run, targets, found)
     messages = (*run.warnings, *targets.warnings, *warnings)
     rows = np.flatnonzero(found.converged)
-    way, which = found.joints[rows], np.arange(len(rows))
+    path, which = found.joints[rows], np.arange(len(rows))
     if access is not None:
         with status("checking") as stage:
-            way, which = waypoints_in_order(rated(run.robot.chain)[0], access, way, partial(stage, "ways"), keep)
-    waypoints = Waypoints(way, which, [targets.ids[i] for i in rows], "target")
+            path, which = waypoints_in_order(rated(run.robot.chain)[0], access, path, partial(stage, "ways"), keep)
+    waypoints = Waypoints(path, which, [targets.ids[i] for i in rows], "target")
     done = CompensationResult(
         options, run, targets, wanted, found, inputs, without, waypoints, checked, messages, corrected
     )
@@ -207,7 +198,6 @@ def _corrected(
 
 
 def _left_out(run: CalibrationRun, targets: Targets, found: Compensation) -> list[str]:
-    """Describe rotations and positions of the targets that an arm with so few joints cannot reach."""
     size, messages = run.robot.chain.size, []
     if found.unturned_rad.max() > _UNTURNED_RAD:
         worst = int(found.unturned_rad.argmax())
@@ -254,11 +244,11 @@ def _in_their_order(
     """The corrected targets, and what the arm's effects ask for there, with where the joints come from."""
     with status("correcting") as stage:
         found = replace(compensator, progress=partial(stage, "targets"))(wanted, conditions, targets.joints)
-    told = [i for i, name in enumerate(compensator.arm.conditions) if name.startswith(LAST_MOVE)]
-    if not told:
+    columns = [i for i, name in enumerate(compensator.arm.conditions) if name.startswith(LAST_MOVE)]
+    if not columns:
         return found, conditions
     moved = conditions.copy()
-    moved[:, told] = last_moves(found.uncorrected)
+    moved[:, columns] = last_moves(found.uncorrected)
     with status("correcting once more, with the joints' last moves") as stage:
         return replace(compensator, progress=partial(stage, "targets"))(wanted, moved, targets.joints), moved
 

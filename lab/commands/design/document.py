@@ -1,38 +1,28 @@
-"""Document of a plan: the predicted error, the tour, and the quality of the pose selection."""
+"""Document and scene of a plan: the predicted error, the tour, and the quality of the pose selection."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.commands.design.result import DesignResult, DesignStep, PlanCheckResult, SessionDuration
-from lab.commands.design.scene import PlanScene, plan_scene
+from lab.calibration.identify import ellipsoids
+from lab.commands.design.run import DesignResult, DesignStep, PlanCheckResult, SessionDuration, visit_ids
 from lab.core.se3 import Array
 from lab.core.units import MICRONS
 from lab.formats.programs.protocol import PAUSE_S
 from lab.formats.programs.registry import PLAN, language_of, plan_or_refusal, refusal
 from lab.kinematics.joints import JointSpec
+from lab.pose_selection.exchange import information
+from lab.pose_selection.tour import rated, tour_trajectory
+from lab.render import document as doc
 from lab.render.charts.chart import axes_picture, cube, shades, view
 from lab.render.charts.marks import Axes, colour
-from lab.render.document import (
-    NARROW,
-    PAGE,
-    TERMINAL,
-    Badge,
-    Block,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    Warnings,
-    fixed,
-    sentence,
-    short,
-)
+from lab.render.document import fixed, sentence, short
 from lab.render.plots import SQUARE, VIEWS
+from lab.render.scene import Legs, MagnifiedEllipsoids, magnified, moved, reach_of, skeleton, world_legs
 from lab.render.style import (
     ARM,
     AXIS,
@@ -49,8 +39,122 @@ from lab.render.style import (
     WORST,
     luminance,
 )
+from lab.simulation.meshes import Shell, body_poses, shells
 
-__all__ = ["check_document", "curve_pictures", "design_document", "main_picture", "pose_pictures"]
+__all__ = ["PlanScene", "check_document", "design_document", "main_picture", "plan_scene", "pose_pictures"]
+
+_STEP_S = 0.1  # between two pictures of the moving arm
+_POINTS_PER_PATH = 16  # points drawn of the path between two stops
+
+
+@dataclass(frozen=True)
+class PlanScene:
+    """The stops of a tour: home, poses and the poses passed on the way, home.
+
+    Attributes:
+        arrivals, departures: ``(s,)`` s, when the arm comes to each stop and leaves it, at its full speed.
+        times: ``(t,)`` s while it moves, with ``moving``, poses ``(t, 4, 4)`` of the bodies by name,
+            ``moving_legs``, and ``moving_points`` ``(t, k, 3)``.
+    """
+
+    measured: NDArray[np.bool_]  # (s,), whether a stop is measured
+    ids: tuple[str, ...]  # (n,) of the measured ones, as in plan.csv
+    points: Array  # (s, k, 3) targets
+    path: Array  # (p, 3), the first target's way through all stops
+    Ts_world_station: Array  # (q, 4, 4), where the instrument measures from, with its names in stations
+    stations: tuple[str, ...]
+    station: NDArray[np.int_]  # (s,) from where it measures at each stop
+    reach_m: float  # the largest distance of a target, or a leg's end, from frame 0
+    shells: tuple[Shell, ...]  # of the drawn bodies
+    bodies: dict[str, Array]  # world poses (s, 4, 4) by name
+    origins: Array  # (s, f, 3) of the arm's frames
+    home: tuple[Array, ...]  # lines (f, 3) from frame to frame, of the arm at home
+    legs: Legs  # in the world
+    mapping: MagnifiedEllipsoids  # sensitivity of the position to the scaled parameters
+    uncertainty: MagnifiedEllipsoids  # predicted 1 sigma of the first target after calibration
+    arrivals: Array
+    departures: Array
+    times: Array
+    moving: dict[str, Array]
+    moving_legs: Legs
+    moving_points: Array
+
+    @property
+    def head(self) -> Array:
+        """The tracker's at its first station ``(3,)``."""
+        head: Array = self.Ts_world_station[0, :3, 3]
+        return head
+
+    @property
+    def heads(self) -> Array:
+        """The tracker's at each stop ``(s, 3)``."""
+        heads: Array = self.Ts_world_station[self.station, :3, 3]
+        return heads
+
+
+@lru_cache(maxsize=1)
+def plan_scene(plan: DesignResult) -> PlanScene:
+    """The scene of a plan, of the nominal arm and the tracker where the model has it."""
+    problem, waypoints = plan.problem, plan.tour.waypoints
+    model, arm, values = problem.robot.model, problem.arm, problem.values
+    tracker, frame0, names = model.T_world_tracker, model.T_world_frame0, model.stations or ("",)
+    points = moved(tracker, arm.points(waypoints, values))
+    share = np.linspace(0, 1, _POINTS_PER_PATH, endpoint=False)[None, :, None]
+    between = waypoints[:-1, None] + share * (waypoints[1:] - waypoints[:-1])[:, None]  # (s - 1, points, joints)
+    path = np.concatenate([between.reshape(-1, waypoints.shape[1]), waypoints[-1:]])
+    mapping, uncertainty = _shapes(plan)
+    waiting = np.where(plan.tour.measured >= 0, float(PAUSE_S), 0.0)
+    day, arrivals = tour_trajectory(rated(problem.robot.chain)[0], waypoints, waiting)
+    times = np.concatenate(
+        [np.arange(left, came, _STEP_S)[1:] for left, came in zip(arrivals + waiting, arrivals[1:], strict=False)]
+    )
+    under_way = day.at(times)[0]
+    visible, moving_poses = tuple(shells(model)), body_poses(model, arm, values, under_way)
+    legs = world_legs(frame0, arm, values, waypoints)
+    reach = reach_of(frame0, points, legs)
+    return PlanScene(
+        np.asarray(plan.tour.measured >= 0),
+        visit_ids(plan.tour, plan.pose_ids),
+        points,
+        moved(tracker, arm.points(path, values))[:, 0],
+        model.Ts_world_station,
+        model.stations or ("tracker",),
+        np.array([names.index(name) for name in plan.waypoints.stations or names[:1] * len(waypoints)]),
+        reach,
+        visible,
+        body_poses(model, arm, values, waypoints),
+        moved(frame0, skeleton(arm, values, waypoints).origins),
+        tuple(moved(frame0, line[0]) for line in skeleton(arm, values, waypoints[:1]).frame_lines),
+        legs,
+        magnified(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker, reach),
+        magnified(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker, reach),
+        arrivals,
+        arrivals + waiting,
+        times,
+        {shell.body: moving_poses[shell.body] for shell in visible},
+        world_legs(frame0, arm, values, under_way),
+        moved(tracker, arm.points(under_way, values)),
+    )
+
+
+def _shapes(plan: DesignResult) -> tuple[Array, Array]:
+    """Compute factors F ``(s, 3, p)`` at every waypoint, of the squares F F' of mapping and uncertainty ellipsoids.
+
+    The parameters of the mapping are scaled so that over all measured poses each moves the
+    whitened points alike; the uncertainty is J C J', the inverse of the information being C.
+    """
+    problem = plan.problem
+    _, jacobian = problem.arm.observe(plan.tour.waypoints, problem.values)
+    seen = [
+        i for i in problem.structure.identifiable if i < len(problem.arm.names)
+    ]  # the places of stations move no point
+    here = np.zeros((*jacobian.shape[:1], 3, len(problem.structure.identifiable)))
+    here[..., : len(seen)] = jacobian[:, 0][..., seen]
+    total = information(problem.whitened(np.concatenate([plan.design.joints, problem.already])))
+    size = np.sqrt(np.diag(total))
+    root = np.linalg.cholesky(total / np.outer(size, size))
+    factor = np.linalg.inv(root).T / size[:, None]  # C = factor factor'
+    return here / size, here @ factor
 
 
 _HALF, _WIDE = (4.8, 3.6), (8.0, 2.6)  # inches
@@ -60,7 +164,7 @@ _NUMBER = 6.5  # points, of a pose's number
 _TICKS = (1, 2, 3, 5)  # of each power of ten
 
 
-def curve_pictures(plan: DesignResult) -> tuple[Picture, ...]:
+def _curve_pictures(plan: DesignResult) -> tuple[doc.Picture, ...]:
     """Predicted errors against the number of poses with the plan's; beside them O1, where each number was designed."""
     chosen = len(plan.joints), plan.prediction.coverage_radius
     scaling = plan.problem.scaling.describe()
@@ -77,16 +181,16 @@ def curve_pictures(plan: DesignResult) -> tuple[Picture, ...]:
     return errors, information
 
 
-def main_picture(plan: DesignResult) -> Picture:
+def main_picture(plan: DesignResult) -> doc.Picture:
     """Return the predicted errors against the number of poses."""
-    return curve_pictures(plan)[0]
+    return _curve_pictures(plan)[0]
 
 
-def pose_pictures(plan: DesignResult) -> tuple[Picture, ...]:
+def pose_pictures(plan: DesignResult) -> tuple[doc.Picture, ...]:
     """The targets from above and from the side, and the joint positions in their ranges."""
     targets = (
         axes_picture(f"poses-{name}", f"The targets from {'the side' if name == 'side' else name}", SQUARE,
-                     lambda axes, plane=plane: _targets(axes, plan_scene(plan), plane),  # type: ignore[misc]
+                     lambda axes, plane=plane: _draw_targets(axes, plan_scene(plan), plane),  # type: ignore[misc]
                      (0.75, 0.5, 0.15, 0.3))
         for name, plane in VIEWS.items()
     )  # fmt: skip
@@ -98,11 +202,7 @@ def pose_pictures(plan: DesignResult) -> tuple[Picture, ...]:
 
 
 def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, float] | None = None) -> None:
-    """Draw predicted errors on validation poses (µm, logarithmic) against the number of poses.
-
-    Args:
-        chosen: the plan's number of poses, and its tolerance bound (m).
-    """
+    """Draw predicted errors on validation poses (µm, logarithmic) against the number of poses."""
     poses = [step.poses for step in curve]
     drawn = [MICRONS.of(np.array([_rms(s.prediction.rms) for s in curve]))]
     for label, values, tint, style in (
@@ -128,12 +228,7 @@ def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, flo
 
 
 def _draw_information(axes: Axes, curve: Sequence[DesignStep], scaling: str, chosen: int | None = None) -> None:
-    """Draw O1, the information per pose, against the number of poses.
-
-    Args:
-        scaling: of O1, in words.
-        chosen: the plan's number of poses.
-    """
+    """Draw O1, the information per pose, against the number of poses."""
     o1 = [step.o1 for step in curve]
     axes.plot([step.poses for step in curve], o1, "D--", color=INDEX, markersize=4)
     if chosen is not None:
@@ -158,7 +253,7 @@ def _in_order(rows: NDArray[np.int_], count: int) -> Array:
     return shades(rows / max(count - 1, 1), ORDER_SCALE)
 
 
-def _targets(axes: Axes, shown: PlanScene, plane: tuple[int, int]) -> None:
+def _draw_targets(axes: Axes, shown: PlanScene, plane: tuple[int, int]) -> None:
     """Target positions in mm on a plane of the world, with the way between them, the arm at home and the tracker."""
     i, j = plane
     mm = 1e3
@@ -210,7 +305,6 @@ def _at_edge(head: Array, half: float, plane: tuple[int, int]) -> tuple[Array, s
 
 
 def _joints(axes: Axes, chain: JointSpec, joints: Array) -> None:
-    """Draw every joint position in its joint's range, with the limits at the ends."""
     share = (joints - chain.lower) / (chain.upper - chain.lower)
     rows = np.arange(chain.size)[::-1]
     axes.hlines(rows, 0, 1, color=GRID, linewidth=9)
@@ -254,41 +348,40 @@ _OF = {
 _BOUND = "With 95 % confidence, 95 % of the validation poses have an error below the 95 %/95 % tolerance bound."
 
 
-def design_document(result: DesignResult) -> Document:
+def design_document(result: DesignResult) -> doc.Document:
     """The predicted error, the tour, the certificate and the indices of the choice."""
     values = result.to_dict()
-    return Document(
+    return doc.Document(
         f"{values['robot']}: {values['poses']} poses to measure",
         (
-            Paragraph(f"{_chosen(values)} {_predicted(values)}", "lead"),
-            Warnings(result.warnings),
-            Section(
+            doc.Paragraph(f"{_chosen(values)} {_predicted(values)}", "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section(
                 "Number of poses",
                 (
-                    Figure("curve-figure", curve_pictures(result), _CURVE + _O1 * result.options.curve),
+                    doc.Figure("curve-figure", _curve_pictures(result), _CURVE + _O1 * result.options.curve),
                     _steps(values),
-                    Paragraph(f"{_BOUND} {_OF[values['curve_of']]}", "note"),
+                    doc.Paragraph(f"{_BOUND} {_OF[values['curve_of']]}", "note"),
                 ),
             ),
-            Section(
+            doc.Section(
                 "Poses and tour",
                 (
-                    Figure("poses-figure", pose_pictures(result), _POSES),
-                    Paragraph(_tour(result)),
-                    Paragraph(SessionDuration.of(result.tour).description),
-                    Paragraph(_candidates(values)),
+                    doc.Figure("poses-figure", pose_pictures(result), _POSES),
+                    doc.Paragraph(_tour(result)),
+                    doc.Paragraph(SessionDuration.of(result.tour).description),
+                    doc.Paragraph(_candidates(values)),
                     *_reflector(values),
                     *_stations(values),
                     *_files(result),
                 ),
             ),
-            Section("Quality of the choice", (Paragraph(_certificate(values)), *_indices(values))),
+            doc.Section("Quality of the choice", (doc.Paragraph(_certificate(values)), *_indices(values))),
         ),
     )
 
 
 def _chosen(values: dict[str, Any]) -> str:
-    """Describe the selected poses and the criterion."""
     already = f", added to {values['measured_already']} measured already" if values["measured_already"] else ""
     return (
         f"{values['poses']} poses{already}, targets {', '.join(values['targets'])}, {values['instrument']}: "
@@ -305,7 +398,7 @@ def _predicted(values: dict[str, Any]) -> str:
     )
 
 
-def _steps(values: dict[str, Any]) -> Table:
+def _steps(values: dict[str, Any]) -> doc.Table:
     """The curve as a table, with O1 where each number was designed: else it is the same for any."""
     designed = values["curve_of"] == "designs"
     rows = tuple(
@@ -317,11 +410,10 @@ def _steps(values: dict[str, Any]) -> Table:
         for step in values["curve"]
     )
     columns = ("poses", "RMS, mm", "worst pose, mm", "95 %/95 % bound, mm", *(("O1",) if designed else ()))
-    return Table(columns, rows, "Predicted error on validation poses")
+    return doc.Table(columns, rows, "Predicted error on validation poses")
 
 
 def _tour(result: DesignResult) -> str:
-    """Describe the duration of the measurement session."""
     tour = result.tour
     via = f", {result.tour.via} of them through waypoints that are not measured" if result.tour.via else ""
     chain, controller = result.problem.robot.chain, result.options.controller
@@ -334,7 +426,6 @@ def _tour(result: DesignResult) -> str:
 
 
 def _checked(result: DesignResult) -> str:
-    """Describe what was checked for collisions."""
     if result.options.no_check:
         return "Nothing was checked for collisions."
     options = result.options
@@ -347,7 +438,6 @@ def _checked(result: DesignResult) -> str:
 
 
 def _candidates(values: dict[str, Any]) -> str:
-    """Report how many poses were examined, and why the others cannot be measured."""
     found, lost = values["candidates"], values["candidates"]["rejected"]
     singular = f"{lost['singularity']:,} near a parallel singularity, " if lost["singularity"] else ""
     return (
@@ -356,13 +446,12 @@ def _candidates(values: dict[str, Any]) -> str:
     )
 
 
-def _reflector(values: dict[str, Any]) -> tuple[Block, ...]:
-    """Report how near the waypoints come to the largest angle that the reflectors take."""
+def _reflector(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     found = values["reflector"]
     if found is None:
         return ()
     return (
-        Paragraph(
+        doc.Paragraph(
             f"The reflector takes beams up to {found['acceptance_deg']:.0f}° off its axis. At these poses they are up "
             f"to {found['largest_deg']:.0f}° off; {found['near']} of {values['poses']} poses are within "
             f"{found['near_deg']:.0f}° of the limit."
@@ -370,44 +459,43 @@ def _reflector(values: dict[str, Any]) -> tuple[Block, ...]:
     )
 
 
-def _stations(values: dict[str, Any]) -> tuple[Block, ...]:
-    """Tabulate the number of poses that each station measures."""
+def _stations(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     stations = values["stations"]
     if not stations:
         return ()
     listed = ", then ".join(f"{each['poses']} from {each['name']}" for each in stations if each["poses"])
     rows = ((each["name"], str(each["poses"]), ", ".join(f"{x:.0f}" for x in each["head_mm"])) for each in stations)
     return (
-        Paragraph(
+        doc.Paragraph(
             f"Each pose is measured from the station that sees it best: {listed}. Between two stations the arm waits "
             "at home until the instrument has been moved. Every point stays in the frame of its own station; the "
             "stations' poses are identified with the robot."
         ),
-        Table(("station", "poses", "head, mm, in the robot's frame"), tuple(rows)),
+        doc.Table(("station", "poses", "head, mm, in the robot's frame"), tuple(rows)),
     )
 
 
-def _files(result: DesignResult) -> tuple[Block, ...]:
-    """The files to measure with, and why there is none for a controller."""
+def _files(result: DesignResult) -> tuple[doc.Block, ...]:
     chain = result.problem.robot.chain
     why = refusal(chain, result.options.controller)
     files = plan_or_refusal(chain, result.options.controller, result.problem.robot.model.stations).values()
     programs = "".join(f", {file} for the controller" for file in files if file.startswith((f"{PLAN}.", f"{PLAN}_")))
     return (
-        Paragraph(f"Files: plan.csv with every waypoint, measured or via{programs}.", shown_in=PAGE | TERMINAL),
-        *((Paragraph(sentence(why), shown_in=PAGE | TERMINAL),) if why else ()),
+        doc.Paragraph(
+            f"Files: plan.csv with every waypoint, measured or via{programs}.", shown_in=doc.PAGE | doc.TERMINAL
+        ),
+        *((doc.Paragraph(sentence(why), shown_in=doc.PAGE | doc.TERMINAL),) if why else ()),
     )
 
 
 def _certificate(values: dict[str, Any]) -> str:
-    """Report the certified D-efficiency and the gap of its bound."""
     return (
         f"The certified D-efficiency is {values['d_efficiency']:.3f}, against {values['pool']['what']} "
         f"(gap of the bound {100 * values['bound_gap']:.2f} %)."
     )
 
 
-def _indices(values: dict[str, Any]) -> tuple[Block, ...]:
+def _indices(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     """The observability indices, with what they are scaled by; in one line where there is little room."""
     found = values["indices"]
     line = ", ".join(
@@ -415,9 +503,9 @@ def _indices(values: dict[str, Any]) -> tuple[Block, ...]:
     )
     rows = tuple((_INDICES[name], _value(index), index["scaling"]) for name, index in found.items())
     return (
-        Paragraph(f"{line} ({found['o1']['scaling']}).", shown_in=NARROW),
-        Table(("index", "value", "scaling"), rows, shown_in=PAGE),
-        Paragraph("σ: the singular values of the scaled Jacobian of all poses.", "note", shown_in=PAGE),
+        doc.Paragraph(f"{line} ({found['o1']['scaling']}).", shown_in=doc.NARROW),
+        doc.Table(("index", "value", "scaling"), rows, shown_in=doc.PAGE),
+        doc.Paragraph("σ: the singular values of the scaled Jacobian of all poses.", "note", shown_in=doc.PAGE),
     )
 
 
@@ -425,23 +513,23 @@ def _value(index: dict[str, Any]) -> str:
     return "∞" if index["value"] is None else short(index["value"])
 
 
-def check_document(result: PlanCheckResult) -> Document:
+def check_document(result: PlanCheckResult) -> doc.Document:
     """Build the document of a plan check: the answer, the faults, and the session's duration."""
     count = len(result.faults)
     cell = f" in {result.options.cell}" if result.options.cell else ""
-    badge = Badge("the plan can be run", "good") if not count else Badge("the plan cannot be run", "bad")
+    badge = doc.Badge("the plan can be run", "good") if not count else doc.Badge("the plan cannot be run", "bad")
     text = (
         f" All {len(result.waypoints)} waypoints and the paths between them pass the check{cell}."
         if not count
         else f" {count} of {len(result.waypoints)} waypoints{cell}, or the paths to them, fail the check; plan anew."
     )
     rows = tuple((fault.waypoint, fault.why) for fault in result.faults)
-    return Document(
+    return doc.Document(
         f"{result.robot.name}: {badge.text}",
         (
-            Paragraph((badge, f".{text}"), "lead"),
-            Warnings(result.warnings),
-            Section("Faults", (Table(("waypoint", "fault"), rows),)),
-            Section("Duration of the session", (Paragraph(result.duration.description),)),
+            doc.Paragraph((badge, f".{text}"), "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section("Faults", (doc.Table(("waypoint", "fault"), rows),)),
+            doc.Section("Duration of the session", (doc.Paragraph(result.duration.description),)),
         ),
     )

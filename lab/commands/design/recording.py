@@ -1,7 +1,7 @@
-"""A plan as a rerun recording: the arm on its tour, the targets in order, and what each pose shows.
+"""Record a plan with rerun: the arm on its tour, the targets in order, and the ellipsoids of each pose.
 
-What moves is on the timeline ``stop``: 0 is home, then every pose of the tour and every pose that
-is only passed, and home again; and on ``time``, where the arm moves from one to the next at its full speed.
+Motion is on the timeline ``stop``: 0 is home, then every waypoint of the tour, measured or via, and home again; and on
+``time``, where the arm moves from one to the next at its full speed.
 """
 
 import hashlib
@@ -13,39 +13,21 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from lab.commands.design.result import DesignResult
-from lab.commands.design.scene import PlanScene, plan_scene
+from lab.commands.design.document import PlanScene, plan_scene
+from lab.commands.design.run import DesignResult
 from lab.commands.result import joint_values
 from lab.core.se3 import Array
 from lab.core.units import MICRONS
+from lab.render import recording as rec
 from lab.render.document import RECORDING, Bullets, Document, Section, Strong, Table, fixed, format_magnification
 from lab.render.markdown import to_markdown
-from lab.render.recording import (
-    SUMMARY,
-    Times,
-    bars,
-    close_view,
-    draw_beams,
-    draw_ellipsoid,
-    draw_instrument,
-    draw_legs,
-    draw_moving,
-    draw_moving_legs,
-    draw_shells,
-    draw_tag,
-    eye,
-    layout,
-    main_view,
-    markdown,
-    recording_to,
-)
 from lab.render.scene import legs_legend
 from lab.render.style import RGB_CURRENT, RGB_FIRST, RGB_LAST, RGB_MAPPING, RGB_MUTED, RGB_PATH, RGB_UNCERTAINTY
 
 __all__ = ["record_plan"]
 
-TIMELINE, POSES = "stop", "poses"
-BOUND, O1 = "curve/bound_um", "curve/o1"
+_TIMELINE, _POSES = "stop", "poses"
+_BOUND, _O1 = "curve/bound_um", "curve/o1"
 _PATH, _HERE, _PASSED = RGB_PATH, RGB_CURRENT, RGB_MUTED
 _TALLEST = 8.0  # bars of the curve, in times the last one
 _FIRST, _LAST = np.array(RGB_FIRST), np.array(RGB_LAST)  # colours of the targets, by the order of the tour
@@ -54,25 +36,25 @@ _FIRST, _LAST = np.array(RGB_FIRST), np.array(RGB_LAST)  # colours of the target
 def record_plan(path: Path, plan: DesignResult) -> None:
     """Write a plan's recording, with the blueprint that shows it, to ``path``."""
     shown = plan_scene(plan)
-    at = [rr.TimeColumn(TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
-    with recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
+    at = [rr.TimeColumn(_TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
+    with rec.recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
         recording.send_blueprint(_blueprint(shown, designed=plan.options.curve))
-        draw_shells(recording, at, shown.shells, shown.bodies)
-        draw_moving(recording, [_seconds(shown.times)], shown.moving)
-        draw_legs(recording, at, shown.legs, shown.reach_m)
-        draw_moving_legs(recording, [_seconds(shown.times)], shown.moving_legs)
+        rec.draw_shells(recording, at, shown.shells, shown.bodies)
+        rec.draw_moving(recording, [_seconds(shown.times)], shown.moving)
+        rec.draw_legs(recording, at, shown.legs, shown.reach_m)
+        rec.draw_moving_legs(recording, [_seconds(shown.times)], shown.moving_legs)
         for i, (name, T_world_station) in enumerate(zip(shown.stations, shown.Ts_world_station, strict=True)):
-            draw_instrument(recording, name, T_world_station, name if i else "")
-        draw_beams(recording, at, shown.heads, np.where(shown.measured[:, None, None], shown.points, np.nan))
+            rec.draw_instrument(recording, name, T_world_station, name if i else "")
+        rec.draw_beams(recording, at, shown.heads, np.where(shown.measured[:, None, None], shown.points, np.nan))
         gone = rr.LineStrips3D.columns(strips=[]).partition([0] * len(shown.departures))
         recording.send_columns("world/instrument/beam", [_seconds(shown.departures)], gone)
         _targets(recording, at, shown)
         recording.send_columns("world/focus", at, rr.Transform3D.columns(translation=shown.points[:, 0]))
-        draw_ellipsoid(recording, "mapping", at, shown.mapping, RGB_MAPPING)
-        draw_ellipsoid(recording, "uncertainty", at, shown.uncertainty, RGB_UNCERTAINTY)
+        rec.draw_ellipsoid(recording, "mapping", at, shown.mapping, RGB_MAPPING)
+        rec.draw_ellipsoid(recording, "uncertainty", at, shown.uncertainty, RGB_UNCERTAINTY)
         _curve(recording, plan)
-        recording.log(SUMMARY, markdown(to_markdown(_document(plan, shown))), static=True)
-        recording.log(POSES, markdown(to_markdown(_pose_table(plan, shown))), static=True)
+        recording.log(rec.SUMMARY, rec.markdown(to_markdown(_document(plan, shown))), static=True)
+        recording.log(_POSES, rec.markdown(to_markdown(_pose_table(plan, shown))), static=True)
 
 
 def _seconds(times: Array) -> rr.TimeColumn:
@@ -88,8 +70,7 @@ def _identity(plan: DesignResult) -> str:
     return digest.hexdigest()[:32]
 
 
-def _targets(recording: rr.RecordingStream, at: Times, shown: PlanScene) -> None:
-    """Log all targets, numbered and coloured in order, the path between them, and the current one."""
+def _targets(recording: rr.RecordingStream, at: rec.Times, shown: PlanScene) -> None:
     points = shown.points[shown.measured]  # (n, k, 3)
     n, k = points.shape[:2]
     share = np.repeat(np.linspace(0, 1, n), k)[:, None]
@@ -99,8 +80,8 @@ def _targets(recording: rr.RecordingStream, at: Times, shown: PlanScene) -> None
     recording.log("world/targets/all", cloud, static=True)
     numbers = rr.Points3D(points[:, 0], labels=list(shown.ids), colors=colours[::k], radii=0.0005, show_labels=True)
     recording.log("world/targets/number", numbers, static=True)
-    way = rr.LineStrips3D([shown.path], colors=_PATH, radii=0.0008 * shown.reach_m)
-    recording.log("world/way", way, static=True)
+    path = rr.LineStrips3D([shown.path], colors=_PATH, radii=0.0008 * shown.reach_m)
+    recording.log("world/way", path, static=True)
     here = rr.Points3D.columns(positions=shown.points.reshape(-1, 3)).partition([k] * len(shown.points))
     recording.send_columns("world/targets/here", at, here)
     underway = rr.Points3D.columns(positions=shown.moving_points.reshape(-1, 3)).partition([k] * len(shown.times))
@@ -108,11 +89,11 @@ def _targets(recording: rr.RecordingStream, at: Times, shown: PlanScene) -> None
     recording.log("world/targets/here", rr.Points3D.from_fields(colors=_HERE, radii=1.2 * radius), static=True)
     if (passed := _passed(shown)).any():
         place = shown.points[passed, 0]
-        draw_tag(recording, "world/targets/passed", [rr.TimeColumn(TIMELINE, sequence=np.flatnonzero(passed))],
+        rec.draw_tag(recording, "world/targets/passed", [rr.TimeColumn(_TIMELINE, sequence=np.flatnonzero(passed))],
                  place, "passed only", _PASSED)  # fmt: skip
         gone = np.flatnonzero(passed[:-1] & ~passed[1:]) + 1
         cleared = rr.Points3D.columns(positions=np.empty((0, 3))).partition([0] * len(gone))
-        recording.send_columns("world/targets/passed", [rr.TimeColumn(TIMELINE, sequence=gone)], cleared)
+        recording.send_columns("world/targets/passed", [rr.TimeColumn(_TIMELINE, sequence=gone)], cleared)
 
 
 def _passed(shown: PlanScene) -> NDArray[np.bool_]:
@@ -122,17 +103,18 @@ def _passed(shown: PlanScene) -> NDArray[np.bool_]:
 
 
 def _curve(recording: rr.RecordingStream, plan: DesignResult) -> None:
-    """The tolerance bound of any number of poses (µm); O1, which says little of it, where each number was designed."""
+    """The tolerance bound of any number of poses (µm), and O1 where each number was designed."""
     poses = np.array([step.poses for step in plan.curve])
     bound = np.array([MICRONS.of(step.prediction.coverage_radius) for step in plan.curve])
     near = bound <= _TALLEST * bound[-1]  # the first set that identifies the parameters would hide all others
-    recording.log(BOUND, rr.BarChart(bound[near], abscissa=poses[near], color=RGB_UNCERTAINTY), static=True)
+    recording.log(_BOUND, rr.BarChart(bound[near], abscissa=poses[near], color=RGB_UNCERTAINTY), static=True)
     if plan.options.curve:
-        recording.log(O1, rr.BarChart([step.o1 for step in plan.curve], abscissa=poses, color=RGB_MAPPING), static=True)
+        recording.log(
+            _O1, rr.BarChart([step.o1 for step in plan.curve], abscissa=poses, color=RGB_MAPPING), static=True
+        )
 
 
 def _document(plan: DesignResult, shown: PlanScene) -> Document:
-    """The plan's document, and what the scene shows and magnifies."""
     document = plan.document()
     legend = Bullets(
         (
@@ -152,7 +134,6 @@ def _document(plan: DesignResult, shown: PlanScene) -> Document:
 
 
 def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
-    """The joint positions at every stop."""
     chain = plan.problem.robot.chain
     units = ["mm" if slides else "°" for slides in chain.prismatic]
     ids, last, rows = iter(shown.ids), len(shown.measured) - 1, []
@@ -165,17 +146,17 @@ def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
 
 def _blueprint(shown: PlanScene, *, designed: bool) -> rrb.Blueprint:
     """The arm large, the two ellipsoids beside it, text and curves at hand, that of O1 where it is ``designed``."""
-    controls = eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
+    controls = rec.eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
     close = rrb.Horizontal(
-        close_view("ellipsoid/mapping", "Sensitivity ellipsoid", shown.reach_m),
-        close_view("ellipsoid/uncertainty", "Predicted uncertainty ellipsoid", shown.reach_m),
+        rec.close_view("ellipsoid/mapping", "Sensitivity ellipsoid", shown.reach_m),
+        rec.close_view("ellipsoid/uncertainty", "Predicted uncertainty ellipsoid", shown.reach_m),
     )
     texts = rrb.Tabs(
-        rrb.TextDocumentView(origin=SUMMARY, name="Summary"),
-        rrb.TextDocumentView(origin=POSES, name="Poses"),
+        rrb.TextDocumentView(origin=rec.SUMMARY, name="Summary"),
+        rrb.TextDocumentView(origin=_POSES, name="Poses"),
         active_tab=0,
     )
-    bound = bars(BOUND, "95 %/95 % tolerance bound, µm, by poses")
-    charts = rrb.Horizontal(bound, bars(O1, "O1, by poses")) if designed else bound
-    left = rrb.Vertical(main_view("Tour", controls))
-    return layout(left, rrb.Vertical(close, texts, charts, row_shares=[1.2, 1.9, 0.9]), TIMELINE)
+    bound = rec.bars(_BOUND, "95 %/95 % tolerance bound, µm, by poses")
+    charts = rrb.Horizontal(bound, rec.bars(_O1, "O1, by poses")) if designed else bound
+    left = rrb.Vertical(rec.main_view("Tour", controls))
+    return rec.layout(left, rrb.Vertical(close, texts, charts, row_shares=[1.2, 1.9, 0.9]), _TIMELINE)

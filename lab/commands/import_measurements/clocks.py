@@ -1,13 +1,10 @@
-"""The offset and drift between a tracker's clock and a controller's, from when points were measured and poses held.
+"""Estimate offset and drift between a tracker's clock and a controller's, from times of points and of rests.
 
 An offset places a point if it moves its time into a window in which the arm stood still. The number of points that are
-placed is a step function of the offset, whose maxima are all found by sorting its steps. Equally spaced stops have many
-maxima: the nominal arm tells them apart, as it follows the points of the right poses alone.
-
-How well points follow the nominal arm in the poses that they are taken for.
-
-Base and tool are fitted to the points; what the nominal links then miss is millimetres. Points that belong to other
-poses, or joints in another unit, order or direction, are missed by a large part of the arm's reach.
+placed is a step function of the offset, whose maxima are all found by sorting its steps. Equally spaced rests have many
+maxima, of which the nominal arm decides: with base and tool fitted, it follows the points of the right poses to within
+millimetres. Points of other poses, or joints in another unit, order or direction, are missed by a large part of its
+reach.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -111,15 +108,10 @@ _FOLLOW = 0.8  # of the placed points that follow the nominal arm at the right o
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """Offset of the tracker's clock ahead of the controller's.
+    """Offset of the tracker's clock ahead of the controller's."""
 
-    Attributes:
-        seconds: at the first point.
-        drift_ppm: excess rate of the tracker's clock, in millionths.
-    """
-
-    seconds: float = 0.0
-    drift_ppm: float = 0.0
+    seconds: float = 0.0  # at the first point
+    drift_ppm: float = 0.0  # excess rate of the tracker's clock, in millionths
 
     def on_log(self, at: Array) -> Array:
         """Return times ``(n,)`` of the tracker's clock on the controller's (s; NaN stays)."""
@@ -138,16 +130,14 @@ class PlacedPoints:
     """Assignment of points to windows by a clock offset.
 
     Attributes:
-        where: ``(n,)`` the window of each point, -1 where none.
         distances_m: ``(n,)`` of the points from the nominal arm, infinite where not placed; None where too few
             distinct poses are met to compare.
-        tolerance_m: largest distance at which a point counts as following the arm.
     """
 
     offset: ClockOffset
-    where: NDArray[np.int_]
+    where: NDArray[np.int_]  # (n,) the window of each point, -1 where none
     distances_m: Array | None
-    tolerance_m: float
+    tolerance_m: float  # largest distance at which a point counts as following the arm
 
     @cached_property
     def placed(self) -> int:
@@ -194,23 +184,17 @@ class ClockComparison:
     """Points and windows on two clocks.
 
     Attributes:
-        at: ``(n,)`` s, when points were measured; NaN where not said.
         starts, ends: ``(k,)`` s, of the windows, in order and apart from each other.
-        window_of: the window of each of some times, -1 where none.
-        joints: ``(k, joints)`` of the windows, by the numbers that ``window_of`` gives them.
-        points: ``(n, 3)`` m.
-        targets: how many of them are measured in each pose, in turn.
-        nominal: the arm that they are to follow; None to compare times alone.
     """
 
-    at: Array
+    at: Array  # (n,) s, when points were measured; NaN where unknown
     starts: Array
     ends: Array
-    window_of: Callable[[Array], NDArray[np.int_]]
-    joints: Array
-    points: Array
-    targets: int
-    nominal: NominalFit | None
+    window_of: Callable[[Array], NDArray[np.int_]]  # the window of each of some times, -1 where none
+    joints: Array  # (k, joints) of the windows, by the numbers that window_of gives them
+    points: Array  # (n, 3) m
+    targets: int  # how many of them are measured in each pose, in turn
+    nominal: NominalFit | None  # the arm that they are to follow; None to compare times alone
 
     def check(self, offset: ClockOffset, *, given: bool) -> None:
         """Refuse an offset that the points contradict.
@@ -299,7 +283,6 @@ class ClockComparison:
         return [self._compared(offset, where) for offset, where in zip(retained, wheres, strict=True)]
 
     def _drifts(self, given: float) -> list[float]:
-        """Return drifts (ppm) to try: none, the given one, and others whose effects differ."""
         window = max(float(np.median(self.ends - self.starts)), 1e-3)
         shift = 1e-6 * CLOCK_DRIFT_PPM.most * float(np.ptp(self.at))
         steps = min(int(np.ceil(shift / (_DRIFT_STEP * window))), _MAX_DRIFTS)

@@ -3,20 +3,21 @@
 import re
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.commands.import_measurements.clocks import ClockComparison, ClockOffset, NominalFit, PlacedPoints
-from lab.commands.import_measurements.options import By, ImportOptions
+from lab.commands.options import By, ImportOptions
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.core.units import MM
+from lab.core.units import MM, joints_to_si
 from lab.formats.joint_log import JointLog
 from lab.formats.loose_table import LeftOut
 from lab.formats.tracker_export import TrackerPoints
 
-__all__ = ["MatchedPose", "Matching", "Timeline", "Windows", "matched", "settled_windows"]
+__all__ = ["Matching", "Timeline", "matched", "settled_windows"]
 
 _SPAN_S = 0.4  # over which a speed is taken: shorter, and the steps of an encoder look like motion
 _ROWS = 2.5  # steps of a log that a speed is taken over at least, where it has few rows a second
@@ -24,25 +25,23 @@ _FEWEST = 3  # rows of a window
 
 
 @dataclass(frozen=True)
-class Windows:
+class _Windows:
     """Times at which the arm stood still.
 
     Attributes:
         starts, ends: ``(k,)`` s, of the log's clock.
-        joints: ``(k, joints)`` rad or m: the mean of the rows of each.
-        lines: ``(k,)`` of the first row of each, as an editor counts.
     """
 
     starts: Array
     ends: Array
-    joints: Array
-    lines: tuple[int, ...]
+    joints: Array  # (k, joints) rad or m: the mean of the rows of each
+    lines: tuple[int, ...]  # (k,) of the first row of each, as an editor counts
 
     def __len__(self) -> int:
         return len(self.starts)
 
 
-def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, least_s: float) -> Windows:
+def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, least_s: float) -> _Windows:
     """Find the windows in which every joint moves more slowly than a bound.
 
     The speed at a row is the change of a joint over 0.4 s about it (in a log of few rows a second: from the row before
@@ -50,13 +49,11 @@ def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, le
     keeps the ends of a window clear of the motion.
 
     Args:
-        log: with times in every row.
-        prismatic: which joints slide.
-        still: the largest speed of a joint that stands, degrees per s, mm per s of a slide.
+        still: the largest speed of a joint at rest, degrees per s, mm per s of a slide.
         least_s: the shortest window.
 
     Raises:
-        LabError: times are missing or fall, or the arm never stands.
+        LabError: times are missing or fall, or the arm never rests.
     """
     times = log.seconds
     for i in np.flatnonzero(~np.isfinite(times)):
@@ -67,7 +64,7 @@ def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, le
     before = np.searchsorted(times, times - span / 2, side="left")
     after = np.searchsorted(times, times + span / 2, side="right") - 1
     apart = np.maximum(times[after] - times[before], 1e-9)[:, None]
-    unit = np.where(prismatic, 1e-3, np.pi / 180)
+    unit = joints_to_si(np.ones(len(prismatic)), prismatic)
     speed = (np.abs(log.joints[after] - log.joints[before]) / apart / unit).max(axis=1)
     stands = (speed < still) & (after > before)
     jumps = (np.abs(np.diff(log.joints, axis=0)) / unit).max(axis=1) > still * span  # between rows far apart in time
@@ -84,7 +81,7 @@ def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, le
             f"{log.path}: no joint position holds for {least_s:g} s at less than {still:g} °/s "
             f"(the slowest moment has {speed.min():.3g} °/s); give --still-deg-s or --settled-s, or --by order"
         )
-    return Windows(
+    return _Windows(
         np.array([times[first] for first, _ in spans]),
         np.array([times[last - 1] for _, last in spans]),
         np.array([log.joints[first:last].mean(axis=0) for first, last in spans]),
@@ -96,13 +93,10 @@ _ENDING = re.compile(r"(.+?)[\s_.:/\-]+([^\s_.:/\-]+)")  # pose and target in on
 _LOG_GAP_S = 1.0  # rows that follow each other faster are a log, not a list of poses
 
 
-@dataclass(frozen=True)
-class MatchedPose:
-    """A pose, its joints, and the points that were measured there: their rows in the tracker's file, by target."""
-
+class _MatchedPose(NamedTuple):
     name: str
     joints: Array
-    points: dict[str, int]
+    points: dict[str, int]  # rows of the measured points in the tracker's file, by target
 
 
 @dataclass(frozen=True)
@@ -110,36 +104,25 @@ class Timeline:
     """When points were measured and the arm stood still, on the controller's clock.
 
     Attributes:
-        at: ``(n,)`` s, of the points; NaN where not said.
         starts, ends: ``(k,)`` s, of the windows in which the arm stood still.
-        placed: which window each point falls into, by which offset of the clocks.
-        retained: ``(n,)`` which points are in the measurements.
     """
 
-    at: Array
+    at: Array  # (n,) s, of the points; NaN where unknown
     starts: Array
     ends: Array
-    placed: PlacedPoints
-    retained: NDArray[np.bool_]
+    placed: PlacedPoints  # which window each point falls into, by which offset of the clocks
+    retained: NDArray[np.bool_]  # (n,) which points are in the measurements
 
 
 @dataclass(frozen=True)
 class Matching:
-    """Assignment of points to poses.
+    """Assignment of points to poses."""
 
-    Attributes:
-        by: the criterion that was compared.
-        poses: in the order of the controller's file.
-        left_out: points and poses without the other.
-        description: description of the method, in sentences.
-        timeline: of points that found their poses by time.
-    """
-
-    by: By
-    poses: tuple[MatchedPose, ...]
-    left_out: tuple[LeftOut, ...]
-    description: tuple[str, ...]
-    timeline: Timeline | None = None
+    by: By  # the criterion that was compared
+    poses: tuple[_MatchedPose, ...]  # in the order of the controller's file
+    left_out: tuple[LeftOut, ...]  # points and poses without the other
+    description: tuple[str, ...]  # description of the method, in sentences
+    timeline: Timeline | None = None  # of points that found their poses by time
 
 
 def matched(
@@ -155,7 +138,7 @@ def matched(
         nominal: the arm by which an offset of the clocks is checked; None to take it as it is given.
 
     Raises:
-        LabError: names, counts or times do not go together; the message says how to mend it.
+        LabError: names, counts or times do not go together.
     """
     by = options.by if options.by != "auto" else _choice(options, points, log)
     if by == "name":
@@ -177,18 +160,18 @@ def _is_log(log: JointLog) -> bool:
     return bool(known.all()) and len(known) > 2 and float(np.median(np.diff(log.seconds))) < _LOG_GAP_S
 
 
-def _poses(options: ImportOptions, log: JointLog, prismatic: tuple[bool, ...], *, as_log: bool) -> Windows:
+def _poses(options: ImportOptions, log: JointLog, prismatic: tuple[bool, ...], *, as_log: bool) -> _Windows:
     """The poses at which the arm stood: settled windows of a log, else the file's rows."""
     if as_log:
         return settled_windows(log, prismatic, options.still_deg_s, options.settled_s)
-    return Windows(log.seconds, log.seconds, log.joints, log.lines)
+    return _Windows(log.seconds, log.seconds, log.joints, log.lines)
 
 
 # By name
 
 
 def _split(options: ImportOptions, points: TrackerPoints, i: int, known: Container[str]) -> tuple[str, str] | None:
-    """The pose and the target that a point's name says; None where no pose has this name."""
+    """Pose and target by the name of a point; None where no pose has this name."""
     name, target = points.names[i], points.targets[i]
     if name in known:
         return (name, target or options.targets[0]) if target or len(options.targets) == 1 else None
@@ -237,14 +220,14 @@ def _by_name(options: ImportOptions, points: TrackerPoints, log: JointLog) -> Ma
         for name, i in first.items()
         if name not in found
     ]
-    poses = tuple(MatchedPose(name, log.joints[i], found[name]) for name, i in first.items() if name in found)
+    poses = tuple(_MatchedPose(name, log.joints[i], found[name]) for name, i in first.items() if name in found)
     return Matching("name", poses, tuple(left), ("Points are matched to the poses of the same name.",))
 
 
 # In order
 
 
-def _by_order(options: ImportOptions, points: TrackerPoints, log: JointLog, waypoints: Windows) -> Matching:
+def _by_order(options: ImportOptions, points: TrackerPoints, log: JointLog, waypoints: _Windows) -> Matching:
     each, count = len(options.targets), len(points.names)
     if count != len(waypoints) * each:
         of_each = f" with {each} points each" if each > 1 else ""
@@ -254,7 +237,7 @@ def _by_order(options: ImportOptions, points: TrackerPoints, log: JointLog, wayp
             "without a partner, or give --by name or --by time"
         )
     poses = tuple(
-        MatchedPose(
+        _MatchedPose(
             _pose_name(points, k * each, k), waypoints.joints[k], _in_turn(options, range(k * each, (k + 1) * each))
         )
         for k in range(len(waypoints))
@@ -274,7 +257,7 @@ def _pose_name(points: TrackerPoints, i: int, k: int) -> str:
 
 
 def _by_time(
-    options: ImportOptions, points: TrackerPoints, log: JointLog, waypoints: Windows, nominal: NominalFit | None
+    options: ImportOptions, points: TrackerPoints, log: JointLog, waypoints: _Windows, nominal: NominalFit | None
 ) -> Matching:
     if not np.isfinite(points.seconds).any():
         raise LabError(f"{points.path}: its points have no times; give --by name or --by order, or --columns")
@@ -326,7 +309,7 @@ def _by_time(
     return Matching("time", tuple(poses), tuple(left), tuple(messages), timeline)
 
 
-def _one_clock(points: TrackerPoints, log: JointLog, waypoints: Windows) -> tuple[Array, Array, Array, bool]:
+def _one_clock(points: TrackerPoints, log: JointLog, waypoints: _Windows) -> tuple[Array, Array, Array, bool]:
     """Times of the points, and of when poses begin and end, on one clock; whether the clocks are of one kind."""
     at, starts, ends = points.seconds, waypoints.starts, waypoints.ends
     clocks = {points.clock, log.clock}
@@ -375,9 +358,9 @@ def _windows_by_time(
 
 
 def _timed_poses(
-    options: ImportOptions, points: TrackerPoints, waypoints: Windows, where: NDArray[np.int_]
-) -> "list[MatchedPose]":
-    each, poses = len(options.targets), list[MatchedPose]()
+    options: ImportOptions, points: TrackerPoints, waypoints: _Windows, where: NDArray[np.int_]
+) -> "list[_MatchedPose]":
+    each, poses = len(options.targets), list[_MatchedPose]()
     for k, rows in _rows_of_windows(where):
         if len(rows) % each:
             lines = ", ".join(str(points.lines[i]) for i in rows[:8])
@@ -386,7 +369,7 @@ def _timed_poses(
                 f"{', '.join(options.targets)}; give --targets as they were measured, or remove the others"
             )
         for n in range(0, len(rows), each):
-            poses.append(MatchedPose(_pose_name(points, rows[n], len(poses)), waypoints.joints[k],
+            poses.append(_MatchedPose(_pose_name(points, rows[n], len(poses)), waypoints.joints[k],
                                      _in_turn(options, rows[n : n + each])))  # fmt: skip
     return poses
 

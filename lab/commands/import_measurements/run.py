@@ -1,4 +1,4 @@
-"""A tracker's export and a controller's file, merged into measurements."""
+"""Merge a tracker's export with a controller's file into measurements."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -12,8 +12,9 @@ from lab.campaign.robot import Robot, load_robot
 from lab.commands.command_line import options_of, takes
 from lab.commands.import_measurements.clocks import LEAST_POSES, NominalFit
 from lab.commands.import_measurements.matching import Matching, Timeline, matched
-from lab.commands.import_measurements.options import ImportOptions
-from lab.commands.result import Result, joint_values, number
+from lab.commands.options import ImportOptions
+from lab.commands.result import Result, number
+from lab.commands.run_folder import joint_columns
 from lab.core.errors import LabError, counted
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
@@ -32,42 +33,25 @@ __all__ = ["ImportResult", "import_measurements"]
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ImportResult(Result):
-    """Measurements that were merged from a tracker's and a controller's file.
-
-    Attributes:
-        options: what was asked.
-        measurements: a row for each pose (m, rad, in the tracker's frame).
-        points: the tracker's file.
-        log: the controller's file.
-        matching: how points found their poses.
-    """
+    """Measurements that were merged from a tracker's and a controller's file."""
 
     command = "import"
+    robot_at = "robot"
     shown_by = "lab.commands.import_measurements.run:_import_document"
     drawn_by = "lab.commands.import_measurements.run:_points_picture"
 
     options: ImportOptions
     robot: Robot
-    measurements: Measurements
-    points: TrackerPoints
-    log: JointLog
-    matching: Matching
+    measurements: Measurements  # a row for each pose (m, rad, in the tracker's frame)
+    points: TrackerPoints  # the tracker's file
+    log: JointLog  # the controller's file
+    matching: Matching  # how points found their poses
     warnings: tuple[str, ...]
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.robot.sha256
 
     @property
     def left_out(self) -> tuple[LeftOut, ...]:
         """Entries of the two files that are not in the measurements, with the reason."""
         return (*self.points.left_out, *self.log.left_out, *self.matching.left_out)
-
-    @property
-    def left_out_counts(self) -> dict[str, int]:
-        """Number of entries left out for each reason."""
-        return dict(Counter(each.why for each in self.left_out))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints."""
@@ -112,10 +96,8 @@ class ImportResult(Result):
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each pose: its joints, ° or mm, and its points, mm."""
         data, chain = self.measurements, self.robot.chain
-        table: dict[str, Sequence[Any]] = {"id": data.ids}
-        shown = joint_values(chain.prismatic, data.joints)
-        for j, (name, slides) in enumerate(zip(chain.joint_names, chain.prismatic, strict=True)):
-            table[f"{name}_{'mm' if slides else 'deg'}"] = shown[:, j].tolist()
+        shown = joint_columns(chain, data.joints)
+        table: dict[str, Sequence[Any]] = {"id": data.ids, **{name: each.tolist() for name, each in shown.items()}}
         for k, target in enumerate(data.targets):
             for i, axis in enumerate("xyz"):
                 table[f"{target}_{axis}_mm"] = MM.of(data.points[:, k, i]).tolist()
@@ -128,7 +110,6 @@ _WIDE = (7.0, 2.4)  # inches
 
 
 def _import_document(result: ImportResult) -> Document:
-    """The merge in sentences, the columns, and what was left out."""
     data = result.measurements
     caption = "The points in the tracker's frame, seen along its z axis."
     return Document(
@@ -229,7 +210,7 @@ def _left_out(result: ImportResult) -> tuple[Paragraph | Table, ...]:
     left = result.left_out
     if not left:
         return (Paragraph("None: every line is a point or a pose."),)
-    counts = "; ".join(f"{count} because: {why}" for why, count in result.left_out_counts.items())
+    counts = "; ".join(f"{count} because: {why}" for why, count in Counter(each.why for each in left).items())
     more = f" The first {_MOST} of {len(left)} are listed; result.json has all." if len(left) > _MOST else ""
     rows: list[Row] = [
         (each.file.rsplit("/", 1)[-1], str(each.line or "–"), each.what, each.why) for each in left[:_MOST]
@@ -238,7 +219,6 @@ def _left_out(result: ImportResult) -> tuple[Paragraph | Table, ...]:
 
 
 def _points_picture(result: ImportResult) -> Picture:
-    """The points seen along the z axis of the tracker's frame."""
     points = MM.of(result.measurements.points.reshape(-1, 3))
     points = points[np.isfinite(points).all(axis=1)]
 
@@ -334,9 +314,6 @@ def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: N
     The distance of two points of one target hardly depends on where base and tool are: a wrong unit of lengths scales
     all of them. Points of other poses, or joints in another unit or with another sign, are far from the nominal arm
     wherever base and tool are.
-
-    Raises:
-        LabError: the distances are another unit's.
     """
     shown = data.take(np.arange(min(len(data), _SHOWN)))
     flange = nominal.flanges(shown.joints)

@@ -1,4 +1,4 @@
-"""Inspection of a robot: its description, and its identifiable parameters."""
+"""Inspect a robot: its description, its cell, and its identifiable parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from lab.calibration.checks import changes
 from lab.calibration.identifiability import (
@@ -17,31 +18,172 @@ from lab.calibration.identifiability import (
     scaled_condition,
     weak_directions,
 )
+from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.result import direction_to_dict
 from lab.commands.command_line import options_of, takes
-from lab.commands.inspect.cell import cell_section, cell_values
-from lab.commands.inspect.closed import closed_blocks, closed_nominal, closed_shape
-from lab.commands.inspect.options import InspectOptions
-from lab.commands.inspect.serial import serial_blocks, serial_frames, serial_nominal, serial_shape
-from lab.commands.result import Result, coefficient, number, per_person
+from lab.commands.inspect.nominal import (
+    closed_blocks,
+    closed_nominal,
+    closed_shape,
+    serial_blocks,
+    serial_frames,
+    serial_nominal,
+    serial_shape,
+)
+from lab.commands.options import InspectOptions
+from lab.commands.result import Result, joint_values, number
 from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.formats.cell_toml import Cell
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.gauge import base_set, named
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
 from lab.kinematics.serial.chain import Chain
-from lab.render.charts.chart import axes_picture, log_ticks
+from lab.noise.instruments import INSTRUMENTS
+from lab.render.charts.chart import axes_picture, cube, log_ticks, view
 from lab.render.charts.marks import Axes
-from lab.render.document import Block, Bullets, Document, Figure, Paragraph, Picture, Section, Table, Warnings
-from lab.render.style import PREDICTED
+from lab.render.document import Block, Bullets, Document, Figure, Paragraph, Picture, Section, Table, Warnings, short
+from lab.render.plots import SQUARE, VIEWS
+from lab.render.style import ARM, GATE, INK, INSTRUMENT, PREDICTED, TICK
 from lab.sensors.registry import sensor_named
+from lab.simulation.cell import edges_text, extents_mm
+from lab.simulation.collisions import collides, colliding_pairs, describe_collisions
+from lab.simulation.free_path import CLEARANCE_MM, Clearances, planning_model
+from lab.simulation.meshes import instrument_body, solid_points
 
-__all__ = ["Inspection", "inspect", "singular_values_picture"]
+__all__ = ["Inspection", "inspect"]
+
+_ROOM = 0.1  # around all that is shown, of its width
+_MARGINS = (0.75, 0.5, 0.15, 0.3)
+
+
+def _cell_pictures(robot: Robot) -> tuple[Picture, ...]:
+    """The outlines of the robot's solid shapes and of what its cell has, seen along two axes of the world."""
+    model = robot.model
+    shapes = [(name, MM.of(points)) for name, points in solid_points(model) if name != instrument_body(model)]
+    heads = MM.of(model.Ts_world_station[:, :3, 3])
+    obstacles = [(name, points) for name, points in shapes if name in model.obstacles]
+    arm = [points for name, points in shapes if name not in model.obstacles]
+
+    def draw(axes: Axes, plane: tuple[int, int]) -> None:
+        middle, half = cube([heads, *(points for _, points in shapes)], _ROOM)
+        view(axes, plane, middle, half, "world", "Cell")
+        for k, points in enumerate(arm):
+            line = _outline(points[:, plane])
+            axes.plot(line[:, 0], line[:, 1], color=ARM, linewidth=1.2, label="" if k else "robot at home")
+        for k, (name, points) in enumerate(obstacles):
+            line = _outline(points[:, plane])
+            axes.plot(line[:, 0], line[:, 1], color=GATE, linewidth=1.5, label="" if k else "obstacle")
+            place = (line.min(axis=0) + line.max(axis=0)) / 2
+            axes.annotate(name, place, ha="center", va="center", fontsize=7, color=INK)
+        axes.plot(heads[:, plane[0]], heads[:, plane[1]], "P", color=INSTRUMENT, markersize=10, label="instrument")
+        if plane[1] == 2:
+            axes.axhline(0.0, color=TICK, linewidth=1)
+        axes.legend(loc="best", frameon=True)
+
+    return tuple(
+        axes_picture(f"cell-{name}", f"The cell from {'the side' if name == 'side' else name}", SQUARE,
+                     lambda axes, plane=plane: draw(axes, plane), _MARGINS)  # type: ignore[misc]
+        for name, plane in VIEWS.items()
+    )  # fmt: skip
+
+
+def _outline(points: Array) -> Array:
+    """The closed convex outline ``(k + 1, 2)`` of points ``(n, 2)``; the points themselves where they have no area."""
+    try:
+        corners = ConvexHull(points).vertices
+    except QhullError:
+        return points
+    return np.asarray(points[np.append(corners, corners[0])])
+
+
+_PICTURE = "Outlines of the robot at home, of the obstacles, and the instrument; a mesh is taken for its convex hull."
+_CELL_POSES = 500  # random ones within the limits, at which is looked what touches what
+
+
+def _cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, Any]:
+    """The cell in millimetres and degrees, and what touches what in it at home and in random poses.
+
+    Clearances and reflectors are the defaults of a plan.
+    """
+    chain = robot.chain
+    model = planning_model(robot.model, targets, INSTRUMENTS[DesignOptions.instrument], Clearances())
+    joints = chain.random_joints(_CELL_POSES, rng_for(0, "poses"))
+    pairs = colliding_pairs(model, joints)
+    return {
+        "name": cell.name,
+        "file": str(cell.path),
+        "obstacles": [
+            {
+                "name": each.name,
+                "shape": each.shape,
+                "position_mm": list(each.position_mm),
+                "extents_mm": extents_mm(robot.model, each, name).round(6).tolist(),
+                "clearance_mm": CLEARANCE_MM if (stated_m := cell.clearance_m(each)) is None else MM.of(stated_m),
+            }
+            for each, name in zip(cell.obstacle, robot.model.obstacles, strict=True)
+        ],
+        "plates": [
+            {
+                "name": each.name,
+                "shape": each.shape,
+                "extents_mm": extents_mm(robot.model, each, name).round(6).tolist(),
+            }
+            for each, name in zip(cell.plate, robot.model.plates, strict=True)
+        ],
+        "tool": {each.name: {"position_mm": list(each.position_mm), "axis": list(each.axis)} for each in cell.tool},
+        "instrument_mm": MM.of(model.T_world_tracker[:3, 3]).round(9).tolist(),
+        "stations": [
+            {"name": name, "position_mm": MM.of(T[:3, 3]).round(9).tolist()}
+            for name, T in zip(model.stations, model.Ts_world_station, strict=False)
+        ],
+        "acceptance_deg": None if cell.reflector is None else cell.reflector.degrees,
+        "home": joint_values(chain.prismatic, chain.home).round(9).tolist(),
+        "at_home": describe_collisions(model, chain.home[None])[0],
+        "poses": _CELL_POSES,
+        "colliding": int(collides(model, joints).sum()),
+        "pairs": [{"first": first, "second": second, "poses": count} for (first, second), count in pairs.items()],
+    }
+
+
+def _cell_section(values: Mapping[str, Any], robot: Robot) -> Section:
+    """The cell as a person reads it, with a picture of it."""
+    cell = values["cell"]
+    rows = [
+        (
+            each["name"],
+            each["shape"],
+            edges_text(each["extents_mm"]),
+            ", ".join(short(x) for x in each["position_mm"]),
+            short(each["clearance_mm"]),
+        )
+        for each in cell["obstacles"]
+    ]
+    rows += [
+        (each["name"], each["shape"], edges_text(each["extents_mm"]), "on the flange", "") for each in cell["plates"]
+    ]
+    places = [(each["name"], ", ".join(short(x) for x in each["position_mm"])) for each in cell["stations"]]
+    stations = (Table(("station of the instrument", "head, mm, in the robot's frame"), tuple(places)),)
+    at_home = f"At home, {cell['at_home']}." if cell["at_home"] else "At home the arm touches nothing."
+    blocks: tuple[Block, ...] = (
+        Table(("obstacle", "shape", "extents", "position, mm", "clearance, mm"), tuple(rows)),
+        Figure("cell-figure", _cell_pictures(robot), _PICTURE),
+        *(stations if places else ()),
+        Paragraph(
+            f"{at_home} Of {cell['poses']} random poses within the limits, {cell['colliding']} touch something or come "
+            "too near to it."
+        ),
+        Table(
+            ("what moves", "touches", f"poses of {cell['poses']}"),
+            tuple((each["first"], each["second"], str(each["poses"])) for each in cell["pairs"]),
+        ),
+    )
+    return Section("Cell", blocks)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -49,26 +191,21 @@ class Inspection(Result):
     """A robot's nominal model, its limits, its shape, and what of it can be identified.
 
     Attributes:
-        options: what was asked.
         values: what ``to_dict`` gives: millimetres and degrees; aliases in SI units.
         parameters: all of the arm, in the order of its values.
         singular_values: ``(r,)`` of the Jacobian with unit columns over random poses, largest first.
     """
 
     command = "inspect"
+    robot_at = "robot"
     shown_by = "lab.commands.inspect.run:_inspection_document"
-    drawn_by = "lab.commands.inspect.run:singular_values_picture"
+    drawn_by = "lab.commands.inspect.run:_singular_values_picture"
 
     options: InspectOptions
     robot: Robot
     values: Mapping[str, Any]
     parameters: tuple[Parameter, ...]
     singular_values: Array
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.robot.sha256
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -98,14 +235,14 @@ def _inspection_document(result: Inspection) -> Document:
         (
             Warnings(result.warnings),
             Section("Nominal model and shape", tuple(shape)),
-            *((cell_section(values, result.robot),) if "cell" in values else ()),
+            *((_cell_section(values, result.robot),) if "cell" in values else ()),
             Section("Identifiability", (*_identifiable(result), *_fixed(result))),
             Section("Conditioning", tuple(_conditioning(result))),
         ),
     )
 
 
-def singular_values_picture(result: Inspection) -> Picture:
+def _singular_values_picture(result: Inspection) -> Picture:
     """Singular values relative to the largest, from the best observable direction to the worst."""
     relative = result.singular_values / result.singular_values[0]
 
@@ -120,7 +257,6 @@ def singular_values_picture(result: Inspection) -> Picture:
 
 
 def _identifiable(result: Inspection) -> tuple[Block, ...]:
-    """The identifiable parameters, by group."""
     values = result.values
     names = [name.rsplit(".", 1) for name in values["identifiable"]]
     groups = dict.fromkeys(sorted((group for group, _ in names), key=_group_order))
@@ -141,7 +277,6 @@ def _group_order(group: str) -> tuple[bool, str]:
 
 
 def _fixed(result: Inspection) -> tuple[Block, ...]:
-    """The parameters that are fixed at nominal, and why."""
     values = result.values
     fixed = f"fixed at nominal by --fix, though identifiable: {', '.join(values['held'])}" if values["held"] else ""
     others = ", ".join(values["told_apart"])
@@ -149,7 +284,7 @@ def _fixed(result: Inspection) -> tuple[Block, ...]:
     named = {parameter.name: parameter for parameter in result.parameters}
     aliases = []
     for name, into in values["aliases"].items():
-        parts = (coefficient(named[name], named[other], value) for other, value in into.items())
+        parts = (_coefficient(named[name], named[other], value) for other, value in into.items())
         aliases.append(f"{name} is aliased with {', '.join(parts) or 'nothing: it moves no target'}")
     return (
         Bullets((fixed, freed if others else "")),
@@ -158,13 +293,22 @@ def _fixed(result: Inspection) -> tuple[Block, ...]:
     )
 
 
+def _coefficient(parameter: Parameter, other: Parameter, value: float) -> str:
+    per, into = parameter.unit, other.unit
+    number = f"{value * into.factor / per.factor:+.4g}".replace("-", "−")
+    return f"{other.name} ({number})" if per == into else f"{other.name} ({number} {into.name} per {per.name})"
+
+
+def _per_person(parameter: Parameter, value: float) -> str:
+    return f"{parameter.unit.of(value):+.3g} {parameter.unit.name}".replace("-", "−")
+
+
 def _conditioning(result: Inspection) -> list[Block]:
-    """The condition number, weakly observable directions, and what would help."""
     values = result.values
     named = {parameter.name: parameter for parameter in result.parameters}
     weak = []
     for direction in values["weak_directions"]:
-        parts = ", ".join(f"{name} {per_person(named[name], value)}" for name, value in direction["parts"].items())
+        parts = ", ".join(f"{name} {_per_person(named[name], value)}" for name, value in direction["parts"].items())
         weak.append(
             f"weakly observable, relative singular value 1/{1 / direction['singular_value']:.0f}: {parts} move the "
             f"targets by {1e3 * direction['moved_mm']:.2g} µm"
@@ -176,16 +320,16 @@ def _conditioning(result: Inspection) -> list[Block]:
     return [
         Paragraph(f"condition number over random poses, with unit columns: {values['condition']:.1f}"),
         Bullets((*weak, *better)),
-        Figure("singular-values-figure", (singular_values_picture(result),), caption),
+        Figure("singular-values-figure", (_singular_values_picture(result),), caption),
     ]
 
 
-POSES = 200
+_POSES = 200
 
 
 @takes(InspectOptions)
 def inspect(robot: str | Path | Robot | InspectOptions = "irb120", **options: Any) -> Inspection:
-    """Say what a robot is, and what of it can be identified.
+    """Inspect a robot: its description, and its identifiable parameters.
 
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
@@ -204,19 +348,18 @@ def inspect(robot: str | Path | Robot | InspectOptions = "irb120", **options: An
     """
     if isinstance(robot, InspectOptions):
         return _inspected(robot, load_robot(robot.robot, robot.cell))
-    known = load_robot(robot)
-    asked = options_of("lab.inspect", InspectOptions, {"robot": known.source, **options})
-    return _inspected(asked, known.placed_in(asked.cell))
+    loaded = load_robot(robot)
+    requested = options_of("lab.inspect", InspectOptions, {"robot": loaded.source, **options})
+    return _inspected(requested, loaded.placed_in(requested.cell))
 
 
 def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
-    """Nominal dimensions, limits, shape, identifiable and aliased parameters."""
     groups = options.groups
     nominal = _nominal(options, robot)
     arm = robot.arm_with(options.targets, groups)
     structure = base_set(arm, nominal, fix=options.fix, free=options.free)
     hidden = aliases(arm, structure, column_scale(arm, nominal))
-    inputs = arm.structure_joints(POSES, rng_for(0, "structure"))
+    inputs = arm.structure_joints(_POSES, rng_for(0, "structure"))
     jacobian = arm.observe(inputs, arm.rank_point(nominal))[1].reshape(-1, len(arm.names))[
         :, list(structure.identifiable)
     ]
@@ -225,7 +368,7 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
     requested = named(arm.names, "--fix", options.fix)
     fixed_names = [arm.names[i] for i in structure.fixed_observable]
     nominal_model, shape = _described(robot.chain)
-    if robot.chain.has_loops:  # how many parameters --fix leaves is said of a mechanism
+    if robot.chain.has_loops:  # of a mechanism alone
         shape["not_fixed"] = len(arm.names) - len(requested)
     values = {
         "robot": robot.name,
@@ -255,7 +398,7 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
         tool = {target: nominal[[arm.names.index(f"tool.{target}.{axis}") for axis in "xyz"]] for target in arm.targets}
         values |= serial_frames(robot.T_world_frame0, tool)
     if robot.cell is not None:
-        values["cell"] = cell_values(robot, robot.cell, options.targets)
+        values["cell"] = _cell_values(robot, robot.cell, options.targets)
     unit = jacobian / np.linalg.norm(jacobian, axis=0)
     return Inspection(options, robot, values, arm.parameters, np.linalg.svd(unit, compute_uv=False))
 

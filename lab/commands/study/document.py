@@ -1,55 +1,407 @@
-"""Document and figures of a study: the answers, means, ranks, and its settings."""
+"""Document and figures of a study: the answers, means, ranks, and its settings.
 
-from collections.abc import Iterable, Mapping, Sequence
+matplotlib is slow to import: import this module where a picture is asked for.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, partial
+from math import ceil, floor, isfinite, log10
+from pathlib import Path
+from textwrap import fill
+from typing import Any, TypeVar
 
-from lab.commands.study.figures import study_pictures
-from lab.commands.study.format import (
-    behind_text,
-    circumstances,
-    level_text,
-    mean_text,
-    metric_text,
-    rank_text,
-    sentences,
-    varying,
-)
-from lab.commands.study.run import StudyResult
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Drawing
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import LogLocator, NullLocator
+
+from lab.commands.study.run import StudyResult, circumstances, level_text
 from lab.core.errors import LabError
-from lab.render.document import (
-    EVERYWHERE,
-    PAGE,
-    TERMINAL,
-    Bullets,
-    Code,
-    Column,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Row,
-    Section,
-    Table,
-    capital,
-    sentence,
-)
-from lab.studies.analysis import Analysis
+from lab.render import document as doc
+from lab.render.charts.chart import save_figure
+from lab.render.document import capital, sentence
+from lab.render.style import FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
+from lab.studies.analysis import Analysis, CellGroup, Comparison, Kind, Mean, Pair, Rank, groups
 from lab.studies.campaigns import origin_of
+from lab.studies.grid import ANY, FACTORS, Cell
 
-__all__ = ["METRICS", "analysis_sections", "first_picture", "pictures_of", "provenance_of", "study_document"]
+__all__ = [
+    "analysis_sections", "comparison_sentence", "effect_text", "first_picture", "pictures_of", "provenance_of",
+    "sentences", "study_document", "study_pictures", "write_figures",
+]  # fmt: skip
 
-METRICS = ("fresh_mean_mm", "fresh_worst_mm")  # of the figures and the page; the CSV files have all
+_MOST_ANSWERS = 3  # in a caption
+_KINDS = {
+    "means": "with 95 % intervals over the robots",
+    "pairs": "each level against the best one, with 95 % intervals",
+    "ranks": "in how many of 100 resamples of the robots each level has each rank",
+}
+_FAR = 3.0  # a ratio from which the axis of ratios is logarithmic
+_PALE = 2.2  # certainty is no darker than its figures can be read on
+_SHOWN = 0.005  # of the resamples: less is not written
+_MOST_ACROSS = 3  # panels side by side
+_LETTERS_AN_INCH = 11  # of a title
+_APART = 0.035  # of the axis, between the lines' marks at one level
+_METRICS = {
+    "fresh_mean_mm": ("mean error on validation poses", "mm"),
+    "fresh_p95_mm": ("95 % of the errors on validation poses", "mm"),
+    "fresh_worst_mm": ("worst error on validation poses", "mm"),
+    "length_rms_mm": ("RMS error of the lengths", "mm"),
+    "angle_rms_mrad": ("RMS error of the angles", "mrad"),
+    "mixed_rms": ("RMS error of all parameters", "mm and rad"),
+    "nees": ("NEES per parameter, 1 expected", ""),
+    "before_mm": ("mean error on validation poses before the calibration", "mm"),
+    "steps": ("Gauss-Newton steps", ""),
+}
+_AXES = {
+    "poses": "number of poses",
+    "position_sigma_mm": "position σ of the arm, mm",
+    "rotation_sigma_mrad": "rotation σ of the arm, mrad",
+}
+_WIDE = 10  # a ratio's upper end over its lower
+_MOST_DIGITS = 9  # after the point, to show a bound that is not zero
+
+
+def _metric_text(metric: str, unit: bool = True) -> str:
+    """A metric as people read it, e.g. "mean error on validation poses, mm"."""
+    text, its_unit = _METRICS.get(metric, (metric, ""))
+    return f"{text}, {its_unit}" if unit and its_unit else text
+
+
+def _factor_text(factor: str) -> str:
+    """A factor as an axis names it."""
+    return _AXES.get(factor, factor)
+
+
+def _varying(cells: Sequence[Cell]) -> tuple[str, ...]:
+    """The factors of which there is more than one level."""
+    return tuple(name for name in FACTORS if len({getattr(cell, name) for cell in cells}) > 1)
+
+
+def effect_text(pair: Pair, kind: Kind) -> str:
+    """Format the excess of a pair's second cell over the first, e.g. "4.1 % (3.7 to 4.6)".
+
+    A ratio from 2 on, or one with a wide interval, is printed as "2.1 times (2.0 to 2.2)".
+    """
+    ends = (pair.effect, pair.lower, pair.upper)
+    if not isfinite(pair.effect):
+        return "not known"
+    if kind == "difference":
+        return _with_interval(ends, "")
+    if pair.upper > _WIDE * pair.lower:  # few robots: hardly the order of magnitude is known
+        value, lower, upper = (f"{float(f'{end:.2g}'):,.10g}" for end in ends)
+        return f"{value} times ({lower} to {upper})"
+    return _with_interval(ends, " times") if pair.effect >= 2 else _with_interval([100 * (e - 1) for e in ends], " %")
+
+
+def _mean_text(mean: Mean) -> str:
+    """A mean with its interval, e.g. "0.00512 (0.00498 to 0.00526)"."""
+    return _with_interval((mean.mean, mean.lower, mean.upper), "")
+
+
+def _with_interval(ends: Sequence[float], unit: str) -> str:
+    """A value and its interval, to the digits that it leaves, and that show on which side of zero it ends."""
+    value, lower, upper = ends
+    if not isfinite(lower):
+        return f"{value:.3g}{unit} (too few robots for an interval)".replace("-", "−")
+    half = (upper - lower) / 2
+    size = 10.0 ** floor(log10(half)) if half > 0 else 1e-3
+    digits = max(0, round(-log10(size)) + (half < 2 * size))
+    while digits < _MOST_DIGITS and any(end and not float(f"{end:.{digits}f}") for end in ends):
+        digits += 1
+    shown = [f"{end + 0:.{digits}f}" for end in ends]
+    return f"{shown[0]}{unit} ({shown[1]} to {shown[2]})".replace("-", "−")
+
+
+def _rank_text(rank: Rank) -> str:
+    """A rank with its 95 % set, where that has more than one."""
+    return f"{rank.rank} ({rank.lowest} to {rank.highest})" if rank.lowest < rank.highest else str(rank.rank)
+
+
+def _behind_text(comparison: Comparison, rank: Rank) -> str:
+    """Format the excess of a cell over the first of its comparison; empty for the first."""
+    first = comparison.ranks[0].cell
+    return "" if rank.cell == first else effect_text(comparison.against(first, rank.cell), comparison.kind)
+
+
+def sentences(analysis: Analysis, metric: str) -> list[str]:
+    """Return a sentence for each comparison by a metric, and one for simulated calibrations that did not converge."""
+    found = [comparison_sentence(each, analysis.cells) for each in analysis.comparisons if each.metric == metric]
+    return [*found, *_failures([mean for mean in analysis.means if mean.metric == metric], analysis.cells)]
+
+
+def comparison_sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
+    """Describe which cell of a group is best, by how much, and which do not differ significantly."""
+    group = comparison.group
+    names = {i: level_text(cells[i], group.free) for i in group.cells}
+    where = circumstances(group.shared)
+    head = f"{where + ', ' if where else ''}by {' and '.join(group.free)}"
+    if not comparison.ranks:
+        return f"{head}: no simulated calibration converged in two of them, so nothing can be compared"
+    ranked = [each.cell for each in comparison.ranks]
+    leaders = [each.cell for each in comparison.ranks if each.lowest == 1]
+    messages = [_leading([names[i] for i in leaders])]
+    than = f" than {names[ranked[0]]}" if len(leaders) > 1 else ""
+    for cell in ranked[1:]:
+        pair = comparison.against(ranked[0], cell)
+        many = comparison.kind == "ratio" and pair.effect >= 2
+        messages.append(f"{names[cell]} {effect_text(pair, comparison.kind)} {'as much' if many else 'worse'}{than}")
+    same = [(p.first, p.second) for p in comparison.pairs if not p.is_significant and isfinite(p.effect)]
+    apart = [f"{names[i]} and {names[j]}" for i, j in same if not {i, j} <= set(leaders)]
+    messages += [f"no significant difference: {', '.join(apart)}"] if apart else []
+    messages += [f"{names[i]} never converged where another did" for i in group.cells if i not in ranked]
+    return f"{head}: {'; '.join(messages)}"
+
+
+def _leading(names: Sequence[str]) -> str:
+    if len(names) == 1:
+        return f"best is {names[0]}"
+    return f"best are {', '.join(names[:-1])} and {names[-1]}, which do not differ significantly"
+
+
+def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
+    campaigns, lost = sum(each.campaigns for each in means), sum(each.not_converged for each in means)
+    if not lost:
+        return []
+    worst = max(means, key=lambda each: each.not_converged / max(each.campaigns, 1))
+    where = circumstances({name: getattr(cells[worst.cell], name) for name in _varying(cells)})
+    return [
+        f"{lost:,} of {campaigns:,} simulated calibrations did not converge and are left out, as are pairs with one "
+        f"of them. If many fail, the results are too favourable; the most are {worst.not_converged:,} of "
+        f"{worst.campaigns:,}{f' ({where})' if where else ''}"
+    ]
+
+
+def study_pictures(analysis: Analysis, metric: str) -> dict[str, doc.Picture]:
+    """A metric's means, pairs and ranks by every factor that is compared, by the names of their files."""
+    by_factor: dict[tuple[str, ...], list[Comparison]] = {}
+    for each in analysis.comparisons:
+        if each.metric == metric and each.ranks:
+            by_factor.setdefault(each.group.free, []).append(each)
+    made: dict[str, doc.Picture] = {}
+    for free, comparisons in by_factor.items():
+        draw: dict[str, Callable[[], Drawing]] = {
+            "means": partial(_means_figure, analysis, metric, free[0]),
+            "pairs": partial(_pairs_figure, comparisons, analysis.cells),
+        }
+        if any(rank.lowest < rank.highest for each in comparisons for rank in each.ranks):
+            draw["ranks"] = partial(_ranks_figure, comparisons, analysis.cells)  # none where each rank is certain
+        answers = ". ".join(capital(comparison_sentence(each, analysis.cells)) for each in comparisons[:_MOST_ANSWERS])
+        for kind, figure in draw.items():
+            name = f"{metric}-{'-'.join(free)}-{kind}"
+            shown = f"{capital(_metric_text(metric, unit=False))} by {' and '.join(map(_factor_text, free))}"
+            made[name] = doc.Picture(name.replace("_", "-"), f"{shown}, {_KINDS[kind]}. {answers}.", figure)
+    return made
+
+
+def write_figures(folder: Path, pictures: Mapping[str, doc.Picture]) -> None:
+    """Write pictures, by the names of their files, each as PNG and SVG."""
+    for name, picture in pictures.items():
+        save_figure(folder, name, picture.draw())
+
+
+def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
+    """A metric against a factor with 95 % intervals, a line a level of another one, a panel where the rest agrees."""
+    cells = analysis.cells
+    line = _line_factor(cells, factor)
+    means = {mean.cell: mean for mean in analysis.means if mean.metric == metric}
+    shown = groups(cells, [factor, line] if line else [factor])
+    names = list(dict.fromkeys(_line_name(cells[i], line) for group in shown for i in group.cells))
+    positions = _positions([getattr(cells[i], factor) for group in shown for i in group.cells])
+
+    def draw(axes: Axes, group: CellGroup) -> None:
+        for k, name in enumerate(names):
+            mine = [
+                (positions[getattr(cells[i], factor)], means[i])
+                for i in group.cells
+                if _line_name(cells[i], line) == name
+            ]
+            if mine:
+                _line(axes, mine, k, len(names), label=name, joined=not _named(positions))
+        axes.set_xticks(list(positions.values()), [str(level) for level in positions])
+        axes.set_xlim(-0.1, 1.1)
+        axes.set_title(circumstances(group.shared), fontsize=10)
+
+    title = f"{_metric_text(metric, unit=False)}: means with 95 % intervals over robots"
+    figure = _panels(shown, draw, title, (3.6, 3.6), sharey=True)
+    figure.supxlabel(_factor_text(factor), fontsize=10)
+    figure.supylabel(_metric_text(metric), fontsize=10)
+    if line:
+        handles = {str(h.get_label()): h for axes in figure.axes for h in axes.get_legend_handles_labels()[0]}
+        shown_lines = [handles[name] for name in names]
+        figure.legend(
+            shown_lines, names, title=_factor_text(line), loc="outside right center", fontsize=9, handlelength=3.5
+        )
+    return figure
+
+
+def _line_factor(cells: Sequence[Cell], factor: str) -> str | None:
+    """The factor of the lines: preferably one whose every level is a level of its own."""
+    others = [name for name in _varying(cells) if name != factor]
+    return next((n for n in others if all(getattr(cell, n) != ANY for cell in cells)), others[0] if others else None)
+
+
+def _line_name(cell: Cell, line: str | None) -> str:
+    return level_text(cell, [line]) if line else ""
+
+
+def _positions(levels: Sequence[Any]) -> dict[Any, float]:
+    """Return the axis positions of a factor's levels, 0 to 1: numbers by their logarithm, names side by side."""
+    levels = sorted(dict.fromkeys(levels), key=lambda level: level == ANY)
+    if _named(levels):
+        return {level: k / max(1, len(levels) - 1) for k, level in enumerate(levels)}
+    low, span = min(levels), max(np.log(max(levels) / min(levels)), 1e-9)
+    return {level: float(np.log(level / low) / span) for level in sorted(levels)}
+
+
+def _named(levels: Iterable[Any]) -> bool:
+    return any(isinstance(level, str) for level in levels)
+
+
+def _line(axes: Axes, mine: Sequence[tuple[float, Mean]], number: int, lines: int, *, label: str, joined: bool) -> None:
+    """Draw the means of one level, offset a little so that intervals do not hide each other."""
+    colour, mark, dash = SERIES[number % len(SERIES)]
+    ordered = sorted(mine, key=lambda each: each[0])
+    x = np.array([place for place, _ in ordered]) + _APART * (number - (lines - 1) / 2)
+    y, lower, upper = np.array([(mean.mean, mean.lower, mean.upper) for _, mean in ordered]).T
+    axes.errorbar(
+        x,
+        y,
+        [y - lower, upper - y],
+        color=colour,
+        marker=mark,
+        linestyle=dash if joined else "none",
+        label=label,
+        markersize=5,
+        linewidth=1.1,
+        elinewidth=1.6,
+        capsize=3,
+    )
+
+
+def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Drawing:
+    """Draw a forest plot of the excess of each cell over the best, with 95 % intervals, a panel a group."""
+    free, kind = comparisons[0].group.free, comparisons[0].kind
+    most = max((pair.effect for each in comparisons for pair in _behind(each) if isfinite(pair.effect)), default=1.0)
+
+    def draw(axes: Axes, each: Comparison) -> None:
+        axes.axvline(1.0 if kind == "ratio" else 0.0, color=REFERENCE, linewidth=1)
+        for row, pair in enumerate(_behind(each), start=1):
+            colour = PREDICTED if pair.is_significant else MUTED
+            axes.hlines(row, pair.lower, pair.upper, color=colour, linewidth=2)
+            axes.plot(
+                pair.effect,
+                row,
+                "o",
+                color=colour,
+                markerfacecolor=colour if pair.is_significant else "white",
+                markersize=5,
+            )
+            axes.text(1.02, row, effect_text(pair, kind), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
+        axes.plot(1.0 if kind == "ratio" else 0.0, 0, "D", color=REFERENCE, markersize=5)
+        axes.text(1.02, 0, "best", transform=axes.get_yaxis_transform(), va="center", fontsize=8)
+        _rows(axes, each, cells)
+        if kind == "ratio" and most > _FAR:
+            axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_locator(NullLocator())
+
+    text = _metric_text(comparisons[0].metric, unit=False)
+    title = f"{text} by {_factor_text(free[0])}, against the best: same robots, same noise"
+    figure = _panels(comparisons, draw, title, (4.6, 0.9 + 0.33 * _most_rows(comparisons)), sharex=True)
+    measure = (
+        "ratio to the best" if kind == "ratio" else f"difference from the best, {_metric_text(comparisons[0].metric)}"
+    )
+    figure.supxlabel(
+        f"{measure}, 95 % interval of each pair; hollow: no significant difference (Holm, 5 %)", fontsize=10
+    )
+    return figure
+
+
+def _behind(comparison: Comparison) -> list[Pair]:
+    return [comparison.against(comparison.ranks[0].cell, rank.cell) for rank in comparison.ranks[1:]]
+
+
+def _rows(axes: Axes, comparison: Comparison, cells: Sequence[Cell]) -> None:
+    """A row a cell, the best at the top."""
+    names = [level_text(cells[rank.cell], comparison.group.free) for rank in comparison.ranks]
+    axes.set_yticks(range(len(names)), names)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_title(circumstances(comparison.group.shared), fontsize=10)
+
+
+def _most_rows(comparisons: Sequence[Comparison]) -> int:
+    return max(len(each.ranks) for each in comparisons)
+
+
+def _ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Drawing:
+    """The share of resamples in which each cell has each rank, its 95 % set framed, a panel a group."""
+    free = comparisons[0].group.free
+
+    def draw(axes: Axes, each: Comparison) -> None:
+        chances = np.array([rank.chances for rank in each.ranks])
+        axes.grid(visible=False)
+        axes.imshow(chances, cmap="Greys", vmin=0, vmax=_PALE, aspect="auto")
+        for (row, column), chance in np.ndenumerate(chances):
+            if chance >= _SHOWN:
+                axes.text(column, row, f"{100 * chance:.0f}", ha="center", va="center", fontsize=8)
+        for row, rank in enumerate(each.ranks):
+            wide = rank.highest - rank.lowest + 0.9
+            corner = (rank.lowest - 1.45, row - 0.43)
+            axes.add_patch(Rectangle(corner, wide, 0.86, fill=False, edgecolor=REFERENCE, linewidth=1.6))
+        axes.set_xticks(range(len(chances)), [str(1 + k) for k in range(len(chances))])
+        _rows(axes, each, cells)
+
+    text = _metric_text(comparisons[0].metric, unit=False)
+    rows = _most_rows(comparisons)
+    title = f"{text}: ranks by {_factor_text(free[0])}"
+    figure = _panels(comparisons, draw, title, (1.4 + 0.45 * rows, 0.9 + 0.33 * rows))
+    figure.supxlabel("rank; per cent of the resamples of robots; framed: 95 % set of ranks", fontsize=10)
+    return figure
+
+
+_Shown = TypeVar("_Shown")
+
+
+def _panels(
+    shown: Sequence[_Shown],
+    draw: Callable[[Axes, _Shown], None],
+    title: str,
+    size: tuple[float, float],
+    sharex: bool = False,
+    sharey: bool = False,
+) -> Drawing:
+    across = min(len(shown), _MOST_ACROSS)
+    down = ceil(len(shown) / across)
+    with matplotlib.rc_context(FIGURE_STYLE):
+        figure = Drawing(
+            figsize=(max(6.5, across * size[0] + 1), down * size[1] + 1.2),
+            layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.06),
+        )
+        panels = figure.subplots(down, across, sharex=sharex, sharey=sharey, squeeze=False).ravel()
+        for axes, each in zip(panels, shown, strict=False):
+            draw(axes, each)
+        for axes in panels[len(shown) :]:
+            axes.remove()
+        figure.suptitle(fill(title, int(_LETTERS_AN_INCH * figure.get_figwidth())), fontsize=11)
+    return figure
+
+
+_SHOWN_METRICS = ("fresh_mean_mm", "fresh_worst_mm")  # of the figures and the page; the CSV files have all
 
 
 @lru_cache(maxsize=1)
-def pictures_of(result: StudyResult) -> dict[str, Picture]:
+def pictures_of(result: StudyResult) -> dict[str, doc.Picture]:
     """Return the figures of a study, by the names of their files."""
-    return {name: made for metric in METRICS for name, made in study_pictures(result.analysis, metric).items()}
+    return {name: made for metric in _SHOWN_METRICS for name, made in study_pictures(result.analysis, metric).items()}
 
 
-def first_picture(result: StudyResult) -> Picture:
+def first_picture(result: StudyResult) -> doc.Picture:
     """Return the means of the first factor that varies.
 
     Raises:
@@ -60,42 +412,43 @@ def first_picture(result: StudyResult) -> Picture:
     raise LabError("no factor of the study has two levels, so the page has no figures; give a factor two levels")
 
 
-def study_document(result: StudyResult) -> Document:
+def study_document(result: StudyResult) -> doc.Document:
     """Build the document of a study: setup, answers, means, ranks, figures, and how to repeat it."""
     done, study = result.done, result.done.study
     speed = f" in {done.seconds:,.0f} s" if done.computed else ""
-    return Document(
+    return doc.Document(
         study.name,
         (
-            Paragraph(
+            doc.Paragraph(
                 f"{study.campaigns:,} simulated calibrations: {len(study.cells)} cells, each with the same "
                 f"{study.robots} robots, measured {study.draws} times each with the same noise.",
                 "lead",
             ),
-            *analysis_sections(result.analysis, METRICS),
-            Section("Figures", tuple(_figures(pictures_of(result))), shown_in=PAGE),
-            Paragraph(
-                f"{done.computed:,} of {study.campaigns:,} simulated calibrations computed{speed}.", shown_in=TERMINAL
+            *analysis_sections(result.analysis, _SHOWN_METRICS),
+            doc.Section("Figures", tuple(_figures(pictures_of(result))), shown_in=doc.PAGE),
+            doc.Paragraph(
+                f"{done.computed:,} of {study.campaigns:,} simulated calibrations computed{speed}.",
+                shown_in=doc.TERMINAL,
             ),
-            Paragraph(f"study: {done.folder}", shown_in=TERMINAL),
-            Paragraph(f"page: {done.folder / 'report.html'}", shown_in=TERMINAL),
+            doc.Paragraph(f"study: {done.folder}", shown_in=doc.TERMINAL),
+            doc.Paragraph(f"page: {done.folder / 'report.html'}", shown_in=doc.TERMINAL),
         ),
     )
 
 
-def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[Section, ...]:
+def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[doc.Section, ...]:
     """Answers, means and ranks by the metrics; a page alone shows those after the first."""
-    media = [EVERYWHERE if i == 0 else PAGE for i in range(len(metrics))]
+    media = [doc.EVERYWHERE if i == 0 else doc.PAGE for i in range(len(metrics))]
     answers = [
-        Section(
-            capital(metric_text(metric, unit=False)),
-            (Bullets(tuple(map(sentence, sentences(analysis, metric)))),),
+        doc.Section(
+            capital(_metric_text(metric, unit=False)),
+            (doc.Bullets(tuple(map(sentence, sentences(analysis, metric)))),),
             shown_in=media[i],
         )
         for i, metric in enumerate(metrics)
     ]
     ranks = [
-        Section(f"By {metric_text(metric)}", tuple(_ranks(analysis, metric)), shown_in=media[i])
+        doc.Section(f"By {_metric_text(metric)}", tuple(_ranks(analysis, metric)), shown_in=media[i])
         for i, metric in enumerate(metrics)
     ]
     note = (
@@ -103,15 +456,15 @@ def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[Secti
         "of the robots the level has rank 1."
     )
     return (
-        Section("Results", tuple(answers)),
-        Section("Means", (_means(analysis, metrics),)),
-        Section("Ranks", (*ranks, Paragraph(note if analysis.comparisons else "", "note"))),
+        doc.Section("Results", tuple(answers)),
+        doc.Section("Means", (_means(analysis, metrics),)),
+        doc.Section("Ranks", (*ranks, doc.Paragraph(note if analysis.comparisons else "", "note"))),
     )
 
 
-def _means(analysis: Analysis, metrics: Sequence[str]) -> Table:
+def _means(analysis: Analysis, metrics: Sequence[str]) -> doc.Table:
     """Tabulate all cells' means with 95 % intervals over the robots; only the first metric if space is short."""
-    names = varying(analysis.cells)
+    names = _varying(analysis.cells)
     of = {(mean.cell, mean.metric): mean for mean in analysis.means}
     more = [metric for metric in (*metrics[1:], "nees", "before_mm") if (0, metric) in of]
     rows = []
@@ -120,48 +473,48 @@ def _means(analysis: Analysis, metrics: Sequence[str]) -> Table:
         rows.append(
             (
                 *(str(getattr(cell, name)) for name in names),
-                mean_text(first),
-                *(mean_text(of[i, metric]) for metric in more),
+                _mean_text(first),
+                *(_mean_text(of[i, metric]) for metric in more),
                 f"{first.not_converged:,} of {first.campaigns:,}",
             )
         )
-    columns: tuple[str | Column, ...] = (
+    columns: tuple[str | doc.Column, ...] = (
         *names,
-        metric_text(metrics[0]),
-        *(Column(metric_text(metric), PAGE) for metric in more),
+        _metric_text(metrics[0]),
+        *(doc.Column(_metric_text(metric), doc.PAGE) for metric in more),
         "not converged",
     )
     robots = max(mean.robots for mean in analysis.means if mean.metric == metrics[0])
     caption = f"Means with 95 % intervals over {robots} robots, each with all its draws; means.csv has every metric."
-    return Table(columns, tuple(rows), caption)
+    return doc.Table(columns, tuple(rows), caption)
 
 
-def _ranks(analysis: Analysis, metric: str) -> Iterable[Table]:
+def _ranks(analysis: Analysis, metric: str) -> Iterable[doc.Table]:
     """A table for each factor: the groups that share all other factors, each with its best level first."""
     compared = [each for each in analysis.comparisons if each.metric == metric]
     for free in dict.fromkeys(each.group.free for each in compared):
-        rows: list[Row] = []
+        rows: list[doc.Row] = []
         for each in (one for one in compared if one.group.free == free):
             if where := circumstances(each.group.shared):
                 rows.append((f"{where}:", "", "", ""))
             rows += [
                 (
                     level_text(analysis.cells[rank.cell], free),
-                    rank_text(rank),
+                    _rank_text(rank),
                     f"{100 * rank.chances[0]:.0f}",
-                    behind_text(each, rank),
+                    _behind_text(each, rank),
                 )
                 for rank in each.ranks
             ]
-        yield Table((" and ".join(free), "rank (95 % set)", "first", "worse than the first by"), tuple(rows))
+        yield doc.Table((" and ".join(free), "rank (95 % set)", "first", "worse than the first by"), tuple(rows))
 
 
-def _figures(pictures: Mapping[str, Picture]) -> Iterable[Figure]:
+def _figures(pictures: Mapping[str, doc.Picture]) -> Iterable[doc.Figure]:
     for name, picture in pictures.items():
-        yield Figure(f"{picture.name}-figure", (picture,), f"{picture.label} Files: {name}.png, {name}.svg.")
+        yield doc.Figure(f"{picture.name}-figure", (picture,), f"{picture.label} Files: {name}.png, {name}.svg.")
 
 
-def provenance_of(result: StudyResult) -> Section:
+def provenance_of(result: StudyResult) -> doc.Section:
     """Tabulate the settings of a study; a run that goes on with one has the same."""
     study = result.done.study
     origin = origin_of(study.robot)
@@ -170,10 +523,10 @@ def provenance_of(result: StudyResult) -> Section:
     single = {name: value for name, value in asdict(study).items() if name not in ("factors", *named)}
     factors = {name: ", ".join(map(str, levels)) for name, levels in study.factors.items()}
     sets = {f"{kind}.{name}": str(each) for kind in named for name, each in getattr(study, kind).items()}
-    rows: list[Row] = [(name, _plain(value)) for name, value in (single | factors | sets).items()]
-    rows += [("versions", versions), ("model (SHA-256)", Code(origin["model_sha256"]))]
+    rows: list[doc.Row] = [(name, _plain(value)) for name, value in (single | factors | sets).items()]
+    rows += [("versions", versions), ("model (SHA-256)", doc.Code(origin["model_sha256"]))]
     again = "config.json holds all settings; the same study gives the same simulated calibrations."
-    return Section("What was done", (Table(("", ""), tuple(rows)), Paragraph(again)), shown_in=PAGE)
+    return doc.Section("What was done", (doc.Table(("", ""), tuple(rows)), doc.Paragraph(again)), shown_in=doc.PAGE)
 
 
 def _plain(value: Any) -> str:

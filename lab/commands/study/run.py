@@ -1,4 +1,4 @@
-"""Studies of many simulated calibrations: run them, analyse them, and write the files of their folder."""
+"""Run and analyse studies of many simulated calibrations, and write the files of their folder."""
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lab.commands.command_line import options_of, takes
+from lab.commands.options import StudyOptions
 from lab.commands.result import Result
 from lab.commands.run_folder import free_name
-from lab.commands.study.format import circumstances, level_text
-from lab.commands.study.options import StudyOptions
 from lab.core.errors import LabError, error_context
 from lab.extension_points import load_reference
 from lab.formats.csv_table import text_cell
@@ -19,14 +18,27 @@ from lab.render.terminal import bars
 from lab.studies.analysis import Analysis, Comparison, analysed
 from lab.studies.campaigns import refuse_impossible
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
-from lab.studies.grid import FACTORS, Study, read_study
+from lab.studies.grid import ANY, FACTORS, Cell, Study, read_study
 from lab.studies.run import StudyDone, read_campaigns, run_study
-
-__all__ = ["StudyResult", "study", "write_csv"]
-
 
 if TYPE_CHECKING:
     from lab.render.document import Section
+
+__all__ = ["StudyResult", "circumstances", "level_text", "study", "write_csv"]
+
+_UNITS = {"poses": " poses", "position_sigma_mm": " mm", "rotation_sigma_mrad": " mrad", "noise": " times the noise"}
+_NAMED = {"position_sigma_mm": "σ ", "rotation_sigma_mrad": "σ ", "scaling": "scaling "}
+
+
+def circumstances(shared: Mapping[str, Any]) -> str:
+    """Describe levels shared by a group's cells, e.g. "10 poses, scaling whitened"; empty if nothing else varies."""
+    shown = [(name, level) for name, level in shared.items() if level != ANY]
+    return ", ".join(f"{_NAMED.get(name, '')}{level}{_UNITS.get(name, '')}" for name, level in shown)
+
+
+def level_text(cell: Cell, factors: Sequence[str]) -> str:
+    """A cell's levels of some factors, e.g. "10 poses"."""
+    return " ".join(f"{getattr(cell, name)}{_UNITS.get(name, '')}" for name in factors)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -34,7 +46,6 @@ class StudyResult(Result):
     """A study that is finished, and the analysis of its simulated calibrations.
 
     Attributes:
-        options: what was asked.
         done: where the simulated calibrations are, and what this run added to them.
         analysis: means, comparisons and ranks.
     """
@@ -69,7 +80,7 @@ class StudyResult(Result):
         """Write the analysis: means, pairs and ranks as CSV, the figures, and ``report.html``."""
         write_csv(folder, self.analysis)
         pictures = load_reference("lab.commands.study.document:pictures_of")(self)
-        load_reference("lab.commands.study.figures:write_figures")(folder, pictures)
+        load_reference("lab.commands.study.document:write_figures")(folder, pictures)
         self.report(folder / "report.html")
 
 
@@ -174,7 +185,6 @@ def _run(options: StudyOptions, known: Study) -> StudyResult:
 
 
 def _analysis(done: StudyDone) -> Analysis:
-    """Analyse the simulated calibrations of a study."""
     campaigns = read_campaigns(done.folder)
     columns = {name: campaigns[name].to_numpy() for name in campaigns.column_names}
     return analysed(columns, done.study.cells, done.study.seed)

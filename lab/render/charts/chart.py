@@ -1,8 +1,7 @@
-"""Chart of one set of axes, as SVG. It takes the calls of ``Axes``, with matplotlib's defaults.
+"""Draw pictures of pages, as charts or with matplotlib, into SVG that refers to nothing outside.
 
-Pictures of pages: drawn as charts, or with matplotlib, and put into a page as SVG that refers to nothing outside.
-
-matplotlib is slow to import, so it is imported where it draws something, and not before.
+A chart takes the calls of ``Axes``, with matplotlib's defaults. matplotlib is slow to import, so it is imported where
+it draws something.
 """
 
 import io
@@ -17,31 +16,8 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from lab.core.se3 import Array
-from lab.render.charts.marks import (
-    FONT_SIZE,
-    ROUND,
-    Axes,
-    ChartAxis,
-    Entry,
-    Legend,
-    Scale,
-    axis_lines,
-    backdrop,
-    below,
-    beside,
-    cells,
-    colour,
-    dashes,
-    grid_lines,
-    heading,
-    line,
-    line_sample,
-    marks,
-    path,
-    rectangle,
-    shown_number,
-    words,
-)
+from lab.render.charts import marks as svg
+from lab.render.charts.marks import Axes, ChartAxis, Entry, Legend, Scale
 from lab.render.document import Picture
 from lab.render.style import FIGURE_STYLE
 
@@ -50,28 +26,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "Chart",
-    "Coordinates",
-    "Sheet",
-    "arrow",
-    "axes_picture",
-    "cube",
-    "figure_picture",
-    "inline_svg",
-    "log_ticks",
-    "place",
-    "save_figure",
-    "shades",
-    "view",
-]
+    "Chart", "Sheet", "arrow", "axes_picture", "cube", "figure_picture", "inline_svg", "log_ticks", "place",
+    "save_figure", "shades", "view",
+]  # fmt: skip
 
 _POINTS = 72  # per inch
-_SPACE = 3 * FONT_SIZE, 2 * FONT_SIZE  # that a step along x, along y needs for its words
+_SPACE = 3 * svg.FONT_SIZE, 2 * svg.FONT_SIZE  # that a step along x, along y needs for its words
 _HATCH = 6.0  # points between the lines of a hatched area
 _HEAD = 7.0  # of an arrow, points
 _LEGEND = 5.0  # what is drawn later than others: as matplotlib's zorder
-Draw = Callable[[Scale, Scale], str]
-Coordinates = str | tuple[str, str]
+_Draw = Callable[[Scale, Scale], str]
+_Coordinates = str | tuple[str, str]
 
 
 class Sheet:
@@ -93,15 +58,15 @@ class Sheet:
         self.left, self.bottom, self.right, self.top = (_POINTS * each for each in margins)
         self.x, self.y = ChartAxis(), ChartAxis()
         self.points: list[tuple[Array, Array]] = []  # that a legend should not hide
-        self.labels: list[Draw] = []  # which may lie beyond the axes
+        self.labels: list[_Draw] = []  # which may lie beyond the axes
         self.shown_legend: Legend | None = None
         self.title, self.equal, self.hidden = "", "", False
-        self._marks: list[tuple[float, Draw]] = []
+        self._marks: list[tuple[float, _Draw]] = []
         self._entries: list[Entry] = []
         self._patterns: dict[str, str] = {}
 
     def add(
-        self, order: float, draw: Draw, label: str = "", sample: Callable[[float, float, float], str] | None = None
+        self, order: float, draw: _Draw, label: str = "", sample: Callable[[float, float, float], str] | None = None
     ) -> None:
         """Something to be drawn, over what has a lower order; with a label it has an entry in the legend."""
         self._marks.append((order, draw))
@@ -123,23 +88,23 @@ class Sheet:
             f'<path d="M-1 1L1 -1M0 {_HATCH}L{_HATCH} 0M{_HATCH - 1} {_HATCH + 1}L{_HATCH + 1} {_HATCH - 1}" '
             f'stroke="{tint}"/></pattern>'
         )
-        return path(data, fill=f"url(#{name})", alpha=alpha)
+        return svg.path(data, fill=f"url(#{name})", alpha=alpha)
 
     def svg(self) -> str:
         """The elements of the picture, without the one around them."""
         across, up = self.scales()
         ticks = self.x.found_ticks(across, _SPACE[0]), self.y.found_ticks(up, _SPACE[1])
         inside = "".join(draw(across, up) for _, draw in sorted(self._marks, key=lambda each: each[0]))
-        area = rectangle((across.start, across.end), (up.start, up.end))
+        area = svg.rectangle((across.start, across.end), (up.start, up.end))
         clip = f"{self.name}-area"
         parts = [
             f'<defs><clipPath id="{clip}"><path d="{area}"/></clipPath>{"".join(self._patterns.values())}</defs>',
-            path(rectangle((0, self.width), (0, self.height)), fill="#ffffff"),
+            svg.path(svg.rectangle((0, self.width), (0, self.height)), fill="#ffffff"),
             f'<g font-family="{self.font}">',
         ]
         if not self.hidden:
             parts.append(
-                grid_lines(
+                svg.grid_lines(
                     across,
                     ticks[0][0][: len(ticks[0][0]) * self.x.grid],
                     up,
@@ -149,10 +114,10 @@ class Sheet:
         parts.append(f'<g clip-path="url(#{clip})">{inside}</g>')
         if not self.hidden:
             middle = (self.left + self.width - self.right) / 2, (self.top + self.height - self.bottom) / 2
-            parts.append(axis_lines(across, up))
-            parts.append(below(self.x, across, ticks[0], up.start, middle[0]))
-            parts.append(beside(self.y, up, ticks[1], across.start, middle[1]))
-        parts.append(heading(self.title, across, up))
+            parts.append(svg.axis_lines(across, up))
+            parts.append(svg.below(self.x, across, ticks[0], up.start, middle[0]))
+            parts.append(svg.beside(self.y, up, ticks[1], across.start, middle[1]))
+        parts.append(svg.heading(self.title, across, up))
         parts += [draw(across, up) for draw in self.labels]
         if self.shown_legend is not None and self._entries:
             parts.append(self.shown_legend.drawn(self._entries, across, up, self._drawn_points(across, up)))
@@ -183,7 +148,7 @@ class Sheet:
         return x, Scale(under, over, bottom, top, self.y.logarithmic)
 
 
-def place(at: Any, coordinates: Coordinates, across: Scale, up: Scale) -> tuple[float, float]:
+def place(at: Any, coordinates: _Coordinates, across: Scale, up: Scale) -> tuple[float, float]:
     """A place whose parts are values of the axes (``data``), or shares of them (``axes fraction``)."""
     kinds = (coordinates, coordinates) if isinstance(coordinates, str) else coordinates
     x, y = (
@@ -198,11 +163,11 @@ def arrow(across: Scale, up: Scale, tail: Any, tip: Any, *, color: str, linewidt
     ends = [np.array(place(at, "data", across, up)) for at in (tail, tip)]
     along = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
     base, aside = ends[1] - _HEAD * along, _HEAD / 2 * np.array([-along[1], along[0]])
-    tint = colour(color)
+    tint = svg.colour(color)
     points = [ends[1], base + aside, base - aside]
-    head = "M" + "L".join(f"{shown_number(x)} {shown_number(y)}" for x, y in points) + "z"
+    head = "M" + "L".join(f"{svg.shown_number(x)} {svg.shown_number(y)}" for x, y in points) + "z"
     shaft = f"M{ends[0][0]:.2f} {ends[0][1]:.2f}L{base[0]:.2f} {base[1]:.2f}"
-    return path(shaft, tint, linewidth) + path(head, fill=tint)
+    return svg.path(shaft, tint, linewidth) + svg.path(head, fill=tint)
 
 
 _MARKS = ".os^vDP|x"
@@ -222,22 +187,22 @@ class Chart(Sheet):
         dash, mark = (linestyle if linestyle is not None else dash), marker or mark
         if dash is None:
             dash = "" if mark else "-"
-        tint, xs, ys = colour(color), np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
+        tint, xs, ys = svg.colour(color), np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
         if drawstyle == "steps-post":
             xs, ys = np.repeat(xs, 2)[1:], np.repeat(ys, 2)[:-1]
-        ends = dashes(dash, linewidth) or ROUND
+        ends = svg.dashes(dash, linewidth) or svg.ROUND
         self.reach(xs, ys)
         self.points.append((xs, ys) if mark or len(xs) < 2 else _between(xs, ys))
 
         def draw(across: Scale, up: Scale) -> str:
             at = across(xs), up(ys)
-            drawn = path(line(*at), tint, linewidth, alpha=alpha, more=ends) if dash else ""
-            return drawn + (marks(*at, mark, markersize, [tint], alpha=alpha) if mark else "")
+            drawn = svg.path(svg.line(*at), tint, linewidth, alpha=alpha, more=ends) if dash else ""
+            return drawn + (svg.marks(*at, mark, markersize, [tint], alpha=alpha) if mark else "")
 
         def sample(left: float, middle: float, width: float) -> str:
-            drawn = line_sample(left, middle, width, tint, linewidth, ends) if dash else ""
+            drawn = svg.line_sample(left, middle, width, tint, linewidth, ends) if dash else ""
             place = np.array([left + width / 2]), np.array([middle])
-            return drawn + (marks(*place, mark, markersize, [tint], alpha=alpha) if mark else "")
+            return drawn + (svg.marks(*place, mark, markersize, [tint], alpha=alpha) if mark else "")
 
         self.add(zorder, draw, label, sample)
 
@@ -247,13 +212,13 @@ class Chart(Sheet):
     ) -> None:  # fmt: skip
         """A mark at each point ``(n,)``; ``c`` is one colour or one for each, ``s`` the square of the size."""
         given = c if c is not None else color if color is not None else _FIRST
-        tints = [colour(given)] if isinstance(given, str) else [colour(each) for each in given]
+        tints = [svg.colour(given)] if isinstance(given, str) else [svg.colour(each) for each in given]
         xs, ys, size = np.asarray(x, float), np.asarray(y, float), float(np.sqrt(s))
         self.reach(xs, ys)
         self.points.append((xs, ys))
 
         def at(places: tuple[Array, Array], shades: Sequence[str]) -> str:
-            return marks(*places, marker, size, shades, edgecolors, linewidths)
+            return svg.marks(*places, marker, size, shades, edgecolors, linewidths)
 
         def sample(left: float, middle: float, width: float) -> str:
             return at((np.array([left + width / 2]), np.array([middle])), tints[:1])
@@ -269,13 +234,13 @@ class Chart(Sheet):
         xs, ys = np.repeat(ends, 2), np.concatenate([[0.0], np.repeat(heights, 2), [0.0]])
         self.reach(xs, ys)
         self.y.bases.add(0.0)
-        tint = colour(color)
+        tint = svg.colour(color)
 
         def draw(across: Scale, up: Scale) -> str:
-            data = line(across(xs), up(ys))
+            data = svg.line(across(xs), up(ys))
             if not fill:
-                return path(data, tint, linewidth)
-            return path(data, fill=tint, alpha=alpha) + self.hatched(data, hatch, tint, alpha)
+                return svg.path(data, tint, linewidth)
+            return svg.path(data, fill=tint, alpha=alpha) + self.hatched(data, hatch, tint, alpha)
 
         self.add(1.0 if fill else 2.0, draw)
 
@@ -285,7 +250,7 @@ class Chart(Sheet):
     ) -> None:  # fmt: skip
         """Bars that lie, at places ``(n,)``, from ``left`` on as long as they are wide."""
         at, starts, lengths = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float)) for v in (y, left, width)))
-        tints = [colour(color)] * len(at) if isinstance(color, str) else [colour(each) for each in color]
+        tints = [svg.colour(color)] * len(at) if isinstance(color, str) else [svg.colour(each) for each in color]
         self.reach(np.concatenate([starts, starts + lengths]), np.concatenate([at - height / 2, at + height / 2]))
         self.x.bases |= set(starts.tolist())
 
@@ -296,8 +261,8 @@ class Chart(Sheet):
                     across(np.array([start, start + length])),
                     up(np.array([middle - height / 2, middle + height / 2])),
                 )
-                box = rectangle(tuple(ends[0].tolist()), tuple(ends[1].tolist()))
-                drawn += path(box, fill=tint, alpha=alpha) + self.hatched(box, hatch, "#000000", alpha)
+                box = svg.rectangle(tuple(ends[0].tolist()), tuple(ends[1].tolist()))
+                drawn += svg.path(box, fill=tint, alpha=alpha) + self.hatched(box, hatch, "#000000", alpha)
             return drawn
 
         self.add(1.0, draw)
@@ -341,11 +306,11 @@ class Chart(Sheet):
     ) -> None:
         """A horizontal band from edge to edge."""
         self.y.reach([ymin, ymax])
-        tint = colour(color)
+        tint = svg.colour(color)
 
         def draw(across: Scale, up: Scale) -> str:
-            box = rectangle((across.start, across.end), (float(up(ymin)), float(up(ymax))))
-            return path(box, tint, linewidth, tint, alpha)
+            box = svg.rectangle((across.start, across.end), (float(up(ymin)), float(up(ymax))))
+            return svg.path(box, tint, linewidth, tint, alpha)
 
         self.add(1.0, draw)
 
@@ -354,10 +319,10 @@ class Chart(Sheet):
         linewidth: float = 0.0,
     ) -> None:  # fmt: skip
         """The area between two curves."""
-        low, high, tint = np.asarray(y1, float), np.asarray(y2, float), colour(color)
+        low, high, tint = np.asarray(y1, float), np.asarray(y2, float), svg.colour(color)
         xs, ys = np.concatenate([np.asarray(x, float), np.asarray(x, float)[::-1]]), np.concatenate([low, high[::-1]])
         self.reach(xs, ys)
-        self.add(1.0, lambda across, up: path(line(across(xs), up(ys)) + "z", tint, linewidth, tint, alpha))
+        self.add(1.0, lambda across, up: svg.path(svg.line(across(xs), up(ys)) + "z", tint, linewidth, tint, alpha))
 
     def imshow(self, colours: ArrayLike) -> None:
         """A matrix of colours ``(m, n, 3)`` from 0 to 1, its first row on top, cells as wide as high."""
@@ -372,8 +337,8 @@ class Chart(Sheet):
         self._cells(np.asarray(x, float), np.asarray(y, float), np.asarray(colours, float))
 
     def annotate(
-        self, text: str, xy: Any, xytext: Any = None, *, xycoords: Coordinates = "data",
-        textcoords: Literal["offset points"] | None = None, color: str = "#000000", fontsize: float = FONT_SIZE,
+        self, text: str, xy: Any, xytext: Any = None, *, xycoords: _Coordinates = "data",
+        textcoords: Literal["offset points"] | None = None, color: str = "#000000", fontsize: float = svg.FONT_SIZE,
         fontweight: str = "", ha: str = "left", va: str = "baseline", arrowprops: Any = None, bbox: Any = None,
         zorder: float = 3.0,
     ) -> None:  # fmt: skip
@@ -381,7 +346,7 @@ class Chart(Sheet):
 
         With ``arrowprops`` an arrow from ``xytext`` to the point.
         """
-        tint = colour(color)
+        tint = svg.colour(color)
         if arrowprops is not None:
             self.add(zorder, lambda across, up: arrow(across, up, xytext, xy, **arrowprops))
             return
@@ -390,8 +355,10 @@ class Chart(Sheet):
         def draw(across: Scale, up: Scale) -> str:
             x, y = place(xy, xycoords, across, up)
             at = x + right, y - over
-            behind = "" if bbox is None else backdrop(text, *at, fontsize, ha, va, bbox["facecolor"], bbox["boxstyle"])
-            return behind + words(text, *at, fontsize, tint, ha, va, bold=fontweight == "bold")
+            behind = (
+                "" if bbox is None else svg.backdrop(text, *at, fontsize, ha, va, bbox["facecolor"], bbox["boxstyle"])
+            )
+            return behind + svg.words(text, *at, fontsize, tint, ha, va, bold=fontweight == "bold")
 
         self.labels.append(draw)
 
@@ -466,7 +433,7 @@ class Chart(Sheet):
 
     def _segments(self, x: Array, y: Array, colours: Any, linewidth: float, alpha: float) -> None:
         """Lines between two points each ``(n, 2)``, of one colour or one each."""
-        tints = [colour(colours)] if isinstance(colours, str) else [colour(each) for each in colours]
+        tints = [svg.colour(colours)] if isinstance(colours, str) else [svg.colour(each) for each in colours]
         self.reach(x, y)
 
         def draw(across: Scale, up: Scale) -> str:
@@ -475,22 +442,22 @@ class Chart(Sheet):
             ends = tuple(at)
             for tint in dict.fromkeys(tints):
                 of = [len(tints) == 1 or each == tint for each in (tints if len(tints) > 1 else tints * len(x))]
-                drawn += path(line(ends[0][of].ravel(), ends[1][of].ravel()), tint, linewidth, alpha=alpha)
+                drawn += svg.path(svg.line(ends[0][of].ravel(), ends[1][of].ravel()), tint, linewidth, alpha=alpha)
             return drawn
 
         self.add(2.0, draw)
 
     def _edge_to_edge(self, ends: Any, color: str, linewidth: float, linestyle: Any, zorder: float) -> None:
-        tint, more = colour(color), dashes(linestyle, linewidth)
+        tint, more = svg.colour(color), svg.dashes(linestyle, linewidth)
 
         def draw(across: Scale, up: Scale) -> str:
             x, y = ends(across, up)
-            return path(line(np.array(x), np.array(y)), tint, linewidth, more=more)
+            return svg.path(svg.line(np.array(x), np.array(y)), tint, linewidth, more=more)
 
         self.add(zorder, draw)
 
     def _cells(self, x: Array, y: Array, colours: Array) -> None:
-        self.add(0.0, lambda across, up: cells(across(x), up(y), colours))
+        self.add(0.0, lambda across, up: svg.cells(across(x), up(y), colours))
 
 
 def _parsed(style: str) -> tuple[str | None, str]:
@@ -579,8 +546,8 @@ def inline_svg(picture: Picture) -> Markup:
         '<svg viewBox="0 0 {:g} {:g}" class="{}" role="img" aria-label="{}" style="max-width: {}px"><title>{}</title>{}'
     )
     kind = "half" if pixels <= _HALF_PX else "wide"
-    marks = Markup(drawn)  # both escape what they are given
-    return form.format(width, height, kind, picture.label, pixels, picture.label, marks)
+    # both escape what they are given
+    return form.format(width, height, kind, picture.label, pixels, picture.label, Markup(drawn))
 
 
 def _matplotlib_svg(picture: Picture) -> tuple[float, float, str]:

@@ -1,10 +1,8 @@
-"""Axes, ticks and marks of a chart.
+"""Axes, ticks and marks of a chart, as SVG.
 
-What a picture is drawn into: matplotlib's axes, or a chart that becomes a part of a page.
-
-A page has many pictures and matplotlib takes a second or more to be loaded and to draw them; a chart takes a
-hundredth. Both understand the calls listed here, with the names, units and defaults that matplotlib gives them, so a
-picture is described once. matplotlib makes the figures that are saved as PNG or shown in a notebook.
+A picture is drawn into matplotlib's axes, or into a chart that becomes a part of a page in a hundredth of the time.
+Both understand the calls of ``Axes``, with matplotlib's names, units and defaults, so a picture is described once.
+matplotlib makes the figures that are saved as PNG or shown in a notebook.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -18,33 +16,10 @@ from lab.core.se3 import Array
 from lab.render.style import FIGURE_STYLE, TICK
 
 __all__ = [
-    "FONT_SIZE",
-    "ROUND",
-    "Axes",
-    "ChartAxis",
-    "Entry",
-    "Legend",
-    "Scale",
-    "axis_lines",
-    "backdrop",
-    "below",
-    "beside",
-    "cells",
-    "colour",
-    "dashes",
-    "grid_lines",
-    "heading",
-    "line",
-    "line_sample",
-    "marks",
-    "path",
-    "rectangle",
-    "round_numbers",
-    "shown_number",
-    "text_width",
-    "tick_labels",
-    "words",
-]
+    "FONT_SIZE", "ROUND", "Axes", "ChartAxis", "Entry", "Legend", "Scale", "axis_lines", "backdrop", "below", "beside",
+    "cells", "colour", "dashes", "grid_lines", "heading", "line", "line_sample", "marks", "path", "rectangle",
+    "round_numbers", "shown_number", "text_width", "tick_labels", "words",
+]  # fmt: skip
 
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 _LEAST, _MOST = 1e-4, 1e6  # between them, numbers are written without a power of ten
@@ -82,7 +57,7 @@ def round_numbers(low: float, high: float, most: int) -> Array:
 
 
 def tick_labels(values: Sequence[float] | Array) -> list[str]:
-    """Numbers with as many decimals as tell them apart."""
+    """Format numbers with as many decimals as distinguish them."""
     given = np.asarray(values, dtype=float)
     largest = float(np.abs(given).max(initial=0.0))
     if largest and not _LEAST <= largest < _MOST:
@@ -131,7 +106,7 @@ def line(x: Array, y: Array) -> str:
 def path(
     data: str, stroke: str = "none", width: float = 0.0, fill: str = "none", alpha: float = 1.0, more: str = ""
 ) -> str:
-    """A path; nothing where it says nothing."""
+    """Return a path element; empty without data."""
     if not data:
         return ""
     pen = f' stroke="{stroke}" stroke-width="{shown_number(width)}"' if stroke != "none" and width else ""
@@ -195,13 +170,13 @@ def marks(
     for tint in dict.fromkeys(colours):
         places = [i for i in np.flatnonzero(known).tolist() if len(colours) == 1 or colours[i] == tint]
         count = 1 if alpha == 1 else max(1, min(len(places), _MOST_PATHS))
-        said = ["".join(f"M{at[i][0]} {at[i][1]}{after}" for i in places[first::count]) for first in range(count)]
+        parts_of = ["".join(f"M{at[i][0]} {at[i][1]}{after}" for i in places[first::count]) for first in range(count)]
         fill = "none" if end or mark in "|x" else tint
         if count == 1:
-            parts.append(path(said[0], tint, width, fill, alpha, end))
+            parts.append(path(parts_of[0], tint, width, fill, alpha, end))
             continue
         pen = f'stroke="{tint}" stroke-width="{shown_number(width)}" stroke-opacity="{shown_number(alpha)}"'
-        paths = "".join(f'<path d="{each}"/>' for each in said)
+        paths = "".join(f'<path d="{each}"/>' for each in parts_of)
         parts.append(f'<g fill="{fill}" fill-opacity="{shown_number(alpha)}" {pen}{end}>{paths}</g>')
     return "".join(parts)
 
@@ -254,11 +229,11 @@ def words(
     weight = ' font-weight="bold"' if bold else ""
     place = f'x="{shown_number(x)}" y="{shown_number(y + above)}"'
     turn = f' transform="rotate({shown_number(-turned)} {shown_number(x)} {shown_number(y)})"' if turned else ""
-    said = escape(lines[0], quote=False) + "".join(
+    text_lines = escape(lines[0], quote=False) + "".join(
         f'<tspan x="{shown_number(x)}" dy="{shown_number(height)}">{escape(each, quote=False)}</tspan>'
         for each in lines[1:]
     )
-    return f'<text {place} font-size="{shown_number(size)}" fill="{tint}"{anchor}{weight}{turn}>{said}</text>'
+    return f'<text {place} font-size="{shown_number(size)}" fill="{tint}"{anchor}{weight}{turn}>{text_lines}</text>'
 
 
 def backdrop(text: str, x: float, y: float, size: float, across: str, up: str, fill: str, style: str) -> str:
@@ -399,14 +374,10 @@ def heading(title: str, x: Scale, y: Scale) -> str:
 
 @dataclass(frozen=True)
 class Entry:
-    """A labelled mark.
-
-    Attributes:
-        sample: draws it from a place ``(x, y)`` on, as wide as it is told; points.
-    """
+    """A labelled mark."""
 
     label: str
-    sample: Callable[[float, float, float], str]
+    sample: Callable[[float, float, float], str]  # draws it from a place (x, y) on, with a width; points
 
 
 @dataclass(frozen=True)
@@ -468,73 +439,28 @@ def line_sample(x: float, y: float, width: float, tint: str, thick: float, more:
 
 
 class Axes(Protocol):
-    """The calls of matplotlib's ``Axes`` that pictures of pages use; ``Chart`` says which keywords each has."""
+    """The calls of matplotlib's ``Axes`` that pictures of pages use; ``Chart`` describes them."""
 
-    def plot(self, *args: Any, **keywords: Any) -> Any:
-        """Lines and marks through points; NaN parts a line."""
-
-    def scatter(self, *args: Any, **keywords: Any) -> Any:
-        """A mark at each point."""
-
-    def stairs(self, *args: Any, **keywords: Any) -> Any:
-        """A histogram."""
-
-    def barh(self, *args: Any, **keywords: Any) -> Any:
-        """Bars that lie."""
-
-    def hlines(self, *args: Any, **keywords: Any) -> Any:
-        """Horizontal lines."""
-
-    def vlines(self, *args: Any, **keywords: Any) -> Any:
-        """Vertical lines."""
-
-    def axhline(self, *args: Any, **keywords: Any) -> Any:
-        """A horizontal line from edge to edge."""
-
-    def axvline(self, *args: Any, **keywords: Any) -> Any:
-        """A vertical line from edge to edge."""
-
-    def axhspan(self, *args: Any, **keywords: Any) -> Any:
-        """A horizontal band from edge to edge."""
-
-    def fill_between(self, *args: Any, **keywords: Any) -> Any:
-        """The area between two curves."""
-
-    def imshow(self, *args: Any, **keywords: Any) -> Any:
-        """A matrix of colours, its first row on top."""
-
-    def pcolormesh(self, *args: Any, **keywords: Any) -> Any:
-        """A matrix of colours between edges."""
-
-    def annotate(self, *args: Any, **keywords: Any) -> Any:
-        """Words at a point, or an arrow."""
-
-    def legend(self, *args: Any, **keywords: Any) -> Any:
-        """Show a legend of the labelled marks."""
-
-    def set(self, **keywords: Any) -> Any:
-        """Limits, ticks, scales, titles."""
-
-    def set_xticks(self, *args: Any, **keywords: Any) -> Any:
-        """Ticks and their words along x."""
-
-    def set_yticks(self, *args: Any, **keywords: Any) -> Any:
-        """Ticks and their words along y."""
-
-    def tick_params(self, *args: Any, **keywords: Any) -> Any:
-        """Set the appearance of ticks."""
-
-    def locator_params(self, *args: Any, **keywords: Any) -> Any:
-        """Set the largest number of ticks."""
-
-    def grid(self, *args: Any, **keywords: Any) -> Any:
-        """Set whether lines run through the ticks."""
-
-    def margins(self, *args: Any, **keywords: Any) -> Any:
-        """Set the margins of axes beyond what is drawn."""
-
-    def set_aspect(self, *args: Any, **keywords: Any) -> Any:
-        """Set one scale for both axes."""
-
-    def axis(self, *args: Any, **keywords: Any) -> Any:
-        """Hides the axes."""
+    def plot(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def scatter(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def stairs(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def barh(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def hlines(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def vlines(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def axhline(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def axvline(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def axhspan(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def fill_between(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def imshow(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def pcolormesh(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def annotate(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def legend(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def set(self, **keywords: Any) -> Any: ...  # noqa: D102
+    def set_xticks(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def set_yticks(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def tick_params(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def locator_params(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def grid(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def margins(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def set_aspect(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def axis(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102

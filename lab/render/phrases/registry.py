@@ -1,26 +1,27 @@
 """The phrase of each check, by the check's name."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from lab.core.checks import Check
-from lab.render.phrases import certify, fit, verdict, verify
+from lab.render.phrases import fit, verdict, verify
+from lab.render.phrases.template import Phrase, worded
 
 __all__ = ["PHRASES", "in_one_line", "phrase", "phrases"]
 
-PHRASES: dict[str, Callable[[Check], str]] = {}
-for _module in (certify, fit, verdict, verify):
-    if twice := sorted(set(PHRASES) & set(_module.PHRASES)):
+PHRASES: dict[str, Phrase] = {}
+for _table in (verify.CERTIFICATE_PHRASES, fit.PHRASES, verdict.PHRASES, verify.PHRASES):
+    if twice := sorted(set(PHRASES) & set(_table)):
         raise RuntimeError(f"check {twice[0]} has two phrases")
-    PHRASES.update(_module.PHRASES)
+    PHRASES.update(_table)
 
 
 def phrase(check: Check) -> str:
-    """Return the clause that states a check: what came out, where, and what to do; empty where nothing is to be said.
+    """Return the clause that states a check: what came out, where, and what to do.
 
     Raises:
         KeyError: no phrase has the check's name.
     """
-    return PHRASES[check.name](check)
+    return worded(PHRASES[check.name], check)
 
 
 def phrases(checks: Iterable[Check]) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """Phrases of a calibration's checks: lack of fit, findings about the errors, and the verdict."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from lab.calibration.workspace_prediction import Distance, RegionPrediction
 from lab.core.checks import Check
 from lab.core.errors import counted
 from lab.core.units import DEGREES, MM, MRAD, short_length
+from lab.render.phrases.template import Phrase
 
 __all__ = ["PHRASES", "gate_text", "region_text", "without_figures"]
 
@@ -36,10 +37,7 @@ _NOT_TESTED = {
         "lack of fit is not tested",
         ": the group residual follows the measurements; only errors at other poses test it",
     ),
-    "too few": (
-        "lack of fit cannot be tested",
-        ": there are no more measurements than parameters; measure more poses",
-    ),
+    "too few": ("lack of fit cannot be tested", ": there are no more measurements than parameters; measure more poses"),
     "unknown noise": (
         "lack of fit cannot be tested",
         ": sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice",
@@ -70,14 +68,12 @@ def _figures(check: Check) -> str:
 
 
 def _seen(check: Check) -> str:
-    """Word a test that shows lack of fit."""
     if check.name == "lack_of_fit.joints":
         return f"the residuals vary with the joints {_figures(check)}"
     return f"the errors at held-out poses are {check.statistic:.3g} times their prediction {_figures(check)}"
 
 
 def _not_seen(check: Check) -> str:
-    """Word a test that does not show lack of fit."""
     if check.name == "lack_of_fit.joints":
         return f"the residuals do not vary with the joints {_figures(check)}"
     return f"the errors at held-out poses are consistent with their prediction {_figures(check)}"
@@ -125,7 +121,6 @@ def _unknown_noise(check: Check) -> str:
 
 
 def _joints(check: Check) -> str:
-    """Word the test of the joints' positions, alone or beside shared errors."""
     if "shared" not in check.data:
         return _unknown_noise(check)
     shared = "; ".join(check.data["shared"].descriptions)
@@ -140,23 +135,8 @@ def _nothing(check: Check) -> str:
     return "".join(_NOT_TESTED[check.data["why"]])
 
 
-def _isotropy(check: Check) -> str:
-    return (
-        f"residuals across the line of sight are {check.statistic:.2g} times those along it (F test, p = "
-        f"{check.p:.1g}): the noise is not isotropic, so intervals and outlier test are biased; state the instrument "
-        "with --instrument"
-    )
-
-
 def _unsupported(check: Check) -> str:
     return "; no repeated poses and no stated instrument support it" if check.outcome == "failed" else ""
-
-
-def _step(check: Check) -> str:
-    before, after = check.data["between"]
-    moved = f"moved by {short_length(check.data['size_m'])} between poses {before} and {after}"
-    advice = "measure again in one set-up, or give the rows after it a session of their own"
-    return f"the base or the instrument {moved}: {advice}"
 
 
 def _drift(check: Check) -> str:
@@ -174,22 +154,6 @@ def _scatter(check: Check) -> str:
     size = MRAD.text(check.data["scatter_rad"], 2)
     at_tool = short_length(check.data["size_m"])
     return f"joints scatter by {size} from pose to pose ({at_tool} at the tool){_unsupported(check)}"
-
-
-def _noise(check: Check) -> str:
-    return (
-        f"the noise is estimated at {short_length(check.data['size_m'])} per axis, but common instruments have less "
-        f"than {short_length(COMMON_NOISE_M)}: state the instrument (--instrument or --noise-mm), or find the cause "
-        "of larger errors"
-    )
-
-
-def _missing(check: Check) -> str:
-    data = check.data
-    return (
-        f"lack of fit: {', '.join(data['effects'])} would explain errors now attributed to noise (mean error of "
-        f"held-out poses {MM.text(data['before_m'])} without, {MM.text(data['after_m'])} with): fit with --model auto"
-    )
 
 
 _MOVED = {
@@ -216,32 +180,11 @@ def _residuals(check: Check) -> str:
     return "the residuals are at rounding level" if check.outcome == "passed" else "not tested"
 
 
-def _weak(_: Check) -> str:
-    return "not significant at the level that makes a verdict doubtful"
-
-
-def _spread(check: Check) -> str:
-    times = f"{check.data['times']:.3g} times as far as the robot's at these poses"
-    return f"the measured points spread {times}: wrong unit, or another robot"
-
-
 def _convergence(check: Check) -> str:
     if check.data["status"] == "in a valley":
         return "the fit stalled on an ill-conditioned problem: some parameters are unobservable (--prior on)"
     why = "wrong robot, signs or axes, or too few measurements for these parameters (--prior on)?"
     return f"Gauss-Newton did not converge: {why}"
-
-
-def _orientations(check: Check) -> str:
-    size = MRAD.text(check.data["rms_rad"])
-    return f"measured orientations do not fit ({size}): wrong --orientation or columns?"
-
-
-def _fixtures(check: Check) -> str:
-    return (
-        f"a link is estimated {MM.text(check.data['change_m'])} from its nominal length: these fixtures do not "
-        "constrain the arm; wrong columns or rows, or is --prior on needed?"
-    )
 
 
 def _identifiable(check: Check) -> str:
@@ -286,35 +229,10 @@ def _gate_below_noise(check: Check) -> str:
     )
 
 
-def _before_after(check: Check) -> str:
-    return f"{MM.text(check.data['before_m'])} before, {MM.text(check.data['after_m'])} after"
-
-
-def _worse(check: Check) -> str:
-    return f"the calibrated model is worse than the nominal one: {_before_after(check)}"
-
-
 def _gain(check: Check) -> str:
+    before, after = MM.text(check.data["before_m"]), MM.text(check.data["after_m"])
     largest = ", and the largest error grew" if check.data["grown"] else ""
-    return f"little better than the nominal model: {_before_after(check)}{largest}"
-
-
-def _fitted_poses(check: Check) -> str:
-    return f"{100 * check.data['share']:.0f} % of the validation poses were fitted"
-
-
-def _outliers(check: Check) -> str:
-    return f"{100 * check.data['share']:.3g} % of the hold-out set are outliers"
-
-
-def _prediction(check: Check) -> str:
-    observed, predicted, allowed = (
-        MM.text(check.data[f"{name}_p95_m"]) for name in ("observed", "predicted", "allowed")
-    )
-    return (
-        f"95 % of the errors at poses that were not fitted are below {observed}, but {predicted} was predicted there "
-        f"({allowed} allowing for chance): the assumed model or noise is wrong"
-    )
+    return f"little better than the nominal model: {before} before, {after} after{largest}"
 
 
 def _error(check: Check) -> str:
@@ -356,10 +274,6 @@ def _other_robot(check: Check) -> str:
     return f"{_far(check)}: is the nominal model that of this robot?"
 
 
-def _constant(_: Check) -> str:
-    return "the measured values are the same in every pose: wrong column?"
-
-
 def _given_noise(check: Check) -> str:
     data = check.data
     name = "column sigma_mm" if data["in_column"] else "--noise-mm"
@@ -384,54 +298,72 @@ def _given_scale(check: Check) -> str:
     )
 
 
-def _given_poses(check: Check) -> str:
-    return (
-        f"the points are {MM.text(check.data['off_m'])} from the nominal robot for any base and tool: wrong rows, "
-        "joints in another order or direction, or another robot"
-    )
-
-
 def _tolerance_bound(check: Check) -> str:
     if check.outcome == "not tested":
         return "the validation errors are not compared with a gate"
     return f"95 % of the validation errors are below {check.statistic:.3g} times the gate, with 95 % confidence"
 
 
-PHRASES: Mapping[str, Callable[[Check], str]] = {
+PHRASES: Mapping[str, Phrase] = {
     "lack_of_fit.chi2": _chi2,
     "lack_of_fit.repeats": _repeats,
     "lack_of_fit.holdout": _unknown_noise,
     "lack_of_fit.joints": _joints,
     "lack_of_fit.distances": _distances,
     "lack_of_fit.nothing": _nothing,
-    "isotropy": _isotropy,
-    "finding.step": _step,
+    "isotropy": (
+        "residuals across the line of sight are {statistic:.2g} times those along it (F test, p = {p:.1g}): the noise "
+        "is not isotropic, so intervals and outlier test are biased; state the instrument with --instrument"
+    ),
+    "finding.step": (
+        "the base or the instrument moved by {size_m:short} between poses {between[0]} and {between[1]}: measure again "
+        "in one set-up, or give the rows after it a session of their own"
+    ),
     "finding.drift": _drift,
     "finding.correlated": _correlated,
     "finding.scatter": _scatter,
-    "finding.noise": _noise,
-    "finding.missing": _missing,
+    "finding.noise": (
+        f"the noise is estimated at {{size_m:short}} per axis, but common instruments have less than "
+        f"{short_length(COMMON_NOISE_M)}: state the instrument (--instrument or --noise-mm), or find the cause of "
+        "larger errors"
+    ),
+    "finding.missing": (
+        "lack of fit: {effects:list} would explain errors now attributed to noise (mean error of held-out poses "
+        "{before_m:mm} without, {after_m:mm} with): fit with --model auto"
+    ),
     "finding.change": _change,
     "fit.residuals": _residuals,
-    "fit.weak": _weak,
+    "fit.weak": "not significant at the level that makes a verdict doubtful",
     "given.noise": _given_noise,
     "given.noises": _given_noises,
     "given.scale": _given_scale,
-    "given.poses": _given_poses,
-    "arm.constant_points": _constant,
-    "arm.spread": _spread,
+    "given.poses": (
+        "the points are {off_m:mm} from the nominal robot for any base and tool: wrong rows, joints in another order "
+        "or direction, or another robot"
+    ),
+    "arm.constant_points": "the measured values are the same in every pose: wrong column?",
+    "arm.spread": (
+        "the measured points spread {times:.3g} times as far as the robot's at these poses: wrong unit, or another "
+        "robot"
+    ),
     "arm.convergence": _convergence,
-    "arm.orientations": _orientations,
-    "arm.fixtures": _fixtures,
+    "arm.orientations": "measured orientations do not fit ({rms_rad:mrad}): wrong --orientation or columns?",
+    "arm.fixtures": (
+        "a link is estimated {change_m:mm} from its nominal length: these fixtures do not constrain the arm; wrong "
+        "columns or rows, or is --prior on needed?"
+    ),
     "arm.identifiable": _identifiable,
     "accuracy.validation": _validation,
     "accuracy.gate": _gate,
     "accuracy.gate_below_noise": _gate_below_noise,
-    "accuracy.worse": _worse,
+    "accuracy.worse": ("the calibrated model is worse than the nominal one: {before_m:mm} before, {after_m:mm} after"),
     "accuracy.gain": _gain,
-    "accuracy.fitted_poses": _fitted_poses,
-    "accuracy.outliers": _outliers,
-    "accuracy.prediction": _prediction,
+    "accuracy.fitted_poses": "{share:%} of the validation poses were fitted",
+    "accuracy.outliers": "{share:% 3} of the hold-out set are outliers",
+    "accuracy.prediction": (
+        "95 % of the errors at poses that were not fitted are below {observed_p95_m:mm}, but {predicted_p95_m:mm} was "
+        "predicted there ({allowed_p95_m:mm} allowing for chance): the assumed model or noise is wrong"
+    ),
     "accuracy.tolerance_bound": _tolerance_bound,
     "determination.error": _error,
     "determination.limit": _limit,

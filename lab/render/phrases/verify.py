@@ -1,14 +1,15 @@
-"""Phrases of a verification: its test, possible changes, and causes of large errors."""
+"""Phrases of a verification and of a certificate."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from lab.core.checks import Check
 from lab.core.significance import VERIFICATION
 from lab.core.units import MM, MRAD
+from lab.render.phrases.template import Phrase, worded
 
-__all__ = ["PHRASES"]
+__all__ = ["CERTIFICATE_PHRASES", "PHRASES"]
 
 _UNITS = {
     1e3: "m where mm are expected",
@@ -37,18 +38,18 @@ _SEVERAL = (
 
 
 def _verification(check: Check) -> str:
-    """Word the situation first, where there is one, then the errors and what may have changed."""
     data, cause = check.data, check.data["cause"]
     sizes = f"errors of {MM.text(data['rms_m'])}, where {MM.text(data['predicted_m'])} are predicted"
     errors = f"{sizes} ({_tests(check)})"
     if check.outcome == "passed":
         return f"still good: {errors}"
     diagnosis = f": {_diagnosis(check)}" if data["alike"] or cause is None else ""
-    return f"changed: {errors}{diagnosis}" if cause is None else f"{_situation(cause)}. Changed: {errors}{diagnosis}"
+    if cause is None:
+        return f"changed: {errors}{diagnosis}"
+    return f"{worded(PHRASES[cause.name], cause)}. Changed: {errors}{diagnosis}"
 
 
 def _tests(check: Check) -> str:
-    """Word the tests and their outcome."""
     parts, dof, tail = (check.data[name] for name in ("parts", "sigma_dof", "tail_dof"))
     kind = "chi2" if dof is None else "F"
     if tail is not None:
@@ -69,7 +70,6 @@ def _chance(p: float) -> str:
 
 
 def _diagnosis(check: Check) -> str:
-    """Word what has changed."""
     alike, name = check.data["alike"], check.data["likeliest"]
     if len(alike) > 1:
         return f"these poses cannot decide whether {', or '.join(map(_changed, alike))}"
@@ -98,10 +98,6 @@ def _with_std(size: float, std: float) -> str:
     return f"{size:.{digits}f} ± {std:.{digits}f}"
 
 
-def _situation(check: Check) -> str:
-    return PHRASES[check.name](check)
-
-
 def _set_up_anew(check: Check) -> str:
     refit = check.data["refit"]
     left = f"With {' and '.join(refit)} fitted anew errors are {MM.text(check.data['left_m'])}"
@@ -120,27 +116,72 @@ def _joint_unit(check: Check) -> str:
     return f"wrong unit: the joint positions are in {text}. Converted, errors are {MM.text(check.data['left_m'])}"
 
 
-def _mirrored(check: Check) -> str:
-    return (
-        "the points are mirrored: two of their axes are swapped, or one is negated; export them in a right-handed "
-        f"frame. Mirrored back, errors are {MM.text(check.data['left_m'])}"
-    )
-
-
-def _another_arm(check: Check) -> str:
-    return (
-        "this is another arm than the calibrated one, or it was rebuilt or crashed: verify against its own run, or "
-        f"calibrate anew. With base and tool fitted anew, errors are {MM.text(check.data['left_m'])}; those of the "
-        f"nominal model are {MM.text(check.data['by_nominal_m'])}"
-    )
-
-
-PHRASES: Mapping[str, Callable[[Check], str]] = {
+PHRASES: Mapping[str, Phrase] = {
     "verification": _verification,
     **dict.fromkeys(_CHANGED, _changed),
     **dict.fromkeys(_SET_UP_ANEW, _set_up_anew),
     "situation.unit": _unit,
     "situation.joint_unit": _joint_unit,
-    "situation.mirrored": _mirrored,
-    "situation.another_arm": _another_arm,
+    "situation.mirrored": (
+        "the points are mirrored: two of their axes are swapped, or one is negated; export them in a right-handed "
+        "frame. Mirrored back, errors are {left_m:mm}"
+    ),
+    "situation.another_arm": (
+        "this is another arm than the calibrated one, or it was rebuilt or crashed: verify against its own run, or "
+        "calibrate anew. With base and tool fitted anew, errors are {left_m:mm}; those of the nominal model are "
+        "{by_nominal_m:mm}"
+    ),
 }
+
+
+_ITS = "the certificate of the {gauge}"
+_CERTIFICATE = {
+    "certificate.other_day": "measured_on is {stated}, but the run was measured on {of_run}",
+    "certificate.issued_before": (
+        "the measurements of {measured_on} are later than the issue of the certificate on {issued}"
+    ),
+    "certificate.issued_late": (
+        "the certificate of {issued} is issued {days:,} days after the measurements of {measured_on}"
+    ),
+    "certificate.ends_before_begin": f"{_ITS} of {{checked}} ends before it begins, on {{until}}",
+    "certificate.later_than_issue": f"{_ITS} of {{checked}} is later than this certificate of {{issued}}",
+    "certificate.no_day": f"{_ITS} ({{either}}) cannot be judged: the date of the measurements is not stated",
+    "certificate.later_than_measured": f"{_ITS} of {{checked}} is later than {{of}}: its state then is unknown",
+    "certificate.ended": f"{_ITS} ended on {{until}}, before {{of}}",
+    "certificate.old": (
+        f"{_ITS} of {{checked}} is {{years:.1f}} years older than {{of}}, and states no end (valid_until)"
+    ),
+    "certificate.other_robot": ("the certificate names the robot {stated}, but the run calibrates the model {of_run}"),
+    "certificate.same_serial": "robot and instrument have the same serial number, {serial}",
+    "certificate.other_instrument": (
+        "the certificate names the instrument {stated}, but the run was weighted by the noise of {of_run}"
+    ),
+    "certificate.unfit_temperature": (
+        "the temperature is {at_c:g} °C, but the instrument works from {least_c:g} to {most_c:g} °C"
+    ),
+    "certificate.unusual_temperature": (
+        "the temperature is {at_c:g} °C, but robots are measured at {least_c:g} to {most_c:g} °C"
+    ),
+    "certificate.robot_temperature": (
+        "the robot's temperature is stated within {spread_k:g} K, more than {most_k:g} K"
+    ),
+    "certificate.unusual_number": (
+        "{name} is {value:g} {unit}, usual is {least:g} to {most:g} {unit}: is the unit right?"
+    ),
+    "certificate.unusual_repeatability": (
+        "repeatability_mm is {stated_mm:g} mm, data sheets state {least_mm:g} to {most_mm:g} mm: is the unit right?"
+    ),
+    "certificate.other_repeatability": (
+        "the repeatability is stated as {stated_mm:g} mm, but repeated poses show {found_mm:.2g} mm"
+    ),
+}
+
+
+def _certificate(check: Check) -> str:
+    data = dict(check.data)
+    if "on" in data:
+        data["of"] = f"{'the measurements' if data['measured'] else 'this certificate'} of {data['on']}"
+    return _CERTIFICATE[check.name].format(either=data.get("checked") or data.get("until"), **data)
+
+
+CERTIFICATE_PHRASES: Mapping[str, Phrase] = dict.fromkeys(_CERTIFICATE, _certificate)

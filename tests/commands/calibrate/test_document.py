@@ -13,10 +13,9 @@ from lab.calibration.checks import note
 from lab.calibration.verdict import Verdict
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
-from lab.commands.calibrate.figures import error_maps, has_correction
+from lab.commands.calibrate.figures import error_maps, has_correction, world_of
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.run import calibrate, identify
-from lab.commands.calibrate.scene import world_of
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
 from lab.render.document import capital, digits_of, sentence, short

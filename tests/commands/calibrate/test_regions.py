@@ -92,4 +92,4 @@ def test_without_validation_or_positions_nothing_is_compared(day: Measurements) 
     result = lab.identify(day, robot="irb120", instrument="uniform-8um", holdout=0.3)
     left, found = result.fit.residual_spread, result.identification
     nothing = replace(result.validation, rows=None)
-    assert bounds_at(found, left, nothing, result.fit.measured, result.tolerance) is None
+    assert bounds_at(found, left, nothing, result.fit.measured, result.fit.fitter.options.tolerance) is None

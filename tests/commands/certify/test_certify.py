@@ -13,9 +13,9 @@ from helpers.robots import ROOT
 
 import lab
 from lab.cli import main
-from lab.commands.certify.options import CertifyOptions
 from lab.commands.certify.result import Certificate, _dof_text
 from lab.commands.certify.run import certify
+from lab.commands.options import CertifyOptions
 from lab.compensation.iso9283 import repeatability
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements

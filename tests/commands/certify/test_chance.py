@@ -9,8 +9,8 @@ from helpers.robots import IRB120
 import lab
 from lab.calibration.gauss_newton import Observations
 from lab.commands.certify.inputs import FittedRows, _scatter_m
-from lab.commands.certify.options import CertifyOptions
 from lab.commands.certify.run import certify
+from lab.commands.options import CertifyOptions
 from lab.core.linear_model import whitening
 from lab.core.measurements import measured
 from lab.noise.correlation import Correlation

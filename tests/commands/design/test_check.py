@@ -10,8 +10,7 @@ from helpers.drawing import nothing_drawn
 from lab.campaign.options import DesignOptions
 from lab.cli import main
 from lab.commands.calibrate.run import simulate
-from lab.commands.design.result import SessionDuration
-from lab.commands.design.run import planned_session
+from lab.commands.design.run import SessionDuration, planned_session
 from lab.formats.programs.protocol import PAUSE_S
 
 BOX = """[[obstacle]]

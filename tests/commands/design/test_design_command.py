@@ -15,10 +15,9 @@ from helpers.robots import IRB120, SCARA
 
 from lab.campaign.options import DesignOptions
 from lab.cli import main
-from lab.commands.design.document import pose_pictures
+from lab.commands.design.document import plan_scene, pose_pictures
 from lab.commands.design.recording import record_plan
 from lab.commands.design.run import design
-from lab.commands.design.scene import plan_scene
 from lab.core.random import rng_for
 from lab.extensions.programs.rapid import Rapid
 from lab.formats.measurement_csv import read_measurements

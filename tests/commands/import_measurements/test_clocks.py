@@ -11,7 +11,7 @@ import pytest
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.import_measurements.clocks import NominalFit
 from lab.commands.import_measurements.matching import Matching, matched, settled_windows
-from lab.commands.import_measurements.options import ImportOptions
+from lab.commands.options import ImportOptions
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.joint_log import JointLog

@@ -14,8 +14,8 @@ from helpers.tracker_files import plain, polyworks, rows_of_joints, spatial_anal
 from lab.campaign.robot import load_robot
 from lab.cli import main
 from lab.commands.calibrate.run import MeasurementSession, simulate
-from lab.commands.import_measurements.options import ImportOptions
 from lab.commands.import_measurements.run import import_measurements
+from lab.commands.options import ImportOptions
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import read_measurements
 

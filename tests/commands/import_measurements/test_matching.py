@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lab.commands.import_measurements.matching import matched
-from lab.commands.import_measurements.options import ImportOptions
+from lab.commands.options import ImportOptions
 from lab.core.errors import LabError
 from lab.formats.joint_log import JointLog
 from lab.formats.tracker_export import TrackerPoints

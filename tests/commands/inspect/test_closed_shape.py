@@ -10,7 +10,7 @@ from helpers.robots import ROOT
 from scipy.integrate import dblquad
 
 from lab.cli import main
-from lab.commands.inspect.closed import ClosedShape, closed_shape_of
+from lab.commands.inspect.nominal import ClosedShape, closed_shape_of
 from lab.extensions.robotics.closed.recognition import classical_model_of
 from lab.formats.mechanism_toml import read_mechanism
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses

@@ -7,7 +7,7 @@ import pytest
 
 from lab.campaign.robot import load_robot
 from lab.cli import main
-from lab.commands.inspect.serial import shape_of
+from lab.commands.inspect.nominal import shape_of
 from lab.kinematics.serial.arm import SerialArm
 
 # facts-robots, section 1: the flange's reach (mm), the ways to a pose, the determinant

@@ -9,8 +9,8 @@ import pytest
 from helpers.robots import ROOT
 
 from lab.commands.calibrate.load_run import read_calibrated
-from lab.commands.migrate.options import MigrateOptions
-from lab.commands.migrate.run import migrate
+from lab.commands.migrate import migrate
+from lab.commands.options import MigrateOptions
 from lab.core.errors import LabError
 
 

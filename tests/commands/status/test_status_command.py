@@ -15,7 +15,7 @@ from scipy import stats
 
 import lab
 from lab.cli import main
-from lab.commands.status.arm import STATES
+from lab.commands.status import STATES
 from lab.core.errors import LabError
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
 
@@ -151,7 +151,7 @@ def test_the_slope_is_that_of_least_squares_with_its_interval(tmp_path: Path) ->
         verified(tmp_path / f"v{on}", run, on.isoformat(), mean=error)
     (arm,) = lab.status(tmp_path, on="2026-07-01").arms
     line = stats.linregress([on.toordinal() / 365.25 for on in days], errors)
-    assert arm.slope is not None and arm.slope.count == 5
+    assert arm.slope is not None and arm.slope.verifications == 5
     assert np.isclose(arm.slope.per_year, line.slope) and np.isclose(
         arm.slope.half_width, stats.t.ppf(0.975, 3) * line.stderr
     )

@@ -12,8 +12,8 @@ from helpers.drawing import nothing_drawn
 
 import lab
 from lab.cli import main
-from lab.commands.trend.options import TrendOptions
-from lab.commands.trend.run import trend
+from lab.commands.options import TrendOptions
+from lab.commands.trend import trend
 from lab.core.errors import LabError
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
 

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.limits import PASSED
-from lab.core.se3 import AngleConvention
-from lab.core.se3 import Array
+from lab.core.se3 import AngleConvention, Array
 from lab.core.units import MM, joints_to_si
 from lab.extensions.robotics.kinematics.models import Solver
 from lab.extensions.robotics.trajectory.cartesian import CartesianPath, PathMove, arc, line, path_move
@@ -80,7 +79,7 @@ def read_path(
         path: of the file.
         joint_names: the robot's; the file may call them q1 ... qn.
         prismatic: which of them slide.
-        meaning: of three angles (``lab.core.orientation``).
+        meaning: of three angles (``lab.core.se3``).
 
     Raises:
         LabError: with the file, and where there is one the line and the column.

@@ -1,4 +1,4 @@
-"""A calibrated arm and a few new measurements: is it within its predicted error?"""
+"""Test new measurements against a calibrated arm: is it within its predicted error?"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,8 +19,8 @@ from lab.campaign.instruments import named_instrument
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.run import checked
 from lab.commands.command_line import options_of, takes
+from lab.commands.options import VerifyOptions
 from lab.commands.result import Result, error_statistics, exit_code_of, number
-from lab.commands.verify.options import VerifyOptions
 from lab.core.checks import Check
 from lab.core.errors import LabError, be, counted, error_context
 from lab.core.limits import called, one_serial
@@ -31,22 +31,8 @@ from lab.core.significance import VERIFICATION
 from lab.core.units import MM, MRAD
 from lab.formats.measurement_csv import read_measurements
 from lab.noise.instruments import observing
-from lab.render.document import (
-    PAGE,
-    TERMINAL,
-    Badge,
-    Block,
-    Column,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    Warnings,
-    sentence,
-    short,
-)
+from lab.render import document as doc
+from lab.render.document import sentence, short
 from lab.render.phrases.registry import phrase, phrases
 from lab.render.plots import Spread, histograms
 from lab.render.style import AFTER, BEFORE, PREDICTED
@@ -60,7 +46,7 @@ from lab.verification.test import verify as test
 if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult
 
-__all__ = ["VerificationResult", "errors_picture", "verify"]
+__all__ = ["VerificationResult", "verify"]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -68,27 +54,22 @@ class VerificationResult(Result):
     """Result of testing whether a calibrated arm is within its predicted error, with possible changes if not.
 
     Attributes:
-        options: of the command.
         calibrated: the run that calibrated the arm.
         measurements: the rows that were used.
         verified: the test, and the hypotheses that it tried.
     """
 
     command = "verify"
-    shown_by = "lab.commands.verify.run:_verification_document"
-    drawn_by = "lab.commands.verify.run:errors_picture"
-    recorded_by = "lab.commands.verify.recording:record_verification"
+    robot_at = "calibrated.robot"
+    shown_by = "lab.commands.verify:_verification_document"
+    drawn_by = "lab.commands.verify:_errors_picture"
+    recorded_by = "lab.commands.error_recording:record_verification"
 
     options: VerifyOptions
     calibrated: CalibrationRun
     measurements: Measurements
     verified: Verified
     warnings: tuple[str, ...]
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.calibrated.robot.sha256
 
     @property
     def good(self) -> bool:
@@ -219,27 +200,27 @@ _ADVICE = {
 }
 
 
-def _verification_document(result: VerificationResult) -> Document:
+def _verification_document(result: VerificationResult) -> doc.Document:
     """The verdict and its test, the errors, what may have changed, and the minimum detectable change."""
     found, robot = result.verified, result.calibrated.robot
     verdict = "within the predicted error" if found.good else "beyond the predicted error"
     rate = f"(an unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases)"
-    return Document(
+    return doc.Document(
         f"{called(robot.name, result.serial)}: {verdict}",
         (
-            Paragraph((Badge("good" if found.good else "bad", "good" if found.good else "bad"), f" {rate}")),
-            Paragraph(sentence(phrase(found.check)), "lead"),
-            Paragraph(f"The run that calibrated the arm is {result.calibrated.result.description}."),
-            Warnings(result.warnings),
-            Section("Errors, observed and predicted", (*_errors(result), _histogram(result))),
-            Section("Single changes that would explain the errors", (_hypotheses(result), *_advice(result))),
-            Section("Refitted parts", (_refitted(result),)),
-            Section("Minimum detectable change", (_detectable(result),) if found.good else ()),
+            doc.Paragraph((doc.Badge("good" if found.good else "bad", "good" if found.good else "bad"), f" {rate}")),
+            doc.Paragraph(sentence(phrase(found.check)), "lead"),
+            doc.Paragraph(f"The run that calibrated the arm is {result.calibrated.result.description}."),
+            doc.Warnings(result.warnings),
+            doc.Section("Errors, observed and predicted", _errors(result)),
+            doc.Section("Single changes that would explain the errors", (_hypotheses(result), *_advice(result))),
+            doc.Section("Refitted parts", (_refitted(result),)),
+            doc.Section("Minimum detectable change", (_detectable(result),) if found.good else ()),
         ),
     )
 
 
-def errors_picture(result: VerificationResult) -> Picture:
+def _errors_picture(result: VerificationResult) -> doc.Picture:
     """The observed errors as a histogram, with their root mean square and the predicted one."""
     found = result.verified
     observed = MM.to_si(float(result.observed_mm["rms"]))
@@ -250,7 +231,7 @@ def errors_picture(result: VerificationResult) -> Picture:
     return histograms("errors", spreads, "position error")
 
 
-def _errors(result: VerificationResult) -> tuple[Block, ...]:
+def _errors(result: VerificationResult) -> tuple[doc.Block, ...]:
     observed, measured = result.observed_mm, result.measurements
     numbers = [short(observed[key]) for key in ("mean", "rms", "p95", "max")]
     rows = (
@@ -262,36 +243,37 @@ def _errors(result: VerificationResult) -> tuple[Block, ...]:
         f"{result.calibrated.folder}. The predicted error follows from the calibration's covariance and the "
         "instrument's noise."
     )
-    return Table(("", "mean", "rms", "95 %", "max", "points"), rows, "Position error, mm"), Paragraph(below, "note")
+    drawn = "The errors of the new measurements, with their root mean square and the predicted one. Logarithmic axis."
+    return (
+        doc.Table(("", "mean", "rms", "95 %", "max", "points"), rows, "Position error, mm"),
+        doc.Paragraph(below, "note"),
+        doc.Figure("errors-figure", (_errors_picture(result),), drawn),
+    )
 
 
-def _histogram(result: VerificationResult) -> Figure:
-    caption = "The errors of the new measurements, with their root mean square and the predicted one. Logarithmic axis."
-    return Figure("errors-figure", (errors_picture(result),), caption)
-
-
-def _hypotheses(result: VerificationResult) -> Table:
+def _hypotheses(result: VerificationResult) -> doc.Table:
     listed = result.verified.hypotheses
     rows = tuple(
-        (phrase(each.check), short(each.chi2), _chance(each.p), short(each.bic), "yes" if each.explains else "no")
+        (
+            phrase(each.check),
+            short(each.chi2),
+            short(each.p) if each.p > 0 else "< 1e-300",
+            short(each.bic),
+            "yes" if each.explains else "no",
+        )
         for each in listed
     )
     kinds = tuple("" if each.explains else "quiet" for each in listed)
-    columns = ("possible change, likeliest first", "remaining χ²", "p", Column("BIC"), "explains the errors")
-    return Table(columns, rows, row_kinds=kinds, most_rows=_MOST_HYPOTHESES)
+    columns = ("possible change, likeliest first", "remaining χ²", "p", doc.Column("BIC"), "explains the errors")
+    return doc.Table(columns, rows, row_kinds=kinds, most_rows=_MOST_HYPOTHESES)
 
 
-def _chance(p: float) -> str:
-    return short(p) if p > 0 else "< 1e-300"
-
-
-def _advice(result: VerificationResult) -> tuple[Block, ...]:
-    """Advise what to do if a single part has changed and the first sentence does not state it."""
+def _advice(result: VerificationResult) -> tuple[doc.Block, ...]:
     moved = () if result.verified.situation is not None else result.verified.moved
-    return (Paragraph(sentence(_ADVICE[moved[0]]), shown_in=PAGE | TERMINAL),) if len(moved) == 1 else ()
+    return (doc.Paragraph(sentence(_ADVICE[moved[0]]), shown_in=doc.PAGE | doc.TERMINAL),) if len(moved) == 1 else ()
 
 
-def _refitted(result: VerificationResult) -> Table:
+def _refitted(result: VerificationResult) -> doc.Table:
     rows = tuple(
         (
             name,
@@ -302,20 +284,19 @@ def _refitted(result: VerificationResult) -> Table:
         )
         for name, moved in result.verified.refit
     )
-    return Table(("", "moved by, mm", "1σ", "turned by, mrad", "1σ"), rows)
+    return doc.Table(("", "moved by, mm", "1σ", "turned by, mrad", "1σ"), rows)
 
 
-def _detectable(result: VerificationResult) -> Table:
-    """Tabulate the changes that the test would have detected, with their units."""
+def _detectable(result: VerificationResult) -> doc.Table:
     rows = tuple((name, short(size), unit) for name, unit, size in result.detectable if size < float("inf"))
     caption = "Smallest change that the test detects in 95 of 100 such files"
-    return Table(("", "by", "unit"), rows, caption)
+    return doc.Table(("", "by", "unit"), rows, caption)
 
 
-_LEAST_SPREAD = 3  # poses whose spread says something
+_LEAST_SPREAD = 3  # poses whose spread is compared
 _PASSES = 2  # times that all rows are gone through where nothing has changed
 _SPREAD_OF = 4_000  # of more poses the spread of so many is as good
-_TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
+_TOO_GOOD = 1 - 1e-4  # a p-value above it: the given noise is too large
 
 
 @takes(VerifyOptions, file="measurements")
@@ -356,9 +337,10 @@ def verify(
         raise LabError("lab.verify: give the new measurements, a file or in memory")
     in_memory = measurements if isinstance(measurements, Measurements) else None
     file = "measurements.csv" if in_memory is not None else str(measurements)
-    asked = options_of("lab.verify", VerifyOptions, {**folder_of(run), "file": file, **options})
-    asked.check()
-    return _verified(asked, calibrated_by(run, asked.run, accept_edited=asked.accept_edited), in_memory)
+    requested = options_of("lab.verify", VerifyOptions, {**folder_of(run), "file": file, **options})
+    requested.check()
+    by = calibrated_by(run, requested.run, accept_edited=requested.accept_edited)
+    return _verified(requested, by, in_memory)
 
 
 def _verified(
@@ -406,17 +388,20 @@ def _tested(
             "identify again with more poses, or with --noise-mm"
         )
     with error_context(options.file):
-        known_m = calibrated.estimate.residual_m
-        noisy = noise_beyond(options.noise_mm, rows, known_m, "the run's residuals")
-        _refuse_strange(calibrated, rows, options)
+        residual_m = calibrated.estimate.residual_m
+        noisy = noise_beyond(options.noise_mm, rows, residual_m, "the run's residuals")
+        _refuse_unknown_targets(calibrated, rows, options)
         observations, prediction = predict_measurements(calibrated.estimate, rows, noise, given=stated)
         _refuse_implausible(prediction, observations)
         names = [rows.where(i) for i in range(len(rows))]
         verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
-    lone = [rows.ids[i] for i in np.flatnonzero(calibrated.estimate.extrapolated(rows.joints))]
-    messages = [*_warnings(calibrated, read, rows, verified), *phrases(check_extrapolated("poses", lone, len(rows)))]
+    extrapolated = [rows.ids[i] for i in np.flatnonzero(calibrated.estimate.extrapolated(rows.joints))]
+    messages = [
+        *_warnings(calibrated, read, rows, verified),
+        *phrases(check_extrapolated("poses", extrapolated, len(rows))),
+    ]
     messages += fitted
-    warnings = (*phrases(noisy), *messages, *_repeat_where_measured(len(lone), len(rows), verified))
+    warnings = (*phrases(noisy), *messages, *_repeat_where_measured(len(extrapolated), len(rows), verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
 
 
@@ -448,24 +433,23 @@ def _refuse_unseen_base(calibrated: CalibrationRun, options: VerifyOptions) -> N
         )
 
 
-def _refuse_strange(calibrated: CalibrationRun, rows: Measurements, options: VerifyOptions) -> None:
+def _refuse_unknown_targets(calibrated: CalibrationRun, rows: Measurements, options: VerifyOptions) -> None:
     """Refuse targets that were not identified, unless the tool is fitted anew."""
     known = calibrated.estimate.arm.targets
-    strange = [target for target in rows.targets if target not in known]
-    if strange and "tool" not in options.refit:
+    unknown = [target for target in rows.targets if target not in known]
+    if unknown and "tool" not in options.refit:
         raise LabError(
-            f"target {strange[0]} was not identified (those of the run are {', '.join(known)}); "
+            f"target {unknown[0]} was not identified (those of the run are {', '.join(known)}); "
             "rename it, or add --refit tool"
         )
-    if strange and calibrated.estimate.process is not None:
+    if unknown and calibrated.estimate.process is not None:
         raise LabError(
-            f"target {strange[0]} was not identified, and the group residual of {options.run} covers its own targets "
+            f"target {unknown[0]} was not identified, and the group residual of {options.run} covers its own targets "
             "only; measure one of these, or identify again without residual"
         )
 
 
 def _refuse_implausible(prediction: CalibrationPrediction, observations: Observations) -> None:
-    """Points that spread unlike the robot's are of another unit, or of another robot."""
     some = observations.thinned(_SPREAD_OF)
     predicted = prediction.arm.points(some.inputs, prediction.values)
     spreads = [spread(np.where(np.isnan(some.points), np.nan, points)) for points in (some.points, predicted)]
@@ -496,10 +480,10 @@ def _noise(calibrated: CalibrationRun, options: VerifyOptions) -> Noise:
 
 
 def _if_fitted(calibrated: CalibrationRun, options: VerifyOptions, rows: Measurements) -> list[str]:
-    """Refuse rows that the run was identified from, to the last digit: of these it says nothing new.
+    """Refuse rows that the run was identified from, to the last digit: they verify nothing new.
 
     Returns:
-        What is to be told where ``--force`` takes them all the same; mostly nothing.
+        Warnings where ``--force`` accepts them; mostly none.
     """
     own = calibrated.folder / "measurements.csv"
     if not own.is_file():
@@ -527,7 +511,6 @@ def _numbers(rows: Measurements) -> Array:
 
 
 def _warnings(calibrated: CalibrationRun, read: Measurements, rows: Measurements, verified: Verified) -> list[str]:
-    """Collect the warnings for the reader."""
     chain, messages = calibrated.robot.chain, [*calibrated.warnings, *read.warnings]
     if blank := len(read.only("calibrate", "reference", "test")) - len(rows):
         messages.append(f"{blank} rows have no measured point and are left out")
@@ -555,9 +538,8 @@ def _warnings(calibrated: CalibrationRun, read: Measurements, rows: Measurements
     return messages
 
 
-def _repeat_where_measured(lone: int, count: int, verified: Verified) -> list[str]:
-    """Advise what to do if a change is found mostly by extrapolated poses."""
-    if verified.good or lone <= MOST_UNCOVERED * count:
+def _repeat_where_measured(extrapolated: int, count: int, verified: Verified) -> list[str]:
+    if verified.good or extrapolated <= MOST_UNCOVERED * count:
         return []
     return [
         "most of these poses are extrapolated, so model discrepancy there may look like a change; measure again near "

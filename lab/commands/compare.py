@@ -1,4 +1,4 @@
-"""Calibrations of one robot against each other: have its links moved?"""
+"""Compare calibrations of one robot: have its links moved?"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,29 +10,16 @@ import numpy as np
 from lab.calibration.estimate import IdentifiedSubset
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, read_calibrated, refuse_other_parameters
 from lab.commands.command_line import options_of, takes
-from lab.commands.compare.options import CompareOptions
+from lab.commands.options import CompareOptions
 from lab.commands.result import Result
 from lab.core.errors import LabError
 from lab.core.limits import called, one_serial
 from lab.core.measurements import copied_rows
 from lab.core.significance import VERIFICATION
+from lab.render import document as doc
 from lab.render.charts.chart import axes_picture
 from lab.render.charts.marks import Axes
-from lab.render.document import (
-    Badge,
-    Code,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Row,
-    Section,
-    Table,
-    Warnings,
-    digits_of,
-    fixed,
-    plus_minus,
-)
+from lab.render.document import digits_of, fixed, plus_minus
 from lab.render.style import AFTER, INK, MUTED
 from lab.verification.change_points import Difference, difference_of
 
@@ -44,23 +31,16 @@ __all__ = ["ComparisonResult", "compare"]
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ComparisonResult(Result):
-    """Differences between later calibrations of a robot and the first.
-
-    Attributes:
-        options: of the command.
-        runs: the calibrations, the first one the reference.
-        differences: of each later run from the first.
-        serial: the serial number of the arm; None where no run states it.
-    """
+    """Differences between later calibrations of a robot and the first."""
 
     command = "compare"
-    shown_by = "lab.commands.compare.run:_comparison_document"
-    drawn_by = "lab.commands.compare.run:_differences_picture"
+    shown_by = "lab.commands.compare:_comparison_document"
+    drawn_by = "lab.commands.compare:_differences_picture"
 
     options: CompareOptions
-    runs: tuple[CalibrationRun, ...]
-    differences: tuple[Difference, ...]
-    serial: str | None = None
+    runs: tuple[CalibrationRun, ...]  # the calibrations, the first one the reference
+    differences: tuple[Difference, ...]  # of each later run from the first
+    serial: str | None = None  # the serial number of the arm; None where no run states it
 
     @property
     def model_sha256(self) -> str:
@@ -69,7 +49,7 @@ class ComparisonResult(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Those of the runs."""
+        """Warnings of the runs, each once."""
         return tuple(dict.fromkeys(messages for run in self.runs for messages in run.named_warnings))
 
     @property
@@ -117,32 +97,34 @@ class ComparisonResult(Result):
 _FEWEST_DIGITS = 6
 
 
-def _comparison_document(result: ComparisonResult) -> Document:
+def _comparison_document(result: ComparisonResult) -> doc.Document:
     """Build the comparison document: the answer, all differences with intervals, and a picture of the last."""
     changed = any(each.changed for each in result.differences)
     word = "the links have moved" if changed else "no change of the links detected"
     rate = f"(an unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases)"
     sections = tuple(
-        Section(str(run.folder), (Paragraph(_sentence(result, each)), _table(result, each)))
+        doc.Section(str(run.folder), (doc.Paragraph(_sentence(result, each)), _table(result, each)))
         for run, each in zip(result.runs[1:], result.differences, strict=True)
     )
     caption = (
         "Differences of the last run from the first, each in halves of its 95 % interval. Blue: moved; grey: not "
         "distinguishable from none."
     )
-    return Document(
+    return doc.Document(
         f"{called(result.runs[0].robot.name, result.serial)}: {word}",
         (
-            Paragraph((Badge("changed", "bad") if changed else Badge("unchanged", "good"), f" {rate}")),
-            Paragraph(f"Compared with {result.runs[0].folder} ({result.runs[0].result.description}).", "lead"),
-            Warnings(result.warnings),
+            doc.Paragraph((doc.Badge("changed", "bad") if changed else doc.Badge("unchanged", "good"), f" {rate}")),
+            doc.Paragraph(f"Compared with {result.runs[0].folder} ({result.runs[0].result.description}).", "lead"),
+            doc.Warnings(result.warnings),
             *sections,
-            Section("The last run against the first", (Figure("moved", (_differences_picture(result),), caption),)),
+            doc.Section(
+                "The last run against the first", (doc.Figure("moved", (_differences_picture(result),), caption),)
+            ),
         ),
     )
 
 
-def _differences_picture(result: ComparisonResult) -> Picture:
+def _differences_picture(result: ComparisonResult) -> doc.Picture:
     """The differences of the last run from the first, in halves of their 95 % intervals."""
     last = result.differences[-1]
     sizes = last.changes / last.half_widths
@@ -162,7 +144,6 @@ def _differences_picture(result: ComparisonResult) -> Picture:
 
 
 def _sentence(result: ComparisonResult, difference: Difference) -> str:
-    """Describe in a sentence what has moved."""
     p = f"p = {difference.p:.2g}" if difference.p > 0 else "p < 1e-300"
     if not difference.changed:
         return f"No change of the links is detectable between the two runs ({p})."
@@ -173,13 +154,13 @@ def _sentence(result: ComparisonResult, difference: Difference) -> str:
     return f"Moved: {text} ({p})."
 
 
-def _table(result: ComparisonResult, difference: Difference) -> Table:
-    rows: list[Row] = [
-        (Code(name), *figures, "moved" if name in difference.moved else "")
+def _table(result: ComparisonResult, difference: Difference) -> doc.Table:
+    rows: list[doc.Row] = [
+        (doc.Code(name), *figures, "moved" if name in difference.moved else "")
         for name, figures in _figures(result, difference).items()
     ]
     kinds = tuple("" if row[-1] else "quiet" for row in rows)
-    return Table(("parameter", "unit", "difference", "95 % interval", ""), tuple(rows), row_kinds=kinds)
+    return doc.Table(("parameter", "unit", "difference", "95 % interval", ""), tuple(rows), row_kinds=kinds)
 
 
 def _figures(result: ComparisonResult, difference: Difference) -> dict[str, tuple[str, str, str]]:

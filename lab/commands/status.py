@@ -1,75 +1,259 @@
-"""The state of every arm of a folder of runs, on a day."""
+"""Report the state of every arm of a folder of runs, on a day."""
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, date, datetime, timedelta
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.campaign.config_file import CONFIG_FILE, read_config
+from lab.commands.calibrate.load_run import CALIBRATIONS, READ_FILES, read_calibrated
 from lab.commands.command_line import options_of, takes
+from lab.commands.options import StatusOptions, TrendOptions
 from lab.commands.result import Result
-from lab.commands.status.arm import FEWEST_CHECKS, STATES, ArmStatus, Check, LeftOut, checks_of, reason_of
-from lab.commands.status.options import StatusOptions
-from lab.commands.trend.options import TrendOptions
-from lab.commands.trend.result import DatedRun, TrendResult, change_text
-from lab.commands.trend.run import content_of, followed
+from lab.commands.run_folder import check_edits
+from lab.commands.trend import DatedRun, TrendResult, change_text, content_of, followed
 from lab.core.errors import LabError, counted
-from lab.core.limits import day
+from lab.core.limits import called, day
+from lab.core.linear_model import half_width_95
+from lab.core.whole_folder import CHECKSUMS, file_digest, is_being_written, place_of_draft
 from lab.formats.csv_table import write_columns
+from lab.formats.structured import read_structured
+from lab.render import document as doc
 from lab.render.charts.chart import axes_picture
 from lab.render.charts.marks import Axes
-from lab.render.document import (
-    EVERYWHERE,
-    PAGE,
-    Badge,
-    Bullets,
-    Code,
-    Column,
-    Document,
-    Figure,
-    Inline,
-    Paragraph,
-    Picture,
-    Row,
-    Section,
-    Table,
-    Text,
-    Warnings,
-    digits_of,
-    fixed,
-    plus_minus,
-    short,
-)
+from lab.render.document import digits_of, fixed, plus_minus, short
 from lab.render.style import GRID, INK, MEASURED, MUTED, RMS, WORST
 from lab.render.terminal import status as showing
 
-__all__ = ["StatusResult", "status"]
+__all__ = ["STATES", "Check", "StatusResult", "status"]
+
+_RESULT = "result.json"
+_MEND = "repeat the run, or remove it"
+
+
+@dataclass(frozen=True)
+class Check:
+    """A calibration or a verification of an arm."""
+
+    folder: Path
+    robot: str
+    serial: str | None
+    calibrates: bool  # whether it is a calibration
+    on: date | None  # the day of its measurements; None where the run names none
+    verdict: str  # good, doubtful, bad or not judged
+    error_mm: float | None  # the mean error at poses that were not fitted; None where there are none
+    of: str | None  # the digest of the calibration's result.json; None of a verification of a result in memory
+    model_sha256: str  # of the robot's files
+
+
+class _LeftOut(NamedTuple):
+    """A run that cannot be used, and why not."""
+
+    folder: Path
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Summary:
+    """Summary of ``result.json`` of a calibration or a verification; its keys."""
+
+    robot: str
+    serial: str | None = None
+    verdict: Literal["good", "doubtful", "bad", "not judged"] | None = None
+    good: bool | None = None
+    after_mm: Mapping[str, float] | None = None
+    observed_mm: Mapping[str, float] | None = None
+
+
+def _checks_of(folder: Path) -> tuple[tuple[Check, ...], tuple[_LeftOut, ...]]:
+    """Read every calibration and verification below a folder; a run that cannot be used is listed with the reason."""
+    if not folder.is_dir():
+        raise LabError(f"{folder}: is no folder; give the folder that contains the runs")
+    found, left_out = list[Check](), list[_LeftOut]()
+    for run in _runs(folder, left_out):
+        try:
+            check = _check(run)
+        except LabError as error:
+            left_out.append(_LeftOut(run, _reason_of(error, run)))
+            continue
+        found += [] if check is None else [check]
+    return tuple(found), tuple(left_out)
+
+
+def _reason_of(error: LabError, run: Path) -> str:
+    """Return what is wrong with a run, without its folder, and without the options of other commands that mend it."""
+    return str(error).removeprefix(f"{run}: ").partition("; ")[0]
+
+
+def _runs(folder: Path, left_out: list[_LeftOut]) -> Iterator[Path]:
+    """The folders of runs, without those inside of runs; what a killed process left goes to ``left_out``."""
+    for name, inside, files in os.walk(folder):
+        here = Path(name)
+        if {CONFIG_FILE, CHECKSUMS} & set(files):
+            inside.clear()  # copies of the runs that it was made from
+            yield here
+            continue
+        inside.sort()
+        for draft in list(inside):
+            if (place := place_of_draft(here / draft)) is None:
+                continue
+            inside.remove(draft)
+            if not is_being_written(place):
+                left_out.append(_LeftOut(here / draft, f"is an incomplete copy of the run {place.name}"))
+        inside[:] = [each for each in inside if not each.startswith(".")]
+
+
+def _check(folder: Path) -> Check | None:
+    """The summary of a run; None of a run of another command."""
+    config = read_config(folder, _MEND)
+    if config.command not in (*CALIBRATIONS, "verify"):
+        return None
+    check_edits(folder, READ_FILES, accept=False)
+    found = read_structured(folder / _RESULT, _Summary, _MEND)
+    calibrates = config.command in CALIBRATIONS
+    verdict = found.verdict or (None if found.good is None else "good" if found.good else "bad")
+    if verdict is None:
+        raise LabError(f"{_RESULT} has no verdict; {_MEND}")
+    errors, given = found.after_mm if calibrates else found.observed_mm, config.options.get("date")
+    return Check(
+        folder,
+        found.robot,
+        found.serial,
+        calibrates,
+        None if given is None else day(f"{folder}/{CONFIG_FILE}: date", str(given)),
+        verdict,
+        None if errors is None else errors.get("mean"),
+        file_digest(folder / _RESULT) if calibrates else config.inputs_sha256.get(str(config.options.get("run"))),
+        config.model_sha256,
+    )
+
+
+STATES = ("good", "due", "unknown", "never calibrated", "doubtful", "bad")  # by severity; the number is the metric's
+_FEWEST_CHECKS = 4  # verifications from which a slope is estimated
+_YEAR = 365.25  # days
+
+
+class _Slope(NamedTuple):
+    per_year: float  # of the mean error over the verifications of the current calibration, mm
+    half_width: float  # of its 95 % interval, by the scatter about the line
+    verifications: int
+
+
+@dataclass(frozen=True)
+class _ArmStatus:
+    """An arm on a day."""
+
+    robot: str
+    serial: str | None  # its serial number; None where its runs name none
+    checks: tuple[Check, ...]  # its calibrations and verifications up to the day, in order; those without a day first
+    on: date  # the day
+    every_days: int  # after how many days without a check it is due
+    trend: TrendResult | None = None  # of its calibrations; None where fewer than two can be compared
+
+    @property
+    def called(self) -> str:
+        """The arm as a person names it."""
+        return called(self.robot, self.serial)
+
+    @cached_property
+    def calibration(self) -> Check | None:
+        """The last calibration of a known day."""
+        return next((each for each in reversed(self.checks) if each.calibrates and each.on is not None), None)
+
+    @cached_property
+    def verifications(self) -> tuple[Check, ...]:
+        """The verifications of the last calibration, in order: by its digest, else those of later days."""
+        last = self.calibration
+        if last is None or last.on is None:
+            return ()
+        calibrations = {each.of for each in self.checks if each.calibrates}
+        own = [each for each in self.checks if not each.calibrates and each.on is not None]
+        return tuple(
+            each
+            for each in own
+            if each.of == last.of or (each.of not in calibrations and each.on and each.on > last.on)
+        )
+
+    @property
+    def verification(self) -> Check | None:
+        """The last verification of any calibration."""
+        return next((each for each in reversed(self.checks) if not each.calibrates and each.on is not None), None)
+
+    @property
+    def latest(self) -> Check | None:
+        """The check that the state rests on: the last verification of the last calibration, or that itself."""
+        return self.verifications[-1] if self.verifications else self.calibration
+
+    @property
+    def due(self) -> date | None:
+        """The last day for the next check, of a bad arm that on which it was found; None where there was none."""
+        if self.latest is None or self.latest.on is None:
+            return None
+        return self.latest.on + timedelta(0 if self.latest.verdict == "bad" else self.every_days)
+
+    @property
+    def state(self) -> str:
+        """State of the arm, one of ``STATES``."""
+        if not any(each.calibrates for each in self.checks):
+            return "never calibrated"
+        if self.latest is None or self.latest.verdict == "not judged":
+            return "unknown"
+        if self.latest.verdict != "good":
+            return self.latest.verdict
+        return "due" if self.due is not None and self.on > self.due else "good"
+
+    @property
+    def error_then_mm(self) -> float | None:
+        """The mean error of the last calibration at poses that were not fitted."""
+        return None if self.calibration is None else self.calibration.error_mm
+
+    @property
+    def error_now_mm(self) -> float | None:
+        """The mean error of the last verification of that calibration."""
+        return self.verifications[-1].error_mm if self.verifications else None
+
+    @cached_property
+    def slope(self) -> _Slope | None:
+        """The slope of the error since the last calibration; None of fewer than four verifications."""
+        points = [(each.on.toordinal() / _YEAR, each.error_mm) for each in self.verifications if each.on is not None]
+        return _slope([(at, error) for at, error in points if error is not None])
+
+
+def _slope(points: Sequence[tuple[float, float]]) -> _Slope | None:
+    """Fit a line by least squares to errors (mm) over time (years)."""
+    if len(points) < _FEWEST_CHECKS:
+        return None
+    at, errors = np.array(points).T
+    apart = at - at.mean()
+    square = float(apart @ apart)
+    if square == 0:
+        return None
+    slope = float(apart @ errors) / square
+    left = errors - errors.mean() - slope * apart
+    dof = len(points) - 2
+    std = float(np.sqrt(left @ left / dof / square))
+    return _Slope(slope, float(half_width_95(float(dof))) * std, len(points))
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class StatusResult(Result):
-    """The state of every arm of a folder of runs on a day.
-
-    Attributes:
-        options: what was asked.
-        on: the day.
-        arms: the worst first.
-        left_out: runs that could not be used, and why not.
-    """
+    """The state of every arm of a folder of runs on a day."""
 
     command = "status"
-    shown_by = "lab.commands.status.run:_status_document"
-    drawn_by = "lab.commands.status.run:_checks_picture"
+    shown_by = "lab.commands.status:_status_document"
+    drawn_by = "lab.commands.status:_checks_picture"
 
     options: StatusOptions
-    on: date
-    arms: tuple[ArmStatus, ...]
-    left_out: tuple[LeftOut, ...]
+    on: date  # the day
+    arms: tuple[_ArmStatus, ...]  # the worst first
+    left_out: tuple[_LeftOut, ...]  # runs that could not be used, and why not
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -133,19 +317,19 @@ class StatusResult(Result):
         return {name: ["" if row[name] is None else row[name] for row in flat] for name in (flat or [{}])[0]}
 
 
-def _arm(arm: ArmStatus) -> dict[str, Any]:
+def _arm(arm: _ArmStatus) -> dict[str, Any]:
     slope, trend = arm.slope, arm.trend
     return {
         "serial": arm.serial,
         "robot": arm.robot,
         "state": arm.state,
-        "last_calibration": _check(arm.calibration),
-        "last_verification": _check(arm.verification),
+        "last_calibration": _check_to_dict(arm.calibration),
+        "last_verification": _check_to_dict(arm.verification),
         "error_then_mm": arm.error_then_mm,
         "error_now_mm": arm.error_now_mm,
         "slope": None
         if slope is None
-        else {"mm_per_year": slope.per_year, "half_width_95": slope.half_width, "verifications": slope.count},
+        else {"mm_per_year": slope.per_year, "half_width_95": slope.half_width, "verifications": slope.verifications},
         "calibrations": sum(each.calibrates for each in arm.checks),
         "verifications": sum(not each.calibrates for each in arm.checks),
         "changes": None if trend is None else trend.to_dict()["changes"],
@@ -153,7 +337,7 @@ def _arm(arm: ArmStatus) -> dict[str, Any]:
     }
 
 
-def _check(check: Check | None) -> dict[str, Any] | None:
+def _check_to_dict(check: Check | None) -> dict[str, Any] | None:
     if check is None:
         return None
     on = None if check.on is None else check.on.isoformat()
@@ -171,7 +355,7 @@ _MONTHS = (1, 2, 3, 6, 12, 24, 60, 120)  # between ticks
 _MOST_TICKS = 8
 
 
-def _checks_picture(result: StatusResult) -> Picture:
+def _checks_picture(result: StatusResult) -> doc.Picture:
     """Draw a row for each arm, the worst on top: a mark for each check, a stroke for each calibration."""
     arms = result.arms
     days = [(each, len(arms) - 1 - i) for i, arm in enumerate(arms) for each in arm.checks if each.on is not None]
@@ -206,7 +390,6 @@ def _checks_picture(result: StatusResult) -> Picture:
 
 
 def _ticks(first: date, last: date) -> list[date]:
-    """Firsts of months between two days, at most eight."""
     months = [first.year * 12 + first.month - 1, last.year * 12 + last.month - 1]
     step = next((each for each in _MONTHS if (months[1] - months[0]) / each < _MOST_TICKS), _MONTHS[-1])
     start = -(-(months[0]) // step) * step
@@ -222,68 +405,64 @@ _KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
 _MOST_DIGITS = 6
 
 
-def _status_document(result: StatusResult) -> Document:
+def _status_document(result: StatusResult) -> doc.Document:
     """The count of each state, a row for each arm, the checks over time, changes, and what was left out."""
     counts = Counter(each.state for each in result.arms)
     text = ", ".join(f"{counts[state]} {state}" for state in reversed(STATES) if counts[state])
     lead = tuple(_badges(counts))
     caption = f"Every check of every arm: strokes are calibrations, marks are verdicts. The dotted line is {result.on}."
-    return Document(
+    return doc.Document(
         f"{counted(len(result.arms), 'arm')} on {result.on}: {text}" if result.arms else "no arm",
         (
-            Paragraph(lead, "lead"),
-            Warnings(result.warnings),
-            Section("The arms", (_arms(result), Paragraph(_explained(result), "note", shown_in=PAGE))),
-            Section("The checks over time", (Figure("checks", (_checks_picture(result),), caption),)),
-            Section("Changes between calibrations", (Bullets(tuple(_changes(each) for each in result.arms)),)),
+            doc.Paragraph(lead, "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section("The arms", (_arms(result), doc.Paragraph(_explained(result), "note", shown_in=doc.PAGE))),
+            doc.Section("The checks over time", (doc.Figure("checks", (_checks_picture(result),), caption),)),
+            doc.Section("Changes between calibrations", (doc.Bullets(tuple(_changes(each) for each in result.arms)),)),
         ),
     )
 
 
-def _badges(counts: Mapping[str, int]) -> list[Inline]:
-    parts: list[Inline] = []
+def _badges(counts: Mapping[str, int]) -> list[doc.Inline]:
+    parts: list[doc.Inline] = []
     for state in reversed(STATES):
         if counts.get(state):
-            parts += [Badge(f"{counts[state]} {state}", _KINDS.get(state, "open")), " "]
+            parts += [doc.Badge(f"{counts[state]} {state}", _KINDS.get(state, "open")), " "]
     return parts
 
 
-def _arms(result: StatusResult) -> Table:
+def _arms(result: StatusResult) -> doc.Table:
     on_page = ("verdict", "error then", "slope, mm a year")  # a terminal has no room for these
     headings = (
         "state", "arm", "calibrated", "verdict", "verified", "verdict", "error then", "error now", "slope, mm a year",
         "next due",
     )  # fmt: skip
-    columns = tuple(Column(each, PAGE if each in on_page else EVERYWHERE) for each in headings)
-    return Table(columns, tuple(_row(each) for each in result.arms), "Mean position errors, mm", most_rows=200)
+    columns = tuple(doc.Column(each, doc.PAGE if each in on_page else doc.EVERYWHERE) for each in headings)
+    return doc.Table(columns, tuple(_row(each) for each in result.arms), "Mean position errors, mm", most_rows=200)
 
 
-def _row(arm: ArmStatus) -> Row:
+def _row(arm: _ArmStatus) -> doc.Row:
     slope = arm.slope
     text = "–"
     if slope is not None:
         digits = digits_of(slope.half_width, _MOST_DIGITS)
         text = f"{fixed(slope.per_year, digits, signed=True)} {plus_minus(slope.half_width, digits)}"
     return (
-        Badge(arm.state, _KINDS.get(arm.state, "open")),
-        Code(arm.called),
+        doc.Badge(arm.state, _KINDS.get(arm.state, "open")),
+        doc.Code(arm.called),
         *_checked(arm.calibration),
         *_checked(arm.verification),
-        _length(arm.error_then_mm),
-        _length(arm.error_now_mm),
+        short(arm.error_then_mm),
+        short(arm.error_now_mm),
         text,
         "–" if arm.due is None else arm.due.isoformat(),
     )
 
 
-def _checked(check: Check | None) -> tuple[Text, Text]:
+def _checked(check: Check | None) -> tuple[doc.Text, doc.Text]:
     if check is None or check.on is None:
         return "–", "–"
     return check.on.isoformat(), check.verdict
-
-
-def _length(value: float | None) -> str:
-    return "–" if value is None else short(value)
 
 
 def _explained(result: StatusResult) -> str:
@@ -291,12 +470,11 @@ def _explained(result: StatusResult) -> str:
         "The state is the verdict of the last verification of the last calibration, or of the calibration itself. "
         f"An arm is due {counted(result.options.every_days, 'day')} after its last check, a bad one at once. Error "
         "then: at validation of the last calibration; now: at its last verification. The slope needs "
-        f"{FEWEST_CHECKS} verifications of one calibration; its interval is 95 %."
+        f"{_FEWEST_CHECKS} verifications of one calibration; its interval is 95 %."
     )
 
 
-def _changes(arm: ArmStatus) -> Text:
-    """Describe the changes between the calibrations of an arm, as in its trend."""
+def _changes(arm: _ArmStatus) -> doc.Text:
     if arm.trend is None:
         return ""
     if not arm.trend.changes:
@@ -310,17 +488,15 @@ _STATES = ", ".join(f"{i} {word}" for i, word in enumerate(STATES))
 _ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
 
 
-def _exposition(arms: Sequence[ArmStatus], left_out: int) -> str:
+def _exposition(arms: Sequence[_ArmStatus], left_out: int) -> str:
     """Return the text that a scraper reads: a family for each quantity, a line for each arm that has it.
 
     Days are the seconds of their first moment, UTC.
-
-    Args:
-        left_out: how many runs could not be used.
     """
+    errors = [each.error_then_mm if each.error_now_mm is None else each.error_now_mm for each in arms]
     families = (
-        ("lab_arm_state", f"State of the arm: {_STATES}.", [_state(each) for each in arms]),
-        ("lab_arm_error_mm", "Mean position error at the last check, mm.", [_error(each) for each in arms]),
+        ("lab_arm_state", f"State of the arm: {_STATES}.", [STATES.index(each.state) for each in arms]),
+        ("lab_arm_error_mm", "Mean position error at the last check, mm.", errors),
         (
             "lab_arm_last_calibration_timestamp_seconds",
             "Date of the last calibration.",
@@ -330,31 +506,13 @@ def _exposition(arms: Sequence[ArmStatus], left_out: int) -> str:
     )
     lines = list[str]()
     for name, text, values in families:
-        lines += _head(name, text)
-        lines += [
-            f"{name}{_labels(arm)} {value!r}" for arm, value in zip(arms, values, strict=True) if value is not None
-        ]
-    name = "lab_status_left_out_runs"
-    lines += [*_head(name, "Runs in the folder that could not be read."), f"{name} {left_out}"]
+        lines += [f"# HELP {name} {text}", f"# TYPE {name} gauge"]
+        for arm, value in zip(arms, values, strict=True):
+            serial, robot = ((each or "").translate(_ESCAPES) for each in (arm.serial, arm.robot))
+            lines += [] if value is None else [f'{name}{{serial="{serial}",robot="{robot}"}} {value!r}']
+    name, text = "lab_status_left_out_runs", "Runs in the folder that could not be read."
+    lines += [f"# HELP {name} {text}", f"# TYPE {name} gauge", f"{name} {left_out}"]
     return "\n".join(lines) + "\n"
-
-
-def _head(name: str, text: str) -> Iterator[str]:
-    yield f"# HELP {name} {text}"
-    yield f"# TYPE {name} gauge"
-
-
-def _labels(arm: ArmStatus) -> str:
-    serial, robot = ((each or "").translate(_ESCAPES) for each in (arm.serial, arm.robot))
-    return f'{{serial="{serial}",robot="{robot}"}}'
-
-
-def _state(arm: ArmStatus) -> int:
-    return STATES.index(arm.state)
-
-
-def _error(arm: ArmStatus) -> float | None:
-    return arm.error_now_mm if arm.error_now_mm is not None else arm.error_then_mm
 
 
 def _seconds(on: date | None) -> int | None:
@@ -363,7 +521,7 @@ def _seconds(on: date | None) -> int | None:
 
 @takes(StatusOptions)
 def status(folder: str | Path | StatusOptions, **options: Any) -> StatusResult:
-    """Say of every arm of a folder of runs whether it is good, when it was checked, and when it is next due.
+    """Report the state of every arm of a folder of runs: whether it is good, its last check, and the next one due.
 
     Args:
         folder: that holds runs of ``identify``, ``calibrate`` and ``verify``, at any depth; or all options in one
@@ -390,20 +548,20 @@ def status(folder: str | Path | StatusOptions, **options: Any) -> StatusResult:
     requested.check()
     on = date.today() if requested.on is None else day("--on", requested.on)
     with showing("reading the runs") as stage:
-        checks, left_out = checks_of(requested.folder)
+        checks, left_out = _checks_of(requested.folder)
         if not checks and not left_out:
             raise LabError(
                 f"{requested.folder}: contains no run of lab calibrate, lab identify or lab verify; give a folder "
                 "that does"
             )
-        arms, reasons = list[ArmStatus](), list(left_out)
+        arms, reasons = list[_ArmStatus](), list(left_out)
         groups = _by_arm(checks)
         for i, ((serial, robot), own) in enumerate(groups.items()):
             stage("following the calibrations", i, len(groups))
             own = tuple(each for each in own if each.on is None or each.on <= on)
             if own:
                 arms.append(
-                    ArmStatus(robot, serial or None, own, on, requested.every_days, _trend(requested, own, reasons))
+                    _ArmStatus(robot, serial or None, own, on, requested.every_days, _trend(requested, own, reasons))
                 )
     arms.sort(key=lambda each: -STATES.index(each.state))
     result = StatusResult(requested, on, tuple(arms), tuple(dict.fromkeys(reasons)))
@@ -422,7 +580,7 @@ def _by_arm(checks: Iterable[Check]) -> Mapping[tuple[str, str], tuple[Check, ..
     }
 
 
-def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[LeftOut]) -> TrendResult | None:
+def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[_LeftOut]) -> TrendResult | None:
     """Follow the calibrations of an arm; what cannot be read or compared goes to ``left_out``."""
     dated = [each for each in checks if each.calibrates and each.on is not None]
     if len(dated) < 2:
@@ -432,7 +590,7 @@ def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[Lef
         try:
             run = read_calibrated(each.folder)
         except LabError as error:
-            left_out.append(LeftOut(each.folder, reason_of(error, each.folder)))
+            left_out.append(_LeftOut(each.folder, _reason_of(error, each.folder)))
             continue
         twin = content_of(each.folder) in seen  # the same measurements, identified again
         if each.on is not None and run.result.usable and np.isfinite(run.estimate.free_covariance).all() and not twin:
@@ -443,5 +601,5 @@ def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[Lef
     try:
         return followed(TrendOptions(options.folder), runs)
     except LabError as error:
-        left_out.append(LeftOut(runs[-1].run.folder, f"is not compared with earlier calibrations: {error}"))
+        left_out.append(_LeftOut(runs[-1].run.folder, f"is not compared with earlier calibrations: {error}"))
         return None

@@ -1,4 +1,4 @@
-"""A calibrated arm at joint positions: where its points are, with all effects, and how sure that is."""
+"""Predict the points of a calibrated arm at joint positions, with all effects and their uncertainty."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from lab.calibration.checks import check_extrapolated, check_limits
 from lab.calibration.estimate import PredictedPoints
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, read_calibrated
 from lab.commands.command_line import options_of, takes
-from lab.commands.predict.options import PredictOptions
+from lab.commands.options import PredictOptions
 from lab.commands.result import Result, number, plain_numbers
 from lab.commands.run_folder import joint_columns
 from lab.core import se3
@@ -23,32 +23,16 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.csv_table import write_columns
 from lab.formats.measurement_csv import read_measurements
-from lab.render.document import (
-    PAGE,
-    Badge,
-    Block,
-    Bullets,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    Warnings,
-    capital,
-    fixed,
-    short,
-)
+from lab.render import document as doc
+from lab.render.document import capital, fixed, short
 from lab.render.phrases.fit import listed, model_name
 from lab.render.phrases.registry import phrases
 from lab.render.plots import Spread, histograms
-from lab.render.style import AFTER, BEFORE, HATCH_AFTER, HATCH_BEFORE, MARK_AFTER, MARK_BEFORE
 
 if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult
 
 __all__ = ["PredictionResult", "predict"]
-
 
 _PREDICTED_FILE = "predicted.csv"
 _PAIRS = ((0, 0, "xx"), (0, 1, "xy"), (0, 2, "xz"), (1, 1, "yy"), (1, 2, "yz"), (2, 2, "zz"))
@@ -59,7 +43,6 @@ class PredictionResult(Result):
     """Predicted points of a calibrated arm at given joint positions.
 
     Attributes:
-        options: of the command.
         run: the run that calibrated the arm.
         rows: the joint positions, with their conditions.
         inputs: ``(n, joints + conditions)`` of the arm.
@@ -71,8 +54,9 @@ class PredictionResult(Result):
     """
 
     command = "predict"
-    shown_by = "lab.commands.predict.run:_prediction_document"
-    drawn_by = "lab.commands.predict.run:_radii_picture"
+    robot_at = "run.robot"
+    shown_by = "lab.commands.predict:_prediction_document"
+    drawn_by = "lab.commands.predict:_radii_picture"
 
     options: PredictOptions
     run: CalibrationRun
@@ -82,11 +66,6 @@ class PredictionResult(Result):
     R_instrument_last: Array
     without_effects_m: float | None
     notes: tuple[str, ...]
-
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return self.run.robot.sha256
 
     @property
     def points(self) -> Array:
@@ -146,11 +125,6 @@ class PredictionResult(Result):
             }
         return found
 
-    @property
-    def model(self) -> str:
-        """The model's groups, joined by +."""
-        return self.run.estimate.model
-
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
         T, errors = self.T_instrument_base, self.without_effects_m
@@ -158,7 +132,7 @@ class PredictionResult(Result):
             "run": str(self.run.folder),
             "robot": self.run.robot.name,
             "run_verdict": self.run.result.to_dict(),
-            "model": self.model,
+            "model": self.run.estimate.model,
             "poses": len(self.rows),
             "frames": {
                 "instrument": "the frame in which the arm was measured",
@@ -175,7 +149,6 @@ class PredictionResult(Result):
         }
 
     def _predictions(self) -> list[dict[str, Any]]:
-        """Predicted values of each pose."""
         points, base = plain_numbers(MM.of(self.points)), plain_numbers(MM.of(self.points_in_base))
         covariances = plain_numbers(1e6 * self.predicted.covariance)
         radii = {name: plain_numbers(MM.of(lengths)) for name, lengths in self.radii_95.items()}
@@ -200,7 +173,6 @@ class PredictionResult(Result):
 
     @property
     def _both_rotations(self) -> tuple[Array, Array]:
-        """Rotations of the tool, in the frame of the measurements and in the base."""
         return self.rotations, np.asarray(self.T_instrument_base[:3, :3].T @ self.rotations)
 
     def write_files(self, folder: Path) -> None:
@@ -239,27 +211,28 @@ _CAUSES = {
 }
 
 
-def _prediction_document(result: PredictionResult) -> Document:
-    """The points' uncertainty by cause, and every pose with its points in both frames."""
+def _prediction_document(result: PredictionResult) -> doc.Document:
     run = result.run.result
-    return Document(
+    return doc.Document(
         f"{result.run.robot.name}: {counted(len(result.rows), 'pose')} predicted",
         (
-            Paragraph((Badge(run.verdict, "good" if run.verdict == "good" else "doubtful"), " is the run's verdict")),
-            Bullets(tuple(map(capital, run.reasons))),
-            Paragraph(_lead(result), "lead"),
-            Warnings(result.warnings),
-            Section("Uncertainty", _uncertainty(result)),
-            Section("Every pose", _every_pose(result), shown_in=PAGE),
+            doc.Paragraph(
+                (doc.Badge(run.verdict, "good" if run.verdict == "good" else "doubtful"), " is the run's verdict")
+            ),
+            doc.Bullets(tuple(map(capital, run.reasons))),
+            doc.Paragraph(_lead(result), "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section("Uncertainty", _uncertainty(result)),
+            doc.Section("Every pose", _every_pose(result), shown_in=doc.PAGE),
         ),
     )
 
 
-def _radii_picture(result: PredictionResult) -> Picture:
+def _radii_picture(result: PredictionResult) -> doc.Picture:
     """Radii of 95 % of the errors, all causes together and of the parameters alone, as histograms."""
     every, own = (lengths[np.isfinite(lengths)] for lengths in _two(result))
-    spreads = [Spread(every, BEFORE, ("together: mean", float(every.mean())), HATCH_BEFORE, MARK_BEFORE)]
-    spreads.append(Spread(own, AFTER, ("parameters: mean", float(own.mean())), HATCH_AFTER, MARK_AFTER))
+    spreads = [Spread.before(every, ("together: mean", float(every.mean())))]
+    spreads.append(Spread.after(own, ("parameters: mean", float(own.mean()))))
     return histograms("radii", spreads, "radius of 95 % of the errors", result.run.result.gate_mm)
 
 
@@ -284,7 +257,7 @@ def _lead(result: PredictionResult) -> str:
     return f"{text} Without {lacking} the points would be {MM.text(result.without_effects_m, 2)} off (rms)."
 
 
-def _uncertainty(result: PredictionResult) -> tuple[Block, ...]:
+def _uncertainty(result: PredictionResult) -> tuple[doc.Block, ...]:
     rows = tuple(
         (_CAUSES[name], *("" if size is None else short(size) for size in (sizes["mean"], sizes["max"])))
         for name, sizes in result.radius_statistics_mm.items()
@@ -293,14 +266,14 @@ def _uncertainty(result: PredictionResult) -> tuple[Block, ...]:
         f"Radius of the sphere that holds 95 % of the errors. {_PREDICTED_FILE} has each point's covariance and "
         "radii; result.json has the covariance."
     )
-    table = Table(("cause of errors", "mean, mm", "largest, mm"), rows)
+    table = doc.Table(("cause of errors", "mean, mm", "largest, mm"), rows)
     if not np.isfinite(_two(result)[0]).any():
-        return table, Paragraph(note, "note")
+        return table, doc.Paragraph(note, "note")
     caption = "Radii of all causes together (vermilion, hatched), and of uncertain parameters alone (blue)."
-    return table, Paragraph(note, "note"), Figure("radii-figure", (_radii_picture(result),), caption)
+    return table, doc.Paragraph(note, "note"), doc.Figure("radii-figure", (_radii_picture(result),), caption)
 
 
-def _every_pose(result: PredictionResult) -> tuple[Block, ...]:
+def _every_pose(result: PredictionResult) -> tuple[doc.Block, ...]:
     here, base, radius = MM.of(result.points), MM.of(result.points_in_base), MM.of(result.radii_95["together"])
     rows = tuple(
         (
@@ -315,8 +288,10 @@ def _every_pose(result: PredictionResult) -> tuple[Block, ...]:
     )
     header = ("pose", "point", *(f"{axis}, mm" for axis in "xyz"), *(f"{axis} in the base, mm" for axis in "xyz"))
     note = "x, y and z are in the frame in which the arm was measured, then in its base (frame 0 of its table)."
-    table = Table((*header, "radius, mm"), rows, most_rows=_MOST_LISTED, rest_in=_PREDICTED_FILE, count=here.shape[0])
-    return (Paragraph(note, "note"), table) if rows else ()
+    table = doc.Table(
+        (*header, "radius, mm"), rows, most_rows=_MOST_LISTED, rest_in=_PREDICTED_FILE, count=here.shape[0]
+    )
+    return (doc.Paragraph(note, "note"), table) if rows else ()
 
 
 @takes(PredictOptions, file="joints")
@@ -366,7 +341,6 @@ def predict(
 
 
 def _read(file: Path, run: CalibrationRun) -> Measurements:
-    """The rows of a file that are not to be skipped."""
     chain = run.robot.chain
     data = read_measurements(file, chain.joint_names, chain.prismatic, points=False)
     return data.take([i for i, use in enumerate(data.use) if use != "skip"])
@@ -397,11 +371,7 @@ def _with_conditions(rows: Measurements, given: Mapping[str, Any]) -> Measuremen
 
 
 def _predicted(options: PredictOptions, run: CalibrationRun, rows: Measurements) -> PredictionResult:
-    """Predict the rows.
-
-    Raises:
-        LabError: the run is unfit or places no points, or a condition is missing.
-    """
+    """Predict the rows."""
     if not options.force:
         run.refuse_unfit("prediction")
     run.refuse_unplaced("points")

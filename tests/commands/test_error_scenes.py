@@ -5,9 +5,9 @@ import pytest
 from helpers.recordings import column, statics
 
 from lab.campaign.robot import load_robot
+from lab.commands.error_recording import ErrorScene, PointErrors, record_errors
 from lab.core import se3
 from lab.render.document import Document
-from lab.render.error_recording import ErrorScene, PointErrors, record_errors
 from lab.render.style import RGB_AFTER, RGB_BEFORE
 
 pytestmark = pytest.mark.usefixtures("strict_recordings")

@@ -1,50 +1,44 @@
-"""Result of the history of a robot's calibrations: typed, and as plain values."""
+"""Follow one robot over its dated calibrations: what has changed, and when."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
+from hashlib import sha256
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.calibration.estimate import SETUP, IdentifiedSubset
-from lab.commands.calibrate.load_run import CalibrationRun
+from lab.calibration.estimate import SETUP, Estimate, IdentifiedSubset
+from lab.campaign.config_file import read_config
+from lab.commands.calibrate.load_run import (
+    CALIBRATIONS,
+    MEASUREMENTS_FILE,
+    CalibrationRun,
+    read_calibrated,
+    refuse_other_parameters,
+)
+from lab.commands.options import TrendOptions
 from lab.commands.result import Result, number
-from lab.commands.trend.options import TrendOptions
-from lab.core.errors import counted
-from lab.core.limits import called
+from lab.core.errors import LabError, counted
+from lab.core.limits import called, day, one_serial
 from lab.core.linear_model import half_width_95
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
 from lab.core.units import MM, MRAD, Unit
+from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.kinematics.parameter import Parameter
+from lab.render import document as doc
 from lab.render.charts.chart import figure_picture, log_ticks
-from lab.render.document import (
-    Badge,
-    Bullets,
-    Code,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Row,
-    Section,
-    Table,
-    Warnings,
-    digits_of,
-    fixed,
-    plus_minus,
-    short,
-)
+from lab.render.document import digits_of, fixed, plus_minus, short
 from lab.render.style import AFTER, BEFORE, GRID, INK, OUTLIER, PREDICTED
-from lab.verification.change_points import POWER, ChangePoint
+from lab.verification.change_points import POWER, ChangePoint, Directions, Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from lab.render.document import Document
-
-__all__ = ["DatedRun", "DetectableChange", "TrendResult", "change_text", "errors_picture"]
+__all__ = ["DatedRun", "TrendResult", "change_text", "content_of", "followed", "trend"]
 
 
 @dataclass(frozen=True)
@@ -56,52 +50,30 @@ class DatedRun:
 
 
 @dataclass(frozen=True)
-class DetectableChange:
-    """Smallest shift of a joint's zero that one more calibration detects in 95 of 100 (rad; m if prismatic).
+class _DetectableChange:
+    """Smallest shift of a joint's zero that one more calibration detects in 95 of 100 (rad; m if prismatic)."""
 
-    Attributes:
-        joint: counted from one.
-        slides: whether it is prismatic.
-        links_alone: where only the links are compared (and what else is retained); infinite if unobservable.
-        all_kept: where neither base nor tool was set up anew.
-    """
-
-    joint: int
-    slides: bool
-    links_alone: float
-    all_kept: float
-
-    @property
-    def unit(self) -> str:
-        """Display unit of the change."""
-        return "mm" if self.slides else "mrad"
+    joint: int  # counted from one
+    unit: Unit  # in which the change is displayed
+    links_alone: float  # where only the links are compared (and what else is retained); infinite if unobservable
+    all_kept: float  # where neither base nor tool was set up anew
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class TrendResult(Result):
-    """The calibrations of a robot in order, and the changes between them.
-
-    Attributes:
-        options: what was asked.
-        runs: the calibrations, in the order of their days.
-        estimates: of each the compared parameters.
-        changes: between them, in order.
-        detectable: of each joint.
-        left_out: what of the folder was not taken, a sentence each.
-        serial: the serial number of the arm; None where no run states it.
-    """
+    """The calibrations of a robot in order, and the changes between them."""
 
     command = "trend"
-    shown_by = "lab.commands.trend.result:_trend_document"
-    drawn_by = "lab.commands.trend.result:_parameters_picture"
+    shown_by = "lab.commands.trend:_trend_document"
+    drawn_by = "lab.commands.trend:_parameters_picture"
 
     options: TrendOptions
-    runs: tuple[DatedRun, ...]
-    estimates: tuple[IdentifiedSubset, ...]
-    changes: tuple[ChangePoint, ...]
-    detectable: tuple[DetectableChange, ...]
-    left_out: tuple[str, ...]
-    serial: str | None = None
+    runs: tuple[DatedRun, ...]  # the calibrations, in the order of their days
+    estimates: tuple[IdentifiedSubset, ...]  # of each the compared parameters
+    changes: tuple[ChangePoint, ...]  # between them, in order
+    detectable: tuple[_DetectableChange, ...]  # of each joint
+    left_out: tuple[str, ...]  # what of the folder was not taken, a sentence each
+    serial: str | None = None  # the serial number of the arm; None where no run states it
 
     @property
     def model_sha256(self) -> str:
@@ -121,7 +93,7 @@ class TrendResult(Result):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Those that are compared."""
+        """Parameters that are compared."""
         of = {each.name: each for each in self.runs[0].run.estimate.arm.parameters}
         return tuple(of[name] for name in self.estimates[0].names)
 
@@ -163,7 +135,7 @@ class TrendResult(Result):
                 for i, name in enumerate(self.estimates[0].names)
             },
             "minimum_detectable_change": {
-                f"joint{each.joint}_{each.unit}": {
+                f"joint{each.joint}_{each.unit.key}": {
                     "set_up_anew": number(MM.of(each.links_alone)),
                     "base_and_tool_kept": number(MM.of(each.all_kept)),
                 }
@@ -205,7 +177,7 @@ _REACH = 4.0  # halves of a 95 % interval at which the colours end
 _MOST = 6  # parameters with a picture of their own
 
 
-def errors_picture(result: TrendResult) -> tuple[Picture, ...]:
+def _errors_picture(result: TrendResult) -> tuple[doc.Picture, ...]:
     """Mean and 95 % of the errors at validation, over time; nothing where fewer than two runs were validated."""
     of = [(each.date, each.run.result.after_mm) for each in result.runs]
     found = [(day, errors["mean"], errors["p95"]) for day, errors in of if errors is not None and errors["mean"] > 0]
@@ -226,7 +198,7 @@ def errors_picture(result: TrendResult) -> tuple[Picture, ...]:
     return (figure_picture("errors", label, (_WIDTH, 2.6), draw, (0.75, 0.45, 0.2, 0.3)),)
 
 
-def _parameters_picture(result: TrendResult) -> Picture:
+def _parameters_picture(result: TrendResult) -> doc.Picture:
     """Draw the shift of each parameter from the first calibration, in half-widths of the difference's interval."""
     names, halves = result.estimates[0].names, result.half_widths
     sizes = result.shifts / np.sqrt(halves**2 + halves[0] ** 2)
@@ -254,14 +226,14 @@ def _parameters_picture(result: TrendResult) -> Picture:
     return figure_picture("parameters", label, (_WIDTH, 1.3 + _ROW * len(names)), draw, (1.2, 0.75, 0.5, 0.15))
 
 
-def _moved_pictures(result: TrendResult) -> tuple[Picture, ...]:
+def _moved_pictures(result: TrendResult) -> tuple[doc.Picture, ...]:
     """Draw each parameter that changed, over time with its intervals; at most six."""
     names = dict.fromkeys(name for change in result.changes for name in change.named)
     own = [name for name in names if name in result.estimates[0].names][:_MOST]
     return tuple(_over_time(result, name, f"moved-{i + 1}") for i, name in enumerate(own))
 
 
-def _over_time(result: TrendResult, name: str, called: str) -> Picture:
+def _over_time(result: TrendResult, name: str, called: str) -> doc.Picture:
     at = result.estimates[0].names.index(name)
     unit = result.parameters[at].unit_of_change
     shifts, halves = unit.of(result.shifts[:, at]), unit.of(result.half_widths[:, at])
@@ -279,7 +251,6 @@ def _over_time(result: TrendResult, name: str, called: str) -> Picture:
 
 
 def _changes(axes: "Axes", result: TrendResult) -> None:
-    """A line for each change, between the two calibrations."""
     for k, change in enumerate(result.changes):
         before, after = (result.runs[i].date.toordinal() for i in (change.after, change.after + 1))
         at: Any = (before + after) / 2 - 719163  # matplotlib counts days from 1970
@@ -303,46 +274,43 @@ _MOST_DIGITS = 6
 _LEVEL = f"(an unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} % of the years)"
 
 
-def _trend_document(result: TrendResult) -> Document:
+def _trend_document(result: TrendResult) -> doc.Document:
     """Build the trend document: changes and their dates, errors and parameters over time, detectable changes."""
     first, last = result.runs[0], result.runs[-1]
-    count = len(result.changes)
-    word = counted(count, "change") if count else "no change"
-    robot = first.run.robot
-    name = called(robot.name, result.serial)
+    name = called(first.run.robot.name, result.serial)
     if len(result.runs) == 1:
         return _first_document(result, name)
-    badge = Badge("changed", "bad") if count else Badge("unchanged", "good")
-    return Document(
-        f"{name}: {word} in {len(result.runs)} calibrations",
+    badge = doc.Badge("changed", "bad") if result.changes else doc.Badge("unchanged", "good")
+    return doc.Document(
+        f"{name}: {_count_text(result)} in {len(result.runs)} calibrations",
         (
-            Paragraph((badge, f" {_when(result)} {_LEVEL}")),
-            Paragraph(f"The calibrations are of {first.date} to {last.date}.", "note"),
-            Bullets(tuple(change_text(result, each) for each in result.changes)),
-            Warnings(result.warnings),
-            Section("Errors over time", (_runs(result), _errors(result))),
-            Section("Parameters over time", _parameters(result)),
-            Section("Minimum detectable change", (_detectable(result), Paragraph(_explained(result), "note"))),
+            doc.Paragraph((badge, f" {_when(result)} {_LEVEL}")),
+            doc.Paragraph(f"The calibrations are of {first.date} to {last.date}.", "note"),
+            doc.Bullets(tuple(change_text(result, each) for each in result.changes)),
+            doc.Warnings(result.warnings),
+            doc.Section("Errors over time", (_runs(result), _errors(result))),
+            doc.Section("Parameters over time", _parameters(result)),
+            doc.Section("Minimum detectable change", (_detectable(result), doc.Paragraph(_explained(result), "note"))),
         ),
     )
 
 
 def _when(result: TrendResult) -> str:
-    """Between which days it changed; of an unchanged robot, between the first and the last."""
+    """Name the days around each change; of an unchanged robot the first and the last."""
     spans = [(change.after, change.after + 1) for change in result.changes] or [(0, -1)]
     return " and ".join(f"between {result.runs[i].date} and {result.runs[j].date}" for i, j in spans)
 
 
-def _first_document(result: TrendResult, name: str) -> Document:
+def _first_document(result: TrendResult, name: str) -> doc.Document:
     """Build the document of a single calibration: no change is testable yet, but the next one can be compared."""
     only = result.runs[0]
-    return Document(
+    return doc.Document(
         f"{name}: one run, no trend yet",
         (
-            Paragraph((Badge("one run: no trend yet"), f" the calibration of {only.date} is the first")),
-            Warnings(result.warnings),
-            Section("Errors", (_runs(result),)),
-            Section("Minimum detectable change", (_detectable(result), Paragraph(_explained(result), "note"))),
+            doc.Paragraph((doc.Badge("one run: no trend yet"), f" the calibration of {only.date} is the first")),
+            doc.Warnings(result.warnings),
+            doc.Section("Errors", (_runs(result),)),
+            doc.Section("Minimum detectable change", (_detectable(result), doc.Paragraph(_explained(result), "note"))),
         ),
     )
 
@@ -367,7 +335,6 @@ def change_text(result: TrendResult, change: ChangePoint) -> str:
 
 
 def _called(name: str) -> str:
-    """A parameter, with the joint whose zero it is."""
     joint = name.removeprefix("link").removesuffix(".theta")
     return f"{name} (the zero of joint {joint})" if joint.isdigit() else name
 
@@ -379,53 +346,52 @@ def _size(result: TrendResult, name: str, size: float, half: float) -> str:
 
 
 def _unit(result: TrendResult, name: str) -> Unit:
-    """Unit of a parameter or of a joint's zero."""
     units = {each.name: each.unit_of_change for each in result.parameters}
-    zeros = {f"zero of joint {each.joint}": MM if each.unit == "mm" else MRAD for each in result.detectable}
+    zeros = {f"zero of joint {each.joint}": each.unit for each in result.detectable}
     return {**zeros, **units}[name]
 
 
-def _runs(result: TrendResult) -> Table:
-    rows: list[Row] = []
+def _runs(result: TrendResult) -> doc.Table:
+    rows: list[doc.Row] = []
     for each in result.runs:
         errors = each.run.result.after_mm
         numbers = ("–", "–") if errors is None else (short(errors["mean"]), short(errors["p95"]))
         found = each.run.result
         gate = "none" if found.gate_mm is None else f"{found.gate_mm:g}"
-        rows.append((each.date.isoformat(), Code(each.run.folder.name), found.verdict, gate, *numbers))
+        rows.append((each.date.isoformat(), doc.Code(each.run.folder.name), found.verdict, gate, *numbers))
     caption = "Errors at positions that were not fitted, and the gate of their mean, mm"
-    return Table(("date", "run", "verdict", "gate", "mean", "95 %"), tuple(rows), caption)
+    return doc.Table(("date", "run", "verdict", "gate", "mean", "95 %"), tuple(rows), caption)
 
 
-def _errors(result: TrendResult) -> Figure:
+def _errors(result: TrendResult) -> doc.Figure:
     caption = (
         "The validation error of each calibration shows its accuracy at that date; changes of the arm show in the "
         "parameters. The axis is logarithmic; dotted lines mark changes."
     )
-    return Figure("errors-over-time", errors_picture(result), caption)
+    return doc.Figure("errors-over-time", _errors_picture(result), caption)
 
 
-def _parameters(result: TrendResult) -> tuple[Figure, ...]:
+def _parameters(result: TrendResult) -> tuple[doc.Figure, ...]:
     every = (
         "The colours show differences from the first calibration, in half-widths of their 95 % intervals. An unchanged "
         "arm stays within 1 in 19 of 20 cases. Blue: larger; vermilion: smaller; lines mark changes."
     )
     moved = "Changed parameters: differences from the first calibration with 95 % intervals. Dotted lines mark changes."
     return (
-        Figure("moved-over-time", _moved_pictures(result), moved),
-        Figure("parameters-over-time", (_parameters_picture(result),), every),
+        doc.Figure("moved-over-time", _moved_pictures(result), moved),
+        doc.Figure("parameters-over-time", (_parameters_picture(result),), every),
     )
 
 
-def _detectable(result: TrendResult) -> Table:
+def _detectable(result: TrendResult) -> doc.Table:
     anew = " and ".join(group for group in SETUP if group not in result.options.kept)
     columns = (f"{anew} set up anew" * bool(anew), "base and tool unchanged")
-    rows: list[Row] = []
+    rows: list[doc.Row] = []
     for each in result.detectable:
         sizes = [_or_none(each.links_alone)] * bool(anew) + [_or_none(each.all_kept)]
-        rows.append((f"joint {each.joint}", *sizes, each.unit))
+        rows.append((f"joint {each.joint}", *sizes, each.unit.name))
     caption = "Change of a joint's zero that the next calibration detects in 95 of 100 cases"
-    return Table(("", *filter(None, columns), "unit"), tuple(rows), caption)
+    return doc.Table(("", *filter(None, columns), "unit"), tuple(rows), caption)
 
 
 def _or_none(size: float) -> str:
@@ -441,3 +407,118 @@ def _explained(result: TrendResult) -> str:
         f"A dash marks confounding: {which} cannot be separated from the setup of base and tool. If instrument, base "
         "and tool stay in place between the calibrations, --kept base,tool compares them as well."
     )
+
+
+_WITHIN = 1e-6  # of a joint's effect that the identified parameters may lack
+
+
+def trend(options: TrendOptions) -> TrendResult:
+    """Read the runs of a folder, and test after each whether the robot has changed.
+
+    Raises:
+        LabError: there is no dated run, or they are of different arms, robots or parameters.
+    """
+    options.check()
+    left_out: list[str] = []
+    runs = list(_dated(options, left_out))
+    if not runs:
+        why = f" ({'; '.join(left_out)})" if left_out else ""
+        raise LabError(
+            f"{options.folder}: holds 0 dated runs of lab calibrate or lab identify{why}; give the folder that "
+            "contains the runs' folders"
+        )
+    return followed(options, runs, tuple(left_out))
+
+
+def followed(options: TrendOptions, dated: Sequence[DatedRun], left_out: tuple[str, ...] = ()) -> TrendResult:
+    """Test after each of one or more runs of an arm whether it has changed.
+
+    Raises:
+        LabError: they are of different arms, robots or parameters.
+    """
+    runs = tuple(sorted(dated, key=lambda each: (each.date, each.run.folder.name)))
+    serials = {str(each.run.folder): each.run.serial for each in runs}
+    serial = one_serial(serials, "give --serial to follow one of them")
+    without = tuple(group for group in SETUP if group not in options.kept)
+    estimates = [each.run.estimate.subset(without) for each in runs]
+    refuse_other_parameters([each.run for each in runs], estimates)
+    last = runs[-1].run.estimate
+    zeros = _joint_zeros(last)  # (f, joints) of all identified parameters
+    compared = [last.free_names.index(name) for name in estimates[0].names]
+    days = [float(each.date.toordinal()) for each in runs]
+    series = Series(estimates, days, _directions(estimates[0].names, zeros[compared]))
+    everything = Series([each.run.estimate.subset(()) for each in runs], days, _directions(last.free_names, zeros))
+    changes = series.change_points()
+    start = max((change.after + 1 for change in changes), default=0)
+    found = _detectable_changes(series, zeros[compared], start), _detectable_changes(everything, zeros, start)
+    detectable = tuple(
+        _DetectableChange(i + 1, MM if slides else MRAD, float(found[0][i]), float(found[1][i]))
+        for i, slides in enumerate(last.rigid.chain.prismatic)
+    )
+    return TrendResult(options, runs, tuple(estimates), changes, detectable, left_out, serial)
+
+
+def _dated(options: TrendOptions, left_out: list[str]) -> Iterator[DatedRun]:
+    """The runs that a trend is made of; of the others, why not goes to ``left_out``."""
+    if not options.folder.is_dir():
+        raise LabError(f"{options.folder}: is no folder; give the one that holds the runs")
+    seen: dict[str, str] = {}
+    for folder in sorted(path for path in options.folder.iterdir() if (path / "config.json").is_file()):
+        try:
+            config = read_config(folder, "make the run again")
+        except LabError as error:
+            left_out.append(f"{error}; the run is left out")
+            continue
+        if config.command not in CALIBRATIONS:
+            left_out.append(f"{folder}: is no run of lab calibrate or lab identify, and is left out")
+        elif config.options.get("date") is None:
+            left_out.append(f"{folder}: has no date, and is left out; lab migrate {folder} --date YYYY-MM-DD adds it")
+        elif options.serial not in (None, serial := config.options.get("serial")):
+            of = "has no serial number" if serial is None else f"is of the arm {serial}"
+            left_out.append(f"{folder}: {of}, and is left out of the trend of {options.serial}")
+        elif (twin := seen.setdefault(content_of(folder), folder.name)) != folder.name:
+            left_out.append(f"{folder}: has the same measurements as {twin}, and is left out")
+        else:
+            try:
+                run = read_calibrated(folder, accept_edited=options.accept_edited)
+            except LabError as error:
+                left_out.append(f"{error}; the run is left out")
+                continue
+            if run.result.usable or options.force:
+                yield DatedRun(day(f"{folder}/config.json:", str(run.options.date)), run)
+            else:
+                left_out.append(f"{folder}: its verdict is '{run.result.verdict}', and it is left out without --force")
+
+
+def content_of(folder: Path) -> str:
+    """Return what identifies the measurements of a run: two runs of the same file have the same."""
+    path = folder / MEASUREMENTS_FILE
+    return sha256(path.read_bytes()).hexdigest() if path.is_file() else str(folder)
+
+
+def _joint_zeros(estimate: Estimate) -> Array:
+    """Compute the change of the identified parameters ``(f, joints)`` per unit of joint zero; NaN if impossible."""
+    arm, at = estimate.arm, list(estimate.free)
+    inputs = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+    jacobian = arm.observe(inputs, arm.rank_point(estimate.nominal))[1].reshape(-1, len(arm.names))
+    wanted = jacobian @ arm.rigid.joint_derivatives(np.eye(len(arm.names)))
+    size = np.linalg.norm(jacobian[:, at], axis=0)
+    found = np.linalg.lstsq(jacobian[:, at] / size, wanted, rcond=None)[0]
+    left = np.linalg.norm(jacobian[:, at] / size @ found - wanted, axis=0)
+    found = np.where(np.abs(found) > _WITHIN * np.abs(found).max(), found, 0.0) / size[:, None]
+    return np.where(left > _WITHIN * np.linalg.norm(wanted, axis=0), np.nan, found)
+
+
+def _directions(names: tuple[str, ...], zeros: Array) -> Directions:
+    """Return the tested directions: each parameter, and each observable joint zero that is no single parameter."""
+    one = np.eye(len(names))
+    other = [i for i in range(zeros.shape[1]) if np.count_nonzero(zeros[:, i]) > 1 and np.isfinite(zeros[:, i]).all()]
+    zeros_of = tuple(f"zero of joint {i + 1}" for i in other)
+    return Directions((*names, *zeros_of), np.concatenate([one, zeros[:, other]], axis=1))
+
+
+def _detectable_changes(series: Series, zeros: Array, start: int) -> Array:
+    """The minimum detectable change of each joint's zero; infinite where nothing shows it."""
+    shown = np.isfinite(zeros).all(axis=0) & (zeros != 0).any(axis=0)
+    found = series.detectable(np.where(shown, np.nan_to_num(zeros), 0.0), start)
+    return np.where(shown, found, np.inf)

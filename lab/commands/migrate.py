@@ -1,18 +1,18 @@
-"""Runs of an older lab, made readable as those of today: schema, checksums, and a date where one is given."""
+"""Migrate runs of an older lab to the current format: schema, checksums, and a date where one is given."""
 
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lab.calibration.estimate import EstimatedParameter
 from lab.calibration.estimate_files import read_estimate_files
 from lab.calibration.identify import WEAK
 from lab.campaign.config_file import CONFIG_FILE, INPUTS, read_config
 from lab.commands.calibrate.load_run import CALIBRATIONS, read_header
-from lab.commands.migrate.options import MigrateOptions
+from lab.commands.options import MigrateOptions
 from lab.commands.result import Result
 from lab.commands.run_folder import SCHEMA, is_older, refuse_edits, write_json
 from lab.core.errors import LabError
@@ -20,15 +20,12 @@ from lab.core.whole_folder import CHECKSUMS, checksum_lines, draft_of, recover, 
 from lab.formats.structured import read_json
 from lab.render.document import Document, Table
 
-__all__ = ["Migrated", "MigrationResult", "migrate"]
+__all__ = ["MigrationResult", "migrate"]
 
 
-@dataclass(frozen=True)
-class Migrated:
-    """A run, and what it was given; nothing where it had all of it."""
-
+class _Migrated(NamedTuple):
     folder: Path
-    given: tuple[str, ...]
+    given: tuple[str, ...]  # what the run lacked before
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -36,10 +33,10 @@ class MigrationResult(Result):
     """The runs that were looked at."""
 
     command = "migrate"
-    shown_by = "lab.commands.migrate.run:_migration_document"
+    shown_by = "lab.commands.migrate:_migration_document"
 
     options: MigrateOptions
-    runs: tuple[Migrated, ...]
+    runs: tuple[_Migrated, ...]
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -57,14 +54,10 @@ class MigrationResult(Result):
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each run."""
-        return {
-            "run": [str(each.folder) for each in self.runs],
-            "given": [", ".join(each.given) for each in self.runs],
-        }
+        return {"run": [str(each.folder) for each in self.runs], "given": [", ".join(each.given) for each in self.runs]}
 
 
 def _migration_document(result: MigrationResult) -> Document:
-    """Build the document: each run, and what the migration added."""
     given = [", ".join(each.given) or "nothing: the run has the current format" for each in result.runs]
     rows = tuple((str(each.folder), text) for each, text in zip(result.runs, given, strict=True))
     count = sum(bool(each.given) for each in result.runs)
@@ -89,7 +82,7 @@ def migrate(options: MigrateOptions) -> MigrationResult:
         raise LabError(
             f"{options.folder}: holds {len(folders)} runs, but --date is for one run; give that run's folder"
         )
-    return MigrationResult(options, tuple(Migrated(each, _migrated(each, options.date)) for each in folders))
+    return MigrationResult(options, tuple(_Migrated(each, _migrated(each, options.date)) for each in folders))
 
 
 def _runs(folder: Path) -> Iterator[Path]:
@@ -105,29 +98,29 @@ def _runs(folder: Path) -> Iterator[Path]:
 
 def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
     """Migrate a run: what was done, in words; nothing where it is as today's runs are."""
-    config, known = _object(folder / CONFIG_FILE), read_config(folder, _NO_RUN)
+    config, header = _object(folder / CONFIG_FILE), read_config(folder, _NO_RUN)
     if "model_sha256" not in config:
         raise LabError(f"{folder}/config.json: is not what the lab writes; {_NO_RUN}")
     parameters = dict[str, EstimatedParameter]()
-    if known.command in CALIBRATIONS:  # no checksums for what does not hold what a run holds
+    if header.command in CALIBRATIONS:  # no checksums for what does not hold what a run holds
         read_header(folder)
         parameters.update({row.name: row for row in read_estimate_files(folder).rows})
     files, done = dict[str, Any](), []
     if is_older(folder):
         done.append(f"schema {SCHEMA}")
         files[CONFIG_FILE] = {"schema": SCHEMA, **config, "inputs_sha256": config.get("inputs_sha256", {})}
-        if known.command in CALIBRATIONS:
+        if header.command in CALIBRATIONS:
             files["result.json"] = _object(folder / "result.json") | {"schema": SCHEMA, "migrated": True}
             files["parameters.json"] = [
                 _observability(row, parameters[row["name"]]) for row in _rows(folder / "parameters.json")
             ]
     if date is not None:
-        if (there := known.options.get("date")) not in (None, date):
+        if (there := header.options.get("date")) not in (None, date):
             raise LabError(f"{folder}: its date is {there}; leave out --date {date}, or make the run again")
-        if known.command not in (*CALIBRATIONS, "verify"):
+        if header.command not in (*CALIBRATIONS, "verify"):
             raise LabError(f"{folder}: is no run of lab calibrate, lab identify or lab verify; only these have a date")
         done += [] if there == date else [f"date {date}"]
-        files[CONFIG_FILE] = files.get(CONFIG_FILE, config) | {"options": {**known.options, "date": date}}
+        files[CONFIG_FILE] = files.get(CONFIG_FILE, config) | {"options": {**header.options, "date": date}}
     if not (folder / CHECKSUMS).is_file():
         done.append("checksums")
     if done:
@@ -136,14 +129,14 @@ def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
 
 
 def _replace(folder: Path, files: Mapping[str, Any]) -> None:
-    """Write the run again with other contents of some of its files."""
-    if strays := sorted(path.name for path in folder.iterdir() if not _is_of_run(path)):
+    own = {path for path in folder.iterdir() if (path.is_dir() if path.name == INPUTS else path.is_file())}
+    if strays := sorted(path.name for path in folder.iterdir() if path not in own or path.is_symlink()):
         raise LabError(f"{folder}: holds {strays[0]}, which is not a file of a run; move it elsewhere")
     if Path.cwd().is_relative_to(folder.resolve()):
         raise LabError(f"{folder}: is the working folder, or holds it; go above it")
     try:
         with draft_of(resolved(folder), replacing=True) as draft:
-            for path in folder.iterdir():  # copytree would tell of every file that there is no room for
+            for path in folder.iterdir():  # copytree would list every file for which there is no space
                 (shutil.copytree if path.is_dir() else shutil.copy2)(path, draft / path.name)
             for name, content in files.items():
                 write_json(draft / name, content)
@@ -152,12 +145,8 @@ def _replace(folder: Path, files: Mapping[str, Any]) -> None:
         raise LabError(f"{folder}: cannot be written ({error.strerror or error}); nothing was changed") from error
 
 
-def _is_of_run(path: Path) -> bool:
-    return not path.is_symlink() and (path.is_dir() if path.name == INPUTS else path.is_file())
-
-
 def _observability(row: Mapping[str, Any], parameter: EstimatedParameter) -> dict[str, Any]:
-    """A row of ``parameters.json`` that says whether the parameter is weakly observable."""
+    """Add to a row of ``parameters.json`` whether the parameter is weakly observable."""
     sure = parameter.std is not None and parameter.std <= WEAK
     weak = parameter.status == "identified" and parameter.unit in ("m", "rad") and not sure
     return {**row, "weakly_observable": row.get("weakly_observable", weak)}
