@@ -199,6 +199,7 @@ _FILES = {
     "ur_kinematics.yaml",
     "calibration.conf",
     "calibrated.py",
+    "next.csv",
     "predicted.csv",
     "nominal.toml",
     "joints.csv",
