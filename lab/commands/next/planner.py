@@ -1,6 +1,7 @@
 """Plan a measurement session while it is measured: propose the next pose, and predict the accuracy so far."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -32,6 +33,7 @@ __all__ = ["PosePlanner", "Proposal"]
 _NEAR_ENOUGH = 0.8  # of the best gain: among such candidates the nearest is proposed
 _LOOSE = 1e-4  # prior information of base and tool: a standard deviation of 100 tolerances
 _MOST_AHEAD = 100  # poses that are planned ahead to estimate how many remain
+_AHEAD_OF = 4  # every so many candidates are enough for that
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,16 @@ class PosePlanner:
         """Sensitivities ``(m, r, p)`` to parameters in their own units, in standard deviations of the noise."""
         return self.problem.whitened(self.problem.inputs)
 
+    def restarted(self) -> "PosePlanner":
+        """Return a planner of the same candidates for a new session."""
+        other = copy(self)
+        other._looks, other._last_count = 0, -1
+        return other
+
+    def accuracy_of(self, joints: Array) -> float | None:
+        """Return the predicted error (m) after poses ``(n, joints)``, by the stated noise; None if undetermined."""
+        return self._accuracy(information(self.problem.whitened(joints)), 1.0)
+
     def propose(self, data: Measurements, *, at: Array | None = None) -> Proposal:
         """Propose the next pose, given all measurements so far.
 
@@ -160,7 +172,11 @@ class PosePlanner:
         if reached:
             return Proposal(len(joints), None, None, now, None, noise, 0, True)
         row, way = self._nearest(scaled + self._prior, start)
-        after = self._accuracy(own + information(self._per_candidate[row : row + 1]), factor)
+        with_it = own + information(self._per_candidate[row : row + 1])
+        if now is None:
+            after = self._accuracy(with_it, factor)
+        else:  # the ratio of the predicted radius to the mean error hardly changes from one pose to the next
+            after = now * self._mean(with_it) / self._mean(own)
         remaining = self._remaining(len(joints), scaled, own, now)
         return Proposal(len(joints), problem.inputs[row, : self._chain.size], way, now, after, noise, remaining, False)
 
@@ -188,19 +204,16 @@ class PosePlanner:
         return predict(own, self.problem.test, rng_for(self.options.seed, "promise"))
 
     def _remaining(self, measured: int, scaled: Array, own: Array, now: float | None) -> int | None:
-        """Number of poses that a greedy plan takes to the wanted accuracy, by the mean error alone.
-
-        The ratio of the predicted radius to the mean error hardly changes from one pose to the next.
-        """
+        """Number of poses that a greedy plan takes to the wanted accuracy, by the mean error alone."""
         if self.accuracy_m is None:
             return None
-        problem, total = self.problem, scaled + self._prior
+        goal, total = self.problem.goal, scaled + self._prior
+        pool, per_candidate = self.problem.pool[::_AHEAD_OF], self._per_candidate[::_AHEAD_OF]
         wanted = None if now is None else self._mean(own) * self.accuracy_m / now
         for count in range(1, _MOST_AHEAD + 1):
-            slope = problem.goal.slope(total)
-            row = int(np.argmax(np.einsum("mrp,mrp->m", problem.pool @ slope, problem.pool)))
-            total = total + information(problem.pool[row : row + 1])
-            own = own + information(self._per_candidate[row : row + 1])
+            row = int(np.argmax(np.einsum("mrp,mrp->m", pool @ goal.slope(total), pool)))
+            total = total + information(pool[row : row + 1])
+            own = own + information(per_candidate[row : row + 1])
             if is_singular(own):
                 continue
             if wanted is None:
@@ -209,11 +222,14 @@ class PosePlanner:
                 return count
         return None
 
+    @cached_property
+    def _spread(self) -> Array:
+        """Mean of J'J ``(f, f)`` over the test poses."""
+        return information(self.problem.test) / len(self.problem.test)
+
     def _mean(self, own: Array) -> float:
         """Root mean square of the predicted error over the test poses, m."""
-        root = np.linalg.cholesky(own)
-        spread = np.linalg.solve(root, self.problem.test.reshape(-1, len(own)).T)
-        return float(np.sqrt((spread**2).sum() / len(self.problem.test)))
+        return float(np.sqrt(np.sum(self._spread * np.linalg.inv(own))))
 
     def _noise(self, data: Measurements) -> NoiseCheck | None:
         """Fit what there is, and compare its residuals with the stated noise."""
