@@ -22,6 +22,9 @@ from lab.commands.import_measurements.run import ImportResult
 from lab.commands.inspect.options import InspectOptions
 from lab.commands.inspect.run import Inspection
 from lab.commands.measurements import WorldFrames, read_measurements, world_frames, write_measurements
+from lab.commands.next.options import NextOptions
+from lab.commands.next.planner import PosePlanner
+from lab.commands.next.run import NextPoseResult
 from lab.commands.predict.options import PredictOptions
 from lab.commands.predict.run import PredictionResult
 from lab.commands.result import Result
@@ -59,6 +62,7 @@ __all__ = [
     "MeasurementSession",
     "Measurements",
     "PayloadResult",
+    "PosePlanner",
     "PredictionResult",
     "Result",
     "Robot",
@@ -79,6 +83,7 @@ __all__ = [
     "load_estimate",
     "load_robot",
     "measurements",
+    "next_pose",
     "payload",
     "predict",
     "read_measurements",
@@ -303,6 +308,20 @@ def inspect(
     fix: Sequence[str] = ...,
     free: Sequence[str] = ...,
 ) -> Inspection: ...
+def next_pose(
+    plan: str | Path | NextOptions,
+    measurements: str | Path | Measurements | None = None,
+    *,
+    accuracy_mm: float | None = None,
+    criterion: str | Criterion = "I",
+    instrument: str | Path | Instrument | None = None,
+    follow: bool = False,
+    patience_s: float = 600.0,
+    connect: str | None = None,
+    candidates: int = 2000,
+    no_recording: bool = False,
+    seed: int = 0,
+) -> NextPoseResult: ...
 def payload(
     file: str | Path | PayloadOptions | None = None,
     robot: str | Path | Robot = "irb120",

@@ -95,7 +95,7 @@ def campaigns(planner: PosePlanner, seeds: range, noise_times: float) -> Iterato
             noise = noise_times * rng.uniform(-HALF_WIDTH_M, HALF_WIDTH_M, (len(targets), 3))
             joints.append(proposal.joints)
             points.append(real.points(proposal.joints[None], targets)[0] + noise)
-        arm, fresh = planner.problem.arm, random_poses(robot.model, _VALIDATION_POSES, rng_for(seed, "judge"))
+        arm, fresh = planner.problem.arm, random_poses(robot.model, _VALIDATION_POSES, rng_for(seed, "fresh"))
         found = identify(arm, data, planner.problem.values)
         errors = np.linalg.norm(arm.points(fresh, found.values) - real.points(fresh, targets), axis=2)
         assert proposal.noise is not None
@@ -104,7 +104,7 @@ def campaigns(planner: PosePlanner, seeds: range, noise_times: float) -> Iterato
 
 def random_counts(planner: PosePlanner, sets: int, seed: int) -> list[int]:
     """How many random candidates reach the wanted accuracy, in each of some random orders."""
-    rng, found, inputs = rng_for(seed, "orders"), [], planner.problem.inputs
+    rng, found, inputs = rng_for(seed, "split"), [], planner.problem.inputs
     for _ in range(sets):
         order = rng.permutation(len(inputs))
         low, high = 1, min(_MOST_POSES, len(order))
@@ -125,6 +125,7 @@ def answer(options: Options) -> Answer:
     found = list(campaigns(planner, seeds, options.noise_times))
     kept = sum(each.error_m <= 1e-3 * options.accuracy_mm for each in found)
     beforehand = lab.design(robot, accuracy_mm=options.accuracy_mm, criterion=options.criterion)
+    assert isinstance(beforehand, lab.DesignResult)
     poses, seconds = [each.poses for each in found], np.concatenate([each.seconds for each in found])
     by_chance = random_counts(planner, options.random_sets, options.seed)
     n = len(found)

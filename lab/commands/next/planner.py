@@ -16,7 +16,7 @@ from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
 from lab.core.errors import LabError
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, measured
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -150,17 +150,21 @@ class PosePlanner:
         """Return the predicted error (m) after poses ``(n, joints)``, by the stated noise; None if undetermined."""
         return self._accuracy(information(self.problem.whitened(joints)), 1.0)
 
-    def propose(self, data: Measurements, *, at: Array | None = None) -> Proposal:
+    def propose(self, data: Measurements | None = None, *, at: Array | None = None) -> Proposal:
         """Propose the next pose, given all measurements so far.
 
         Args:
-            data: joint positions (rad or m) and points (m) measured so far, in the order of the visits.
+            data: joint positions (rad or m) and points (m) measured so far, in the order of the visits; nothing is
+                measured yet, if not given.
             at: joint positions ``(joints,)`` of the arm now; those of the last row, or home, if not given.
 
         Raises:
             LabError: no candidate can be reached from where the arm is.
         """
         problem = self.problem
+        if data is None:
+            size = len(problem.robot.chain.joint_names)
+            data = measured(problem.robot.chain.joint_names, np.empty((0, size)), (), np.empty((0, 0, 3)))
         joints = data.joints[data.seen.all(axis=1)]
         start = at if at is not None else data.joints[-1] if len(data) else problem.access.hubs[0]
         scaled = information(problem.sensitivity(joints)) if len(joints) else np.zeros_like(self._prior)
@@ -173,10 +177,8 @@ class PosePlanner:
             return Proposal(len(joints), None, None, now, None, noise, 0, True)
         row, way = self._nearest(scaled + self._prior, start)
         with_it = own + information(self._per_candidate[row : row + 1])
-        if now is None:
-            after = self._accuracy(with_it, factor)
-        else:  # the ratio of the predicted radius to the mean error hardly changes from one pose to the next
-            after = now * self._mean(with_it) / self._mean(own)
+        # The ratio of the predicted radius to the mean error hardly changes from one pose to the next.
+        after = self._accuracy(with_it, factor) if now is None else now * self._mean(with_it) / self._mean(own)
         remaining = self._remaining(len(joints), scaled, own, now)
         return Proposal(len(joints), problem.inputs[row, : self._chain.size], way, now, after, noise, remaining, False)
 
@@ -209,16 +211,17 @@ class PosePlanner:
             return None
         goal, total = self.problem.goal, scaled + self._prior
         pool, per_candidate = self.problem.pool[::_AHEAD_OF], self._per_candidate[::_AHEAD_OF]
-        wanted = None if now is None else self._mean(own) * self.accuracy_m / now
+        known = now if measured >= self._fewest else None
+        wanted = None if known is None else self._mean(own) * self.accuracy_m / known
         for count in range(1, _MOST_AHEAD + 1):
             row = int(np.argmax(np.einsum("mrp,mrp->m", pool @ goal.slope(total), pool)))
             total = total + information(pool[row : row + 1])
             own = own + information(per_candidate[row : row + 1])
-            if is_singular(own):
+            if measured + count < self._fewest or is_singular(own):
                 continue
-            if wanted is None:
+            if wanted is None:  # the ratio of fewer poses is another
                 wanted = self._mean(own) * self.accuracy_m / self._predicted(own).coverage_radius
-            if self._mean(own) <= wanted and measured + count >= self._fewest:
+            if self._mean(own) <= wanted:
                 return count
         return None
 

@@ -235,23 +235,24 @@ def _growing(asked: NextOptions, file: Path | None, chain: JointSpec) -> Iterato
     if file is None:
         yield _nothing(chain)
         return
+    state, since, unreadable = _state(file), time.monotonic(), None
     data = _read(file, chain)
     yield data
-    state, since = _state(file), time.monotonic()
     while asked.follow and time.monotonic() - since < asked.patience_s:
         try:
             time.sleep(_POLL_S)
         except KeyboardInterrupt:  # the user has seen enough: the run is written with what there is
             return
-        if _state(file) == state:
+        if (latest := _state(file)) == state:
             continue
         try:
             found = _read(file, chain)
         except LabError:  # a row is being written
-            if time.monotonic() - since > _UNREADABLE_S:
+            unreadable = unreadable or time.monotonic()
+            if time.monotonic() - unreadable > _UNREADABLE_S:
                 raise
             continue
-        state, since = _state(file), time.monotonic()
+        state, since, unreadable = latest, time.monotonic(), None
         if found.seen.sum() != data.seen.sum():
             data = found
             yield data
