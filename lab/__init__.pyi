@@ -309,7 +309,7 @@ def inspect(
     free: Sequence[str] = ...,
 ) -> Inspection: ...
 def next_pose(
-    plan: str | Path | NextOptions,
+    plan: str | Path | DesignResult | NextOptions,
     measurements: str | Path | Measurements | None = None,
     *,
     accuracy_mm: float | None = None,

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from lab.campaign.config_file import CONFIG_FILE, read_config, read_options
+from lab.campaign.config_file import CONFIG_FILE, RunConfig, read_config, read_options
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import load_virtual
 from lab.commands.calibrate.load_run import CALIBRATIONS, MEASUREMENTS_FILE
 from lab.commands.command_line import options_of, takes
+from lab.commands.design.result import DesignResult
 from lab.commands.next.options import NextOptions
 from lab.commands.next.planner import PosePlanner, Proposal
 from lab.commands.program import say
@@ -144,12 +145,13 @@ def _rows(columns: Mapping[str, Array]) -> list[dict[str, float]]:
 
 @takes(NextOptions, file="measurements")
 def next_pose(
-    plan: str | Path | NextOptions, measurements: str | Path | Measurements | None = None, **options: Any
+    plan: str | Path | DesignResult | NextOptions, measurements: str | Path | Measurements | None = None, **options: Any
 ) -> NextPoseResult:
     """Propose the pose to measure next, given all measured so far, and predict the accuracy.
 
     Args:
-        plan: the folder of a run of ``lab design`` or ``lab identify``; or all options in one object.
+        plan: the folder of a run of ``lab design`` or ``lab identify``, or a plan in memory; or all options in one
+            object.
         measurements: what is measured so far: a CSV file, or measurements in memory (rad or m, points in m).
         options: those of ``lab next``, by name: ``accuracy_mm``, ``criterion``, ``instrument`` and so on.
 
@@ -158,16 +160,23 @@ def next_pose(
 
     Raises:
         LabError: the run or the file cannot be used, or no pose can be reached; the message says why.
+
+    Example:
+        >>> import lab
+        >>> plan = lab.design("irb120", poses=14, candidates=100, starts=1)
+        >>> lab.next_pose(plan, candidates=100).joints.shape
+        (6,)
     """
     given = measurements if isinstance(measurements, Measurements) else None
     if isinstance(plan, NextOptions):
         asked = plan
     else:
         file = None if given is not None else measurements
-        asked = options_of("lab.next_pose", NextOptions, {"plan": plan, "file": file, **options})
+        folder = "plan in memory" if isinstance(plan, DesignResult) else plan
+        asked = options_of("lab.next_pose", NextOptions, {"plan": folder, "file": file, **options})
     asked.check()
     with status("next pose") as stage:
-        requested, file = _planned(asked, given)
+        requested, file = _planned(asked, given, plan.options if isinstance(plan, DesignResult) else None)
         planner = PosePlanner(**requested, progress=partial(stage, "candidates"))
         chain = planner.problem.robot.chain
         live = None
@@ -190,12 +199,14 @@ def next_pose(
     return NextPoseResult(asked, planner, found[-1][0], tuple(proposal for _, proposal in found))
 
 
-def _planned(asked: NextOptions, given: Measurements | None) -> tuple[dict[str, Any], Path | None]:
-    """The arguments of a planner, by a run, and the measurement file."""
-    folder = asked.plan
-    config = read_config(folder, _MEND)
+def _planned(
+    asked: NextOptions, given: Measurements | None, plan: DesignOptions | None
+) -> tuple[dict[str, Any], Path | None]:
+    """The arguments of a planner, by a run or a plan in memory, and the measurement file."""
+    folder, file = asked.plan, asked.file
+    config = RunConfig({}, "design") if plan is not None else read_config(folder, _MEND)
     if config.command == "design":
-        plan, file = read_options(folder / CONFIG_FILE, "design", DesignOptions), asked.file
+        plan = plan or read_options(folder / CONFIG_FILE, "design", DesignOptions)
         known = {name: getattr(plan, name) for name in _OF_PLAN}
     elif config.command in CALIBRATIONS:
         campaign = read_options(folder / CONFIG_FILE, config.command, CALIBRATIONS[config.command])
