@@ -25,10 +25,13 @@ from lab.commands.measurements import (
     world_frames,
     write_measurements,
 )
+from lab.commands.next.planner import PosePlanner
+from lab.commands.next.run import NextPoseResult
 from lab.commands.options import (
     CompareOptions,
     ImportOptions,
     InspectOptions,
+    NextOptions,
     PredictOptions,
     StatusOptions,
     StudyOptions,
@@ -66,6 +69,7 @@ __all__ = [
     "MeasurementSession",
     "Measurements",
     "PayloadResult",
+    "PosePlanner",
     "PredictionResult",
     "Result",
     "Robot",
@@ -86,6 +90,7 @@ __all__ = [
     "load_estimate",
     "load_robot",
     "measurements",
+    "next_pose",
     "payload",
     "predict",
     "read_measurements",
@@ -310,6 +315,20 @@ def inspect(
     fix: Sequence[str] = ...,
     free: Sequence[str] = ...,
 ) -> Inspection: ...
+def next_pose(
+    plan: str | Path | DesignResult | NextOptions,
+    measurements: str | Path | Measurements | None = None,
+    *,
+    accuracy_mm: float | None = None,
+    criterion: str | Criterion = "I",
+    instrument: str | Path | Instrument | None = None,
+    follow: bool = False,
+    patience_s: float = 600.0,
+    connect: str | None = None,
+    candidates: int = 2000,
+    no_recording: bool = False,
+    seed: int = 0,
+) -> NextPoseResult: ...
 def payload(
     file: str | Path | PayloadOptions | None = None,
     robot: str | Path | Robot = "irb120",

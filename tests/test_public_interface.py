@@ -78,6 +78,7 @@ def test_help_shows_what_is_required() -> None:
         "load_estimate": ["folder"],
         "load_robot": ["robot"],
         "measurements": ["joints", "robot"],
+        "next_pose": ["plan"],
         "predict": ["joints"],
         "read_measurements": ["path"],
         "robot_from_dh": ["table"],

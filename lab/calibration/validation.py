@@ -44,6 +44,7 @@ __all__ = [
     "folds",
     "hold_out",
     "hold_out_last",
+    "poses_to_validate",
     "rows_in_time",
     "shared_rows",
     "split_by_label",
@@ -276,6 +277,12 @@ def validate_rows(identification: Identification, test: Measurements) -> Validat
     return Validation("holdout", errors_of(identification, test), rows=test)
 
 
+def poses_to_validate(identifiable: int, numbers_per_pose: float) -> int:
+    """Return how many poses cross-validation needs, to fit so many parameters without a fifth of them."""
+    fitted = int(np.ceil(ROWS_PER_PARAMETER * identifiable / numbers_per_pose))
+    return next(count for count in range(fitted, 2 * fitted + FOLDS) if count - -(-count // FOLDS) >= fitted)
+
+
 def validate_folds(
     identify: _Identify, identification: Identification, data: Measurements, seed: int, progress: Progress = no_progress
 ) -> Validation:
@@ -293,8 +300,7 @@ def validate_folds(
         if why := few_points_of_a_station(identification.model, data.take(np.flatnonzero(rows != fold))):
             return Validation(None, None, (_not_without_a_fold(why),))
     if count < _LEAST_FOLDS or not enough:
-        per_pose = points.mean()
-        wanted = int(np.ceil(ROWS_PER_PARAMETER * identifiable / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
+        wanted = poses_to_validate(identifiable, numbers * float(points.mean()))
         return Validation(None, None, (Check("validation.poses", "not tested", data={"wanted": wanted}),))
     shape = errors_of(identification, data).after.shape
     before, after = np.full(shape, np.nan), np.full(shape, np.nan)

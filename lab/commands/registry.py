@@ -88,6 +88,13 @@ COMMANDS = (
         resumed=True,
     ),
     Command(
+        "next",
+        "Propose the pose to measure next, given all measured so far, and predict the accuracy; while measuring.",
+        "lab.commands.options:NextOptions",
+        "lab.commands.next.run:next_pose",
+        "next-{plan}",
+    ),
+    Command(
         "import",
         "Merge a tracker's export with a controller's joint positions into a measurement file.",
         "lab.commands.options:ImportOptions",

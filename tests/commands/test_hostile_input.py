@@ -75,6 +75,7 @@ FOLDERS = (
     "compare run {} --out never",
     "compare {} run --out never",
     "migrate {}",
+    "next {} --out never",
 )
 CONFIGS = tuple(f"{name} --config {{}} --out never" for name in ("calibrate", "design"))
 

@@ -32,7 +32,7 @@ MORE = {
 }
 ONE_CAMPAIGN = 'name = "one"\nrobots = 1\ndraws = 1\nfresh = 20\n[factors]\nposes = [20]\n'
 RECORDED = {"calibrate", "identify", "verify", "compensate", "design", "payload", "dynamics", "kinematics", "workspace"}
-RECORDED |= {"trajectory"}
+RECORDED |= {"next", "trajectory"}
 
 
 def schema(name: str) -> dict:

@@ -38,6 +38,7 @@ COMMANDS = {
     "compare": "compare day day2",
     "compensate checked": "compensate few.csv --run day",
     "design": "design --robot irb120 --poses 10 --candidates 100 --starts 1",
+    "next": "next day few.csv --instrument uniform-8um --candidates 100",
     "payload": "payload runs.csv --robot tx40 --sensor sensor.toml",
     "import": "import points.txt --joints joints.csv --robot irb120 --unit mm --by name",
     "certify": "certify day",

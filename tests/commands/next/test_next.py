@@ -1,0 +1,161 @@
+"""``lab next``: a session that is planned while it is measured, in memory and by a file that grows."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.bad_input import run as run_line
+from helpers.robots import ROOT
+
+import lab
+from lab.cli import main
+from lab.commands.next.planner import PosePlanner
+from lab.commands.run_folder import check_edits
+from lab.core.measurements import measured
+from lab.formats.measurement_csv import write_measurements
+
+HALF_WIDTH_M = 8e-6  # of uniform-8um
+
+
+@pytest.fixture(scope="module")
+def planner() -> PosePlanner:
+    return PosePlanner("scara", accuracy_mm=0.01, candidates=300)
+
+
+def session(planner: PosePlanner, noise_times: float, most: int = 200):
+    """Measure a virtual arm as proposed, until the accuracy is reached; measurements, proposals and the true robot."""
+    planner, rng = planner.restarted(), np.random.default_rng(4)
+    real = lab.simulate("scara", poses=1, seed=9).true_robot
+    joints, points, proposals = [], [], []
+    while True:
+        names, targets = planner.problem.robot.chain.joint_names, planner.options.targets
+        data = measured(names, np.reshape(joints, (-1, len(names))), targets, np.reshape(points, (-1, 1, 3)))
+        proposals.append(planner.propose(data))
+        if proposals[-1].joints is None or len(joints) == most:
+            return data, proposals, real
+        joints.append(proposals[-1].joints)
+        noise = noise_times * rng.uniform(-HALF_WIDTH_M, HALF_WIDTH_M, (1, 3))
+        points.append(real.points(joints[-1][None], targets)[0] + noise)
+
+
+def test_proposed_poses_reach_the_accuracy(planner: PosePlanner) -> None:
+    data, proposals, real = session(planner, 1.0)
+    last, chain = proposals[-1], planner.problem.robot.chain
+    assert last.reached and last.measured == len(data) and last.accuracy_m <= 1e-5 and not last.noise.larger
+    found = lab.identify(data, robot="scara", instrument="uniform-8um", gate_mm=0.02)
+    assert found.to_dict()["verdict"] == "good"
+    fresh = chain.random_joints(500, np.random.default_rng(1))
+    errors = found.robot.arm(("p1",)).points(fresh, found.identification.values) - real.points(fresh, ("p1",))
+    assert np.quantile(np.linalg.norm(errors, axis=2), 0.95) <= 1e-5
+    for before, proposal in zip([planner.problem.access.hubs[0], *data.joints], proposals[:-1], strict=False):
+        np.testing.assert_array_equal(proposal.waypoints[[0, -1]], [before, proposal.joints])
+        free = planner.problem.access.free
+        assert all(free(a, b) for a, b in zip(proposal.waypoints, proposal.waypoints[1:], strict=False))
+    known = [each for each in proposals if each.accuracy_m is not None]
+    assert len(known) > 3 and all(each.next_m < each.accuracy_m for each in known[:-1])
+    left = [each.remaining + each.measured for each in proposals[2:]]
+    assert max(left) <= 1.5 * len(data) and min(left) >= 0.6 * len(data)
+
+
+def test_fewer_poses_than_by_chance(planner: PosePlanner) -> None:
+    data, _, _ = session(planner, 1.0)
+    order = np.random.default_rng(2).permutation(len(planner.problem.inputs))[: len(data)]
+    by_chance = planner.accuracy_of(planner.problem.inputs[order])
+    assert by_chance is None or by_chance > 1.15 * planner.accuracy_of(data.joints)
+
+
+def test_larger_noise_is_found_and_takes_more_poses(planner: PosePlanner) -> None:
+    usual, _, _ = session(planner, 1.0)
+    noisy, proposals, _ = session(planner, 3.0, most=2 * len(usual))
+    assert len(noisy) == 2 * len(usual)  # the stated noise would have ended it long ago
+    assert proposals[-1].noise.larger and proposals[-1].noise.factor > 3.0
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("next") / "plan"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder.parent)
+        line = "design --robot scara --candidates 200 --starts 1 --accuracy-mm 0.01 --no-recording --out plan"
+        assert run_line(line) == 0
+    return folder
+
+
+def test_a_call_by_a_run_and_by_its_options(plan: Path, tmp_path: Path) -> None:
+    first = lab.next_pose(plan, candidates=200)
+    assert first.joints is not None and first.proposal.accuracy_m is None
+    data = lab.simulate("scara", poses=20, seed=3).measurements
+    write_measurements(tmp_path / "rows.csv", data, (False, False, True, False))
+    in_memory = lab.next_pose(plan, data, candidates=200)
+    by_file = lab.next_pose(plan, tmp_path / "rows.csv", candidates=200)
+    np.testing.assert_array_equal(in_memory.joints, by_file.joints)
+    assert in_memory.to_dict()["wanted_mm"] == 0.01
+    assert f"About {in_memory.proposal.remaining} further pose" in in_memory.summary()
+    folder = by_file.save(tmp_path / "run")
+    rows = (folder / "next.csv").read_text().splitlines()
+    assert len(rows) == len(by_file.proposal.waypoints) and rows[-1].startswith("measure,")
+    assert (folder / "recording.rrd").stat().st_size > 10_000 and not check_edits(folder, (), accept=False)
+
+
+def test_further_poses_after_an_identification(tmp_path: Path) -> None:
+    data = lab.simulate("scara", poses=20, seed=3).measurements
+    lab.identify(data, robot="scara", instrument="uniform-8um").save(tmp_path / "run")
+    found = lab.next_pose(tmp_path / "run", accuracy_mm=0.002, candidates=200)
+    assert found.proposal.measured == 20 and not found.proposal.reached
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("next plan --follow", "--follow: give the measurement file that grows"),
+        ("next plan other.csv", "has the targets p2, but the plan is for p1"),
+        ("next plan none.csv", "none.csv: cannot be read"),
+        ("next nothing", "nothing"),
+        ("next plan --patience-s 0 --follow other.csv", "--patience-s 0: give a time above 0"),
+        ("next plan --connect rerun+http://127.0.0.1:9/proxy", "no viewer answers"),
+        ("next predicted", "is a run of lab inspect; give the folder of a run of lab design"),
+    ],
+)
+def test_bad_input_is_one_line(
+    line: str, words: str, plan: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(plan.parent)
+    if not Path("other.csv").exists():
+        data = lab.simulate("scara", poses=5, seed=3, targets=("p2",)).measurements
+        write_measurements(Path("other.csv"), data, (False, False, True, False))
+        assert main(["inspect", "scara", "--out", "predicted"]) == 0
+        capsys.readouterr()
+    assert main([*line.split(), "--out", "never"]) == 2
+    printed = capsys.readouterr()
+    assert words in printed.err and printed.err.count("\n") == 1 and not Path("never").exists()
+
+
+@pytest.mark.thorough
+def test_a_growing_file_is_followed(plan: Path, tmp_path: Path) -> None:
+    """A person reads the line, moves the arm there, and adds a row: here a program does."""
+    real, rng = lab.simulate("scara", poses=1, seed=9).true_robot, np.random.default_rng(4)
+    chain, file = real.robot.chain, tmp_path / "rows.csv"
+    columns = [
+        f"{name}_{'mm' if slides else 'deg'}" for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)
+    ]
+    file.write_text(",".join(["id", *columns, "p1_x_mm", "p1_y_mm", "p1_z_mm"]) + "\n")
+    command = [sys.executable, "-m", "lab", "next", str(plan), str(file), "--follow", "--candidates", "200", "--json"]
+    command += ["--out", str(tmp_path / "run"), "--patience-s", "60"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        count = 0
+        for line in process.stderr:
+            if (found := re.search(r"next: (.*?)(;|$)", line)) is None:
+                break
+            shown = np.array([float(part.split()[-1].replace("−", "-")) for part in found[1].strip().split(", ")])
+            joints = shown * np.where(chain.prismatic, 1e-3, np.pi / 180)
+            point = real.points(joints[None], ("p1",))[0, 0] + rng.uniform(-HALF_WIDTH_M, HALF_WIDTH_M, 3)
+            count += 1
+            with file.open("a") as rows:
+                rows.write(",".join(map(repr, [count, *shown.tolist(), *(1e3 * point).tolist()])) + "\n")
+        printed = json.loads(process.stdout.read())
+    assert process.returncode == 0 and printed["reached"] and printed["measured"] == count
+    assert len(printed["proposals"]) == count + 1 and printed["accuracy_mm"] <= 0.01
