@@ -26,7 +26,7 @@ from lab.calibration.verdict import Answer, Verdict, rotation_noise_rad
 from lab.calibration.workspace_prediction import Distance, RegionPrediction, ValidationBounds
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
-from lab.commands.calibrate.load_run import ArmExport, comment_on_missing_effects
+from lab.commands.calibrate.exports import ArmExport, comment_on_missing_effects
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import read_hand_load
 from lab.commands.result import ErrorStatistics, Result, error_statistics, exit_code_of, number, sizes_mm

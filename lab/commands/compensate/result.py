@@ -14,7 +14,8 @@ from lab.calibration.extrapolation import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
-from lab.commands.calibrate.load_run import CalibrationRun, comment_on_missing_effects
+from lab.commands.calibrate.exports import comment_on_missing_effects
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram, UsedTool, flange_note, flange_values, used_tools
 from lab.commands.compensate.program_reference import ProgramErrors, ProgramReference, program_errors

@@ -25,6 +25,7 @@ from lab.core.limits import TABLE_BYTES, WAYPOINTS
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.extension_points import load_reference
 from lab.formats.csv_table import write_columns
 from lab.formats.measurement_csv import read_measurements
 from lab.formats.structured import read_text
@@ -177,9 +178,7 @@ def next_pose(
         chain = planner.problem.robot.chain
         live = None
         if asked.connect is not None:
-            from lab.commands.next.recording import LiveView  # which loads rerun
-
-            live = LiveView(asked.connect, planner)
+            live = load_reference("lab.commands.next.recording:LiveView")(asked.connect, planner)  # loads rerun
         stage("proposal")
         found = list[tuple[Measurements, Proposal]]()
         for data in (given,) if given is not None else _growing(asked, file, chain):

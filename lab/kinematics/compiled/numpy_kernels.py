@@ -6,7 +6,7 @@ axis. One walk along the chain gives all columns; a joint's derivative is that o
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.parameter import BASE_PARAMETERS
+from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.walk import RIGID, Axes, Displaced, Motion, Torsors, along, chunks, fill, padded, some_poses
-
-if TYPE_CHECKING:
-    from lab.kinematics.serial.arm import SerialArm, StackedArm
 
 __all__ = [
     "flange",
@@ -41,8 +39,46 @@ _NEAR = 1e-2  # m, rad: candidates farther from the pose are not refined
 _EXACTLY = 1e-13
 
 
+class _WalkedArm(Protocol):
+    """Serial arm as the kernels need it: ``serial.arm.SerialArm``."""
+
+    @property
+    def chain(self) -> Chain:
+        """The links and joints."""
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Names of the targets."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+
+    @property
+    def table_rows(self) -> NDArray[np.int_]:
+        """Row of each parameter of the table."""
+
+    @property
+    def table_columns(self) -> NDArray[np.int_]:
+        """Column of each parameter of the table."""
+
+    def split(self, values: Array) -> tuple[Array, Array, Array]:
+        """Base ``(6,)``, table ``(n, 5)`` and targets ``(k, 3)`` of a parameter vector."""
+
+    def joint_derivatives(self, jacobian: Array) -> Array:
+        """Derivatives ``(..., joints)`` by the joint positions, of those by the parameters."""
+
+
+class _ManyArms(Protocol):
+    """Arms of one nominal model: ``serial.arm.StackedArm``."""
+
+    @property
+    def arm(self) -> _WalkedArm:
+        """The nominal model."""
+
+
 def walk(
-    arm: "SerialArm", joints: Array, values: Array, torsors: Torsors = RIGID
+    arm: _WalkedArm, joints: Array, values: Array, torsors: Torsors = RIGID
 ) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
     """Return all elementary motions, then the last frame's axes and origin, each ``(5, n)``."""
     base, table, _ = arm.split(values)
@@ -55,13 +91,13 @@ def walk(
     return motions + links, last, end
 
 
-def flange(arm: "SerialArm", joints: Array, values: Array) -> Array:
+def flange(arm: _WalkedArm, joints: Array, values: Array) -> Array:
     """Poses ``(n, 4, 4)`` of the last frame."""
     _, frame, origin = walk(arm, joints, values)
     return _poses(frame, origin, len(joints))
 
 
-def points(arm: "SerialArm", /, joints: Array, values: Array, torsors: Torsors = RIGID) -> Array:
+def points(arm: _WalkedArm, /, joints: Array, values: Array, torsors: Torsors = RIGID) -> Array:
     """``SerialArm.points``."""
     out = np.empty((3, len(arm.targets), len(joints)), dtype=np.result_type(joints, values, *torsors.values()))
     for part in chunks(len(joints), len(arm.targets)):
@@ -70,7 +106,7 @@ def points(arm: "SerialArm", /, joints: Array, values: Array, torsors: Torsors =
     return out.transpose(2, 1, 0)
 
 
-def observe(arm: "SerialArm", /, joints: Array, values: Array, torsors: Torsors = RIGID) -> tuple[Array, Array]:
+def observe(arm: _WalkedArm, /, joints: Array, values: Array, torsors: Torsors = RIGID) -> tuple[Array, Array]:
     """``SerialArm.observe``."""
     kind, count = np.result_type(joints, values, *torsors.values()), len(arm.targets)
     out = np.empty((3, count, len(joints)), dtype=kind)
@@ -87,13 +123,13 @@ def observe(arm: "SerialArm", /, joints: Array, values: Array, torsors: Torsors 
     return out.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
 
-def joint_jacobian(arm: "SerialArm", /, joints: Array, values: Array) -> Array:
+def joint_jacobian(arm: _WalkedArm, /, joints: Array, values: Array) -> Array:
     """``SerialArm.joint_jacobian``."""
     return arm.joint_derivatives(observe(arm, joints, values)[1])
 
 
 def tool(
-    arm: "SerialArm", /, joints: Array, values: Array, target: int = 0, torsors: Torsors = RIGID
+    arm: _WalkedArm, /, joints: Array, values: Array, target: int = 0, torsors: Torsors = RIGID
 ) -> tuple[Array, Array]:
     """``SerialArm.tool``."""
     kind = np.result_type(joints, values, *torsors.values())
@@ -115,7 +151,7 @@ def tool(
     return Ts, jacobian.transpose(2, 0, 1)
 
 
-def _targets(arm: "SerialArm", frame: Sequence[Array], origin: Array, values: Array) -> Array:
+def _targets(arm: _WalkedArm, frame: Sequence[Array], origin: Array, values: Array) -> Array:
     x, y, z = frame
     return np.stack([origin + px * x + py * y + pz * z for px, py, pz in arm.split(values)[2]], axis=1)
 
@@ -131,7 +167,7 @@ def _poses(frame: Sequence[Array], origin: Array, count: int) -> Array:
 # Many arms
 
 
-def walk_stacked(arm: "SerialArm", joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, Axes]:
+def walk_stacked(arm: _WalkedArm, joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, Axes]:
     """Return all motions, targets ``(rows, k, b, n)``, and the last frame's axes ``(rows, b, n)``: x y z (x y).
 
     Args:
@@ -160,12 +196,12 @@ def walk_stacked(arm: "SerialArm", joints: Array, values: Array, rows: int) -> t
     return motions + links, there, frame
 
 
-def points_stacked(many: "StackedArm", /, joints: Array, values: Array) -> Array:
+def points_stacked(many: _ManyArms, /, joints: Array, values: Array) -> Array:
     """``StackedArm.points``."""
     return walk_stacked(many.arm, joints, values, 3)[1].transpose(2, 1, 0, 3)
 
 
-def observe_stacked(many: "StackedArm", /, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
+def observe_stacked(many: _ManyArms, /, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
     """``StackedArm.observe``."""
     motions, there, frame = walk_stacked(many.arm, joints, values, 5)
     slot = {parameter: i for i, parameter in enumerate(free)}
@@ -184,7 +220,7 @@ def observe_stacked(many: "StackedArm", /, joints: Array, values: Array, free: S
 # Candidates of five joints
 
 
-def settle(arm: "SerialArm", /, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
+def settle(arm: _WalkedArm, /, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
     """``SerialArm.settle``."""
     count, many = joints.shape[:2]
     flat, each = joints.reshape(-1, 5).copy(), np.repeat(np.arange(count), many)

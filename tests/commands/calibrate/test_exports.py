@@ -11,7 +11,7 @@ from helpers.estimates import nominal_estimate, with_values
 
 import lab
 from lab.campaign.robot import load_virtual
-from lab.commands.calibrate.load_run import comment_on_missing_effects
+from lab.commands.calibrate.exports import comment_on_missing_effects
 from lab.formats.calibrated_module import loaded
 
 
