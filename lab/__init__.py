@@ -40,6 +40,7 @@ __all__ = [
     "WorldFrames",
     "__version__",
     "calibrate",
+    "certify",
     "compare",
     "compensate",
     "design",
@@ -50,11 +51,13 @@ __all__ = [
     "instrument",
     "load_estimate",
     "load_robot",
+    "load_run",
     "measurements",
     "next_pose",
     "payload",
     "predict",
     "read_measurements",
+    "reproduce",
     "robot_from_dh",
     "save_estimate",
     "simulate",
@@ -62,7 +65,9 @@ __all__ = [
     "status",
     "study",
     "trajectory",
+    "trend",
     "verify",
+    "workspace",
     "world_frames",
     "write_measurements",
 ]
@@ -72,9 +77,10 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.calibration.estimate_files": ("save_estimate",),
     "lab.campaign.instruments": ("instrument",),
     "lab.campaign.robot": ("Robot", "load_robot"),
-    "lab.commands.calibrate.load_run": ("load_estimate",),
+    "lab.commands.calibrate.load_run": ("load_estimate", "load_run"),
     "lab.commands.calibrate.result": ("CalibrationResult",),
     "lab.commands.calibrate.run": ("MeasurementSession", "calibrate", "identify", "simulate"),
+    "lab.commands.certify.run": ("certify",),
     "lab.commands.compare": ("compare",),
     "lab.commands.compensate.result": ("CompensationResult",),
     "lab.commands.compensate.run": ("compensate",),
@@ -95,6 +101,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.result": ("Result",),
     "lab.commands.status": ("status",),
     "lab.commands.study.run": ("StudyResult", "study"),
+    "lab.commands.trend": ("trend",),
     "lab.commands.verify": ("VerificationResult", "verify"),
     "lab.core.errors": ("LabError",),
     "lab.core.measurements": ("Measurements",),
@@ -106,7 +113,8 @@ _MODULES = {  # where each name is, imported when it is asked for
 
 _EXTENSIONS = {  # the lab's own extensions, with the names that each registers as ``lab.names``
     "dynamics": ("PayloadResult", "dynamics", "payload"),
-    "robotics": ("solve_kinematics", "trajectory"),
+    "reproduction": ("reproduce",),
+    "robotics": ("solve_kinematics", "trajectory", "workspace"),
 }
 
 

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
+from lab.campaign.config_file import CONFIG_FILE
 from lab.campaign.model_files import description_of, is_own, sha256_of
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements
@@ -338,7 +339,8 @@ def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     """Load a robot: its nominal model, masses and warnings.
 
     Args:
-        robot: the name of a model of the lab, or a path to an MJCF, a URDF, or a TOML table or mechanism; a loaded
+        robot: the name of a model of the lab; a path to an MJCF, a URDF, or a TOML table or mechanism; or the folder
+            of a run of ``lab identify`` or ``lab calibrate`` for its calibrated robot (geometry alone). A loaded
             robot is unchanged.
         cell: the file that describes its cell, if any.
 
@@ -353,9 +355,20 @@ def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     """
     if isinstance(robot, Robot):
         return robot.placed_in(cell)
-    loaded = _loaded(str(robot))
-    origin = replace(loaded.model.origin, source=str(robot))
+    source = str(robot)
+    if (Path(robot) / CONFIG_FILE).is_file():
+        source = _calibrated(Path(robot))
+    loaded = _loaded(source)
+    origin = replace(loaded.model.origin, source=source)
     return replace(loaded, model=replace(loaded.model, origin=origin)).placed_in(cell)
+
+
+def _calibrated(run: Path) -> str:
+    """Return the path of the calibrated robot in a run's folder."""
+    for name in ("calibrated.toml", "calibrated.xml"):
+        if (run / name).is_file():
+            return str(run / name)
+    raise LabError(f"{run}: holds no calibrated robot; give the folder of a run of lab identify or lab calibrate")
 
 
 def _load_again(origin: Origin) -> RobotModel:

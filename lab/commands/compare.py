@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.calibration.estimate import IdentifiedSubset
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, read_calibrated, refuse_other_parameters
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, load_run, refuse_other_parameters
 from lab.commands.command_line import options_of, takes
 from lab.commands.options import CompareOptions
 from lab.commands.result import Result
@@ -198,7 +198,7 @@ def compare(runs: "Sequence[str | Path | CalibrationResult] | CompareOptions", *
     """
     if isinstance(runs, CompareOptions):
         runs.check()
-        found = [read_calibrated(run, accept_edited=runs.accept_edited) for run in runs.runs]
+        found = [load_run(run, accept_edited=runs.accept_edited) for run in runs.runs]
         return _compared(runs, found)
     names = [str(run) if isinstance(run, str | Path) else f"run-{i + 1}-in-memory" for i, run in enumerate(runs)]
     requested = options_of("lab.compare", CompareOptions, {"runs": names, **options})

@@ -13,6 +13,7 @@ from lab.core.limits import (
     CLOCK_DRIFT_PPM,
     CLOCKS_S,
     DAYS,
+    PATIENCE_S,
     SEED,
     TARGETS,
     check_serial,
@@ -313,9 +314,6 @@ class InspectOptions:
         return fitting.groups
 
 
-_LONGEST_S = 86_400.0
-
-
 @dataclass(frozen=True)
 class NextOptions:
     """Which pose to measure next, given all poses measured so far."""
@@ -351,7 +349,6 @@ class NextOptions:
         whole("--candidates", self.candidates, 1, CANDIDATES)
         if self.accuracy_mm is not None:
             positive("--accuracy-mm", self.accuracy_mm)
-        if not 0 < self.patience_s <= _LONGEST_S:
-            raise LabError(f"--patience-s {self.patience_s:g}: give a time above 0 and up to {_LONGEST_S:g} s")
+        PATIENCE_S("--patience-s", self.patience_s)
         if self.follow and self.file is None:
             raise LabError("--follow: give the measurement file that grows")

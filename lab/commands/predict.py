@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.checks import check_extrapolated, check_limits
 from lab.calibration.estimate import PredictedPoints
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, load_run
 from lab.commands.command_line import options_of, takes
 from lab.commands.options import PredictOptions
 from lab.commands.result import Result, number, plain_numbers
@@ -327,7 +327,7 @@ def predict(
         (1, 1, 3)
     """
     if isinstance(joints, PredictOptions):
-        by = read_calibrated(joints.run, joints.load, accept_edited=joints.accept_edited)
+        by = load_run(joints.run, joints.load, accept_edited=joints.accept_edited)
         return _predicted(joints, by, _read(joints.file, by))
     file = str(joints) if isinstance(joints, str | Path) else "joints in memory"
     requested = options_of("lab.predict", PredictOptions, {"file": file, **folder_of(run), **options})

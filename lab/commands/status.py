@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from lab.campaign.config_file import CONFIG_FILE, read_config
-from lab.commands.calibrate.load_run import CALIBRATIONS, READ_FILES, read_calibrated
+from lab.commands.calibrate.load_run import CALIBRATIONS, READ_FILES, load_run
 from lab.commands.command_line import options_of, takes
 from lab.commands.options import StatusOptions, TrendOptions
 from lab.commands.result import Result
@@ -588,7 +588,7 @@ def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[_Le
     runs, seen = list[DatedRun](), set[str]()
     for each in dated:
         try:
-            run = read_calibrated(each.folder)
+            run = load_run(each.folder)
         except LabError as error:
             left_out.append(_LeftOut(each.folder, _reason_of(error, each.folder)))
             continue

@@ -15,9 +15,10 @@ from lab.commands.calibrate.load_run import (
     CALIBRATIONS,
     MEASUREMENTS_FILE,
     CalibrationRun,
-    read_calibrated,
+    load_run,
     refuse_other_parameters,
 )
+from lab.commands.command_line import options_of, takes
 from lab.commands.options import TrendOptions
 from lab.commands.result import Result, number
 from lab.core.errors import LabError, counted
@@ -412,22 +413,42 @@ def _explained(result: TrendResult) -> str:
 _WITHIN = 1e-6  # of a joint's effect that the identified parameters may lack
 
 
-def trend(options: TrendOptions) -> TrendResult:
-    """Read the runs of a folder, and test after each whether the robot has changed.
+@takes(TrendOptions)
+def trend(folder: str | Path | TrendOptions, **options: Any) -> TrendResult:
+    """Read the dated runs of a folder, and test after each whether the robot has changed.
+
+    Args:
+        folder: that holds the folders of runs of ``lab calibrate`` or ``lab identify``; or all options in one object.
+        options: those of ``lab trend``, by name: ``kept``, ``serial``, ``force``, ``accept_edited``.
+
+    Returns:
+        The calibrations by date, the changes between them, and which change would be found.
 
     Raises:
         LabError: there is no dated run, or they are of different arms, robots or parameters.
+
+    Example:
+        >>> import lab, pathlib, tempfile
+        >>> runs = pathlib.Path(tempfile.mkdtemp())
+        >>> for seed, date in ((7, "2026-03-02"), (7, "2026-04-02")):
+        ...     result = lab.calibrate("irb120", seed=seed, date=date, no_recording=True, poses=40 + seed)
+        ...     _ = result.save(runs / date)
+        >>> len(lab.trend(runs, force=True).runs)
+        1
     """
-    options.check()
+    requested = folder
+    if not isinstance(requested, TrendOptions):
+        requested = options_of("lab.trend", TrendOptions, {"folder": folder, **options})
+    requested.check()
     left_out: list[str] = []
-    runs = list(_dated(options, left_out))
+    runs = list(_dated(requested, left_out))
     if not runs:
         why = f" ({'; '.join(left_out)})" if left_out else ""
         raise LabError(
-            f"{options.folder}: holds 0 dated runs of lab calibrate or lab identify{why}; give the folder that "
+            f"{requested.folder}: holds 0 dated runs of lab calibrate or lab identify{why}; give the folder that "
             "contains the runs' folders"
         )
-    return followed(options, runs, tuple(left_out))
+    return followed(requested, runs, tuple(left_out))
 
 
 def followed(options: TrendOptions, dated: Sequence[DatedRun], left_out: tuple[str, ...] = ()) -> TrendResult:
@@ -480,7 +501,7 @@ def _dated(options: TrendOptions, left_out: list[str]) -> Iterator[DatedRun]:
             left_out.append(f"{folder}: has the same measurements as {twin}, and is left out")
         else:
             try:
-                run = read_calibrated(folder, accept_edited=options.accept_edited)
+                run = load_run(folder, accept_edited=options.accept_edited)
             except LabError as error:
                 left_out.append(f"{error}; the run is left out")
                 continue

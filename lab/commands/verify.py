@@ -16,7 +16,7 @@ from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise
 from lab.campaign.instruments import named_instrument
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, folder_of, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, folder_of, load_run
 from lab.commands.calibrate.run import checked
 from lab.commands.command_line import options_of, takes
 from lab.commands.options import VerifyOptions
@@ -331,7 +331,7 @@ def verify(
     if isinstance(run, VerifyOptions):
         run.check()
         with status("reading the run"):
-            calibrated = read_calibrated(run.run, accept_edited=run.accept_edited)
+            calibrated = load_run(run.run, accept_edited=run.accept_edited)
         return _verified(run, calibrated)
     if measurements is None:
         raise LabError("lab.verify: give the new measurements, a file or in memory")

@@ -23,7 +23,7 @@ __all__ = [
     "DAYS", "DEPTH", "DIGITS", "DISTANCE_MM", "DRAWN_POINTS", "DRAWS", "EARTH_GRAVITY", "ELEVATION_DEG", "FIXTURES",
     "FRAMES", "FRICTION_PERCENT", "GEAR", "HOLDOUT", "HUMIDITY_PERCENT", "JOINTS", "JOINT_SPAN", "LENGTH_M",
     "LIMITS", "LINE", "LINE_OF_TEXT", "MESH_BYTES", "MOMENTS", "MOTOR_ZERO_DEG", "NAME", "NESTED_ELEMENTS",
-    "NUMBER_SIZE", "OPTION_SIZE", "ORIENTATIONS", "PASSED", "PAYLOAD_KG", "PIXELS", "PLACED", "PLACES", "POSES",
+    "NUMBER_SIZE", "OPTION_SIZE", "ORIENTATIONS", "PASSED", "PATIENCE_S", "PAYLOAD_KG", "PIXELS", "PLACED", "PLACES", "POSES",
     "POSITION_MM", "POSITIVE_OPTION", "PRESSURE_HPA", "PROGRAM_BYTES", "PROGRAM_FRAMES", "PROGRAM_MOVES",
     "PROGRAM_TARGETS", "QUATERNION_NORM", "RANGES", "READINGS", "REFLECTOR_DEG", "ROBOTS", "ROOM_C", "ROUNDED_NORM",
     "ROUNDS", "ROWS", "SEED", "SIGMA_MM", "SIMULATION_S", "SIMULATION_SIZE", "STARTS", "TABLE_BYTES", "TARGETS",
@@ -190,6 +190,9 @@ ROOM_C = Range("temperature of a room", -50, 100, "°C", "the value is in kelvin
 HUMIDITY_PERCENT = Range("relative humidity", 0, 100, "%", "it is a percentage")
 PRESSURE_HPA = Range("pressure of air", 300, 1200, "hPa", "the value is in bar, Pa or mmHg")
 EARTH_GRAVITY = Range("acceleration of gravity", 9, 10.5, "m/s²", "on Earth it is 9.76 to 9.84")
+PATIENCE_S = Range(
+    "seconds that lab next waits for a new row", 0.1, 86_400, "s", "a session of more than a day is another one"
+)
 CLOCKS_S = Range("size of the difference of two clocks", 0, 1e10, "s", "1e10 s are three hundred years")
 CLOCK_DRIFT_PPM = Range("size of the drift between two clocks", 0, 100, "ppm", "two quartz clocks drift less")
 HOLDOUT = Range("share of a path held out of the fit", 0, 0.8, "", "the rest is fitted")

@@ -2,19 +2,12 @@
 
 ``T_a_b`` is the pose of b in a: ``p_a = T_a_b @ p_b`` and ``T_a_c = T_a_b @ T_b_c``.
 A rotation vector is axis times angle (rad); ``exp`` and ``log`` convert. Lengths in metres.
-
-Conventions of three angles a, b, c about x, y, z: ``intrinsic-xyz`` is R = Rx(a) Ry(b) Rz(c), ``fixed-xyz`` is
-R = Rz(c) Ry(b) Rx(a), ``rotation-vector`` is R = exp(a, b, c).
 """
-
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "ANGLE_CONVENTIONS",
-    "AngleConvention",
     "Array",
     "exp",
     "inverse",
@@ -32,8 +25,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-AngleConvention = Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"]
-ANGLE_CONVENTIONS: tuple[AngleConvention, ...] = get_args(AngleConvention)
 _PRODUCTS = np.array(
     [
         [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1],

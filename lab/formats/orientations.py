@@ -9,7 +9,8 @@ from lab.core import se3
 from lab.core.errors import LabError, option_name
 from lab.core.limits import QUATERNION_NORM
 from lab.core.measurements import Measurements
-from lab.core.se3 import ANGLE_CONVENTIONS, AngleConvention, Array
+from lab.core.orientation import ANGLE_CONVENTIONS, AngleConvention
+from lab.core.se3 import Array
 
 __all__ = ["ENDS", "orientation_texts", "oriented_target", "read_orientations", "rotation_from_angles"]
 

@@ -11,7 +11,8 @@ from lab.core import se3
 from lab.core.errors import LabError, counted, error_context, option_name
 from lab.core.limits import ROWS, Limit
 from lab.core.measurements import measured
-from lab.core.se3 import AngleConvention, Array
+from lab.core.orientation import AngleConvention
+from lab.core.se3 import Array
 from lab.core.values import Value
 from lab.formats.csv_table import CsvTable
 from lab.formats.measurement_csv import ObservedColumns, PoseReader, read_measurements

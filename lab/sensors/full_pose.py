@@ -23,7 +23,8 @@ from lab.core import se3
 from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
 from lab.core.measurements import Measurements, seen_mask
-from lab.core.se3 import AngleConvention, Array
+from lab.core.orientation import AngleConvention
+from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.formats.orientations import orientation_texts, oriented_target, read_orientations
 from lab.kinematics.compiled.kernels import real, with_fallback

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import tyro
 
 from lab.core.errors import LabError, option_name
-from lab.core.se3 import AngleConvention
+from lab.core.orientation import AngleConvention
 
 __all__ = ["FitInputs", "PoseOptions", "SensorOptions", "SocketOptions", "VirtualSetup"]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.recordings import column, rrd, statics
 
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import load_run
 from lab.commands.compensate.run import compensate
 from lab.commands.error_recording import record_compensation, record_verification
 from lab.commands.verify import verify
@@ -50,7 +50,7 @@ def test_a_verification_shows_measured_less_predicted(seven_run: Path, seven, tm
 
 def test_corrected_targets_show_what_the_arm_would_miss(seven_run: Path, tmp_path: Path) -> None:
     """Waypoints that are only passed have no target; the arrows are what the nominal model's joints would miss."""
-    calibrated = read_calibrated(seven_run)
+    calibrated = load_run(seven_run)
     arm, values = calibrated.estimate.geometry
     points = 1e3 * arm.points(0.6 * arm.chain.random_joints(6, np.random.default_rng(1)), values)[:, 0]
     file = tmp_path / "targets.csv"

@@ -16,7 +16,7 @@ from matplotlib.colors import to_rgb
 
 import lab
 from lab.cli import main
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import load_run
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
 from lab.render.style import AFTER, BEFORE, luminance
@@ -56,7 +56,7 @@ def pages(tmp_path_factory, drawn_run: Path, drawn_plan: Path, drawn_study: Path
         for i, at in enumerate(("2026-01-10", "2026-02-11")):
             part = day.take(range(30 * i, 30 * i + 30))
             lab.identify(part, robot="irb120", instrument="uniform-8um", date=at).save(history / f"run{i}")
-    calibrated = read_calibrated(drawn_run)
+    calibrated = load_run(drawn_run)
     arm, values = calibrated.estimate.geometry
     again = lab.simulate("irb120", poses=8, seed=7).measurements
     moved = replace(again, points=again.points + np.array([2e-4, 0, 0]))

@@ -7,7 +7,7 @@ from lab.cli import main
 from lab.core import errors, significance
 from lab.core.errors import LabError, error_context, option_name, options_as_flags
 from lab.core.limits import POSES, POSITIVE_OPTION, positive, whole
-from lab.core.se3 import ANGLE_CONVENTIONS
+from lab.core.orientation import ANGLE_CONVENTIONS
 
 
 def test_an_error_gets_its_context_before_it() -> None:

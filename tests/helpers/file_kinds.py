@@ -18,7 +18,7 @@ from helpers.writing_commands import weighted
 from lab.campaign.config_file import read_options
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import load_run
 from lab.commands.hand_load import read_hand_load
 from lab.extensions.dynamics.load_files import read_load, read_loads, read_motion, read_mounting
 from lab.extensions.reproduction.answer import formula, number
@@ -228,7 +228,7 @@ def _calibrated(path: Path) -> object:
     for name, content in others.items():
         path.with_name(name).write_bytes(content)
     try:
-        return read_calibrated(path.parent, accept_edited=True)
+        return load_run(path.parent, accept_edited=True)
     finally:
         for name in others:
             path.with_name(name).unlink()

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CALIBRATIONS", "MEASUREMENTS_FILE", "READ_FILES", "CalibrationRun", "RunLike", "RunVerdict",
-    "calibrated_by", "condition_notes", "folder_of", "load_estimate", "read_calibrated",
+    "calibrated_by", "condition_notes", "folder_of", "load_estimate", "load_run",
     "read_header", "refuse_other_parameters",
 ]  # fmt: skip
 
@@ -212,21 +212,29 @@ class CalibrationRun:
             )
 
 
-def read_calibrated(
-    folder: Path, load: Path | None = None, cell: Path | None = None, *, accept_edited: bool = False
+def load_run(
+    folder: str | Path, load: Path | None = None, cell: Path | None = None, *, accept_edited: bool = False
 ) -> CalibrationRun:
-    """Read a run of ``lab calibrate`` or ``lab identify``.
+    """Read a run of ``lab calibrate`` or ``lab identify``: its robot, estimate, verdict and options.
 
     Args:
         folder: of the run.
+        load: the folder of a run of ``lab payload``, whose load the robot carries from now on; that of the run, if not
+            given.
+        cell: the file that describes the robot's cell; that of the run, if not given.
         accept_edited: whether its files may have been changed since it was written.
-        load: the folder of a run of ``lab payload``, whose load it carries from now on; by default that which it was
-            identified with, if any.
-        cell: the file that describes the robot's cell; by default that which the run was made with, if any.
 
     Raises:
         LabError: it is no such run, lacks a file, or is of another robot than the one of that name here.
+
+    Example:
+        >>> import lab, pathlib, tempfile
+        >>> result = lab.calibrate("irb120", seed=7, no_recording=True)
+        >>> run = lab.load_run(result.save(pathlib.Path(tempfile.mkdtemp()) / "run"))
+        >>> run.result.verdict, run.estimate == result.estimate
+        ('good', True)
     """
+    folder = Path(folder)
     config, verdict, options = read_header(folder)
     inputs = RunInputs(folder, config)
     if cell is None and options.cell is not None:
@@ -283,7 +291,7 @@ def load_estimate(folder: str | Path, robot: str | Path | Robot | None = None) -
         ((1, 1, 3), (1, 1, 3, 3))
     """
     if robot is None:
-        return read_calibrated(Path(folder)).estimate
+        return load_run(Path(folder)).estimate
     return read_estimate(Path(folder), load_robot(robot))
 
 
@@ -294,7 +302,7 @@ def calibrated_by(
     from lab.commands.calibrate.result import CalibrationResult
 
     if not isinstance(run, CalibrationResult):
-        return read_calibrated(folder, load, cell, accept_edited=accept_edited)
+        return load_run(folder, load, cell, accept_edited=accept_edited)
     verdict = structured(folder, RunVerdict, run.to_dict(), extra=True)
     robot, payload = carrying(run.robot.placed_in(cell), load or run.options.fitting.load)
     estimate = replace(run.estimate, loads=robot.loads, load=payload)

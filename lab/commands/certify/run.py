@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.goodness_of_fit import repeats
@@ -38,7 +38,7 @@ from lab.certification.characteristics import (
 )
 from lab.certification.lack_of_fit import LackOfFit, lack_of_fit
 from lab.certification.plausibility import CampaignFacts, implausibilities
-from lab.commands.calibrate.load_run import CalibrationRun, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, load_run
 from lab.commands.certify.inputs import (
     FittedRows,
     fitted_motions,
@@ -49,6 +49,7 @@ from lab.commands.certify.inputs import (
     validation_errors,
 )
 from lab.commands.certify.result import Certificate, RobotFound, Unseen
+from lab.commands.command_line import options_of, takes
 from lab.commands.options import CertifyOptions
 from lab.core.errors import LabError
 from lab.core.measurements import PLACE, Measurements
@@ -66,21 +67,39 @@ __all__ = ["certify"]
 _SPANNING = 0.5  # of a campaign, between two visits to a pose: they show whether base or instrument moved
 
 
-def certify(options: CertifyOptions) -> Certificate:
+@takes(CertifyOptions)
+def certify(run: str | Path | CertifyOptions, **options: Any) -> Certificate:
     """Evaluate the uncertainty budget of a run, and the performance of its robot.
+
+    Args:
+        run: the folder of a run of ``lab calibrate`` or ``lab identify``; or all options in one object.
+        options: those of ``lab certify``, by name: ``details``, ``instrument``, ``tolerance_mm`` and so on.
+
+    Returns:
+        The certificate: budget, performance, statement of conformity and what is missing in its details.
 
     Raises:
         LabError: the run cannot be read, its verdict is bad or not judged, or a file makes no sense.
+
+    Example:
+        >>> import lab, pathlib, tempfile
+        >>> folder = pathlib.Path(tempfile.mkdtemp()) / "run"
+        >>> result = lab.calibrate("irb120", seed=7, gate_mm=0.1, no_recording=True)
+        >>> lab.certify(result.save(folder)).to_dict()["conformity"]["conforms"]
+        True
     """
-    with threadpool_limits(1), status("certifying") as stage:  # one thread: the bits stay the same
-        return _certified(options, stage)
+    requested = run
+    if not isinstance(requested, CertifyOptions):
+        requested = options_of("lab.certify", CertifyOptions, {"run": run, **options})
+    requested.check()
+    with status("certifying") as stage:
+        return _certified(requested, stage)
 
 
 def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
-    options.check()
     stage("1 of 3, reading the run")
     details = CertificateDetails() if options.details is None else read_certificate_details(options.details)
-    calibrated = read_calibrated(options.run, accept_edited=options.accept_edited)
+    calibrated = load_run(options.run, accept_edited=options.accept_edited)
     if not options.force:
         calibrated.refuse_unfit("a certificate")
     details = details.of_arm(calibrated.serial, str(options.details), str(options.run))

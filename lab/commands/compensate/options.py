@@ -9,7 +9,7 @@ import tyro
 from lab.campaign.option_types import Flag, NoRecording, Numbers
 from lab.core.errors import LabError
 from lab.core.limits import DIGITS
-from lab.core.se3 import AngleConvention
+from lab.core.orientation import AngleConvention
 from lab.formats.programs.registry import Controller
 
 __all__ = ["CompensateOptions"]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.campaign.design_problem import ReachabilityGraph, free_home, reachability, refusals, waypoints_in_order
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, load_run
 from lab.commands.command_line import options_of, takes
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import OpenProgram, open_program
@@ -74,7 +74,7 @@ def compensate(
     if isinstance(targets, CompensateOptions):
         targets.refuse_conflicts()
         return _compensated(
-            targets, read_calibrated(targets.run, targets.load, targets.cell, accept_edited=targets.accept_edited)
+            targets, load_run(targets.run, targets.load, targets.cell, accept_edited=targets.accept_edited)
         )
     in_memory = targets if isinstance(targets, Targets) else None
     file = "targets.csv" if in_memory is not None else str(targets)

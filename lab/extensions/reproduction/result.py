@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from lab.commands.command_line import options_of, takes
 from lab.commands.result import Result
 from lab.core.errors import LabError
 from lab.extensions.reproduction.answer import Answer
@@ -256,13 +257,30 @@ def _missing(result: ReproductionResult) -> Table:
     return Table(("item", "", "reason"), rows)
 
 
-def reproduce(options: ReproduceOptions) -> ReproductionResult:
+@takes(ReproduceOptions)
+def reproduce(source: str | ReproduceOptions, **options: Any) -> ReproductionResult:
     """Compute the tables, figures and worked examples of a source, and compare them with the printed ones.
 
+    Args:
+        source: ``thesis``, ``elastic``, ``course`` or ``staubli``; or all options in one object.
+        options: those of ``lab reproduce``, by name: ``exercise``, ``mark``.
+
+    Returns:
+        Every item with its printed and its computed values, and whether they agree.
+
     Raises:
-        LabError: the file to be marked is no exercise of this source.
+        LabError: there is no such source, or the file to be marked is no exercise of it.
+
+    Example:
+        >>> import lab
+        >>> lab.reproduce("elastic").exit_code
+        0
     """
-    source = source_named(options.source)
-    computed = tuple(Computed(item, item.answers()) for item in source.items)
-    marks = None if options.mark is None else marked(options.mark, computed)
-    return ReproductionResult(options, source, computed, marks)
+    requested = source
+    if not isinstance(requested, ReproduceOptions):
+        requested = options_of("lab.reproduce", ReproduceOptions, {"source": source, **options})
+    requested.check()
+    chosen = source_named(requested.source)
+    computed = tuple(Computed(item, item.answers()) for item in chosen.items)
+    marks = None if requested.mark is None else marked(requested.mark, computed)
+    return ReproductionResult(requested, chosen, computed, marks)

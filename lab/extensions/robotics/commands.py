@@ -16,7 +16,7 @@ WORKSPACE = Command(
     "workspace",
     "Measure what robots reach: volume, sections, voids, and in how many orientations.",
     "lab.extensions.robotics.workspace.options:WorkspaceOptions",
-    "lab.extensions.robotics.workspace.run:measure_workspaces",
+    "lab.extensions.robotics.workspace.run:workspace",
     writes_on_request=True,
     resumed=True,
 )

@@ -12,7 +12,7 @@ import pytest
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.cli import main
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import load_run
 from lab.commands.calibrate.run import calibrate
 from lab.core.errors import LabError
 
@@ -28,7 +28,7 @@ def soft(tmp_path_factory) -> Path:
 
 @pytest.mark.thorough
 def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path) -> None:
-    calibrated = read_calibrated(soft)
+    calibrated = load_run(soft)
     assert calibrated.estimate.groups == ("compliance",) and calibrated.estimate.arm.conditions == ("payload_kg",)
     options = VirtualCampaign(
         seed=3,
@@ -88,15 +88,15 @@ def without_tool(text: str) -> str:
 )
 def test_a_run_that_is_none_is_told_in_one_line(soft: Path, tmp_path, name: str, change, words: str) -> None:
     with pytest.raises(LabError, match=words) as told:
-        read_calibrated(broken(soft, tmp_path, name, change))
+        load_run(broken(soft, tmp_path, name, change))
     assert str(tmp_path) in str(told.value) and "\n" not in str(told.value)
 
 
 @pytest.mark.parametrize("word", ["bad", "not judged"])
 def test_only_a_good_run_is_fit_to_build_on(soft: Path, tmp_path, word: str) -> None:
-    read_calibrated(soft).refuse_unfit("an export")
+    load_run(soft).refuse_unfit("an export")
     other = broken(soft, tmp_path, "result.json", edited(verdict=word, reason="why"))
-    run = read_calibrated(other, accept_edited=True)
+    run = load_run(other, accept_edited=True)
     with pytest.raises(LabError, match=rf"'{word}' \(why\).*refused.*--force"):
         run.refuse_unfit("an export")
 
@@ -136,13 +136,13 @@ def covariance(text: str, change) -> str:
 @pytest.mark.parametrize(("name", "change", "words"), HAND_EDITS)
 def test_a_run_that_was_edited_by_hand_is_refused(soft: Path, tmp_path, name: str, change, words: str) -> None:
     with pytest.raises(LabError, match=re.escape(words)) as told:
-        read_calibrated(broken(soft, tmp_path, name, change))
+        load_run(broken(soft, tmp_path, name, change))
     assert str(tmp_path) in str(told.value)
 
 
 def test_what_was_edited_is_accepted_by_word_alone_and_then_told(soft: Path, tmp_path) -> None:
     other = broken(soft, tmp_path, "covariance.csv", lambda text: covariance(text, lambda C: C / 100))
-    (told,) = set(read_calibrated(other, accept_edited=True).warnings) - set(read_calibrated(soft).warnings)
+    (told,) = set(load_run(other, accept_edited=True).warnings) - set(load_run(soft).warnings)
     assert "covariance.csv was changed since the run was written: the edited files are used" in told
 
 

@@ -10,7 +10,7 @@ from helpers.bad_input import ARM_TOML, ARM_XML, run, the_line
 from helpers.drawing import nothing_drawn
 from helpers.file_kinds import CELL, TRACKER
 
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import load_run
 from lab.core.errors import LabError
 
 MADE = "--robot arm.toml --instrument tracker.toml --cell cell.toml --poses 14"
@@ -119,7 +119,7 @@ def test_a_run_without_copies_takes_only_its_own_inputs(
     (older / "SHA256SUMS").unlink()
 
     def instrument() -> float:
-        found = read_calibrated(older, accept_edited=True).instrument
+        found = load_run(older, accept_edited=True).instrument
         assert found is not None
         return found.transverse_m
 
@@ -132,8 +132,8 @@ def test_a_run_without_copies_takes_only_its_own_inputs(
         instrument()
     Path("cell.toml").write_text(CELL.replace("clearance_mm = 5", "clearance_mm = 6"))
     with pytest.raises(LabError, match=r"input cell.toml, and the file of that name is another one"):
-        read_calibrated(older, accept_edited=True)
-    read_calibrated(older, cell=day / "runs" / "second" / "inputs" / "cell.toml", accept_edited=True)
+        load_run(older, accept_edited=True)
+    load_run(older, cell=day / "runs" / "second" / "inputs" / "cell.toml", accept_edited=True)
 
 
 def test_a_run_without_copies_and_checksums_of_inputs_takes_none(day: Path) -> None:
@@ -145,7 +145,7 @@ def test_a_run_without_copies_and_checksums_of_inputs_takes_none(day: Path) -> N
     (older / "config.json").write_text(json.dumps(config))
     (older / "SHA256SUMS").unlink()
     with pytest.raises(LabError, match=r"input tracker.toml, and config.json has no checksum of it"):
-        _ = read_calibrated(older).instrument
+        _ = load_run(older).instrument
 
 
 def test_the_configuration_of_a_run_without_copies_takes_no_other_file(
@@ -193,11 +193,11 @@ def test_what_inputs_name_in_their_turn_is_copied(tmp_path: Path, monkeypatch: p
     monkeypatch.chdir(day)
     with nothing_drawn():
         assert run("calibrate --robot arm/robot.xml --cell cell.toml --poses 14 --out run") == 0
-    before = read_calibrated(Path("run"))
+    before = load_run(Path("run"))
     moved = Path(shutil.move("run", tmp_path / "archive"))
     shutil.rmtree(day)
     monkeypatch.chdir(tmp_path)
-    after = read_calibrated(moved)
+    after = load_run(moved)
     assert after.robot.name == before.robot.name == "arm" and after.robot.warnings == before.robot.warnings
     assert after.robot.model.model.nmesh == before.robot.model.model.nmesh == 2
     names = {str(path.relative_to(moved / "inputs")) for path in (moved / "inputs").rglob("*") if path.is_file()}

@@ -7,7 +7,7 @@ import pytest
 from helpers.drawing import nothing_drawn
 
 import lab
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import load_run
 from lab.commands.certify.inputs import fitted_motions, fitted_rows
 
 POSITIONS = np.array([[0.5, 0.0, 0.5], [0.0, 0.6, 0.4]])
@@ -25,7 +25,7 @@ def test_the_motion_has_the_size_of_its_parameters(group: str, tmp_path: Path) -
     result = lab.identify(day, robot="irb120", instrument="uniform-8um", model=group)
     with nothing_drawn():
         result.write(tmp_path)
-    calibrated = read_calibrated(tmp_path, accept_edited=True)
+    calibrated = load_run(tmp_path, accept_edited=True)
     (found,) = fitted_motions(calibrated, fitted_rows(calibrated).rows, POSITIONS)
     values = {row.name: row.estimate for row in result.parameters}
     shift = np.array([values[f"{prefix}.{axis}"] for axis in "xyz"])
@@ -41,5 +41,5 @@ def test_a_run_without_such_groups_has_no_motion(tmp_path: Path) -> None:
     day = lab.simulate("irb120", poses=30, seed=4, instrument="uniform-8um").measurements
     with nothing_drawn():
         lab.identify(day, robot="irb120", instrument="uniform-8um").write(tmp_path)
-    calibrated = read_calibrated(tmp_path, accept_edited=True)
+    calibrated = load_run(tmp_path, accept_edited=True)
     assert not list(fitted_motions(calibrated, fitted_rows(calibrated).rows, POSITIONS))

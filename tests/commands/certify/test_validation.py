@@ -11,7 +11,7 @@ from helpers.drawing import nothing_drawn
 import lab
 from lab.certification.budget import Propagation, quantities_of
 from lab.certification.lack_of_fit import lack_of_fit
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import load_run
 from lab.commands.certify.inputs import fitted_rows, instrument_noise_m, random_errors, validation_errors
 from lab.commands.certify.run import _propagation
 from lab.core.measurements import Measurements
@@ -27,7 +27,7 @@ def compared(folder: Path, rows: Measurements, **options: object) -> tuple[float
     folder.mkdir()
     with nothing_drawn():
         result.write(folder)
-    calibrated = read_calibrated(folder, accept_edited=True)
+    calibrated = load_run(folder, accept_edited=True)
     fitted = fitted_rows(calibrated)
     found: Propagation = _propagation(calibrated, fitted)
     chance = random_errors(calibrated, fitted, fitted.instrument, None, None)

@@ -13,7 +13,7 @@ from helpers.robots import IRB120, ROOT, perturbed, somewhere
 
 from lab.campaign.robot import load_robot
 from lab.cli import main
-from lab.commands.calibrate.load_run import CalibrationRun, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, load_run
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
@@ -76,7 +76,7 @@ def rows_of(path: Path) -> tuple[list[str], Array]:
 @pytest.mark.thorough
 def test_the_corrected_joints_bring_the_tool_to_the_targets(run: Path, tmp_path, capsys) -> None:
     """By the exported arm, in MuJoCo; and the corrected targets by the nominal arm alone."""
-    calibrated = read_calibrated(run)
+    calibrated = load_run(run)
     Ts = poses(calibrated, 40)
     Ts[11, :3, 3] += 4.0
     write_targets(tmp_path / "targets.csv", Ts)
@@ -114,7 +114,7 @@ def test_the_corrected_joints_bring_the_tool_to_the_targets(run: Path, tmp_path,
 
 
 def test_the_program_and_the_arm_are_those_of_the_run(run: Path, tmp_path, capsys) -> None:
-    calibrated = read_calibrated(run)
+    calibrated = load_run(run)
     Ts = poses(calibrated, 3)
     write_targets(tmp_path / "targets.csv", Ts)
     out = tmp_path / "out"
@@ -147,7 +147,7 @@ def test_the_program_and_the_arm_are_those_of_the_run(run: Path, tmp_path, capsy
 
 @pytest.mark.thorough
 def test_a_bent_arm_is_corrected_for_its_payload_and_says_what_files_cannot_hold(soft: Path, tmp_path, capsys) -> None:
-    Ts = poses(read_calibrated(soft), 20)
+    Ts = poses(load_run(soft), 20)
     write_targets(tmp_path / "loaded.csv", Ts, ",payload_kg", ",3")
     code, result = compensated(capsys, tmp_path / "loaded.csv", soft, tmp_path / "loaded")
     assert code == 0 and result["model"] == "geometric+compliance"
@@ -170,7 +170,7 @@ def test_hysteresis_is_corrected_in_the_order_of_the_targets(tmp_path, capsys) -
     out = tmp_path / "sticky"
     assert main(["calibrate", "--hysteresis-mrad", "0.4", "--model", "hysteresis", "--out", str(out), "--json"]) == 0
     capsys.readouterr()
-    run = read_calibrated(out)
+    run = load_run(out)
     Ts = poses(run, 12)
     found = []
     for name, order in (("forth", Ts), ("back", Ts[::-1])):
@@ -188,7 +188,7 @@ def test_hysteresis_is_corrected_in_the_order_of_the_targets(tmp_path, capsys) -
 
 
 def test_it_prints_for_a_person(run: Path, tmp_path, capsys) -> None:
-    Ts = poses(read_calibrated(run), 3)
+    Ts = poses(load_run(run), 3)
     Ts[1, :3, 3] += 4.0
     write_targets(tmp_path / "targets.csv", Ts)
     assert main(["compensate", str(tmp_path / "targets.csv"), "--run", str(run), "--out", str(tmp_path / "out")]) == 1
@@ -209,7 +209,7 @@ def copied(run: Path, tmp_path: Path, name: str, change) -> Path:
 @pytest.mark.parametrize(("verdict", "words"), [("bad", "'bad'"), ("not judged", "'not judged'")])
 def test_a_run_that_is_not_good_is_refused_unless_forced(run: Path, tmp_path, capsys, verdict: str, words: str) -> None:
     changed = copied(run, tmp_path, "result.json", lambda text: json.dumps({**json.loads(text), "verdict": verdict}))
-    write_targets(tmp_path / "targets.csv", poses(read_calibrated(run), 2))
+    write_targets(tmp_path / "targets.csv", poses(load_run(run), 2))
     arguments = ["compensate", str(tmp_path / "targets.csv"), "--run", str(changed), "--out", str(tmp_path / "out")]
     assert main(arguments) == 2
     said = capsys.readouterr().err
@@ -222,7 +222,7 @@ def test_a_run_that_is_not_good_is_refused_unless_forced(run: Path, tmp_path, ca
 def test_a_doubtful_run_is_used_and_its_reasons_are_repeated(run: Path, tmp_path, capsys) -> None:
     doubt = {"verdict": "doubtful", "reason": "lack of fit", "reasons": ["lack of fit"], "gate_mm": 0.25}
     changed = copied(run, tmp_path, "result.json", lambda text: json.dumps({**json.loads(text), **doubt}))
-    write_targets(tmp_path / "targets.csv", poses(read_calibrated(run), 2))
+    write_targets(tmp_path / "targets.csv", poses(load_run(run), 2))
     code, found = compensated(capsys, tmp_path / "targets.csv", changed, tmp_path / "out")
     assert code == 0 and found["verdict"] == "doubtful" and found["reasons"] == ["the run is doubtful: lack of fit"]
     assert found["run_verdict"] == {"verdict": "doubtful", "reasons": ["lack of fit"], "gate_mm": 0.25}
@@ -233,7 +233,7 @@ def test_a_doubtful_run_is_used_and_its_reasons_are_repeated(run: Path, tmp_path
 @pytest.mark.thorough
 def test_targets_that_are_moved_too_far_are_doubtful(run: Path, tmp_path, capsys) -> None:
     """With tolerances a hundred times smaller the same corrections are more than any arm needs."""
-    write_targets(tmp_path / "targets.csv", poses(read_calibrated(run), 2))
+    write_targets(tmp_path / "targets.csv", poses(load_run(run), 2))
     assert compensated(capsys, tmp_path / "targets.csv", run, tmp_path / "usual")[1]["verdict"] == "good"
 
     def precise(text: str) -> str:
@@ -288,7 +288,7 @@ def test_what_the_model_lacks_is_in_the_error_to_expect(tmp_path, capsys) -> Non
     bends = ["--stiffness-nm-per-rad", "1e5", "--payload-kg", "0,3"]
     assert main(["calibrate", "--seed", "6", *bends, "--out", str(run), "--json"]) == 0
     after = json.loads(capsys.readouterr().out)["after_mm"]
-    write_targets(tmp_path / "targets.csv", poses(read_calibrated(run), 20), ",payload_kg", ",3")
+    write_targets(tmp_path / "targets.csv", poses(load_run(run), 20), ",payload_kg", ",3")
     code, result = compensated(capsys, tmp_path / "targets.csv", run, tmp_path / "out")
     assert code == 0 and result["judged_mm"] == after["mean"]
     assert 0.7 * after["rms"] < result["predicted_mm"]["mean"] < 2 * after["rms"]
@@ -366,14 +366,14 @@ def test_what_it_is_made_from_is_not_replaced(run: Path, tmp_path, capsys, insid
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
     path = (copy if inside == "targets" else tmp_path) / "targets.csv"
-    write_targets(path, poses(read_calibrated(run), 2))
+    write_targets(path, poses(load_run(run), 2))
     assert main(["compensate", str(path), "--run", str(copy), "--out", str(copy)]) == 2
     assert "an input of this run" in capsys.readouterr().err and (copy / "parameters.json").is_file()
 
 
 @pytest.mark.thorough
 def test_odd_ids_are_printed_as_they_are(run: Path, tmp_path, capsys) -> None:
-    Ts = poses(read_calibrated(run), 2)
+    Ts = poses(load_run(run), 2)
     Ts[:, :3, 3] += 4.0
     write_targets(tmp_path / "targets.csv", Ts)
     text = (tmp_path / "targets.csv").read_text().replace("t0", "[/x]").replace("t1", "[red]r")

@@ -8,7 +8,7 @@ import pytest
 from helpers.html_page import Page
 
 from lab.cli import main
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import load_run
 from lab.core import se3
 from lab.render.document import short
 
@@ -18,7 +18,7 @@ NASTY = """<script>alert("$x_1$")</script>&'<b>"""
 @pytest.mark.thorough
 def test_corrected_targets_are_listed_and_those_that_fail(seven_run: Path, tmp_path: Path) -> None:
     """Also where a single target is there, and where none is reached."""
-    calibrated = read_calibrated(seven_run)
+    calibrated = load_run(seven_run)
     arm, values = calibrated.estimate.geometry
     Ts = arm.tool(0.7 * arm.chain.random_joints(12, np.random.default_rng(1)), values)[0]
     Ts[3, :3, 3] += 5.0

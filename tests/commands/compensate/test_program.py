@@ -127,7 +127,7 @@ def test_ways_are_the_programs_also_to_and_from_what_is_not_corrected(
     """The second target is through the floor, so it stays as it is, and the controller goes there all the same."""
     from lab.commands.compensate import run as command
 
-    monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: calibrated)
+    monkeypatch.setattr(command, "load_run", lambda *_, **__: calibrated)
     monkeypatch.setattr(command, "reachability", None)  # asks for ways that the program does not take
     places = ("0,10,5,0,30,0", "0,110,-60,0,30,0", "20,10,5,0,40,0", "30,15,5,0,40,0")
     nine = ",".join(["9E9"] * 6)
@@ -148,7 +148,7 @@ def test_a_robot_that_is_as_drawn_keeps_its_program(
     values = calibrated.estimate.nominal.copy()
     values[-3:] = calibrated.robot.tool["p1"]
     perfect = replace(calibrated, estimate=with_values(calibrated.estimate, values))
-    monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: perfect)
+    monkeypatch.setattr(command, "load_run", lambda *_, **__: perfect)
     made, _ = made_program(language, calibrated, seed=3)
     result = compensate(options_for(language, tmp_path, made, no_check=True))
     assert len(result.reached) == 4 and result.program is not None
@@ -332,7 +332,7 @@ def test_wrong_options_are_told_in_a_line_and_nothing_is_written(
 ) -> None:  # fmt: skip
     from lab.commands.compensate import run as command
 
-    monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: calibrated)
+    monkeypatch.setattr(command, "load_run", lambda *_, **__: calibrated)
     (folder / "a.mod").write_text(RAPID)
     before = sorted(folder.rglob("*"))
     assert main(["compensate", *arguments, "--run", "run"]) == 2
@@ -356,7 +356,7 @@ def urscript_of(tools: list[str], run: CalibrationRun) -> tuple[str, Array]:
 def corrected_urscript(tools: list[str], run: CalibrationRun, folder: Path, monkeypatch: pytest.MonkeyPatch):
     from lab.commands.compensate import run as command
 
-    monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: run)
+    monkeypatch.setattr(command, "load_run", lambda *_, **__: run)
     text, Ts = urscript_of(tools, run)
     (file := folder / "a.script").write_text(text)
     return compensate(CompensateOptions(Path("run"), program=file, controller="urscript", no_check=True)), Ts

@@ -189,7 +189,7 @@ def go_and_see(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> GoAndSee:
     def there(
         language: str, run: CalibrationRun, content: bytes, pulses: Array = PULSES, **more: object
     ) -> tuple[list[Trip], CompensationResult]:
-        monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: run)
+        monkeypatch.setattr(command, "load_run", lambda *_, **__: run)
         path = tmp_path / f"p{END[language]}"
         result = command.compensate(options_for(language, path, content, pulses, **more))
         return trips(controller_of(language, run, pulses), run, content, result), result

@@ -8,7 +8,7 @@ import jsonschema
 import pytest
 from helpers.robots import ROOT
 
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import load_run
 from lab.commands.migrate import migrate
 from lab.commands.options import MigrateOptions
 from lab.core.errors import LabError
@@ -43,7 +43,7 @@ def valid(run: Path) -> None:
 
 
 def test_an_older_run_is_read_with_a_word(old: Path, seven_run: Path) -> None:
-    found, ours = read_calibrated(old), read_calibrated(seven_run)
+    found, ours = load_run(old), load_run(seven_run)
     assert [row.estimate for row in found.estimate.rows] == [row.estimate for row in ours.estimate.rows]
     assert any("without checksums: edits cannot be detected; lab migrate" in said for said in found.warnings)
     assert any("judged it by other rules" in said for said in found.warnings)
@@ -63,7 +63,7 @@ def test_a_migrated_run_has_schema_and_checksums_and_the_same_numbers(old: Path,
     assert result == json.loads(before["result.json"])
     kept = set(before) - {"config.json", "result.json", "parameters.json"}
     assert all((old / name).read_bytes() == before[name] for name in kept)
-    words = read_calibrated(old).warnings
+    words = load_run(old).warnings
     assert any("judged it by other rules" in said for said in words) and not any("checksums" in said for said in words)
     assert migrate(MigrateOptions(old.parent)).runs[0].given == ()  # and of the folder above it
     assert sorted(path.name for path in old.parent.iterdir()) == ["old"]

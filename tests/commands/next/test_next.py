@@ -115,7 +115,7 @@ def test_further_poses_after_an_identification(tmp_path: Path) -> None:
         ("next plan other.csv", "has the targets p2, but the plan is for p1"),
         ("next plan none.csv", "none.csv: cannot be read"),
         ("next nothing", "nothing"),
-        ("next plan --patience-s 0 --follow other.csv", "--patience-s 0: give a time above 0"),
+        ("next plan --patience-s 0 --follow other.csv", "--patience-s is 0; give 0.1 to 86,400 s"),
         ("next plan --connect rerun+http://127.0.0.1:9/proxy", "no viewer answers"),
         ("next predicted", "is a run of lab inspect; give the folder of a run of lab design"),
     ],

@@ -11,7 +11,7 @@ from helpers.robots import ROOT
 
 import lab
 from lab.cli import main
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import load_run
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.formats.calibrated_module import loaded
@@ -33,7 +33,7 @@ def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lab.Calibratio
 
 def test_the_points_are_the_arm_s_in_both_frames(soft: tuple[Path, lab.CalibrationResult]) -> None:
     folder, result = soft
-    run, rows = read_calibrated(folder), result.measurements.take(range(12))
+    run, rows = load_run(folder), result.measurements.take(range(12))
     found = lab.predict(rows, run=folder, force=True)
     inputs = rows.inputs(run.estimate.arm.conditions)
     np.testing.assert_array_equal(found.points, run.estimate.arm.points(inputs, run.estimate.values))

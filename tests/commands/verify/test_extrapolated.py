@@ -8,7 +8,7 @@ import pytest
 from helpers.robots import IRB120
 
 import lab
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, load_run
 from lab.commands.calibrate.run import CalibrationResult
 from lab.core.measurements import Measurements, measured
 
@@ -71,7 +71,7 @@ def test_targets_of_a_run_in_its_folder_are_marked(calibrated: CalibrationResult
     rows, apart = patches(1e-3)
     folder = tmp_path / "run"
     calibrated.save(folder)
-    assert read_calibrated(folder).estimate.extrapolated(apart.joints[2:]).all()
+    assert load_run(folder).estimate.extrapolated(apart.joints[2:]).all()
     points = np.concatenate([apart.points[2:5, 0], rows.points[:2, 0]])
     file = tmp_path / "targets.csv"
     lines = (",".join(f"{1e3 * value:.6f}" for value in point) for point in points)

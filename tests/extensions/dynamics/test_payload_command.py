@@ -10,7 +10,7 @@ import pytest
 
 from lab.campaign.robot import load_virtual
 from lab.cli import main
-from lab.commands.calibrate.load_run import read_calibrated
+from lab.commands.calibrate.load_run import load_run
 from lab.commands.hand_load import HandLoad
 from lab.extensions.dynamics.load_files import Mounting, write_loads, write_mounting
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
@@ -221,7 +221,7 @@ def test_an_arm_that_sags_tells_mass_and_centre(tmp_path: Path, capsys) -> None:
     """Tracked with and without the load, and the compliances that a run identified."""
     arm = ("--robot", "tx40", "--model", "compliance", "--stiffness-nm-per-rad", 2e4, "--payload-kg", "0,2")
     assert run(capsys, "calibrate", *arm, "--seed", 2, "--poses", 60, "--out", tmp_path / "soft")[0] == 0
-    calibrated = read_calibrated(tmp_path / "soft")
+    calibrated = load_run(tmp_path / "soft")
     assert calibrated.robot.loads is not None
     carrying = replace(calibrated.robot, loads=replace(calibrated.robot.loads, payload_at_m=LOAD.centre_m))
     model = carrying.arm_with(calibrated.estimate.arm.targets, ["compliance"])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.commands.calibrate.load_run import CalibrationRun, RunLike, calibrated_by, folder_of, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, RunLike, calibrated_by, folder_of, load_run
 from lab.commands.command_line import options_of, takes
 from lab.core.checks import Check
 from lab.core.errors import LabError, error_context
@@ -69,7 +69,7 @@ def payload(
     """
     if isinstance(file, PayloadOptions):
         file.check()
-        calibrated = None if file.run is None else read_calibrated(file.run, accept_edited=file.accept_edited)
+        calibrated = None if file.run is None else load_run(file.run, accept_edited=file.accept_edited)
         return _payload(file, file.robot, calibrated)
     nominal = load_robot(robot)
     given = {"file": None if file is None else str(file), "robot": nominal.source, **folder_of(run), **options}

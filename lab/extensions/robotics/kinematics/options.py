@@ -11,7 +11,8 @@ from lab.campaign.option_types import Flag, Names, NoRecording, Numbers
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE, QUATERNION_NORM
-from lab.core.se3 import AngleConvention, Array
+from lab.core.orientation import AngleConvention
+from lab.core.se3 import Array
 from lab.core.units import MM, joints_to_si
 from lab.formats.orientations import rotation_from_angles
 from lab.kinematics.inverse.newton import PoseTarget

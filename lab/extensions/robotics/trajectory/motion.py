@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.limits import PASSED
-from lab.core.se3 import AngleConvention, Array
+from lab.core.orientation import AngleConvention
+from lab.core.se3 import Array
 from lab.core.units import MM, joints_to_si
 from lab.extensions.robotics.kinematics.models import Solver
 from lab.extensions.robotics.trajectory.cartesian import CartesianPath, PathMove, arc, line, path_move

@@ -10,7 +10,8 @@ import tyro
 from lab.campaign.option_types import Flag, NoRecording, Numbers
 from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE, PAYLOAD_KG, POSITIVE_OPTION, positive
-from lab.core.se3 import AngleConvention, Array
+from lab.core.orientation import AngleConvention
+from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.robotics.trajectory.cartesian import Feed
 from lab.formats.programs.registry import Controller

@@ -1,12 +1,16 @@
 """Run ``lab workspace``: measure and compare the workspaces of robots within their limits."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.campaign.robot import Robot, load_robot
+from lab.commands.command_line import options_of, takes
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.whole_folder import current_keep, of_one
@@ -18,24 +22,45 @@ from lab.kinematics.reach import reach_from_axis
 from lab.render.terminal import Stage, status
 from lab.simulation.collisions import collides
 
-__all__ = ["measure_workspaces"]
+__all__ = ["workspace"]
 
 _PLACES, _PLACES_BY_SEARCH, _PLACES_WITH_LOOPS = 200, 60, 20  # at which orientations are tried
 _PLACES_IN_CELL = 400  # that are tested for collisions
 
 
-def measure_workspaces(options: WorkspaceOptions) -> WorkspaceResult:
+@takes(WorkspaceOptions)
+def workspace(
+    robots: str | Path | Sequence[str | Path] | WorkspaceOptions = ("irb120",), **options: Any
+) -> WorkspaceResult:
     """Measure what robots reach within their limits, and in how many orientations; write it if requested.
+
+    Args:
+        robots: names or paths of one or several robots; or all options in one object.
+        options: those of ``lab workspace``, by name: ``cell``, ``tool_mm``, ``places``, ``orientations`` and so on.
+
+    Returns:
+        Volumes, sections, voids and shares of orientations of each robot.
 
     Raises:
         LabError: there is no such robot, or its point stays on a line or a surface, which has no volume.
+
+    Example:
+        >>> import lab
+        >>> found = lab.workspace("carrier/cartesian", places=200)
+        >>> found.robots[0].robot.name
+        'carrier/cartesian'
     """
-    options.check()
+    requested = robots
+    if not isinstance(requested, WorkspaceOptions):
+        names = (robots,) if isinstance(robots, str | Path) else robots
+        given = {"robots": tuple(map(str, names)), **options}  # type: ignore[arg-type]
+        requested = options_of("lab.workspace", WorkspaceOptions, given)
+    requested.check()
     with status("measuring") as stage:
-        found = tuple(_robot_workspace(load_robot(name, options.cell), options, stage) for name in options.named)
-    result = WorkspaceResult(replace(options, out=None, overwrite=False), found)  # the folder is no part of the result
-    if options.out is not None:
-        result.save(options.out, overwrite=options.overwrite)
+        found = tuple(_robot_workspace(load_robot(name, requested.cell), requested, stage) for name in requested.named)
+    result = WorkspaceResult(replace(requested, out=None, overwrite=False), found)  # the folder is no part of it
+    if requested.out is not None:
+        result.save(requested.out, overwrite=requested.overwrite)
     return result
 
 
