@@ -7,10 +7,11 @@ from lab.calibration.estimate_files import save_estimate
 from lab.campaign.instruments import instrument
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.load_run import load_estimate
+from lab.commands.calibrate.load_run import load_estimate, load_run
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.run import MeasurementSession
+from lab.commands.certify.result import Certificate
 from lab.commands.compare import ComparisonResult
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
@@ -28,6 +29,7 @@ from lab.commands.measurements import (
 from lab.commands.next.planner import PosePlanner
 from lab.commands.next.run import NextPoseResult
 from lab.commands.options import (
+    CertifyOptions,
     CompareOptions,
     ImportOptions,
     InspectOptions,
@@ -35,12 +37,14 @@ from lab.commands.options import (
     PredictOptions,
     StatusOptions,
     StudyOptions,
+    TrendOptions,
     VerifyOptions,
 )
 from lab.commands.predict import PredictionResult
 from lab.commands.result import Result
 from lab.commands.status import StatusResult
 from lab.commands.study.run import StudyResult
+from lab.commands.trend import TrendResult
 from lab.commands.verify import VerificationResult
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -48,10 +52,14 @@ from lab.core.se3 import Array
 from lab.extensions.dynamics.arm.result import DynamicsResult
 from lab.extensions.dynamics.options import DynamicsOptions, PayloadOptions
 from lab.extensions.dynamics.payload.result import PayloadResult
+from lab.extensions.reproduction.options import ReproduceOptions
+from lab.extensions.reproduction.result import ReproductionResult
 from lab.extensions.robotics.kinematics.options import KinematicsOptions
 from lab.extensions.robotics.kinematics.result import KinematicsResult
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
 from lab.extensions.robotics.trajectory.result import TrajectoryResult
+from lab.extensions.robotics.workspace.options import WorkspaceOptions
+from lab.extensions.robotics.workspace.result import WorkspaceResult
 from lab.formats.target_csv import Targets
 from lab.noise.instruments import Instrument
 from lab.pose_selection.criteria import Criterion
@@ -79,6 +87,7 @@ __all__ = [
     "WorldFrames",
     "__version__",
     "calibrate",
+    "certify",
     "compare",
     "compensate",
     "design",
@@ -89,11 +98,13 @@ __all__ = [
     "instrument",
     "load_estimate",
     "load_robot",
+    "load_run",
     "measurements",
     "next_pose",
     "payload",
     "predict",
     "read_measurements",
+    "reproduce",
     "robot_from_dh",
     "save_estimate",
     "simulate",
@@ -101,7 +112,9 @@ __all__ = [
     "status",
     "study",
     "trajectory",
+    "trend",
     "verify",
+    "workspace",
     "world_frames",
     "write_measurements",
 ]
@@ -178,6 +191,17 @@ def calibrate(
     method: Literal["global", "sequential"] = "global",
     socket_distance_mm: float | None = None,
 ) -> CalibrationResult: ...
+def certify(
+    run: str | Path | CertifyOptions,
+    *,
+    details: str | Path | None = None,
+    instrument: str | Path | Instrument | None = None,
+    tolerance_mm: float | None = None,
+    statistic: Literal["mean", "p95", "max"] = "mean",
+    decision_rule: Literal["guard-band", "simple"] = "guard-band",
+    force: bool = False,
+    accept_edited: bool = False,
+) -> Certificate: ...
 def compare(
     runs: Sequence[str | Path | CalibrationResult] | CompareOptions,
     *,
@@ -369,6 +393,12 @@ def predict(
     accept_edited: bool = False,
     load: str | Path | None = None,
 ) -> PredictionResult: ...
+def reproduce(
+    source: str | ReproduceOptions,
+    *,
+    exercise: bool = False,
+    mark: str | Path | None = None,
+) -> ReproductionResult: ...
 def simulate(
     robot: str | Path | Robot | VirtualCampaign = "irb120",
     *,
@@ -501,6 +531,14 @@ def trajectory(
     force: bool = False,
     accept_edited: bool = False,
 ) -> TrajectoryResult: ...
+def trend(
+    folder: str | Path | TrendOptions,
+    *,
+    kept: Sequence[str] = ...,
+    serial: str | None = None,
+    force: bool = False,
+    accept_edited: bool = False,
+) -> TrendResult: ...
 def verify(
     run: str | Path | CalibrationResult | VerifyOptions,
     measurements: str | Path | Measurements | None = None,
@@ -515,3 +553,16 @@ def verify(
     force: bool = False,
     accept_edited: bool = False,
 ) -> VerificationResult: ...
+def workspace(
+    robots: str | Path | Sequence[str | Path] | WorkspaceOptions = ...,
+    *,
+    cell: str | Path | None = None,
+    tool_mm: Sequence[float] = ...,
+    places: int | None = None,
+    orientations: int = 60,
+    level_mm: float | None = None,
+    seed: int = 0,
+    no_recording: bool = False,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+) -> WorkspaceResult: ...

@@ -231,8 +231,8 @@ def load_run(
         >>> import lab, pathlib, tempfile
         >>> result = lab.calibrate("irb120", seed=7, no_recording=True)
         >>> run = lab.load_run(result.save(pathlib.Path(tempfile.mkdtemp()) / "run"))
-        >>> run.result.verdict, run.estimate == result.estimate
-        ('good', True)
+        >>> run.result.verdict, run.robot.name, len(run.estimate.identified)
+        ('good', 'irb120', 27)
     """
     folder = Path(folder)
     config, verdict, options = read_header(folder)

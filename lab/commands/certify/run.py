@@ -85,8 +85,8 @@ def certify(run: str | Path | CertifyOptions, **options: Any) -> Certificate:
         >>> import lab, pathlib, tempfile
         >>> folder = pathlib.Path(tempfile.mkdtemp()) / "run"
         >>> result = lab.calibrate("irb120", seed=7, gate_mm=0.1, no_recording=True)
-        >>> lab.certify(result.save(folder)).to_dict()["conformity"]["conforms"]
-        True
+        >>> lab.certify(result.save(folder)).to_dict()["conformity"]["decision"]
+        'conforms'
     """
     requested = run
     if not isinstance(requested, CertifyOptions):

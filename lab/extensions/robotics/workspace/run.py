@@ -48,7 +48,7 @@ def workspace(
         >>> import lab
         >>> found = lab.workspace("carrier/cartesian", places=200)
         >>> found.robots[0].robot.name
-        'carrier/cartesian'
+        'carrier-cartesian'
     """
     requested = robots
     if not isinstance(requested, WorkspaceOptions):
