@@ -11,6 +11,7 @@ import pytest
 
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
+from lab.campaign.robot import load_robot
 from lab.cli import main
 from lab.commands.calibrate.load_run import load_run
 from lab.commands.calibrate.run import calibrate
@@ -153,3 +154,19 @@ def test_checksums_are_those_that_sha256sum_checks(soft: Path, tmp_path) -> None
     for line in lines:
         digest, _, name = line.partition("  ")
         assert hashlib.sha256((soft / name).read_bytes()).hexdigest() == digest
+
+
+def test_the_robot_of_a_run_is_the_calibrated_one(soft: Path, tmp_path: Path) -> None:
+    """Its geometry is that of the estimate, in the base's frame; a folder of another run is refused."""
+    run, robot = load_run(str(soft)), load_robot(soft)
+    rigid, values = run.estimate.geometry
+    joints = rigid.chain.random_joints(20, np.random.default_rng(1))
+    T = rigid.T_tracker_frame0(values)
+    expected = (rigid.points(joints, values) - T[:3, 3]) @ T[:3, :3]
+    arm = robot.arm(rigid.targets)
+    own = arm.nominal(robot.tool)
+    T = arm.T_tracker_frame0(own)
+    np.testing.assert_allclose((arm.points(joints, own) - T[:3, 3]) @ T[:3, :3], expected, rtol=0, atol=1e-9)
+    shutil.copy(soft / "config.json", tmp_path / "config.json")
+    with pytest.raises(LabError, match="holds no calibrated robot"):
+        load_robot(tmp_path)
