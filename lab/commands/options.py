@@ -43,7 +43,7 @@ By = Literal["auto", "name", "order", "time"]
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Which files to merge, and how."""
+    """Files to merge, and how."""
 
     points: tyro.conf.Positional[Path]
     """The tracker's export: SpatialAnalyzer, PolyWorks or Leica text, or plain name, x, y, z."""
@@ -179,7 +179,7 @@ class CertifyOptions:
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """Which calibrations of a robot to compare."""
+    """Calibrations of a robot to compare."""
 
     runs: tyro.conf.Positional[tuple[Path, ...]]
     """The folders of two or more runs of lab calibrate or lab identify, the earliest first."""
@@ -316,7 +316,7 @@ class InspectOptions:
 
 @dataclass(frozen=True)
 class NextOptions:
-    """Which pose to measure next, given all poses measured so far."""
+    """A measurement session that is planned while it is measured."""
 
     plan: tyro.conf.Positional[Path]
     """The folder of a run of lab design, whose robot, cell, instrument and targets are measured, or of lab identify."""

@@ -336,7 +336,7 @@ _STEPS = 9  # drawn on the way to the next pose
 
 
 def pose_times(numbers: NDArray[np.int_]) -> Times:
-    """When poses ``numbers`` ``(m,)`` are shown: by their number on a timeline, and in seconds on ``time``."""
+    """Return the times of poses ``numbers`` ``(m,)``: their number on a timeline, and seconds on ``time``."""
     return [
         rr.TimeColumn("pose", sequence=numbers),
         rr.TimeColumn(TIME, duration=np.asarray(numbers) / _POSES_PER_SECOND),

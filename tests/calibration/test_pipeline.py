@@ -246,6 +246,7 @@ def off(fit: Fitted, other: Fitted) -> float:
     return float(np.sqrt(((mine - others) ** 2).sum(axis=2).mean()))
 
 
+@pytest.mark.thorough
 def test_an_estimator_of_a_callers_own_takes_the_place_of_least_squares() -> None:
     """As an option it fits every model and every fold; as a step it fits the chosen model alone."""
     spoilt, clean = spoilt_and_clean()

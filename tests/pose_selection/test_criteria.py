@@ -140,7 +140,7 @@ def test_a_criterion_of_one_s_own_needs_a_score_alone() -> None:
     own, exact = Product().slope(information), known.slope(information)
     np.testing.assert_allclose(own, exact, atol=1e-7 * np.abs(exact).max(), rtol=0)
     options = {"poses": 14, "candidates": 60, "starts": 1, "seed": 3, "no_check": True}
-    own, o1, other = (lab.design("irb120", criterion=each, **options) for each in (Product(), "O1", "O4"))
+    own, o1, other = (lab.design("scara", criterion=each, **options) for each in (Product(), "O1", "O4"))
     assert own.to_dict()["criterion"] == "product"
     assert own.indices.o1 == pytest.approx(o1.indices.o1, rel=1e-3) and other.indices.o1 < 0.99 * o1.indices.o1
 

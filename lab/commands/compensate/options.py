@@ -17,7 +17,7 @@ __all__ = ["CompensateOptions"]
 
 @dataclass(frozen=True)
 class CompensateOptions:
-    """Which targets to correct, for which calibrated arm."""
+    """Targets to correct, and the calibrated arm."""
 
     run: Path
     """The folder of a run of lab calibrate or lab identify."""

@@ -101,7 +101,7 @@ class _MatchedPose(NamedTuple):
 
 @dataclass(frozen=True)
 class Timeline:
-    """When points were measured and the arm stood still, on the controller's clock.
+    """Times of the measured points and of the arm's stops, on the controller's clock.
 
     Attributes:
         starts, ends: ``(k,)`` s, of the windows in which the arm stood still.

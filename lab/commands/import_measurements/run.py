@@ -148,7 +148,7 @@ def _match(result: ImportResult) -> tuple[Section, ...]:
 
 
 def _timeline_picture(line: Timeline) -> Picture:
-    """When the arm stood still and when points were measured, on the controller's clock from its first stop on."""
+    """Draw the arm's stops and the measured points over the controller's time since its first stop."""
     first, inside = line.starts[0], line.retained
     starts, ends = line.starts[:_MAX_WINDOWS] - first, line.ends[:_MAX_WINDOWS] - first
     shown = (

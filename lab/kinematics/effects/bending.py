@@ -156,7 +156,7 @@ class Bending(VirtualEffect):
     )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Those of the robot's description; an option replaces its kind, by one EI about every axis across a link."""
+        """Return the compliances of the robot's description; an option replaces its kind (one EI across a link)."""
         compliances = ElasticLinks.none(arm.chain.size).compliances if arm.sections is None else arm.sections.copy()
         for option, symbols in (("ei", ("ei_y", "ei_z")), ("gj", ("gj",))):
             given = getattr(self, f"link_{option}")

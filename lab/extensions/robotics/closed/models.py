@@ -346,7 +346,7 @@ class SharedPin:
 
     @property
     def legs(self) -> ThreeLegs:
-        """The same robot as a general 3-RPR."""
+        """This robot as a general 3-RPR."""
         return ThreeLegs(self.base, np.array([[0.0, 0.0], [self.bar_m, 0.0], [0.0, 0.0]]))
 
     def direct(self, lengths: Array) -> Array:
