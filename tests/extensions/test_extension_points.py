@@ -178,7 +178,8 @@ def test_a_third_party_s_criterion_chooses_the_poses_of_designs_and_studies(site
     )
     study = python(site, "-m", "lab", "study", "grid.toml", "--workers", "1", "--json", "--out", "study")
     assert study.returncode == 0, study.stderr
-    blind = python(site, "-m", "lab", "design", "--robot", "scara", "--criterion", "frobenius", "--poses", "8", "--candidates", "60")
+    blindly = ["--criterion", "frobenius", "--poses", "8", "--candidates", "60"]
+    blind = python(site, "-m", "lab", "design", "--robot", "scara", *blindly)
     assert blind.returncode == 2 and "criterion frobenius chose 8 poses that cannot tell all" in blind.stderr
 
 
