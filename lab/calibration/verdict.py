@@ -366,7 +366,7 @@ class _Calibration:
         limit = self.workspace.tolerance_rms_m if self.gate_m is None else self.gate_m
         given = self.identification.sigma_given
         known, least = self._shares_without_noise()
-        within = after_m <= limit or (given and after_m * known <= limit)
+        within = not after_m > limit or (given and after_m * known <= limit)  # without positions the limit is NaN
         data = {
             "after_m": after_m,
             "limit_m": limit,

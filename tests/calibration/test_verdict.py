@@ -8,6 +8,7 @@ from helpers.fixture_data import many, measured_fixtures
 from helpers.pose_data import measured_poses
 from helpers.robots import IRB120
 
+import lab
 from lab.calibration.identify import identify
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.verdict import rotation_noise_rad, verdict
@@ -68,3 +69,11 @@ def test_points_have_no_noise_of_rotations() -> None:
     wire = many(Cable, 2)
     found = identify(wire, measured_fixtures(wire, 80, np.random.default_rng(0))[0], ARM.nominal())
     assert np.isnan(rotation_noise_rad(found))
+
+
+def test_lengths_of_a_wire_without_a_gate_miss_none() -> None:
+    """No position is predicted by them, so there is no error of an uncalibrated arm to compare with."""
+    day = lab.simulate("irb120", observe="cable", seed=11, poses=60)
+    found = lab.identify(day.measurements, observe="cable", prior="on", holdout=0.3)
+    assert all(not reason.name.startswith("accuracy.gate") for reason in found.verdict.reasons)
+    assert "nan" not in found.summary()

@@ -49,7 +49,7 @@ def harmonics(group: str, joints: Sequence[int], order: int) -> Effect:
 
     def signals(positions: Array, _: Array) -> Array:
         angles = order * positions[:, joints]
-        return np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(positions), -1)
+        return np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(positions), 2 * angles.shape[1])
 
     plain = [(function, order, i) for i in joints for function in ("sin", "cos")]
     return from_signals(group, parameters, [i for i in joints for _ in range(2)], signals, plain)
