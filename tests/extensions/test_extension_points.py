@@ -209,14 +209,15 @@ def test_the_core_runs_without_its_extensions(tmp_path: Path) -> None:
     package(site, "virtual_calibration_lab", "")
     work.mkdir()
     (work / "grid.toml").write_text(
-        'name = "grid"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\ncriterion = "random"\nposes = [12, 20]\n'
+        'name = "grid"\nrobot = "scara"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\ncriterion = "random"\n'
+        "poses = [12, 20]\n"
     )
     (work / "targets.csv").write_text("id,x_mm,y_mm,z_mm\n1,0,0,0\n")
     commands = {
-        "calibrate --poses 30 --out first": 0,
-        "identify first/measurements.csv --out again": 0,
-        "design --poses 12 --candidates 100 --starts 1 --out plan": 0,
-        "verify again first/measurements.csv --force --out check": 0,
+        "calibrate --robot scara --poses 30 --no-recording --out first": 0,
+        "identify first/measurements.csv --robot scara --no-recording --out again": 0,
+        "design --robot scara --poses 12 --candidates 100 --starts 1 --no-recording --out plan": 0,
+        "verify again first/measurements.csv --force --no-recording --out check": 0,
         "certify again --out certificate": 0,
         "inspect irb120": 0,
         "inspect delta": 0,
