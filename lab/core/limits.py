@@ -190,9 +190,7 @@ ROOM_C = Range("temperature of a room", -50, 100, "°C", "the value is in kelvin
 HUMIDITY_PERCENT = Range("relative humidity", 0, 100, "%", "it is a percentage")
 PRESSURE_HPA = Range("pressure of air", 300, 1200, "hPa", "the value is in bar, Pa or mmHg")
 EARTH_GRAVITY = Range("acceleration of gravity", 9, 10.5, "m/s²", "on Earth it is 9.76 to 9.84")
-PATIENCE_S = Range(
-    "seconds that lab next waits for a new row", 0.1, 86_400, "s", "a session of more than a day is another one"
-)
+PATIENCE_S = Range("wait of lab next for a new row", 0.1, 86_400, "s", "a session of more than a day is another one")
 CLOCKS_S = Range("size of the difference of two clocks", 0, 1e10, "s", "1e10 s are three hundred years")
 CLOCK_DRIFT_PPM = Range("size of the drift between two clocks", 0, 100, "ppm", "two quartz clocks drift less")
 HOLDOUT = Range("share of a path held out of the fit", 0, 0.8, "", "the rest is fitted")
