@@ -82,7 +82,7 @@ def campaigns(planner: PosePlanner, seeds: range, noise_times: float) -> Iterato
     robot, targets = planner.problem.robot, planner.options.targets
     for seed in seeds:
         real = lab.simulate(robot, poses=1, targets=targets, seed=seed).true_robot
-        rng, planner = rng_for(seed, "noise"), planner.restarted()
+        rng = rng_for(seed, "noise")
         joints, points, seconds = list[Array](), list[Array](), list[float]()
         while True:
             started, data = time.perf_counter(), rows_of(planner, joints, points)

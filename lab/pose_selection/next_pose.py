@@ -1,8 +1,8 @@
 """Choose the next pose of a measurement session, given all poses measured so far, and decide when to stop.
 
 A session that is planned while it is measured ends when the predicted error is within the wanted one. Noise that is
-larger than stated would end it too early, and residuals are looked at after every pose: the test of the noise spends
-its level over all looks (Ville's inequality by a union bound), so that looking often does not find what is not there.
+larger than stated would end it too early, so the residuals are tested after every pose. The significance level is
+divided over all these tests (a union bound), so that testing often raises no false alarm.
 """
 
 from dataclasses import dataclass

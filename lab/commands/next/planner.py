@@ -1,7 +1,6 @@
 """Plan a measurement session while it is measured: propose the next pose, and predict the accuracy so far."""
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -122,7 +121,6 @@ class PosePlanner:
         self.accuracy_m = None if accuracy_mm is None else MM.to_si(accuracy_mm)
         self._device = observing(named_instrument(instrument), "points")
         self._chain = rated(self.problem.robot.chain)[0]
-        self._looks, self._last_count = 0, -1
 
     @cached_property
     def _prior(self) -> Array:
@@ -139,12 +137,6 @@ class PosePlanner:
     def _per_candidate(self) -> Array:
         """Sensitivities ``(m, r, p)`` to parameters in their own units, in standard deviations of the noise."""
         return self.problem.whitened(self.problem.inputs)
-
-    def restarted(self) -> "PosePlanner":
-        """Return a planner of the same candidates for a new session."""
-        other = copy(self)
-        other._looks, other._last_count = 0, -1
-        return other
 
     def accuracy_of(self, joints: Array) -> float | None:
         """Return the predicted error (m) after poses ``(n, joints)``, by the stated noise; None if undetermined."""
@@ -242,6 +234,5 @@ class PosePlanner:
             return None
         if found.dof < 1 or not np.isfinite(found.residual_sigma_m):
             return None
-        if len(data) != self._last_count:
-            self._looks, self._last_count = self._looks + 1, len(data)
-        return noise_check(found.residual_sigma_m / found.sigma_m, found.dof, self._looks)
+        look = -(-found.dof // (3 * len(self.problem.arm.targets)))  # one after each pose that adds residuals
+        return noise_check(found.residual_sigma_m / found.sigma_m, found.dof, look)

@@ -28,7 +28,7 @@ def planner() -> PosePlanner:
 
 def session(planner: PosePlanner, noise_times: float, most: int = 200):
     """Measure a virtual arm as proposed, until the accuracy is reached; measurements, proposals and the true robot."""
-    planner, rng = planner.restarted(), np.random.default_rng(4)
+    rng = np.random.default_rng(4)
     real = lab.simulate("scara", poses=1, seed=9).true_robot
     joints, points, proposals = [], [], []
     while True:
@@ -159,3 +159,10 @@ def test_a_growing_file_is_followed(plan: Path, tmp_path: Path) -> None:
         printed = json.loads(process.stdout.read())
     assert process.returncode == 0 and printed["reached"] and printed["measured"] == count
     assert len(printed["proposals"]) == count + 1 and printed["accuracy_mm"] <= 0.01
+
+
+def test_a_new_process_tests_the_noise_at_the_same_level(planner: PosePlanner) -> None:
+    """Who asks anew after each pose gets the proposals of who follows the file: no state is kept between them."""
+    data, proposals, _ = session(planner, 3.0, most=20)
+    again = [planner.propose(data.take(range(count))).noise for count in range(len(data) + 1)]
+    assert again == [each.noise for each in proposals] and again[-1] is not None
