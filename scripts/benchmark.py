@@ -30,7 +30,7 @@ from lab.calibration.statistics.model_selection import select
 from lab.calibration.statistics.outliers import find_outliers
 from lab.calibration.weights import Noise, weigh
 from lab.campaign.design_problem import best_design, pose_problem
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot, load_virtual
 from lab.campaign.virtual_robot import perturbed_arm
@@ -249,7 +249,7 @@ def planning() -> dict[str, float]:
 
 def effects() -> dict[str, float]:
     """Milliseconds of choosing a model, and of finding bad readings, among 1,000 poses."""
-    soft = ArmEffects(1e5, (0.0, 3.0), harmonic_mrad=0.2, backlash_mrad=0.05, drift_mm_per_h=0.05)
+    soft = Effects(1e5, (0.0, 3.0), harmonic_mrad=0.2, backlash_mrad=0.05, drift_mm_per_h=0.05)
     robot, targets, tracker = load_robot("irb120"), ("p1", "p2", "p3"), instrument("uniform-8um")
     real = perturbed_arm(robot, VirtualCampaign(seed=7, effects=soft))
     poses, rng = random_poses(robot.model, 1000, rng_for(7, "poses")), rng_for(7, "noise")
@@ -258,7 +258,7 @@ def effects() -> dict[str, float]:
     fitter = Fitter(robot, targets, data, PointSensor(), Noise(tracker), FitOptions(search=True), 7)
 
     one = robot.serial_arm(("p1",))
-    rigid = perturbed_arm(robot, VirtualCampaign(seed=7, effects=ArmEffects(bad_share=0.05)))
+    rigid = perturbed_arm(robot, VirtualCampaign(seed=7, effects=Effects(bad_share=0.05)))
     seen, _ = weigh(Points(one), track(rigid, poses, ("p1",), tracker, rng), Noise(tracker))
     free, start = base_set(one, one.nominal(robot.tool)).identifiable, one.nominal(robot.tool)
 

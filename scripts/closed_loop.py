@@ -16,7 +16,7 @@ from shared import Answer, Document, Flag, Paragraph, paragraphs, run_script
 import lab
 from lab.calibration.identify import most_likely_parameters
 from lab.campaign.design_problem import best_design, pose_problem
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_robot
 from lab.compensation.compensator import CLEAR_RAD, Compensator
@@ -268,7 +268,7 @@ def study(options: Options) -> dict[str, Any]:
     robot = load_robot("irb120")
     cube = reachable_cube(robot, "p1")
     bends = options.stiffness_nm_per_rad is not None
-    effects = ArmEffects(
+    effects = Effects(
         stiffness_nm_per_rad=options.stiffness_nm_per_rad,
         payload_kg=(0.0, options.payload_kg) if options.payload_kg else (0.0,),
         repeatability_mrad=options.repeatability_mrad,

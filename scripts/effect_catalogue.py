@@ -21,7 +21,7 @@ from lab.calibration.fitter import FitOptions, Fitter
 from lab.calibration.identify import Identification
 from lab.calibration.pipeline import FITTING, run_steps
 from lab.calibration.weights import Noise
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import SerialRobot, load_virtual
 from lab.campaign.virtual_robot import draw_conditions, perturbed_arm
@@ -140,7 +140,7 @@ def _measured(
     options: dict[str, Any], targets: tuple[str, ...], poses: int, seed: int
 ) -> tuple[VirtualCampaign, TrueRobot, Measurements]:
     robot = geared_robot()
-    effects = ArmEffects(**{"payload_kg": PAYLOADS_KG, **options})
+    effects = Effects(**{"payload_kg": PAYLOADS_KG, **options})
     campaign = VirtualCampaign(seed=seed, poses=poses, effects=effects)
     real = perturbed_arm(robot, campaign)
     joints = random_poses(robot.model, poses, rng_for(seed, "poses"))

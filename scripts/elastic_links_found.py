@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from shared import FIGURE_STYLE, SERIES, Answer, Document, Flag, Paragraph, paragraphs, run_script, save_figure
 from threadpoolctl import threadpool_limits
 
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.measurements import Measurements
@@ -43,10 +43,10 @@ def links(ei: float) -> tuple[float, ...]:
 
 
 CASES = {
-    "links": (ArmEffects(link_ei=links(EI)), ("bending",)),
-    "joint springs": (ArmEffects(stiffness_nm_per_rad=1e5), ("compliance",)),
-    "both": (ArmEffects(stiffness_nm_per_rad=1e5, link_ei=links(EI)), ("bending", "compliance")),
-    "neither": (ArmEffects(), ()),
+    "links": (Effects(link_ei=links(EI)), ("bending",)),
+    "joint springs": (Effects(stiffness_nm_per_rad=1e5), ("compliance",)),
+    "both": (Effects(stiffness_nm_per_rad=1e5, link_ei=links(EI)), ("bending", "compliance")),
+    "neither": (Effects(), ()),
 }
 
 
@@ -104,7 +104,7 @@ def answer(options: Options) -> Answer:
     return Answer(result, Document("Are bending links found, and only where they are?", words(result)))
 
 
-def arm(effects: ArmEffects, seed: int) -> tuple[TrueRobot, Measurements]:
+def arm(effects: Effects, seed: int) -> tuple[TrueRobot, Measurements]:
     """An arm, and its measurement session."""
     real = perturbed_arm(DAY.robot, VirtualCampaign(seed=seed, effects=effects))
     return real, DAY.measured(real, seed)
@@ -124,7 +124,7 @@ def found_in(case: str, seed: int) -> Found:
 def found_at(ei: float, seed: int) -> str:
     """What is said of an arm whose links have this EI (N m²)."""
     with threadpool_limits(1):
-        found = DAY.selected(arm(ArmEffects(link_ei=links(ei)), seed)[1])
+        found = DAY.selected(arm(Effects(link_ei=links(ei)), seed)[1])
         if "bending" in found.chosen:
             return "found"
         doubted = any("bending" in (each.chosen, each.other) for each in found.alternatives)

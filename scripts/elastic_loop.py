@@ -18,7 +18,7 @@ from shared import Answer, Document, Flag, paragraphs, run_script
 
 import lab
 from lab.calibration.identify import Identification
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import perturbed_arm
@@ -123,7 +123,7 @@ def closed(name: str, seed: int, targets: int, times: int) -> dict[str, Any]:
 def measured(day: DesignedCampaign, true_load: HandLoad, seed: int) -> tuple[TrueSerialRobot, Measurements]:
     """The real arm, which carries its true payload, and its measurement session."""
     tube = (0.0, EI, 0.0, EI, 0.0, 0.0), (0.0, GJ, 0.0, GJ, 0.0, 0.0)
-    effects = ArmEffects(link_ei=tube[0], link_gj=tube[1])
+    effects = Effects(link_ei=tube[0], link_gj=tube[1])
     nominal = true_load.carried_by(load_virtual(day.robot_name))
     real = perturbed_arm(nominal, VirtualCampaign(seed=seed, effects=effects))
     assert isinstance(real, TrueSerialRobot)

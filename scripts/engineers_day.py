@@ -139,7 +139,7 @@ def worked_day(cell: Cell, seed: int, targets: int) -> dict[str, Any]:
     folder = cell.folder
     day = lab.simulate(
         str(folder / "ur5e.urdf"), cell=folder / "cell.toml", plan=folder / "plan" / "plan.csv", seed=seed,
-        instrument=INSTRUMENT, stiffness_nm_per_rad=STIFFNESS_NM_PER_RAD,
+        instrument=INSTRUMENT, effects=lab.Effects(STIFFNESS_NM_PER_RAD),
     )  # fmt: skip
     file = _imported(cell, day)
     result, known = (

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from shared import FIGURE_STYLE, SERIES, Answer, Document, Flag, Table, paragraphs, run_script, save_figure
 
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
@@ -25,12 +25,12 @@ from lab.studies.grid import NONE, Study
 from lab.studies.run import study_runner
 
 LEVELS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-SOURCES: Mapping[str, ArmEffects] = {  # at level 1
-    "compliance, 1e5 Nm/rad": ArmEffects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0)),
-    "runout, 0.1 mrad": ArmEffects(harmonic_mrad=0.1),
-    "gear ratios, 50 ppm": ArmEffects(gear_ppm=50.0),
-    "backlash, 0.05 mrad": ArmEffects(backlash_mrad=0.05),
-    "repeatability, 0.01 mrad": ArmEffects(repeatability_mrad=0.01),
+SOURCES: Mapping[str, Effects] = {  # at level 1
+    "compliance, 1e5 Nm/rad": Effects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0)),
+    "runout, 0.1 mrad": Effects(harmonic_mrad=0.1),
+    "gear ratios, 50 ppm": Effects(gear_ppm=50.0),
+    "backlash, 0.05 mrad": Effects(backlash_mrad=0.05),
+    "repeatability, 0.01 mrad": Effects(repeatability_mrad=0.01),
 }
 ALL = "all of them"
 PRINTED = 0.95
@@ -73,10 +73,10 @@ class Share:
     of_square: float
 
 
-def effects_at(effects: ArmEffects, level: float) -> dict[str, object]:
+def effects_at(effects: Effects, level: float) -> dict[str, object]:
     """The sizes of an effect's errors at a level, by option."""
-    usual, found = ArmEffects(), dict[str, object]()
-    for each in fields(ArmEffects):
+    usual, found = Effects(), dict[str, object]()
+    for each in fields(Effects):
         value = getattr(effects, each.name)
         if value == getattr(usual, each.name):
             continue
@@ -85,16 +85,16 @@ def effects_at(effects: ArmEffects, level: float) -> dict[str, object]:
     return found
 
 
-def sets_of_effects() -> dict[str, ArmEffects]:
+def sets_of_effects() -> dict[str, Effects]:
     """By ``source @ level``: each source, and all together."""
-    found: dict[str, ArmEffects] = {}
+    found: dict[str, Effects] = {}
     for level in LEVELS:
         every: dict[str, object] = {}
         for name, effects in SOURCES.items():
             asked = effects_at(effects, level)
-            found[_key(name, level)] = ArmEffects(**asked)  # type: ignore[arg-type]
+            found[_key(name, level)] = Effects(**asked)  # type: ignore[arg-type]
             every |= asked
-        found[_key(ALL, level)] = ArmEffects(**every)  # type: ignore[arg-type]
+        found[_key(ALL, level)] = Effects(**every)  # type: ignore[arg-type]
     return found
 
 

@@ -17,7 +17,7 @@ from lab.calibration.statistics.goodness_of_fit import goodness_of_fit, isotropy
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.validation import compare_with_truth, error_tangent
 from lab.calibration.weights import Noise, weigh
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
@@ -59,7 +59,7 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
     robot = load_robot("irb120")
     arm = robot.arm(("p1",))
     device, noise = NOISES.get(case, NOISES["Gaussian, known"])
-    effects = ArmEffects(stiffness_nm_per_rad=1e5) if case == COMPLIANT else ArmEffects()
+    effects = Effects(stiffness_nm_per_rad=1e5) if case == COMPLIANT else Effects()
     real = perturbed_arm(robot, VirtualCampaign(seed=seed, effects=effects))
     truth, nominal = real.truth(arm.targets), arm.nominal(robot.tool)
     assert truth is not None

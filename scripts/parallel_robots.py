@@ -28,7 +28,7 @@ from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.weights import Noise, weigh
 from lab.campaign.model_files import models_folder
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
@@ -153,7 +153,7 @@ def rms(values: Array) -> float:
 
 def drawn_real(robot: str, seed: int, off: tuple[float, float], gear_ppm: float = 0.0) -> TrueRobot:
     """A virtual robot of this seed before its tracker."""
-    effects = ArmEffects(gear_ppm=gear_ppm)
+    effects = Effects(gear_ppm=gear_ppm)
     asked = VirtualCampaign(robot, seed=seed, position_sigma_mm=off[0], rotation_sigma_mrad=off[1], effects=effects)
     return perturbed_arm(robot_of(robot), asked)
 

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from shared import FIGURE_STYLE, Answer, Document, Flag, Table, mark_ratios, paragraphs, run_script, save_figure
 
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
@@ -27,16 +27,16 @@ from lab.studies.run import study_runner
 METRIC = "fresh_mean_mm"
 BASE = Cell()
 EFFECTS = {
-    "stiffness 1e5 Nm/rad, 0 or 3 kg": ArmEffects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0)),
-    "stiffness 1e5 Nm/rad, no load": ArmEffects(stiffness_nm_per_rad=1e5),
-    "runout 0.2 mrad once a turn": ArmEffects(harmonic_mrad=0.2),
-    "gear ratios off by 50 ppm": ArmEffects(gear_ppm=50.0),
-    "backlash 0.1 mrad": ArmEffects(backlash_mrad=0.1),
-    "repeatability 0.01 mrad a joint": ArmEffects(repeatability_mrad=0.01),
-    "tracker drifts 0.02 mm, 0.01 mrad/h": ArmEffects(drift_mm_per_h=0.02, drift_mrad_per_h=0.01),
-    "arm grows by 10 ppm/h": ArmEffects(growth_ppm_per_h=10.0),
-    "read 1 s after a move, settling in 0.1 s": ArmEffects(lag=float(np.exp(-10))),
-    "1 % bad readings, 1 to 50 mm": ArmEffects(bad_share=0.01),
+    "stiffness 1e5 Nm/rad, 0 or 3 kg": Effects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0)),
+    "stiffness 1e5 Nm/rad, no load": Effects(stiffness_nm_per_rad=1e5),
+    "runout 0.2 mrad once a turn": Effects(harmonic_mrad=0.2),
+    "gear ratios off by 50 ppm": Effects(gear_ppm=50.0),
+    "backlash 0.1 mrad": Effects(backlash_mrad=0.1),
+    "repeatability 0.01 mrad a joint": Effects(repeatability_mrad=0.01),
+    "tracker drifts 0.02 mm, 0.01 mrad/h": Effects(drift_mm_per_h=0.02, drift_mrad_per_h=0.01),
+    "arm grows by 10 ppm/h": Effects(growth_ppm_per_h=10.0),
+    "read 1 s after a move, settling in 0.1 s": Effects(lag=float(np.exp(-10))),
+    "1 % bad readings, 1 to 50 mm": Effects(bad_share=0.01),
 }
 OTHERS: dict[str, dict[str, Any]] = {
     "half the noise": {"noise": 0.5},

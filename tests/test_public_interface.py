@@ -143,6 +143,9 @@ NO_EXAMPLE = {"import_measurements", "payload", "study"}  # they need files: the
         (lambda: lab.simulate(targets="p1"), "give a list, each a text"),
         (lambda: lab.compensate("targets.csv"), "lab.compensate: 'run' is missing"),
         (lambda: lab.verify("run"), "give the new measurements"),
+        (lambda: lab.simulate(effects=3), r"lab.simulate: effects is 3; give effects=lab.Effects\("),
+        (lambda: lab.simulate(effects=lab.Effects(gear_ppm="x")), "'x' is not a value of option 'effects.gear_ppm'"),
+        (lambda: lab.simulate(model="auto"), "lab.simulate: model changes nothing here"),
         (lambda: lab.study("study.toml", workers=1.5), "study.toml"),
     ],
 )
@@ -187,3 +190,12 @@ def test_kinematics_of_a_table_load_no_statistics() -> None:
         not {"scipy.spatial", "scipy.special", "scipy.fft", "numpy.testing", "lab.extensions.dynamics.payload"} & loaded
     )
     assert not {"mujoco", "lab.simulation", "lab.kinematics.effects.registry", "lab.kinematics.closed.arm"} & loaded
+
+
+def test_effects_are_one_argument_and_what_the_fit_alone_needs_is_none_of_a_simulation() -> None:
+    shown = inspect.signature(lab.simulate).parameters
+    assert "effects" in shown and not {"gear_ppm", "model", "require", "gate_mm"} & set(shown)
+    own = lab.simulate("irb120", poses=6, seed=3, effects=lab.Effects(gear_ppm=50, payload_kg=[0, 3]))  # type: ignore[arg-type]
+    assert own.options.effects == lab.Effects(gear_ppm=50.0, payload_kg=(0.0, 3.0))
+    assert own == lab.simulate("irb120", poses=6, seed=3, gear_ppm=50.0, payload_kg=(0.0, 3.0))
+    assert own != lab.simulate("irb120", poses=6, seed=3)

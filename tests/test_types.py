@@ -26,14 +26,16 @@ class Volume(lab.Criterion):
 
 robot = lab.load_robot("irb120")
 arm: lab.Robot = lab.robot_from_dh([[0, 0.4, 0, 1.57]], unit="m", tool={"p1": [0, 0, 0.1]})
-day: lab.MeasurementSession = lab.simulate(robot, poses=50, seed=7, gear_ppm=20.0, targets=("p1", "p2"))
+day: lab.MeasurementSession = lab.simulate(robot, poses=50, seed=7, effects=lab.Effects(gear_ppm=20.0), targets=("p1", "p2"))
 own: lab.Measurements = lab.measurements(np.zeros((9, 6)), [[0.0, 0.0, 0.0]] * 9, robot="irb120", unit="mm")
 tracker: lab.Instrument = lab.instrument("leica-at960")
 result: lab.CalibrationResult = lab.identify(
     day.measurements, "irb120", instrument=tracker, model="auto", prior="off", holdout=0.3, validate=day.validation
 )
 lab.identify(Path("day.csv"), validate="test.csv", gate_mm=0.1, require="good")
-virtual: lab.CalibrationResult = lab.calibrate("irb120", poses=30, ripple_mrad=0.1, payload_kg=[0.0, 3.0])
+virtual: lab.CalibrationResult = lab.calibrate(
+    "irb120", poses=30, effects=lab.Effects(ripple_mrad=0.1, payload_kg=(0.0, 3.0))
+)
 lab.design(robot, poses=20, criterion=Volume(), cell="cell.toml")
 lab.import_measurements("tracker.txt", joints="poses.csv")
 targets: lab.CompensationResult = lab.compensate("targets.csv", result)
@@ -56,6 +58,9 @@ text: str = result.summary()
 lab.calibrate("irb120", instrumnt="x")  # wrong
 lab.simulate("irb120", poses="50")  # wrong
 lab.simulate("irb120", 50)  # wrong
+lab.simulate("irb120", gear_ppm=20.0)  # wrong
+lab.simulate("irb120", effects=lab.Effects(gear_ppm="20"))  # wrong
+lab.simulate("irb120", model="auto")  # wrong
 lab.identify(3)  # wrong
 lab.identify("day.csv", prior="maybe")  # wrong
 lab.identify("day.csv", gate_mm="0.1")  # wrong

@@ -15,7 +15,7 @@ from lab.kinematics.effects.registry import EffectOptions, fitted_groups
 if TYPE_CHECKING:
     from lab.calibration.fitter import FitOptions
 
-__all__ = ["ArmEffects", "Fitting"]
+__all__ = ["Effects", "Fitting"]
 
 _Options = TypeVar("_Options", bound=EffectOptions)
 
@@ -108,5 +108,15 @@ def _comma_separated(kind: type[_Options]) -> type[_Options]:
 
 @dataclass(frozen=True)
 @_comma_separated
-class ArmEffects(EffectOptions):
-    """Effects of the virtual arm beside its geometry; all are off unless given."""
+class Effects(EffectOptions):
+    """Effects of a virtual arm beside its geometry, for ``lab.simulate`` and ``lab.calibrate``; all are off by default.
+
+    The attributes are the flags of ``lab calibrate``, with their units in their names.
+
+    Example:
+        >>> import lab
+        >>> soft = lab.Effects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0))
+        >>> day = lab.simulate("irb120", poses=20, seed=7, effects=soft)
+        >>> sorted(set(day.measurements.conditions["payload_kg"].tolist()))
+        [0.0, 3.0]
+    """

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.option_types import Flag, Names, NoRecording, Numbers
 from lab.campaign.task_region import REGION_HELP, task_region
 from lab.core.errors import LabError
@@ -83,7 +83,7 @@ class _VirtualSession:
     no_recording: NoRecording = False
     fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
     """How parameters are fitted."""
-    effects: tyro.conf.OmitArgPrefixes[ArmEffects] = field(default_factory=ArmEffects)
+    effects: tyro.conf.OmitArgPrefixes[Effects] = field(default_factory=Effects)
     """Effects of the arm beside its geometry."""
 
 

@@ -8,7 +8,7 @@ alone; without it, or for an unknown event, tyro's box is shown.
 import re
 import shutil
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, make_dataclass
 from difflib import get_close_matches
@@ -249,23 +249,31 @@ def _spec(kind: type, read: Any, metavar: str, *, optional: bool) -> "tyro.const
 
 
 _Options = TypeVar("_Options")
+_WHOLE = ("effects",)  # groups of options that a call takes as one object; older scripts give their options one by one
 _Call = TypeVar("_Call", bound=Callable[..., Any])
 
 
-def options_of(call: str, kind: type[_Options], given: Mapping[str, Any]) -> _Options:
+def options_of(call: str, kind: type[_Options], given: Mapping[str, Any], unused: Collection[str] = ()) -> _Options:
     """Return the options that keywords set; the others are at their defaults.
 
     Args:
         call: its name in errors.
+        unused: options that the call has no use for.
 
     Raises:
         LabError: there is no such option, one is missing, or a value is not of its type.
     """
     groups, nested = dict(_options(kind)), dict[str, Any]()
+    shown = dict.fromkeys(
+        group if group in _WHOLE else name for name, (group, _, _) in groups.items() if name not in unused
+    )
     for name, value in given.items():
+        if name in shown and name not in groups:
+            nested[name] = _plain(call, name, value) | nested.get(name, {})
+            continue
         if name not in groups:
-            meant = "".join(f": is {each} meant? There" for each in get_close_matches(name, groups, 1))
-            raise LabError(f"{call}: '{name}' is no option{meant or '; there'} are {', '.join(groups)}")
+            meant = "".join(f": is {each} meant? There" for each in get_close_matches(name, shown, 1))
+            raise LabError(f"{call}: '{name}' is no option{meant or '; there'} are {', '.join(shown)}")
         group = groups[name][0]
         if name == "instrument" and value is not None:
             value = _name_of_instrument(value)
@@ -273,13 +281,23 @@ def options_of(call: str, kind: type[_Options], given: Mapping[str, Any]) -> _Op
     return structured(call, kind, nested)
 
 
-def takes(kind: type[Any], **called: str) -> Callable[[_Call], _Call]:
+def _plain(call: str, name: str, value: Any) -> dict[str, Any]:
+    """Return a group of options that was given as one object as a mapping; the empty one of None."""
+    if value is None or isinstance(value, Mapping):
+        return dict(value or {})
+    if not is_dataclass(value) or isinstance(value, type):
+        raise LabError(f"{call}: {name} is {value!r}; give {name}=lab.{name.capitalize()}(...)")
+    return {each.name: getattr(value, each.name) for each in fields(value)}
+
+
+def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Callable[[_Call], _Call]:
     """Mark a public call whose ``**options`` are a command's: ``help`` and editors show them as its keywords.
 
     It runs on one BLAS thread: small matrices gain nothing from more, and results stay the same to the last bit.
 
     Args:
         kind: class of the command's options; an object of it may be the only argument.
+        unused: options of that class that the call refuses, as it has no use for them.
         called: options that are arguments of the call by another name.
     """
 
@@ -290,23 +308,30 @@ def takes(kind: type[Any], **called: str) -> Callable[[_Call], _Call]:
         def call(*given: Any, **options: Any) -> Any:
             named = dict(zip(shown.parameters, given, strict=False)) | options
             _refuse_twice(f"lab.{function.__name__}", kind, called, named)
+            _refuse_unused(f"lab.{function.__name__}", unused, named)
             with threadpool_limits(1):
                 return function(*given, **options)
 
         own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
-        taken = {*called, *(each.name for each in own)}
-        defaults = {
-            name: Parameter.empty if one.default is MISSING else one.default for name, (_, one, _) in _options(kind)
-        }
-        more = [
-            Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=hint)
-            for name, (_, _, hint) in _options(kind)
-            if name not in taken
-        ]
+        taken = {*called, *unused, *(each.name for each in own)}
+        more = [each for each in _parameters(kind) if each.name not in taken]
         call.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
         return cast(_Call, call)
 
     return mark
+
+
+def _parameters(kind: type[Any]) -> Iterator[Parameter]:
+    """Yield a call's parameter for each option, and one for each group that it takes as one object."""
+    hints = get_type_hints(kind)
+    for one in fields(kind):
+        if one.name in _WHOLE:
+            yield Parameter(one.name, Parameter.KEYWORD_ONLY, default=None, annotation=hints[one.name] | None)
+            continue
+        inner = _options(hints[one.name]) if is_dataclass(hints[one.name]) else [(one.name, ("", one, hints[one.name]))]
+        for name, (_, each, hint) in inner:
+            default = Parameter.empty if each.default is MISSING else each.default
+            yield Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=hint)
 
 
 def _name_of_instrument(given: Any) -> Any:
@@ -328,6 +353,11 @@ def _refuse_twice(call: str, kind: type[Any], called: Mapping[str, str], given: 
     beside = [name for name, value in given.items() if not isinstance(value, kind)]
     if beside and len(beside) < len(given):
         raise LabError(f"{call}: {beside[0]} is given beside a {kind.__name__}, which holds all options; set it there")
+
+
+def _refuse_unused(call: str, unused: Collection[str], given: Mapping[str, Any]) -> None:
+    if stray := [name for name in given if name in unused]:
+        raise LabError(f"{call}: {stray[0]} changes nothing here; leave it out")
 
 
 def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]", Any]]]:

@@ -1,5 +1,6 @@
 """Error messages to the user, and their grammar."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -8,8 +9,22 @@ __all__ = ["IncompleteColumnError", "LabError", "be", "counted", "error_context"
 _as_flags = False
 
 
+_FLAG = re.compile(r"\blab [a-z]+ [^,;()]*|(?<![\w/-])--([a-z][a-z0-9-]*)")  # command lines stay as they are
+
+
 class LabError(ValueError):
-    """Input that cannot be used: one line that says what, where and how to mend it."""
+    """Input that cannot be used: one line that says what, where and how to mend it.
+
+    The library names options as arguments (``noise_mm``), the command line as flags (``--noise-mm``).
+    """
+
+    def __init__(self, message: object = "") -> None:
+        text = str(message)
+        super().__init__(text if _as_flags else _FLAG.sub(_as_argument, text))
+
+
+def _as_argument(found: re.Match[str]) -> str:
+    return found[0] if found[1] is None else found[1].replace("-", "_")
 
 
 class IncompleteColumnError(LabError):

@@ -16,7 +16,7 @@ import numpy as np
 
 from lab.calibration.batch import BatchFits, PointBatch, align, fit_points, in_nominal_frame
 from lab.campaign.design_problem import best_design, pose_problem
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.campaign.virtual_robot import draw_conditions, perturbed_arm, truth_of
@@ -164,7 +164,7 @@ class _Fitted:
     nominal: Array
     free: tuple[int, ...]
     placed: bool
-    effects: ArmEffects
+    effects: Effects
     device: Instrument
 
     @classmethod
@@ -178,7 +178,7 @@ class _Fitted:
         arm, model = robot.arm(study.targets), robot.model
         nominal = model.values_before(arm, model.T_world_tracker)
         free = base_set(arm, nominal, fix=requested.fix, free=requested.free).identifiable
-        effects = ArmEffects() if cell.effects == NONE else study.effects[cell.effects]
+        effects = Effects() if cell.effects == NONE else study.effects[cell.effects]
         device = _noisy(observing(instrument(cell.instrument), "points"), cell.noise)
         if study.frozen and not is_isotropic(device):
             raise LabError(

@@ -7,7 +7,7 @@ from math import prod
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_type_hints
 
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import Effects, Fitting
 from lab.core.errors import LabError, error_context
 from lab.core.limits import CAMPAIGNS, CELLS, DRAWN_POINTS, DRAWS, NAME, POSES, ROBOTS, SEED, TARGETS, positive, whole
 from lab.formats.structured import read_toml, structured
@@ -91,7 +91,7 @@ class Study:
     frozen: bool = False
     factors: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     parameters: Mapping[str, Fitting] = field(default_factory=dict)
-    effects: Mapping[str, ArmEffects] = field(default_factory=dict)
+    effects: Mapping[str, Effects] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.name or Path(self.name).name != self.name or not self.name.isprintable():

@@ -4,13 +4,13 @@ from dataclasses import fields, replace
 
 import pytest
 
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import DesignOptions, VirtualCampaign, check_common, check_region
 from lab.core.errors import LabError
 
 
-@pytest.mark.parametrize("options", [VirtualCampaign(), Fitting(), ArmEffects()])
-def test_the_defaults_are_good(options: VirtualCampaign | Fitting | ArmEffects) -> None:
+@pytest.mark.parametrize("options", [VirtualCampaign(), Fitting(), Effects()])
+def test_the_defaults_are_good(options: VirtualCampaign | Fitting | Effects) -> None:
     options.check()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import tyro
 
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.cli import main
 from lab.commands import command_line as parser_errors
@@ -94,7 +94,7 @@ def test_help_names_every_command_and_its_options(capsys: pytest.CaptureFixture[
 
 def test_keywords_are_options_those_of_groups_among_them() -> None:
     found = options_of("call", VirtualCampaign, {"poses": 7, "model": "gear", "gear_ppm": 3})
-    assert found == VirtualCampaign(poses=7, fitting=Fitting("gear"), effects=ArmEffects(gear_ppm=3.0))
+    assert found == VirtualCampaign(poses=7, fitting=Fitting("gear"), effects=Effects(gear_ppm=3.0))
     with pytest.raises(LabError, match=r"call: 'fitting' is no option; there are robot.*model"):
         options_of("call", VirtualCampaign, {"fitting": Fitting()})
 

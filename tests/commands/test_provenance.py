@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.compensate.options import CompensateOptions
@@ -13,7 +13,7 @@ from lab.commands.run_folder import command_line
 def test_a_command_line_gives_the_options_back(tmp_path: Path, capsys) -> None:
     assert command_line("calibrate", VirtualCampaign()) == "lab calibrate"
     effects, fitting = (
-        ArmEffects(payload_kg=(0.0, 3.0), bad_share=0.05),
+        Effects(payload_kg=(0.0, 3.0), bad_share=0.05),
         Fitting(robust=True, fix=("link4.d", "tool.*")),
     )
     told = command_line("calibrate", VirtualCampaign(seed=3, effects=effects, fitting=fitting))

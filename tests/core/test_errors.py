@@ -1,5 +1,7 @@
 """The error of the lab, its context, and the numbers and names that raise it."""
 
+import pickle
+
 import pytest
 
 import lab
@@ -30,6 +32,22 @@ def test_a_call_names_arguments_and_its_command_flags(monkeypatch: pytest.Monkey
     assert capsys.readouterr().err.startswith("lab: --poses 50: --model rust: no such group")
     with pytest.raises(LabError, match=r"^poses 50: model rust: no such group"):
         lab.calibrate("irb120", model="rust")
+
+
+@pytest.mark.parametrize(
+    ("message", "in_a_call"),
+    [
+        ("--noise-mm -1: give a number", "noise_mm -1: give a number"),
+        ("--holdout and --holdout-last both set it; give one", "holdout and holdout_last both set it; give one"),
+        ("day.csv: mend it, or take the right --robot", "day.csv: mend it, or take the right robot"),
+        ("run lab migrate runs --date 2026-01-01, or --force", "run lab migrate runs --date 2026-01-01, or force"),
+        ("my--file.csv: not there; /a/--b neither; 3 -- 4", "my--file.csv: not there; /a/--b neither; 3 -- 4"),
+    ],
+)
+def test_an_error_of_a_call_names_no_flag(message: str, in_a_call: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert str(LabError(message)) == message  # tests run as commands do
+    monkeypatch.setattr(errors, "_as_flags", False)
+    assert str(LabError(message)) == in_a_call == str(pickle.loads(pickle.dumps(LabError(message))))
 
 
 def test_other_errors_pass_as_they_are() -> None:

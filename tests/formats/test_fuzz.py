@@ -14,7 +14,7 @@ from helpers.fuzzing import RandomChance, changed, mutated
 from helpers.time_limit import ends
 from hypothesis import HealthCheck, given, settings
 
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.core.errors import LabError
 from lab.studies.grid import read_study
 
@@ -69,4 +69,4 @@ def test_many_changed_files_are_read_or_refused(kind: str, tmp_path: Path, monke
 
 def test_effects_of_a_study_are_the_options_of_a_campaign(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(STUDY)
-    assert read_study(tmp_path / "s.toml").effects["soft"] == ArmEffects(stiffness_nm_per_rad=1e5)
+    assert read_study(tmp_path / "s.toml").effects["soft"] == Effects(stiffness_nm_per_rad=1e5)

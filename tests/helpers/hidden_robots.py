@@ -17,6 +17,7 @@ import lab
 from helpers.controller_programs import END, PULSES, configuration, posed, program, spelt
 from helpers.simulated_controllers import Controller
 from lab.campaign.instruments import named_instrument
+from lab.campaign.option_groups import Effects
 from lab.campaign.robot import Robot, load_virtual
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.run import identify, simulate
@@ -111,8 +112,8 @@ def calibrated_day(
     rng, robot, names = np.random.default_rng([seed, 38]), load_virtual(*cell), tuple(POINTS)[:targets]
     day = simulate(
         cell[0], cell=cell[1], seed=seed, poses=poses, targets=names, position_sigma_mm=0.4, rotation_sigma_mrad=1.2,
-        offset_sigma_mrad=0.8, stiffness_nm_per_rad=2e4 if springs else None, repeatability_mrad=0.012,
-        instrument=INSTRUMENT,
+        offset_sigma_mrad=0.8, instrument=INSTRUMENT,
+        effects=Effects(stiffness_nm_per_rad=2e4 if springs else None, repeatability_mrad=0.012),
     )  # fmt: skip
     real, joints = day.true_robot, day.measurements.joints
     shift, face, turn = rng.standard_normal(3), 0.4e-3 * rng.standard_normal(3), 1.2e-3 * rng.standard_normal(3)

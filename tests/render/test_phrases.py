@@ -92,7 +92,7 @@ def of_many() -> Iterator[Result]:
     yield identified(session(), prior="on")
     yield identified(session(poses=15), gate_mm=0.2)
     yield lab.calibrate("irb120", poses=40, seed=1)
-    yield lab.calibrate("irb120", poses=60, seed=1, stiffness_nm_per_rad=3e4)
+    yield lab.calibrate("irb120", poses=60, seed=1, effects=lab.Effects(stiffness_nm_per_rad=3e4))
     yield lab.calibrate("irb120", poses=40, seed=2, observe="plane", prior="on")
     yield lab.calibrate("irb120", poses=30, seed=3, targets=("p1", "p2", "p3"), noise_mm=0.02)
     yield lab.design("irb120", poses=12, candidates=200)

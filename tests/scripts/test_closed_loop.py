@@ -8,7 +8,7 @@ from closed_loop import close_loop, reachable_cube
 from helpers.robots import IRB120
 from helpers.run_script import answer_in_processes, answer_of
 
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.run import calibrate
 from lab.compensation.iso9283 import accuracy, circle_positions, cube_positions, line_positions, repeatability
@@ -50,7 +50,7 @@ def test_accuracy_and_repeatability_of_a_known_scatter() -> None:
 def test_the_cube_is_within_reach_and_touches_nothing() -> None:
     cube = reachable_cube(IRB120, "p1")
     assert cube.side_m >= 0.25
-    campaign = VirtualCampaign(seed=4, poses=40, effects=ArmEffects(repeatability_mrad=0.02))
+    campaign = VirtualCampaign(seed=4, poses=40, effects=Effects(repeatability_mrad=0.02))
     loop = close_loop(calibrate(campaign), cube, instrument("uniform-8um"), 4, targets=60)
     assert loop.poses.failed == loop.circle.failed == loop.line.failed == 0 and loop.targets.failed <= 6
     assert len(loop.circle.wanted) == len(loop.line.wanted) == 100 and loop.poses.after.shape == (30, 5, 3)

@@ -8,7 +8,7 @@ import pytest
 from geometric_share import Options, Share, answer, crossing, effects_at
 from helpers.run_script import answer_of
 
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.core.errors import LabError
 
 
@@ -17,9 +17,9 @@ def share(level: float, value: float) -> Share:
 
 
 def test_effects_grow_with_the_level() -> None:
-    soft = ArmEffects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0))
+    soft = Effects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0))
     assert effects_at(soft, 2.0) == {"stiffness_nm_per_rad": 5e4, "payload_kg": (0.0, 3.0)}
-    assert effects_at(ArmEffects(backlash_mrad=0.05), 4.0) == {"backlash_mrad": pytest.approx(0.2)}
+    assert effects_at(Effects(backlash_mrad=0.05), 4.0) == {"backlash_mrad": pytest.approx(0.2)}
 
 
 def test_where_95_percent_holds() -> None:

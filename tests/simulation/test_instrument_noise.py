@@ -25,7 +25,7 @@ def test_stretched_noise_has_the_tails_of_student_and_its_variance() -> None:
 
 def test_the_arm_and_its_poses_stay() -> None:
     plain, shaped = (
-        lab.simulate("irb120", poses=5, seed=3, noise_correlation=rho, noise_tail_dof=dof)
+        lab.simulate("irb120", poses=5, seed=3, effects=lab.Effects(noise_correlation=rho, noise_tail_dof=dof))
         for rho, dof in ((0.0, 0.0), (0.9, 3.0))
     )
     assert np.array_equal(plain.measurements.joints, shaped.measurements.joints)
@@ -35,7 +35,9 @@ def test_the_arm_and_its_poses_stay() -> None:
 
 def test_a_step_is_of_its_size_at_its_pose_and_leaves_the_mean() -> None:
     plain, moved = (
-        lab.simulate("irb120", poses=20, seed=3, step_mm=size, step_after=after).measurements.points
+        lab.simulate(
+            "irb120", poses=20, seed=3, effects=lab.Effects(step_mm=size, step_after=after)
+        ).measurements.points
         for size, after in ((0.0, 0), (0.05, 14))
     )
     apart = (moved - plain)[:, 0]
@@ -48,7 +50,7 @@ def test_a_step_is_of_its_size_at_its_pose_and_leaves_the_mean() -> None:
 
 def test_the_time_of_a_step_without_a_size_is_refused() -> None:
     with pytest.raises(LabError, match="--step-after 4: give --step-mm"):
-        lab.simulate("irb120", poses=5, step_after=4)
+        lab.simulate("irb120", poses=5, effects=lab.Effects(step_after=4))
 
 
 @pytest.mark.parametrize(("option", "value"), [("noise_correlation", 1.0), ("noise_tail_dof", 2.0)])

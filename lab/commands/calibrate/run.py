@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -18,6 +18,7 @@ from lab.calibration.pipeline import FITTING, STEPS, PipelineOptions, run_steps,
 from lab.calibration.validation import TruthComparison, Validation, compare_with_truth, errors_of, validate_file
 from lab.calibration.weights import Noise
 from lab.campaign.instruments import named_instrument
+from lab.campaign.option_groups import Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.campaign.task_region import task_region
@@ -82,14 +83,20 @@ class MeasurementSession(Value):
         return f"{len(self.measurements)} poses of {self.robot.name}, targets {', '.join(self.measurements.targets)}"
 
 
-@takes(VirtualCampaign)
+_OF_THE_FIT = (  # options that a simulated session has no use for
+    *(each.name for each in fields(Fitting) if each.name not in ("load", "accept_edited")),
+    "noise_mm", "noise_mrad", "method", "gate_mm", "region", "require", "date", "serial", "no_recording",
+)  # fmt: skip
+
+
+@takes(VirtualCampaign, unused=_OF_THE_FIT)
 def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: Any) -> MeasurementSession:
     """Simulate a measurement session: perturb a robot, set up an instrument, and measure poses that touch nothing.
 
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
-        options: those of ``lab calibrate``, by name: ``poses``, ``seed``, ``targets``, ``instrument``,
-            ``position_sigma_mm``, ``backlash_mrad`` and so on.
+        options: those of ``lab calibrate`` that make measurements, by name: ``poses``, ``seed``, ``targets``,
+            ``instrument``, ``position_sigma_mm`` and so on; ``effects`` is a ``lab.Effects``.
 
     Returns:
         The measurements (m, in the instrument's frame), the nominal robot and the true one. The same options give the
@@ -107,7 +114,7 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
     if isinstance(robot, VirtualCampaign):
         return measurement_session(robot, load_virtual(robot.robot, robot.cell))[0]
     loaded = load_virtual(robot)
-    requested = options_of("lab.simulate", VirtualCampaign, {"robot": loaded.source, **options})
+    requested = options_of("lab.simulate", VirtualCampaign, {"robot": loaded.source, **options}, _OF_THE_FIT)
     return measurement_session(requested, loaded.placed_in(requested.cell))[0]
 
 
@@ -241,7 +248,7 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
         options: those of ``lab calibrate``, by name: ``poses``, ``seed``, ``targets``, ``instrument``, ``model`` and
-            so on; ``instrument`` may be a name, a file, or an ``Instrument``.
+            so on; ``instrument`` may be a name, a file, or an ``Instrument``, and ``effects`` is a ``lab.Effects``.
 
     Returns:
         The identified parameters, with base and points in the instrument's frame, and how well they predict.

@@ -172,7 +172,7 @@ def test_times_of_some_rows_are_those_of_the_campaign(day: Measurements) -> None
 
 @pytest.mark.thorough
 def test_a_virtual_base_that_moves_is_found_by_the_whole_campaign_and_the_next_day_is_unchanged() -> None:
-    found = lab.calibrate("irb120", seed=4, poses=60, step_mm=0.04, step_after=25).to_dict()
+    found = lab.calibrate("irb120", seed=4, poses=60, effects=lab.Effects(step_mm=0.04, step_after=25)).to_dict()
     assert found["noise_model"]["words"] == ["the base or the instrument moved by 39 µm between poses 24 and 25"]
     assert found["truth"]["nees_per_parameter"] < 2.0 and not found["outliers"]
     still = lab.calibrate("irb120", seed=4, poses=60).to_dict()

@@ -28,7 +28,9 @@ _NONE = np.empty(0, dtype=int)
 @pytest.fixture(scope="module")
 def scattered() -> lab.CalibrationResult:
     """The campaign of joints that scatter by 0.03 mrad, its noise given as 8 µm where it is 4.6."""
-    return lab.calibrate("irb120", seed=4000001, poses=40, targets=TARGETS, repeatability_mrad=0.03, noise_mm=0.008)
+    return lab.calibrate(
+        "irb120", seed=4000001, poses=40, targets=TARGETS, effects=lab.Effects(repeatability_mrad=0.03), noise_mm=0.008
+    )
 
 
 def test_scatter_is_found_and_the_prediction_is_that_of_the_real_error(scattered: lab.CalibrationResult) -> None:

@@ -32,7 +32,7 @@ def test_the_errors_of_poses_left_out_are_those_of_leaving_them_out() -> None:
 
 @pytest.mark.thorough
 def test_who_has_waves_is_told_what_it_would_gain_and_a_rigid_arm_nothing() -> None:
-    day = lab.simulate("irb120", seed=3, poses=100, harmonic_mrad=0.1)
+    day = lab.simulate("irb120", seed=3, poses=100, effects=lab.Effects(harmonic_mrad=0.1))
     found = lab.identify(day.measurements, robot="irb120")
     gain = found.fit.gain
     assert gain is not None and gain.poses == 100 and gain.after_m < 0.6 * gain.before_m
@@ -47,7 +47,7 @@ def test_who_has_waves_is_told_what_it_would_gain_and_a_rigid_arm_nothing() -> N
 
 @pytest.mark.thorough
 def test_what_is_told_is_what_comes() -> None:
-    day = lab.simulate("irb120", seed=3, poses=150, harmonic_mrad=0.1).measurements
+    day = lab.simulate("irb120", seed=3, poses=150, effects=lab.Effects(harmonic_mrad=0.1)).measurements
     gain = lab.identify(day.take(np.arange(100)), robot="irb120").fit.gain
     said = lab.identify(day, robot="irb120", model="residual", holdout=1 / 3).to_dict()["after_mm"]["mean"]
     assert gain is not None and 0.5 < said / (1e3 * gain.after_m) < 1.3  # by one ratio for all parts: rather too much

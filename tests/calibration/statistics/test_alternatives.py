@@ -5,7 +5,7 @@ import pytest
 from designed_campaign import DesignedCampaign
 
 from lab.calibration.checks import check_alternatives, check_twist
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.render.phrases.registry import phrases
@@ -17,7 +17,7 @@ DAY = DesignedCampaign("irb120", ("p1",), ("compliance", "bending"))
 @pytest.mark.thorough
 @pytest.mark.parametrize("ei", [STEEL, ALUMINIUM])
 def test_what_cannot_be_told_apart_is_said(ei: float) -> None:
-    real = perturbed_arm(DAY.robot, VirtualCampaign(seed=1, effects=ArmEffects(link_ei=(0, ei, 0, ei, 0, 0))))
+    real = perturbed_arm(DAY.robot, VirtualCampaign(seed=1, effects=Effects(link_ei=(0, ei, 0, ei, 0, 0))))
     data = DAY.measured(real, 1)
     found = DAY.selected(data)
     said = phrases(check_alternatives(found, data))

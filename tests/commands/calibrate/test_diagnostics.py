@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lab.calibration.statistics.model_selection import GroupTrial
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.figures import correlation_picture, residual_pictures, selection_picture, uncertainty_map
 from lab.commands.calibrate.result import stiffnesses
@@ -58,7 +58,7 @@ def test_predicted_errors_are_those_of_the_verdict_and_extrapolation_is_marked(s
 
 def test_stiffness_is_that_of_compliance_and_not_of_its_change_with_torque() -> None:
     """Springs that soften with torque have a positive term of the third power, which is no compliance."""
-    soft = ArmEffects(stiffness_nm_per_rad=3e4, hardening_mrad=0.3, payload_kg=(0.0, 3.0))
+    soft = Effects(stiffness_nm_per_rad=3e4, hardening_mrad=0.3, payload_kg=(0.0, 3.0))
     found = calibrate(VirtualCampaign(seed=3, effects=soft, fitting=Fitting(model="compliance+hardening")))
     values = np.abs(found.identification.values)
     softening = stiffnesses(replace(found.identification, values=values), found.robot.chain)

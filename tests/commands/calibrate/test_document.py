@@ -11,7 +11,7 @@ from helpers.robots import data_file
 
 from lab.calibration.checks import note
 from lab.calibration.verdict import Verdict
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.figures import error_maps, has_correction, world_of
 from lab.commands.calibrate.options import MeasuredCampaign
@@ -107,7 +107,7 @@ def test_the_same_seed_gives_the_same_bytes(drawn_run: Path, seven, tmp_path: Pa
 @pytest.mark.figures
 def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
     """The names of files, robots, poses and targets are text, in the page as in its pictures."""
-    bad = calibrate(VirtualCampaign(seed=2, effects=ArmEffects(bad_share=0.08, bad_mm=(5.0, 50.0))))
+    bad = calibrate(VirtualCampaign(seed=2, effects=Effects(bad_share=0.08, bad_mm=(5.0, 50.0))))
     target = "a$b<i>&"
     data = replace(bad.measurements, targets=(target,), ids=tuple(f"{NASTY}{i}" for i in range(len(bad.measurements))))
     file = tmp_path / f"{NASTY.replace('/', '')}.csv"
@@ -135,7 +135,7 @@ CASES = {
     "bad": (VirtualCampaign(seed=1, gate_mm=1e-4), "bad", set()),
     "three targets, robust": (
         VirtualCampaign(
-            seed=2, targets=("p1", "p2", "p3"), effects=ArmEffects(bad_share=0.1), fitting=Fitting(robust=True)
+            seed=2, targets=("p1", "p2", "p3"), effects=Effects(bad_share=0.1), fitting=Fitting(robust=True)
         ),
         "good",
         set(),

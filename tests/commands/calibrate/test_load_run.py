@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.cli import main
@@ -33,7 +33,7 @@ def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path)
     assert calibrated.estimate.groups == ("compliance",) and calibrated.estimate.arm.conditions == ("payload_kg",)
     options = VirtualCampaign(
         seed=3,
-        effects=ArmEffects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0), hours=1.0),
+        effects=Effects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0), hours=1.0),
         fitting=Fitting("compliance+drift"),
     )
     outcome = calibrate(options)

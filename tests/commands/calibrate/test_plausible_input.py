@@ -151,7 +151,7 @@ def test_more_noise_than_a_bounded_one_is_no_outliers() -> None:
 
 
 def test_a_column_of_noise_in_two_units_is_told_and_not_good() -> None:
-    day = lab.simulate("irb120", poses=60, seed=5, noise_mm=0.008).measurements
+    day = lab.simulate("irb120", poses=60, seed=5).measurements
     sigma = np.full(len(day), 8e-6 / np.sqrt(3))
     for factor in (1e3, 1.0):
         mixed = replace(day, sigma_m=np.where(np.arange(len(day)) % 3 == 0, factor * sigma, sigma))

@@ -7,7 +7,7 @@ from helpers.robots import ROOT, data_file
 from rerun.chunk import RrdReader
 
 from lab.calibration.identify import ellipsoids, identify, mapping_ellipsoids, position_covariance
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import Effects, Fitting
 from lab.commands.calibrate.recording import parameters_text, record, scene, summary_text
 from lab.commands.calibrate.run import MeasuredCampaign, VirtualCampaign, calibrate
 from lab.commands.calibrate.run import identify as identify_file
@@ -266,7 +266,7 @@ def test_shells_enclose_their_geoms(tmp_path):
 
 def test_poses_that_are_off_are_marked_and_keep_their_numbers(tmp_path, home):
     """What is left out is drawn where it was measured; the others stand at their rows of the file."""
-    effects = ArmEffects(bad_share=0.08, bad_mm=(5.0, 50.0))
+    effects = Effects(bad_share=0.08, bad_mm=(5.0, 50.0))
     outcome = calibrate(VirtualCampaign(seed=2, effects=effects, fitting=Fitting(robust=True)))
     assert len(outcome.fit.outliers) >= 2 and {pose.id for pose in outcome.fit.outliers} == set(outcome.bad)
     path = tmp_path / "off.rrd"

@@ -123,9 +123,12 @@ def test_a_virtual_arm_has_it_only_where_it_is_asked_for() -> None:
     assert not CrossHarmonics().simulated(FACTS, rngs).cross_rad.any()
     drawn = CrossHarmonics(0.3).simulated(FACTS, rngs).cross_rad
     assert np.allclose(np.linalg.norm(drawn, axis=2).max(axis=1), 0.3e-3) and not np.diagonal(drawn).any()
-    found = lab.calibrate("irb120", poses=80, seed=3, cross_harmonic_mrad=0.3, model="auto")
+    found = lab.calibrate("irb120", poses=80, seed=3, effects=lab.Effects(cross_harmonic_mrad=0.3), model="auto")
     assert sum("cross" in name for name in found.fit.groups) >= 4
-    assert found.after.mean < 0.25 * lab.calibrate("irb120", poses=80, seed=3, cross_harmonic_mrad=0.3).after.mean
+    assert (
+        found.after.mean
+        < 0.25 * lab.calibrate("irb120", poses=80, seed=3, effects=lab.Effects(cross_harmonic_mrad=0.3)).after.mean
+    )
 
 
 @pytest.mark.sampled(2)
@@ -151,6 +154,6 @@ def test_play_is_found_for_the_one_joint_whose_approach_is_known(joint: int, wid
 
 def test_of_two_names_for_the_same_the_joints_is_taken() -> None:
     """Beside geometry joint 5 by joint 6 is link 5's end about x by joint 6: the virtual arm calls it the former."""
-    found = lab.calibrate("irb120", poses=70, seed=4, cross_harmonic_mrad=0.4, model="auto")
+    found = lab.calibrate("irb120", poses=70, seed=4, effects=lab.Effects(cross_harmonic_mrad=0.4), model="auto")
     assert "joint5.cross6" in found.fit.groups and "link5.rx_cross6" not in found.fit.groups
     assert found.to_dict()["truth"]["nees_per_parameter"] < 2

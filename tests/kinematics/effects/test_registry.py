@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, SCARA
 
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.core.errors import LabError
 from lab.kinematics.effects.effect import ArmFacts, MovesJoints, PoseConditions, SessionInfo, SimulatedEffect, in_order
 from lab.kinematics.effects.registry import (
@@ -41,7 +41,7 @@ OPTIONS = """stiffness_nm_per_rad payload_kg harmonic_mrad harmonic2_mrad gear_p
 def test_the_order_is_that_of_every_run_so_far() -> None:
     """Flags, keys in config.json and random substreams are an interface: a new effect comes last."""
     first = OPTIONS.split()
-    assert [each.name for each in fields(ArmEffects)][: len(first)] == first
+    assert [each.name for each in fields(Effects)][: len(first)] == first
     assert GROUPS[:9] == (
         "compliance", "payload", "harmonics", "harmonics2", "gear", "coupling", "backlash", "drift", "sessions"
     )  # fmt: skip
