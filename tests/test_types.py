@@ -26,7 +26,9 @@ class Volume(lab.Criterion):
 
 robot = lab.load_robot("irb120")
 arm: lab.Robot = lab.robot_from_dh([[0, 0.4, 0, 1.57]], unit="m", tool={"p1": [0, 0, 0.1]})
-day: lab.MeasurementSession = lab.simulate(robot, poses=50, seed=7, effects=lab.Effects(gear_ppm=20.0), targets=("p1", "p2"))
+day: lab.MeasurementSession = lab.simulate(
+    robot, poses=50, seed=7, effects=lab.Effects(gear_ppm=20.0), targets=("p1", "p2")
+)
 own: lab.Measurements = lab.measurements(np.zeros((9, 6)), [[0.0, 0.0, 0.0]] * 9, robot="irb120", unit="mm")
 tracker: lab.Instrument = lab.instrument("leica-at960")
 result: lab.CalibrationResult = lab.identify(
