@@ -224,7 +224,7 @@ def design(
 ) -> DesignResult | PlanCheckResult: ...
 def dynamics(
     file: str | Path | DynamicsOptions | None = None,
-    robot: str | Path | Robot = "irb120",
+    robot: str | Path | Robot | None = None,
     *,
     drives: str | Path | None = None,
     sensor: str | Path | None = None,
@@ -286,9 +286,9 @@ def identify(
 ) -> CalibrationResult: ...
 def import_measurements(
     points: str | Path | ImportOptions,
+    robot: str | Path | Robot | None = None,
     *,
     joints: str | Path,
-    robot: str = "irb120",
     by: Literal["auto", "name", "order", "time"] = "auto",
     targets: Sequence[str] = ...,
     unit: Literal["mm", "m", "in"] | None = None,
@@ -327,7 +327,7 @@ def next_pose(
 ) -> NextPoseResult: ...
 def payload(
     file: str | Path | PayloadOptions | None = None,
-    robot: str | Path | Robot = "irb120",
+    robot: str | Path | Robot | None = None,
     run: CalibrationResult | str | Path | None = None,
     *,
     cell: str | Path | None = None,
@@ -435,7 +435,7 @@ def trajectory(
     points: str | Path | TrajectoryOptions,
     run: CalibrationResult | str | Path | None = None,
     *,
-    robot: str = "irb120",
+    robot: str | Path | Robot | None = None,
     law: Literal["common", "own", "independent"] = "common",
     blend_mm: float | None = None,
     blend_deg: float | None = None,

@@ -39,7 +39,7 @@ virtual: lab.CalibrationResult = lab.calibrate(
     "irb120", poses=30, effects=lab.Effects(ripple_mrad=0.1, payload_kg=(0.0, 3.0))
 )
 lab.design(robot, poses=20, criterion=Volume(), cell="cell.toml")
-lab.import_measurements("tracker.txt", joints="poses.csv")
+lab.import_measurements("tracker.txt", "irb120", joints="poses.csv")
 targets: lab.CompensationResult = lab.compensate("targets.csv", result)
 points: lab.PredictionResult = lab.predict([[0.0] * 6], result)
 lab.verify("run", "new.csv")

@@ -14,7 +14,9 @@ from lab.core.limits import TEXT_BYTES
 from lab.core.whole_folder import CHECKSUMS, edited_files, file_digest
 from lab.formats.structured import read_structured, read_text, structured
 
-__all__ = ["CONFIG_FILE", "INPUTS", "RunConfig", "RunInputs", "input_names", "read_config", "read_options"]
+__all__ = [
+    "CONFIG_FILE", "INPUTS", "RunConfig", "RunInputs", "input_names", "read_config", "read_options", "robot_of_file",
+]  # fmt: skip
 
 _Options = TypeVar("_Options")
 CONFIG_FILE, INPUTS = "config.json", "inputs"
@@ -105,6 +107,19 @@ def read_config(folder: Path, mend: str = "give the folder of a run of the lab")
         LabError: the file cannot be read, or is not a run's.
     """
     return read_structured(folder / CONFIG_FILE, RunConfig, mend)
+
+
+def robot_of_file(path: Path) -> str | None:
+    """Return the robot of the run in whose folder a file lies: a name, or the path of its description; else None.
+
+    Raises:
+        LabError: the folder's ``config.json`` cannot be read.
+    """
+    if not (path.parent / CONFIG_FILE).is_file():
+        return None
+    config = read_config(path.parent)
+    robot = config.options.get("robot")
+    return str(RunInputs(path.parent, config).copy(robot) or robot) if isinstance(robot, str) else None
 
 
 def input_names(folder: Path) -> tuple[str, ...]:

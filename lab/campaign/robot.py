@@ -56,7 +56,10 @@ from lab.simulation.true_robot import (
     true_robot_from_table,
 )
 
-__all__ = ["CLOSED_FORMATS", "SERIAL_FORMATS", "ClosedRobot", "Robot", "SerialRobot", "load_robot", "load_virtual"]
+__all__ = [
+    "CLOSED_FORMATS", "SERIAL_FORMATS", "ClosedRobot", "Robot", "SerialRobot", "load_robot", "load_virtual",
+    "robot_of_call",
+]  # fmt: skip
 
 
 _Model = TypeVar("_Model", bound=RobotModel)
@@ -361,6 +364,17 @@ def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     loaded = _loaded(source)
     origin = replace(loaded.model.origin, source=source)
     return replace(loaded, model=replace(loaded.model, origin=origin)).placed_in(cell)
+
+
+def robot_of_call(call: str, data: object, robot: str | Path | Robot | None) -> Robot:
+    """Return the robot that a call was given for measured data; without data the default ``irb120``.
+
+    Raises:
+        LabError: data are given without a robot, or it cannot be loaded.
+    """
+    if robot is None and data is not None:
+        raise LabError(f"{call}: {data} names no robot; give robot=")
+    return load_robot("irb120" if robot is None else robot)
 
 
 def _calibrated(run: Path) -> str:

@@ -299,17 +299,18 @@ class WorldFrames(NamedTuple):
 
 
 def read_measurements(
-    path: str | Path, robot: str | Path | Robot = "irb120", *, observe: str = "points"
+    path: str | Path, robot: str | Path | Robot | None = None, *, observe: str = "points"
 ) -> Measurements:
     """Read a measurement file: joint positions (rad or m), and points (m) in the frame that the file has them in.
 
     Args:
         path: the CSV file.
-        robot: whose joints its columns are: a name, a path, or a loaded robot. The measurements remember it.
+        robot: whose joints its columns are: a name, a path, or a loaded robot; by default the one of the run in whose
+            folder the file lies. The measurements remember it.
         observe: which of its columns are the measurements: ``points``, ``pose``, ``cable``, ``socket`` or ``plane``.
 
     Raises:
-        LabError: with the file, the line as an editor counts it, and the column.
+        LabError: no robot is given or named; or the file is wrong, with the line as an editor counts it and the column.
 
     Example:
         >>> import lab, pathlib, tempfile
@@ -319,7 +320,7 @@ def read_measurements(
         >>> len(lab.read_measurements(file, "irb120"))
         12
     """
-    loaded, columns = load_robot(robot), sensor_named(observe).columns
+    loaded, columns = robot_of("lab.read_measurements", path, robot), sensor_named(observe).columns
     chain = loaded.chain
     read = measurement_csv.read_measurements(Path(path), chain.joint_names, chain.prismatic, columns=columns)
     return replace(read, robot=loaded.source)

@@ -1,11 +1,14 @@
 """Measurements in memory: the robot follows from them or is asked for, and points in another unit are refused."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import lab
+from lab.cli import main
+from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 
 
@@ -76,3 +79,23 @@ def test_a_frame_that_is_far_away_is_no_other_unit(days: dict[str, Measurements]
     away = np.where(half[:, None, None], [0.0, 0, 0], [900.0, 0, 0])
     apart = replace(data, points=data.points + away, other={"station": tuple(np.where(half, "A", "B").tolist())})
     assert lab.identify(apart, instrument="uniform-8um").to_dict()["after_mm"]["mean"] < 0.1
+
+
+def test_a_file_of_a_run_has_the_run_s_robot_and_another_one_is_asked_for(tmp_path: Path) -> None:
+    """By calls and by the command; the default robot is none of data that name theirs."""
+    result = lab.calibrate("versatran", poses=30, seed=3, no_recording=True)
+    file = result.save(tmp_path / "run") / "measurements.csv"
+    assert lab.read_measurements(file).robot == "versatran"
+    found = lab.identify(file, holdout=0.3)
+    assert found.robot.name == "versatran" and found.options.robot == "versatran"
+    assert main(["identify", str(file), "--no-recording", "--out", str(tmp_path / "again")]) in (0, 3)
+    assert lab.load_run(tmp_path / "again").options.robot == "versatran"
+    with pytest.raises(LabError, match=r"versatran|joint"):
+        lab.identify(file, robot="irb120")
+    bare = tmp_path / "bare.csv"
+    bare.write_bytes(file.read_bytes())
+    for call in (lab.identify, lab.read_measurements, lab.dynamics, lab.payload):
+        with pytest.raises(LabError, match=rf"^lab\.{call.__name__}: .*bare.csv names no robot; give robot="):
+            call(bare)
+    with pytest.raises(LabError, match=r"^lab.import_measurements: .* names no robot; give robot="):
+        lab.import_measurements(bare, joints=bare)

@@ -134,7 +134,7 @@ def test_a_file_of_each_kind_reads_back(tmp_path) -> None:
         options.pop("method", None)  # of the fit
         day = lab.simulate("irb120", **options)
         lab.write_measurements(tmp_path / "day.csv", day.measurements)
-        read = lab.read_measurements(tmp_path / "day.csv", observe=options["observe"])
+        read = lab.read_measurements(tmp_path / "day.csv", "irb120", observe=options["observe"])
         np.testing.assert_array_equal(read.joints, day.measurements.joints)
         assert {key: read.other[key] for key in day.measurements.other} == day.measurements.other
         if name == "cable":

@@ -241,7 +241,7 @@ def load_run(
         cell = inputs.path(options.cell)
     try:
         load_it = load_virtual if isinstance(options, VirtualCampaign) else load_robot
-        robot = load_it(inputs.copy(options.robot) or options.robot, cell)
+        robot = load_it(inputs.copy(options.robot) or options.robot or "irb120", cell)
     except LabError as error:
         raise LabError(f"{folder}: the robot it is of cannot be loaded from here: {error}") from error
     if config.model_sha256 != robot.sha256:

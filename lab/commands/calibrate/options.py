@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from lab.campaign.config_file import robot_of_file
 from lab.campaign.option_groups import Fitting
 from lab.campaign.option_types import Names, NoRecording
 from lab.campaign.options import VirtualCampaign, check_common, check_region
@@ -26,8 +27,9 @@ class _MeasurementFile:
 
     file: tyro.conf.Positional[Path]
     """Measurements, CSV."""
-    robot: str = "irb120"
-    """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
+    robot: str | None = None
+    """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism. By default that of the run in whose
+    folder the file lies, else irb120."""
     cell: Path | None = None
     """The cell (obstacles, payload, narrower limits, instrument's position): TOML."""
     seed: int = 0
@@ -65,6 +67,11 @@ class MeasuredCampaign(SensorOptions, _MeasurementFile):
 
     fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
     """How parameters are fitted."""
+
+    @property
+    def robot_named(self) -> str:
+        """The robot that is given, or else the one of the run in whose folder the file lies, or else irb120."""
+        return self.robot or robot_of_file(self.file) or "irb120"
 
     def check(self) -> None:
         """Refuse options that make no sense or contradict each other, with a LabError that names them."""

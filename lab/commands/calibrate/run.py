@@ -17,6 +17,7 @@ from lab.calibration.identify import spread
 from lab.calibration.pipeline import FITTING, STEPS, PipelineOptions, run_steps, start
 from lab.calibration.validation import TruthComparison, Validation, compare_with_truth, errors_of, validate_file
 from lab.calibration.weights import Noise
+from lab.campaign.config_file import robot_of_file
 from lab.campaign.instruments import named_instrument
 from lab.campaign.option_groups import Fitting
 from lab.campaign.options import VirtualCampaign
@@ -154,12 +155,20 @@ _LEAST_ROWS = 3
 _SPREAD_OF = 4_000  # of more poses the spread of so many is as good
 
 
-def robot_of(call: str, data: Measurements, robot: str | Path | Robot | None) -> Robot:
-    """Return the robot of measurements in memory: the given one, else the one that they name.
+def robot_of(call: str, data: Measurements | str | Path, robot: str | Path | Robot | None) -> Robot:
+    """Return the robot of measurements in memory or of a file: the given one, else the one that they name.
+
+    A file names the robot of the run in whose folder it lies.
 
     Raises:
         LabError: neither names a robot, it cannot be loaded, or its joints are others; it begins with ``call``.
     """
+    if not isinstance(data, Measurements):
+        path = Path(data) if isinstance(data, str) else data
+        named = robot_of_file(path) if robot is None and isinstance(path, Path) else robot
+        if named is None:
+            raise LabError(f"{call}: {data} names no robot; give robot=")
+        return load_robot(named)
     if robot is None and not data.robot:
         raise LabError(f"{call}: the measurements name no robot; give robot=")
     loaded = load_robot(data.robot if robot is None else robot)
@@ -335,7 +344,7 @@ def identify(
         measurements: a CSV file, or measurements in memory (joint positions in rad or m, points in m in any one
             frame); or all options in one object.
         robot: the nominal model: a name, a path, or a loaded robot; by default the one that measurements in memory
-            name, and of a file ``irb120``.
+            name, and of a file the one of the run in whose folder it lies.
         options: those of ``lab identify``, by name: ``instrument``, ``noise_mm``, ``holdout``, ``model`` and so on;
             ``validate`` may be measurements in memory, too, and ``instrument`` an ``Instrument``.
 
@@ -343,8 +352,8 @@ def identify(
         The identified parameters, with base and points in the frame of the measurements, and how well they predict.
 
     Raises:
-        LabError: an option or the file cannot be used, or measurements in memory name no robot, have other joints than
-            the robot, or points in another unit; the message says where, and what is valid.
+        LabError: an option or the file cannot be used, no robot is given or named, or measurements in memory have other
+            joints than the robot, or points in another unit; the message says where, and what is valid.
 
     Example:
         >>> import lab
@@ -354,11 +363,10 @@ def identify(
         27
     """
     if isinstance(measurements, MeasuredCampaign):
+        named_there = replace(measurements, robot=measurements.robot_named)
         with status("identifying") as stage:
-            return _of_measurements(measurements, load_robot(measurements.robot, measurements.cell), stage)
-    if isinstance(measurements, Measurements):
-        robot = robot_of("lab.identify", measurements, robot)
-    loaded, given = load_robot(MeasuredCampaign.robot if robot is None else robot), {}
+            return _of_measurements(named_there, load_robot(named_there.robot_named, measurements.cell), stage)
+    loaded, given = robot_of("lab.identify", measurements, robot), {}
     named = {"file": measurements, "validate": options.pop("validate", None)}
     for option, value in named.items():
         if isinstance(value, Measurements):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lab.campaign.robot import Robot, load_robot
+from lab.campaign.robot import Robot, load_robot, robot_of_call
 from lab.commands.command_line import options_of, takes
 from lab.commands.import_measurements.clocks import LEAST_POSES, NominalFit
 from lab.commands.import_measurements.matching import Matching, Timeline, matched
@@ -235,12 +235,15 @@ _SHOWN = 60  # poses by which distances are compared
 
 
 @takes(ImportOptions)
-def import_measurements(points: str | Path | ImportOptions, **options: Any) -> ImportResult:
+def import_measurements(
+    points: str | Path | ImportOptions, robot: str | Path | Robot | None = None, **options: Any
+) -> ImportResult:
     """Merge a tracker's export with a controller's joint positions into measurements that ``identify`` reads.
 
     Args:
         points: the tracker's file; or all options in one object.
-        options: those of ``lab import``, by name: ``joints``, ``robot``, ``by`` and so on.
+        robot: whose joints were read, which the files do not name: a name, a path, or a loaded robot.
+        options: those of ``lab import``, by name: ``joints``, ``by`` and so on.
 
     Returns:
         The measurements (m, rad, in the tracker's frame), and what of the files was left out.
@@ -249,18 +252,21 @@ def import_measurements(points: str | Path | ImportOptions, **options: Any) -> I
         LabError: a file cannot be read, or the two do not go together; with file, line and column.
     """
     if not isinstance(points, ImportOptions):
-        points = options_of("lab.import_measurements", ImportOptions, {"points": str(points), **options})
+        loaded = robot_of_call("lab.import_measurements", points, robot)
+        given = {"points": str(points), "robot": loaded.source, **options}
+        points = options_of("lab.import_measurements", ImportOptions, given)
+    else:
+        loaded = load_robot(points.robot)
     points.check()
-    robot = load_robot(points.robot)
-    chain = robot.chain
+    chain = loaded.chain
     columns = read_column_map(points.columns)
     seen = read_tracker_points(points.points, columns.points, points.unit, points.coverage)
     log = read_joint_log(points.joints, chain.joint_names, chain.prismatic, columns.joints, points.joint_unit)
-    nominal = NominalFit(robot, points.targets, seen.positions)
+    nominal = NominalFit(loaded, points.targets, seen.positions)
     found = matched(points, seen, log, chain.prismatic, nominal)
-    data = _measurements(points, robot, seen, found)
-    warnings = _doubts(points, robot, data, nominal)
-    return ImportResult(points, robot, data, seen, log, found, (*robot.warnings, *seen.notes, *warnings))
+    data = _measurements(points, loaded, seen, found)
+    warnings = _doubts(points, loaded, data, nominal)
+    return ImportResult(points, loaded, data, seen, log, found, (*loaded.warnings, *seen.notes, *warnings))
 
 
 def _measurements(options: ImportOptions, robot: Robot, seen: TrackerPoints, found: Matching) -> Measurements:

@@ -208,7 +208,7 @@ def _planned(
         if campaign.instrument is None and asked.instrument is None:
             raise LabError(f"{folder}: names no instrument; give {option_name('instrument')}")
         file = asked.file or folder / MEASUREMENTS_FILE
-        chain = load_virtual(campaign.robot, campaign.cell).chain
+        chain = load_virtual(campaign.robot or "irb120", campaign.cell).chain
         targets = (given if given is not None else _read(file, chain)).targets
         known = {name: getattr(campaign, name) for name in ("robot", "cell", "instrument")} | {"targets": targets}
     else:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lab.campaign.robot import Robot, load_robot, load_virtual
+from lab.campaign.robot import Robot, load_robot, load_virtual, robot_of_call
 from lab.commands.command_line import options_of, takes
 from lab.core.checks import Check
 from lab.core.errors import LabError, error_context
@@ -34,14 +34,14 @@ _MAX_NAMED = 8  # base parameters in a warning
 
 @takes(DynamicsOptions)
 def dynamics(
-    file: str | Path | DynamicsOptions | None = None, robot: str | Path | Robot = "irb120", **options: Any
+    file: str | Path | DynamicsOptions | None = None, robot: str | Path | Robot | None = None, **options: Any
 ) -> DynamicsResult:
     """Identify the dynamic parameters of an arm; without a file, say which ones its torques determine.
 
     Args:
         file: a motion: joint positions with torques or motor currents, with a payload, without, or both; or all
             options in one object.
-        robot: the nominal model: a name, a path, or a loaded robot.
+        robot: the nominal model: a name, a path, or a loaded robot; needed with a file, else ``irb120``.
         options: those of ``lab dynamics``, by name: ``drives``, ``validate``, ``without`` and so on.
 
     Returns:
@@ -58,7 +58,7 @@ def dynamics(
     if isinstance(file, DynamicsOptions):
         file.check()
         return _identified(file, load_virtual(file.robot) if file.rehearsal.simulate else load_robot(file.robot))
-    nominal = load_robot(robot)
+    nominal = robot_of_call("lab.dynamics", file, robot)
     given = {"file": None if file is None else str(file), "robot": nominal.source, **options}
     requested = options_of("lab.dynamics", DynamicsOptions, given)
     requested.check()

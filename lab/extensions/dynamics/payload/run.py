@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lab.campaign.robot import Robot, load_robot, load_virtual
+from lab.campaign.robot import Robot, load_robot, load_virtual, robot_of_call
 from lab.commands.calibrate.load_run import CalibrationRun, RunLike, calibrated_by, folder_of, load_run
 from lab.commands.command_line import options_of, takes
 from lab.core.checks import Check
@@ -48,7 +48,7 @@ _SAME_RAD = 1e-6  # rad or m: joint positions of one pose
 @takes(PayloadOptions)
 def payload(
     file: str | Path | PayloadOptions | None = None,
-    robot: str | Path | Robot = "irb120",
+    robot: str | Path | Robot | None = None,
     run: RunLike = None,
     **options: Any,
 ) -> PayloadResult:
@@ -57,7 +57,8 @@ def payload(
     Args:
         file: rows of a loaded and an unloaded run: joint positions with torques, a sensor's wrench, or tracked points;
             or all options in one object. None where the session is simulated (``simulate``).
-        robot: the nominal model: a name, a path, or a loaded robot.
+        robot: the nominal model: a name, a path, or a loaded robot; by default that of ``run``, and of a simulated
+            session ``irb120``.
         run: of tracked points, what calibrated the robot with its compliances: a result, or the folder of a run.
         options: those of ``lab payload``, by name: ``sensor``, ``method``, ``friction`` and so on.
 
@@ -71,12 +72,19 @@ def payload(
         file.check()
         calibrated = None if file.run is None else load_run(file.run, accept_edited=file.accept_edited)
         return _payload(file, file.robot, calibrated)
-    nominal = load_robot(robot)
-    given = {"file": None if file is None else str(file), "robot": nominal.source, **folder_of(run), **options}
+    given = {"file": None if file is None else str(file), **folder_of(run), **options}
+    if run is None:
+        nominal = robot_of_call("lab.payload", file, robot)
+        requested = options_of("lab.payload", PayloadOptions, {**given, "robot": nominal.source})
+        requested.check()
+        return _payload(requested, nominal, None)
     requested = options_of("lab.payload", PayloadOptions, given)
     requested.check()
-    by = None if requested.run is None else calibrated_by(run, requested.run, accept_edited=requested.accept_edited)
-    return _payload(requested, nominal, by)
+    assert requested.run is not None
+    by = calibrated_by(run, requested.run, accept_edited=requested.accept_edited)
+    if robot is not None and load_robot(robot).sha256 != by.robot.sha256:
+        raise LabError(f"lab.payload: the run {requested.run} is of {by.robot.name}, not of {robot}; leave robot out")
+    return _payload(replace(requested, robot=by.robot.source), by.robot, by)
 
 
 def _payload(options: PayloadOptions, nominal: str | Robot, run: CalibrationRun | None) -> PayloadResult:

@@ -19,14 +19,21 @@ __all__ = ["trajectory"]
 
 
 @takes(TrajectoryOptions)
-def trajectory(points: str | Path | TrajectoryOptions, run: RunLike = None, **options: Any) -> TrajectoryResult:
+def trajectory(
+    points: str | Path | TrajectoryOptions,
+    run: RunLike = None,
+    *,
+    robot: str | Path | Robot | None = None,
+    **options: Any,
+) -> TrajectoryResult:
     r"""Move a nominal robot through points: by its joints, or along lines and circles of its tool.
 
     Args:
         points: a CSV file with a row for each point; or all options in one object.
         run: a result of ``calibrate`` or ``identify``, or the folder of a run: then its robot's path errors are
             computed, and joint positions that correct them.
-        options: those of ``lab trajectory``, by name: ``robot``, ``law``, ``speeds`` and so on.
+        robot: the nominal model: a name, a path, or a loaded robot; by default that of ``run``, else ``irb120``.
+        options: those of ``lab trajectory``, by name: ``law``, ``speeds`` and so on.
 
     Returns:
         The motion: joint positions, speeds and accelerations at any time.
@@ -42,10 +49,16 @@ def trajectory(points: str | Path | TrajectoryOptions, run: RunLike = None, **op
         2.6833
     """
     if not isinstance(points, TrajectoryOptions):
-        points = options_of("lab.trajectory", TrajectoryOptions, {"points": str(points), **folder_of(run), **options})
+        given = {} if robot is None else {"robot": load_robot(robot).source}
+        given |= {"points": str(points), **folder_of(run), **options}
+        points = options_of("lab.trajectory", TrajectoryOptions, given)
     points.check()
     calibrated = _calibrated(points, run)
-    robot = _robot(points) if calibrated is None else calibrated.robot
+    if calibrated is not None:
+        _refuse_another(points, calibrated, robot)
+        robot = calibrated.robot
+    else:
+        robot = _nominal(load_robot(points.robot if robot is None else robot, points.cell))
     chain, notes = rated(points.rated(robot.chain))
     rows = read_path(points.points, chain.joint_names, chain.prismatic, points.orientation)
     arm = robot.arm(("p1",))
@@ -65,14 +78,18 @@ def _calibrated(options: TrajectoryOptions, run: RunLike) -> CalibrationRun | No
     if options.run is None:
         return None
     found = calibrated_by(run, options.run, options.load, options.cell, accept_edited=options.accept_edited)
-    if options.robot not in (TrajectoryOptions.robot, found.robot.name, found.robot.source):
-        raise LabError(f"--robot {options.robot}: the run {options.run} is of {found.robot.name}; leave out --robot")
     if not options.force:
         found.refuse_unfit("a corrected trajectory")
     return found
 
 
-def _robot(options: TrajectoryOptions) -> Robot:
-    """Load the nominal robot; elastic links without masses get the assumed ones."""
-    robot = load_robot(options.robot, options.cell)
+def _refuse_another(options: TrajectoryOptions, run: CalibrationRun, robot: str | Path | Robot | None) -> None:
+    """Refuse a robot that is not the run's; on the command line, the default one counts as none."""
+    known = {run.robot.name, run.robot.source} | ({TrajectoryOptions.robot} if robot is None else set())
+    if options.robot not in known:
+        raise LabError(f"--robot {options.robot}: the run {options.run} is of {run.robot.name}; leave out --robot")
+
+
+def _nominal(robot: Robot) -> Robot:
+    """Return the nominal robot; elastic links without masses get the assumed ones."""
     return load_virtual(robot) if robot.link_compliances is not None and robot.loads is None else robot
