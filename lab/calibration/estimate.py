@@ -11,11 +11,12 @@ from functools import cached_property
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identifiability import aliases, column_scale
 from lab.calibration.identify import WEAK, Identification
+from lab.calibration.on_arrays import ArmOnArrays
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.workspace_prediction import PredictedErrors
@@ -207,7 +208,7 @@ class _Parameters(dict[str, EstimatedParameter]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Estimate(Value):
+class Estimate(Value, ArmOnArrays):
     """An identified arm, as far as it holds in other sessions.
 
     Attributes:
@@ -284,6 +285,31 @@ class Estimate(Value):
     def with_targets(self, targets: tuple[str, ...]) -> Arm:
         """Return the arm with other targets."""
         return replace(self, rigid=replace(cast(Any, self.rigid), targets=targets)).arm
+
+    def _modelled(self, targets: Sequence[str] | None) -> tuple[Arm, Array, Array]:
+        """Return the estimated model, and its values as exported; all measured targets unless some are named."""
+        if targets is None:
+            return self.arm, self.values, self.nominal
+        if unknown := [name for name in targets if name not in self.rigid.targets]:
+            raise LabError(f"target '{unknown[0]}' was not measured; there are {', '.join(self.rigid.targets)}")
+        arm = self.with_targets(tuple(targets))
+        rows = [self.params[name] for name in arm.names]
+        return arm, np.array([row.exported for row in rows]), np.array([row.nominal for row in rows])
+
+    def predicted_covariance(self, joints: ArrayLike) -> Array:
+        """Return the covariance of each predicted point's error, by all causes of ``predict`` together.
+
+        Args:
+            joints: ``(joints,)`` or ``(n, joints)``, with the conditions of ``inputs`` behind them, if any.
+
+        Returns:
+            ``(k, 3, 3)`` or ``(n, k, 3, 3)`` m²; a new instrument's noise is not in it.
+
+        Raises:
+            LabError: the joints have another shape or are not finite.
+        """
+        covariance = self.predict(self._given(joints, None, None)[2]).covariance
+        return np.asarray(covariance[0] if np.ndim(joints) == 1 else covariance)
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ the last, exact to the bit, that of a robot given as a table or as a mechanism.
 """
 
 import hashlib
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
+from lab.calibration.on_arrays import ArmOnArrays
 from lab.campaign.config_file import CONFIG_FILE
 from lab.campaign.model_files import description_of, is_own, sha256_of
 from lab.core.errors import LabError, error_context
@@ -69,11 +70,19 @@ CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot(Value, ABC):
+class Robot(Value, ArmOnArrays):
     """A robot before any measurement.
 
     Robots are equal if all their data are. A pickled robot is loaded again from its files, which must be
-    unchanged.
+    unchanged. ``points``, ``jacobian`` and so on work on plain arrays: one configuration or many.
+
+    Example:
+        >>> import lab, numpy as np
+        >>> robot = lab.load_robot("irb120")
+        >>> robot.points(np.zeros(6)).shape, robot.points(np.zeros((9, 6)), targets=["p1"]).shape
+        ((3, 3), (9, 1, 3))
+        >>> robot.identifiability(targets=["p1"]).rank
+        27
 
     Attributes:
         model: its MuJoCo model; built from the table of a robot given as one.
@@ -181,6 +190,14 @@ class Robot(Value, ABC):
         """
         named = [effect(name, self.chain, self.loads, session, moving=moving) for name in groups]
         return affected(self.arm(targets), [*stations(session.stations), *named])
+
+    def _modelled(self, targets: Sequence[str] | None) -> tuple[Arm, Array, Array]:
+        """Return the nominal model, its base at the origin; all targets of the tool unless some are named."""
+        names = tuple(self.tool or DEFAULT_TOOL) if targets is None else tuple(targets)
+        self.refuse_unknown(names)
+        arm = self.arm(names)
+        nominal = arm.nominal(self.tool)
+        return arm, nominal, nominal
 
     @abstractmethod
     def _simulated_loads(self) -> Loads | None:

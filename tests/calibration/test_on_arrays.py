@@ -1,0 +1,165 @@
+"""Methods on plain arrays: against MuJoCo, differences, textbook formulas and a calibration's own covariance."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import lab
+from lab.calibration.on_arrays import ArmOnArrays
+from lab.core.errors import LabError
+from lab.core.se3 import Array, inverse, transform
+
+ROBOT = lab.load_robot("irb120")
+JOINTS = ROBOT.chain.random_joints(40, np.random.default_rng(2))
+
+
+@pytest.fixture(scope="module")
+def result() -> lab.CalibrationResult:
+    """Of an arm measured with known noise, which the model explains."""
+    day = lab.simulate("irb120", poses=50, seed=3)
+    return lab.identify(day.measurements, instrument="uniform-8um", prior="off")
+
+
+def differences(arm: ArmOnArrays, joints: Array, step: float = 1e-6) -> Array:
+    """Derivatives ``(n, k, 3, p)`` of the points by central differences."""
+    values = arm.parameter_values()
+    moved = [
+        (arm.points(joints, values + step * unit) - arm.points(joints, values - step * unit)) / (2 * step)
+        for unit in np.eye(len(values))
+    ]
+    return np.stack(moved, axis=-1)
+
+
+def test_points_are_those_of_mujoco() -> None:
+    """In the frame of the robot's base, whose pose in MuJoCo's world is known."""
+    day = lab.simulate("irb120", poses=9, seed=1, instrument="exact", position_sigma_mm=0.0, rotation_sigma_mrad=0.0,
+                       targets=("p1", "p2"))  # fmt: skip
+    frames = lab.world_frames(day)
+    expected = transform(inverse(frames.T_world_base) @ frames.T_world_instrument, day.measurements.points)
+    found = day.robot.points(day.measurements.joints, targets=("p1", "p2"))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    T = day.robot.poses(day.measurements.joints, target="p2")
+    np.testing.assert_allclose(T[:, :3, 3], expected[:, 1], atol=1e-12)
+    np.testing.assert_allclose(T[:, :3, :3] @ T[:, :3, :3].swapaxes(1, 2), np.tile(np.eye(3), (9, 1, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["irb120", "versatran", "delta"])
+def test_derivatives_are_differences_of_one_configuration_and_of_many(name: str) -> None:
+    robot = lab.load_robot(name)
+    joints = robot.chain.random_joints(3, np.random.default_rng(0))
+    exact = robot.parameter_jacobian(joints)
+    np.testing.assert_allclose(exact, differences(robot, joints), atol=2e-6)
+    np.testing.assert_array_equal(robot.parameter_jacobian(joints[1]), exact[1])
+    np.testing.assert_array_equal(robot.points(joints[1].tolist()), robot.points(joints)[1])
+    first = robot.jacobian(joints)
+    rates = 1e-6 * np.eye(joints.shape[1])
+    moved = [(robot.points(joints + rate)[:, 0] - robot.points(joints - rate)[:, 0]) / 2e-6 for rate in rates]
+    np.testing.assert_allclose(first[:, :3], np.stack(moved, axis=-1), atol=1e-6)
+    np.testing.assert_array_equal(robot.jacobian(joints[0]), first[0])
+
+
+def test_residuals_leave_out_what_was_not_seen_and_their_jacobian_is_theirs(result: lab.CalibrationResult) -> None:
+    data, estimate = result.measurements, result.estimate
+    points = data.points.copy()
+    points[4, 0, 2] = np.nan
+    values = estimate.parameter_values() + 1e-4
+    found = estimate.residuals(data.joints, points[:, 0], values)
+    assert found.values.shape == (3 * (len(data) - 1),) and found.jacobian.shape == (*found.values.shape, len(values))
+    expected = (estimate.points(data.joints, values) - points)[np.isfinite(points).all(axis=2)].ravel()
+    np.testing.assert_array_equal(found.values, expected)
+    step = np.full(len(values), 1e-7)
+    ahead = estimate.residuals(data.joints, points, values + step).values
+    np.testing.assert_allclose(ahead - found.values, found.jacobian @ step, atol=1e-12)
+    assert np.sqrt(np.mean(estimate.residuals(data.joints, data.points).values ** 2)) < 1e-5
+
+
+def test_identifiability_is_that_of_inspect_and_of_the_rank() -> None:
+    found, inspected = ROBOT.identifiability(targets=["p1"]), lab.inspect("irb120").to_dict()
+    assert found.rank == inspected["rank"] and list(found.identifiable) == inspected["identifiable"]
+    assert found.condition == pytest.approx(inspected["condition"])
+    flat = ROBOT.parameter_jacobian(JOINTS, targets=["p1"]).reshape(-1, len(found.parameters))
+    assert np.linalg.matrix_rank(flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-12), tol=1e-8) == found.rank
+    for name, into in found.aliases.items():  # an error of a fixed parameter is one of the free ones
+        error = np.array([into.get(each, 0.0) for each in found.identifiable])
+        column = flat[:, found.parameters.index(name)]
+        np.testing.assert_allclose(flat[:, list(found.free)] @ error, column, atol=1e-8)
+    few = ROBOT.identifiability(JOINTS[:4], targets=["p1"])
+    assert few.rank < found.rank and len(few.singular_values) == few.rank
+
+
+def test_criteria_are_the_textbook_s() -> None:
+    free = list(ROBOT.identifiability(targets=["p1"]).free)
+    names = [ROBOT.parameter_names(["p1"])[i] for i in free]
+    unit = np.array([1.0 if name.endswith(("theta", "alpha", "beta", "rx", "ry", "rz")) else 1e-3 for name in names])
+    stacked = 1e3 * unit * ROBOT.parameter_jacobian(JOINTS, targets=["p1"])[..., free].reshape(-1, len(free))
+    s = np.linalg.svd(stacked, compute_uv=False)
+    found = ROBOT.criteria(JOINTS, JOINTS[:5], targets=["p1"])
+    assert found["o1"] == pytest.approx(np.prod(s ** (1 / len(s))) / np.sqrt(len(JOINTS)), rel=1e-6)
+    assert found["o3"] == pytest.approx(s[-1], rel=1e-5) and found["condition"] == pytest.approx(s[0] / s[-1], rel=1e-5)
+    assert found["a"] == pytest.approx((1 / s**2).sum(), rel=1e-5)
+    covariance = np.linalg.inv(stacked.T @ stacked)
+    rows = stacked.reshape(len(JOINTS), 3, -1)[:5]
+    variances = np.einsum("nip,pq,niq->n", rows, covariance, rows)
+    assert found["g"] == pytest.approx(variances.max(), rel=1e-4) and found["i"] == pytest.approx(
+        variances.mean(), rel=1e-4
+    )
+    assert np.isnan(ROBOT.criteria(JOINTS)["g"])
+    halved = ROBOT.criteria(JOINTS, sigma_m=2e-3, scaling="whitened")["o1"]
+    assert halved == pytest.approx(ROBOT.criteria(JOINTS, sigma_m=1e-3, scaling="whitened")["o1"] / 2)
+
+
+def test_the_planned_covariance_is_that_of_the_calibration(result: lab.CalibrationResult) -> None:
+    """The fit's own covariance of the parameters, at the measured poses; other joints are predicted worse."""
+    estimate, data = result.estimate, result.measurements
+    at = ROBOT.chain.random_joints(5, np.random.default_rng(7))
+    known = replace(estimate, adequate=True, shared=None, measured=None)
+    by_fit = known.predicted_covariance(at)
+    planned = estimate.planned_covariance(data.joints, at, sigma_m=estimate.noise_m)
+    np.testing.assert_allclose(planned, by_fit, rtol=0.05, atol=1e-13)
+    np.testing.assert_array_equal(known.predicted_covariance(at[2]), by_fit[2])
+    twice = estimate.planned_covariance(np.tile(data.joints, (2, 1)), at[0], sigma_m=estimate.noise_m)
+    np.testing.assert_allclose(2 * twice, planned[0], rtol=1e-6)
+
+
+@pytest.mark.thorough
+def test_an_estimate_with_effects_takes_their_conditions_behind_the_joints() -> None:
+    soft = lab.calibrate(
+        "irb120", poses=30, seed=3, model="compliance",
+        effects=lab.Effects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0)),
+    ).estimate  # fmt: skip
+    assert soft.inputs()[-1] == "payload_kg" and ROBOT.inputs() == ROBOT.chain.joint_names
+    loaded, empty = (soft.points([*JOINTS[0], kg])[0] for kg in (3.0, 0.0))
+    assert 1e-5 < np.linalg.norm(loaded - empty) < 1e-2
+    assert soft.jacobian([*JOINTS[0], 3.0]).shape == (6, 6)
+    with pytest.raises(
+        LabError, match=r"joints have shape \(6,\); give \(7,\) or \(n, 7\) finite numbers: .*payload_kg"
+    ):
+        soft.points(JOINTS[0])
+
+
+WRONG = {
+    "joints": (lambda: ROBOT.points(np.zeros(5)), r"joints have shape \(5,\); give \(6,\) or \(n, 6\)"),
+    "three axes": (lambda: ROBOT.points(np.zeros((2, 2, 6))), r"joints have shape \(2, 2, 6\)"),
+    "nan": (lambda: ROBOT.points([np.nan] * 6), "finite numbers"),
+    "ragged": (lambda: ROBOT.points([[0.0], [0.0, 1.0]]), "joints: not numbers in rows of one length"),  # type: ignore[list-item]
+    "values": (lambda: ROBOT.points(np.zeros(6), [1.0]), r"values have shape \(1,\); give 40 finite numbers"),
+    "points": (
+        lambda: ROBOT.residuals(JOINTS, np.zeros((40, 3))),
+        r"give \(40, 3, 3\): three coordinates of each of p1",
+    ),
+    "target": (lambda: ROBOT.points(np.zeros(6), targets=["p9"]), "target 'p9' is unknown"),
+    "noise": (lambda: ROBOT.criteria(JOINTS, sigma_m=0.0), "sigma_m is 0; give the noise"),
+    "few": (
+        lambda: ROBOT.planned_covariance(JOINTS[:5], JOINTS, sigma_m=1e-5, targets=["p1"]),
+        "joints: 5 points do not identify 27 parameters",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_arrays_are_refused_in_a_line(name: str) -> None:
+    call, message = WRONG[name]
+    with pytest.raises(LabError, match=message) as caught:
+        call()
+    assert "\n" not in str(caught.value)
