@@ -153,8 +153,8 @@ class Fitter:
         if self.options.estimator is not None and (self.options.residual or self.kind.solve is not None):
             option, value = ("model", "residual") if self.options.residual else ("method", "sequential")
             raise LabError(
-                f"{option_name('estimator')} {self.options.estimator.name}: {option_name(option)} {value} estimates the "
-                f"parameters, too; leave one out"
+                f"{option_name('estimator')} {self.options.estimator.name}: {option_name(option)} {value} estimates "
+                "the parameters, too; leave one out"
             )
         if not self.options.residual:
             return
