@@ -106,10 +106,8 @@ def of_arm(options: Options, condition: str, number: int) -> dict[str, Array]:
     arm, nominal = robot.arm(TARGET), robot.arm(TARGET).nominal(robot.tool)
     seed = options.seed + number
     real = perturbed_arm(robot, VirtualCampaign(robot=ROBOT, seed=seed, effects=CONDITIONS[condition]))
-    joints, fresh = (
-        random_poses(robot.model, count, rng_for(seed, purpose))
-        for count, purpose in ((options.poses, "poses"), (options.fresh, "fresh"))
-    )
+    joints = random_poses(robot.model, options.poses, rng_for(seed, "poses"))
+    fresh = random_poses(robot.model, options.fresh, rng_for(seed, "fresh"))
     truth, kernel = real.points(fresh, TARGET)[:, 0], None
     errors: dict[str, list[float]] = {name: [] for name in (LEAST_SQUARES, *ESTIMATORS, LEARNED)}
 
