@@ -25,6 +25,8 @@ __all__ = [
     "DesignResult",
     "Effects",
     "Estimate",
+    "EstimationProblem",
+    "Estimator",
     "Inspection",
     "Instrument",
     "LabError",
@@ -35,6 +37,7 @@ __all__ = [
     "PredictionResult",
     "Result",
     "Robot",
+    "Sampler",
     "StudyResult",
     "Targets",
     "VerificationResult",
@@ -76,6 +79,7 @@ __all__ = [
 _MODULES = {  # where each name is, imported when it is asked for
     "lab.calibration.estimate": ("Estimate",),
     "lab.calibration.estimate_files": ("save_estimate",),
+    "lab.calibration.estimator": ("EstimationProblem", "Estimator"),
     "lab.campaign.instruments": ("instrument",),
     "lab.campaign.option_groups": ("Effects",),
     "lab.campaign.robot": ("Robot", "load_robot"),
@@ -110,6 +114,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.formats.target_csv": ("Targets",),
     "lab.noise.instruments": ("Instrument",),
     "lab.pose_selection.criteria": ("Criterion",),
+    "lab.simulation.sampler": ("Sampler",),
 }
 
 

@@ -1,18 +1,19 @@
 """Run one campaign: simulate or read the measurements, identify, validate and judge."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from lab.calibration.checks import note
+from lab.calibration.estimator import LEAST_SQUARES, Estimator, own_estimator
 from lab.calibration.fitted import Fitted, Judging
-from lab.calibration.fitter import Fitter
+from lab.calibration.fitter import FitOptions, Fitter
 from lab.calibration.identify import spread
 from lab.calibration.pipeline import FITTING, STEPS, PipelineOptions, run_steps, start
 from lab.calibration.validation import TruthComparison, Validation, compare_with_truth, errors_of, validate_file
@@ -48,6 +49,7 @@ from lab.noise.instruments import observing
 from lab.render.terminal import Stage, status
 from lab.sensors.registry import sensor_named
 from lab.simulation.effects import true_parameters
+from lab.simulation.sampler import Sampler, own_sampler
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
 
@@ -97,7 +99,8 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
         options: those of ``lab calibrate`` that make measurements, by name: ``poses``, ``seed``, ``targets``,
-            ``instrument``, ``position_sigma_mm`` and so on; ``effects`` is a ``lab.Effects``.
+            ``instrument``, ``position_sigma_mm`` and so on; ``effects`` is a ``lab.Effects``, and ``sampler`` may be a
+            ``Sampler``.
 
     Returns:
         The measurements (m, in the instrument's frame), the nominal robot and the true one. The same options give the
@@ -114,13 +117,18 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
     """
     if isinstance(robot, VirtualCampaign):
         return measurement_session(robot, load_virtual(robot.robot, robot.cell))[0]
-    loaded = load_virtual(robot)
+    loaded, sampler = load_virtual(robot), _own(options, "sampler", own_sampler)
     requested = options_of("lab.simulate", VirtualCampaign, {"robot": loaded.source, **options}, _OF_THE_FIT)
-    return measurement_session(requested, loaded.placed_in(requested.cell))[0]
+    return measurement_session(requested, loaded.placed_in(requested.cell), sampler)[0]
 
 
-def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[MeasurementSession, Mapping[str, Array]]:
+def measurement_session(
+    options: VirtualCampaign, robot: Robot, sampler: Sampler | None = None
+) -> tuple[MeasurementSession, Mapping[str, Array]]:
     """The measurement session of these options, with a robot that ``load_virtual`` gave.
+
+    Args:
+        sampler: of the arm, in place of that of the options.
 
     Returns:
         The day, and what is identified beside the arm (``SimulatedReadings.placed``), for the assessment alone.
@@ -132,10 +140,10 @@ def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[Measure
     robot, _ = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
     robot.refuse_unknown(options.targets)
     sensor = options.kind()
-    device = observing(named_instrument(options.instrument), options.observe)
+    device = observing(named_instrument(options.instrument), sensor.read_by or options.observe)
     if options.plan is not None and sensor.finds_poses:
         raise LabError(f"--plan is not of --observe {options.observe}: where the arm touches follows from the fixtures")
-    real = perturbed_arm(robot, options)
+    real = perturbed_arm(robot, options, sampler)
     joints, set_there, notes = poses_to_measure(robot, options)
     requested = requested_conditions(robot, options)
     conditions = draw_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), requested) | set_there
@@ -257,7 +265,8 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
         options: those of ``lab calibrate``, by name: ``poses``, ``seed``, ``targets``, ``instrument``, ``model`` and
-            so on; ``instrument`` may be a name, a file, or an ``Instrument``, and ``effects`` is a ``lab.Effects``.
+            so on; ``instrument`` may be a name, a file, or an ``Instrument``, ``effects`` is a ``lab.Effects``,
+            ``estimator`` may be an ``Estimator``, and ``sampler`` a ``Sampler``.
 
     Returns:
         The identified parameters, with base and points in the instrument's frame, and how well they predict.
@@ -271,25 +280,53 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
         >>> result.to_dict()["verdict"]
         'good'
     """
+    own, sampler = _own(options, "estimator", own_estimator), _own(options, "sampler", own_sampler)
     with status("calibrating") as stage:
         stage("1 of 3, simulating the measurements")
         if isinstance(robot, VirtualCampaign):
             return _of_a_virtual_robot(*measurement_session(robot, load_virtual(robot.robot, robot.cell)), stage)
         loaded = load_virtual(robot)
         requested = options_of("lab.calibrate", VirtualCampaign, {"robot": loaded.source, **options})
-        return _of_a_virtual_robot(*measurement_session(requested, loaded.placed_in(requested.cell)), stage)
+        session = measurement_session(requested, loaded.placed_in(requested.cell), sampler)
+        return _of_a_virtual_robot(*session, stage, own)
 
 
-def _of_a_virtual_robot(session: MeasurementSession, placed: Mapping[str, Array], stage: Stage) -> CalibrationResult:
+_Part = TypeVar("_Part", Estimator, Sampler)
+
+
+def _own(options: dict[str, Any], name: str, own_part: Callable[[object], _Part]) -> _Part | None:
+    """Return the part that options hold as an object, and leave its name in its place; None without one.
+
+    Raises:
+        LabError: it is no such part, or has the name of one of the lab's.
+    """
+    if isinstance(options.get(name, ""), str):
+        return None
+    own = own_part(options[name])
+    options[name] = own.name
+    return own
+
+
+def _fit_options(fitting: Fitting, own: Estimator | None) -> FitOptions:
+    """Return the options of the fit, by the estimator that they name unless one is given."""
+    if own is None:
+        return fitting.of_fit
+    return replace(replace(fitting, estimator=LEAST_SQUARES).of_fit, estimator=own)
+
+
+def _of_a_virtual_robot(
+    session: MeasurementSession, placed: Mapping[str, Array], stage: Stage, own: Estimator | None = None
+) -> CalibrationResult:
     """Identify from a measurement session, and validate on poses that were not measured, against the truth."""
     options, robot, data, real = session.options, session.robot, session.measurements, session.true_robot
     device = named_instrument(options.instrument)
-    noise, kind = Noise(device, readings=options.readings), options.kind()
+    fit, kind = _fit_options(options.fitting, own), options.kind()
+    noise = Noise(device, readings=options.readings, error_terms=fit.error_terms)
     if options.noise_mm is not None:
-        noise = Noise(None, MM.to_si(options.noise_mm))
+        noise = Noise(None, MM.to_si(options.noise_mm), error_terms=fit.error_terms)
     else:
         kind = kind.weighted_by(device, data)
-    fitter = Fitter(robot, options.targets, data, kind, noise, options.fitting.of_fit, options.seed)
+    fitter = Fitter(robot, options.targets, data, kind, noise, fit, options.seed)
     state = Fitted(
         fitter, fitter.observed().with_points(), judging=_judging(options), checks=tuple(map(note, robot.warnings))
     )
@@ -346,7 +383,8 @@ def identify(
         robot: the nominal model: a name, a path, or a loaded robot; by default the one that measurements in memory
             name, and of a file the one of the run in whose folder it lies.
         options: those of ``lab identify``, by name: ``instrument``, ``noise_mm``, ``holdout``, ``model`` and so on;
-            ``validate`` may be measurements in memory, too, and ``instrument`` an ``Instrument``.
+            ``validate`` may be measurements in memory, too, ``instrument`` an ``Instrument``, and ``estimator`` an
+            ``Estimator``.
 
     Returns:
         The identified parameters, with base and points in the frame of the measurements, and how well they predict.
@@ -366,6 +404,7 @@ def identify(
         named_there = replace(measurements, robot=measurements.robot_named)
         with status("identifying") as stage:
             return _of_measurements(named_there, load_robot(named_there.robot_named, measurements.cell), stage)
+    own = _own(options, "estimator", own_estimator)
     loaded, given = robot_of("lab.identify", measurements, robot), {}
     named = {"file": measurements, "validate": options.pop("validate", None)}
     for option, value in named.items():
@@ -374,11 +413,15 @@ def identify(
             named[option] = f"{option} in memory"
     requested = options_of("lab.identify", MeasuredCampaign, {**named, "robot": loaded.source, **options})
     with status("identifying") as stage:
-        return _of_measurements(requested, loaded.placed_in(requested.cell), stage, given)
+        return _of_measurements(requested, loaded.placed_in(requested.cell), stage, given, own)
 
 
 def _of_measurements(
-    options: MeasuredCampaign, robot: Robot, stage: Stage, given: Mapping[str, Measurements] = MappingProxyType({})
+    options: MeasuredCampaign,
+    robot: Robot,
+    stage: Stage,
+    given: Mapping[str, Measurements] = MappingProxyType({}),
+    own: Estimator | None = None,
 ) -> CalibrationResult:
     """Identify from the files that the options name, or from measurements in memory, by the options' names."""
     options.check()
@@ -390,8 +433,8 @@ def _of_measurements(
     kind, device = options.kind(), options.instrument
     requested = PipelineOptions(
         kind,
-        options.fitting.of_fit,
-        None if device is None else observing(named_instrument(device), kind.name),
+        _fit_options(options.fitting, own),
+        None if device is None else observing(named_instrument(device), kind.read_by or kind.name),
         None if options.noise_mm is None else MM.to_si(options.noise_mm),
         replace(
             _judging(options),
