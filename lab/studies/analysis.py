@@ -26,7 +26,7 @@ from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
-from lab.studies.grid import ANY, FACTORS, Cell
+from lab.studies.grid import FACTORS, Cell, is_any
 
 __all__ = [
     "RESAMPLES",
@@ -114,6 +114,7 @@ def holm(p: Array) -> Array:
 
 
 _KEYS = ("cell", "robot", "draw", "converged")  # columns other than metrics
+_FAILURE = "failure"  # and the reason of a failure, where it is known
 RESAMPLES = 9999
 
 
@@ -149,7 +150,7 @@ def groups(cells: Sequence[Cell], free: Collection[str]) -> tuple[CellGroup, ...
 
 
 def _agrees(cell: Cell, wanted: Mapping[str, Any]) -> bool:
-    return all(getattr(cell, name) in (level, ANY) for name, level in wanted.items())
+    return all(getattr(cell, name) == level or is_any(name, getattr(cell, name)) for name, level in wanted.items())
 
 
 @dataclass(frozen=True)
@@ -436,10 +437,14 @@ def analysed(
         factors: all that vary if not given.
     """
     campaigns = CampaignArray.of(columns, cells, seed)
-    chosen = factors or [name for name in FACTORS if len({getattr(cell, name) for cell in cells} - {ANY}) > 1]
+    chosen = factors or [name for name in FACTORS if len(_levels(cells, name)) > 1]
     found = [group for factor in chosen for group in groups(cells, [factor]) if len(group.cells) > 1]
     return Analysis(
         tuple(cells),
-        tuple(mean for name in columns if name not in _KEYS for mean in means(campaigns, name)),
+        tuple(mean for name in columns if name not in (*_KEYS, _FAILURE) for mean in means(campaigns, name)),
         tuple(compared(campaigns, group, metric) for metric in metrics for group in found),
     )
+
+
+def _levels(cells: Sequence[Cell], factor: str) -> set[Any]:
+    return {level for cell in cells if not is_any(factor, level := getattr(cell, factor))}
