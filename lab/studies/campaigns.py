@@ -267,13 +267,13 @@ def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: 
     """Solve all campaigns with one robot together."""
     requested = fitted.options(study, seed_of(study.seed, "robots", number))
     real = perturbed_arm(fitted.robot, requested)
-    measured = _measured(real, fitted.device, requested, joints, study.draws)
     conditions, later = (
         _conditions(real, requested, poses, purpose, fitted.model.conditions)
         for poses, purpose in ((joints, _AT_POSES), (fresh, _AT_FRESH))
     )
     exact = real.points(joints, fitted.targets, conditions)
     there = real.points(fresh, fitted.targets, later)
+    measured = _measured(real, fitted.device, requested, joints, study.draws, exact)
     taken, met = (np.isfinite(points).all(axis=(1, 2)) for points in (exact, there))
     shown = _inputs(fitted.model, real.effects.shown(joints), conditions)[taken]
     inputs, new = _inputs(fitted.model, joints, conditions)[taken], _inputs(fitted.model, fresh, later)[met]
@@ -302,15 +302,15 @@ def _conditions(
     return draw_conditions(real, options, len(joints), rng_for(options.seed, purpose), requested)
 
 
-def _measured(real: TrueRobot, device: Instrument, requested: VirtualCampaign, joints: Array, draws: int) -> Array:
-    """Simulate the tracker's readings of each draw, ``(draws, n, k, 3)`` m; shared parts are computed once."""
-    effects = real.effects
-    conditions = _conditions(real, requested, joints, _AT_POSES)
+def _measured(
+    real: TrueRobot, device: Instrument, requested: VirtualCampaign, joints: Array, draws: int, exact: Array
+) -> Array:
+    """Simulate the tracker's readings of each draw, ``(draws, n, k, 3)`` m, of points ``(n, k, 3)`` m."""
     noises = [rng_for(requested.seed, "noise", draw) for draw in range(draws)]
-    if effects.varies:
+    if real.effects.varies:
+        conditions = _conditions(real, requested, joints, _AT_POSES)
         points = [track(real, joints, requested.targets, device, rng, conditions=conditions).points for rng in noises]
         return np.array(points)
-    exact = real.points(joints, requested.targets, conditions)
     noisy = np.array([device.sample(exact, rng) for rng in noises])
     if not device.errors.stated:
         return noisy
