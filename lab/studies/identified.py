@@ -105,7 +105,7 @@ class _Campaigns:
             lost = self._unmet + len(self._joints) - len(state.given)
             return empty | self._measures(state, placed) | {"lost": lost}
         except LabError as error:
-            return empty | {"failure": str(error)}
+            return empty | {"failure": f"refused: {error}"}
 
     def _fitted(self, draw: int) -> tuple[Fitted, Mapping[str, Array]]:
         options, sensor = self._options, self._options.kind()
