@@ -24,6 +24,8 @@ __all__ = [
     "Criterion",
     "DesignResult",
     "Estimate",
+    "EstimationProblem",
+    "Estimator",
     "Inspection",
     "Instrument",
     "LabError",
@@ -75,6 +77,7 @@ __all__ = [
 _MODULES = {  # where each name is, imported when it is asked for
     "lab.calibration.estimate": ("Estimate",),
     "lab.calibration.estimate_files": ("save_estimate",),
+    "lab.calibration.estimator": ("EstimationProblem", "Estimator"),
     "lab.campaign.instruments": ("instrument",),
     "lab.campaign.robot": ("Robot", "load_robot"),
     "lab.commands.calibrate.load_run": ("load_estimate", "load_run"),

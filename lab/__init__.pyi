@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 from lab.calibration.estimate import Estimate
 from lab.calibration.estimate_files import save_estimate
+from lab.calibration.estimator import EstimationProblem, Estimator
 from lab.campaign.instruments import instrument
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_robot
@@ -71,6 +72,8 @@ __all__ = [
     "Criterion",
     "DesignResult",
     "Estimate",
+    "EstimationProblem",
+    "Estimator",
     "Inspection",
     "Instrument",
     "LabError",
@@ -150,6 +153,7 @@ def calibrate(
     prior: Literal["auto", "on", "off"] = "auto",
     tolerance_mm: float = 0.5,
     tolerance_mrad: float = 1.5,
+    estimator: str | Estimator = "least-squares",
     load: str | Path | None = None,
     accept_edited: bool = False,
     stiffness_nm_per_rad: float | None = None,
@@ -309,6 +313,7 @@ def identify(
     prior: Literal["auto", "on", "off"] = "auto",
     tolerance_mm: float = 0.5,
     tolerance_mrad: float = 1.5,
+    estimator: str | Estimator = "least-squares",
     load: str | Path | None = None,
     accept_edited: bool = False,
 ) -> CalibrationResult: ...
@@ -428,6 +433,7 @@ def simulate(
     prior: Literal["auto", "on", "off"] = "auto",
     tolerance_mm: float = 0.5,
     tolerance_mrad: float = 1.5,
+    estimator: str | Estimator = "least-squares",
     load: str | Path | None = None,
     accept_edited: bool = False,
     stiffness_nm_per_rad: float | None = None,

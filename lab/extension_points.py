@@ -12,6 +12,7 @@ A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.en
 - ``lab.shapes``: a function from a ``Mechanism`` to the ``ClosedFormShape`` that ``lab inspect`` reports, or None.
 - ``lab.sections``: an ``AddedSection`` of ``lab.commands.sections``.
 - ``lab.criteria``: an object or a subclass of ``lab.Criterion``; the name is the value of ``--criterion``.
+- ``lab.estimators``: an object or a subclass of ``lab.Estimator``; the name is the value of ``--estimator``.
 - ``lab.sources``: a ``Source`` of ``lab.extensions.reproduction.item``; the name is the argument of ``lab reproduce``.
 
 An extension may use the public interface ``lab``, this module, and the toolbox, which the import contract names:
@@ -30,18 +31,21 @@ that cannot be imported is left out, with a line on the standard error.
 """
 
 import sys
+from collections.abc import Collection
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal
+from inspect import isabstract
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from lab.core.errors import LabError
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-__all__ = ["choice_of", "load", "load_all", "load_reference", "registered"]
+__all__ = ["added", "choice_of", "load", "load_all", "load_part", "load_reference", "own_part", "registered"]
 
-_reported = set[str]()  # entries that could not be loaded: each is reported once
+_Part = TypeVar("_Part")
+_reported = set[str]()  # entries that cannot be used: each is reported once
 
 
 @cache
@@ -86,10 +90,56 @@ def load_all(group: str) -> dict[str, Any]:
         try:
             found[name] = load(group, name)
         except LabError as error:
-            if f"{group}:{name}" not in _reported:
-                _reported.add(f"{group}:{name}")
-                print(f"lab: warning: {error}", file=sys.stderr)
+            _report(f"{group}:{name}", str(error))
     return found
+
+
+def _report(entry: str, message: str) -> None:
+    if entry not in _reported:
+        _reported.add(entry)
+        print(f"lab: warning: {message}", file=sys.stderr)
+
+
+def added(group: str, names: Collection[str]) -> tuple[str, ...]:
+    """Return the names that packages add in a group to the lab's own ``names``, without an import.
+
+    An entry that has one of these is left out, with a warning.
+    """
+    for name in set(names) & set(registered(group)):
+        _report(f"{group}:{name}", f"'{name}' of {group} is left out: the lab has one of that name; rename the entry")
+    return tuple(name for name in registered(group) if name not in names)
+
+
+def own_part(given: object, kind: type[_Part], what: str, names: Collection[str] = ()) -> _Part:
+    """Return a part that a user or a package gives: an object, or a class that is called without arguments.
+
+    Args:
+        kind: the base class of such parts.
+        what: their name in messages, e.g. ``criterion``.
+        names: of the lab's own parts, which an object's name must not be.
+
+    Raises:
+        LabError: it is none, it has no name, or its name is one of ``names``.
+    """
+    if isinstance(given, type) and issubclass(given, kind) and not isabstract(given):
+        try:
+            given = given()
+        except TypeError as error:
+            raise LabError(f"{what} {given!r}: it needs arguments ({error}); give an object") from error
+    if not isinstance(given, kind) or not isinstance(name := getattr(given, "name", None), str) or not name:
+        raise LabError(f"{what} {given!r}: give an object of a subclass of lab.{kind.__name__} with a name")
+    if name in names:
+        raise LabError(f"{what} '{name}': the lab has one of that name; give yours another")
+    return given
+
+
+def load_part(group: str, name: str, kind: type[_Part], what: str) -> _Part:
+    """Import a part that a package registers in a group.
+
+    Raises:
+        LabError: it cannot be imported, or is of another type.
+    """
+    return own_part(load(group, name), kind, what)
 
 
 def load_reference(reference: str) -> Any:

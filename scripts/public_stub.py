@@ -20,6 +20,7 @@ _WIDER = {  # of options that a program may give as an object too
     "instrument": (("pathlib", "Path"), ("lab.noise.instruments", "Instrument")),
     "validate": (("lab.core.measurements", "Measurements"),),
     "criterion": (("lab.pose_selection.criteria", "Criterion"),),
+    "estimator": (("lab.calibration.estimator", "Estimator"),),
 }
 
 

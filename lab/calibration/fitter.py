@@ -8,6 +8,7 @@ from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 
+from lab.calibration.estimator import Estimator
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.outliers_and_noise import noise_of, outliers_among_fitted
@@ -34,7 +35,7 @@ from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.noise.error_model import ErrorModel
 
-__all__ = ["MOST_CHOSEN_BY", "Estimator", "FitOptions", "Fitter", "NominalRobot"]
+__all__ = ["MOST_CHOSEN_BY", "FitOptions", "Fitter", "NominalRobot"]
 
 _CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
@@ -43,7 +44,6 @@ _MOST_TESTED = 1_000  # poses by which such effects are searched
 MOST_CHOSEN_BY = 8_000  # poses by which groups are chosen: 1 GB
 
 _T = TypeVar("_T")
-Estimator = Callable[[Model, Measurements, Array, Noise, IdentifyOptions], Identification]
 
 
 class NominalRobot(Protocol):
@@ -87,6 +87,7 @@ class FitOptions:
         robust: whether outliers are left out.
         fix, free: names or patterns of parameters to fix at nominal, or to identify though usually fixed.
         prior: use of the tolerances of manufacture: along weakly observable directions, everywhere, or not at all.
+        estimator: of the parameters of one model; None for least squares. Groups are selected by least squares.
     """
 
     groups: tuple[str, ...] = ()
@@ -97,6 +98,7 @@ class FitOptions:
     free: tuple[str, ...] = ()
     prior: Literal["auto", "on", "off"] = "auto"
     tolerance: Tolerance = field(default_factory=Tolerance)
+    estimator: Estimator | None = None
 
     @property
     def geometric(self) -> bool:
@@ -127,7 +129,6 @@ class Fitter:
         targets: of the arm: those of ``kind`` in ``data``.
         kind: of observation, with its options.
         judged_by: further rows that the model must predict, with the groups that are left out there.
-        estimator: of the parameters of one model: ``identify``, or another of the same arguments and result.
     """
 
     robot: NominalRobot
@@ -138,7 +139,6 @@ class Fitter:
     options: FitOptions
     seed: int
     judged_by: tuple[tuple[Measurements, tuple[str, ...]], ...] = ()
-    estimator: Estimator = identify
     _arms: dict[Hashable, Arm] = field(default_factory=dict, repr=False, compare=False)
     _last_fit: _LastResult = field(default_factory=_LastResult, repr=False, compare=False)
     _last_outliers: _LastResult = field(default_factory=_LastResult, repr=False, compare=False)
@@ -147,8 +147,15 @@ class Fitter:
         """Refuse options that do not apply to any identification of these measurements.
 
         Raises:
-            LabError: the group ``residual`` is requested for something else than measured points of a serial arm.
+            LabError: the group ``residual`` is requested for something else than measured points of a serial arm; or
+                an estimator beside it or beside the sequential method, which are estimators themselves.
         """
+        if self.options.estimator is not None and (self.options.residual or self.kind.solve is not None):
+            option, value = ("model", "residual") if self.options.residual else ("method", "sequential")
+            raise LabError(
+                f"{option_name('estimator')} {self.options.estimator.name}: {option_name(option)} {value} estimates the "
+                f"parameters, too; leave one out"
+            )
         if not self.options.residual:
             return
         instead = "" if self.kind.name == "points" else f"{option_name('observe')} {self.kind.name}"
@@ -198,7 +205,7 @@ class Fitter:
         chosen = self.options
         automatic = chosen.prior == "auto"  # what the joints' offsets explain is fitted to parameters without a prior
         tolerance = chosen.tolerance if chosen.prior == "on" or (automatic and not chosen.residual) else None
-        return IdentifyOptions(chosen.fix, chosen.free, tolerance, automatic, self.kind.solve)
+        return IdentifyOptions(chosen.fix, chosen.free, tolerance, automatic, self.kind.solve, chosen.estimator)
 
     def modelled(self, groups: Sequence[str], fixed: Sequence[str]) -> tuple[Model, IdentifyOptions]:
         """Return the arm with these groups less the parameters held, and the options of its identification."""
@@ -417,7 +424,7 @@ class Fitter:
     def identified_from(self, model: Model, rows: Measurements, request: IdentifyOptions) -> Identification:
         """Identify the parameters of a model from all these rows."""
         model = self.kind.balanced(model, rows, self.nominal(model), request)
-        return self.estimator(model, rows, self.nominal(model), self.noise, request)
+        return identify(model, rows, self.nominal(model), self.noise, request)
 
     def outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
         """Find outliers among the rows, by a search that starts from an identification."""

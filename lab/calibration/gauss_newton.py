@@ -18,7 +18,7 @@ from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.noise.correlation import Correlation
 
-__all__ = ["RANK_TOLERANCE", "Estimator", "ExtraResiduals", "Fit", "Observations", "Status", "fit"]
+__all__ = ["RANK_TOLERANCE", "ExtraResiduals", "Fit", "Observations", "OtherEstimate", "Status", "fit"]
 
 Status = Literal["converged", "in a valley", "not converged"]
 ExtraResiduals = Callable[[Array], tuple[Array, Array]]
@@ -154,12 +154,12 @@ class Observations:
 
 
 @dataclass(frozen=True)
-class Estimator:
+class OtherEstimate:
     """Estimate other than the least squares of all rows.
 
     Attributes:
         covariance: ``(f, f)`` of the free parameters where whitened noise has variance one.
-        least_squares: all parameters ``(p,)`` after one step of least squares of all rows: residuals are tested there.
+        least_squares: all parameters ``(p,)`` by least squares of all rows: residuals are tested there.
     """
 
     covariance: Array
@@ -185,7 +185,7 @@ class Fit:
     cost_trace: tuple[float, ...]
     triangle: Array
     scale: Array
-    other: Estimator | None = None
+    other: OtherEstimate | None = None
 
     @property
     def least_squares(self) -> Array:

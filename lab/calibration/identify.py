@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.estimator import EstimationProblem, Estimator, estimated
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit
 from lab.calibration.identifiability import poses_needed, scaled_condition
 from lab.calibration.initial_guess import columns_of
@@ -79,6 +80,7 @@ class IdentifyOptions:
         tolerance: of manufacture, as a prior (MAP); None for none.
         automatic: whether that prior acts only along weakly observable directions, at an estimated scale.
         solve: another method to fit the free parameters than all at once (``sequential``); None for that.
+        estimator: whose estimate takes the place of that of least squares; None for none.
         near: initial values, by parameters' names; the others start at nominal, base and tool without initial values.
     """
 
@@ -87,6 +89,7 @@ class IdentifyOptions:
     tolerance: Tolerance | None = None
     automatic: bool = False
     solve: Solve | None = None
+    estimator: Estimator | None = None
     near: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, names: Sequence[str]) -> "IdentifyOptions":
@@ -229,7 +232,8 @@ def identify(
     constraint_rows = observation.extra_residuals(model.rank_point(aligned))[1]
     structure = base_set(model, aligned, fix=request.fix, free=request.free, prior_rows=constraint_rows)
     free = _identifiable(model, observed, aligned, structure, constraint_rows)
-    if (request.tolerance is None or request.automatic) and len(free) < len(structure.identifiable):
+    own = request.estimator
+    if (request.tolerance is None or request.automatic or own is not None) and len(free) < len(structure.identifiable):
         needed = poses_needed(model, aligned, structure)
         if len(data) < needed:
             raise LabError(
@@ -243,11 +247,13 @@ def identify(
         solution = fit(model, observed, free, start, extra_residuals=extra_residuals)
     else:
         solution = request.solve(observation, observed, free, start)
+    if own is not None:
+        solution = _estimated(own, observation, observed, structure, nominal, solution, start, request, sigma_given)
     solution = _canonical(model, solution)
     residuals = data.points - model.points(observed.inputs, solution.values)
     dof, estimated = _residual_sigma(observation, observed, solution, residuals)
     acting = None
-    if request.tolerance is not None and request.solve is None:
+    if request.tolerance is not None and request.solve is None and own is None:
         problem = _MAPProblem(observation, observed, structure, extra_residuals, start, sigma_given)
         if request.automatic:
             prior = prior_of(model, structure, nominal, request.tolerance, links_alone=True)
@@ -277,6 +283,52 @@ def identify(
         prior=acting,
     )
     return replace(identified, checks=(*identified.checks, *_checks(identified)))
+
+
+def _estimated(
+    estimator: Estimator,
+    observation: Observation,
+    observed: Observations,
+    structure: BaseSet,
+    nominal: Array,
+    plain: Fit,
+    start: Array,
+    request: IdentifyOptions,
+    sigma_given: bool,
+) -> Fit:
+    """Return the fit by an estimator of the parameters that least squares fitted, in units of the noise.
+
+    Raises:
+        LabError: the noise is unknown and no residuals are left to estimate it, or there is no valid estimate.
+    """
+    model, sigma = observation.model, 1.0
+    if not sigma_given:
+        residuals = observed.points - model.points(observed.inputs, plain.least_squares)
+        _, sigma = _residual_sigma(observation, observed, plain, residuals)
+        if not sigma > _LEAST_SIGMA:
+            raise LabError(
+                f"estimator '{estimator.name}': least squares leaves no residuals to estimate the noise; give "
+                f"{option_name('noise_mm')}"
+            )
+    free, information = list(plain.free), np.zeros((len(start), len(start)))
+    if request.tolerance is not None:
+        prior = prior_of(model, structure, nominal, request.tolerance, links_alone=request.automatic)
+        information[np.ix_(prior.of, prior.of)] = prior.whiten.T @ prior.whiten
+    scaled = replace(observed, whiten=observed.whiten / sigma)
+    problem = EstimationProblem(
+        tuple(model.names[i] for i in free),
+        start[free],
+        information[np.ix_(free, free)],
+        root_mean_square_sigma(scaled, observation.positions),
+        observed.inputs,
+        observed.points,
+        model,
+        scaled,
+        plain.free,
+        start,
+        weighted_constraints(observation, scaled),
+    )
+    return estimated(estimator, problem, plain, sigma)
 
 
 @dataclass(frozen=True)

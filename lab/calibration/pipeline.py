@@ -42,8 +42,7 @@ from lab.calibration.checks import (
 )
 from lab.calibration.extrapolation import measured_range
 from lab.calibration.fitted import Fitted, Judging, named_poses
-from lab.calibration.fitter import MOST_CHOSEN_BY, Estimator, FitOptions, Fitter, NominalRobot
-from lab.calibration.identify import identify
+from lab.calibration.fitter import MOST_CHOSEN_BY, FitOptions, Fitter, NominalRobot
 from lab.calibration.noise.plausibility import changes_in_time, finding, shared_error_findings
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.outliers_and_noise import outliers_among_held_out, tail_of
@@ -103,7 +102,6 @@ class PipelineOptions:
     noise_m: float | None = None
     judging: Judging = field(default_factory=Judging)
     seed: int = 0
-    estimator: Estimator = identify
 
 
 def identify_robot(
@@ -143,9 +141,7 @@ def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> 
     targets = kind.targets(data)
     arm = robot.arm(targets)
     data = kind.with_sessions(arm, data, arm.nominal(robot.tool))
-    fitter = Fitter(
-        robot, targets, data, kind, Noise(device, options.noise_m), options.fit, options.seed, (), options.estimator
-    )
+    fitter = Fitter(robot, targets, data, kind, Noise(device, options.noise_m), options.fit, options.seed)
     observed, other = fitter.observed(), options.judging.other
     judged_by: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
     judged_by += [] if other is None else [(other, CAMPAIGN_SPECIFIC)]
@@ -237,8 +233,12 @@ def _check_lack_of_fit(state: Fitted) -> Fitted:
 def _choose_intervals(state: Fitted) -> Fitted:
     """Choose the covariance: of the weights, with small-sample corrections, or of whole poses (cluster-robust).
 
+    An estimator of one's own brings its covariance with it.
+
     Needs: ``weighted``, ``noise``. Changes: ``identification``.
     """
+    if state.fitter.options.estimator is not None:
+        return state
     found, fitter, searched = state.weighted, state.fitter, state.fitter.options.search
     observation, checks = observation_of(found.model), list[Check]()
     trusted = state.noise.corrected(found)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lab.calibration.gauss_newton import RANK_TOLERANCE, Estimator, Fit, Observations, Status, fit
+from lab.calibration.gauss_newton import RANK_TOLERANCE, Fit, Observations, OtherEstimate, Status, fit
 from lab.calibration.observation import Observation
 from lab.core.errors import LabError, option_name
 from lab.core.linear_model import unit_columns
@@ -103,8 +103,10 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
             status = "converged"
             break
     linear = fit(model, observed, free, values, tolerance_m=np.inf)
-    own = Estimator(_unit_covariance(model, observed, positions, split, values)[np.ix_(free, free)], linear.values)
-    return replace(linear, values=values, status=status, cost_trace=tuple(costs), other=own)
+    covariance = _unit_covariance(model, observed, positions, split, values)[np.ix_(free, free)]
+    return replace(
+        linear, values=values, status=status, cost_trace=tuple(costs), other=OtherEstimate(covariance, linear.values)
+    )
 
 
 def _unit_covariance(model: Model, observed: Observations, positions: int, split: _Split, values: Array) -> Array:

@@ -44,6 +44,8 @@ class Fitting:
     """Manufacturing tolerance of lengths (1σ): of the prior, and by which aliased errors are shared in exports."""
     tolerance_mrad: float = 1.5
     """Manufacturing tolerance of angles (1σ)."""
+    estimator: str = "least-squares"
+    """Estimator of the parameters: least-squares. Packages may add others."""
     load: Path | None = None
     """The folder of a run of lab payload: it places all payloads; rows without payload_kg have its mass."""
     accept_edited: Flag = False
@@ -84,7 +86,12 @@ class Fitting:
 
     @property
     def of_fit(self) -> "FitOptions":
-        """The options of the fit in SI units."""
+        """The options of the fit in SI units.
+
+        Raises:
+            LabError: there is no such estimator.
+        """
+        from lab.calibration.estimator import estimator_named
         from lab.calibration.fitter import FitOptions
         from lab.calibration.prior import Tolerance
 
@@ -97,6 +104,7 @@ class Fitting:
             self.free,
             self.prior,
             Tolerance(MM.to_si(self.tolerance_mm), MRAD.to_si(self.tolerance_mrad)),
+            estimator_named(self.estimator),
         )
 
 

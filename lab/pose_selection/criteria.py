@@ -8,7 +8,6 @@ ranking of designs is independent of units. So are those of G and I, variances o
 condition number and A depend on the scaling.
 """
 
-import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
-from lab.extension_points import load, registered
+from lab.extension_points import added, load_part, own_part
 from lab.kinematics.parameter import Parameter
 
 __all__ = [
@@ -165,22 +164,18 @@ class Criterion(ABC):
 
 def refuse_unknown(name: str, *others: str) -> None:
     """Refuse a name that is neither a criterion's nor one of ``others``, with a LabError."""
-    names = (*others, *CRITERIA, *registered("lab.criteria"))
+    names = (*others, *CRITERIA, *added("lab.criteria", CRITERIA))
     if name not in names:
         raise LabError(f"criterion '{name}' is unknown: choose one of {', '.join(names)}")
 
 
 def own_criterion(given: object) -> Criterion:
-    """Return the criterion given by a user or a package: an object, or a class of such objects.
+    """Return the criterion given by a user: an object, or a class of such objects.
 
     Raises:
-        LabError: it is no ``Criterion``, or has no name.
+        LabError: it is no ``Criterion``, or has no name of its own.
     """
-    if isinstance(given, type) and issubclass(given, Criterion) and not inspect.isabstract(given):
-        given = given()
-    if not isinstance(given, Criterion) or not isinstance(getattr(given, "name", None), str):
-        raise LabError(f"criterion {given!r}: give an object of a subclass of lab.Criterion, with a name and a score")
-    return given
+    return own_part(given, Criterion, "criterion", CRITERIA)  # type: ignore[type-abstract]
 
 
 def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
@@ -191,7 +186,7 @@ def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
     """
     refuse_unknown(name)
     if name not in CRITERIA:
-        return own_criterion(load("lab.criteria", name))
+        return load_part("lab.criteria", name, Criterion, "criterion")  # type: ignore[type-abstract]
     if name == "O1":
         return _Determinant()
     if name == "A":

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
+import lab
 from lab.calibration.checks import check_outlier_search
 from lab.calibration.fitted import Fitted, Judging
-from lab.calibration.fitter import Fitter
+from lab.calibration.fitter import FitOptions, Fitter
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.pipeline import FITTING, STEPS, PipelineOptions, identify_robot, run_steps, start
@@ -246,12 +247,30 @@ def off(fit: Fitted, other: Fitted) -> float:
     return float(np.sqrt(((mine - others) ** 2).sum(axis=2).mean()))
 
 
+class Huber(lab.Estimator):
+    """The same estimator as the seam takes it: weights of whole poses by the lengths of their whitened residuals."""
+
+    name = "huber"
+
+    def estimate(self, problem: lab.EstimationProblem) -> tuple[np.ndarray, np.ndarray]:
+        values, weights = problem.start, np.ones(len(problem.points))
+        for _ in range(20):
+            residuals, jacobian = problem.linearized(values)
+            roots = np.repeat(np.sqrt(weights), 3)
+            values = values + np.linalg.lstsq(roots[:, None] * jacobian, roots * residuals)[0]
+            sizes = np.linalg.norm(problem.residuals(values).reshape(-1, 3), axis=1)
+            scale = np.median(sizes) / 1.54
+            weights = 1 / np.maximum(sizes / (1.345 * scale), 1.0)
+        weighted = np.repeat(weights, 3)[:, None] * jacobian
+        return values, scale**2 * np.linalg.inv(jacobian.T @ weighted)
+
+
 @pytest.mark.thorough
 def test_an_estimator_of_a_callers_own_takes_the_place_of_least_squares() -> None:
     """As an option it fits every model and every fold; as a step it fits the chosen model alone."""
     spoilt, clean = spoilt_and_clean()
     truth, plain = identify_robot(IRB120, clean, POINTS), identify_robot(IRB120, spoilt, POINTS)
-    everywhere = identify_robot(IRB120, spoilt, PipelineOptions(PointSensor(), estimator=huber))
+    everywhere = identify_robot(IRB120, spoilt, PipelineOptions(PointSensor(), FitOptions(estimator=Huber())))
 
     def fit_robustly(state: Fitted) -> Fitted:
         fitter, (model, request) = state.fitter, state.fitter.modelled(state.groups, state.unshown)

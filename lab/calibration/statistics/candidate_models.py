@@ -259,7 +259,7 @@ class SelectionTask:
         model = self.model_with(groups)
         request = self.request.of(observation_of(model).within(self.data).model.names)
         start = {} if near is None else dict(zip(near.model.names, near.values.tolist(), strict=True))
-        also_fixed = replace(request, fix=(*request.fix, *fixed), near=start)
+        also_fixed = replace(request, fix=(*request.fix, *fixed), near=start, estimator=None)
         return identify(model, self.data, self.nominal_of(model), self.noise, also_fixed)
 
     def refusal(self, group: str) -> LabError | None:

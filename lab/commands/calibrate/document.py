@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lab.calibration.estimate import EstimatedParameter
+from lab.calibration.estimator import LEAST_SQUARES
 from lab.calibration.identifiability import Direction
 from lab.calibration.prior import ActingPrior
 from lab.calibration.statistics.remaining_error import ExplainedError
@@ -106,10 +107,12 @@ def _lead(result: CalibrationResult) -> doc.Paragraph:
     fit, before, after, targets = result.identification.fit, result.before, result.after, result.fitted.targets
     of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if terms.names_targets else ""
     status = "stalled after" if fit.status == "in a valley" else f"{fit.status} in"
-    steps = counted(fit.iterations, "step")
+    how = f"{status} {counted(fit.iterations, 'step')}"
+    if (estimator := result.options.fitting.estimator) != LEAST_SQUARES:
+        how = f"estimator {estimator}"
     begun = (
         f"From {terms.measured}{of} measured in {len(result.fitted):,} poses, {fit.rank} of "
-        f"{len(result.parameters)} parameters were identified ({status} {steps})."
+        f"{len(result.parameters)} parameters were identified ({how})."
     )
     if before is None or after is None:
         return doc.Paragraph(f"{begun} The accuracy at other poses was not validated.", "lead")

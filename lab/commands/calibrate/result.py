@@ -249,6 +249,7 @@ class CalibrationResult(Result):
             "condition": number(identification.fit.condition),
             "plain_condition": number(identification.plain_condition),
             "prior": self._prior,
+            "estimator": self.options.fitting.estimator,
             "status": identification.status,
             "iterations": identification.fit.iterations,
             "seconds": round(self.seconds, 4),

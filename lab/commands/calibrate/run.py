@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 
 from lab.calibration.checks import note
+from lab.calibration.estimator import LEAST_SQUARES, Estimator, own_estimator
 from lab.calibration.fitted import Fitted, Judging
-from lab.calibration.fitter import Fitter
+from lab.calibration.fitter import FitOptions, Fitter
 from lab.calibration.identify import spread
 from lab.calibration.pipeline import FITTING, STEPS, PipelineOptions, run_steps, start
 from lab.calibration.validation import TruthComparison, Validation, compare_with_truth, errors_of, validate_file
 from lab.calibration.weights import Noise
 from lab.campaign.instruments import named_instrument
+from lab.campaign.option_groups import Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.campaign.task_region import task_region
@@ -241,7 +243,7 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
         options: those of ``lab calibrate``, by name: ``poses``, ``seed``, ``targets``, ``instrument``, ``model`` and
-            so on; ``instrument`` may be a name, a file, or an ``Instrument``.
+            so on; ``instrument`` may be a name, a file, or an ``Instrument``, and ``estimator`` an ``Estimator``.
 
     Returns:
         The identified parameters, with base and points in the instrument's frame, and how well they predict.
@@ -255,16 +257,39 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
         >>> result.to_dict()["verdict"]
         'good'
     """
+    own = _own_estimator(options)
     with status("calibrating") as stage:
         stage("1 of 3, simulating the measurements")
         if isinstance(robot, VirtualCampaign):
             return _of_a_virtual_robot(*measurement_session(robot, load_virtual(robot.robot, robot.cell)), stage)
         loaded = load_virtual(robot)
         requested = options_of("lab.calibrate", VirtualCampaign, {"robot": loaded.source, **options})
-        return _of_a_virtual_robot(*measurement_session(requested, loaded.placed_in(requested.cell)), stage)
+        return _of_a_virtual_robot(*measurement_session(requested, loaded.placed_in(requested.cell)), stage, own)
 
 
-def _of_a_virtual_robot(session: MeasurementSession, placed: Mapping[str, Array], stage: Stage) -> CalibrationResult:
+def _own_estimator(options: dict[str, Any]) -> Estimator | None:
+    """Return the estimator that options hold as an object, and leave its name in its place; None without one.
+
+    Raises:
+        LabError: it is no estimator, or has the name of one of the lab's.
+    """
+    if isinstance(options.get("estimator", ""), str):
+        return None
+    own = own_estimator(options["estimator"])
+    options["estimator"] = own.name
+    return own
+
+
+def _fit_options(fitting: Fitting, own: Estimator | None) -> FitOptions:
+    """Return the options of the fit, by the estimator that they name unless one is given."""
+    if own is None:
+        return fitting.of_fit
+    return replace(replace(fitting, estimator=LEAST_SQUARES).of_fit, estimator=own)
+
+
+def _of_a_virtual_robot(
+    session: MeasurementSession, placed: Mapping[str, Array], stage: Stage, own: Estimator | None = None
+) -> CalibrationResult:
     """Identify from a measurement session, and validate on poses that were not measured, against the truth."""
     options, robot, data, real = session.options, session.robot, session.measurements, session.true_robot
     device = named_instrument(options.instrument)
@@ -273,7 +298,7 @@ def _of_a_virtual_robot(session: MeasurementSession, placed: Mapping[str, Array]
         noise = Noise(None, MM.to_si(options.noise_mm))
     else:
         kind = kind.weighted_by(device, data)
-    fitter = Fitter(robot, options.targets, data, kind, noise, options.fitting.of_fit, options.seed)
+    fitter = Fitter(robot, options.targets, data, kind, noise, _fit_options(options.fitting, own), options.seed)
     state = Fitted(
         fitter, fitter.observed().with_points(), judging=_judging(options), checks=tuple(map(note, robot.warnings))
     )
@@ -330,7 +355,8 @@ def identify(
         robot: the nominal model: a name, a path, or a loaded robot; by default the one that measurements in memory
             name, and of a file ``irb120``.
         options: those of ``lab identify``, by name: ``instrument``, ``noise_mm``, ``holdout``, ``model`` and so on;
-            ``validate`` may be measurements in memory, too, and ``instrument`` an ``Instrument``.
+            ``validate`` may be measurements in memory, too, ``instrument`` an ``Instrument``, and ``estimator`` an
+            ``Estimator``.
 
     Returns:
         The identified parameters, with base and points in the frame of the measurements, and how well they predict.
@@ -349,6 +375,7 @@ def identify(
     if isinstance(measurements, MeasuredCampaign):
         with status("identifying") as stage:
             return _of_measurements(measurements, load_robot(measurements.robot, measurements.cell), stage)
+    own = _own_estimator(options)
     if isinstance(measurements, Measurements):
         robot = robot_of("lab.identify", measurements, robot)
     loaded, given = load_robot(MeasuredCampaign.robot if robot is None else robot), {}
@@ -359,11 +386,15 @@ def identify(
             named[option] = f"{option} in memory"
     requested = options_of("lab.identify", MeasuredCampaign, {**named, "robot": loaded.source, **options})
     with status("identifying") as stage:
-        return _of_measurements(requested, loaded.placed_in(requested.cell), stage, given)
+        return _of_measurements(requested, loaded.placed_in(requested.cell), stage, given, own)
 
 
 def _of_measurements(
-    options: MeasuredCampaign, robot: Robot, stage: Stage, given: Mapping[str, Measurements] = MappingProxyType({})
+    options: MeasuredCampaign,
+    robot: Robot,
+    stage: Stage,
+    given: Mapping[str, Measurements] = MappingProxyType({}),
+    own: Estimator | None = None,
 ) -> CalibrationResult:
     """Identify from the files that the options name, or from measurements in memory, by the options' names."""
     options.check()
@@ -375,7 +406,7 @@ def _of_measurements(
     kind, device = options.kind(), options.instrument
     requested = PipelineOptions(
         kind,
-        options.fitting.of_fit,
+        _fit_options(options.fitting, own),
         None if device is None else observing(named_instrument(device), kind.name),
         None if options.noise_mm is None else MM.to_si(options.noise_mm),
         replace(
