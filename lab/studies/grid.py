@@ -7,6 +7,7 @@ from math import prod
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_type_hints
 
+from lab.calibration.estimator import LEAST_SQUARES, estimator_named
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.option_types import PriorMode
 from lab.core.errors import LabError, error_context
@@ -50,7 +51,7 @@ class Cell:
         poses: their number.
         noise: factor of the instrument's noise; the poses are chosen with a factor of one.
         parameters, effects: names of sets that the study defines.
-        model, robust, prior: of the fit, as ``lab identify`` takes them.
+        model, robust, prior, estimator: of the fit, as ``lab identify`` takes them.
         observe: the sensor.
         plan: a plan's file, whose poses are measured instead of chosen ones; ``none`` without one.
         targets: their number on the flange.
@@ -73,17 +74,18 @@ class Cell:
     plan: str = NONE
     targets: int = 1
     payload_kg: tuple[float, ...] = ()
+    estimator: str = LEAST_SQUARES
 
     @property
     def fitting(self) -> Fitting:
         """Options of the fit that the factors name."""
-        return Fitting(model=self.model, robust=self.robust, prior=self.prior)
+        return Fitting(model=self.model, robust=self.robust, prior=self.prior, estimator=self.estimator)
 
     @property
     def is_stacked(self) -> bool:
         """True if campaigns are fitted together by least squares; False if each is identified alone."""
         fitting = self.fitting
-        plain = self.observe == POINTS and self.prior == "off" and not self.robust
+        plain = self.observe == POINTS and self.prior == "off" and not self.robust and self.estimator == LEAST_SQUARES
         searched = fitting.residual or fitting.parametric == "auto"
         return plain and not searched and not set(CAMPAIGN_SPECIFIC) & set(fitting.groups)
 
@@ -97,6 +99,7 @@ class Cell:
         whole("factor targets", self.targets, 1, TARGETS)
         with error_context("factors"):
             self.fitting.check()
+            estimator_named(self.estimator)
             sensor_named(self.observe)
             ArmEffects(payload_kg=self.payload_kg or ArmEffects().payload_kg).check()
 
@@ -207,11 +210,13 @@ class Study:
         """
         usual, chosen = Fitting(), cell.fitting
         found = usual if cell.parameters == USUAL else self.parameters[cell.parameters]
-        if found.load is not None or found.model != usual.model or found.robust or found.prior == "on":
+        mine = (found.model, found.robust, found.prior == "on", found.estimator, found.load)
+        if mine != (usual.model, False, False, usual.estimator, None):
             raise LabError(
-                f"parameters.{cell.parameters}: give model, robust and prior as [factors], and leave load out"
+                f"parameters.{cell.parameters}: give model, robust, prior and estimator in [factors]; leave load out"
             )
-        return replace(found, model=chosen.model, robust=chosen.robust, prior=chosen.prior)
+        named = {name: getattr(chosen, name) for name in ("model", "robust", "prior", "estimator")}
+        return replace(found, **named)
 
     def _refuse_large(self) -> None:
         cells = prod(len(values) for values in self.factors.values())
