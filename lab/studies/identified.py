@@ -125,7 +125,8 @@ class _Campaigns:
         found = state.identification
         before, after = (MM.of(each) for each in self._errors(state))
         failure = "" if found.status == "converged" else NOT_CONVERGED
-        if found.unobservable and found.prior is None:
+        hidden = state.unshown and not state.fitter.options.search  # parameters of groups that were requested
+        if hidden or (found.unobservable and found.prior is None):
             failure = RANK_DEFICIENT
         measures = {
             "converged": not failure,
