@@ -126,7 +126,7 @@ class _Campaigns:
         before, after = (MM.of(each) for each in self._errors(state))
         failure = "" if found.status == "converged" else NOT_CONVERGED
         hidden = state.unshown and not state.fitter.options.search  # parameters of groups that were requested
-        if hidden or (found.unobservable and found.prior is None):
+        if hidden or found.unobservable:
             failure = RANK_DEFICIENT
         measures = {
             "converged": not failure,
