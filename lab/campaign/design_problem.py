@@ -672,13 +672,14 @@ def best_design(options: DesignOptions, problem: PoseProblem, count: int, progre
     """Return the best of several starts, each exchanged among the candidates and then moved uphill.
 
     The best start is chosen after the first round uphill, which gains most; that one alone continues. A design for the
-    worst of several cases starts first from the one for the nominal arm, and is never worse than that.
+    worst of several cases starts first from the designs for the nominal arm with each model, and is never worse than
+    these.
     """
     rng = rng_for(options.seed, "design")
     best: Design | None = None
     for start in range(options.starts):
         progress(f"2 of 5, design of {count} poses, start {start + 1} of {options.starts}", start, options.starts)
-        design = _begun(problem, count, rng, nominal_first=start == 0)
+        design = _begun(problem, count, rng, first=start == 0)
         if best is None or design.score > best.score:
             best = design
     assert best is not None
@@ -692,11 +693,17 @@ def best_design(options: DesignOptions, problem: PoseProblem, count: int, progre
     return best
 
 
-def _begun(problem: PoseProblem, count: int, rng: np.random.Generator, *, nominal_first: bool) -> Design:
+def _begun(problem: PoseProblem, count: int, rng: np.random.Generator, *, first: bool) -> Design:
     """Compute one start, exchanged and moved uphill once; it is stored with the generator's state after it."""
 
     def work() -> Columns:
-        design = _uphill(problem, _exchanged(problem, count, rng, nominal_first=nominal_first), 1)
+        if len(problem.cases) == 1:
+            found = [_nominal(problem, problem.cases[0], count, rng)]
+        elif first:
+            found = _from_nominal(problem, count, rng)
+        else:
+            found = [_exchanged_worst(problem, count, rng)]
+        design = max((_uphill(problem, each, 1) for each in found), key=lambda each: each.score)
         return asdict(design) | {"score": np.array(design.score), "state": _state(rng)}
 
     found = current_keep()("start", [np.array([count]), _state(rng), problem.inputs, problem.already], work)
@@ -704,24 +711,37 @@ def _begun(problem: PoseProblem, count: int, rng: np.random.Generator, *, nomina
     return Design(found["rows"], found["joints"], found["jacobian"], float(found["score"]))
 
 
+def _from_nominal(problem: PoseProblem, count: int, rng: np.random.Generator) -> list[Design]:
+    """Return designs for the worst case: the best for the nominal arm with one model, and the exchange from it."""
+    aim, single = WorstCase(problem.cases), []
+    for case in problem.cases:
+        if not case.arm:
+            start = _nominal(problem, case, count, rng)
+            moved = _uphill(problem, start, _ROUNDS, _of_one(case))
+            seen = aim.seen(moved.joints)
+            single.append((start.rows, replace(moved, jacobian=seen, score=aim.score(seen))))
+    rows, best = max(single, key=lambda each: each[1].score)
+    return [best, _exchanged_worst(problem, count, rng, rows)]
+
+
 def _state(rng: np.random.Generator) -> NDArray[np.str_]:
     return np.array(json.dumps(rng.bit_generator.state))
 
 
-def _aim(problem: PoseProblem) -> Aim:
-    """Return the objective of a design: the criterion, or the worst of several cases."""
-    if len(problem.cases) > 1:
-        return WorstCase(problem.cases)
-    return OneCriterion(problem.sensitivity, problem.goal, 0.0 if problem.measured is None else problem.measured)
+def _of_one(case: Case) -> OneCriterion:
+    return OneCriterion(case.sensitivity, case.goal, information(case.before) if len(case.before) else 0.0)
 
 
-def _uphill(problem: PoseProblem, design: Design, rounds: int) -> Design:
+def _uphill(problem: PoseProblem, design: Design, rounds: int, aim: Aim | None = None) -> Design:
+    """Move the poses uphill by an objective: by default the criterion, or the worst of several cases."""
+    if aim is None:
+        aim = WorstCase(problem.cases) if len(problem.cases) > 1 else _of_one(problem.cases[0])
     chain = problem.robot.chain
     keep_off = MARGIN * (chain.upper - chain.lower)
     further = problem.inputs[:, chain.size :]  # stations and payloads, which do not change: their slope is zero
     return climb(
         design,
-        _aim(problem),
+        aim,
         problem.access.feasible,
         np.concatenate([chain.lower + keep_off, further.min(axis=0)]),
         np.concatenate([chain.upper - keep_off, further.max(axis=0)]),
@@ -736,31 +756,30 @@ def _of_nominal(problem: PoseProblem, design: Design) -> Design:
 
 def exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
     """Exchange among the candidates to which a free path leads."""
-    return _of_nominal(problem, _exchanged(problem, count, rng, nominal_first=True))
+    nominal = _nominal(problem, problem.cases[0], count, rng)
+    if len(problem.cases) == 1:
+        return nominal
+    return _of_nominal(problem, _exchanged_worst(problem, count, rng, nominal.rows))
 
 
-def _exchanged(problem: PoseProblem, count: int, rng: np.random.Generator, *, nominal_first: bool) -> Design:
-    """Exchange among the candidates; for the worst of several cases the Jacobians are those of all."""
-    several = len(problem.cases) > 1
-    nominal = None
-    if nominal_first or not several:
-        nominal = exchange(
-            problem.inputs,
-            problem.pool,
-            count,
-            problem.goal,
-            rng,
-            starts=1,
-            measured=problem.measured,
-            reachable=problem.access.reachable,
-        )
-        if not several:
-            return nominal
-    return exchange_worst(
+def _nominal(problem: PoseProblem, case: Case, count: int, rng: np.random.Generator) -> Design:
+    """Exchange among the candidates, for one case alone."""
+    return exchange(
         problem.inputs,
-        WorstCase(problem.cases),
-        rng,
+        case.pool,
         count,
-        first=None if nominal is None else nominal.rows,
+        case.goal,
+        rng,
+        starts=1,
+        measured=information(case.before) if len(case.before) else None,
         reachable=problem.access.reachable,
+    )
+
+
+def _exchanged_worst(
+    problem: PoseProblem, count: int, rng: np.random.Generator, first: NDArray[np.int_] | None = None
+) -> Design:
+    """Exchange among the candidates for the worst case, from some of them ``(count,)``, with Jacobians of all."""
+    return exchange_worst(
+        problem.inputs, WorstCase(problem.cases), rng, count, first=first, reachable=problem.access.reachable
     )

@@ -248,7 +248,8 @@ class DesignResult(Result):
         """Waypoints of the tour: home, poses to measure, via poses, and home."""
         which = np.where(self.tour.measured >= 0, np.cumsum(self.tour.measured >= 0) - 1, -1)
         ids = visit_ids(self.tour, self.pose_ids)
-        return Waypoints(self.tour.waypoints, which, ids, "measure", stations=self._stations_of_waypoints)
+        loads = tuple(each.payload_kg for each in self._blocks_of_waypoints if each.payload_kg is not None)
+        return Waypoints(self.tour.waypoints, which, ids, "measure", self._stations_of_waypoints, loads)
 
     @property
     def _blocks(self) -> tuple[_Block, ...]:
@@ -288,8 +289,7 @@ class DesignResult(Result):
         use = tuple("skip" if purpose == VIA else "calibrate" for purpose in waypoints.purposes)
         marks = {"stop": waypoints.purposes} | ({"station": waypoints.stations} if waypoints.stations else {})
         marks |= {"checked": ("no",) * n} if self.options.no_check else {}
-        carried = [each.payload_kg for each in self._blocks_of_waypoints]
-        conditions = {PAYLOAD: np.array(carried, dtype=np.float64)} if len(self.problem.payloads) else {}
+        conditions = {PAYLOAD: np.array(waypoints.payloads_kg)} if waypoints.payloads_kg else {}
         return replace(data, ids=waypoints.names, use=use, other=marks, conditions=conditions)
 
     @property
@@ -340,20 +340,13 @@ class DesignResult(Result):
                 for i, (name, T) in enumerate(zip(model.stations, model.Ts_world_station, strict=False))
             ],
             "checked": not self.options.no_check,
-            "stops": self._stops,
+            "stops": list(self.waypoints.rows(self.problem.robot.chain)),
             "curve_of": "designs" if self.options.curve else "continuous design",
             "curve": [step.to_dict() for step in self.curve],
             **plan_or_refusal(self.problem.robot.chain, self.options.controller, [each.name for each in self._blocks]),
             "seconds": round(self.seconds, 4),
             "warnings": list(self.warnings),
         }
-
-    @property
-    def _stops(self) -> list[dict[str, Any]]:
-        rows = list(self.waypoints.rows(self.problem.robot.chain))
-        if not len(self.problem.payloads):
-            return rows
-        return [{**row, PAYLOAD: each.payload_kg} for row, each in zip(rows, self._blocks_of_waypoints, strict=True)]
 
     @property
     def _own_certificate(self) -> dict[str, Any] | None:
