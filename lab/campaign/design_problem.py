@@ -9,29 +9,44 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.regions import region_of_points
 from lab.calibration.stations import STATION_POINTS
 from lab.campaign.instruments import named_instrument
+from lab.campaign.option_groups import Fitting
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
+from lab.campaign.task_region import TaskRegion, task_region
+from lab.campaign.virtual_robot import truth_of
 from lab.core.errors import LabError
 from lab.core.limits import WAYPOINTS
 from lab.core.linear_model import whitening
+from lab.core.measurements import STATION
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.units import joints_to_si
+from lab.core.units import MM, MRAD, joints_to_si
 from lab.core.whole_folder import Columns, Keep, at_once, current_keep
 from lab.formats.measurement_csv import read_measurements
-from lab.kinematics.effects.arm import Arm
-from lab.kinematics.effects.effect import SessionInfo
+from lab.kinematics.effects.arm import Arm, ArmWithEffects
+from lab.kinematics.effects.effect import PAYLOAD, SessionInfo
 from lab.kinematics.effects.sessions import station_parameters
 from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.noise.instruments import Instrument, is_isotropic, observing
 from lab.pose_selection.criteria import Criterion, Scaling, criterion, is_singular
-from lab.pose_selection.exchange import Design, Feasible, Sensitivity, ascend, exchange, information
+from lab.pose_selection.exchange import (
+    Aim,
+    Design,
+    Feasible,
+    OneCriterion,
+    Sensitivity,
+    climb,
+    exchange,
+    information,
+)
 from lab.pose_selection.tour import FreePath, fastest_path
+from lab.pose_selection.worst_case import Case, WorstCase, exchange_worst
 from lab.render.terminal import Stage, no_stage
 from lab.simulation.candidate_poses import (
     MARGIN,
@@ -45,6 +60,7 @@ from lab.simulation.candidate_poses import (
 from lab.simulation.collisions import LOWER_CLEARANCE, collides, describe_collisions, random_poses, unchecked
 from lab.simulation.free_path import path_check, planning_model
 from lab.simulation.model import RobotModel
+from lab.simulation.true_robot import GeometryErrors
 
 __all__ = [
     "HUBS",
@@ -192,19 +208,17 @@ _MEASURED_SLACK = 1e-3  # rad or m: allowed excess of joint positions over a dat
 class PoseProblem:
     """A planning problem, from which designs of any size are chosen.
 
-    Inputs are joint positions and, for an instrument with several stations, an indicator column (1 or 0)
-    of each station but the first.
+    Inputs are joint positions, for an instrument with several stations an indicator column (1 or 0)
+    of each station but the first, and, if payloads are given, a column of the payload (kg).
 
     Attributes:
         values: nominal parameters ``(p,)``, with the base before the nominal tracker.
-        seen: the arm with the effects of the stations; its parameters begin with those of ``arm``.
-        inputs: ``(m, joints + stations - 1)`` of the candidates.
-        whitened: inputs to Jacobians ``(n, r, f)`` of the base set in standard deviations.
-        sensitivity: the same in the units of the scaling, for the criterion.
-        pool: ``(m, r, f)``, sensitivities of the candidates.
-        test: ``(t, 3, f)``, Jacobians (m) of the targets at random poses.
-        already: ``(n0, joints + stations - 1)``, poses measured before.
-        before: ``(n0, r, f)``, sensitivities there.
+        seen: the arm with the effects of the stations and of the first model; its parameters begin with those of
+            ``arm``.
+        inputs: ``(m, joints + stations - 1 + payload)`` of the candidates.
+        payloads: ``(l,)`` kg, of which each pose carries one; none if they are not given.
+        cases: for whose worst a design is made, the nominal arm with the first model before all others.
+        already: ``(n0, joints + stations - 1 + payload)``, poses measured before.
         access: the collision-free paths between the poses; None after pickling or copying, because it is too large.
     """
 
@@ -215,19 +229,45 @@ class PoseProblem:
     values: Array
     candidates: Candidates
     inputs: Array
-    whitened: Sensitivity
-    sensitivity: Sensitivity
-    pool: Array
-    goal: Criterion
+    payloads: Array
+    cases: tuple[Case, ...]
     scaling: Scaling
-    test: Array
     access: ReachabilityGraph = field(compare=False)
     already: Array
-    before: Array
     warnings: tuple[str, ...]
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "access": None}
+
+    @property
+    def whitened(self) -> Sensitivity:
+        """Inputs to Jacobians ``(n, r, f)`` of the base set in standard deviations."""
+        return self.cases[0].whitened
+
+    @property
+    def sensitivity(self) -> Sensitivity:
+        """Inputs to Jacobians ``(n, r, f)`` in the units of the scaling, for the criterion."""
+        return self.cases[0].sensitivity
+
+    @property
+    def pool(self) -> Array:
+        """Sensitivities ``(m, r, f)`` of the candidates."""
+        return self.cases[0].pool
+
+    @property
+    def goal(self) -> Criterion:
+        """The criterion."""
+        return self.cases[0].goal
+
+    @property
+    def test(self) -> Array:
+        """Jacobians ``(t, 3, f)`` (m) of the targets where the error is predicted."""
+        return self.cases[0].test
+
+    @property
+    def before(self) -> Array:
+        """Sensitivities ``(n0, r, f)`` at the poses measured before."""
+        return self.cases[0].before
 
     @property
     def measured(self) -> Array | None:
@@ -236,7 +276,12 @@ class PoseProblem:
 
     def station(self, inputs: Array) -> NDArray[np.int_]:
         """Return the station ``(n,)``, from 0, of each of these inputs."""
-        return _station_of(inputs[:, self.arm.chain.size :])
+        size = self.arm.chain.size
+        return _station_of(inputs[:, size : size + len(self.robot.model.station_sites) - 1])
+
+    def payload(self, inputs: Array) -> Array:
+        """Return the payload ``(n,)`` kg of each of these inputs; zero if none are given."""
+        return inputs[:, -1] if len(self.payloads) else np.zeros(len(inputs))
 
 
 def pose_problem(
@@ -249,7 +294,7 @@ def pose_problem(
         progress: called with the number of candidates found.
 
     Raises:
-        LabError: the robot, instrument, targets or criterion cannot be used, or hardly a pose is feasible.
+        LabError: the robot, instrument, targets, model or criterion cannot be used, or hardly a pose is feasible.
     """
     robot = load_virtual(options.robot, options.cell) if robot is None else load_virtual(robot)
     if options.no_check:
@@ -258,11 +303,7 @@ def pose_problem(
     arm = robot.arm(options.targets)
     robot.refuse_unknown(options.targets)
     model = planning_model(robot.model, options.targets, device, options.clearances)
-    seen = robot.arm_with(options.targets, (), SessionInfo(stations=model.stations))
-    values = model.values_before(arm, model.T_world_tracker)
-    all_values = np.concatenate([values, *station_parameters(model.Ts_world_station)])
-    structure = base_set(seen, all_values)
-    identifiable = list(structure.identifiable)
+    values, models = model.values_before(arm, model.T_world_tracker), _models(options, robot, model)
     candidates = draw_candidates(
         model,
         options.targets,
@@ -272,34 +313,182 @@ def pose_problem(
         progress=progress,
         keep=current_keep(),
     )
-    inputs = _assigned(options, model, device, candidates.joints)
-    derivatives = _Derivatives(seen, all_values, tuple(identifiable), device)
-    jacobians = derivatives.whitened if scaling.kind == "whitened" else derivatives.unweighted
-    pool = jacobians(inputs)
-    factors = scaling.columns([seen.parameters[i] for i in identifiable], pool)
-    fresh = random_poses(robot.model, _TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
-    test = derivatives.unweighted(_inputs(model, fresh)).reshape(-1, 3, len(identifiable))  # every target counts
-    home, warnings = _home(options, robot.chain, model, candidates.joints)
+    payloads = np.array(options.payload_kg)
+    inputs = _carrying(_assigned(options, model, device, candidates.joints), payloads)
+    task = _task(options, robot, arm, values, candidates.joints)
+    test_inputs = _inputs(model, task)
+    if len(payloads):
+        test_inputs = np.column_stack([test_inputs, np.resize(payloads, len(task))])
     already = _measured_before(options, robot)
+    home, warnings = _home(options, robot.chain, model, candidates.joints)
+    cases = [
+        _case(options, own, each, number, geometry, (device, scaling), (inputs, test_inputs, already))
+        for number, geometry in enumerate([values, *_perturbed(options, robot, arm)])
+        for each in models
+    ]
     return PoseProblem(
         robot=robot,
         arm=arm,
-        seen=seen,
-        structure=structure,
+        seen=models[0].seen,
+        structure=models[0].structure,
         values=values,
         candidates=candidates,
         inputs=inputs,
-        whitened=derivatives.whitened,
-        sensitivity=partial(_scaled, jacobians, factors),
-        pool=pool * factors,
-        goal=criterion(options.criterion, len(identifiable), test[::5] * factors) if own is None else own,
+        payloads=payloads,
+        cases=tuple(cases),
         scaling=scaling,
-        test=test,
         access=reachability(model, home, candidates.joints, _feasible(model, options.targets, device)),
         already=already,
-        before=jacobians(already) * factors,
         warnings=(*robot.warnings, *warnings, *_unchecked(options)),
     )
+
+
+@dataclass(frozen=True)
+class _Model:
+    """A model to identify.
+
+    Attributes:
+        name: as in ``--model``.
+        seen: the arm with the effects of the stations, then its own.
+        structure: its base set.
+        further: parameters ``(q,)`` of the nominal arm after its geometry.
+    """
+
+    name: str
+    seen: Arm
+    structure: BaseSet
+    further: Array
+
+    def values(self, geometry: Array, rng: np.random.Generator | None) -> Array:
+        """Return the parameters ``(p,)`` of an arm; its effects are drawn if there is a generator."""
+        if rng is None:
+            return np.concatenate([geometry, self.further])
+        own = self.seen.parameters[len(geometry) :]
+        scale = np.array([each.scale if np.isfinite(each.scale) else 0.0 for each in own])
+        return np.concatenate([geometry, self.further + _USUAL_SHARE * scale * np.abs(rng.standard_normal(len(own)))])
+
+
+_USUAL_SHARE = 0.1  # of an effect's scale, which is large: the size of perturbed arms' effects
+_TEST_SCORED = 100  # test positions, at most, of criteria G and I
+
+
+def _models(options: DesignOptions, robot: Robot, model: RobotModel) -> list[_Model]:
+    """Return the models of the options.
+
+    Raises:
+        LabError: the robot cannot have one, or a pose needs more than a payload for it, or no model feels a payload.
+    """
+    found = []
+    for name in options.models:
+        seen = robot.arm_with(options.targets, Fitting(model=name).groups, SessionInfo(stations=model.stations))
+        needed = [each for each in seen.conditions if each != PAYLOAD and not each.startswith(STATION)]
+        if needed:
+            raise LabError(
+                f"--model {name}: needs {needed[0]} at each pose, which a design does not choose; leave the group out"
+            )
+        stations = np.concatenate([np.empty(0), *station_parameters(model.Ts_world_station)])
+        effects = seen.effects[1 if len(stations) else 0 :] if isinstance(seen, ArmWithEffects) else ()
+        typical = [np.array(each.typical or (0.0,) * len(each.parameters)) for each in effects]
+        further = np.concatenate([stations, *typical])
+        nominal = np.concatenate([model.values_before(seen.rigid, model.T_world_tracker), further])
+        found.append(_Model(name, seen, base_set(seen, nominal), further))
+    if options.payload_kg and not any(PAYLOAD in each.seen.conditions for each in found):
+        raise LabError(f"--payload-kg: no payload matters to --model {options.model}; add a group such as compliance")
+    return found
+
+
+def _perturbed(options: DesignOptions, robot: Robot, arm: RigidArm) -> list[Array]:
+    """Draw the parameters ``(p,)`` of the perturbed arms' geometry, before the nominal tracker.
+
+    Raises:
+        LabError: the robot cannot be perturbed.
+    """
+    errors = GeometryErrors(MM.to_si(options.position_sigma_mm), MRAD.to_si(options.rotation_sigma_mrad))
+    found = []
+    for number in range(1, options.worst_of + 1):
+        real = robot.perturbed(errors, robot.model.T_world_tracker, rng_for(options.seed, "arm", number))
+        truth = truth_of(real, arm)
+        if truth is None:
+            raise LabError(
+                f"--worst-of {options.worst_of}: perturbed arm {number} of {robot.name} has no exact parameters; leave "
+                "it out, or lower --position-sigma-mm"
+            )
+        found.append(truth.values)
+    return found
+
+
+def _case(
+    options: DesignOptions,
+    own: Criterion | None,
+    model: _Model,
+    number: int,
+    geometry: Array,
+    units: tuple[Instrument, Scaling],
+    inputs: tuple[Array, Array, Array],
+) -> Case:
+    """Return the case of an arm, by its number, and a model.
+
+    Args:
+        own: the criterion, in place of that of the options.
+        geometry: parameters ``(p,)`` of the arm.
+        inputs: of the candidates, of the test poses, and of the poses measured before.
+    """
+    (device, scaling), (candidates, test_inputs, already) = units, inputs
+    retained = model.structure.identifiable
+    rng = rng_for(options.seed, "effects", number) if number else None
+    derivatives = _Derivatives(model.seen, model.values(geometry, rng), retained, device, options.payload_kg)
+    jacobians = derivatives.whitened if scaling.kind == "whitened" else derivatives.unweighted
+    pool = jacobians(candidates)
+    factors = scaling.columns([model.seen.parameters[i] for i in retained], pool)
+    test = derivatives.unweighted(test_inputs).reshape(-1, 3, len(retained))  # every target counts
+    scored = test[:: -(-len(test) // _TEST_SCORED)] * factors
+    return Case(
+        arm=number,
+        model=model.name,
+        pool=pool * factors,
+        sensitivity=partial(_scaled, jacobians, factors),
+        goal=criterion(options.criterion, len(retained), scored) if own is None else own,
+        before=jacobians(already) * factors,
+        whitened=derivatives.whitened,
+        test=test,
+    )
+
+
+def _task(options: DesignOptions, robot: Robot, arm: RigidArm, values: Array, candidates: Array) -> Array:
+    """Return joint positions ``(t, joints)`` at which the error is predicted.
+
+    In a box or at targets these are some configurations for each point, found from candidates ``(m, joints)`` of which
+    the target is near, or from the joint positions of the file.
+
+    Raises:
+        LabError: the file cannot be read, or the arm reaches none of the points.
+    """
+    region, chain = task_region(options.region), robot.chain
+    if region.kind == "workspace":
+        return random_poses(robot.model, _TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
+    points = region.points(arm.T_tracker_frame0(values), chain.joint_names, chain.prismatic)
+    given = region.joints(chain.joint_names, chain.prismatic)
+    starts = [given] if len(given) else [candidates[i::_BRANCHES] for i in range(min(_BRANCHES, len(candidates)))]
+    found, missed = [], None
+    for start in starts:
+        try:
+            found.append(
+                region_of_points(
+                    region.kind, points, model=arm, values=values, inputs=start, joints=chain, name=_option(region)
+                ).inputs
+            )
+        except LabError as error:
+            missed = error
+    if not found and missed is not None:
+        raise missed
+    return np.concatenate(found)
+
+
+_BRANCHES = 4  # configurations of each point of a task, where the arm has so many
+
+
+def _option(region: TaskRegion) -> str:
+    return "--region" if region.file is None else f"--region {region.file}"
 
 
 def _scaled(jacobians: Sensitivity, factors: Array, inputs: Array) -> Array:
@@ -311,16 +500,18 @@ class _Derivatives:
     """Derivatives ``(n, r, f)`` of measured points by the base set, at inputs ``(n, joints + conditions)``.
 
     Attributes:
-        seen: the arm with the effects of the stations.
+        seen: the arm with the effects of the stations and of the model.
         values: ``(p,)`` its parameters.
         retained: f of them, the base set.
         device: of the noise units of ``whitened``.
+        payloads: kg, of which the last column of the inputs is one; without them there is no such column.
     """
 
     seen: Arm
     values: Array
     retained: tuple[int, ...]
     device: Instrument
+    payloads: tuple[float, ...] = ()
 
     def unweighted(self, inputs: Array) -> Array:
         """Return derivatives in m; zeros for an impossible pose."""
@@ -335,14 +526,33 @@ class _Derivatives:
         return self._flat(np.multiply(jacobian, everywhere[0, 0], order="C"))  # contiguous numbers of a pose
 
     def _observed(self, inputs: Array) -> tuple[Array, Array]:
-        if further := len(self.seen.conditions):  # differences move these columns too, which are whole numbers
-            inputs = np.append(inputs[:, :-further], inputs[:, -further:].round(), axis=1)
-        points, jacobian = self.seen.observe(inputs, self.values)
+        points, jacobian = self.seen.observe(self._conditioned(inputs), self.values)
         return _finite(points), _finite(jacobian[..., list(self.retained)])
+
+    def _conditioned(self, inputs: Array) -> Array:
+        """Return the inputs with the columns of the arm's conditions.
+
+        Differences move those columns too, which hold whole numbers, or payloads.
+        """
+        size = self.seen.rigid.chain.size
+        further = inputs[:, size : inputs.shape[1] - bool(self.payloads)].round()
+        if PAYLOAD not in self.seen.conditions:
+            return np.append(inputs[:, :size], further, axis=1) if inputs.shape[1] > size else inputs
+        masses = np.array(self.payloads or (0.0,))
+        carried = inputs[:, -1] if self.payloads else np.zeros(len(inputs))
+        nearest = masses[np.abs(carried[:, None] - masses).argmin(axis=1)]
+        return np.column_stack([inputs[:, :size], further, nearest])
 
     def _flat(self, jacobian: Array) -> Array:
         flat: Array = jacobian.reshape(len(jacobian), 3 * len(self.seen.targets), len(self.retained))
         return flat
+
+
+def _carrying(inputs: Array, payloads: Array) -> Array:
+    """Return inputs ``(m, c)`` with each payload ``(l,)``, as ``(l m, c + 1)``; as they are without any."""
+    if not len(payloads):
+        return inputs
+    return np.concatenate([np.column_stack([inputs, np.full(len(inputs), mass)]) for mass in payloads])
 
 
 def _assigned(options: DesignOptions, model: RobotModel, device: Instrument, joints: Array) -> Array:
@@ -369,12 +579,13 @@ def _inputs(model: RobotModel, joints: Array, stations: NDArray[np.int_] | None 
 def _feasible(model: RobotModel, targets: Sequence[str], device: Instrument) -> Feasible:
     """Return a test of inputs: feasible poses, every target visible to their station."""
     allowed = [feasibility(model, targets, device, station=k) for k in range(len(model.station_sites))]
+    size = model.chain.size
     if len(allowed) == 1:
-        return allowed[0]
+        return lambda inputs: allowed[0](inputs[:, :size])
 
     def feasible(inputs: Array) -> NDArray[np.bool_]:
-        joints, fine = inputs[:, : model.chain.size], np.zeros(len(inputs), dtype=np.bool_)
-        at = _station_of(inputs[:, model.chain.size :])
+        joints, fine = inputs[:, :size], np.zeros(len(inputs), dtype=np.bool_)
+        at = _station_of(inputs[:, size : size + len(allowed) - 1])
         for k, check in enumerate(allowed):
             fine[at == k] = check(joints[at == k])
         return fine
@@ -428,9 +639,9 @@ def _home_option(given: Sequence[float], chain: JointSpec, model: RobotModel) ->
 
 def _measured_before(options: DesignOptions, robot: Robot) -> Array:
     """Return poses ``(n0, joints)`` of the file to extend: fully measured ones, or all of a plan not yet measured."""
-    chain = robot.chain
+    chain, carried = robot.chain, bool(options.payload_kg)
     if options.extend is None:
-        return _inputs(robot.model, np.empty((0, chain.size)))
+        return _inputs(robot.model, np.empty((0, chain.size + carried)))
     plan = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
     rows = plan.only("calibrate")
     robot.refuse_beyond_limits(options.extend, rows, _MEASURED_SLACK)
@@ -439,7 +650,19 @@ def _measured_before(options: DesignOptions, robot: Robot) -> Array:
     rows = rows.take(np.flatnonzero(measured)) if measured.any() else rows
     if not len(rows):
         raise LabError(f"{options.extend}: no row has use = calibrate; mark some, or leave --extend out")
-    return _inputs(robot.model, rows.joints, stations_in(options.extend, rows, robot.model))
+    inputs = _inputs(robot.model, rows.joints, stations_in(options.extend, rows, robot.model))
+    masses = rows.inputs((PAYLOAD,))[:, -1]
+    if not carried:
+        if masses.any() and any(Fitting(model=each).groups for each in options.models):
+            raise LabError(f"{options.extend}: has payloads; give them with --payload-kg too")
+        return inputs
+    if (other := np.flatnonzero(~np.isin(masses, options.payload_kg))).size:
+        listed = ",".join(f"{each:g}" for each in options.payload_kg)
+        raise LabError(
+            f"{options.extend}: {rows.where(int(other[0]))}: payload_kg {masses[other[0]]:g} is none of --payload-kg "
+            f"{listed}; add it there"
+        )
+    return np.column_stack([inputs, masses])
 
 
 _ROUNDS = 4  # uphill
@@ -448,31 +671,39 @@ _ROUNDS = 4  # uphill
 def best_design(options: DesignOptions, problem: PoseProblem, count: int, progress: Stage = no_stage) -> Design:
     """Return the best of several starts, each exchanged among the candidates and then moved uphill.
 
-    The best start is chosen after the first round uphill, which gains most; that one alone continues.
+    The best start is chosen after the first round uphill, which gains most; that one alone continues. A design for the
+    worst of several cases starts first from the designs for the nominal arm with each model, and is never worse than
+    these.
     """
     rng = rng_for(options.seed, "design")
     best: Design | None = None
     for start in range(options.starts):
         progress(f"2 of 5, design of {count} poses, start {start + 1} of {options.starts}", start, options.starts)
-        design = _begun(problem, count, rng)
+        design = _begun(problem, count, rng, first=start == 0)
         if best is None or design.score > best.score:
             best = design
     assert best is not None
-    best = _uphill(problem, best, _ROUNDS - 1)
-    measured = 0.0 if problem.measured is None else problem.measured
-    if is_singular(information(best.jacobian) + measured):
-        raise LabError(
-            f"criterion {problem.goal.name} chose {count} poses that cannot tell all parameters: a score must be worse "
-            "than any other where the information is singular"
-        )
+    best = _of_nominal(problem, _uphill(problem, best, _ROUNDS - 1))
+    for case in problem.cases:
+        if is_singular(information(case.sensitivity(best.joints)) + information(case.before)):
+            raise LabError(
+                f"criterion {problem.goal.name} chose {count} poses that cannot tell all parameters: a score must be "
+                "worse than any other where the information is singular"
+            )
     return best
 
 
-def _begun(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
+def _begun(problem: PoseProblem, count: int, rng: np.random.Generator, *, first: bool) -> Design:
     """Compute one start, exchanged and moved uphill once; it is stored with the generator's state after it."""
 
     def work() -> Columns:
-        design = _uphill(problem, exchanged(problem, count, rng), 1)
+        if len(problem.cases) == 1:
+            found = [_nominal(problem, problem.cases[0], count, rng)]
+        elif first:
+            found = _from_nominal(problem, count, rng)
+        else:
+            found = [_exchanged_worst(problem, count, rng)]
+        design = max((_uphill(problem, each, 1) for each in found), key=lambda each: each.score)
         return asdict(design) | {"score": np.array(design.score), "state": _state(rng)}
 
     found = current_keep()("start", [np.array([count]), _state(rng), problem.inputs, problem.already], work)
@@ -480,35 +711,75 @@ def _begun(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design
     return Design(found["rows"], found["joints"], found["jacobian"], float(found["score"]))
 
 
+def _from_nominal(problem: PoseProblem, count: int, rng: np.random.Generator) -> list[Design]:
+    """Return designs for the worst case: the best for the nominal arm with one model, and the exchange from it."""
+    aim, single = WorstCase(problem.cases), []
+    for case in problem.cases:
+        if not case.arm:
+            start = _nominal(problem, case, count, rng)
+            moved = _uphill(problem, start, _ROUNDS, _of_one(case))
+            seen = aim.seen(moved.joints)
+            single.append((start.rows, replace(moved, jacobian=seen, score=aim.score(seen))))
+    rows, best = max(single, key=lambda each: each[1].score)
+    return [best, _exchanged_worst(problem, count, rng, rows)]
+
+
 def _state(rng: np.random.Generator) -> NDArray[np.str_]:
     return np.array(json.dumps(rng.bit_generator.state))
 
 
-def _uphill(problem: PoseProblem, design: Design, rounds: int) -> Design:
+def _of_one(case: Case) -> OneCriterion:
+    return OneCriterion(case.sensitivity, case.goal, information(case.before) if len(case.before) else 0.0)
+
+
+def _uphill(problem: PoseProblem, design: Design, rounds: int, aim: Aim | None = None) -> Design:
+    """Move the poses uphill by an objective: by default the criterion, or the worst of several cases."""
+    if aim is None:
+        aim = WorstCase(problem.cases) if len(problem.cases) > 1 else _of_one(problem.cases[0])
     chain = problem.robot.chain
     keep_off = MARGIN * (chain.upper - chain.lower)
-    further = problem.inputs.shape[1] - chain.size  # columns of stations, which do not change: their slope is zero
-    return ascend(
+    further = problem.inputs[:, chain.size :]  # stations and payloads, which do not change: their slope is zero
+    return climb(
         design,
-        problem.sensitivity,
-        problem.goal,
+        aim,
         problem.access.feasible,
-        np.append(chain.lower + keep_off, np.zeros(further)),
-        np.append(chain.upper - keep_off, np.ones(further)),
+        np.concatenate([chain.lower + keep_off, further.min(axis=0)]),
+        np.concatenate([chain.upper - keep_off, further.max(axis=0)]),
         rounds=rounds,
-        measured=problem.measured,
     )
+
+
+def _of_nominal(problem: PoseProblem, design: Design) -> Design:
+    """Return the design with the Jacobians of the nominal arm alone."""
+    return design if len(problem.cases) == 1 else replace(design, jacobian=problem.sensitivity(design.joints))
 
 
 def exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
     """Exchange among the candidates to which a free path leads."""
+    nominal = _nominal(problem, problem.cases[0], count, rng)
+    if len(problem.cases) == 1:
+        return nominal
+    return _of_nominal(problem, _exchanged_worst(problem, count, rng, nominal.rows))
+
+
+def _nominal(problem: PoseProblem, case: Case, count: int, rng: np.random.Generator) -> Design:
+    """Exchange among the candidates, for one case alone."""
     return exchange(
         problem.inputs,
-        problem.pool,
+        case.pool,
         count,
-        problem.goal,
+        case.goal,
         rng,
         starts=1,
-        measured=problem.measured,
+        measured=information(case.before) if len(case.before) else None,
         reachable=problem.access.reachable,
+    )
+
+
+def _exchanged_worst(
+    problem: PoseProblem, count: int, rng: np.random.Generator, first: NDArray[np.int_] | None = None
+) -> Design:
+    """Exchange among the candidates for the worst case, from some of them ``(count,)``, with Jacobians of all."""
+    return exchange_worst(
+        problem.inputs, WorstCase(problem.cases), rng, count, first=first, reachable=problem.access.reachable
     )

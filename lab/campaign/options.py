@@ -13,8 +13,11 @@ from lab.core.errors import LabError
 from lab.core.limits import (
     CANDIDATE_POINTS,
     CANDIDATES,
+    DESIGN_POINTS,
     FIXTURES,
     OPTION_SIZE,
+    PAYLOAD_KG,
+    PERTURBED_ARMS,
     POSES,
     READINGS,
     SEED,
@@ -131,6 +134,16 @@ class VirtualCampaign(SensorOptions, VirtualSetup, _VirtualSession):
                 raise LabError(f"{flag} is of --observe {', '.join(able)}; give one of these, or leave it out")
 
 
+_MODELS_HELP = (
+    "Model to identify: geometric, or groups joined by + as in lab identify, e.g. geometric+compliance. The design is "
+    "for the worst of several, separated by commas"
+)
+_DESIGN_REGION_HELP = (
+    "Where the error is predicted: workspace (within the joints' limits), a box x0,x1,y0,y1,z0,z1 in mm in the robot's "
+    "frame 0, or a CSV file of targets, as lab compensate takes"
+)
+
+
 @dataclass(frozen=True)
 class DesignOptions:
     """Options of a choice of poses, and of its predicted accuracy."""
@@ -145,6 +158,16 @@ class DesignOptions:
     """Choose the fewest poses with errors within this at 95 % of the validation poses, in 95 % of the campaigns."""
     criterion: str = "O1"
     """Criterion to optimize: O1, O2, O3, O4, O5, condition, A, G or I. Packages may add others."""
+    model: Annotated[str, tyro.conf.arg(help=_MODELS_HELP)] = "geometric"
+    payload_kg: Numbers = ()
+    """Payloads that the poses may carry: the design chooses one for each pose, and the tour changes them seldom."""
+    region: Annotated[str, tyro.conf.arg(help=_DESIGN_REGION_HELP)] = "workspace"
+    worst_of: int = 0
+    """Design for the worst of so many perturbed arms and the nominal one; 0 for the nominal one alone."""
+    position_sigma_mm: float = _VirtualSession.position_sigma_mm
+    """Position error of base, links and flange of the perturbed arms, per axis (1σ)."""
+    rotation_sigma_mrad: float = _VirtualSession.rotation_sigma_mrad
+    """Rotation error of base, links and flange of the perturbed arms, per axis (1σ)."""
     scaling: Literal["raw", "unit", "length", "whitened"] = "whitened"
     """Units of the indices: mm and rad, unit columns, a characteristic length, or tolerances and noise."""
     targets: Names = ("p1",)
@@ -180,6 +203,11 @@ class DesignOptions:
     """Random seed of the candidates, the starts and the test poses."""
 
     @property
+    def models(self) -> tuple[str, ...]:
+        """The models, each with its groups joined by +."""
+        return tuple(name.strip() for name in self.model.split(","))
+
+    @property
     def clearances(self) -> Clearances:
         """Clearances of the plan."""
         return Clearances(MM.to_si(self.clearance_mm), MM.to_si(self.self_clearance_mm))
@@ -198,6 +226,7 @@ class DesignOptions:
         whole("--candidates", self.candidates, 1, CANDIDATES)
         TARGETS("--targets", self.targets)
         CANDIDATE_POINTS("--candidates times --targets", self.candidates * len(self.targets))
+        self._refuse_impossible_cases()
         for flag, value in (("--clearance-mm", self.clearance_mm), ("--self-clearance-mm", self.self_clearance_mm)):
             if value not in OPTION_SIZE:
                 raise LabError(f"{flag} {value:g}: give a distance from 0 to {OPTION_SIZE.most:g} mm")
@@ -207,6 +236,40 @@ class DesignOptions:
                 raise LabError("--poses and --accuracy-mm both set the number of poses; give one")
         if self.accuracy_mm is not None:
             positive("--accuracy-mm", self.accuracy_mm)
+
+    def _refuse_impossible_cases(self) -> None:
+        """Refuse models, payloads, perturbed arms or a region that make no sense, with a LabError."""
+        whole("--worst-of", self.worst_of, 0, PERTURBED_ARMS)
+        for name in self.models:
+            fitting = Fitting(model=name)
+            fitting.check()
+            if fitting.parametric == "auto" or fitting.residual:
+                raise LabError(
+                    f"--model {name}: a design needs the groups by name; give geometric, or groups joined by +"
+                )
+        if len(set(self.models)) < len(self.models):
+            raise LabError(f"--model {self.model}: name each model once")
+        if task_region(self.region).kind == "measured":
+            raise LabError("--region measured: nothing is measured before the design; give workspace, a box or a file")
+        for mass in self.payload_kg:
+            if mass not in PAYLOAD_KG:
+                raise LabError(f"--payload-kg {mass:g}: give {PAYLOAD_KG.shown}")
+        if len(set(self.payload_kg)) < len(self.payload_kg):
+            raise LabError("--payload-kg: name each payload once")
+        points = self.candidates * len(self.targets) * max(len(self.payload_kg), 1)
+        DESIGN_POINTS(
+            "--candidates times --targets, --payload-kg, --worst-of and --model",
+            points * (self.worst_of + 1) * len(self.models),
+        )
+        for flag, name in (
+            ("--position-sigma-mm", "position_sigma_mm"),
+            ("--rotation-sigma-mrad", "rotation_sigma_mrad"),
+        ):
+            value = getattr(self, name)
+            if value not in OPTION_SIZE:
+                raise LabError(f"{flag} {value:g}: give a standard deviation from 0 to {OPTION_SIZE.most:g}")
+            if not self.worst_of and value != getattr(DesignOptions, name):
+                raise LabError(f"{flag}: of the perturbed arms of --worst-of; give it too, or leave both out")
 
 
 def check_region(region: str, kind: "Sensor") -> None:

@@ -12,7 +12,7 @@ from lab.core.limits import OPTION_SIZE
 from lab.core.random import rng_for
 from lab.core.se3 import Array, transform
 from lab.core.units import MM
-from lab.formats.target_csv import read_targets
+from lab.formats.target_csv import Targets, read_targets
 
 __all__ = ["REGION_HELP", "TaskRegion", "task_region"]
 
@@ -53,9 +53,27 @@ class TaskRegion:
             drawn = low + (high - low) * rng_for(0, "places").random((_BOX_POINTS, 3))
             return np.asarray(transform(T_instrument_frame0, drawn))
         if self.file is not None:
-            with error_context("--region"):
-                return read_targets(self.file, joint_names, prismatic).positions
+            return self._targets(joint_names, prismatic).positions
         return np.empty((0, 3))
+
+    def joints(self, joint_names: Sequence[str], prismatic: Sequence[bool]) -> Array:
+        """Return the joint positions ``(n, joints)`` (rad or m) that the file gives, in the rows that have them.
+
+        Args:
+            joint_names, prismatic: of the robot.
+
+        Raises:
+            LabError: the file cannot be read.
+        """
+        if self.file is None:
+            return np.empty((0, len(joint_names)))
+        given = self._targets(joint_names, prismatic).joints
+        return given[np.isfinite(given).all(axis=1)]
+
+    def _targets(self, joint_names: Sequence[str], prismatic: Sequence[bool]) -> Targets:
+        assert self.file is not None
+        with error_context("--region"):
+            return read_targets(self.file, joint_names, prismatic)
 
 
 def task_region(text: str) -> TaskRegion:

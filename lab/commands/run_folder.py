@@ -507,16 +507,18 @@ class Waypoints:
     ids: Sequence[str]  # what these are called
     purpose: str  # what is done at them; every other stop is there for via
     stations: tuple[str, ...] = ()  # of the instrument that measures then, (s,) names; none where it has one alone
+    payloads_kg: tuple[float, ...] = ()  # that the arm carries then, (s,); none where nothing is given
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the waypoints: the pose's or target's id, ``home`` at the ends, or ``via`` and a number.
 
-        Between two stations the name is ``home_between`` and a number.
+        Between two stations, and between two payloads, the name is ``home_between`` and a number.
         """
+        setups = [each for each in (self.stations, self.payloads_kg) if each]
         last, names, via, between = len(self.which) - 1, list[str](), 0, 0
         for i, pose in enumerate(self.which.tolist()):
-            moved = bool(self.stations) and 0 < i < last and self.stations[i] != self.stations[i + 1]
+            moved = 0 < i < last and any(each[i] != each[i + 1] for each in setups)
             between += moved
             via += pose < 0 and i not in (0, last) and not moved
             passed = "home" if i == 0 else "home_again" if i == last else f"via{via:03d}"
@@ -530,12 +532,14 @@ class Waypoints:
         return tuple(self.purpose if pose >= 0 else VIA for pose in self.which)
 
     def columns(self, chain: JointSpec) -> Mapping[str, Sequence[Any] | Array]:
-        """``id``, ``stop`` (what each is for), ``station`` where there are several, and joint positions.
+        """``id``, ``stop`` (what each is for), ``station`` and ``payload_kg`` where there are several, joint positions.
 
         These are called ``<joint>_deg`` or ``<joint>_mm``.
         """
         stations = {"station": list(self.stations)} if self.stations else {}
-        return {"id": list(self.names), "stop": list(self.purposes), **stations, **joint_columns(chain, self.joints)}
+        loads = {"payload_kg": list(self.payloads_kg)} if self.payloads_kg else {}
+        positions = joint_columns(chain, self.joints)
+        return {"id": list(self.names), "stop": list(self.purposes), **stations, **loads, **positions}
 
     def rows(self, chain: JointSpec) -> Iterator[dict[str, Any]]:
         """A mapping for each one, by the names of ``columns``, made as it is asked for."""

@@ -18,17 +18,18 @@ from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 
 __all__ = [
-    "BRACKETS", "CAMPAIGNS", "CANDIDATES", "CANDIDATE_POINTS", "CELLS", "CLOCKS_S", "CLOCK_DRIFT_PPM", "COLUMNS",
-    "COORDINATE_SIZE", "COPIES", "CORRECTION_A_M", "CORRECTION_D_M", "CORRECTION_RAD", "COUNTS", "COUPLING_SIZE",
-    "DAYS", "DEPTH", "DIGITS", "DISTANCE_MM", "DRAWN_POINTS", "DRAWS", "EARTH_GRAVITY", "ELEVATION_DEG", "FIXTURES",
-    "FRAMES", "FRICTION_PERCENT", "GEAR", "HOLDOUT", "HUMIDITY_PERCENT", "JOINTS", "JOINT_SPAN", "LENGTH_M",
-    "LIMITS", "LINE", "LINE_OF_TEXT", "MESH_BYTES", "MOMENTS", "MOTOR_ZERO_DEG", "NAME", "NESTED_ELEMENTS",
-    "NUMBER_SIZE", "OPTION_SIZE", "ORIENTATIONS", "PASSED", "PATIENCE_S", "PAYLOAD_KG", "PIXELS", "PLACED", "PLACES",
-    "POSES", "POSITION_MM", "POSITIVE_OPTION", "PRESSURE_HPA", "PROGRAM_BYTES", "PROGRAM_FRAMES", "PROGRAM_MOVES",
-    "PROGRAM_TARGETS", "QUATERNION_NORM", "RANGES", "READINGS", "REFLECTOR_DEG", "ROBOTS", "ROOM_C", "ROUNDED_NORM",
-    "ROUNDS", "ROWS", "SEED", "SIGMA_MM", "SIMULATION_S", "SIMULATION_SIZE", "STARTS", "TABLE_BYTES", "TARGETS",
-    "TEXT_BYTES", "TOML_BYTES", "UNCERTAINTY", "VALUES", "WAYPOINTS", "WORKERS", "Limit", "Range", "called",
-    "check_serial", "checked_name", "day", "one_serial", "positive", "whole",
+    "BRACKETS", "CAMPAIGNS", "CANDIDATES", "CANDIDATE_POINTS", "CELLS", "CLOCKS_S", "CLOCK_DRIFT_PPM",
+    "COLUMNS", "COORDINATE_SIZE", "COPIES", "CORRECTION_A_M", "CORRECTION_D_M", "CORRECTION_RAD", "COUNTS",
+    "COUPLING_SIZE", "DAYS", "DEPTH", "DESIGN_POINTS", "DIGITS", "DISTANCE_MM", "DRAWN_POINTS", "DRAWS",
+    "EARTH_GRAVITY", "ELEVATION_DEG", "FIXTURES", "FRAMES", "FRICTION_PERCENT", "GEAR", "HOLDOUT",
+    "HUMIDITY_PERCENT", "JOINTS", "JOINT_SPAN", "LENGTH_M", "LIMITS", "LINE", "LINE_OF_TEXT", "MESH_BYTES",
+    "MOMENTS", "MOTOR_ZERO_DEG", "NAME", "NESTED_ELEMENTS", "NUMBER_SIZE", "OPTION_SIZE", "ORIENTATIONS",
+    "PASSED", "PATIENCE_S", "PAYLOAD_KG", "PERTURBED_ARMS", "PIXELS", "PLACED", "PLACES", "POSES",
+    "POSITION_MM", "POSITIVE_OPTION", "PRESSURE_HPA", "PROGRAM_BYTES", "PROGRAM_FRAMES", "PROGRAM_MOVES",
+    "PROGRAM_TARGETS", "QUATERNION_NORM", "RANGES", "READINGS", "REFLECTOR_DEG", "ROBOTS", "ROOM_C",
+    "ROUNDED_NORM", "ROUNDS", "ROWS", "SEED", "SIGMA_MM", "SIMULATION_S", "SIMULATION_SIZE", "STARTS",
+    "TABLE_BYTES", "TARGETS", "TEXT_BYTES", "TOML_BYTES", "UNCERTAINTY", "VALUES", "WAYPOINTS", "WORKERS",
+    "Limit", "Range", "called", "check_serial", "checked_name", "day", "one_serial", "positive", "whole",
 ]  # fmt: skip
 
 _MIB: Final = 1 << 20
@@ -97,6 +98,11 @@ FIXTURES = Limit("anchors, locations or planes", 100, "each needs poses of its o
 READINGS = Limit("readings of a point", 1_000_000, "the noise of their mean is negligible")
 CANDIDATES = Limit("candidates of a plan", 100_000, "2,000 give an equally good plan")
 CANDIDATE_POINTS = Limit("points of all candidates of a plan", 170_000, "memory must hold their derivatives")
+DESIGN_POINTS = Limit(
+    "points of all candidates of a plan, with all payloads, perturbed arms and models", 600_000,
+    "memory must hold their derivatives",
+)  # fmt: skip
+PERTURBED_ARMS = Limit("perturbed arms of a plan", 300, "20 give an equally good plan")
 STARTS = Limit("starts of a plan's search", 1_000, "4 give an equally good plan")
 ROBOTS = Limit("robots of a study", 100_000, "files are numbered with five digits")
 DRAWS = Limit("draws of a study", 100_000, "the draws of one robot are computed together")

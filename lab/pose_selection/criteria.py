@@ -35,6 +35,7 @@ __all__ = [
     "predict",
     "refuse_unknown",
     "smallest_count",
+    "worst_tests",
 ]
 
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition", "A", "G", "I")
@@ -51,7 +52,8 @@ class Scaling:
 
     ``raw``: millimetres and radians. ``unit``: each column has a root mean square of one over the candidates.
     ``length``: millimetres, and angles times a characteristic length. ``whitened``: tolerances
-    (one standard deviation of each parameter's manufacture) and the instrument's noise.
+    (one standard deviation of each parameter's manufacture) and the instrument's noise. An effect's parameter that is
+    neither a length nor an angle counts in its typical size.
     """
 
     kind: Literal["raw", "unit", "length", "whitened"] = "raw"
@@ -67,12 +69,14 @@ class Scaling:
             candidates: ``(m, r, p)``, over which ``unit`` columns have unit norm.
         """
         angular = np.array([parameter.is_angle for parameter in parameters])
+        other = np.array([parameter.kind not in ("length", "angle") for parameter in parameters])
+        size = np.array([parameter.scale for parameter in parameters])  # of an effect: a ratio, a compliance, a mass
         if self.kind == "raw":
-            return np.where(angular, 1e3, 1.0)
+            return np.where(other, 1e3 * size, np.where(angular, 1e3, 1.0))
         if self.kind == "length":
-            return np.where(angular, 1 / self.length_m, 1.0)
+            return np.where(other, 1e3 * size, np.where(angular, 1 / self.length_m, 1.0))
         if self.kind == "whitened":
-            return np.where(angular, self.tolerance_rad, self.tolerance_m)
+            return np.where(other, size, np.where(angular, self.tolerance_rad, self.tolerance_m))
         factors: Array = 1 / np.sqrt((candidates**2).sum(axis=(0, 1)) / len(candidates))
         return factors
 
@@ -137,10 +141,13 @@ class Criterion(ABC):
     Attributes:
         name: in options and results.
         weight: W ``(p, p)`` of a score -log tr(W M^-1); None for the others.
+        growth: by how much a concave score grows where the information grows e-fold; None where it is not concave, so
+            that no bound is known.
     """
 
     name: str
     weight: Array | None = None
+    growth: float | None = None
 
     @abstractmethod
     def score(self, information: Array) -> Array:
@@ -188,19 +195,20 @@ def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
     if name not in CRITERIA:
         return load_part("lab.criteria", name, Criterion, "criterion")  # type: ignore[type-abstract]
     if name == "O1":
-        return _Determinant()
+        return _Determinant(float(size))
     if name == "A":
         return _Trace(name, np.eye(size))
     if name in ("G", "I"):
         assert test is not None
         return _Worst(test) if name == "G" else _Trace(name, np.einsum("trp,trq->pq", test, test) / len(test))
-    return _Spectral(name)
+    return _Spectral(name, 0.5 if name in ("O3", "O5") else None)
 
 
 @dataclass(frozen=True)
 class _Determinant(Criterion):
     """O1."""
 
+    growth: float
     name: str = "O1"
 
     def score(self, information: Array) -> Array:
@@ -217,6 +225,7 @@ class _Trace(Criterion):
 
     name: str
     weight: Array
+    growth: float = 1.0
 
     def score(self, information: Array) -> Array:
         values, vectors = np.linalg.eigh(information)
@@ -236,6 +245,7 @@ class _Worst(Criterion):
 
     test: Array
     name: str = "G"
+    growth: float = 1.0
 
     def score(self, information: Array) -> Array:
         score: Array = -np.log(_variances(information, self.test).max(-1))
@@ -248,11 +258,19 @@ class _Worst(Criterion):
         return slope
 
 
+def worst_tests(goal: Criterion, information: Array, most: int) -> list[tuple[int, Criterion]]:
+    """Return the test poses of criterion G with the largest variance, each with the criterion of that variance."""
+    assert isinstance(goal, _Worst)
+    worst = np.argsort(-_variances(information, goal.test), kind="stable")[:most]
+    return [(int(i), _Trace("G", goal.test[i].T @ goal.test[i])) for i in worst]
+
+
 @dataclass(frozen=True)
 class _Spectral(Criterion):
     """A function of the eigenvalues alone: O2 to O5 and the condition number."""
 
     name: str
+    growth: float | None
 
     def score(self, information: Array) -> Array:
         return _SPECTRAL[self.name][0](_values(information))

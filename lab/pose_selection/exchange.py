@@ -11,6 +11,7 @@ is concave, so its tangent bounds it everywhere, also for every exact design fro
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
 import scipy  # its parts are loaded at their first use
@@ -20,7 +21,24 @@ from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.pose_selection.criteria import Criterion
 
-__all__ = ["Certificate", "Design", "Feasible", "Sensitivity", "ascend", "certify", "exchange", "information"]
+__all__ = [
+    "Aim",
+    "Certificate",
+    "Design",
+    "Exchange",
+    "Feasible",
+    "OneCriterion",
+    "Sensitivity",
+    "added",
+    "ascend",
+    "certify",
+    "climb",
+    "exchange",
+    "information",
+    "inverse_of",
+    "scores_with",
+    "with_steps",
+]
 
 Sensitivity = Callable[[Array], Array]
 Feasible = Callable[[Array], NDArray[np.bool_]]
@@ -93,7 +111,7 @@ def exchange(
 
     best: Design | None = None
     for _ in range(starts):
-        chosen, score = _Exchange(jacobian, goal, earlier, rng, allowed).settled(count)
+        chosen, score = Exchange(jacobian, goal, earlier, rng, allowed).settled(count)
         if best is None or score > best.score:
             best = Design(chosen, joints[chosen], jacobian[chosen], score)
     assert best is not None
@@ -108,7 +126,7 @@ def _scaled(matrix: Array) -> Array:
     return scaled
 
 
-class _Exchange:
+class Exchange:
     """State of an exchange: the chosen poses, and the gain of every candidate.
 
     For O1, V is the inverse of the information of all chosen poses, and tr(J V J') of every candidate is stored. Both
@@ -125,20 +143,32 @@ class _Exchange:
         self.free = np.ones(len(jacobian), dtype=bool)  # neither chosen nor found unreachable
         self.by_trace = goal.name == "O1"
 
-    def settled(self, count: int) -> tuple[NDArray[np.int_], float]:
-        """Exchange poses from a random start until no allowed candidate is better; return them and their score.
+    def settled(self, count: int, first: NDArray[np.int_] | None = None) -> tuple[NDArray[np.int_], float]:
+        """Exchange poses until no allowed candidate is better; return them and their score.
 
         Tests of reachability take longest: they are done for the final poses, and the exchange continues without those
         that are unreachable.
+
+        Args:
+            first: ``(count,)`` candidates to start from; random ones if not given.
         """
-        self.chosen = self.rng.choice(len(self.jacobian), count, replace=False)
-        self.free[self.chosen] = False
+        self.chosen = self.rng.choice(len(self.jacobian), count, replace=False) if first is None else first.copy()
+        self.free[:] = True
+        self.free[[*self.barred, *self.chosen.tolist()]] = False
         passes, unsettled = 0, True
         while unsettled:
             self._recompute()
             changed, passes = sum(self._changed(slot) for slot in range(count)), passes + 1
             unsettled = (changed > 0 and passes < _MAX_PASSES) or self._bar_unreachable()
-        return self.chosen, float(self.goal.score(self.earlier + information(self.jacobian[self.chosen])))
+        return self.chosen, self._score(self.earlier + self._information(self.chosen))
+
+    def _information(self, rows: NDArray[np.int_]) -> Array:
+        """Return the information of candidates."""
+        return information(self.jacobian[rows])
+
+    def _score(self, total: Array) -> float:
+        """Return the score of an information."""
+        return float(self.goal.score(total))
 
     def _bar_unreachable(self) -> bool:
         """Bar chosen poses that are unreachable; return whether there are any."""
@@ -148,20 +178,20 @@ class _Exchange:
 
     def _recompute(self) -> None:
         """Compute information and traces of the chosen poses without the rounding of updates."""
-        self.total = self.earlier + information(self.jacobian[self.chosen])
+        self.total = self.earlier + self._information(self.chosen)
         if self.by_trace:
             self.traces = self._computed(self.total)
 
     def _changed(self, slot: int) -> bool:
         """Replace a pose by a better one, or by one that is allowed; return whether one was found."""
-        present, own_information = int(self.chosen[slot]), information(self.jacobian[self.chosen[slot : slot + 1]])
-        without = self.total - own_information
+        present = int(self.chosen[slot])
+        without = self.total - self._information(self.chosen[slot : slot + 1])
         left = (self._updated(self.traces, present, -1.0) or self._computed(without)) if self.by_trace else None
         row = self._best_candidate(without, left, present)
         if row == present:
             return False
         self.chosen[slot] = row
-        self.total = without + information(self.jacobian[row : row + 1])
+        self.total = without + self._information(self.chosen[slot : slot + 1])
         self.free[row] = False
         self.free[present] = present not in self.barred
         if left is not None:
@@ -194,22 +224,12 @@ class _Exchange:
         """Return candidates for a slot (the present one last), and the score of the design with each."""
         if left is not None:
             tried = np.append(self._promising(left), present)
-            return tried, _added(self.jacobian[tried], left.inverse)
+            return tried, added(self.jacobian[tried], left.inverse)
         tried = np.flatnonzero(self.free)
-        if self.goal.weight is None:  # no rank-k update: whole scores of a sample
-            if len(tried) > _SAMPLED:
-                tried = self.rng.choice(tried, _SAMPLED, replace=False)
-            tried = np.append(tried, present)
-            part = self.jacobian[tried]
-            return tried, self.goal.score(without + np.swapaxes(part, 1, 2) @ part)
-        inverse = _inverse(without)
+        if self.goal.weight is None and len(tried) > _SAMPLED:  # no rank-k update: whole scores of a sample
+            tried = self.rng.choice(tried, _SAMPLED, replace=False)
         tried = np.append(tried, present)
-        part = self.jacobian[tried]
-        moved = part @ inverse  # (m, r, p)
-        core = np.eye(part.shape[1]) + moved @ np.swapaxes(part, 1, 2)
-        spread = moved @ self.goal.weight @ np.swapaxes(moved, 1, 2)
-        gain = np.trace(np.linalg.solve(core, spread), axis1=1, axis2=2)
-        return tried, -np.log(np.maximum(np.trace(self.goal.weight @ inverse) - gain, 1e-300))
+        return tried, scores_with(self.goal, without, self.jacobian[tried])
 
     def _promising(self, left: "_Traces") -> NDArray[np.int_]:
         """Return the free candidates that may have the largest log det(I + J V J').
@@ -221,12 +241,12 @@ class _Exchange:
         trace = np.where(self.free, left.trace, -1.0)
         first = np.argpartition(-trace, min(_FIRST, len(trace) - 1))[:_FIRST]
         first = first[self.free[first]]
-        best = _added(self.jacobian[first], left.inverse).max(initial=-np.inf)
+        best = added(self.jacobian[first], left.inverse).max(initial=-np.inf)
         bound = rows * np.log1p(np.maximum(trace, -0.5) / rows)
         return np.flatnonzero(self.free & (bound >= best - 1e-9))
 
     def _computed(self, total: Array) -> "_Traces":
-        inverse = _inverse(total)
+        inverse = inverse_of(total)
         by_row = np.einsum("ij,ij->j", inverse @ self.columns, self.columns)
         return _Traces(inverse, by_row.reshape(-1, len(self.jacobian)).sum(axis=0))
 
@@ -251,17 +271,82 @@ class _Traces:
     trace: Array
 
 
-def _added(jacobian: Array, inverse: Array) -> Array:
+def added(jacobian: Array, inverse: Array) -> Array:
     """Return log det(I + J V J') of candidates ``(m, r, p)``: each one's gain in log det of the information."""
     core = np.eye(jacobian.shape[1]) + jacobian @ inverse @ np.swapaxes(jacobian, 1, 2)
     gains: Array = np.linalg.slogdet(core)[1]
     return gains
 
 
-def _inverse(information: Array) -> Array:
+def scores_with(goal: Criterion, without: Array, part: Array) -> Array:
+    """Return the scores ``(m,)`` of an information ``(p, p)`` with one of candidates ``(m, r, p)`` added."""
+    if goal.weight is None:  # no rank-k update: whole scores
+        return goal.score(without + np.swapaxes(part, 1, 2) @ part)
+    inverse = inverse_of(without)
+    moved = part @ inverse  # (m, r, p)
+    core = np.eye(part.shape[1]) + moved @ np.swapaxes(part, 1, 2)
+    spread = moved @ goal.weight @ np.swapaxes(moved, 1, 2)
+    gain = np.trace(np.linalg.solve(core, spread), axis1=1, axis2=2)
+    return np.asarray(-np.log(np.maximum(np.trace(goal.weight @ inverse) - gain, 1e-300)))
+
+
+def inverse_of(information: Array) -> Array:
     """Invert with a small ridge, as a design one pose short may be singular."""
     p = len(information)
     return np.asarray(np.linalg.inv(information + _RIDGE * np.trace(information) / p * np.eye(p)), dtype=np.float64)
+
+
+class Aim(Protocol):
+    """Objective of an ascent: a score of the derivatives at all poses."""
+
+    def seen(self, inputs: Array) -> Array:
+        """Return the derivatives ``(n, ...)`` at inputs ``(n, joints)``."""
+
+    def score(self, jacobian: Array) -> float:
+        """Return the score of derivatives ``(n, ...)``."""
+
+    def uphill(self, inputs: Array) -> tuple[float, Array]:
+        """Return a smooth score at inputs ``(n, joints)``, and its derivatives ``(n, joints)``."""
+
+
+@dataclass(frozen=True)
+class OneCriterion:
+    """A criterion of one arm's information.
+
+    Attributes:
+        earlier: information ``(p, p)`` of poses measured before.
+    """
+
+    sensitivity: Sensitivity
+    goal: Criterion
+    earlier: Array | float = 0.0
+
+    def seen(self, inputs: Array) -> Array:
+        """Return the Jacobians ``(n, r, p)``."""
+        return self.sensitivity(inputs)
+
+    def score(self, jacobian: Array) -> float:
+        """Return the criterion's score."""
+        return float(self.goal.score(self.earlier + information(jacobian)))
+
+    def uphill(self, inputs: Array) -> tuple[float, Array]:
+        """Return the criterion's score, and its derivatives."""
+        here, rate = with_steps(self.sensitivity, inputs)
+        total = self.earlier + information(here)
+        try:
+            slope = 2 * np.einsum("nrp,njrp->nj", here @ self.goal.slope(total), rate)
+        except np.linalg.LinAlgError:  # a step to impossible poses without information
+            slope = np.zeros_like(inputs)
+        return float(self.goal.score(total)), slope
+
+
+def with_steps(sensitivity: Sensitivity, inputs: Array) -> tuple[Array, Array]:
+    """Return Jacobians ``(n, r, p)`` at inputs ``(n, joints)``, and their rates ``(n, joints, r, p)`` by each input."""
+    n, size = inputs.shape
+    offsets = np.concatenate([np.zeros((1, size)), _STEP_RAD * np.eye(size), -_STEP_RAD * np.eye(size)])
+    flat = sensitivity((inputs[:, None] + offsets).reshape(-1, size))
+    jacobian = flat.reshape(n, 1 + 2 * size, *flat.shape[1:])
+    return jacobian[:, 0], (jacobian[:, 1 : 1 + size] - jacobian[:, 1 + size :]) / (2 * _STEP_RAD)
 
 
 def ascend(
@@ -275,28 +360,39 @@ def ascend(
     rounds: int = 4,
     measured: Array | None = None,
 ) -> Design:
-    """Move all joint angles uphill, each pose only to feasible positions; the score never falls.
-
-    A quasi-Newton ascent within the limits proposes; then each pose moves as far towards its
-    proposal (all of the way, a half, …) as is feasible and better.
+    """Move all joint angles uphill by a criterion, as ``climb``.
 
     Args:
         sensitivity: from joint positions to Jacobians in the design's scaling.
         feasible: joint positions ``(n, joints)`` to ``(n,)``.
         lower, upper: limits ``(joints,)``; infinite where there are none.
     """
-    earlier = 0.0 if measured is None else measured
+    aim = OneCriterion(sensitivity, goal, 0.0 if measured is None else measured)
+    return climb(design, aim, feasible, lower, upper, rounds=rounds)
+
+
+def climb(design: Design, aim: Aim, feasible: Feasible, lower: Array, upper: Array, *, rounds: int = 4) -> Design:
+    """Move all joint angles uphill, each pose only to feasible positions; the score never falls.
+
+    A quasi-Newton ascent within the limits proposes; then each pose moves as far towards its
+    proposal (all of the way, a half, …) as is feasible and better.
+
+    Args:
+        design: with derivatives as the aim has them.
+        feasible: joint positions ``(n, joints)`` to ``(n,)``.
+        lower, upper: limits ``(joints,)``; infinite where there are none.
+    """
     joints, jacobian, score = design.joints.copy(), design.jacobian.copy(), design.score
     rows = design.rows.copy()
     for k in range(rounds):
-        proposal = _proposed(joints, sensitivity, goal, earlier, lower, upper, _TOLERANCE * 0.1**k)
+        proposal = _proposed(joints, aim, lower, upper, _TOLERANCE * 0.1**k)
         before = score
         for pose in range(len(joints)):
             for share in (1.0, 0.5, 0.25, 0.1):
                 moved = joints[pose] + share * (proposal[pose] - joints[pose])
                 trial = jacobian.copy()
-                trial[pose] = sensitivity(moved[None])[0]
-                value = float(goal.score(earlier + information(trial)))
+                trial[pose] = aim.seen(moved[None])[0]
+                value = aim.score(trial)
                 if value > score and feasible(moved[None])[0]:
                     joints[pose], jacobian, score, rows[pose] = moved, trial, value, -1
                     break
@@ -305,32 +401,14 @@ def ascend(
     return Design(rows, joints, jacobian, score)
 
 
-def _proposed(
-    joints: Array,
-    sensitivity: Sensitivity,
-    goal: Criterion,
-    earlier: Array | float,
-    lower: Array,
-    upper: Array,
-    tolerance: float,
-) -> Array:
+def _proposed(joints: Array, aim: Aim, lower: Array, upper: Array, tolerance: float) -> Array:
     """Move all poses by a quasi-Newton ascent within the limits, collisions aside, to a relative gain of the score."""
     n, size = joints.shape
-    offsets = np.concatenate([np.zeros((1, size)), _STEP_RAD * np.eye(size), -_STEP_RAD * np.eye(size)])
 
     def downhill(flat: Array) -> tuple[float, Array]:
-        around = (flat.reshape(n, 1, size) + offsets).reshape(-1, size)
-        jacobian = sensitivity(around).reshape(n, 1 + 2 * size, -1, goal_size)
-        here = jacobian[:, 0]
-        total = earlier + information(here)
-        rate = (jacobian[:, 1 : 1 + size] - jacobian[:, 1 + size :]) / (2 * _STEP_RAD)
-        try:
-            slope = 2 * np.einsum("nrp,njrp->nj", here @ goal.slope(total), rate)
-        except np.linalg.LinAlgError:  # a step to impossible poses without information
-            slope = np.zeros_like(joints)
-        return -float(goal.score(total)), -slope.ravel()
+        score, slope = aim.uphill(flat.reshape(n, size))
+        return -score, -slope.ravel()
 
-    goal_size = sensitivity(joints[:1]).shape[-1]
     bounds = list(zip(np.tile(lower, n), np.tile(upper, n), strict=True))
     solved = scipy.optimize.minimize(
         downhill,

@@ -159,6 +159,7 @@ def _shapes(plan: DesignResult) -> tuple[Array, Array]:
 
 _HALF, _WIDE = (4.8, 3.6), (8.0, 2.6)  # inches
 _ROOM = 0.2  # around the poses, of their width: for the legend
+_ERROR_POWER = {"A": 0.5, "G": 0.5, "I": 0.5}  # from an efficiency, a ratio of variances, to a ratio of errors
 _EDGE = 0.94  # of the half of a picture
 _NUMBER = 6.5  # points, of a pose's number
 _TICKS = (1, 2, 3, 5)  # of each power of ten
@@ -354,7 +355,7 @@ def design_document(result: DesignResult) -> doc.Document:
     return doc.Document(
         f"{values['robot']}: {values['poses']} poses to measure",
         (
-            doc.Paragraph(f"{_chosen(values)} {_predicted(values)}", "lead"),
+            doc.Paragraph(f"{_chosen(values)} {_predicted(values)}{_worst(values)}", "lead"),
             doc.Warnings(result.warnings),
             doc.Section(
                 "Number of poses",
@@ -373,10 +374,14 @@ def design_document(result: DesignResult) -> doc.Document:
                     doc.Paragraph(_candidates(values)),
                     *_reflector(values),
                     *_stations(values),
+                    *_payloads(values),
                     *_files(result),
                 ),
             ),
-            doc.Section("Quality of the choice", (doc.Paragraph(_certificate(values)), *_indices(values))),
+            doc.Section(
+                "Quality of the choice",
+                (doc.Paragraph(_certificate(values)), *_own_certificate(values), *_indices(values)),
+            ),
         ),
     )
 
@@ -391,11 +396,32 @@ def _chosen(values: dict[str, Any]) -> str:
 
 def _predicted(values: dict[str, Any]) -> str:
     predicted = values["predicted_mm"]
+    where = "validation poses" if values["region"] == "workspace" else "the poses of the task's region"
+    assumes = "a rigid robot" if values["model"][0] == "geometric" else f"the model {values['model'][0]}"
     return (
-        f"The predicted error on validation poses is {predicted['rms']:.4f} mm RMS over all poses and "
+        f"The predicted error on {where} is {predicted['rms']:.4f} mm RMS over all poses and "
         f"{predicted['max']:.4f} mm RMS at the worst pose; its 95 %/95 % tolerance bound is "
-        f"{values['promise_mm']:.4f} mm. It includes only the instrument's noise, and assumes a rigid robot."
+        f"{values['promise_mm']:.4f} mm. It includes only the instrument's noise, and assumes {assumes}."
     )
+
+
+def _worst(values: dict[str, Any]) -> str:
+    """Describe the worst of several arms and models; "" for the nominal arm with a single model."""
+    worst = values["worst"]
+    if worst is None:
+        return ""
+    arms = f"the nominal arm and {worst['perturbed_arms']} perturbed ones" if worst["perturbed_arms"] else "the arm"
+    models = f" with the models {' and '.join(values['model'])}" if len(values["model"]) > 1 else ""
+    return (
+        f" The design is for the worst of {worst['cases']} cases: {arms}{models}. In the worst case "
+        f"({_arm(worst['arm'])}, model {worst['model']}) the predicted error is {worst['predicted_mm']['rms']:.4f} mm "
+        f"RMS, {worst['predicted_mm']['max']:.4f} mm RMS at the worst pose, and the tolerance bound "
+        f"{worst['promise_mm']:.4f} mm."
+    )
+
+
+def _arm(number: int) -> str:
+    return f"perturbed arm {number}" if number else "the nominal arm"
 
 
 def _steps(values: dict[str, Any]) -> doc.Table:
@@ -475,6 +501,20 @@ def _stations(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     )
 
 
+def _payloads(values: dict[str, Any]) -> tuple[doc.Block, ...]:
+    if not values["payloads"]:
+        return ()
+    listed = ", ".join(f"{each['poses']} poses with {each['payload_kg']:g} kg" for each in values["payloads"])
+    changes = values["payload_changes"]
+    times = "once" if changes == 1 else f"{changes} times"
+    changed = f"The arm waits at home while it is changed, {times}" if changes else "It is never changed"
+    return (
+        doc.Paragraph(
+            f"The payload of each pose is chosen with it: {listed}. {changed}. See payload_kg in plan.csv."
+        ),
+    )
+
+
 def _files(result: DesignResult) -> tuple[doc.Block, ...]:
     chain = result.problem.robot.chain
     why = refusal(chain, result.options.controller)
@@ -492,6 +532,32 @@ def _certificate(values: dict[str, Any]) -> str:
     return (
         f"The certified D-efficiency is {values['d_efficiency']:.3f}, against {values['pool']['what']} "
         f"(gap of the bound {100 * values['bound_gap']:.2f} %)."
+    )
+
+
+def _own_certificate(values: dict[str, Any]) -> tuple[doc.Block, ...]:
+    """The certificate of the criterion itself, with the cases that decide."""
+    found, worst = values["certificate"], values["worst"]
+    if found is None:
+        return ()
+    less = 100 * (1 - found["efficiency"] ** _ERROR_POWER.get(found["criterion"], 1.0))
+    quantity = {"A": "RMS parameter error", "G": "worst predicted RMS error", "I": "predicted RMS error"}
+    least = (
+        f"no choice has a {quantity[found['criterion']]} more than {less:.1f} % smaller"
+        if found["criterion"] in quantity
+        else "1 would be the best possible"
+    )
+    of = "" if worst is None else f", for the worst of {worst['cases']} cases"
+    text = (
+        f"By the criterion {found['criterion']} itself{of}, the certified efficiency is {found['efficiency']:.3f}: "
+        f"{least} (gap of the bound {100 * found['bound_gap']:.2f} %)."
+    )
+    if worst is None or not worst["weights"]:
+        return (doc.Paragraph(text),)
+    rows = tuple((_arm(each["arm"]), each["model"], fixed(each["weight"], 3)) for each in worst["weights"])
+    return (
+        doc.Paragraph(text),
+        doc.Table(("arm", "model", "weight"), rows, "Cases that decide the bound", shown_in=doc.PAGE | doc.RECORDING),
     )
 
 

@@ -137,11 +137,14 @@ def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
     chain = plan.problem.robot.chain
     units = ["mm" if slides else "°" for slides in chain.prismatic]
     ids, last, rows = iter(shown.ids), len(shown.measured) - 1, []
+    loads = plan.waypoints.payloads_kg
     for stop, (joints, is_pose) in enumerate(zip(plan.tour.waypoints, shown.measured, strict=True)):
         name = next(ids) if is_pose else "home" if stop in (0, last) else "passed"
-        rows.append((str(stop), name, *(fixed(value, 2) for value in joint_values(chain.prismatic, joints))))
+        carried = (f"{loads[stop]:g}",) if loads else ()
+        rows.append((str(stop), name, *carried, *(fixed(value, 2) for value in joint_values(chain.prismatic, joints))))
     headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
-    return Document("Joint positions", (Table(("stop", "id", *headings), tuple(rows)),))
+    carried = ("payload, kg",) if loads else ()
+    return Document("Joint positions", (Table(("stop", "id", *carried, *headings), tuple(rows)),))
 
 
 def _blueprint(shown: PlanScene, *, designed: bool) -> rrb.Blueprint:

@@ -29,6 +29,7 @@ from lab.formats.measurement_csv import read_measurements, write_measurements
 from lab.formats.programs.program_text import postures_of
 from lab.formats.programs.protocol import PAUSE_S, MeasuringTour
 from lab.formats.programs.registry import plan_files, plan_or_refusal
+from lab.kinematics.effects.effect import PAYLOAD
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
 from lab.noise.instruments import observing
@@ -43,6 +44,7 @@ from lab.pose_selection.criteria import (
 )
 from lab.pose_selection.exchange import Certificate, Design, certify, information
 from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
+from lab.pose_selection.worst_case import WorstCertificate, certify_worst
 from lab.render.terminal import Stage, status
 from lab.simulation.candidate_poses import field_of_view, incidence, stations_in, view_of
 from lab.simulation.collisions import describe_collisions
@@ -144,6 +146,23 @@ class DesignStep:
         }
 
 
+class _Block(NamedTuple):
+    """A part of a tour from home to home, from one station and with one payload; None if no payloads are given."""
+
+    station: str
+    payload_kg: float | None
+    part: slice
+
+    @property
+    def name(self) -> str:
+        """Name of the block in file names; "" for a whole tour."""
+        return "_".join(each for each in (self.station, _mass(self.payload_kg)) if each)
+
+
+def _mass(payload_kg: float | None) -> str:
+    return "" if payload_kg is None else f"{payload_kg:g}kg"
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class DesignResult(Result):
     """Poses to measure, in the order of the tour.
@@ -155,6 +174,11 @@ class DesignResult(Result):
         design: the chosen poses before ordering.
         certificate: the best continuous D-optimal design over the candidates and the poses that the ascent moved.
         d_efficiency: certified, of the chosen poses with those measured already.
+        payloads: ``(n,)`` kg that the arm carries at each pose; zero if none are given.
+        own_certificate: of the criterion for all cases, if it is another one than O1 for the nominal arm; else None.
+        efficiency: certified by it, of the chosen poses with those measured already.
+        worst: the prediction of the case with the largest error; the nominal arm's for a single case.
+        worst_case: number of that case.
         indices: the observability indices, in the units of the scaling.
         prediction: the predicted errors on validation poses.
         curve: against the number of poses.
@@ -173,10 +197,15 @@ class DesignResult(Result):
     joints: Array
     stations: NDArray[np.int_]
     design: Design
+    payloads: Array
     certificate: Certificate
     d_efficiency: float
+    own_certificate: WorstCertificate | None
+    efficiency: float | None
     indices: Indices
     prediction: PredictedAccuracy
+    worst: PredictedAccuracy
+    worst_case: int
     curve: tuple[DesignStep, ...]
     tour: Tour
     seconds: float = field(compare=False)
@@ -185,8 +214,10 @@ class DesignResult(Result):
     @property
     def _pool_description(self) -> str:
         candidates = len(self.problem.candidates.joints)
-        moved = len(self.certificate.weights) - candidates
+        moved = len(self.certificate.weights) - len(self.problem.inputs)
         text = f"any {len(self.joints)} of {candidates} feasible candidates"
+        if len(self.problem.payloads):
+            text += f", each with one of {len(self.problem.payloads)} payloads,"
         if len(self.problem.already):
             text += f" added to the {len(self.problem.already)} measured already"
         return text + (f" and the {moved} poses that the ascent moved away from candidates" if moved else "")
@@ -217,22 +248,37 @@ class DesignResult(Result):
         """Waypoints of the tour: home, poses to measure, via poses, and home."""
         which = np.where(self.tour.measured >= 0, np.cumsum(self.tour.measured >= 0) - 1, -1)
         ids = visit_ids(self.tour, self.pose_ids)
-        return Waypoints(self.tour.waypoints, which, ids, "measure", stations=self._stations_of_waypoints)
+        loads = tuple(each.payload_kg for each in self._blocks_of_waypoints if each.payload_kg is not None)
+        return Waypoints(self.tour.waypoints, which, ids, "measure", self._stations_of_waypoints, loads)
 
     @property
-    def _parts(self) -> tuple[tuple[str, slice], ...]:
-        """Named slices of the tour's waypoints by station, from home to home; unnamed for a single station."""
-        names, ends = self.problem.robot.model.stations or ("",), [0, *self.tour.breaks, len(self.tour.waypoints) - 1]
-        measuring = [names[i] for i in dict.fromkeys(self.stations.tolist())]
-        return tuple((name, slice(a, b + 1)) for name, (a, b) in zip(measuring, pairwise(ends), strict=True))
+    def _blocks(self) -> tuple[_Block, ...]:
+        """Parts of the tour from home to home: one for each station, and there for each payload."""
+        ends = [0, *self.tour.breaks, len(self.tour.waypoints) - 1]
+        measuring = dict.fromkeys(zip(self.stations.tolist(), self.payloads.tolist(), strict=True))
+        names = self.problem.robot.model.stations or ("",)
+        return tuple(
+            _Block(names[station], payload if len(self.problem.payloads) else None, slice(a, b + 1))
+            for (station, payload), (a, b) in zip(measuring, pairwise(ends), strict=True)
+        )
+
+    @property
+    def _blocks_of_waypoints(self) -> tuple[_Block, ...]:
+        """The block of each waypoint."""
+        counts = [(each, each.part.stop - each.part.start - (each.part.start > 0)) for each in self._blocks]
+        return tuple(each for each, count in counts for _ in range(count))
 
     @property
     def _stations_of_waypoints(self) -> tuple[str, ...]:
         """The station in whose part each stop is; none where there is one alone."""
         if not self.problem.robot.model.stations:
             return ()
-        counts = [(name, part.stop - part.start - (part.start > 0)) for name, part in self._parts]
-        return tuple(name for name, count in counts for _ in range(count))
+        return tuple(each.station for each in self._blocks_of_waypoints)
+
+    @property
+    def payload_changes(self) -> int:
+        """Number of times that the payload is changed between the first pose and the last."""
+        return sum(a.payload_kg != b.payload_kg for a, b in pairwise(self._blocks))
 
     @property
     def table(self) -> Measurements:
@@ -243,7 +289,8 @@ class DesignResult(Result):
         use = tuple("skip" if purpose == VIA else "calibrate" for purpose in waypoints.purposes)
         marks = {"stop": waypoints.purposes} | ({"station": waypoints.stations} if waypoints.stations else {})
         marks |= {"checked": ("no",) * n} if self.options.no_check else {}
-        return replace(data, ids=waypoints.names, use=use, other=marks)
+        conditions = {PAYLOAD: np.array(waypoints.payloads_kg)} if waypoints.payloads_kg else {}
+        return replace(data, ids=waypoints.names, use=use, other=marks, conditions=conditions)
 
     @property
     def _scaled_indices(self) -> dict[str, dict[str, Any]]:
@@ -264,12 +311,21 @@ class DesignResult(Result):
             "instrument": options.instrument,
             "parameters": len(self.problem.structure.identifiable),
             "criterion": options.criterion,
+            "model": list(options.models),
+            "region": options.region,
             "indices": self._scaled_indices,
             "d_efficiency": self.d_efficiency,
             "bound_gap": self.certificate.gap,
             "pool": {"poses": len(self.certificate.weights), "what": self._pool_description},
             "predicted_mm": error_statistics(self.prediction.rms).to_dict(),
             "promise_mm": MM.of(self.prediction.coverage_radius),
+            "certificate": self._own_certificate,
+            "worst": self._worst,
+            "payloads": [
+                {"payload_kg": float(mass), "poses": int((self.payloads == mass).sum())}
+                for mass in self.problem.payloads
+            ],
+            "payload_changes": self.payload_changes,
             "candidates": {
                 "drawn": candidates.drawn,
                 "feasible": len(candidates.joints),
@@ -287,9 +343,41 @@ class DesignResult(Result):
             "stops": list(self.waypoints.rows(self.problem.robot.chain)),
             "curve_of": "designs" if self.options.curve else "continuous design",
             "curve": [step.to_dict() for step in self.curve],
-            **plan_or_refusal(self.problem.robot.chain, self.options.controller, model.stations),
+            **plan_or_refusal(self.problem.robot.chain, self.options.controller, [each.name for each in self._blocks]),
             "seconds": round(self.seconds, 4),
             "warnings": list(self.warnings),
+        }
+
+    @property
+    def _own_certificate(self) -> dict[str, Any] | None:
+        """The certificate of the criterion itself, for all cases."""
+        if self.own_certificate is None or self.efficiency is None:
+            return None
+        return {
+            "criterion": self.options.criterion,
+            "efficiency": self.efficiency,
+            "bound_gap": self.own_certificate.gap,
+        }
+
+    @property
+    def _worst(self) -> dict[str, Any] | None:
+        """The worst of several cases; None for a single one."""
+        cases = self.problem.cases
+        if len(cases) == 1:
+            return None
+        weights = [] if self.own_certificate is None else self.own_certificate.cases.tolist()
+        return {
+            "cases": len(cases),
+            "perturbed_arms": self.options.worst_of,
+            "arm": cases[self.worst_case].arm,
+            "model": cases[self.worst_case].model,
+            "predicted_mm": error_statistics(self.worst.rms).to_dict(),
+            "promise_mm": MM.of(self.worst.coverage_radius),
+            "weights": [
+                {"arm": case.arm, "model": case.model, "weight": weight}
+                for case, weight in zip(cases, weights, strict=bool(weights))
+                if weight > _NO_WEIGHT
+            ],
         }
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
@@ -306,8 +394,8 @@ class DesignResult(Result):
         write_measurements(folder / "plan.csv", self.table, robot.chain.prismatic)
         arm = robot.arm(tuple(robot.tool))
         nominal, ids, done = arm.nominal(robot.tool), visit_ids(self.tour, self.pose_ids), 0
-        for station, part in self._parts:
-            waypoints, measured = self.tour.waypoints[part], self.tour.measured[part]
+        for block in self._blocks:
+            waypoints, measured = self.tour.waypoints[block.part], self.tour.measured[block.part]
             count = int((measured >= 0).sum())
             tour = MeasuringTour(
                 robot.name,
@@ -316,7 +404,7 @@ class DesignResult(Result):
                 ids[done : done + count],
                 not self.options.no_check,
                 postures_of(arm, nominal, waypoints),
-                station,
+                block.name,
             )
             done += count
             for name, content in plan_files(robot.chain, self.options.controller, tour).items():
@@ -471,14 +559,15 @@ def planned_session(options: DesignOptions, robot: Robot | None = None, own: Cri
 
 
 def _planned(options: DesignOptions, problem: PoseProblem, started: float, progress: Stage) -> DesignResult:
-    least = enough_poses(problem.pool, problem.before)
+    least = max(enough_poses(case.pool, case.before) for case in problem.cases)
     quick = _of_any_size(options, problem)
     if options.accuracy_mm is not None:
         design = _accurate_design(options, problem, least, quick, progress)
     else:
         count = _POSES if options.poses is None else options.poses
         if count < least:
-            raise LabError(f"--poses {count}: {problem.pool.shape[2]} parameters need {least} poses or more")
+            most_parameters = max(case.pool.shape[2] for case in problem.cases)
+            raise LabError(f"--poses {count}: {most_parameters} parameters need {least} poses or more")
         design = best_design(options, problem, count, progress)
     count = len(design.joints)
 
@@ -488,6 +577,9 @@ def _planned(options: DesignOptions, problem: PoseProblem, started: float, progr
     measured = None if problem.measured is None else problem.measured / n0
     certificate = certify(pool, measured=measured, share=count / (n0 + count))
     everything = np.concatenate([design.jacobian, problem.before])
+    own, efficiency = _own_certificate(problem, design, certificate)
+    predictions = _predictions(problem, design.joints, options.seed)
+    worst = max(range(len(predictions)), key=lambda i: predictions[i].coverage_radius)
     most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(_MOST_POSES, count)))
     sizes = np.unique(np.geomspace(least, most, _CURVE_STEPS).round().astype(int)).tolist()
     progress("4 of 5, tour")
@@ -498,11 +590,16 @@ def _planned(options: DesignOptions, problem: PoseProblem, started: float, progr
         problem=problem,
         joints=design.joints[list(tour.order), : chain.size],
         stations=problem.station(design.joints)[list(tour.order)],
+        payloads=problem.payload(design.joints)[list(tour.order)],
         design=design,
         certificate=certificate,
         d_efficiency=certificate.efficiency(everything),
+        own_certificate=own,
+        efficiency=efficiency,
         indices=indices(everything),
-        prediction=_prediction(problem, design.joints, options.seed),
+        prediction=predictions[0],
+        worst=predictions[worst],
+        worst_case=worst,
         curve=tuple(
             _designed_steps(options, problem, sizes, quick, progress)
             if options.curve
@@ -515,21 +612,53 @@ def _planned(options: DesignOptions, problem: PoseProblem, started: float, progr
 
 
 def _tour(options: DesignOptions, problem: PoseProblem, inputs: Array, chain: JointSpec) -> Tour:
-    """The order of the poses, station by station: between two of them the arm waits at home for the instrument."""
+    """The order of the poses, station by station, and there payload by payload.
+
+    Between two of them the arm waits at home for the instrument, or for the payload. The payloads alternate, so that
+    no change is needed with the instrument's.
+    """
     home, safe, rng = problem.access.hubs[0], problem.access.hubs[1:], rng_for(options.seed, "tour")
-    joints, at, parts = inputs[:, : chain.size], problem.station(inputs), []
+    joints, at, carried, parts = inputs[:, : chain.size], problem.station(inputs), problem.payload(inputs), []
+    there: float | None = None  # payload at the end of the last block
     for station in np.unique(at):
-        rows = np.flatnonzero(at == station)
-        part = plan_tour(joints[rows], chain.speed, chain.acceleration, problem.access.free, rng, home, safe)
-        if options.reference_every is not None:
-            part = with_reference(part, options.reference_every, problem.access.hubs, chain, problem.access.free)
-        parts.append(part.among(rows))
+        masses = np.unique(carried[at == station]).tolist()
+        if there in masses:
+            masses = [there, *(mass for mass in masses if mass != there)]
+        for mass in masses:
+            rows = np.flatnonzero((at == station) & (carried == mass))
+            part = plan_tour(joints[rows], chain.speed, chain.acceleration, problem.access.free, rng, home, safe)
+            if options.reference_every is not None:
+                part = with_reference(part, options.reference_every, problem.access.hubs, chain, problem.access.free)
+            parts.append(part.among(rows))
+            there = mass
     return one_after_another(parts)
 
 
-def _prediction(problem: PoseProblem, inputs: Array, seed: int) -> PredictedAccuracy:
-    everything = problem.whitened(np.concatenate([inputs, problem.already]))
-    return predict(information(everything), problem.test, rng_for(seed, "promise"))
+def _predictions(problem: PoseProblem, inputs: Array, seed: int) -> list[PredictedAccuracy]:
+    """Return the predicted errors in each case."""
+    every = np.concatenate([inputs, problem.already])
+    return [predict(information(case.whitened(every)), case.test, rng_for(seed, "promise")) for case in problem.cases]
+
+
+def _own_certificate(
+    problem: PoseProblem, design: Design, certificate: Certificate
+) -> tuple[WorstCertificate | None, float | None]:
+    """Return the certificate of the criterion and the efficiency by it, if it is not the one of O1 for a single arm.
+
+    Args:
+        certificate: of O1 for the nominal arm, from whose weights the search starts.
+    """
+    cases, moved = problem.cases, design.joints[design.rows < 0]
+    if len(cases) == 1 and problem.goal.name == "O1":
+        return None, None
+    n0, n = len(problem.already), len(design.joints)
+    pools = [np.concatenate([case.pool, case.sensitivity(moved)]) for case in cases]
+    found = certify_worst(cases, pools, start=certificate.weights, share=n / (n0 + n))
+    if found is None:
+        return None, None
+    totals = (information(case.sensitivity(design.joints)) + information(case.before) for case in cases)
+    value = min(float(case.value(case.goal.score(total))) for case, total in zip(cases, totals, strict=True))
+    return found, found.efficiency(value, n + n0)
 
 
 def _of_any_size(options: DesignOptions, problem: PoseProblem) -> Callable[[int], Design]:
@@ -556,7 +685,7 @@ def _accurate_design(
     most = max(least, min(_MOST_POSES, len(problem.pool) // 2))
 
     def bound(design: Design) -> float:
-        return _prediction(problem, design.joints, options.seed).coverage_radius
+        return max(each.coverage_radius for each in _predictions(problem, design.joints, options.seed))
 
     count = smallest_count(lambda size: bound(quick(size)), wanted, least, most)
     design = best_design(options, problem, count, progress)
@@ -581,7 +710,8 @@ def _designed_steps(
         progress(f"5 of 5, curve, {size} poses", done, len(sizes))
         chosen = quick(size)
         o1 = float(indices(np.concatenate([chosen.jacobian, problem.before])).o1)
-        yield DesignStep(size, _prediction(problem, chosen.joints, options.seed), o1)
+        everything = information(problem.whitened(np.concatenate([chosen.joints, problem.already])))
+        yield DesignStep(size, predict(everything, problem.test, rng_for(options.seed, "promise")), o1)
 
 
 def _continuous_steps(
