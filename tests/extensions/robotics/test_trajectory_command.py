@@ -222,8 +222,12 @@ def test_elastic_links_are_tracked_and_corrected(tmp_path, capsys) -> None:
     assert 0.02 < told["error_mm"]["mean"] < 0.2 and told["left_mm"]["max"] < 1e-7 and not told["not_made_up_for"]
     with (tmp_path / "run" / "corrected.csv").open() as file:
         header, *rows = csv.reader(file)
-    corrected = np.deg2rad(np.array(rows, dtype=float)[:, 1:7])
-    assert header[1] == "q1_deg" and header[7:] == ["error_x_mm", "error_y_mm", "error_z_mm", "link2_mm", "link4_mm"]
+    corrected = np.deg2rad(np.array([row[1:7] for row in rows], dtype=float))
+    assert header[1] == "q1_deg" and header[7:12] == ["error_x_mm", "error_y_mm", "error_z_mm", "link2_mm", "link4_mm"]
+    left = [f"left_{axis}_mm" for axis in "xyz"] + [f"left_r{axis}_deg" for axis in "xyz"]
+    parts = ("dx_mm", "dy_mm", "dz_mm", "rx_deg", "ry_deg", "rz_deg")
+    torsors = [f"link{n}_{part}" for n in (1, 2, 3, 4, 6) for part in parts]  # link 5 has no length
+    assert header[12:] == [*left, "incomplete", *torsors]
     found = lab.trajectory(tmp_path / "points.csv", robot=str(soft), payload_kg=2, step_ms=100)
     model, at = found.robot.serial_model, found.sampled
     arm = FlexibleArm(model.model, model, sections=found.robot.link_compliances)
