@@ -176,6 +176,7 @@ class TrajectoryResult(Result):
                     "length_mm": number(MM.of(leg.length_m)),
                     "turn_deg": number(np.rad2deg(leg.turn_rad)),
                     "stops": [_joint_list(chain, row) for row in leg.waypoints[[0, -1]]],
+                    **self._unsynchronised(leg),
                 }
                 for leg in self.legs
             ],
@@ -185,6 +186,15 @@ class TrajectoryResult(Result):
             "tracking": self._tracking_values(),
             "warnings": list(self.warnings),
         }
+
+    def _unsynchronised(self, leg: Leg) -> dict[str, Any]:
+        """Return the phases of each joint alone, s, and the joints that constrain the move and each of its phases."""
+        phases = leg.unsynchronised(self.chain)
+        if phases is None:
+            return {"own_phases": None, "constrained_by": None, "phases_constrained_by": None}
+        names = self.robot.chain.joint_names
+        longest = [names[int(column.argmax())] if column.max() > 0 else None for column in (phases.sum(1), *phases.T)]
+        return {"own_phases": phases.tolist(), "constrained_by": longest[0], "phases_constrained_by": longest[1:]}
 
     def _tracking_values(self) -> dict[str, Any] | None:
         if self.tracked is None or self.tracking is None:
@@ -307,7 +317,7 @@ def _trajectory_document(result: TrajectoryResult) -> Document:
         f"{result.robot.name}: {fixed(seconds, 5)} s through {points} points",
         (
             Warnings(result.warnings),
-            Section("Moves", (_legs(result),)),
+            Section("Moves", (_legs(result), *_own_times(result))),
             Section("Joints", (_joints(result), Paragraph(f"{_LAWS[result.options.law]} {smooth}.", "note"))),
             *_errors(result),
             Section("Over time", (_figure(result),)),
@@ -431,6 +441,23 @@ def _legs(result: TrajectoryResult) -> Table:
         rows.append((" → ".join(leg.points), leg.kind, fixed(start, 5), fixed(leg.move.seconds, 5), along))
     columns = ("points", "move", "starts at, s", "takes, s", "path of the tool")
     return Table(columns, tuple(rows), most_rows=_MAX_LEGS)
+
+
+def _own_times(result: TrajectoryResult) -> tuple[Table, ...]:
+    """Tabulate the shortest time of each joint alone, and the joint that constrains the move."""
+    rows = []
+    for leg, values in zip(result.legs, result.to_dict()["legs"], strict=True):
+        if values["constrained_by"] is not None:
+            times = (fixed(sum(phases), 5) for phases in values["own_phases"])
+            by_phase = ", ".join(name or "–" for name in values["phases_constrained_by"])
+            rows.append((" → ".join(leg.points), *times, f"{values['constrained_by']} ({by_phase})"))
+    names = (f"{name}, s" for name in result.robot.chain.joint_names)
+    caption = (
+        "Shortest time of each joint alone, not synchronised, and the joint that constrains the move (and each of its "
+        "phases: change of speed, cruise, change of speed)."
+    )
+    heads = ("points", *names, "constrained by")
+    return (Table(heads, tuple(rows), caption, most_rows=_MAX_LEGS, rest_in="--json"),) if rows else ()
 
 
 def _joints(result: TrajectoryResult) -> Table:
