@@ -266,6 +266,7 @@ class Solver:
         every = working_modes(mechanism, classical, passive) if missed <= _REACHED_M else []
         rows = np.array([mode.joints for mode in every]).reshape(-1, mechanism.size)
         rows[:, others] = start[others]
+        rows = nearest_whole_turns(mechanism, rows, np.broadcast_to(near, rows.shape))
         there = self.arm.tool(rows, self.values)[0][:, :3, 3] if every else np.empty((0, 3))
         off = np.abs(there - wanted.positions[0]).max(axis=1)
         modes = [(row, mode) for row, mode, missing in zip(rows, every, off, strict=True) if missing < _REACHED_M]
@@ -273,7 +274,7 @@ class Solver:
         names, several = mechanism.joint_names, any(any(mode.branches) for _, mode in modes)
         branches = tuple(
             Solution(
-                nearest_whole_turns(mechanism, row, near),
+                row,
                 {names[j]: "+-"[mode.branches[j]] for j in sorted(classical.order)} if several else {},
                 free,
             )
