@@ -8,6 +8,7 @@ from lab.core.errors import LabError
 __all__ = ["description_of", "is_own", "models_folder", "own_models", "sha256_of"]
 
 _DESCRIPTION = "mechanism.toml"
+_DRIVES = "drives.toml"  # beside a description, for ``lab dynamics --drives``: no robot, and no part of its model
 
 
 def models_folder() -> Path:
@@ -23,7 +24,8 @@ def own_models() -> dict[str, Path]:
         files = [folder / name for name in (_DESCRIPTION, "scene.xml", "robot.xml", "robot.toml")]
         main = next((path for path in files if path.is_file()), None)
         found |= {} if main is None else {folder.name: main}
-        found |= {f"{folder.name}/{path.stem}": path for path in sorted(folder.glob("*.toml")) if path not in files}
+        others = [path for path in sorted(folder.glob("*.toml")) if path not in files and path.name != _DRIVES]
+        found |= {f"{folder.name}/{path.stem}": path for path in others}
     return found
 
 
@@ -50,10 +52,12 @@ def is_own(path: Path) -> bool:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the digest of a model's folder without its README, or of a single file."""
+    """Return the digest of a model's folder without its README and drives, or of a single file."""
     digest = hashlib.sha256()
-    own = is_own(path)
-    files = sorted(p for p in path.parent.rglob("*") if p.suffix in (".xml", ".stl", ".toml")) if own else [path]
+    files = [path]
+    if is_own(path):
+        every = sorted(path.parent.rglob("*"))
+        files = [p for p in every if p.suffix in (".xml", ".stl", ".toml") and p.name != _DRIVES]
     for file in files:
         digest.update(file.name.encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()

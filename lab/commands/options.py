@@ -291,6 +291,9 @@ class InspectOptions:
     """Measured points of the tool."""
     tool_mm: Numbers = ()
     """Where the first of them is in the last frame; by default on the robot's tool."""
+    joint_steps: Numbers = ()
+    """Smallest increments of the joints that the encoders resolve, ° (mm of a slide); one for all, or one each; by
+    default those of the robot's table."""
     model: str = "geometric"
     """geometric, or groups of effects joined by +."""
     fix: Names = ()

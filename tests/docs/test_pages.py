@@ -62,7 +62,7 @@ def write_files(page: Page, folder: Path) -> None:
         if "[certificate]" in block:
             (folder / "details.toml").write_text(block)
         if block.startswith("robot ="):
-            (folder / "soft.toml").write_text(block)
+            (folder / ("soft2r.toml" if "course2r" in block else "soft.toml")).write_text(block)
         if "[systematic]" in block:
             (folder / "tracker.toml").write_text(block)
         if "[sensor]" in block:

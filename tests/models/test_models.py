@@ -1,5 +1,6 @@
 """The models' folders: layout, masses, looks, and a second of physics without a warning."""
 
+import hashlib
 import json
 import re
 import shlex
@@ -12,9 +13,10 @@ import pytest
 import trimesh
 from helpers.robots import IRB120, ROOT
 
-from lab.campaign.model_files import own_models
+from lab.campaign.model_files import models_folder, own_models, sha256_of
 from lab.campaign.robot import load_robot
 from lab.cli import main
+from lab.formats.drives_toml import read_drives
 from lab.formats.measurement_csv import read_measurements
 from lab.sensors.registry import sensor_named
 
@@ -35,7 +37,9 @@ def test_the_folder_is_complete_and_its_readme_names_sources(folder) -> None:
     text = (folder / "README.md").read_text()
     assert re.search("source", text, re.IGNORECASE) and len(text) > 1000
     if "robot.toml" in names:
-        assert names - {"measured"} == {"robot.toml", "README.md"} and load_robot(folder.name).warnings == ()
+        assert names - {"measured", "drives.toml"} == {"robot.toml", "README.md"}
+        assert load_robot(folder.name).warnings == ()
+        assert "drives.toml" not in names or len(read_drives(folder / "drives.toml", 6).gear_ratio) == 6
         return
     if "mechanism.toml" not in names and "robot.xml" not in names:  # a family of tables
         tables = {path.stem for path in folder.glob("*.toml")}
@@ -89,7 +93,9 @@ def test_the_scene_steps_a_second_without_a_warning(name) -> None:
 
 
 @pytest.mark.parametrize(
-    "path", sorted((ROOT / "models").glob("*/*.toml")), ids=lambda path: f"{path.parent.name}-{path.stem}"
+    "path",
+    sorted(path for path in (ROOT / "models").glob("*/*.toml") if path.name != "drives.toml"),
+    ids=lambda path: f"{path.parent.name}-{path.stem}",
 )
 def test_limits_in_mujoco_are_those_of_the_description(path) -> None:
     robot = load_robot(str(path))
@@ -167,3 +173,17 @@ def test_the_shells_are_closed_and_near_the_collision_shapes() -> None:
         assert shell.is_watertight and shell.volume > 0, path.name
     groups = {int(model.geom_group[geom]) for geom in range(model.ngeom) if model.geom_contype[geom]}
     assert groups <= {0, 3}
+
+
+def test_the_tx_40_s_wrist_is_coupled_as_published() -> None:
+    """By hand: tau5 = 45 tau_m5 + 32 tau_m6, and the sixth motor turns by 32 (q5 + q6); no robot is called so."""
+    path = models_folder() / "tx40" / "drives.toml"
+    drives, motor = read_drives(path, 6), np.array([1.0, 2, 3, 4, 5, 6])
+    torques = drives.couplings.T @ (drives.gear_ratio * motor)
+    np.testing.assert_allclose(torques, [32, 64, 135, -192, 45 * 5 + 32 * 6, 32 * 6])
+    joints = np.deg2rad([[10.0, 20, 30, 40, 50, 60]])
+    turned = np.deg2rad([[320.0, 640, 1350, -1920, 2250, 32 * (50 + 60)]])
+    np.testing.assert_allclose(drives.joints(turned), joints, atol=1e-12)
+    assert "tx40/drives" not in own_models() and drives.encoders is None
+    table = path.with_name("robot.toml")
+    assert sha256_of(table) == hashlib.sha256(b"robot.toml\0" + table.read_bytes()).hexdigest()

@@ -31,6 +31,7 @@ from lab.commands.inspect.nominal import (
     serial_nominal,
     serial_shape,
 )
+from lab.commands.inspect.resolution import encoders_of, resolution, resolution_blocks
 from lab.commands.options import InspectOptions
 from lab.commands.result import Result, joint_values, number
 from lab.core.errors import LabError
@@ -235,6 +236,7 @@ def _inspection_document(result: Inspection) -> Document:
         (
             Warnings(result.warnings),
             Section("Nominal model and shape", tuple(shape)),
+            Section("Resolution at the tool", resolution_blocks(values["resolution"])),
             *((_cell_section(values, result.robot),) if "cell" in values else ()),
             Section("Identifiability", (*_identifiable(result), *_fixed(result))),
             Section("Conditioning", tuple(_conditioning(result))),
@@ -397,6 +399,9 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
     if not robot.chain.has_loops:
         tool = {target: nominal[[arm.names.index(f"tool.{target}.{axis}") for axis in "xyz"]] for target in arm.targets}
         values |= serial_frames(robot.T_world_frame0, tool)
+    encoders = encoders_of(robot.chain, options.joint_steps)
+    rigid = robot.arm(options.targets)
+    values["resolution"] = None if encoders is None else resolution(rigid, nominal[: len(rigid.names)], encoders)
     if robot.cell is not None:
         values["cell"] = _cell_values(robot, robot.cell, options.targets)
     unit = jacobian / np.linalg.norm(jacobian, axis=0)

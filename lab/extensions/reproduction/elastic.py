@@ -145,8 +145,12 @@ def _compensation() -> tuple[Answer, ...]:
 
 def _corrected(robot: Sampled, joints: Array, torsors_at: _TorsorsAt) -> Correction:
     """Correct an arm whose links deform by a model."""
-    rigid = robot.arm.tool(joints, robot.values)
-    return compensated(rigid, joints, lambda there: robot.arm.tool(there, robot.values, 0, torsors_at(there)))
+    return compensated(
+        lambda there: robot.arm.tool(there, robot.values),
+        joints,
+        lambda there: robot.arm.tool(there, robot.values, 0, torsors_at(there)),
+        robot.arm.chain,
+    )
 
 
 def _planar() -> tuple[Answer, ...]:
@@ -158,10 +162,8 @@ def _planar() -> tuple[Answer, ...]:
 
     found = _corrected(robot, robot.joints, at)
     return (
-        holds(
-            "the components that joints can make vanish", float(np.abs(found.left[:, found.made]).max()), within=1e-11
-        ),
-        holds("the others stay", 0.0 if np.abs(found.left[:, ~found.made]).max() > 1e-6 else 1.0),
+        holds("the components that joints can make vanish", float(np.abs(found.missed).max()), within=1e-11),
+        holds("the others stay", 0.0 if np.abs(found.left - found.missed).max() > 1e-6 else 1.0),
     )
 
 

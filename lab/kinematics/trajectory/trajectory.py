@@ -36,7 +36,16 @@ from lab.kinematics.trajectory.profiles import (
     stretches_and_blends,
 )
 
-__all__ = ["SmoothAxis", "blended", "common_phases", "independent", "own_phases", "possible_seconds", "through"]
+__all__ = [
+    "SmoothAxis",
+    "blended",
+    "common_phases",
+    "independent",
+    "own_phases",
+    "possible_seconds",
+    "through",
+    "unsynchronised",
+]
 
 _ROUNDS, _GRID, _DECADES, _HALVINGS = 5, 49, 16.0, 48  # of the search for common phases
 
@@ -368,6 +377,25 @@ def independent(
     axes = _smooth_axes(chain, points, speeds)
     durations, ramps, jerks = _mixed([axis.profiles(axis.spans()[0][0]) for axis in axes])
     return Trajectory(durations, ramps, points[0], speeds[0], None if chain.jerk is None else jerks)
+
+
+def unsynchronised(
+    chain: JointSpec, start: Array, end: Array, start_speed: Array | None = None, end_speed: Array | None = None
+) -> Array:
+    """Return the phases ``(n, 3)`` s of each joint's own quickest move: change of speed, cruise, change of speed.
+
+    These are the times before the joints are synchronised (Mallem 2011, section 10.2, step 2). A row's sum is the
+    shortest time of that joint; the joint with the largest one constrains the move.
+
+    Args:
+        start, end: joint positions ``(n,)``.
+        start_speed, end_speed: ``(n,)``, zero by default.
+    """
+    phases = np.empty((chain.size, 3))
+    for j, axis in enumerate(_smooth_axes(chain, *_move(chain, start, end, start_speed, end_speed))):
+        _, quickest = max(axis.profiles(axis.spans()[0][0]), key=lambda part: part[0])
+        phases[j] = quickest.durations[:3].sum(), quickest.durations[3], quickest.durations[4:].sum()
+    return phases
 
 
 def through(chain: JointSpec, points: Array, speeds: Array, law: _Law = common_phases) -> Trajectory:

@@ -25,9 +25,8 @@ def tracked(joints: Array, rates: Array, payload_kg: float, springs: bool = Fals
     known = {f"link{link}.{symbol}": TUBE[i] for link in (2, 4) for i, symbol in enumerate(COMPLIANCES[:3])}
     for name, value in (known | (SPRINGS if springs else {})).items():
         values[arm.names.index(name)] = value
-    wanted = rigid.tool(joints, rigid.nominal(IRB120.tool))
     rest = np.concatenate([np.full((len(joints), 1), payload_kg), rates], axis=1)
-    return tracking(arm, values, wanted, joints, rest, 0)
+    return tracking(arm, values, rigid.nominal(IRB120.tool), joints, rest, 0)
 
 
 def test_a_circle_at_full_speed_is_met_by_the_chain_of_pieces() -> None:

@@ -2,9 +2,12 @@
 
 import json
 import re
+import tomllib
 
 import numpy as np
 import pytest
+from helpers.robots import ROOT
+from scipy.spatial.transform import Rotation
 
 import lab
 from lab.campaign.robot import load_robot
@@ -241,3 +244,47 @@ def test_a_pose_that_a_search_misses_is_told_with_its_distance(capsys: pytest.Ca
     said = re.search(r"the nearest place found is ([\d.]+) mm away", told.err + told.out)
     assert said is not None and 2000 < float(said[1]) < 3000
     assert "0 solutions by search: there may be some" in told.out
+
+
+def test_a_hexapod_s_inverse_is_unique(capsys) -> None:
+    """Own lengths |R b + p - a| from the description's text, at the platform and at a tool's point."""
+    text = tomllib.loads((ROOT / "models" / "hexapod" / "mechanism.toml").read_text())
+    places = {f["name"]: [next(iter(step.values())) for step in f["path"]] for f in text["frame"]}
+    R = Rotation.from_euler("xyz", [7, -5, 11], degrees=True)
+    place = np.array([40.0, -20, 650])
+    lengths = [np.linalg.norm(R.apply(places[f"B{i}"]) + place - places[f"A{i}"]) for i in range(1, 7)]
+    code, seen, _ = run(capsys, "hexapod", "--pose=40,-20,650,7,-5,11")
+    assert code == 0 and seen["poses"][0]["by"] == "closed form" and seen["poses"][0]["solutions"] == 1
+    np.testing.assert_allclose(seen["placements"][0]["joints"], lengths, atol=1e-6)
+    moved = place + R.apply([10, 20, 30])
+    code, seen, _ = run(capsys, "hexapod", "--pose={},7,-5,11".format(",".join(map(str, moved))), "--tool-mm=10,20,30")
+    np.testing.assert_allclose(seen["placements"][0]["joints"], lengths, atol=1e-6)
+    main(["kinematics", "hexapod", "--pose=40,-20,650,7,-5,11"])
+    assert "1 solution in closed form: there are no others" in capsys.readouterr().out
+
+
+def test_an_irb_340_s_legs_and_its_fourth_axis_are_in_closed_form(capsys) -> None:
+    """Own elbows on the circle of each arm at the rod's length from its wrist, both branches, and the yaw."""
+    robot, place, yaw = str(ROOT / "models" / "delta" / "irb340.toml"), np.array([60.0, -40.0, -720.0]), 250.0
+    tool = Rotation.from_euler("z", yaw, degrees=True).apply([30, 10, 5])
+    text = ",".join(map(str, place + tool))
+    code, seen, _ = run(capsys, robot, f"--pose={text},0,0,{yaw}", "--tool-mm=30,10,5")
+    pose = seen["poses"][0]
+    assert code == 0 and pose["by"] == "closed form" and pose["solutions"] + pose["in_other_assembly_modes"] == 8
+    found = np.array([each["joints"] for each in seen["placements"]])
+    for i, azimuth in enumerate(np.deg2rad([-90, 30, 150])):
+        out = np.array([np.cos(azimuth), np.sin(azimuth), 0])
+        d = place + 52 * out - 200 * out  # from the hip to the wrist
+        k = (d @ d + 354.5**2 - 800**2) / (2 * 354.5)
+        middle, spread = np.arctan2(-d[2], d @ out), np.arccos(k / np.hypot(d @ out, d[2]))
+        own = np.rad2deg([middle - spread, middle + spread])
+        assert np.abs((found[:, i, None] - own + 180) % 360 - 180).min(axis=1).max() < 1e-6
+    assert np.abs((found[:, 3] - yaw + 180) % 360 - 180).max() < 1e-6 and np.abs(found[0, 3]) < 400
+    assert set(seen["placements"][0]["configuration"]) == {"theta1", "theta2", "theta3"}
+    code, tilted, _ = run(capsys, robot, f"--pose={text},2,0,{yaw}")
+    assert code == 1 and tilted["poses"][0]["solutions"] == 0  # its platform does not tilt
+    code, free, _ = run(capsys, robot, "--pose=60,-40,-720")
+    assert free["poses"][0]["by"] == "closed form" and free["placements"][0]["free"] == ["theta4"]
+    main(["kinematics", robot, "--pose=60,-40,-720"])
+    told = capsys.readouterr().out
+    assert "theta4 may have any position" in told and "singular: theta4" not in told

@@ -8,6 +8,7 @@ from lab.core import se3
 from lab.extensions.robotics.closed.recognition import (
     assembly_modes,
     classical_model_of,
+    measured_legs_of,
     passive_values_of,
     working_modes,
 )
@@ -50,3 +51,17 @@ def test_a_pose_that_the_platform_cannot_take_is_missed_by_as_much() -> None:
     turned = se3.pose(se3.exp(np.array([0.0, 0.1, 0.0])), np.array([0.0, 0.0, -0.9]))
     assert passive_values_of(delta, turned)[1] == pytest.approx(0.1, abs=1e-12)
     assert not working_modes(delta, classical_model_of(delta), np.array([3.0, 0.0, 0.0]))
+
+
+def test_legs_of_measured_lengths_are_those_of_a_hexapod_alone() -> None:
+    """Their lengths at random poses close the loops there; a Delta's joints, or a planar arm's legs, are others."""
+    hexapod, rng = load_robot("hexapod").chain, np.random.default_rng(1)
+    legs = measured_legs_of(hexapod)
+    assert legs is not None
+    for _ in range(5):
+        passive = np.append(rng.uniform(-0.05, 0.05, 2), rng.uniform(0.6, 0.65)).tolist()
+        passive = np.array(passive + rng.uniform(-0.15, 0.15, 3).tolist())
+        T = platform_poses(hexapod, hexapod.home[None], passive[None])[0]
+        assert gaps(hexapod, legs.joints(T), passive).max() < 1e-12
+    for name in ("delta", "rpr3", "models/delta/irb340.toml"):
+        assert measured_legs_of(load_robot(name).chain) is None

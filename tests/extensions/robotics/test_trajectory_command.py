@@ -62,6 +62,30 @@ def test_the_course_s_example(tmp_path, capsys) -> None:
     assert found["speed_q2_deg_per_s"][at] == pytest.approx(11.459, abs=0.06)  # half a row before or after
 
 
+def test_the_joint_that_constrains_a_move_is_named(tmp_path, capsys) -> None:
+    """Own triangles and trapezoids by hand: 10.3's example, then axes of which each constrains another phase."""
+    _, seen, _ = run(capsys, tmp_path, EXAMPLE, "--robot", "course2r")
+    passed = np.rad2deg(0.2)  # q2 rises at P1 by 0.2 m/s on 1 m
+    peak = np.sqrt(50 * 30 + passed**2 / 2)
+    for leg, phases in zip(seen["legs"], ([peak, peak - passed], [peak - passed, peak]), strict=True):
+        assert leg["constrained_by"] == "q1" and leg["phases_constrained_by"] == ["q1", None, "q1"]
+        np.testing.assert_allclose(leg["own_phases"][0], [np.sqrt(90 / 50), 0, np.sqrt(90 / 50)], atol=1e-6)
+        np.testing.assert_allclose(leg["own_phases"][1], [phases[0] / 50, 0, phases[1] / 50], atol=1e-5)
+    limits = ["--speeds", "20,100", "--accelerations", "100,50", "--overwrite"]
+    _, seen, _ = run(capsys, tmp_path, "q1_deg,q2_deg\n0,0\n60,40\n60,0\n0,0\n0,0\n", "--robot", "course2r", *limits)
+    first, second, _, still = seen["legs"]
+    assert first["constrained_by"] == "q1" and first["phases_constrained_by"] == ["q2", "q1", "q2"]
+    np.testing.assert_allclose(first["own_phases"], [[0.2, 2.8, 0.2], [np.sqrt(0.8), 0, np.sqrt(0.8)]], atol=1e-9)
+    assert second["constrained_by"] == "q2" and second["own_phases"][0] == [0, 0, 0] and still["constrained_by"] is None
+    limits += ["--jerks", "500"]  # D/v + v/a + a/j of q1
+    _, seen, _ = run(capsys, tmp_path, "q1_deg,q2_deg\n0,0\n60,0\n", "--robot", "course2r", *limits)
+    assert sum(seen["legs"][0]["own_phases"][0]) == pytest.approx(60 / 20 + 2 * np.sqrt(20 / 500), abs=1e-9)
+    shown = lab.trajectory(tmp_path / "points.csv", robot="course2r", law="independent")
+    assert "constrained by" in str(shown) and "q1 (q1, –, q1)" in str(shown)
+    _, seen, _ = run(capsys, tmp_path, SQUARE, "--overwrite")
+    assert [leg["constrained_by"] is None for leg in seen["legs"]] == [True, True, False]
+
+
 def test_the_laws_of_joint_moves_differ_as_they_should(tmp_path) -> None:
     file = tmp_path / "points.csv"
     file.write_text("q1_deg,q2_deg\n0,-30\n90,0\n-20,10\n")
@@ -222,8 +246,12 @@ def test_elastic_links_are_tracked_and_corrected(tmp_path, capsys) -> None:
     assert 0.02 < told["error_mm"]["mean"] < 0.2 and told["left_mm"]["max"] < 1e-7 and not told["not_made_up_for"]
     with (tmp_path / "run" / "corrected.csv").open() as file:
         header, *rows = csv.reader(file)
-    corrected = np.deg2rad(np.array(rows, dtype=float)[:, 1:7])
-    assert header[1] == "q1_deg" and header[7:] == ["error_x_mm", "error_y_mm", "error_z_mm", "link2_mm", "link4_mm"]
+    corrected = np.deg2rad(np.array([row[1:7] for row in rows], dtype=float))
+    assert header[1] == "q1_deg" and header[7:12] == ["error_x_mm", "error_y_mm", "error_z_mm", "link2_mm", "link4_mm"]
+    left = [f"left_{axis}_mm" for axis in "xyz"] + [f"left_r{axis}_deg" for axis in "xyz"]
+    parts = ("dx_mm", "dy_mm", "dz_mm", "rx_deg", "ry_deg", "rz_deg")
+    torsors = [f"link{n}_{part}" for n in (1, 2, 3, 4, 6) for part in parts]  # link 5 has no length
+    assert header[12:] == [*left, "incomplete", *torsors]
     found = lab.trajectory(tmp_path / "points.csv", robot=str(soft), payload_kg=2, step_ms=100)
     model, at = found.robot.serial_model, found.sampled
     arm = FlexibleArm(model.model, model, sections=found.robot.link_compliances)

@@ -23,7 +23,14 @@ from lab.kinematics.trajectory.profiles import (
     rest_to_rest_seconds,
     stretches_and_blends,
 )
-from lab.kinematics.trajectory.trajectory import blended, common_phases, own_phases, possible_seconds, through
+from lab.kinematics.trajectory.trajectory import (
+    blended,
+    common_phases,
+    own_phases,
+    possible_seconds,
+    through,
+    unsynchronised,
+)
 
 WIDE = 1e4  # rad: limits that no overshoot reaches
 
@@ -526,3 +533,16 @@ def test_trajectories_that_do_not_fit_are_not_joined() -> None:
     moving = replace(back, start_speed=np.array([0.0, 0.1]))
     with pytest.raises(LabError, match=r"trajectory 2 begins where joint 2 has a speed of 0.1"):
         joined([first, moving])
+
+
+def test_joints_alone_take_the_least_of_their_possible_times() -> None:
+    """Any speeds at the ends: each joint's phases last as long as ruckig's move of that joint alone."""
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        chain = arm(*random_limits(rng, 3))
+        moved, (v0, v1) = random_moves(rng, 3), (random_speeds(rng, chain.speed) for _ in range(2))
+        phases = unsynchronised(chain, np.zeros(3), moved, v0, v1)
+        rows = zip(moved, v0, v1, chain.speed, chain.acceleration, strict=True)
+        alone = [ruckig_seconds(*(np.array([value]) for value in row)) for row in rows]
+        np.testing.assert_allclose(phases.sum(axis=1), alone, rtol=1e-6, atol=1e-9)
+        assert (phases >= 0).all()

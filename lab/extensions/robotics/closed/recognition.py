@@ -16,7 +16,15 @@ from lab.extensions.robotics.closed.models import Delta, Distances, ThreeLegs, T
 from lab.kinematics.closed.loop_closure import Configuration, Tree
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
 
-__all__ = ["ClassicalModel", "assembly_modes", "classical_model_of", "passive_values_of", "working_modes"]
+__all__ = [
+    "ClassicalModel",
+    "MeasuredLegs",
+    "assembly_modes",
+    "classical_model_of",
+    "measured_legs_of",
+    "passive_values_of",
+    "working_modes",
+]
 
 _ALIKE = 1e-9  # m, and of unit vectors: nominal dimensions that differ by less are one
 
@@ -277,6 +285,48 @@ class _WorkingMode:
     branches: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class MeasuredLegs:
+    """Legs of measured lengths from a base to a platform with six degrees of freedom: each pose has one set of lengths.
+
+    Attributes:
+        near: ``(legs, 3)`` m, the legs' ends on the base.
+        far: ``(legs, 3)`` m, those on the platform, in its frame.
+        order, sense, zero: ``(legs,)`` a leg's length is zero + sense x the position of joint ``order``.
+    """
+
+    near: Array
+    far: Array
+    order: tuple[int, ...]
+    sense: Array
+    zero: Array
+
+    def joints(self, T_base_platform: Array) -> Array:
+        """Return the joint positions ``(joints,)`` at a pose ``(4, 4)`` (m)."""
+        lengths = np.linalg.norm(se3.transform(T_base_platform, self.far) - self.near, axis=1)
+        found = np.empty(len(self.order))
+        found[list(self.order)] = (lengths - self.zero) * self.sense
+        return found
+
+
+def measured_legs_of(mechanism: Mechanism) -> MeasuredLegs | None:
+    """Return the legs of a mechanism whose joints are their lengths, if six passive values move its platform."""
+    tree = mechanism.tree
+    drawn = np.array([[tree.step(*step).value for step in tree.passive]])
+    dimensions = mechanism.dimensions(mechanism.nominal_values)
+    configuration = Configuration.of(tree, dimensions, np.zeros((1, mechanism.size)), drawn.T)
+    legs = [leg for rod in tree.rods if (leg := _leg(tree, configuration, rod.ends)) is not None]
+    alone = [step for step in tree.ancestry(tree.platform) if _moves(tree, step)] == list(tree.passive)
+    if tree.pins or len(tree.passive) != 6 or not alone or not len(legs) == len(tree.rods) == mechanism.size:
+        return None
+    measured = _of_measured_lengths(mechanism, legs)
+    if measured is None:
+        return None
+    T_base_platform = platform_poses(mechanism, mechanism.home[None], drawn)[0]
+    far = se3.transform(se3.inverse(T_base_platform), np.stack([leg.far for leg in legs]))
+    return MeasuredLegs(np.stack([leg.near for leg in legs]), far, *measured)
+
+
 def assembly_modes(mechanism: Mechanism, classical: ClassicalModel, joints: Array) -> Array:
     """Return the platform's poses ``(m, 4, 4)`` in all assembly modes at joint positions ``(joints,)``."""
     passive = classical.modes(joints[None])[0]
@@ -284,10 +334,13 @@ def assembly_modes(mechanism: Mechanism, classical: ClassicalModel, joints: Arra
     return platform_poses(mechanism, np.tile(joints, (len(passive), 1)), passive)
 
 
-def passive_values_of(mechanism: Mechanism, T_base_platform: Array) -> tuple[Array, float]:
+def passive_values_of(mechanism: Mechanism, T_base_platform: Array, joints: Array | None = None) -> tuple[Array, float]:
     """Find the passive values that bring the nominal platform nearest to a pose ``(4, 4)``.
 
     The platform moves by slides at right angles, and turns about one axis through its origin or not at all.
+
+    Args:
+        joints: ``(joints,)`` positions of those that turn the tool in the platform; by default all are at home.
 
     Returns:
         The passive values ``(z,)``, and by how much (m, a radian as a metre) the pose is missed.
@@ -295,7 +348,7 @@ def passive_values_of(mechanism: Mechanism, T_base_platform: Array) -> tuple[Arr
     tree = mechanism.tree
     turns = [i for i, step in enumerate(tree.passive) if tree.step(*step).is_turn]
     slides = [i for i in range(len(tree.passive)) if i not in turns]
-    joints, found = mechanism.home[None], np.zeros(len(tree.passive))
+    joints, found = (mechanism.home if joints is None else joints)[None], np.zeros(len(tree.passive))
     for i in turns:
         start, turned = (
             platform_poses(mechanism, joints, row[None])[0, :3, :3] for row in (found, np.eye(len(found))[i])

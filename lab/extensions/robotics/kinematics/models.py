@@ -3,9 +3,9 @@
 The equations of a robot's table are read without the simulator, which takes long to load.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,7 +30,7 @@ from lab.kinematics.serial.chain import Chain
 
 if TYPE_CHECKING:
     from lab.campaign.robot import Robot
-    from lab.extensions.robotics.closed.recognition import ClassicalModel
+    from lab.extensions.robotics.closed.recognition import ClassicalModel, MeasuredLegs
     from lab.kinematics.closed.mechanism import Mechanism
 
 __all__ = [
@@ -173,9 +173,9 @@ class Solver:
         Args:
             reference: joint positions ``(n, joints)`` near which solutions are preferred, NaN where none are given.
         """
-        legs = self._legs(wanted) if self.arm.chain.has_loops else None
-        if legs is not None:
-            return [self._by_legs(*legs, wanted.take(np.array([i])), reference[i]) for i in range(len(wanted))]
+        by_legs = self._legs(wanted) if self.arm.chain.has_loops else None
+        if by_legs is not None:
+            return [by_legs(wanted.take(np.array([i])), reference[i]) for i in range(len(wanted))]
         inverse = NominalInverse(self.arm, self.values)
         found = inverse.solutions(wanted, reference)
         joints, branches = ordered(self.arm.chain, found, reference, np.zeros(found.gap_m.shape, dtype=np.bool_))
@@ -199,44 +199,86 @@ class Solver:
             out.append(_PoseSolutions(solutions, missed, "closed form" if closed[i] and not nearest else "search"))
         return out
 
-    def _legs(self, wanted: PoseTarget) -> "tuple[Mechanism, ClassicalModel] | None":
-        """Return a mechanism and its closed form if that solves such poses, else None."""
-        from lab.extensions.robotics.closed.recognition import classical_model_of
+    def _legs(self, wanted: PoseTarget) -> "Callable[[PoseTarget, Array], _PoseSolutions] | None":
+        """Return the closed form of a mechanism's legs if it solves such poses, else None."""
+        from lab.extensions.robotics.closed.recognition import classical_model_of, measured_legs_of
         from lab.kinematics.closed.mechanism import Mechanism
 
         mechanism = self.arm.chain
-        classical = classical_model_of(mechanism) if isinstance(mechanism, Mechanism) else None
-        if classical is None or not isinstance(mechanism, Mechanism) or len(classical.order) != mechanism.size:
-            return None  # or a joint beside those of the legs
+        if not isinstance(mechanism, Mechanism):
+            return None
+        if wanted.turned.all() and (lengths := measured_legs_of(mechanism)) is not None:
+            return partial(self._by_lengths, lengths)
+        classical = classical_model_of(mechanism)
+        if classical is None:
+            return None
         turns = any(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive)
-        return (mechanism, classical) if wanted.turned.all() or not turns else None
+        others = [j for j in range(mechanism.size) if j not in classical.order]
+        if others and (turns or len(others) > 1 or not self._turns_alone(others[0], wanted)):
+            return None  # these joints and the legs move the tool alike
+        return partial(self._by_legs, mechanism, classical) if wanted.turned.all() or not turns else None
+
+    def _turn_of(self, joint: int) -> tuple[Array, Array]:
+        """Return the displacement ``(3,)`` of the tool's point by one radian of a joint, and its rotation vector."""
+        moved = self.arm.chain.home + np.eye(self.arm.chain.size)[[joint]] * np.array([[0.0], [1.0]])
+        Ts = self.arm.tool(moved, self.values)[0]
+        return Ts[1, :3, 3] - Ts[0, :3, 3], se3.log(Ts[1, :3, :3] @ Ts[0, :3, :3].T)
+
+    def _turns_alone(self, joint: int, wanted: PoseTarget) -> bool:
+        """Check that a joint turns the tool by its own angle; where a rotation is free, about the tool's point."""
+        displaced, turned = self._turn_of(joint)
+        still = wanted.turned.all() or np.linalg.norm(displaced) < _SAME
+        return bool(still and abs(np.linalg.norm(turned) - 1) < _SAME)
+
+    def _by_lengths(self, legs: "MeasuredLegs", wanted: PoseTarget, reference: Array) -> _PoseSolutions:
+        """Return the only joint positions of legs of measured lengths, if they belong to the nominal assembly mode."""
+        joints = legs.joints(
+            se3.pose(wanted.rotations[0], wanted.positions[0] - wanted.rotations[0] @ self.values[-3:])
+        )
+        T, jacobian = self.arm.tool(joints[None], self.values)
+        if not np.abs(wanted.errors(T)).max() < _REACHED_M:  # NaN where the loops do not close
+            return _PoseSolutions((), np.nan, "closed form", 1)
+        side = "0+-"[int(np.sign(np.linalg.det(jacobian[0])))] if len(joints) == FREEDOMS else None
+        named = {} if side is None else {"det": side}
+        return _PoseSolutions((Solution(joints, named, np.zeros(len(joints), dtype=np.bool_)),), 0.0, "closed form")
 
     def _by_legs(
         self, mechanism: "Mechanism", classical: "ClassicalModel", wanted: PoseTarget, reference: Array
     ) -> _PoseSolutions:
-        """Return the working modes of a mechanism with a closed form, for one pose."""
+        """Return the working modes of a mechanism with a closed form, for one pose.
+
+        A joint that turns the tool in the platform takes the rotation's part about its axis.
+        """
         from lab.extensions.robotics.closed.recognition import passive_values_of, working_modes
 
-        tool = self.values[-3:]
-        home = self.arm.tool(mechanism.home[None], self.values)[0][0, :3, :3]
-        rotation = wanted.rotations[0] if wanted.turned[0] else home
-        passive, missed = passive_values_of(mechanism, se3.pose(rotation, wanted.positions[0] - rotation @ tool))
+        tool, near = self.values[-3:], reference if np.isfinite(reference).all() else mechanism.home
+        start, free = mechanism.home.copy(), np.zeros(mechanism.size, dtype=np.bool_)
+        others = [j for j in range(mechanism.size) if j not in classical.order]
+        home = self.arm.tool(start[None], self.values)[0][0, :3, :3]
+        for joint in others:
+            if wanted.turned[0]:
+                start[joint] += self._turn_of(joint)[1] @ se3.log(wanted.rotations[0] @ home.T)
+            else:
+                start[joint], free[joint] = near[joint], True
+        rotation = wanted.rotations[0] if wanted.turned[0] else self.arm.tool(start[None], self.values)[0][0, :3, :3]
+        T_base_platform = se3.pose(rotation, wanted.positions[0] - rotation @ tool)
+        passive, missed = passive_values_of(mechanism, T_base_platform, start)
         every = working_modes(mechanism, classical, passive) if missed <= _REACHED_M else []
         rows = np.array([mode.joints for mode in every]).reshape(-1, mechanism.size)
+        rows[:, others] = start[others]
+        rows = nearest_whole_turns(mechanism, rows, np.broadcast_to(near, rows.shape))
         there = self.arm.tool(rows, self.values)[0][:, :3, 3] if every else np.empty((0, 3))
         off = np.abs(there - wanted.positions[0]).max(axis=1)
-        modes = [mode for mode, missing in zip(every, off, strict=True) if missing < _REACHED_M]
-        near = reference if np.isfinite(reference).all() else mechanism.home
-        modes.sort(key=lambda mode: float(np.abs(mode.joints - near).max()))
-        none = np.zeros(mechanism.size, dtype=np.bool_)
-        names, several = mechanism.joint_names, any(any(mode.branches) for mode in modes)
+        modes = [(row, mode) for row, mode, missing in zip(rows, every, off, strict=True) if missing < _REACHED_M]
+        modes.sort(key=lambda each: float(np.abs(each[0] - near).max()))
+        names, several = mechanism.joint_names, any(any(mode.branches) for _, mode in modes)
         branches = tuple(
             Solution(
-                nearest_whole_turns(mechanism, mode.joints, near),
-                {name: "+-"[branch] for name, branch in zip(names, mode.branches, strict=True)} if several else {},
-                none,
+                row,
+                {names[j]: "+-"[mode.branches[j]] for j in sorted(classical.order)} if several else {},
+                free,
             )
-            for mode in modes
+            for row, mode in modes
         )
         gap = 0.0 if branches else missed if missed > _REACHED_M else np.nan
         return _PoseSolutions(branches, gap, "closed form", len(every) - len(modes))

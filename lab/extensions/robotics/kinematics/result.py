@@ -345,7 +345,8 @@ def _pose_cells(T: Array) -> tuple[str, ...]:
 
 
 def _note(each: Placement) -> str:
-    free = f"singular: {' and '.join(each.free)} may have any position" if each.free else ""
+    singular = "singular: " if each.rank < min(len(_TWIST), len(each.joints)) else ""
+    free = f"{singular}{' and '.join(each.free)} may have any position" if each.free else ""
     return "; ".join(part for part in (each.beyond, free) if part)
 
 

@@ -32,7 +32,14 @@ from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.trajectory.profiles import Trajectory
-from lab.kinematics.trajectory.trajectory import blended, common_phases, independent, own_phases, through
+from lab.kinematics.trajectory.trajectory import (
+    blended,
+    common_phases,
+    independent,
+    own_phases,
+    through,
+    unsynchronised,
+)
 
 __all__ = ["Leg", "Motion", "planned", "read_path"]
 
@@ -205,6 +212,17 @@ class Leg:
     length_m: float = float("nan")
     turn_rad: float = float("nan")
     speed_m_s: float = float("nan")
+
+    def unsynchronised(self, chain: JointSpec) -> Array | None:
+        """Return the phases ``(n, 3)`` s of each joint alone, before they are synchronised; None but of single moves.
+
+        Args:
+            chain: the joints, with their speeds and accelerations.
+        """
+        if not isinstance(self.move, Trajectory) or len(self.waypoints) > 2:
+            return None
+        start, end = self.waypoints
+        return unsynchronised(chain, start, end, self.move.start_speed, self.move.end_speed)
 
 
 def planned(options: TrajectoryOptions, arm: RigidArm, values: Array, chain: JointSpec, rows: _PathRows) -> list[Leg]:

@@ -1,6 +1,7 @@
 """Results of ``lab trajectory``: typed, as plain values, and as a document."""
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,10 +15,10 @@ from lab.commands.run_folder import joint_columns
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.core.units import MM
+from lab.core.units import DEGREES, MM
 from lab.extensions.robotics.trajectory.motion import Leg, Motion
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
-from lab.extensions.robotics.trajectory.tracking import TrackedArm, Tracking, tracking_along
+from lab.extensions.robotics.trajectory.tracking import Correction, TrackedArm, Tracking, tracking_along
 from lab.formats.csv_table import write_columns
 from lab.formats.programs.program_text import postures_of
 from lab.formats.programs.protocol import MoveKind, PathMoves
@@ -117,6 +118,41 @@ class TrajectoryResult(Result):
         at = self.sampled
         return tracking_along(self.tracked, at.joints, at.speeds, at.accelerations, at.times)
 
+    @cached_property
+    def at_points(self) -> Correction | None:
+        """Correction at the points of all moves, from the start on, with the arm at rest; None of a rigid arm."""
+        if self.tracked is None:
+            return None
+        points = np.concatenate([self.legs[0].waypoints[:1], *(leg.waypoints[1:] for leg in self.legs)])
+        still = np.zeros_like(points)
+        return tracking_along(self.tracked, points, still, still, np.arange(float(len(points)))).corrected
+
+    @property
+    def incomplete_points(self) -> tuple[str, ...]:
+        """Ids of points whose correction, at rest, is incomplete."""
+        ids = (self.legs[0].points[0], *(name for leg in self.legs for name in leg.points[1:]))
+        reasons = () if self.at_points is None else self.at_points.reasons
+        return tuple(dict.fromkeys(name for name, reason in zip(ids, reasons, strict=False) if reason))
+
+    @property
+    def program(self) -> str | None:
+        """Name of the controller's program; None where there is none (``no_program``)."""
+        return None if self.no_program else path_file(self.robot.chain, self.options.controller)
+
+    @property
+    def no_program(self) -> str | None:
+        """Reason why there is no program for the controller; None where there is one."""
+        if self.incomplete_points:
+            points = ", ".join(self.incomplete_points)
+            return f"no program is written: the correction is incomplete at {points}; move these points"
+        return refusal(self.robot.chain, self.options.controller)
+
+    @property
+    def exit_code(self) -> int:
+        """1 where the correction is incomplete at a time of the motion or at a point; else 0."""
+        whole = self.tracking is None or (self.tracking.corrected.complete.all() and not self.incomplete_points)
+        return 0 if whole else 1
+
     def to_dict(self) -> dict[str, Any]:
         """Return the output of ``--json``: seconds, mm and degrees."""
         chain = self.robot.chain
@@ -140,27 +176,43 @@ class TrajectoryResult(Result):
                     "length_mm": number(MM.of(leg.length_m)),
                     "turn_deg": number(np.rad2deg(leg.turn_rad)),
                     "stops": [_joint_list(chain, row) for row in leg.waypoints[[0, -1]]],
+                    **self._unsynchronised(leg),
                 }
                 for leg in self.legs
             ],
             "checked": self.checked,
-            "program": path_file(chain, self.options.controller),
-            "no_program": refusal(chain, self.options.controller),
+            "program": self.program,
+            "no_program": self.no_program,
             "tracking": self._tracking_values(),
             "warnings": list(self.warnings),
         }
+
+    def _unsynchronised(self, leg: Leg) -> dict[str, Any]:
+        """Return the phases of each joint alone, s, and the joints that constrain the move and each of its phases."""
+        phases = leg.unsynchronised(self.chain)
+        if phases is None:
+            return {"own_phases": None, "constrained_by": None, "phases_constrained_by": None}
+        names = self.robot.chain.joint_names
+        longest = [names[int(column.argmax())] if column.max() > 0 else None for column in (phases.sum(1), *phases.T)]
+        return {"own_phases": phases.tolist(), "constrained_by": longest[0], "phases_constrained_by": longest[1:]}
 
     def _tracking_values(self) -> dict[str, Any] | None:
         if self.tracked is None or self.tracking is None:
             return None
         corrected, joints = self.tracking.corrected, self.sampled.joints
+        displacing, turning = corrected.directions
         return {
             "payload_kg": number(self.tracked.payload_kg),
-            "error_mm": _mean_and_max(self.tracking.total),
-            "parts_mm": {name: _mean_and_max(part) for name, part in self.tracking.parts.items()},
-            "left_mm": _mean_and_max(corrected.left),
+            "error_mm": _mean_and_max(_lengths_mm(self.tracking.total)),
+            "error_deg": _mean_and_max(_angles_deg(self.tracking.total)),
+            "parts_mm": {name: _mean_and_max(_lengths_mm(part)) for name, part in self.tracking.parts.items()},
+            "left_mm": _mean_and_max(_lengths_mm(corrected.left)),
+            "left_deg": _mean_and_max(_angles_deg(corrected.left)),
             "largest_corrections": _joint_list(self.chain, np.abs(corrected.joints - joints).max(axis=0)),
-            "not_made_up_for": [name for name, made in zip(AXES, corrected.made, strict=True) if not made],
+            "directions": {"position": displacing, "rotation": turning},
+            "not_made_up_for": [name for name, made in zip(AXES, self.tracking.movable, strict=True) if not made],
+            "incomplete": dict(Counter(filter(None, corrected.reasons))),
+            "incomplete_points": list(self.incomplete_points),
         }
 
     def write_files(self, folder: Path) -> None:
@@ -168,9 +220,9 @@ class TrajectoryResult(Result):
         write_columns(folder / "trajectory.csv", self.columns())
         if self.tracking is not None:
             write_columns(folder / "corrected.csv", self.corrected_columns())
-        chain, controller = self.robot.chain, self.options.controller
-        if (name := path_file(chain, controller)) is not None:
-            (folder / name).write_bytes(path_program(chain, controller, path_moves(self)))
+        if self.program is not None:
+            program = path_program(self.robot.chain, self.options.controller, path_moves(self))
+            (folder / self.program).write_bytes(program)
 
     def columns(self) -> Mapping[str, Array]:
         """Return a row for each time: joint positions, speeds and accelerations, mm and degrees, and the tool's pose.
@@ -192,17 +244,32 @@ class TrajectoryResult(Result):
         quaternions = _steady(se3.quaternion_from_rotation(sampled.Ts_base_tool[:, :3, :3]))
         return table | {f"tool_q{part}": column for part, column in zip("wxyz", quaternions.T, strict=True)}
 
-    def corrected_columns(self) -> Mapping[str, Array]:
-        """Return a row for each time: corrected joint positions, and the error without correction, in all and by part.
+    def corrected_columns(self) -> Mapping[str, Array | Sequence[str]]:
+        """Return a row for each time: corrected joint positions, the error without correction, and what remains.
+
+        The error is given in all and by part, and of elastic links with the torsors of their far ends in the links'
+        axes (Benmisra 2007, figure 3.7). ``incomplete`` has the reason why a correction is not complete.
 
         Raises:
             LabError: the motion is a nominal robot's, without errors.
         """
         if (found := self.tracking) is None:
             raise LabError("this motion is a nominal robot's, which misses nothing; give a run")
-        table = {"time_s": self.sampled.times} | joint_columns(self.robot.chain, found.corrected.joints)
+        table: dict[str, Array | Sequence[str]] = {"time_s": self.sampled.times}
+        table |= joint_columns(self.robot.chain, found.corrected.joints)
         table |= {f"error_{axis}_mm": MM.of(found.total[:, i]) for i, axis in enumerate("xyz")}
-        return table | {f"{name.replace(' ', '')}_mm": _lengths_mm(part) for name, part in found.parts.items()}
+        table |= {f"{name.replace(' ', '')}_mm": _lengths_mm(part) for name, part in found.parts.items()}
+        table |= _six_columns([f"left_{axis}" for axis in AXES], found.corrected.left)
+        table |= {"incomplete": found.corrected.reasons}
+        for link, torsor in found.torsors.items():
+            table |= _six_columns([f"link{link + 1}_{part}" for part in ("dx", "dy", "dz", "rx", "ry", "rz")], torsor)
+        return table
+
+
+def _six_columns(names: Sequence[str], values: Array) -> dict[str, Array]:
+    """Return columns of displacements and rotation vectors ``(k, 6)`` (m, rad), in mm and degrees."""
+    units = [MM] * 3 + [DEGREES] * 3
+    return {f"{name}_{unit.key}": unit.of(column) for name, unit, column in zip(names, units, values.T, strict=True)}
 
 
 def _steady(quaternions: Array) -> Array:
@@ -216,9 +283,13 @@ def _lengths_mm(error: Array) -> Array:
     return MM.of(np.linalg.norm(error[:, :3], axis=1))
 
 
-def _mean_and_max(error: Array) -> dict[str, float | None]:
-    lengths = _lengths_mm(error)
+def _mean_and_max(lengths: Array) -> dict[str, float | None]:
     return {"mean": number(float(lengths.mean())), "max": number(float(lengths.max()))}
+
+
+def _angles_deg(error: Array) -> Array:
+    """Return the angles ``(k,)`` of rotation errors ``(k, 6)``."""
+    return DEGREES.of(np.linalg.norm(error[:, 3:], axis=1))
 
 
 def _joint_list(chain: JointSpec, values: Array) -> list[float | None]:
@@ -246,7 +317,7 @@ def _trajectory_document(result: TrajectoryResult) -> Document:
         f"{result.robot.name}: {fixed(seconds, 5)} s through {points} points",
         (
             Warnings(result.warnings),
-            Section("Moves", (_legs(result),)),
+            Section("Moves", (_legs(result), *_own_times(result))),
             Section("Joints", (_joints(result), Paragraph(f"{_LAWS[result.options.law]} {smooth}.", "note"))),
             *_errors(result),
             Section("Over time", (_figure(result),)),
@@ -257,16 +328,14 @@ def _trajectory_document(result: TrajectoryResult) -> Document:
 
 def _files(result: TrajectoryResult) -> Paragraph:
     """Report the checks, the program, and the decisions it leaves to the controller."""
-    chain, controller = result.robot.chain, result.options.controller
     checked = (
         "The whole motion was checked for collisions, with the arm itself and with the surroundings that are known."
         if result.checked
         else f"Nothing was checked for collisions: {result.unchecked_reason}."
     )
-    name = path_file(chain, controller)
-    if name is None:
-        return Paragraph(f"{checked} {sentence(refusal(chain, controller) or '')}")
-    text = f"{checked} {name} has the moves for the controller, which stops at each point and finds the way between."
+    if result.program is None:
+        return Paragraph(f"{checked} {sentence(result.no_program or '')}")
+    text = f"{checked} {result.program} has the moves; the controller stops at each point and finds the way between."
     ends = [leg.move.at(np.array([leg.move.seconds]))[1] for leg in result.legs[:-1] if leg.kind == "joint"]
     passed = result.options.blend(result.chain) is not None or any(np.abs(speeds).max() > _STILL for speeds in ends)
     return Paragraph(f"{text} Points that are passed without a stop here are stopped at there." if passed else text)
@@ -276,9 +345,15 @@ def _errors(result: TrajectoryResult) -> tuple[Section, ...]:
     if result.tracked is None or result.tracking is None:
         return ()
     found, values = result.tracking, result.to_dict()["tracking"]
-    left = ("left after the correction, by the model", values["left_mm"])
-    rows = [("in all", values["error_mm"]), *values["parts_mm"].items(), left]
-    cells = tuple((name, *(_um(each[key]) for key in ("mean", "max"))) for name, each in rows)
+    errors = {"in all": found.total, **found.parts, "left after the correction, by the model": found.corrected.left}
+    cells = tuple(
+        (
+            name,
+            *map(_um, _mean_and_max(_lengths_mm(each)).values()),
+            *map(_um, _mean_and_max(_angles_deg(each)).values()),
+        )
+        for name, each in errors.items()
+    )
     chain, largest = result.chain, values["largest_corrections"]
     joints = ", ".join(
         f"{name} {size:.3g}{' mm' if slides else '°'}"
@@ -288,14 +363,21 @@ def _errors(result: TrajectoryResult) -> tuple[Section, ...]:
         f"With {values['payload_kg']:.4g} kg, under gravity and the inertia of the motion, at rest at each instant: "
         f"vibration is left out. Joint positions that make up for it are in corrected.csv: by up to {joints}."
     )
+    displacing, turning = found.corrected.directions
+    if displacing + turning < len(AXES):
+        text += (
+            f" The joints correct the position in {displacing} of 3 directions and the rotation in {turning} of 3. "
+            "These change with the pose; the rest of the error remains."
+        )
     if values["not_made_up_for"]:
-        text += f" No joint moves the tool along {', '.join(values['not_made_up_for'])}, so that is not made up for."
+        text += f" No joint moves the tool along {', '.join(values['not_made_up_for'])} at any time."
     figure = Figure("errors", (_error_picture(result, found),), "What the tool misses its path by, in all and by part.")
-    return (Section("Errors along the way", (Paragraph(text), Table(("part", "mean, µm", "max, µm"), cells), figure)),)
+    table = Table(("part", "mean, µm", "max, µm", "mean, m°", "max, m°"), cells)
+    return (Section("Errors along the way", (Paragraph(text), table, figure)),)
 
 
-def _um(length_mm: float) -> str:
-    return f"{1e3 * length_mm:.3g}" if length_mm >= 1e-6 else "< 0.001"
+def _um(length_mm: float | None) -> str:
+    return "–" if length_mm is None else f"{1e3 * length_mm:.3g}" if length_mm >= 1e-6 else "< 0.001"
 
 
 def _error_picture(result: TrajectoryResult, found: Tracking) -> Picture:
@@ -359,6 +441,23 @@ def _legs(result: TrajectoryResult) -> Table:
         rows.append((" → ".join(leg.points), leg.kind, fixed(start, 5), fixed(leg.move.seconds, 5), along))
     columns = ("points", "move", "starts at, s", "takes, s", "path of the tool")
     return Table(columns, tuple(rows), most_rows=_MAX_LEGS)
+
+
+def _own_times(result: TrajectoryResult) -> tuple[Table, ...]:
+    """Tabulate the shortest time of each joint alone, and the joint that constrains the move."""
+    rows = []
+    for leg, values in zip(result.legs, result.to_dict()["legs"], strict=True):
+        if values["constrained_by"] is not None:
+            times = (fixed(sum(phases), 5) for phases in values["own_phases"])
+            by_phase = ", ".join(name or "–" for name in values["phases_constrained_by"])
+            rows.append((" → ".join(leg.points), *times, f"{values['constrained_by']} ({by_phase})"))
+    names = (f"{name}, s" for name in result.robot.chain.joint_names)
+    caption = (
+        "Shortest time of each joint alone, not synchronised, and the joint that constrains the move (and each of its "
+        "phases: change of speed, cruise, change of speed)."
+    )
+    heads = ("points", *names, "constrained by")
+    return (Table(heads, tuple(rows), caption, most_rows=_MAX_LEGS, rest_in="--json"),) if rows else ()
 
 
 def _joints(result: TrajectoryResult) -> Table:
@@ -445,8 +544,8 @@ def path_moves(result: TrajectoryResult) -> PathMoves:
         arm = result.robot.arm(("p1",))
         values = arm.nominal({"p1": result.options.tool_m})
     else:
-        arm, values, still = tracked.arm.rigid, tracked.nominal, np.zeros_like(corrected)
-        corrected = tracking_along(tracked, corrected, still, still, np.arange(float(len(ids)))).corrected.joints
+        arm, values = tracked.arm.rigid, tracked.nominal
+        corrected = corrected if result.at_points is None else result.at_points.joints
     T_last_tool = se3.pose(np.eye(3), values[-3 * len(arm.targets) :][:3])
     return PathMoves(
         robot=result.robot.name,

@@ -69,7 +69,7 @@ def trajectory(
     refuse_collisions(found)
     if tracked is None or found.tracking is None:
         return found
-    more = tracking_warnings(tracked, found.tracking, found.sampled.joints)
+    more = tracking_warnings(tracked, found.tracking, found.sampled.joints, found.sampled.times)
     return replace(found, warnings=tuple(dict.fromkeys((*found.warnings, *more))))
 
 
