@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-__all__ = ["FILE_ENDS", "FormulaProgram", "ProgramLanguage", "programs_text"]
+__all__ = ["FILE_ENDS", "FormulaProgram", "ProgramLanguage", "function_name", "programs_text"]
 
 ProgramLanguage = Literal["python", "c", "matlab"]
 FILE_ENDS: Mapping[ProgramLanguage, str] = {"python": "py", "c": "c", "matlab": "m"}
@@ -75,3 +75,14 @@ def programs_text(programs: Sequence[FormulaProgram], language: ProgramLanguage)
     for program in programs:
         lines += [*(blank if lines else []), *program.lines(language)]
     return "\n".join(lines) + "\n"
+
+
+def function_name(text: str) -> str:
+    """Return a text as the beginning of a function's name: letters and digits of ASCII, and underscores.
+
+    Example:
+        >>> function_name("RX 130")
+        'rx_130'
+    """
+    found = "".join(c if c.isascii() and c.isalnum() else "_" for c in text.lower())
+    return found if found[:1].isalpha() else f"robot_{found}"

@@ -43,8 +43,10 @@ class KinematicsOptions:
     """Rates of the joints, ° (mm of a slide) per s: the twist that they give."""
     twist: Numbers = ()
     """A twist of the tool: vx,vy,vz in mm/s, then wx,wy,wz in °/s: the rates that give it."""
-    frame: Literal["base", "tool"] = "base"
-    """The frame whose axes the Jacobian and the twist have."""
+    frame: str = "base"
+    """The frame whose axes the Jacobian and the twist have: base, tool, or the number of a serial arm's frame."""
+    inverse_jacobian: Flag = False
+    """Print the inverse of the Jacobian, by blocks where it has them; where it has none, the pseudo-inverse J⁺."""
     matrices: Flag = False
     """Print the link matrices T_i-1,i and their products T_0,i at the first joint positions."""
     between: Annotated[
@@ -52,7 +54,9 @@ class KinematicsOptions:
     ] = None
     """Print the pose of the second of these frames in the first (0 is the base's)."""
     symbolic: Flag = False
-    """Print the matrices also in letters (needs sympy)."""
+    """Print the matrices and the Jacobian also in letters (needs sympy)."""
+    symbolic_inverse: Flag = False
+    """Print the inverse in letters: its equations by their types, and how each gives a joint (needs sympy)."""
     no_recording: NoRecording = False
     out: Path | None = None
     """A folder for the result, a report, a recording and a table; by default nothing is written."""
@@ -67,6 +71,13 @@ class KinematicsOptions:
             raise LabError("--rates and --twist are each other's answer; give one")
         if self.of and not (self.pose or self.file):
             raise LabError("--of chooses among solutions; give a --pose")
+        if self.frame not in ("base", "tool") and not (self.frame.isascii() and self.frame.isdigit()):
+            raise LabError(f"--frame {self.frame}: give base, tool, or a frame's number, 0 for the base's")
+
+    @property
+    def axes(self) -> Literal["base", "tool"] | int:
+        """Frame of ``--frame``."""
+        return self.frame if self.frame in ("base", "tool") else int(self.frame)  # type: ignore[return-value]
 
     def joint_row(self, chain: JointSpec, flag: Literal["joints", "rates"]) -> Array:
         """Return ``--joints`` or ``--rates`` ``(joints,)`` in rad or m (per s).

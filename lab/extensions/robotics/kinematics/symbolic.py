@@ -179,15 +179,27 @@ def _text(expression: Any) -> str:
         number, rest = expression.as_coeff_Mul()
         sign = "−" if number < 0 else ""
         factors = rest.args if rest.is_Mul else (rest,)
-        words = sorted((_factor(sympy, factor) for factor in factors), key=_order)
-        return sign + " ".join([str(abs(number))] * (abs(number) != 1) + words)
+        under = [_factor(sympy, 1 / factor) for factor in factors if _divides(factor)]
+        words = sorted((_factor(sympy, factor) for factor in factors if not _divides(factor)), key=_order)
+        whole = " ".join([str(abs(number))] * (abs(number) != 1 or not words) + words)
+        return sign + whole + "".join(f" / {each}" for each in under)
+    if _divides(expression):
+        return f"1 / {_factor(sympy, 1 / expression)}"
     return _factor(sympy, expression)
+
+
+def _divides(factor: Any) -> bool:
+    return bool(factor.is_Pow and factor.exp.is_negative)
 
 
 def _factor(sympy: Any, factor: Any) -> str:
     """Format a factor of a product, sums in brackets."""
-    if factor.is_Add:
+    if factor.is_Add or factor.is_Mul:
         return f"({_text(factor)})"
+    if factor.is_Pow and factor.exp == sympy.Rational(1, 2):
+        return f"√({_text(factor.base)})"
+    if factor.func is sympy.atan2:
+        return f"atan2({', '.join(_text(each) for each in factor.args)})"
     if factor.is_Pow:
         return f"{_factor(sympy, factor.base)}^{factor.exp}"
     if factor.func in (sympy.cos, sympy.sin):

@@ -8,8 +8,8 @@ one. The sum of the angles of parallel axes is an unknown of its own, like q234.
 
 Types: 1 is X r = Y, and 2 is X S + Y C = Z, with 9 and 10 where an X or Y is missing. Type 3 is two equations of one
 angle. Types 6, 7 and 8 are two equations in two angles, in each of which a vector turns: their squares add up to an
-equation of type 2 (types 4 and 5 do not arise: across a slide there is an equation without it). An equation that another one implies has coefficients that are zero
-at any pose of the arm; a pose drawn at random tells.
+equation of type 2. Types 4 and 5 do not arise, as across a slide there is an equation without it. An equation that
+another one implies has coefficients that are zero at any pose of the arm; a pose drawn at random shows which.
 """
 
 from collections.abc import Mapping, Sequence
@@ -284,9 +284,11 @@ class _Solver:
 
     def _single(self, equations: Sequence[_Linear]) -> Found | None:
         """Solve equations of one unknown: a slide, then an angle by two equations, then one by one."""
-        for each in equations:
-            for joint, factor in each.slides.items():
-                return self._slide(each, joint, factor)
+        along = [(len(factor.free_symbols), each.size, i) for i, each in enumerate(equations)
+                 for factor in each.slides.values()]  # fmt: skip
+        if along:
+            each = equations[min(along)[2]]
+            return self._slide(each, *next(iter(each.slides.items())))
         pairs = [
             (self._cost(first, second), i, first, second)
             for i, (first, second) in enumerate(combinations(equations, 2))
@@ -303,10 +305,11 @@ class _Solver:
         (c1, s1), (c2, s2) = (*first.at.values(), *second.at.values())
         return abs(c1 * s2 - s1 * c2) < _ZERO
 
-    def _cost(self, first: _Linear, second: _Linear) -> tuple[int, int]:
-        """Return how long the solution of two equations is."""
-        both = (*first.angles.values(), *second.angles.values())
-        return sum(part != 0 for pair in both for part in pair), first.size + second.size
+    def _cost(self, first: _Linear, second: _Linear) -> tuple[int, int, int]:
+        """Return how long the solution of two equations is; one that divides by no other joint is best."""
+        parts = [part for pair in (*first.angles.values(), *second.angles.values()) for part in pair]
+        divisors = sum(bool(part.atoms(self.sympy.sin, self.sympy.cos)) for part in parts)
+        return sum(part != 0 for part in parts), divisors, first.size + second.size
 
     def _name_angle(self, form: _Form) -> str:
         name = f"q{self._angle_name(form)}"
@@ -361,7 +364,7 @@ class _Solver:
         ]
         if not pairs:
             return None
-        first, second = min(pairs)[4:]
+        first, second = min(pairs)[5:]
         one, other = sorted(first.angles, key=lambda form: (sum(map(abs, form)), [-abs(factor) for factor in form]))
         (a1c, a1s), (a2c, a2s) = first.angles[one], second.angles[one]
         (b1c, b1s), (b2c, b2s) = first.angles[other], second.angles[other]
