@@ -14,7 +14,13 @@ ProgramLanguage = Literal["python", "c", "matlab"]
 FILE_ENDS: Mapping[ProgramLanguage, str] = {"python": "py", "c": "c", "matlab": "m"}
 _COMMENT: Mapping[ProgramLanguage, str] = {"python": "#", "c": "//", "matlab": "%"}
 _HEAD: Mapping[ProgramLanguage, tuple[str, ...]] = {
-    "python": ("from math import atan2, cos, sin, sqrt", "", "", "def sign(x):", "    return (x > 0.0) - (x < 0.0)"),
+    "python": (
+        "from math import atan2, cos, sin, sqrt",
+        "",
+        "",
+        "def sign(x):",
+        "    return float(x > 0.0) - float(x < 0.0)",
+    ),
     "c": ("#include <math.h>", "", "static double sign(double x) { return (x > 0.0) - (x < 0.0); }"),
     "matlab": (),
 }
