@@ -20,7 +20,16 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.kinematics.serial.chain import COLUMNS, Chain, Convention
 
-__all__ = ["SymbolicChain", "Walked", "program_formula", "symbolic_chain", "sympy_module", "textbook", "walked"]
+__all__ = [
+    "SymbolicChain",
+    "Walked",
+    "backwards",
+    "program_formula",
+    "symbolic_chain",
+    "sympy_module",
+    "textbook",
+    "walked",
+]
 
 _Column = Literal["theta", "d", "a", "alpha", "beta"]
 _Step = tuple[_Column, Any]
