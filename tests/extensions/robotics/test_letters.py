@@ -105,16 +105,20 @@ def test_jacobian_of_the_versatran_is_the_course_s() -> None:
 
 
 def test_inverse_of_the_jacobian_in_letters() -> None:
-    """By blocks for the VERSATRAN; the course's 'to complete' (section 7.2) of a carrier with a lift and a boom."""
+    """By blocks for the VERSATRAN; the course's 'to complete' (section 7.2) of the PRP carrier, worked out by hand."""
     chain = CHAINS["versatran"]
     letters, joints = symbolic_chain(chain), np.array([0.3, 0.5, 0.6, 0.4, 0.7, 0.2])
     back = inverse_in_letters(letters.jacobian())
     np.testing.assert_allclose(numbers(back, chain, {}, joints) @ differences(chain, joints, 0, np.zeros(3)), np.eye(6),
                                rtol=0, atol=1e-7)  # fmt: skip
     assert [textbook(back[0, j]) for j in range(6)] == ["−c1 / q3", "−s1 / q3", "0", "0", "0", "0"]
-    carrier = inverse_in_letters(symbolic_chain(load_robot("carrier/cylindrical").chain).jacobian())
+    jacobian = symbolic_chain(load_robot("carrier/prp").chain).jacobian()
+    assert [[textbook(jacobian[i, j]) for j in range(3)] for i in range(3)] == [
+        ["0", "−d3 s2 − q3 s2", "c2"], ["0", "d3 c2 + q3 c2", "s2"], ["1", "0", "0"],
+    ]  # fmt: skip
+    carrier = inverse_in_letters(jacobian)
     assert [[textbook(carrier[i, j]) for j in range(3)] for i in range(3)] == [
-        ["−c1 / q3", "−s1 / q3", "0"], ["0", "0", "1"], ["−s1", "c1", "0"],
+        ["0", "0", "1"], ["−s2 / (d3 + q3)", "c2 / (d3 + q3)", "0"], ["c2", "s2", "0"],
     ]  # fmt: skip
     assert inverse_in_letters(symbolic_chain(CHAINS["irb120"]).jacobian()) is None  # its origin is off the wrist
 
@@ -144,6 +148,7 @@ def executed(text: str) -> dict[str, Callable[..., list[float]]]:
 SOLVED = {
     "versatran": (4, [1, 2, 1, 2, 3, 3]), "scara": (2, [1, 3, 8]), "planar3r": (2, [3, 8]),
     "scorbot": (4, [2, 3, 3, 8]), "carrier/cartesian": (1, [1, 1, 1]), "carrier/cylindrical": (2, [1, 2, 1]),
+    "carrier/prp": (2, [1, 2, 1]), "carrier/prr": (2, [1, 8]), "carrier/rpr": (2, [1, 8]),
     "carrier/spherical": (4, [2, 2, 1]), "carrier/scara": (2, [1, 8]), "carrier/anthropomorphic": (4, [2, 8]),
 }  # fmt: skip
 SIX = {"irb120": (8, [2, 7, 2, 3, 3]), "ur5": (8, [2, 2, 3, 3, 8]), "scemi": (8, [2, 8, 2, 3, 3])}
@@ -253,3 +258,24 @@ def test_the_command_has_jacobians_in_any_frame() -> None:
     by_letters = solve_kinematics("planar3r", symbolic=True, symbolic_inverse=True, inverse_jacobian=True).to_dict()
     assert by_letters["symbolic"]["inverse"]["equations"][0]["type"] == 3
     assert by_letters["symbolic"]["jacobian"][1][2] == "a3 c123"
+
+
+@pytest.mark.parametrize(("name", "count"), [("cylindrical", 2), ("prp", 2), ("spherical", 4)])
+def test_carriers_are_placed_by_their_own_coordinates(name: str, count: int) -> None:
+    """Mallem 2011, sections 7.1 and 7.2: x, y, z of cylindrical and polar coordinates, and T1, theta, L2 + T2 back."""
+    x, y, z = 300.0, 400.0, 600.0
+    turn, lift = np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arctan2(z, np.hypot(x, y)))
+    for coordinates, place in (
+        ("cylindrical", (turn, 500.0, z)),
+        ("polar", (turn, lift, float(np.sqrt(x**2 + y**2 + z**2)))),
+    ):
+        found = solve_kinematics(f"carrier/{name}", pose=tuple(map(float, place)), coordinates=coordinates).to_dict()
+        assert found["poses"][0]["solutions"] == count and found["poses"][0]["by"] == "closed form"
+        for each in found["placements"]:
+            np.testing.assert_allclose(each["position_mm"], [x, y, z], rtol=0, atol=1e-6)
+            np.testing.assert_allclose(each[coordinates], place, rtol=0, atol=1e-6)
+        assert coordinates in solve_kinematics(f"carrier/{name}", pose=place, coordinates=coordinates).summary()
+    if name == "prp":
+        np.testing.assert_allclose(found["placements"][0]["joints"], [z, turn, 500.0 - 500.0], rtol=0, atol=1e-6)
+    with pytest.raises(LabError, match="says what --pose means"):
+        solve_kinematics("scara", coordinates="polar")

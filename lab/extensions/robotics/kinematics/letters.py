@@ -166,8 +166,8 @@ class ModelsInLetters:
             )
             wanted = [f"{column}{axis}" for axis in "xyz" for column in "snap"]
             inputs = {"U": wanted, **({"e": list(found.signs)} if found.signs else {})}
-            answer = [program_formula(sympy_module().sympify(joint)) for joint in found.joints]
-            programs.append(FormulaProgram(f"{name}_inverse", comment, inputs, (*constants, *steps), answer))
+            formulas = [program_formula(sympy_module().sympify(joint)) for joint in found.joints]
+            programs.append(FormulaProgram(f"{name}_inverse", comment, inputs, (*constants, *steps), formulas))
         return tuple(programs)
 
 

@@ -31,6 +31,8 @@ class KinematicsOptions:
     """Joint positions, ° (mm of a slide); with --pose where the robot is: the nearest solutions come first."""
     pose: Numbers = ()
     """Where the tool is to be, in the base: x,y,z in mm, then three angles in °, or a quaternion wxyz, or nothing."""
+    coordinates: Literal["cartesian", "cylindrical", "polar"] = "cartesian"
+    """Of the place of --pose: x,y,z; cylindrical θ,L,z; polar θ1,θ2,R, with θ2 the elevation; ° and mm."""
     file: Path | None = None
     """CSV: rows of joint positions, or rows of targets to be reached (x_mm, y_mm, z_mm, and an orientation)."""
     orientation: AngleConvention | None = None
@@ -69,6 +71,8 @@ class KinematicsOptions:
             raise LabError("--pose and --file both set the tool's pose; give one")
         if self.rates and self.twist:
             raise LabError("--rates and --twist are each other's answer; give one")
+        if self.coordinates != "cartesian" and not self.pose:
+            raise LabError(f"--coordinates {self.coordinates} says what --pose means; give a --pose")
         if self.of and not (self.pose or self.file):
             raise LabError("--of chooses among solutions; give a --pose")
         if self.frame not in ("base", "tool") and not (self.frame.isascii() and self.frame.isdigit()):
@@ -112,7 +116,7 @@ class KinematicsOptions:
             if float(np.linalg.norm(row[3:])) not in QUATERNION_NORM:
                 raise LabError(f"--pose: the quaternion's norm is {np.linalg.norm(row[3:]):.6g}, not 1; mend it")
             rotation = se3.rotation_from_quaternion(row[3:])
-        return PoseTarget(row[None, :3] / 1e3, rotation[None])
+        return PoseTarget(_place(row[:3], self.coordinates)[None] / 1e3, rotation[None])
 
     @property
     def tool_m(self) -> Array:
@@ -135,6 +139,18 @@ class KinematicsOptions:
         scale = np.repeat([1e-3, np.pi / 180], 3)
         twist = _row("--twist", self.twist, 6, "vx,vy,vz in mm/s, then wx,wy,wz in °/s")
         return np.asarray(twist * scale)
+
+
+def _place(row: Array, coordinates: str) -> Array:
+    """Return x, y, z of a place in other coordinates (Mallem 2011, section 7.1)."""
+    if coordinates == "cartesian":
+        return row
+    first = np.deg2rad(row[0])
+    level, height = row[1:]
+    if coordinates == "polar":
+        second = np.deg2rad(row[1])
+        level, height = row[2] * np.cos(second), row[2] * np.sin(second)
+    return np.array([level * np.cos(first), level * np.sin(first), height])
 
 
 def _row(flag: str, given: tuple[float, ...], count: int, what: str) -> Array:

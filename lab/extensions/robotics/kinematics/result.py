@@ -151,6 +151,7 @@ class KinematicsResult(Result):
             "id": each.name,
             "joints": [tidy(value) for value in joint_values(chain.prismatic, each.joints)],
             **_pose_values(each.T_base_tool),
+            **_coordinates(each.T_base_tool),
             "within_limits": not each.beyond,
             "beyond": each.beyond,
             "configuration": dict(each.configuration),
@@ -194,6 +195,17 @@ def _pose_values(T: Array) -> dict[str, Any]:
         "fixed_xyz_deg": [tidy(each) for each in np.rad2deg(se3.roll_pitch_yaw(T[:3, :3]))],
         "quaternion": [tidy(each) for each in se3.quaternion_from_rotation(T[:3, :3])],
     }
+
+
+def _coordinates(T: Array) -> dict[str, Any]:
+    """Return a place in cylindrical coordinates (θ1, L, z) and polar ones (θ1, θ2, R), degrees and mm."""
+    if not np.isfinite(T).all():
+        return {"cylindrical": None, "polar": None}
+    x, y, z = MM.of(T[:3, 3])
+    level = float(np.hypot(x, y))
+    first, second = np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arctan2(z, level))
+    cylindrical, polar = (first, level, z), (first, second, float(np.hypot(level, z)))
+    return {"cylindrical": [tidy(each) for each in cylindrical], "polar": [tidy(each) for each in polar]}
 
 
 def _matrix_values(T: Array) -> list[list[float]]:
@@ -324,6 +336,11 @@ def _placements(result: KinematicsResult) -> tuple[Block, ...]:
     caption = f"The tool is the {'platform' if chain.has_loops else 'last frame'}; its point is {point}."
     poses = tuple((each.name, *_pose_cells(each.T_base_tool)) for each in placed)
     tables = [(("", *names), joints, "Joint positions")]
+    heads = {"cylindrical": ("", "θ1, °", "L, mm", "z"), "polar": ("", "θ1, °", "θ2, °", "R, mm")}
+    if (system := result.options.coordinates) in heads:
+        places = [(each.name, _coordinates(each.T_base_tool)[system] or ()) for each in placed]
+        rows = tuple((name, *(fixed(value, 3) for value in values)) for name, values in places)
+        tables.append((heads[system], rows, f"The tool's place in {system} coordinates of the base"))
     if not result.reached:
         tables.append((("", *_POSE), poses, caption))
     else:
