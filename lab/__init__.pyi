@@ -36,6 +36,7 @@ from lab.commands.options import (
     InspectOptions,
     NextOptions,
     PredictOptions,
+    RotationOptions,
     StatusOptions,
     StudyOptions,
     TrendOptions,
@@ -43,6 +44,7 @@ from lab.commands.options import (
 )
 from lab.commands.predict import PredictionResult
 from lab.commands.result import Result
+from lab.commands.rotation import Rotation
 from lab.commands.status import StatusResult
 from lab.commands.study.run import StudyResult
 from lab.commands.trend import TrendResult
@@ -108,6 +110,7 @@ __all__ = [
     "read_measurements",
     "reproduce",
     "robot_from_dh",
+    "rotation",
     "save_estimate",
     "simulate",
     "solve_kinematics",
@@ -235,6 +238,7 @@ def dynamics(
     delay: bool = False,
     physical: bool = False,
     band_hz: float = 20.0,
+    symbolic: bool = False,
     serial: str | None = None,
     no_recording: bool = False,
     simulate: bool = False,
@@ -371,6 +375,20 @@ def reproduce(
     exercise: bool = False,
     mark: str | Path | None = None,
 ) -> ReproductionResult: ...
+def rotation(
+    options: RotationOptions | None = None,
+    *,
+    matrix: Sequence[float] = ...,
+    quaternion: Sequence[float] = ...,
+    angles: Sequence[float] = ...,
+    order: Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "xyx", "xzx", "yxy", "yzy", "zxz", "zyz"] = "zyx",
+    fixed: bool = False,
+    axis: Sequence[float] = ...,
+    angle: float | None = None,
+    radians: bool = False,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+) -> Rotation: ...
 def simulate(
     robot: str | Path | Robot | VirtualCampaign = "irb120",
     *,
@@ -406,10 +424,12 @@ def solve_kinematics(
     tool_mm: Sequence[float] = ...,
     rates: Sequence[float] = ...,
     twist: Sequence[float] = ...,
-    frame: Literal["base", "tool"] = "base",
+    frame: str = "base",
+    inverse_jacobian: bool = False,
     matrices: bool = False,
     between: tuple[int, int] | None = None,
     symbolic: bool = False,
+    symbolic_inverse: bool = False,
     no_recording: bool = False,
     out: str | Path | None = None,
     overwrite: bool = False,

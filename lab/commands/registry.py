@@ -152,6 +152,13 @@ COMMANDS = (
         writes_on_request=True,
     ),
     Command(
+        "rotation",
+        "Convert a rotation: matrix, quaternion, axis and angle, three angles in twelve orders; all solutions.",
+        "lab.commands.options:RotationOptions",
+        "lab.commands.rotation:rotation",
+        writes_on_request=True,
+    ),
+    Command(
         "migrate",
         "Give runs of an older lab what those of today have: schema, checksums, and a date.",
         "lab.commands.options:MigrateOptions",

@@ -163,7 +163,7 @@ _FILES = {  # and programs: a folder with anything else is not replaced
     "ur_kinematics.yaml", "calibration.conf", "calibrated.py", "next.csv", "predicted.csv", "nominal.toml",
     "joints.csv", "cartesian.csv", "plan.csv", "trajectory.csv", "corrected.csv", "load.csv", "motion.csv",
     "another.csv", "values.csv", "exercise.csv", "workspace.csv", "sensor.toml", "status.csv", "status.prom",
-    "recording.rrd",
+    "recording.rrd", "model.py", "model.c", "model.m",
     "report.html",
 }  # fmt: skip
 SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas describes it

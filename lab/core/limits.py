@@ -18,18 +18,18 @@ from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 
 __all__ = [
-    "BRACKETS", "CAMPAIGNS", "CANDIDATES", "CANDIDATE_POINTS", "CELLS", "CLOCKS_S", "CLOCK_DRIFT_PPM",
-    "COLUMNS", "COORDINATE_SIZE", "COPIES", "CORRECTION_A_M", "CORRECTION_D_M", "CORRECTION_RAD", "COUNTS",
-    "COUPLING_SIZE", "DAYS", "DEPTH", "DESIGN_POINTS", "DIGITS", "DISTANCE_MM", "DRAWN_POINTS", "DRAWS",
-    "EARTH_GRAVITY", "ELEVATION_DEG", "FIXTURES", "FRAMES", "FRICTION_PERCENT", "GEAR", "HOLDOUT",
-    "HUMIDITY_PERCENT", "JOINTS", "JOINT_SPAN", "LENGTH_M", "LIMITS", "LINE", "LINE_OF_TEXT", "MESH_BYTES",
-    "MOMENTS", "MOTOR_ZERO_DEG", "NAME", "NESTED_ELEMENTS", "NUMBER_SIZE", "OPTION_SIZE", "ORIENTATIONS",
-    "PASSED", "PATIENCE_S", "PAYLOAD_KG", "PERTURBED_ARMS", "PIXELS", "PLACED", "PLACES", "POSES",
-    "POSITION_MM", "POSITIVE_OPTION", "PRESSURE_HPA", "PROGRAM_BYTES", "PROGRAM_FRAMES", "PROGRAM_MOVES",
-    "PROGRAM_TARGETS", "QUATERNION_NORM", "RANGES", "READINGS", "REFLECTOR_DEG", "ROBOTS", "ROOM_C",
-    "ROUNDED_NORM", "ROUNDS", "ROWS", "SEED", "SIGMA_MM", "SIMULATION_S", "SIMULATION_SIZE", "STARTS",
-    "TABLE_BYTES", "TARGETS", "TEXT_BYTES", "TOML_BYTES", "UNCERTAINTY", "VALUES", "WAYPOINTS", "WORKERS",
-    "Limit", "Range", "called", "check_serial", "checked_name", "day", "one_serial", "positive", "whole",
+    "BRACKETS", "CAMPAIGNS", "CANDIDATES", "CANDIDATE_POINTS", "CELLS", "CLOCKS_S", "CLOCK_DRIFT_PPM", "COLUMNS",
+    "COORDINATE_SIZE", "COPIES", "CORRECTION_A_M", "CORRECTION_D_M", "CORRECTION_RAD", "COUNTS", "COUPLING_SIZE",
+    "DAYS", "DEPTH", "DESIGN_POINTS", "DIGITS", "DISTANCE_MM", "DRAWN_POINTS", "DRAWS", "EARTH_GRAVITY",
+    "ELEVATION_DEG", "FIXTURES", "FRAMES", "FRICTION_PERCENT", "GEAR", "HOLDOUT", "HUMIDITY_PERCENT", "JOINTS",
+    "JOINT_SPAN", "LENGTH_M", "LIMITS", "LINE", "LINE_OF_TEXT", "MESH_BYTES", "MOMENTS", "MOTOR_ZERO_DEG", "NAME",
+    "NESTED_ELEMENTS", "NUMBER_SIZE", "OPTION_SIZE", "ORIENTATIONS", "PASSED", "PATIENCE_S", "PAYLOAD_KG",
+    "PERTURBED_ARMS", "PIXELS", "PLACED", "PLACES", "POSES", "POSITION_MM", "POSITIVE_OPTION", "PRESSURE_HPA",
+    "PROGRAM_BYTES", "PROGRAM_FRAMES", "PROGRAM_MOVES", "PROGRAM_TARGETS", "QUATERNION_NORM", "RANGES", "READINGS",
+    "REFLECTOR_DEG", "ROBOTS", "ROOM_C", "ROTATION_ERROR", "ROUNDED_NORM", "ROUNDS", "ROWS", "SEED", "SIGMA_MM",
+    "SIMULATION_S", "SIMULATION_SIZE", "STARTS", "TABLE_BYTES", "TARGETS", "TEXT_BYTES", "TOML_BYTES", "UNCERTAINTY",
+    "VALUES", "WAYPOINTS", "WORKERS", "Limit", "Range", "called", "check_serial", "checked_name", "day", "one_serial",
+    "positive", "whole",
 ]  # fmt: skip
 
 _MIB: Final = 1 << 20
@@ -192,6 +192,7 @@ COORDINATE_SIZE = Range("size of a number in a program's position", 0, 1e10, "",
 DIGITS = Range("decimals in a program", 0, 12, "", "no controller resolves more")
 QUATERNION_NORM = Range("norm of a quaternion", 0.999, 1.001, "", "the columns are others, or in another order")
 ROUNDED_NORM = Range("norm of a quaternion in --frames", 0.99, 1.01, "", "they are typed with three digits")
+ROTATION_ERROR = Range("error of RᵀR of a rotation's matrix", 0, 0.005, "", "it is no rotation, or has two digits")
 ROOM_C = Range("temperature of a room", -50, 100, "°C", "the value is in kelvin or fahrenheit")
 HUMIDITY_PERCENT = Range("relative humidity", 0, 100, "%", "it is a percentage")
 PRESSURE_HPA = Range("pressure of air", 300, 1200, "hPa", "the value is in bar, Pa or mmHg")

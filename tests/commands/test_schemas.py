@@ -28,6 +28,8 @@ MORE = {
     "inspect": ("inspect delta",),
     "migrate": ("migrate older",),
     "status": ("status broken",),
+    "dynamics": ("dynamics --robot scara --symbolic",),
+    "kinematics": ("kinematics scara --symbolic --symbolic-inverse --inverse-jacobian",),
     "study": ("study one.toml --workers 1 --out st",),
 }
 ONE_CAMPAIGN = 'name = "one"\nrobots = 1\ndraws = 1\nfresh = 20\n[factors]\nposes = [20]\n'
@@ -120,7 +122,7 @@ def test_the_json_of_every_command_is_as_its_schema_says(
 ) -> None:
     arguments = line.split()
     out = tmp_path / "out"
-    writes = command_named(name).folder or name in ("kinematics", "workspace", "status")
+    writes = command_named(name).folder or name in ("kinematics", "workspace", "status", "rotation")
     arguments += ["--out", str(out)] if writes else []
     arguments += ["--no-recording"] if name in RECORDED else []
     capsys.readouterr()

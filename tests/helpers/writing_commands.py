@@ -48,6 +48,7 @@ COMMANDS = {
     "status": "status history --on 2026-03-01",
     "inspect": "inspect irb120",
     "reproduce": "reproduce elastic",
+    "rotation": "rotation --angles 10,20,30",
     "workspace": "workspace carrier/cartesian --places 200",
 }
 

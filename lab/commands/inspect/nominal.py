@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from lab.commands.inspect.layout_graph import layout_values
 from lab.commands.result import joint_values, number, printed, tidy
 from lab.core import se3
 from lab.core.errors import counted
@@ -399,6 +400,7 @@ def closed_shape(mechanism: Mechanism) -> dict[str, Any]:
         "closed_form": None if form is None else {"of": form.name, **_numbers(form.dimensions)},
         "assembly_modes": None if form is None else form.modes,
         "working_modes": None if form is None else form.working,
+        "legs": layout_values(mechanism),
         "share_closing": tidy(shape.share),
         "extents_mm": {axis: _mm(ends) for axis, ends in zip("xyz", shape.extents, strict=True)},
         "area_m2": reached if flat else None,

@@ -22,6 +22,7 @@ from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.result import direction_to_dict
 from lab.commands.command_line import options_of, takes
+from lab.commands.inspect.layout_graph import layout_blocks
 from lab.commands.inspect.nominal import (
     closed_blocks,
     closed_nominal,
@@ -237,11 +238,17 @@ def _inspection_document(result: Inspection) -> Document:
             Warnings(result.warnings),
             Section("Nominal model and shape", tuple(shape)),
             Section("Resolution at the tool", resolution_blocks(values["resolution"])),
+            Section("Layout", _layout(result.robot.chain)),
             *((_cell_section(values, result.robot),) if "cell" in values else ()),
             Section("Identifiability", (*_identifiable(result), *_fixed(result))),
             Section("Conditioning", tuple(_conditioning(result))),
         ),
     )
+
+
+def _layout(chain: JointSpec) -> tuple[Block, ...]:
+    """Return the layout graph of a mechanism with loops; nothing for a serial arm."""
+    return layout_blocks(chain) if isinstance(chain, Mechanism) else ()
 
 
 def _singular_values_picture(result: Inspection) -> Picture:

@@ -169,6 +169,8 @@ class DynamicsOptions:
     """Use the nearest physically possible parameters of an arm."""
     band_hz: float = 20.0
     """Of the filter that torques and regressor pass, half power there; an arm's torques change below 10 Hz."""
+    symbolic: Flag = False
+    """Print the inverse dynamics in letters: Newton and Euler's recursion with the base parameters, as a program."""
     serial: str | None = None
     """The serial number of the arm."""
 

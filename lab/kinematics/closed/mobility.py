@@ -18,7 +18,7 @@ from lab.kinematics.differential import ROTATION_M
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["SINGULAR", "BodyCount", "ClosedFormShape", "Nearest", "body_count", "mobility", "mobility_of"]
+__all__ = ["SINGULAR", "BodyCount", "ClosedFormShape", "Nearest", "body_count", "is_planar", "mobility", "mobility_of"]
 
 _SPACE, _PLANE = 6, 3
 
@@ -68,7 +68,7 @@ def body_count(tree: Tree) -> BodyCount:
     A rod has a ball joint at both ends, in the plane a hinge; a leg of variable length is two bodies with a slide
     between them.
     """
-    planar = _is_planar(tree)
+    planar = is_planar(tree)
     most, bodies, freedoms, internal = (_PLANE if planar else _SPACE), 0, list[int](), 0
     for frame in tree.frames:
         passive = sum(step.passive for step in frame.path)
@@ -87,7 +87,7 @@ def body_count(tree: Tree) -> BodyCount:
     return BodyCount(planar, bodies, tuple(freedoms), internal)
 
 
-def _is_planar(tree: Tree) -> bool:
+def is_planar(tree: Tree) -> bool:
     """Check by the axes of the steps whether all motions are in the plane of x and y."""
     if any(2 in pin.axes for pin in tree.pins):
         return False

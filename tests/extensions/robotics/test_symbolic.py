@@ -3,26 +3,15 @@
 import numpy as np
 import pytest
 import sympy
+from helpers.any_chain import random_chain
 
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.extensions.robotics.kinematics.symbolic import symbolic_chain, textbook
 from lab.kinematics.serial.arm import SerialArm
-from lab.kinematics.serial.chain import Chain, Convention, parallel_links
+from lab.kinematics.serial.chain import Chain
 
 POINTS = 1000
-
-
-def random_chain(convention: Convention, rng: np.random.Generator) -> Chain:
-    """Five joints, a slide among them, with parallel, opposite, square and skew axes, signs and offsets."""
-    alpha = np.array([0.0, np.pi, np.pi / 2, 0.7, -np.pi / 2])
-    table = np.column_stack([rng.uniform(-3, 3, 5), rng.normal(size=5), rng.normal(size=5), alpha, np.zeros(5)])
-    table[1, 0], table[2, 1] = np.pi / 2, 0.0
-    return Chain(
-        name="any", convention=convention, joint_names=tuple("abcde"), prismatic=(False, False, True, False, False),
-        table=table, sign=np.array([1.0, -1, 1, -1, 1]), lower=-np.ones(5), upper=np.ones(5),
-        speed=np.full(5, np.nan), acceleration=np.full(5, np.nan), parallel=parallel_links(convention, alpha),
-    )  # fmt: skip
 
 
 def matrix_at(chain: Chain, first: int, last: int, joints: np.ndarray) -> np.ndarray:

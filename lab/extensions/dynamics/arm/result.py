@@ -18,12 +18,14 @@ from lab.core.se3 import Array
 from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.extensions.dynamics.arm.base_parameters import BaseParameters, Formula, random_states, regrouping_formulas
 from lab.extensions.dynamics.arm.identify import DynamicsEstimate, PhysicalFit
+from lab.extensions.dynamics.arm.newton_euler import NewtonEuler, newton_euler
 from lab.extensions.dynamics.load_files import PayloadSamples, write_loads
 from lab.extensions.dynamics.options import DynamicsOptions
 from lab.extensions.dynamics.payload.estimate import LoadEstimate
 from lab.extensions.dynamics.payload.result import FIT_BADGES, fit_pictures, parameter_rows, true_values, with_width
 from lab.extensions.dynamics.phrases import phrase
 from lab.formats.drives_toml import Drives
+from lab.formats.formula_program import FILE_ENDS, function_name, programs_text
 from lab.kinematics.dynamics.rigid_body import ArmDynamics
 from lab.render.charts.chart import axes_picture, log_ticks
 from lab.render.charts.marks import Axes
@@ -112,6 +114,11 @@ class DynamicsResult(Result):
         return regrouping_formulas(self.arm, self.base, rng_for(0, "structure", 1))
 
     @cached_property
+    def in_letters(self) -> NewtonEuler | None:
+        """Inverse dynamics in letters, where requested."""
+        return newton_euler(self.arm, self.base) if self.options.symbolic else None
+
+    @cached_property
     def singular_values(self) -> Array:
         """Singular values ``(b,)`` of the base regressor with unit columns over random states, largest first."""
         states = random_states(self.arm, _STATES, rng_for(0, "structure", 2))
@@ -153,7 +160,8 @@ class DynamicsResult(Result):
         true = (
             {} if self.session is None else {"true": dict(zip(base.labels, self.session.truth.tolist(), strict=True))}
         )
-        return described | measured | bodies | true | {"warnings": list(self.warnings)}
+        letters = {} if self.in_letters is None else {"newton_euler": self.in_letters.to_dict()}
+        return described | measured | bodies | true | letters | {"warnings": list(self.warnings)}
 
     @property
     def is_recorded(self) -> bool:
@@ -161,7 +169,12 @@ class DynamicsResult(Result):
         return self.samples is not None
 
     def write_files(self, folder: Path) -> None:
-        """Write the motions of a simulated session."""
+        """Write the motions of a simulated session, and the inverse dynamics in letters as programs."""
+        if self.in_letters is not None:
+            programs = (self.in_letters.program(function_name(self.robot.name)),)
+            for language in FILE_ENDS:
+                text = programs_text(programs, language)
+                (folder / f"model.{FILE_ENDS[language]}").write_text(text, encoding="utf-8")
         if self.session is not None:
             for name, samples in ((_MOTION_CSV, self.session.samples), (_ANOTHER_CSV, self.session.other)):
                 self._write_motion(folder / name, samples)
@@ -258,8 +271,24 @@ def _dynamics_document(result: DynamicsResult) -> Document:
             Warnings(result.warnings),
             *(() if found is None else _identified(result, found)),
             Section("Base parameters", grouping, shown_in=EVERYWHERE if found is None else PAGE),
+            Section("Inverse dynamics in letters", _letters(result)),
             Section("Conditioning", (_conditioning(result),), shown_in=EVERYWHERE if found is None else PAGE),
         ),
+    )
+
+
+def _letters(result: DynamicsResult) -> tuple[Block, ...]:
+    """Tabulate the steps of Newton and Euler's recursion."""
+    found = result.in_letters
+    if found is None:
+        return ()
+    letters = ", ".join(f"{name} = {value:.6g}" for name, value in found.letters.items()).replace("-", "−")
+    count = f"{found.multiplications} multiplications and {found.additions} additions"
+    units = "q1, qd1 and qdd1 are joint 1's position, speed and acceleration (SI, rad)"
+    torques = tuple((f"torque {j}", each) for j, each in enumerate(found.torques, 1))
+    return (
+        Paragraph(f"Newton and Euler's recursion with the base parameters: {count}. Here {units}. {letters}."),
+        Table(("", ""), (*found.steps, *torques)),
     )
 
 

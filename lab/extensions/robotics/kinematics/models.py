@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +34,14 @@ if TYPE_CHECKING:
     from lab.kinematics.closed.mechanism import Mechanism
 
 __all__ = [
+    "InverseJacobian",
     "NominalRobot",
     "Placement",
     "Reached",
     "Solution",
     "Solver",
     "configurations",
+    "inverse_of_jacobian",
     "matching",
     "nominal_robot",
     "placements",
@@ -358,6 +360,45 @@ class Placement:
     twist: Array | None = None
     missing: Array | None = None
 
+    @property
+    def inverse_jacobian(self) -> "InverseJacobian | None":
+        """Inverse or pseudo-inverse of the Jacobian; None where the loops do not close."""
+        return inverse_of_jacobian(self.jacobian, self.rank) if np.isfinite(self.jacobian).all() else None
+
+
+@dataclass(frozen=True)
+class InverseJacobian:
+    """Inverse of a Jacobian.
+
+    Attributes:
+        matrix: ``(n, 6)``.
+        kind: ``blocks``, ``inverse``, pseudo-inverse from the ``left`` or the ``right``, or ``singular``.
+    """
+
+    matrix: Array
+    kind: str
+
+
+def inverse_of_jacobian(jacobian: Array, rank: int) -> InverseJacobian:
+    """Invert a Jacobian ``(6, n)`` (Mallem 2011, section 5.6, with the pseudo-inverse's misprint mended).
+
+    Where the last three joints of six only turn the tool, J = [A 0; C D] is inverted by blocks of 3 by 3. A Jacobian
+    of fewer columns has J⁺ = (J'J)^-1 J', one of more J' (J J')^-1. Of less than full rank it is found by singular
+    values.
+    """
+    size = jacobian.shape[1]
+    if rank < min(6, size):
+        return InverseJacobian(np.linalg.pinv(jacobian, rcond=_ON_SINGULARITY), "singular")
+    if size < FREEDOMS:
+        return InverseJacobian(np.linalg.solve(jacobian.T @ jacobian, jacobian.T), "left")
+    if size > FREEDOMS:
+        return InverseJacobian(np.linalg.solve(jacobian @ jacobian.T, jacobian).T, "right")
+    A, B, C, D = jacobian[:3, :3], jacobian[:3, 3:], jacobian[3:, :3], jacobian[3:, 3:]
+    if np.abs(B).max() > _LEAST:
+        return InverseJacobian(np.linalg.inv(jacobian), "inverse")
+    A_back, D_back = np.linalg.inv(A), np.linalg.inv(D)
+    return InverseJacobian(np.block([[A_back, np.zeros((3, 3))], [-D_back @ C @ A_back, D_back]]), "blocks")
+
 
 def placements(
     arm: RigidArm,
@@ -367,7 +408,7 @@ def placements(
     names: Sequence[str],
     solved: Sequence[Solution] | None = None,
     *,
-    in_tool_frame: bool = False,
+    frame: Literal["base", "tool"] | int = "base",
     rates: Array | None = None,
     twist: Array | None = None,
 ) -> tuple[Placement, ...]:
@@ -376,7 +417,7 @@ def placements(
     Args:
         names: of the rows.
         solved: the solutions, if the rows are such.
-        in_tool_frame: whether Jacobian and twist have the tool's axes.
+        frame: whose axes Jacobian and twist have: the base's, the tool's, or those of a link by its number.
         rates: ``(n,)`` given joint rates.
         twist: ``(6,)`` a wanted twist.
     """
@@ -384,8 +425,9 @@ def placements(
         return ()
     chain, size = arm.chain, arm.chain.size
     Ts, jacobians = arm.tool(rows, values)
-    if in_tool_frame:
-        back = Ts[:, :3, :3].swapaxes(1, 2)
+    if frame not in ("base", 0):
+        axes = Ts if isinstance(frame, str) or not isinstance(arm, SerialArm) else arm.frame(rows, values, frame)
+        back = axes[:, :3, :3].swapaxes(1, 2)
         jacobians = np.concatenate([back @ jacobians[:, :3], back @ jacobians[:, 3:]], axis=1)
     wanted = np.zeros((len(rows), 6)) if twist is None else np.tile(twist, (len(rows), 1))
     closes: NDArray[np.bool_] = np.array(np.isfinite(jacobians).all(axis=(1, 2)))

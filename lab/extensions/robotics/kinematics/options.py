@@ -31,6 +31,8 @@ class KinematicsOptions:
     """Joint positions, ° (mm of a slide); with --pose where the robot is: the nearest solutions come first."""
     pose: Numbers = ()
     """Where the tool is to be, in the base: x,y,z in mm, then three angles in °, or a quaternion wxyz, or nothing."""
+    coordinates: Literal["cartesian", "cylindrical", "polar"] = "cartesian"
+    """Of the place of --pose: x,y,z; cylindrical θ,L,z; polar θ1,θ2,R, with θ2 the elevation; ° and mm."""
     file: Path | None = None
     """CSV: rows of joint positions, or rows of targets to be reached (x_mm, y_mm, z_mm, and an orientation)."""
     orientation: AngleConvention | None = None
@@ -43,8 +45,10 @@ class KinematicsOptions:
     """Rates of the joints, ° (mm of a slide) per s: the twist that they give."""
     twist: Numbers = ()
     """A twist of the tool: vx,vy,vz in mm/s, then wx,wy,wz in °/s: the rates that give it."""
-    frame: Literal["base", "tool"] = "base"
-    """The frame whose axes the Jacobian and the twist have."""
+    frame: str = "base"
+    """The frame whose axes the Jacobian and the twist have: base, tool, or the number of a serial arm's frame."""
+    inverse_jacobian: Flag = False
+    """Print the inverse of the Jacobian, by blocks where it has them; where it has none, the pseudo-inverse J⁺."""
     matrices: Flag = False
     """Print the link matrices T_i-1,i and their products T_0,i at the first joint positions."""
     between: Annotated[
@@ -52,7 +56,9 @@ class KinematicsOptions:
     ] = None
     """Print the pose of the second of these frames in the first (0 is the base's)."""
     symbolic: Flag = False
-    """Print the matrices also in letters (needs sympy)."""
+    """Print the matrices and the Jacobian also in letters (needs sympy)."""
+    symbolic_inverse: Flag = False
+    """Print the inverse in letters: its equations by their types, and how each gives a joint (needs sympy)."""
     no_recording: NoRecording = False
     out: Path | None = None
     """A folder for the result, a report, a recording and a table; by default nothing is written."""
@@ -65,8 +71,17 @@ class KinematicsOptions:
             raise LabError("--pose and --file both set the tool's pose; give one")
         if self.rates and self.twist:
             raise LabError("--rates and --twist are each other's answer; give one")
+        if self.coordinates != "cartesian" and not self.pose:
+            raise LabError(f"--coordinates {self.coordinates} says what --pose means; give a --pose")
         if self.of and not (self.pose or self.file):
             raise LabError("--of chooses among solutions; give a --pose")
+        if self.frame not in ("base", "tool") and not (self.frame.isascii() and self.frame.isdigit()):
+            raise LabError(f"--frame {self.frame}: give base, tool, or a frame's number, 0 for the base's")
+
+    @property
+    def axes(self) -> Literal["base", "tool"] | int:
+        """Frame of ``--frame``."""
+        return self.frame if self.frame in ("base", "tool") else int(self.frame)  # type: ignore[return-value]
 
     def joint_row(self, chain: JointSpec, flag: Literal["joints", "rates"]) -> Array:
         """Return ``--joints`` or ``--rates`` ``(joints,)`` in rad or m (per s).
@@ -101,7 +116,7 @@ class KinematicsOptions:
             if float(np.linalg.norm(row[3:])) not in QUATERNION_NORM:
                 raise LabError(f"--pose: the quaternion's norm is {np.linalg.norm(row[3:]):.6g}, not 1; mend it")
             rotation = se3.rotation_from_quaternion(row[3:])
-        return PoseTarget(row[None, :3] / 1e3, rotation[None])
+        return PoseTarget(_place(row[:3], self.coordinates)[None] / 1e3, rotation[None])
 
     @property
     def tool_m(self) -> Array:
@@ -124,6 +139,18 @@ class KinematicsOptions:
         scale = np.repeat([1e-3, np.pi / 180], 3)
         twist = _row("--twist", self.twist, 6, "vx,vy,vz in mm/s, then wx,wy,wz in °/s")
         return np.asarray(twist * scale)
+
+
+def _place(row: Array, coordinates: str) -> Array:
+    """Return x, y, z of a place in other coordinates (Mallem 2011, section 7.1)."""
+    if coordinates == "cartesian":
+        return row
+    first = np.deg2rad(row[0])
+    level, height = row[1:]
+    if coordinates == "polar":
+        second = np.deg2rad(row[1])
+        level, height = row[2] * np.cos(second), row[2] * np.sin(second)
+    return np.array([level * np.cos(first), level * np.sin(first), height])
 
 
 def _row(flag: str, given: tuple[float, ...], count: int, what: str) -> Array:

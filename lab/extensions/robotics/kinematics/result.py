@@ -13,10 +13,11 @@ from lab.core import se3
 from lab.core.errors import counted
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.extensions.robotics.kinematics.letters import ModelsInLetters
 from lab.extensions.robotics.kinematics.models import NominalRobot, Placement, Reached
 from lab.extensions.robotics.kinematics.options import KinematicsOptions
-from lab.extensions.robotics.kinematics.symbolic import SymbolicChain, textbook
 from lab.formats.csv_table import write_columns
+from lab.formats.formula_program import FILE_ENDS, function_name, programs_text
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.document import (
@@ -45,12 +46,10 @@ class Matrices:
 
     Attributes:
         links: ``(n, 4, 4)`` T_i-1,i (m) at the first placement; none of a robot with loops.
-        letters: the chain in letters, where requested.
         between: the two frames whose product is requested.
     """
 
     links: Array
-    letters: SymbolicChain | None
     between: tuple[int, int] | None
 
     def product(self, first: int, last: int) -> Array:
@@ -59,26 +58,6 @@ class Matrices:
         for link in self.links[first:last]:
             found = found @ link
         return found
-
-    def texts(self) -> dict[str, list[list[str]]]:
-        """Return the matrices in letters: T_i-1,i, T_0,n and the requested product; none without letters."""
-        if self.letters is None:
-            return {}
-        size = len(self.letters.rows)
-        pairs = [*((i, i + 1) for i in range(size)), (0, size)]
-        if self.between is not None and self.between not in pairs:
-            pairs.append(self.between)
-        made = {f"T{first},{last}": self.letters.between(first, last) for first, last in pairs}
-        return {name: [[textbook(matrix[i, j]) for j in range(4)] for i in range(4)] for name, matrix in made.items()}
-
-    def letter_values(self) -> dict[str, float]:
-        """Return values of the letters: lengths ``<letter>_mm``, angles ``<letter>_deg``."""
-        letters: dict[str, Any] = {} if self.letters is None else dict(self.letters.letters)
-        lengths = {name for name in letters if name.rstrip("0123456789") in ("d", "a")}
-        return {
-            f"{name}_mm" if name in lengths else f"{name}_deg": tidy(value * (1e3 if name in lengths else 180 / np.pi))
-            for name, value in letters.items()
-        }
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -91,6 +70,7 @@ class KinematicsResult(Result):
         assembly_modes: ``(m, 4, 4)`` all poses (m) of the platform at the first joint positions, by a closed form;
             empty where there is none.
         matrices: the link matrices and their products at the first placement.
+        letters: the models in letters, where requested.
     """
 
     command = "kinematics"
@@ -104,6 +84,7 @@ class KinematicsResult(Result):
     reached: tuple[Reached, ...]
     assembly_modes: Array
     matrices: Matrices
+    letters: ModelsInLetters | None
     warnings: tuple[str, ...]
 
     @property
@@ -136,13 +117,18 @@ class KinematicsResult(Result):
             values["products"] = [_matrix_values(matrices.product(0, i + 1)) for i in range(len(matrices.links))]
         if options.between is not None:
             values["between"] = _matrix_values(matrices.product(*options.between))
-        if options.symbolic:
-            values["symbolic"] = {"letters": matrices.letter_values(), **matrices.texts()}
+        if self.letters is not None:
+            values["symbolic"] = self.letters.to_dict()
         return values
 
     def write_files(self, folder: Path) -> None:
-        """Write ``joints.csv``."""
+        """Write ``joints.csv``, and models in letters as programs: ``model.py``, ``model.c`` and ``model.m``."""
         write_columns(folder / "joints.csv", self.columns())
+        if self.letters is not None:
+            programs = self.letters.programs(function_name(self.robot.name))
+            for language in FILE_ENDS:
+                text = programs_text(programs, language)
+                (folder / f"model.{FILE_ENDS[language]}").write_text(text, encoding="utf-8")
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """Return a row for each placement: its name, joint positions and the tool's pose, mm and degrees."""
@@ -165,12 +151,14 @@ class KinematicsResult(Result):
             "id": each.name,
             "joints": [tidy(value) for value in joint_values(chain.prismatic, each.joints)],
             **_pose_values(each.T_base_tool),
+            **_coordinates(each.T_base_tool),
             "within_limits": not each.beyond,
             "beyond": each.beyond,
             "configuration": dict(each.configuration),
             "free": list(each.free),
             "tilt_deg": number(np.rad2deg(each.tilt_rad)),
             "jacobian": [[number(value) for value in row] for row in each.jacobian],
+            **_inverse_values(each, requested=self.options.inverse_jacobian),
             "rank": each.rank,
             "manipulability": number(each.manipulability),
             "determinant": None if each.determinant is None else number(each.determinant),
@@ -185,6 +173,18 @@ class KinematicsResult(Result):
         }
 
 
+def _inverse_values(each: Placement, *, requested: bool) -> dict[str, Any]:
+    if not requested:
+        return {}
+    found = each.inverse_jacobian
+    if found is None:
+        return {"inverse_jacobian": None, "inverse_kind": None}
+    return {
+        "inverse_jacobian": [[number(value) for value in row] for row in found.matrix],
+        "inverse_kind": found.kind,
+    }
+
+
 def _pose_values(T: Array) -> dict[str, Any]:
     """Return a pose as position in mm, rotation, fixed angles about x, y and z in degrees, and quaternion."""
     if not np.isfinite(T).all():
@@ -195,6 +195,17 @@ def _pose_values(T: Array) -> dict[str, Any]:
         "fixed_xyz_deg": [tidy(each) for each in np.rad2deg(se3.roll_pitch_yaw(T[:3, :3]))],
         "quaternion": [tidy(each) for each in se3.quaternion_from_rotation(T[:3, :3])],
     }
+
+
+def _coordinates(T: Array) -> dict[str, Any]:
+    """Return a place in cylindrical coordinates (θ1, L, z) and polar ones (θ1, θ2, R), degrees and mm."""
+    if not np.isfinite(T).all():
+        return {"cylindrical": None, "polar": None}
+    x, y, z = MM.of(T[:3, 3])
+    level = float(np.hypot(x, y))
+    first, second = np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arctan2(z, level))
+    cylindrical, polar = (first, level, z), (first, second, float(np.hypot(level, z)))
+    return {"cylindrical": [tidy(each) for each in cylindrical], "polar": [tidy(each) for each in polar]}
 
 
 def _matrix_values(T: Array) -> list[list[float]]:
@@ -225,7 +236,6 @@ def _reached(each: Reached) -> dict[str, Any]:
 
 
 MOST_DRAWN = 12  # placements in a page's figure
-_SHORT_ENTRY = 14  # characters, of which four stand side by side on a terminal and on a phone
 _NOTHING = 1e-15  # of a determinant (SI): it is zero
 _MOST_ROWS = 50  # of a table of placements
 _POSE = ("x, mm", "y", "z", "rx, °", "ry", "rz")
@@ -247,7 +257,10 @@ def _kinematics_document(result: KinematicsResult) -> Document:
             Section("Assembly modes", (_modes(result),)),
             Section(f"Differential model{at}", () if first is None else _differential(result, first)),
             Section(f"Link matrices{at}", _matrices(result)),
-            Section("Matrices in letters", _letters(result)),
+            Section(
+                "Models in letters",
+                () if result.letters is None else result.letters.blocks(result.robot.chain.joint_names),
+            ),
             Section("Placements", (_figure(result),)),
         ),
     )
@@ -323,6 +336,11 @@ def _placements(result: KinematicsResult) -> tuple[Block, ...]:
     caption = f"The tool is the {'platform' if chain.has_loops else 'last frame'}; its point is {point}."
     poses = tuple((each.name, *_pose_cells(each.T_base_tool)) for each in placed)
     tables = [(("", *names), joints, "Joint positions")]
+    heads = {"cylindrical": ("", "θ1, °", "L, mm", "z"), "polar": ("", "θ1, °", "θ2, °", "R, mm")}
+    if (system := result.options.coordinates) in heads:
+        places = [(each.name, _coordinates(each.T_base_tool)[system] or ()) for each in placed]
+        rows = tuple((name, *(fixed(value, 3) for value in values)) for name, values in places)
+        tables.append((heads[system], rows, f"The tool's place in {system} coordinates of the base"))
     if not result.reached:
         tables.append((("", *_POSE), poses, caption))
     else:
@@ -359,7 +377,8 @@ def _modes(result: KinematicsResult) -> Table:
 def _differential(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
     if not np.isfinite(first.jacobian).all():
         return ()
-    names, axes = result.robot.chain.joint_names, "the base" if result.options.frame == "base" else "the tool"
+    frame, names = result.options.frame, result.robot.chain.joint_names
+    axes = f"frame {frame}" if frame.isdigit() else f"the {frame}"
     jacobian = zip(_TWIST, _clean(first.jacobian), strict=True)
     rows = tuple((name, *(fixed(value, 4) for value in row)) for name, row in jacobian)
     caption = f"Jacobian in the axes of {axes}, m and rad: velocity of the tool's point, then angular velocity"
@@ -372,7 +391,23 @@ def _differential(result: KinematicsResult, first: Placement) -> tuple[Block, ..
     directions = first.lost if len(names) >= 6 else ()
     lost = [f"no joint moves the tool along {_parts(_TWIST, row / np.abs(row).max())}" for row in directions]
     table = Table(("", *names), rows, caption)
-    return table, Paragraph(capital(text)), Bullets((*free, *lost)), *_rates(result, first)
+    return table, Paragraph(capital(text)), Bullets((*free, *lost)), *_inverse(result, first), *_rates(result, first)
+
+
+def _inverse(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
+    """Tabulate the inverse of the Jacobian or its pseudo-inverse."""
+    found = first.inverse_jacobian
+    if found is None or not result.options.inverse_jacobian:
+        return ()
+    rows = zip(result.robot.chain.joint_names, _clean(found.matrix), strict=True)
+    caption = {
+        "blocks": "J⁻¹ by blocks, J = [A 0; C D]: A⁻¹, and below it −D⁻¹ C A⁻¹ and D⁻¹",
+        "inverse": "J⁻¹",
+        "left": "J⁺ = (JᵗJ)⁻¹Jᵗ: rates of the joints for a twist, by least squares",
+        "right": "J⁺ = Jᵗ(JJᵗ)⁻¹: the smallest rates of the joints for a twist",
+        "singular": "J⁺ by singular values, as the robot is singular here",
+    }[found.kind]
+    return (Table(("", *_TWIST), tuple((name, *(fixed(v, 4) for v in row)) for name, row in rows), caption),)
 
 
 def _rates(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
@@ -407,32 +442,6 @@ def _matrix(name: str, T: Array) -> Table:
     scale = np.where(np.arange(4) == 3, 1e3, 1.0)
     rows = [[fixed(value, 6 if j < 3 else 3) for j, value in enumerate(row)] for row in _clean(T[:3] * scale)]
     return Table(("", "", "", ""), tuple(tuple(row) for row in (*rows, ["0", "0", "0", "1"])), f"{name}, mm")
-
-
-def _letters(result: KinematicsResult) -> tuple[Block, ...]:
-    matrices = result.matrices.texts()
-    if not matrices:
-        return ()
-    letters = ", ".join(
-        f"{name.rpartition('_')[0]} = {value:.6g} {'mm' if name.endswith('mm') else '°'}".replace("-", "−")
-        for name, value in result.matrices.letter_values().items()
-    )
-    names = ", ".join(
-        f"q{i + 1} is {name}" for i, name in enumerate(result.robot.chain.joint_names) if name != f"q{i + 1}"
-    )
-    text = f"Here c1 is cos q1, s23 is sin(q2 + q3){f'; {names}' if names else ''}"
-    return (
-        Paragraph(f"{text}. {letters}." if letters else f"{text}."),
-        *(_matrix_in_letters(name, rows) for name, rows in matrices.items()),
-    )
-
-
-def _matrix_in_letters(name: str, rows: Sequence[Sequence[str]]) -> Table:
-    """Tabulate a matrix; one with long entries as a list of these."""
-    if max(len(entry) for row in rows for entry in row) <= _SHORT_ENTRY:
-        return Table(("", "", "", ""), tuple(tuple(row) for row in rows), name)
-    entries = tuple((f"{name}({i + 1},{j + 1})", rows[i][j]) for i in range(3) for j in range(4))
-    return Table(("", ""), entries, name)
 
 
 def _figure(result: KinematicsResult) -> Figure:

@@ -13,6 +13,7 @@ from lab.core.errors import LabError
 from lab.core.limits import PLACED
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
+from lab.extensions.robotics.kinematics.letters import ModelsInLetters
 from lab.extensions.robotics.kinematics.models import (
     NominalRobot,
     Placement,
@@ -25,7 +26,6 @@ from lab.extensions.robotics.kinematics.models import (
 )
 from lab.extensions.robotics.kinematics.options import KinematicsOptions
 from lab.extensions.robotics.kinematics.result import KinematicsResult, Matrices
-from lab.extensions.robotics.kinematics.symbolic import symbolic_chain
 from lab.formats.target_csv import holds_targets, read_joints, read_targets
 from lab.kinematics.closed.mobility import mobility_of
 from lab.kinematics.inverse.closed_form import closed_form_of
@@ -75,6 +75,7 @@ def solve_kinematics(robot: "str | Path | Robot | KinematicsOptions" = "irb120",
 def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult:
     options.check()
     arm = robot.arm((_TARGET,))
+    _check_frame(options, robot, arm)
     model = _Model(options, robot, arm, arm.nominal({_TARGET: options.tool_m}))
     targets, notes = model.targets()
     if targets is None:
@@ -85,22 +86,47 @@ def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult
     links = np.empty((0, 4, 4))
     if isinstance(arm, SerialArm) and placed:
         links = np.asarray(arm.links(placed[0].joints[None], model.values)[0])
-    if (options.matrices or options.between or options.symbolic) and not len(links):
-        raise LabError(f"robot {robot.name}: link matrices are of serial arms with a solution; leave out --matrices, "
-                       "--between and --symbolic")  # fmt: skip
+    if (options.matrices or options.between) and not len(links):
+        raise LabError(f"robot {robot.name}: link matrices are of serial arms with a solution; leave out --matrices "
+                       "and --between")  # fmt: skip
     if options.between is not None and not 0 <= options.between[0] < options.between[1] <= len(links):
         raise LabError(
             f"--between {options.between[0]} {options.between[1]}: give two frames of 0 to {len(links)}, the one "
             "nearer to the base first"
         )
     warnings = (*robot.warnings, *notes, *model.warnings(placed, reached))
-    letters = symbolic_chain(arm.chain) if isinstance(arm, SerialArm) and options.symbolic else None
-    matrices = Matrices(links, letters, options.between)
+    matrices, letters = Matrices(links, options.between), _in_letters(options, robot, arm)
     plain = replace(options, out=None, overwrite=False)  # the folder is no part of the result
-    found = KinematicsResult(plain, robot, placed, reached, model.assembly_modes(placed), matrices, warnings)
+    found = KinematicsResult(plain, robot, placed, reached, model.assembly_modes(placed), matrices, letters, warnings)
     if options.out is not None:
         found.save(options.out, overwrite=options.overwrite)
     return found
+
+
+def _in_letters(options: KinematicsOptions, robot: NominalRobot, arm: RigidArm) -> ModelsInLetters | None:
+    """Return the models in letters, if they are requested."""
+    if not (options.symbolic or options.symbolic_inverse):
+        return None
+    if not isinstance(arm, SerialArm):
+        raise LabError(
+            f"robot {robot.name}: models in letters are of serial arms; leave out --symbolic, --symbolic-inverse"
+        )
+    axes = options.axes
+    frame = axes if isinstance(axes, int) else 0 if axes == "base" else arm.chain.size
+    return ModelsInLetters.of(
+        arm.chain, frame, options.tool_m, options.between,
+        matrices=options.symbolic, inverse_jacobian=options.inverse_jacobian, inverse=options.symbolic_inverse,
+    )  # fmt: skip
+
+
+def _check_frame(options: KinematicsOptions, robot: NominalRobot, arm: RigidArm) -> None:
+    """Refuse a frame that the robot does not have."""
+    if isinstance(options.axes, str):
+        return
+    if not isinstance(arm, SerialArm):
+        raise LabError(f"--frame {options.frame}: robot {robot.name} has loops; give base or tool")
+    if options.axes > arm.chain.size:
+        raise LabError(f"--frame {options.frame}: give base, tool, or a frame's number from 0 to {arm.chain.size}")
 
 
 @dataclass(frozen=True)
@@ -155,7 +181,7 @@ class _Model:
             rows,
             ids,
             solved,
-            in_tool_frame=options.frame == "tool",
+            frame=options.axes,
             rates=options.joint_row(chain, "rates") if options.rates else None,
             twist=options.twist_si if options.twist else None,
         )

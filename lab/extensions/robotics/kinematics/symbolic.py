@@ -1,22 +1,35 @@
-"""Derive the transformation matrices of a serial chain in symbols, T_i-1,i and products, by sympy.
+"""Derive the matrices of a serial chain in symbols by sympy: T_i-1,i, their products, and the Jacobian.
 
 Joint positions are q1 ... qn in the order of the joints. Lengths that are not zero have the letters of the
 Denavit-Hartenberg table with the number of their row (d1, a2), and so have angles that are no multiple of 90 degrees
 (theta2, alpha3, beta3); all others are put in. Neighbouring axes that are parallel turn a vector by the sum of their
 angles, so that a product comes out as it is printed in textbooks, without a search for identities (e.g. Khalil & Dombre
 2002, section 3.4): cos(q2 + q3), not cos q2 cos q3 - sin q2 sin q3.
+
+A column of the Jacobian is z x r and z of a hinge, z and 0 of a slide (Whitney 1969; Khalil & Dombre 2002, equation
+5.9). Axis z and lever r are multiplied in axes that turn about z with no joint of its group of parallel axes, and then
+turned into the frame of the answer, so that it is tidy in any frame.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from lab.core.errors import LabError
 from lab.kinematics.serial.chain import COLUMNS, Chain, Convention
 
-__all__ = ["SymbolicChain", "symbolic_chain", "textbook"]
+__all__ = [
+    "SymbolicChain",
+    "Walked",
+    "backwards",
+    "program_formula",
+    "symbolic_chain",
+    "sympy_module",
+    "textbook",
+    "walked",
+]
 
 _Column = Literal["theta", "d", "a", "alpha", "beta"]
 _Step = tuple[_Column, Any]
@@ -52,7 +65,55 @@ class SymbolicChain:
             raise LabError(
                 f"frames {first} and {last}: give two frames of 0 to {len(self.rows)}, the one nearer to the base first"
             )
-        return _product(step for row in self.rows[first:last] for step in row)
+        return walked(step for row in self.rows[first:last] for step in row).pose
+
+    @property
+    def steps(self) -> tuple[_Step, ...]:
+        """All elementary motions in their order."""
+        return tuple(step for row in self.rows for step in row)
+
+    def step_of(self, joint: int) -> int:
+        """Return the index of a joint's own motion among ``steps``."""
+        width = len(self.rows[joint])
+        own = next(i for i, (_, amount) in enumerate(self.rows[joint]) if amount.has(self.joints[joint]))
+        return width * joint + own
+
+    def jacobian(self, frame: int = 0, point: Sequence[Any] = (0, 0, 0)) -> Any:
+        """Return the geometric Jacobian, a sympy matrix of 6 by n: velocity of a point, then angular velocity.
+
+        Args:
+            frame: in whose axes it is; 0 is the base's.
+            point: of the last frame.
+
+        Raises:
+            LabError: the chain has no such frame.
+        """
+        if not 0 <= frame <= len(self.rows):
+            raise LabError(f"frame {frame}: give one of 0 to {len(self.rows)}")
+        sympy, tool = sympy_module(), [*point, 1]
+        steps, columns = self.steps, []
+        here = frame * len(self.rows[0])
+        for joint, symbol in enumerate(self.joints):
+            own = self.step_of(joint)
+            path = steps[here:own] if own >= here else backwards(steps[own + 1 : here])
+            there = walked(path)
+            start = here + there.start if own >= here else here - there.start
+            axis_at = walked(path[there.start :]).position
+            lever = (walked(steps[start:]).pose * sympy.Matrix(tool))[:3, :] - axis_at
+            kind, amount = steps[own]
+            size = there.flip * amount.diff(symbol)
+            axis = there.rotation * sympy.Matrix([0, 0, size])
+            if kind == "d":
+                columns.append(axis.col_join(sympy.zeros(3, 1)))
+                continue
+            moved = there.rotation * sympy.Matrix([-size * lever[1], size * lever[0], 0])
+            columns.append(moved.col_join(axis))
+        return sympy.Matrix.hstack(*columns)
+
+
+def backwards(steps: Sequence[_Step]) -> tuple[_Step, ...]:
+    """Return the motions that undo some others, in their order."""
+    return tuple((name, -amount) for name, amount in reversed(steps))
 
 
 def symbolic_chain(chain: Chain) -> SymbolicChain:
@@ -61,7 +122,7 @@ def symbolic_chain(chain: Chain) -> SymbolicChain:
     Raises:
         LabError: sympy is not installed.
     """
-    sympy = _sympy()
+    sympy = sympy_module()
     joints = tuple(sympy.Symbol(f"q{i + 1}", real=True) for i in range(chain.size))
     letters: dict[str, float] = {}
     rows: list[tuple[_Step, ...]] = []
@@ -84,8 +145,42 @@ def textbook(expression: Any) -> str:
     return _text(expanded if len(expanded.as_ordered_terms()) <= _WRITTEN_OUT else expression)
 
 
+def program_formula(expression: Any) -> str:
+    """Format an expression as a formula of ``lab.formats.formula_program``."""
+    sympy = sympy_module()
+    if expression.is_Add:
+        terms = [program_formula(term) for term in expression.as_ordered_terms()]
+        return terms[0] + "".join(f" - {term[1:]}" if term.startswith("-") else f" + {term}" for term in terms[1:])
+    if expression.is_Mul:
+        number, rest = expression.as_coeff_Mul()
+        parts = rest.args if rest.is_Mul else (rest,)
+        under = [_program_factor(part.base) for part in parts if part.is_Pow and part.exp == -1]
+        factors = [_program_factor(part) for part in parts if not (part.is_Pow and part.exp == -1)]
+        numbers = [] if abs(number) == 1 and factors else [program_formula(abs(number))]
+        return ("-" if number < 0 else "") + "*".join((*numbers, *factors)) + "".join(f"/{each}" for each in under)
+    if expression.is_Number:
+        return repr(float(expression))
+    if expression.is_Pow and expression.exp == -1:
+        return f"1.0/{_program_factor(expression.base)}"
+    if expression.is_Pow and expression.exp == sympy.Rational(1, 2):
+        return f"sqrt({program_formula(expression.base)})"
+    return _program_factor(expression)
+
+
+def _program_factor(factor: Any) -> str:
+    if factor.is_Pow and factor.exp.is_Integer and factor.exp > 1:
+        return "*".join([_program_factor(factor.base)] * int(factor.exp))
+    if factor.is_Add or factor.is_Mul or (factor.is_Number and factor < 0):
+        return f"({program_formula(factor)})"
+    if factor.is_Pow or factor.is_Number:
+        return program_formula(factor)
+    if factor.is_Function:
+        return f"{factor.func.__name__}({', '.join(program_formula(each) for each in factor.args)})"
+    return str(factor)
+
+
 def _text(expression: Any) -> str:
-    sympy = _sympy()
+    sympy = sympy_module()
     if expression.is_Add:
         terms = sorted((_text(term) for term in expression.args), key=lambda term: (term.startswith("−"), term))
         return terms[0] + "".join(f" − {term[1:]}" if term.startswith("−") else f" + {term}" for term in terms[1:])
@@ -93,15 +188,27 @@ def _text(expression: Any) -> str:
         number, rest = expression.as_coeff_Mul()
         sign = "−" if number < 0 else ""
         factors = rest.args if rest.is_Mul else (rest,)
-        words = sorted((_factor(sympy, factor) for factor in factors), key=_order)
-        return sign + " ".join([str(abs(number))] * (abs(number) != 1) + words)
+        under = [_factor(sympy, 1 / factor) for factor in factors if _divides(factor)]
+        words = sorted((_factor(sympy, factor) for factor in factors if not _divides(factor)), key=_order)
+        whole = " ".join([str(abs(number))] * (abs(number) != 1 or not words) + words)
+        return sign + whole + "".join(f" / {each}" for each in under)
+    if _divides(expression):
+        return f"1 / {_factor(sympy, 1 / expression)}"
     return _factor(sympy, expression)
+
+
+def _divides(factor: Any) -> bool:
+    return bool(factor.is_Pow and factor.exp.is_negative)
 
 
 def _factor(sympy: Any, factor: Any) -> str:
     """Format a factor of a product, sums in brackets."""
-    if factor.is_Add:
+    if factor.is_Add or factor.is_Mul:
         return f"({_text(factor)})"
+    if factor.is_Pow and factor.exp == sympy.Rational(1, 2):
+        return f"√({_text(factor.base)})"
+    if factor.func is sympy.atan2:
+        return f"atan2({', '.join(_text(each) for each in factor.args)})"
     if factor.is_Pow:
         return f"{_factor(sympy, factor.base)}^{factor.exp}"
     if factor.func in (sympy.cos, sympy.sin):
@@ -142,15 +249,39 @@ def _amount(sympy: Any, letters: dict[str, float], name: str, value: float, *, i
     return sympy.Symbol(name, real=True)
 
 
-def _product(steps: Iterator[_Step]) -> Any:
-    """Multiply elementary motions.
+class Walked(NamedTuple):
+    """A place that elementary motions lead to.
 
-    The rotation is kept as R Rz(angle) F, with F = I or Rx(pi): turns about one direction add up in the angle, and are
+    The rotation is R Rz(angle) F, with F = I or Rx(pi): turns about one direction add up in the angle, and are
     multiplied out only where the direction changes.
+
+    Attributes:
+        rotation: R.
+        flip: 1 where F = I, else -1.
+        position: from where the motions start, in the axes there.
+        start: number of motions to where the direction changed last, where the axes are R.
     """
-    sympy = _sympy()
+
+    rotation: Any
+    angle: Any
+    flip: int
+    position: Any
+    start: int
+
+    @property
+    def pose(self) -> Any:
+        """Return the pose, a matrix of 4 by 4."""
+        sympy = sympy_module()
+        rotation = self.rotation * _turned(sympy, self.angle, self.flip)
+        return rotation.row_join(self.position).col_join(sympy.Matrix([[0, 0, 0, 1]]))
+
+
+def walked(steps: Iterable[_Step]) -> Walked:
+    """Multiply elementary motions."""
+    sympy = sympy_module()
     rotation, angle, flip, position = sympy.eye(3), sympy.Integer(0), 1, sympy.zeros(3, 1)
-    for name, amount in steps:
+    start = 0
+    for i, (name, amount) in enumerate(steps):
         if name == "theta":
             angle += flip * amount
         elif name == "d":
@@ -163,9 +294,8 @@ def _product(steps: Iterator[_Step]) -> Any:
             flip *= int(sympy.cos(amount))
         else:
             rotation = rotation * _turned(sympy, angle, flip) * _turn(sympy, name, amount)
-            angle, flip = sympy.Integer(0), 1
-    rotation = rotation * _turned(sympy, angle, flip)
-    return rotation.row_join(position).col_join(sympy.Matrix([[0, 0, 0, 1]]))
+            angle, flip, start = sympy.Integer(0), 1, i + 1
+    return Walked(rotation, angle, flip, position, start)
 
 
 def _turned(sympy: Any, angle: Any, flip: int) -> Any:
@@ -182,7 +312,7 @@ def _turn(sympy: Any, name: str, amount: Any) -> Any:
     return sympy.Matrix([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
 
-def _sympy() -> Any:
+def sympy_module() -> Any:
     """Import sympy when symbols are requested.
 
     Raises:
@@ -192,6 +322,6 @@ def _sympy() -> Any:
         import sympy
     except ImportError as error:
         raise LabError(
-            "matrices in letters need sympy, which is not installed; pip install 'virtual-calibration-lab[symbolic]'"
+            "models in letters need sympy, which is not installed; pip install 'virtual-calibration-lab[symbolic]'"
         ) from error
     return sympy

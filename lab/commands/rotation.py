@@ -1,0 +1,220 @@
+"""Convert a rotation between all usual descriptions: matrix, quaternion, axis and angle, three angles in twelve orders.
+
+All solutions are given, and where a description is singular what of it is determined (Mallem 2011, annex; Khalil &
+Dombre 2002, section 3.6).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lab.commands.command_line import options_of, takes
+from lab.commands.options import RotationOptions
+from lab.commands.result import Result, tidy
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.euler import AxisAngle, EulerAngles, axis_angle, euler_angles, rotation_from_euler
+from lab.core.limits import OPTION_SIZE, POSITIVE_OPTION, QUATERNION_NORM, ROTATION_ERROR
+from lab.core.orientation import ORDERS
+from lab.core.se3 import Array
+from lab.render.document import Bullets, Document, Paragraph, Section, Table, Warnings, fixed
+
+__all__ = ["Rotation", "rotation"]
+
+_ROUNDED = 1e-6  # of R'R - 1: a matrix that misses it is mended, and the reader told
+_NAMES = {"zyx": "yaw, pitch, roll", "xyz": "Bryant", "zxz": "Euler"}  # the order's other name
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Rotation(Result):
+    """A rotation in all its descriptions.
+
+    Attributes:
+        matrix: ``(3, 3)``; its columns are the turned axes.
+        quaternion: ``(4,)`` wxyz, w not negative; its negative is the same rotation.
+        axis: of the rotation, and its angle.
+        angles: in every order of axes.
+    """
+
+    command = "rotation"
+    shown_by = "lab.commands.rotation:_rotation_document"
+
+    options: RotationOptions
+    matrix: Array
+    quaternion: Array
+    axis: AxisAngle
+    angles: tuple[EulerAngles, ...]
+    warnings: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the output of ``--json``: angles in the unit of the options."""
+        free = bool(np.isnan(self.axis.axis).any())
+        return {
+            "unit": "rad" if self.options.radians else "deg",
+            "matrix": [[tidy(each) for each in row] for row in self.matrix],
+            "quaternion": [tidy(each) for each in self.quaternion],
+            "axis": None if free else [tidy(each) for each in self.axis.axis],
+            "angle": self._angle(self.axis.angle),
+            "both_axes": self.axis.both_axes,
+            "axis_angles": [[self._angle(each) for each in row] for row in self._axis_directions()],
+            "orders": {
+                each.order: {
+                    "solutions": [[self._angle(angle) for angle in row] for row in each.solutions],
+                    "singular": bool(each.free),
+                    "determined": _determined(each),
+                }
+                for each in self.angles
+            },
+            "warnings": list(self.warnings),
+        }
+
+    def columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return a row for each order and solution: a, b and c in the unit of the options."""
+        rows = [(each.order, *row) for each in self.angles for row in each.solutions]
+        unit = "rad" if self.options.radians else "deg"
+        names = ("order", *(f"{name}_{unit}" for name in "abc"))
+        return {name: [row[i] if i == 0 else self._angle(row[i]) for row in rows] for i, name in enumerate(names)}
+
+    def _angle(self, angle: float) -> float:
+        return tidy(angle if self.options.radians else np.rad2deg(angle))
+
+    def _axis_directions(self) -> list[tuple[float, float]]:
+        """Return alpha and beta (rad) of the axis, which is Rz(alpha) Rx(beta) z: both solutions; none of no axis."""
+        x, y, z = self.axis.axis
+        if not np.isfinite(x):
+            return []
+        level = float(np.hypot(x, y))
+        alpha, beta = float(np.arctan2(x, -y)) if level > 0 else 0.0, float(np.arctan2(level, z))
+        return [(alpha, beta), (alpha - np.pi if alpha > 0 else alpha + np.pi, -beta)]
+
+
+@takes(RotationOptions)
+def rotation(options: RotationOptions | None = None, **given: Any) -> Rotation:
+    """Convert a rotation between matrix, quaternion, axis and angle, and three angles in twelve orders.
+
+    Args:
+        options: all options in one object.
+        given: those of ``lab rotation``, by name: one of ``matrix``, ``quaternion``, ``angles`` and ``axis``.
+
+    Returns:
+        The rotation in all descriptions, with both solutions, and what is determined where one is singular.
+
+    Raises:
+        LabError: what is given is no rotation.
+
+    Example:
+        >>> import lab
+        >>> lab.rotation(angles=(30, 90, 0), order="zyx").to_dict()["orders"]["zyx"]["determined"]
+        'c − a'
+    """
+    requested = options if options is not None else options_of("lab.rotation", RotationOptions, given)
+    R, warnings = _given(requested)
+    quaternion = se3.quaternion_from_rotation(R)
+    plain = replace(requested, out=None, overwrite=False)
+    found = Rotation(
+        plain, R, np.where(quaternion[0] < 0, -quaternion, quaternion) + 0.0, axis_angle(R),
+        tuple(euler_angles(R, order) for order in ORDERS), warnings,
+    )  # fmt: skip
+    if requested.out is not None:
+        found.save(requested.out, overwrite=requested.overwrite)
+    return found
+
+
+def _given(options: RotationOptions) -> tuple[Array, tuple[str, ...]]:
+    """Return the rotation matrix that options give, and warnings."""
+    options.check()
+    unit = 1.0 if options.radians else np.pi / 180
+    if options.quaternion:
+        quaternion = _numbers("--quaternion", options.quaternion, 4, "w,x,y,z")
+        norm = float(np.linalg.norm(quaternion))
+        if norm not in QUATERNION_NORM:
+            raise LabError(f"--quaternion: its norm is {norm:.6g}, not 1; mend it, or its order w,x,y,z")
+        return se3.rotation_from_quaternion(quaternion), ()
+    if options.axis:
+        axis = _numbers("--axis", options.axis, 3, "x,y,z")
+        size = float(np.linalg.norm(axis))
+        if size not in POSITIVE_OPTION:
+            raise LabError(f"--axis is {size:g} long; give a direction that is not zero")
+        angle = _numbers("--angle", (options.angle or 0.0,), 1, "one angle")[0]
+        return se3.exp(axis / size * angle * unit), ()
+    if options.angles:
+        angles = _numbers("--angles", options.angles, 3, "a,b,c") * unit
+        order = options.order
+        if options.fixed:
+            return rotation_from_euler(angles[::-1], order[::-1]), ()  # type: ignore[arg-type]
+        return rotation_from_euler(angles, order), ()
+    return _mended(_numbers("--matrix", options.matrix, 9, "its rows, one after the other").reshape(3, 3))
+
+
+def _mended(matrix: Array) -> tuple[Array, tuple[str, ...]]:
+    """Return the rotation nearest to a matrix, and a warning where that changes it."""
+    missed = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
+    if missed not in ROTATION_ERROR:
+        raise LabError(f"--matrix: RᵀR misses 1 by {missed:.2g}; give a rotation, with three digits or more")
+    if np.linalg.det(matrix) < 0:
+        raise LabError("--matrix: its determinant is −1, as of a reflection; mend the sign of a row or column")
+    moved = f"--matrix: RᵀR misses 1 by {missed:.2g}; the nearest rotation is taken"
+    return se3.nearest_rotation(matrix), (moved,) if missed > _ROUNDED else ()
+
+
+def _numbers(flag: str, given: Sequence[float], count: int, what: str) -> Array:
+    if len(given) != count:
+        raise LabError(f"{flag} has {len(given)} numbers, not {count}; give {what}")
+    if bad := [each for each in given if abs(each) not in OPTION_SIZE]:
+        raise LabError(f"{flag} {bad[0]:g}: give finite numbers of at most {OPTION_SIZE.most:g}")
+    return np.array(given, dtype=np.float64)
+
+
+def _determined(each: EulerAngles) -> str:
+    """Name what of the angles is determined where the order is singular; empty elsewhere."""
+    return {1: "c + a", -1: "c − a", 0: ""}[each.free]
+
+
+def _rotation_document(result: Rotation) -> Document:
+    unit = "rad" if result.options.radians else "°"
+    digits = 6 if result.options.radians else 4
+
+    def shown(angle: float) -> str:
+        return fixed(result._angle(angle), digits)
+
+    matrix = Table(("", "", ""), tuple(tuple(fixed(each, 6) for each in row + 0.0) for row in result.matrix))
+    w, x, y, z = (fixed(each, 6) for each in result.quaternion)
+    other = ", ".join(fixed(-each + 0.0, 6) for each in result.quaternion)
+    lines = [f"quaternion wxyz ({w}, {x}, {y}, {z}), and its negative ({other})", *_axis_lines(result, shown, unit)]
+    rows = []
+    for each in result.angles:
+        name = f" ({_NAMES[each.order]})" if each.order in _NAMES else ""
+        note = f"singular: {_determined(each)} alone is determined" if each.free else ""
+        for i, row in enumerate(each.solutions):
+            rows.append(("" if i else f"{each.order}{name}", *(shown(angle) for angle in row), note))
+    heads = ("order", *(f"{name}, {unit}" for name in "abc"), "remark")
+    table = Table(heads if any(row[-1] for row in rows) else heads[:-1],
+                  tuple(row if any(each[-1] for each in rows) else row[:-1] for row in rows))  # fmt: skip
+    note = (
+        "zyx is R = Rz(a) Ry(b) Rx(c), about moving axes. About fixed axes the same turns come in reverse order: x by "
+        "c, then y by b, then z by a. Each order has two solutions."
+    )
+    return Document(
+        f"A rotation by {shown(result.axis.angle)} {unit}",
+        (
+            Warnings(result.warnings),
+            Section("Matrix of direction cosines", (matrix,)),
+            Section("Quaternion, axis and angle", (Bullets(tuple(lines)),)),
+            Section("Angles in twelve orders", (Paragraph(note), table)),
+        ),
+    )
+
+
+def _axis_lines(result: Rotation, shown: Any, unit: str) -> list[str]:
+    """Describe axis and angle with the other solution, and the axis by the two angles that turn z to it."""
+    axis, angle = result.axis.axis, shown(result.axis.angle)
+    if np.isnan(axis).any():
+        return [f"angle {angle} {unit}: nothing is turned, and any axis will do (singular)"]
+    plus, minus = (", ".join(fixed(each, 6) for each in sign * axis + 0.0) for sign in (1, -1))
+    lines = [f"axis ({plus}), angle {angle} {unit}, or axis ({minus}), angle {shown(-result.axis.angle)} {unit}"]
+    if result.axis.both_axes:
+        lines.append("half a turn: both axes do with either angle, so that the axis' sign is free (singular)")
+    pairs = " or ".join(f"α {shown(alpha)}, β {shown(beta)} {unit}" for alpha, beta in result._axis_directions())
+    return [*lines, f"the axis is Rz(α) Rx(β) z with {pairs}"]
