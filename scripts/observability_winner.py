@@ -107,7 +107,9 @@ def _words(found: list[LiveTables], won: dict[bool, dict[str, Chance]]) -> list[
     lines = []
     for all_rows, words in ROWS.items():
         best = max(won[all_rows], key=lambda name: won[all_rows][name].mean)
-        lines.append(f"{words}: {best} has the least RMS most often, in {100 * won[all_rows][best].mean:.0f} % of draws.")
+        lines.append(
+            f"{words}: {best} has the least RMS most often, in {100 * won[all_rows][best].mean:.0f} % of draws."
+        )
     return [*lines, f"Without the three rows the order {', '.join(order)} holds in {times} of {len(found)} searches."]
 
 
