@@ -170,8 +170,8 @@ def _contradicts() -> tuple[Answer, ...]:
         share = found.disagree(*names)
         text = f"{100 * share.value:.0f} % of pairs ({100 * share.lower:.0f} to {100 * share.upper:.0f})"
         answers.append(
-            _stated(f"{', '.join(names)} order two sets differently", "in some cases", holds=share.lower > 0, found=text,
-                    why="no pair was found")
+            _stated(f"{', '.join(names)} order two sets differently", "in some cases", holds=share.lower > 0,
+                    found=text, why="no pair was found")
         )  # fmt: skip
     pair = found.example()
     for name in ("O1", "O2", "O3"):
@@ -185,7 +185,7 @@ def _contradicts() -> tuple[Answer, ...]:
 
 STATEMENT_ITEMS = (
     Item("Chapter I, section III.1", "Errors grow from the base to the effector", _grows, "lab inspect irb140",
-         "RMS position error of each frame of 100 virtual arms whose links all have the tolerances 0.5 mm and 1.5 mrad: "
+         "RMS position error of each frame of 100 virtual arms, each link with tolerances of 0.5 mm and 1.5 mrad (1σ): "
          "geometric means of ratios, 95 % intervals over the arms."),
     Item("Figure I.4", "Workspaces of the IRB 140 and 2400", _workspaces, "lab workspace irb140 --tool-mm 0,0,-65",
          "Of the wrist's centre, as makers draw it, within the joint limits alone. The makers' reaches are 810 and "
@@ -198,7 +198,7 @@ STATEMENT_ITEMS = (
          "0.5 mm and 1.5 mrad for legs of 1 m; equal calibrations: 30 random poses, noise of ±8 µm. Means over the "
          "workspace, 95 % intervals."),
     Item("Chapter I, section V.3", "Ranking of error sources", _ranking, "python scripts/what_matters.py",
-         "RMS position error of 200 virtual arms by each source alone. Joints: zeros (1.5 mrad, 1σ) and gains (50 ppm); "
+         "RMS position error of 200 virtual arms by each source alone. Joints: zeros (1.5 mrad, 1σ), gains (50 ppm); "
          "geometry: all other table entries (0.5 mm, 1.5 mrad); the rest: joints of 1e5 Nm/rad under their own weight "
          "and 0 to 2 kg, runout of 0.1 mrad, backlash of 0.05 mrad, 5 K of warming. The order depends on these sizes."),
     Item("Chapter II, section I.4", "O1 to O3 contradict each other", _contradicts,
