@@ -45,11 +45,18 @@ def answer(options: Options) -> Answer:
     ]
     won = {all_rows: chances(found, all_rows=all_rows) for all_rows in ROWS}
     order, times = commonest_order(found)
-    blocks = (_estimates(found[0]), _performance(found[0]), _winners(won), *paragraphs(_words(found, won)))
+    blocks = (
+        _estimates(found[0]),
+        _performance(found[0]),
+        _scores(found[0]),
+        _winners(won),
+        *paragraphs(_words(found, won)),
+    )
     values = {
         "seed": options.seed, "noise_um": options.noise_um, "searches": options.searches, "draws": options.draws,
         "estimates": {name: each.tolist() for name, each in found[0].estimates().items()},
         "rows": {"all": _row_values(found[0], all_rows=True), "without": _row_values(found[0], all_rows=False)},
+        "scores": found[0].scores,
         "least_rms": {
             "all": {name: asdict(each) for name, each in won[True].items()},
             "without": {name: asdict(each) for name, each in won[False].items()},
@@ -92,6 +99,15 @@ def _performance(found: LiveTables) -> Table:
             ranges = ["{:.5f} to {:.5f}".format(*np.array(each["quantiles"])[[0, 2]]) for each in by_index.values()]
             rows.append(("", "", "95 % of draws", *ranges))
     return Table(("", "", "", *found.errors), tuple(rows), "Table IV.3: mm and rad as they are")
+
+
+def _scores(found: LiveTables) -> Table:
+    rows: list[Row] = [
+        (f"poses by {name}", *(f"{100 * value:.1f} %" for value in scores.values()))
+        for name, scores in found.scores.items()
+    ]
+    caption = "Each index of each set of poses, over the best of these sets"
+    return Table(("", *next(iter(found.scores.values()))), tuple(rows), caption)
 
 
 def _winners(won: dict[bool, dict[str, Chance]]) -> Table:

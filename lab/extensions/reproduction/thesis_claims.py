@@ -382,7 +382,7 @@ def _other(
     points = arm.points(joints, values)[:, 0]
     for k in range(arms):
         rng = rng_for(k, "effects", 1)
-        payload = given.payload_kg * rng.random(poses)
+        payload = np.full(poses, given.payload_kg) * rng.random(poses)
         turned = loads.forces(joints, payload)[0] / given.stiffness
         turned = turned + given.runout_rad * np.sin(joints + rng.uniform(-np.pi, np.pi, n))
         turned = turned + given.backlash_rad / 2 * rng.choice((-1.0, 1.0), (poses, n))

@@ -26,6 +26,7 @@ from lab.extensions.reproduction.thesis_case import (
     thesis_case,
     without,
 )
+from lab.pose_selection.criteria import indices
 
 __all__ = ["INDICES", "Chance", "LiveTables", "chances", "commonest_order", "live_tables"]
 
@@ -33,6 +34,7 @@ INDICES = (*CRITERIA, "A", "random")
 _NOISE_UM = 8.0  # of the thesis, half the width of a uniform distribution
 _CANDIDATES, _POSES = 200, 20
 _TAIL = 0.025
+_SCORES = ("o1", "o2", "o3", "o4", "o5")
 
 
 @dataclass(frozen=True)
@@ -74,13 +76,22 @@ class LiveTables:
     @cached_property
     def expected(self) -> dict[str, float]:
         """The root of the expected mean square error of the 16 unbiased rows, mm and rad, by index."""
-        case, variance = thesis_case(), (self.noise_um / 1e3) ** 2 / 3
-        found = {}
+        variance, found = (self.noise_um / 1e3) ** 2 / 3, {}
         for name, joints in self.joints.items():
-            rates = MM.of(case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)]) / case.mm
+            rates = _rates(joints)
             information = np.einsum("ndp,ndq->pq", rates, rates)
             found[name] = float(np.sqrt(variance * without(np.diag(np.linalg.inv(information))).mean()))
         return found
+
+    @property
+    def scores(self) -> dict[str, dict[str, float]]:
+        """O1 to O5 of each set of poses, over the best of all sets: by the index that chose it, then by index."""
+        found = {name: indices(_rates(joints)) for name, joints in self.joints.items()}
+        best = {each: max(float(getattr(one, each)) for one in found.values()) for each in _SCORES}
+        return {
+            name: {each.upper(): float(getattr(one, each)) / best[each] for each in _SCORES}
+            for name, one in found.items()
+        }
 
     @cached_property
     def order(self) -> tuple[str, ...]:
@@ -122,6 +133,12 @@ def live_tables(
         twin = {"O2": "condition", "condition": "O2"}.get(name, name)
         chosen[name] = chosen[twin] if twin in chosen else _poses(name, seed)
     return LiveTables(seed, noise_um, chosen, {name: _errors(at, noise_um, seed, draws) for name, at in chosen.items()})
+
+
+def _rates(joints: Array) -> Array:
+    """Return Jacobians ``(n, 3, 19)``, mm and rad."""
+    case = thesis_case()
+    return np.asarray(MM.of(case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)]) / case.mm)
 
 
 def _poses(name: str, seed: int) -> Array:
