@@ -61,7 +61,7 @@ def answer(options: Options) -> Answer:
             "all": {name: asdict(each) for name, each in won[True].items()},
             "without": {name: asdict(each) for name, each in won[False].items()},
         },
-        "order_without": list(order), "searches_with_it": times,
+        "order_without": list(order), "searches_with_it": times, "expected_without": _expected(found),
     }  # fmt: skip
     title = f"Tables IV.2 and IV.3, noise of ±{options.noise_um:g} µm, seed {options.seed}"
     return Answer(values, Document(title, (Section("Tables", blocks),)))
@@ -126,7 +126,14 @@ def _words(found: list[LiveTables], won: dict[bool, dict[str, Chance]]) -> list[
         lines.append(
             f"{words}: {best} has the least RMS most often, in {100 * won[all_rows][best].mean:.0f} % of draws."
         )
-    return [*lines, f"Without the three rows the order {', '.join(order)} holds in {times} of {len(found)} searches."]
+    expected = _expected(found)
+    listed = ", ".join(f"{name} ({expected[name]:.5f})" for name in order)
+    return [*lines, f"Expected RMS without the three rows: {listed}; this order in {times} of {len(found)} searches."]
+
+
+def _expected(found: list[LiveTables]) -> dict[str, float]:
+    """Return the median over the searches of the expected RMS without the three rows, by index."""
+    return {name: float(np.median([each.expected[name] for each in found])) for name in found[0].expected}
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ def test_without_the_three_rows_the_order_is_stable_and_with_them_it_is_chance()
     whole, without = (
         {name: each["mean"] for name, each in found["least_rms"][rows].items()} for rows in ("all", "without")
     )
+    assert list(found["expected_without"]) == list(indices) and found["expected_without"]["O5"] < 0.00135
     assert max(whole.values()) < 0.4 and max(without, key=lambda name: without[name]) == "O5"
     assert sum(whole.values()) == pytest.approx(1.0) and sum(without.values()) == pytest.approx(1.0)
     for name in indices:
