@@ -90,7 +90,7 @@ def before(arm: SerialArm, joints: Array, points: Array) -> Array:
 
 
 def fitted(arm: SerialArm, groups: Sequence[str], joints: Array, points: Array) -> tuple[Array, Array]:
-    """Fit base, tool and groups of errors by least squares, with a wide prior that decides what the points do not.
+    """Fit base, tool and groups of errors by least squares, with a wide prior along undetermined directions.
 
     Returns:
         Parameters ``(p,)``, and the joints' gains ``(joints,)``.

@@ -1,4 +1,4 @@
-"""Test what chapters I and II of Mahdadi and Bouafia 2020 say in words, on the lab's robots and virtual arms.
+"""Test statements of chapters I and II of Mahdadi and Bouafia 2020 on the lab's robots and virtual arms.
 
 Figure I.4 and table I.1, "errors grow from the base to the effector" (section III.1), the ranking of error sources
 (section V.3, after Judd and Knasinski 1990 and Damak 1996), and the contradiction of O1 to O3 (chapter II, section I.4,

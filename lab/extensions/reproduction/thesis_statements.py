@@ -81,8 +81,8 @@ _ROWS = {  # of table I.1: printed, and the property of which the serial robot h
     "stiffness at equal workspace": ("parallel higher", "compliance", "equal workspace"),
 }  # fmt: skip
 _WHY = {
-    "accuracy after calibration, exact joints": "noise alone reaches the position by σ √(parameters / poses), and the "
-    "parallel robot has more parameters",
+    "accuracy after calibration, exact joints": "with exact joints the error is that of the noise, about "
+    "σ √(parameters / poses), and the parallel robot has more parameters",
     "repeatability at equal workspace": "made as large as the serial one's workspace, the parallel robot has longer "
     "levers",
     "stiffness at equal workspace": "compliance is the square of the same levers",

@@ -1,4 +1,4 @@
-"""Compute tables IV.2 and IV.3 of Mahdadi and Bouafia 2020 for any index, noise and seed, and who wins how often.
+"""Compute tables IV.2 and IV.3 of Mahdadi and Bouafia 2020 for any index, noise and seed, and each index's wins.
 
 The errors are those of ``thesis_case``: a linear arm, so that the part by noise grows with the noise, and the bias by
 the dropped parameters does not. That bias is in three of the 19 rows alone, d3, theta5 and alpha5. With them the RMS is
