@@ -24,6 +24,7 @@ from lab.extensions.reproduction.thesis_case import (
     thesis_case,
 )
 from lab.extensions.reproduction.thesis_model import MODEL_ITEMS
+from lab.extensions.reproduction.thesis_statements import STATEMENT_ITEMS
 from lab.kinematics.gauge import base_set_of
 from lab.pose_selection.criteria import indices
 from lab.render.charts.chart import axes_picture
@@ -404,13 +405,12 @@ _BEFORE_CURVES = next(i for i, item in enumerate(_CALIBRATION_ITEMS) if item.num
 THESIS = Source(
     "thesis",
     "Mahdadi and Bouafia 2020, a comparative study of observability indices for robot calibration (M'sila)",
-    (*_INDEX_ITEMS, *MODEL_ITEMS, *_CALIBRATION_ITEMS[:_BEFORE_CURVES], *_CURVE_ITEMS,
+    (*STATEMENT_ITEMS, *_INDEX_ITEMS, *MODEL_ITEMS, *_CALIBRATION_ITEMS[:_BEFORE_CURVES], *_CURVE_ITEMS,
      *_CALIBRATION_ITEMS[_BEFORE_CURVES:]),
     (
         Missing("Figures I.1, I.2, I.3, I.5", "Robots", "photographs"),
-        Missing("Figure I.4", "Workspaces of the IRB 140 and 2400",
-                "makers' drawings of arms whose tables are not given"),
-        Missing("Table I.1", "Parallel and serial robots compared", "words that order the two kinds; no numbers"),
+        Missing("Table I.1, rows 3, 6 and 8", "Versatility, payload by mass, dynamics of parallel and serial robots",
+                "they need tasks, motors and masses that the models do not have"),
         Missing("Figures I.6, I.7", "Accuracy and repeatability, sources of errors", "illustrations"),
         Missing("Equations II.1 to II.3, IV.1 to IV.6", "Notation",
                 "definitions without a value; used in the items above"),
