@@ -103,7 +103,7 @@ class Card(Block):
         numbers: caption, number and kind of each large number; a kind is that of a table's row, or empty.
         about: what the numbers are, in a sentence.
         next_step: what to do now.
-        pictures: at most one small picture.
+        figures: at most one, small.
     """
 
     kind: ClassVar[str] = "card"
@@ -111,7 +111,7 @@ class Card(Block):
     numbers: tuple[tuple[str, str, str], ...]
     about: str
     next_step: Text
-    pictures: "tuple[Picture, ...]" = ()
+    figures: "tuple[Figure, ...]" = ()
 
     def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if medium == "page" else ()
@@ -304,8 +304,10 @@ class Document:
 
 def _pictures(blocks: Iterable[Block]) -> Iterable[Picture]:
     for block in blocks:
-        if isinstance(block, (Card, Figure)):
+        if isinstance(block, Figure):
             yield from block.pictures
+        elif isinstance(block, Card):
+            yield from _pictures(block.figures)
         elif isinstance(block, Section):
             yield from _pictures(block.blocks)
 

@@ -60,6 +60,7 @@ def _texts(blocks: Iterable[doc.Block]) -> Iterator[str]:
             yield plain(each.text)
         elif isinstance(each, doc.Card):
             yield each.about
+            yield from _texts(each.figures)
         elif isinstance(each, doc.Bullets):
             yield from map(plain, each.items)
         elif isinstance(each, doc.Table):

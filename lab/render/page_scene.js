@@ -214,6 +214,13 @@ document.querySelectorAll(".scene").forEach((box) => {
     show.raise = Math.max(-1.5, Math.min(1.5, show.raise + step[1]));
     paint();
   });
+  const button = box.querySelector("button");
+  let playing = null;
+  button.hidden = poses < 2;
+  button.addEventListener("click", () => {
+    playing = playing ? clearInterval(playing) : setInterval(() => choose((show.pose + 1) % poses), 600);
+    button.textContent = playing ? "stop" : "play";
+  });
   new ResizeObserver(paint).observe(canvas);
   paint();
 });

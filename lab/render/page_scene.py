@@ -13,15 +13,17 @@ import numpy as np
 from markupsafe import Markup
 
 from lab.core.errors import counted
-from lab.core.se3 import Array
+from lab.core.se3 import Array, inverse
 from lab.core.units import MM
+from lab.kinematics.model import RigidArm
 from lab.render.document import format_magnification, short
-from lab.render.scene import Legs, MagnifiedEllipsoids
+from lab.render.scene import Legs, MagnifiedEllipsoids, moved, world_legs
 from lab.render.style import COLOUR_SCALE
 from lab.render.surfaces import coarse
-from lab.simulation.meshes import Shell
+from lab.simulation.meshes import Shell, arm_shells, body_poses
+from lab.simulation.model import RobotModel
 
-__all__ = ["ArmScene", "Arrows", "scene_json"]
+__all__ = ["ArmScene", "Arrows", "posed_arm", "scene_json"]
 
 _MOST_FACES = 20_000  # of all shells of an arm, as drawn on a page
 _PLAIN_RGB = (90, 105, 125)  # of points without an error
@@ -103,6 +105,14 @@ class ArmScene:
     def title(self) -> str:
         """Title of the table of the poses."""
         return f"Errors of {counted(len(self.names), 'pose')}"
+
+
+def posed_arm(model: RobotModel, arm: RigidArm, values: Array, joints: Array, names: Sequence[str]) -> ArmScene:
+    """Return the scene of an arm with parameters ``values`` at joint positions ``(n, joints)``, without errors."""
+    visible = arm_shells(model)
+    bodies = body_poses(model, arm, values, joints)
+    points = moved(model.T_world_frame0 @ inverse(arm.T_tracker_frame0(values)), arm.points(joints, values))
+    return ArmScene(names, visible, bodies, points[:, 0], world_legs(model.T_world_frame0, arm, values, joints))
 
 
 def scene_json(scene: ArmScene) -> Markup:

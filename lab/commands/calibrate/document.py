@@ -7,6 +7,7 @@ import numpy as np
 
 from lab.calibration.estimate import EstimatedParameter
 from lab.calibration.identifiability import Direction
+from lab.calibration.observation import observation_of
 from lab.calibration.prior import ActingPrior
 from lab.calibration.statistics.remaining_error import ExplainedError
 from lab.calibration.verdict import Answer, Word, rotation_noise_rad
@@ -51,8 +52,10 @@ _CORRELATIONS = (
     "The blocks show the correlations of the identified parameters by link. Blue: both rise together; vermilion: "
     "one falls as the other rises. Dark cells off the diagonal mark parameters that these poses barely separate."
 )
-_SCENE = (
-    "The arm at the fitted poses. Arrows show measured less predicted position, orange before calibration, blue after. "
+_SPREAD = "Errors before calibration (orange, hatched) and after it (blue), on a logarithmic axis; dashed: the means."
+_ARM = "The arm at the fitted poses."
+_ERRORS = (
+    "Arrows show measured less predicted position, orange before calibration, blue after. "
     "The point's colour is the error after: the darker, the larger."
 )
 _SINGULAR_VALUES = (
@@ -119,8 +122,10 @@ def _card(result: CalibrationResult) -> doc.Card:
             numbers += (("smaller by a factor of", short(before.mean / after.mean), ""),)
         about = f"Mean {_judged_error(result).rstrip(',')} {_validated_on(result)}."
     gate = f" ({gate_text(result.options.gate_mm)})"
-    pictures = error_histograms(result, _judged_error(result).rstrip(","))
-    return doc.Card((_VERDICTS[verdict.word], gate), numbers, about, next_step(verdict), pictures)
+    spread = doc.Figure("errors-figure", error_histograms(result, _judged_error(result).rstrip(",")), _SPREAD)
+    return doc.Card(
+        (_VERDICTS[verdict.word], gate), numbers, about, next_step(verdict), (spread,) * bool(spread.pictures)
+    )
 
 
 def _lead(result: CalibrationResult) -> doc.Paragraph:
@@ -164,7 +169,8 @@ def _verdict_blocks(result: CalibrationResult) -> tuple[doc.Block, ...]:
     )
     word = ("Verdict: ", _VERDICTS[verdict.word], f" ({gate_text(result.options.gate_mm)})")
     blocks = (*because, doc.Bullets(answers), _lead(result))
-    arm = doc.Scene("arm-scene", lambda: page_scene(result), _SCENE)
+    caption = f"{_ARM} {_ERRORS}" if observation_of(result.identification.model).positions else _ARM
+    arm = doc.Scene("arm-scene", lambda: page_scene(result), caption)
     return (
         doc.Paragraph(word, shown_in=doc.NARROW),
         *(replace(each, shown_in=doc.NARROW) for each in blocks),

@@ -17,7 +17,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.effects.sessions import at_first_station
 from lab.kinematics.model import RigidArm
-from lab.render.page_scene import ArmScene, Arrows
+from lab.render.page_scene import ArmScene, Arrows, posed_arm
 from lab.render.scene import (
     LARGEST_FACTOR,
     Legs,
@@ -181,7 +181,15 @@ def _uncertainty_ellipsoids(
 
 
 def page_scene(outcome: CalibrationResult) -> ArmScene:
-    """Return the scene for a page: the first target's errors and the uncertainty of its position."""
+    """Return the scene for a page: the first target's errors and the uncertainty of its position.
+
+    Of a fit to other measurements than points, it is the arm alone.
+    """
+    if not observation_of(outcome.identification.model).positions:
+        arm, values = outcome.rigid(outcome.identification.values)
+        rows = drawn_rows(len(outcome.fitted))
+        names = [outcome.fitted.ids[row] for row in rows]
+        return posed_arm(outcome.robot.model, arm, values, outcome.fitted.joints[rows], names)
     shown = scene(outcome)
     vectors = [(shown.measured - points)[:, 0] for points in (shown.before, shown.after)]
     arrows = (
