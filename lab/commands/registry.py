@@ -5,6 +5,7 @@ Nothing of a command is imported before it is run.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from string import Formatter
 from typing import Any
@@ -191,5 +192,7 @@ def command_named(name: str) -> Command:
     if name in registered(_GROUP):
         added: Command = load(_GROUP, name)
         return added
-    known = ", ".join((*(command.name for command in COMMANDS), *registered(_GROUP)))
-    raise LabError(f"'{name}' is no command; there are {known}; see lab --help")
+    known = (*(command.name for command in COMMANDS), *registered(_GROUP))
+    if meant := get_close_matches(name, known, 1, cutoff=0.75):
+        raise LabError(f"'{name}' is no command; is {meant[0]} meant? See lab --help")
+    raise LabError(f"'{name}' is no command; there are {', '.join(known)}; see lab --help")

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
 __all__ = [
-    "EVERYWHERE", "NARROW", "PAGE", "RECORDING", "TERMINAL", "Badge", "Block", "Bullets", "Code", "Column", "Command",
-    "Document", "Figure", "Inline", "Paragraph", "Picture", "Row", "Section", "Strong", "Table", "Text", "Warnings",
-    "capital", "digits_of", "fixed", "format_magnification", "inlines", "plain", "plus_minus", "sentence", "short",
-    "shown",
+    "EVERYWHERE", "NARROW", "PAGE", "RECORDING", "TERMINAL", "Badge", "Block", "Bullets", "Card", "Code", "Column",
+    "Command", "Document", "Figure", "Inline", "Paragraph", "Picture", "Row", "Scene", "Section", "Strong", "Table",
+    "Text", "Warnings", "capital", "digits_of", "fixed", "format_magnification", "inlines", "plain", "plus_minus",
+    "sentence", "short", "shown",
 ]  # fmt: skip
 
 _Medium = Literal["terminal", "page", "recording"]
@@ -92,6 +92,29 @@ class Paragraph(Block):
 
     def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if plain(self.text) else ()
+
+
+@dataclass(frozen=True)
+class Card(Block):
+    """First block of a page: is it good, how good, and what to do next.
+
+    Attributes:
+        verdict: the badge, with what it was judged by.
+        numbers: caption, number and kind of each large number; a kind is that of a table's row, or empty.
+        about: what the numbers are, in a sentence.
+        next_step: what to do now.
+        figures: at most one, small.
+    """
+
+    kind: ClassVar[str] = "card"
+    verdict: Text
+    numbers: tuple[tuple[str, str, str], ...]
+    about: str
+    next_step: Text
+    figures: "tuple[Figure, ...]" = ()
+
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
+        return (self,) if medium == "page" else ()
 
 
 @dataclass(frozen=True)
@@ -235,6 +258,25 @@ class Figure(Block):
 
 
 @dataclass(frozen=True)
+class Scene(Block):
+    """An arm that a reader of a page turns and zooms.
+
+    Attributes:
+        name: letters, digits and hyphens, unlike those of the document's pictures.
+        make: makes the ``lab.render.page_scene.ArmScene`` when it is shown.
+        caption: what it shows.
+    """
+
+    kind: ClassVar[str] = "scene"
+    name: str
+    make: Callable[[], Any]
+    caption: str
+
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
+        return (self,) if medium == "page" else ()
+
+
+@dataclass(frozen=True)
 class Section(Block):
     """Blocks under a heading."""
 
@@ -264,6 +306,8 @@ def _pictures(blocks: Iterable[Block]) -> Iterable[Picture]:
     for block in blocks:
         if isinstance(block, Figure):
             yield from block.pictures
+        elif isinstance(block, Card):
+            yield from _pictures(block.figures)
         elif isinstance(block, Section):
             yield from _pictures(block.blocks)
 

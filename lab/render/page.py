@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -22,7 +23,8 @@ from lab.render.style import explained
 __all__ = ["to_html"]
 
 _FEWEST_SECTIONS = 4  # of a page that has a table of contents and a glossary
-_MOST_ROWS = 12  # of a table that is not folded
+_MOST_ROWS = 15  # of a table that is not folded
+_MOST_WARNINGS = 3  # that are not folded
 
 
 def to_html(document: doc.Document) -> str:
@@ -39,8 +41,14 @@ def to_html(document: doc.Document) -> str:
                 contents=sections if len(sections) >= _FEWEST_SECTIONS else [],
                 glossary=explained(_texts(blocks)) if len(sections) >= _FEWEST_SECTIONS else (),
                 most_rows=_MOST_ROWS,
+                scenes=any(map(_has_scene, blocks)),
+                most_warnings=_MOST_WARNINGS,
             )
         )
+
+
+def _has_scene(block: doc.Block) -> bool:
+    return isinstance(block, doc.Scene) or (isinstance(block, doc.Section) and any(map(_has_scene, block.blocks)))
 
 
 def _texts(blocks: Iterable[doc.Block]) -> Iterator[str]:
@@ -50,12 +58,15 @@ def _texts(blocks: Iterable[doc.Block]) -> Iterator[str]:
             yield from _texts(each.blocks)
         elif isinstance(each, doc.Paragraph):
             yield plain(each.text)
+        elif isinstance(each, doc.Card):
+            yield each.about
+            yield from _texts(each.figures)
         elif isinstance(each, doc.Bullets):
             yield from map(plain, each.items)
         elif isinstance(each, doc.Table):
             yield from (each.caption, *each.headings)
             yield from (plain(cell) for row in each.rows for cell in row)
-        elif isinstance(each, doc.Figure):
+        elif isinstance(each, doc.Figure | doc.Scene):
             yield each.caption
 
 
@@ -80,7 +91,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"inlines": inlines, "svg": _svg, "dates": _dates}
+    environment.filters |= {"inlines": inlines, "svg": _svg, "dates": _dates, "scene_json": _scene_json}
     environment.tests |= {
         "badge": lambda part: isinstance(part, doc.Badge),
         "code": lambda part: isinstance(part, doc.Code),
@@ -103,3 +114,9 @@ def _svg(picture: doc.Picture) -> Markup:
     from lab.render.charts.chart import inline_svg  # slow to import, as all that draws
 
     return inline_svg(picture)
+
+
+def _scene_json(scene: Any) -> Markup:
+    from lab.render.page_scene import scene_json  # which imports MuJoCo
+
+    return scene_json(scene)

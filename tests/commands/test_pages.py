@@ -100,12 +100,88 @@ def test_a_browser_shows_and_prints_every_page(pages: dict[str, Path], browser: 
     assert not wrong, "\n".join(f"{where}: {what}" for where, found in wrong.items() for what in found)
 
 
+PLACES = """
+[...document.querySelectorAll("h1, .card .verdict, .numbers p, .card p:last-child")].map((each) => {
+  const box = each.getBoundingClientRect();
+  return [each.textContent.trim(), box.bottom + scrollY];
+})
+"""
+
+
+def test_the_first_screens_say_how_good_and_what_next(pages: dict[str, Path], browser: Browser) -> None:
+    browser.open(pages["run"])
+    for width, room in ((1400, 900), (390, 2 * 844)):
+        browser.show(width)
+        shown = dict(browser.run(PLACES))
+        assert any("irb120" in text for text in shown) and any("good" in text for text in shown)
+        assert {text.split()[0] for text in shown} >= {"before", "after", "Next:"}
+        assert max(shown.values()) < room, shown
+
+
+PIXELS = """
+(() => {
+  const canvas = document.querySelector(".scene canvas");
+  const copy = document.createElement("canvas").getContext("2d");
+  [copy.canvas.width, copy.canvas.height] = [canvas.width, canvas.height];
+  copy.drawImage(canvas, 0, 0);
+  const bytes = copy.getImageData(0, 0, canvas.width, canvas.height).data;
+  let painted = 0, sum = 0;
+  for (let i = 0; i < bytes.length; i += 4) if (bytes[i + 3]) { painted += 1; sum += (i % 9973) * bytes[i]; }
+  return [painted, sum, document.querySelector(".scene output").textContent];
+})()
+"""
+
+
+def pointer(browser: Browser, kind: str, x: float, y: float) -> None:
+    browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+
+@pytest.mark.parametrize("name", ["run", "plan"])
+def test_the_arm_is_drawn_turned_and_clicked(pages: dict[str, Path], browser: Browser, name: str) -> None:
+    browser.open(pages[name])
+    browser.show(1400)
+    painted, first, text = browser.run(PIXELS)
+    assert painted > 5_000 and text.startswith("pose ")
+    box = browser.run(
+        "(() => { const b = document.querySelector('.scene canvas').getBoundingClientRect();"
+        "return [b.left, b.top, b.width, b.height]; })()"
+    )
+    middle = box[0] + box[2] / 2, box[1] + box[3] / 2
+    pointer(browser, "mousePressed", *middle)
+    pointer(browser, "mouseMoved", middle[0] + 120, middle[1] + 20)
+    pointer(browser, "mouseReleased", middle[0] + 120, middle[1] + 20)
+    painted, turned, _ = browser.run(PIXELS)
+    assert painted > 5_000 and turned != first
+    browser.run("document.querySelector('.scene [name=arm]').click()")
+    assert browser.run(PIXELS)[0] < painted  # the arm alone is hidden
+    browser.run("document.querySelectorAll('.scene tbody tr')[3].click()")
+    told = browser.run("document.querySelector('.scene tr.chosen td').textContent")
+    assert browser.run(PIXELS)[2].startswith(f"pose {told},") and told != text.split()[1].rstrip(",")
+    place = browser.run(
+        "[...document.querySelectorAll('.labels span')].map((s) => [s.textContent, s.offsetLeft, s.offsetTop])"
+    )
+    assert told in [each[0] for each in place]
+    assert not browser.complaints
+
+
+def test_a_page_reads_without_its_script(pages: dict[str, Path], browser: Browser) -> None:
+    try:
+        browser.call("Emulation.setScriptExecutionDisabled", value=True)
+        browser.open(pages["run"])
+        browser.show(1400)
+    finally:
+        browser.call("Emulation.setScriptExecutionDisabled", value=False)
+    seen = Page(pages["run"])
+    assert "arm" in seen.figures and pages["run"].stat().st_size < 2e6
+
+
 def test_every_eye_tells_before_from_after(pages: dict[str, Path], browser: Browser) -> None:
     """The pixels drawn in either colour, as a deuteranope or a grey print shows them: words, bars, dots, lines."""
     kinds, told = ("none", "deuteranopia", "achromatopsia"), {}
     try:
         for name, path in pages.items():
             browser.open(path)
+            browser.run("document.querySelectorAll('canvas').forEach((each) => each.remove())")  # an arm is orange too
             browser.show(1400)
             shown = []
             for kind in kinds:

@@ -35,8 +35,9 @@ class Page(HTMLParser):
             target = values.get(name, "#")
             assert target.startswith("data:image/png;base64,") or target[0] == "#"
             self.links += [] if target[0] != "#" else [target[1:]]
-        assert tag != "script" or not values  # the page's own, which sorts tables
-        self.tags.append(tag)
+        if tag == "script":  # the page's own, which sorts tables, and data
+            assert values in ({}, {"type": "application/json"})
+        self.tags.append(tag if tag != "script" or not values else "data")
         if "id" in values:
             self.ids.append(values["id"])
         if tag in ("h1", "h2"):

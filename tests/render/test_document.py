@@ -198,7 +198,7 @@ def test_a_long_page_has_contents_a_glossary_and_tables_that_fold() -> None:
     page = to_html(Document("t", (*sections, Section("last", (Table(("n",), rows, "many"), Table(("n",), rows[:3]))))))
     for i, title in enumerate(["part 0", "part 1", "part 2", "part 3", "last"], 1):
         assert f'<a href="#section-{i}">{title}</a>' in page and f'<section id="section-{i}">\n<h2>{title}</h2>' in page
-    assert page.count("<details open>") == 1 and "many (20 rows)" in page
+    assert page.count("<details") == 1 and "many (20 rows)" in page
     assert re.findall(r"<dt>(.*?)</dt>", page) == ["aliased", "σ"]
     short_page = to_html(Document("t", sections[:2]))
     assert "<nav" not in short_page and "<dt>" not in short_page

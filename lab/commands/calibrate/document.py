@@ -1,12 +1,14 @@
 """Documents and tables of a calibration for the terminal, the page and the recording."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from lab.calibration.estimate import EstimatedParameter
 from lab.calibration.estimator import LEAST_SQUARES
 from lab.calibration.identifiability import Direction
+from lab.calibration.observation import observation_of
 from lab.calibration.prior import ActingPrior
 from lab.calibration.statistics.remaining_error import ExplainedError
 from lab.calibration.verdict import Answer, Word, rotation_noise_rad
@@ -22,6 +24,7 @@ from lab.commands.calibrate.figures import (
     where_figures,
 )
 from lab.commands.calibrate.result import CalibrationResult, correlated_pairs, errors_without_outliers, outliers_found
+from lab.commands.calibrate.scene import page_scene
 from lab.core.checks import Check
 from lab.core.errors import counted
 from lab.core.limits import called
@@ -32,7 +35,7 @@ from lab.render import document as doc
 from lab.render.document import capital, digits_of, fixed, plus_minus, sentence, short
 from lab.render.phrases.fit import model_name, standing
 from lab.render.phrases.registry import in_one_line, phrases
-from lab.render.phrases.verdict import gate_text, region_text, without_figures
+from lab.render.phrases.verdict import gate_text, next_step, region_text, without_figures
 
 __all__ = ["document_of", "parameters_table"]
 
@@ -50,6 +53,12 @@ _CORRELATIONS = (
     "The blocks show the correlations of the identified parameters by link. Blue: both rise together; vermilion: "
     "one falls as the other rises. Dark cells off the diagonal mark parameters that these poses barely separate."
 )
+_SPREAD = "Errors before calibration (orange, hatched) and after it (blue), on a logarithmic axis; dashed: the means."
+_ARM = "The arm at the fitted poses."
+_ERRORS = (
+    "Arrows show measured less predicted position, orange before calibration, blue after. "
+    "The point's colour is the error after: the darker, the larger."
+)
 _SINGULAR_VALUES = (
     "The plot shows the singular values of the Jacobian (whitened rows, unit columns) of the identified "
     "parameters. The measurements barely determine a direction that is far below the others."
@@ -66,6 +75,7 @@ _VERDICTS: dict[Word, doc.Badge] = {
     "bad": doc.Badge("bad", "bad"),
     "not judged": doc.Badge("not judged"),
 }
+_GOOD = ("holds", "does not matter")  # an answer's standing; the others come first
 _STATUS = {
     "identified": "identified",
     "held": "fixed at nominal on request",
@@ -80,8 +90,8 @@ def document_of(result: CalibrationResult) -> doc.Document:
     return doc.Document(
         _title(result),
         (
+            _card(result),
             *_verdict_blocks(result),
-            _lead(result),
             doc.Warnings(tuple(each for each in result.warnings if each not in reasons)),
             _errors(result),
             doc.Section("Errors over the workspace", where_figures(result)),
@@ -100,6 +110,23 @@ def _title(result: CalibrationResult) -> str:
     if before is None or after is None:
         return f"{name}: identified, {result.verdict.word}"
     return f"{name}: {short(before.mean)} → {short(after.mean)} mm, {result.verdict.word}"
+
+
+def _card(result: CalibrationResult) -> doc.Card:
+    """Summarise on the page's first screen: the verdict, the errors before and after, the next step."""
+    before, after, verdict = result.before, result.after, result.verdict
+    numbers: tuple[tuple[str, str, str], ...] = ()
+    about = "The accuracy at other poses was not validated."
+    if before is not None and after is not None:
+        numbers = (("before", short(before.mean, "mm"), "before"), ("after", short(after.mean, "mm"), "after"))
+        if before.mean > after.mean > 0:
+            numbers += (("smaller by a factor of", short(before.mean / after.mean), ""),)
+        about = f"Mean {_judged_error(result).rstrip(',')} {_validated_on(result)}."
+    gate = f" ({gate_text(result.options.gate_mm)})"
+    spread = doc.Figure("errors-figure", error_histograms(result, _judged_error(result).rstrip(",")), _SPREAD)
+    return doc.Card(
+        (_VERDICTS[verdict.word], gate), numbers, about, next_step(verdict), (spread,) * bool(spread.pictures)
+    )
 
 
 def _lead(result: CalibrationResult) -> doc.Paragraph:
@@ -141,12 +168,16 @@ def _verdict_blocks(result: CalibrationResult) -> tuple[doc.Block, ...]:
     because = (doc.Paragraph("Because:"), reasons) if verdict.reasons else ()
     answers = tuple(
         (doc.Strong(f"{capital(name)}: {each.standing}."), f" {_answer_text(each, verdict.reasons)}")
-        for name, each in verdict.answers.items()
+        for name, each in sorted(verdict.answers.items(), key=lambda pair: pair[1].standing in _GOOD)
     )
+    word = ("Verdict: ", _VERDICTS[verdict.word], f" ({gate_text(result.options.gate_mm)})")
+    blocks = (*because, doc.Bullets(answers), _lead(result))
+    caption = f"{_ARM} {_ERRORS}" if observation_of(result.identification.model).positions else _ARM
+    arm = doc.Scene("arm-scene", lambda: page_scene(result), caption)
     return (
-        doc.Paragraph(("Verdict: ", _VERDICTS[verdict.word], f" ({gate_text(result.options.gate_mm)})")),
-        *because,
-        doc.Bullets(answers),
+        doc.Paragraph(word, shown_in=doc.NARROW),
+        *(replace(each, shown_in=doc.NARROW) for each in blocks),
+        doc.Section("Errors and reasons", (arm, *blocks), shown_in=doc.PAGE),
     )
 
 
@@ -174,19 +205,14 @@ def _errors(result: CalibrationResult) -> doc.Section:
         f"Before: the nominal model, with {result.kind.terms.placed} fitted to the same measurements. "
         "After: all parameters estimated."
     )
-    spread = (
-        f"The mean error falls from {short(before.mean)} to {short(after.mean)} mm. Vermilion and hatched (squares): "
-        "before; blue (dots): after; dashed: the means; dotted: the gate, where one was given. The axis is logarithmic."
-    )
     return doc.Section(
         title,
         (
             doc.Table(
                 ("", "mean", "rms", "95 %", "max", "points"), rows, caption, ("before", "after", "quiet")[: len(rows)]
             ),
-            doc.Paragraph(note, "note", shown_in=doc.PAGE),
             _predictions(result),
-            doc.Figure("errors-figure", error_histograms(result, error.rstrip(",")), spread),
+            doc.Paragraph(note, "note", shown_in=doc.PAGE),
         ),
     )
 

@@ -6,193 +6,28 @@ there: the numbers to compute with are in the other files of the run.
 """
 
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
-from lab.calibration.identify import Identification, ellipsoids, mapping_ellipsoids, position_covariance
-from lab.calibration.observation import observation_of
-from lab.calibration.stations import in_first_frame, station_poses
 from lab.commands.calibrate.document import parameters_table
-from lab.commands.calibrate.figures import world_of
 from lab.commands.calibrate.result import CalibrationResult
-from lab.core.measurements import rows_called, seen_mask
+from lab.commands.calibrate.scene import CampaignScene, scene
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.kinematics.effects.sessions import at_first_station
-from lab.kinematics.model import RigidArm
 from lab.render import recording as rec
 from lab.render.document import Bullets, Document, Section, Strong, Text, format_magnification
 from lab.render.markdown import to_markdown
 from lab.render.scene import (
-    LARGEST_FACTOR,
-    Legs,
-    MagnifiedEllipsoids,
-    drawn_rows,
     legs_legend,
-    magnification,
-    magnified,
-    mean_lengths,
-    moved,
-    reach_of,
-    skeleton,
-    world_legs,
 )
 from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MAPPING, RGB_MEASURED, RGB_OUTLIER, RGB_UNCERTAINTY
-from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_body_poses
+from lab.simulation.meshes import instrument_body
 
-__all__ = ["parameters_text", "record", "scene", "summary_text"]
-
-_MOST_OUTLIERS = 30  # marked
-_ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
-_ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
-
-
-class _OutlierPose(NamedTuple):
-    description: str
-    measured: Array  # its farthest target in the world, (3,) m
-    expected: Array
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """A campaign's fitted poses in the world (m).
-
-    Attributes:
-        Ts_world_station: ``(4, 4)``, identified, by the names of the stations from which was measured, the first first.
-        measured, before, after: ``(m, k, 3)`` points as measured (NaN where not), and as predicted.
-        error_before, error_after: ``(n,)`` m, mean over the targets measured at each fitted pose, NaN where none was.
-        factor_before, factor_after: magnification of the error arrows.
-    """
-
-    rows: NDArray[np.int_]  # (m,) rows of the drawn poses among the fitted ones
-    numbers: NDArray[np.int_]  # (n,) each fitted pose's row among all that were measured
-    outliers: tuple[_OutlierPose, ...]  # the farthest first
-    reach_m: float  # the largest distance of a measured point, or a leg's end, from frame 0; sizes of marks follow it
-    Ts_world_station: Mapping[str, Array]
-    heads: Array  # (m, 3), the instrument's in each drawn pose
-    measured: Array
-    before: Array
-    after: Array
-    all_measured: Array  # (q, 3) of every fitted pose
-    error_before: Array
-    error_after: Array
-    factor_before: float
-    factor_after: float
-    mapping: MagnifiedEllipsoids
-    uncertainty: MagnifiedEllipsoids | None  # None where the noise is not known, or there was none
-    shells: tuple[Shell, ...]  # of the drawn bodies
-    bodies: dict[str, Array]  # world poses (m, 4, 4) by name
-    origins: Array  # (m, f, 3) of the arm's frames
-    legs: Legs  # in the world
-
-    @property
-    def at(self) -> NDArray[np.int_]:
-        """``(m,)`` the drawn poses' rows among all that were measured."""
-        return self.numbers[self.rows]
-
-
-def scene(outcome: CalibrationResult) -> _Scene:
-    """The scene of a campaign; an evenly spaced part of its poses where they are many."""
-    fitted, identification = outcome.fitted, outcome.identification
-    model = identification.model
-    observed = fitted.points[:, : observation_of(model).positions]
-    rows, inputs = drawn_rows(len(fitted)), fitted.inputs(model.conditions)
-    joints = fitted.joints[rows]
-    T_world_instrument = world_of(outcome)
-    poses = station_poses(model, identification.values, fitted)
-    stations = {name: T_world_instrument @ T for name, T in poses.items()}
-    both = (identification.nominal_aligned, identification.values)
-    before, after = (model.points(inputs, v)[:, : observed.shape[1]] for v in both)
-    errors = [mean_lengths(observed - predicted) for predicted in (before, after)]
-    measured, before, after = (
-        moved(T_world_instrument, in_first_frame(model, identification.values, inputs, points))
-        for points in (observed, before, after)
-    )
-    inputs = at_first_station(model.conditions, inputs)  # in whose frame ellipsoids are
-    there = seen_mask(observed)
-    arm, values = outcome.rigid(identification.values)
-    places = moved(outcome.robot.model.T_world_frame0, skeleton(arm, values, joints).origins)
-    between = world_legs(outcome.robot.model.T_world_frame0, arm, values, joints)
-    reach = reach_of(outcome.robot.model.T_world_frame0, measured[there], between)
-    visible, bodies = _bodies(outcome, arm, values, joints, stations)
-    everything = {name: i for i, name in enumerate(outcome.measurements.ids)}
-    return _Scene(
-        rows,
-        np.array([everything[name] for name in fitted.ids]),
-        _outlier_poses(outcome, T_world_instrument),
-        reach,
-        stations,
-        np.array([stations.get(fitted.stations[row], T_world_instrument)[:3, 3] for row in rows]),
-        measured[rows],
-        before[rows],
-        after[rows],
-        measured[there],
-        errors[0],
-        errors[1],
-        _error_factor(errors[0], _ARROW * reach),
-        _error_factor(errors[1], _ARROW * reach),
-        magnified(mapping_ellipsoids(identification, inputs[rows]), after[rows, 0], T_world_instrument, reach),
-        _uncertainty_ellipsoids(identification, inputs[rows], after[rows, 0], T_world_instrument, reach),
-        visible,
-        bodies,
-        places,
-        between,
-    )
-
-
-def _outlier_poses(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[_OutlierPose, ...]:
-    """The outliers that the test names; none where the file's points are not all that is observed."""
-    model, data = outcome.identification.model, outcome.measurements
-    named = outcome.fit.outliers[:_MOST_OUTLIERS]
-    observation = observation_of(model)
-    if not named or observation.positions < len(observation.units):
-        return ()
-    part = data.take(rows_called(data, [pose.id for pose in named]))
-    expected = model.points(part.inputs(model.conditions), outcome.identification.values)
-    worst = np.nanargmax(np.linalg.norm(part.points - expected, axis=2), axis=1)
-    inputs, values = part.inputs(model.conditions), outcome.identification.values
-    both = (in_first_frame(model, values, inputs, points) for points in (part.points, expected))
-    ends = (moved(T_world_instrument, points)[np.arange(len(named)), worst] for points in both)
-    return tuple(
-        _OutlierPose(f"{pose.id}: {MM.text(pose.size_m)}", measured, should)
-        for pose, measured, should in zip(named, *ends, strict=True)
-    )
-
-
-def _error_factor(errors: Array, shown: float) -> float:
-    return min(max(magnification(float(np.nanmean(errors)), shown), 1.0), LARGEST_FACTOR)
-
-
-def _bodies(
-    outcome: CalibrationResult, arm: RigidArm, values: Array, joints: Array, stations: Mapping[str, Array]
-) -> tuple[tuple[Shell, ...], dict[str, Array]]:
-    """The bodies that are drawn; the instrument's only where it is known: a virtual one."""
-    robot = outcome.robot.model
-    stands = station_body_poses(robot, stations)
-    hidden = set() if outcome.real is not None else {instrument_body(robot), *stands}
-    visible = tuple(shell for shell in shells(robot) if shell.body not in hidden)
-    poses = body_poses(robot, arm, values, joints)
-    poses |= {body: np.broadcast_to(T, (len(joints), 4, 4)) for body, T in stands.items()}
-    return visible, {shell.body: poses[shell.body] for shell in visible}
-
-
-def _uncertainty_ellipsoids(
-    identification: Identification, inputs: Array, centers: Array, T_world_instrument: Array, reach_m: float
-) -> MagnifiedEllipsoids | None:
-    """Compute the ellipsoids of the position covariance; None where it is unknown, or only rounding."""
-    covariance = position_covariance(identification, inputs)
-    if not np.isfinite(covariance).all():
-        return None
-    shapes = ellipsoids(covariance)
-    return magnified(shapes, centers, T_world_instrument, reach_m) if shapes.half_lengths.max() > _ROUNDING_M else None
-
+__all__ = ["parameters_text", "record", "summary_text"]
 
 _LEAST_MM = 1e-9  # that is drawn on a logarithmic scale
 _LEAST_RMS = 1e-9  # of what is drawn on a logarithmic scale
@@ -218,7 +53,7 @@ def record(path: Path, outcome: CalibrationResult) -> None:
         recording.log(_PARAMETERS, rec.markdown(parameters_text(outcome)), static=True)
 
 
-def summary_text(outcome: CalibrationResult, shown: _Scene) -> str:
+def summary_text(outcome: CalibrationResult, shown: CampaignScene) -> str:
     """The calibration's document with what is shown and by how much it is magnified, as Markdown."""
     document = outcome.document()
     return to_markdown(replace(document, blocks=(*document.blocks, _legend(outcome, shown))))
@@ -229,7 +64,7 @@ def parameters_text(outcome: CalibrationResult) -> str:
     return to_markdown(Document("Parameters", (parameters_table(outcome),)))
 
 
-def _legend(outcome: CalibrationResult, shown: _Scene) -> Section:
+def _legend(outcome: CalibrationResult, shown: CampaignScene) -> Section:
     known = outcome.identification.sigma_given
     unit = "their effects in standard deviations" if known else "all points have the same weight"
     before, after = format_magnification(shown.factor_before), format_magnification(shown.factor_after)
@@ -254,7 +89,7 @@ def _legend(outcome: CalibrationResult, shown: _Scene) -> Section:
     return Section("What is shown", (Bullets(tuple(lines)),))
 
 
-def _blueprint(outcome: CalibrationResult, shown: _Scene) -> rrb.Blueprint:
+def _blueprint(outcome: CalibrationResult, shown: CampaignScene) -> rrb.Blueprint:
     unit = "in σ" if outcome.identification.sigma_given else "in mm"
     controls = rec.eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
     left = rrb.Vertical(rec.main_view("Arm, measured points, errors", controls), rec.error_plot(), row_shares=[3, 1])
@@ -271,7 +106,7 @@ def _blueprint(outcome: CalibrationResult, shown: _Scene) -> rrb.Blueprint:
     return rec.layout(left, right, rec.TIME)
 
 
-def _close_views(shown: _Scene) -> rrb.Horizontal:
+def _close_views(shown: CampaignScene) -> rrb.Horizontal:
     """The target from near by, fixed in the middle, with the errors after calibration or one ellipsoid each."""
     views = [
         rec.close_view("magnified", "Errors after", shown.reach_m),
@@ -290,7 +125,7 @@ def _identity(outcome: CalibrationResult) -> str:
     return digest.hexdigest()[:32]
 
 
-def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: _Scene) -> None:
+def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: CampaignScene) -> None:
     """Draw the instrument's frame; of a virtual tracker also the beam to each visible target."""
     name = "tracker" if outcome.real is not None else "instrument's frame"
     for i, (station, T_world_station) in enumerate(shown.Ts_world_station.items()):
@@ -301,7 +136,7 @@ def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown
         rec.draw_beams(recording, rec.pose_times(shown.at), shown.heads, shown.measured)
 
 
-def _points(recording: rr.RecordingStream, shown: _Scene) -> None:
+def _points(recording: rr.RecordingStream, shown: CampaignScene) -> None:
     """Measured and predicted points: these in points on the screen, so that they part when one comes close."""
     radius = 0.007 * shown.reach_m * min(1.0, (100 / len(shown.all_measured)) ** (1 / 3))
     cloud = rr.Points3D(shown.all_measured, colors=RGB_MEASURED, radii=radius)
@@ -318,7 +153,7 @@ def _points(recording: rr.RecordingStream, shown: _Scene) -> None:
         recording.log(f"world/targets/{name}", style, static=True)
 
 
-def _outliers(recording: rr.RecordingStream, shown: _Scene) -> None:
+def _outliers(recording: rr.RecordingStream, shown: CampaignScene) -> None:
     """Outliers, whether they were fitted or not: marked, named, and joined to where they should be."""
     if not shown.outliers:
         return
@@ -334,7 +169,7 @@ def _outliers(recording: rr.RecordingStream, shown: _Scene) -> None:
     recording.log("world/targets/off/to_expected", lines, static=True)
 
 
-def _arrows(recording: rr.RecordingStream, shown: _Scene) -> None:
+def _arrows(recording: rr.RecordingStream, shown: CampaignScene) -> None:
     """Measured less predicted, from the predicted point, with the factor at the tip of the first target's arrow.
 
     Before and after calibration have one factor; with one of their own, those after are drawn once more, apart.
@@ -356,7 +191,7 @@ def _arrows(recording: rr.RecordingStream, shown: _Scene) -> None:
         rec.draw_tag(recording, f"world/{entity}/factor", rec.pose_times(shown.at), tips, text, colour)
 
 
-def _ellipsoids(recording: rr.RecordingStream, shown: _Scene) -> None:
+def _ellipsoids(recording: rr.RecordingStream, shown: CampaignScene) -> None:
     """Both ellipsoids of the first target with their half-axes, and the place that their views look at."""
     focus = rr.Transform3D.columns(translation=shown.mapping.centers)
     recording.send_columns("world/focus", rec.pose_times(shown.at), focus)
@@ -365,7 +200,7 @@ def _ellipsoids(recording: rr.RecordingStream, shown: _Scene) -> None:
         rec.draw_ellipsoid(recording, "uncertainty", rec.pose_times(shown.at), shown.uncertainty, RGB_UNCERTAINTY)
 
 
-def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: _Scene) -> None:
+def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: CampaignScene) -> None:
     for name, errors, colour in (("before", shown.error_before, RGB_BEFORE), ("after", shown.error_after, RGB_AFTER)):
         used = np.flatnonzero(np.isfinite(errors))
         recording.send_columns(

@@ -1,7 +1,7 @@
 """Document and scene of a plan: the predicted error, the tour, and the quality of the pose selection."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -21,8 +21,18 @@ from lab.render import document as doc
 from lab.render.charts.chart import axes_picture, cube, shades, view
 from lab.render.charts.marks import Axes, colour
 from lab.render.document import fixed, sentence, short
+from lab.render.page_scene import ArmScene, posed_arm
 from lab.render.plots import SQUARE, VIEWS
-from lab.render.scene import Legs, MagnifiedEllipsoids, magnified, moved, reach_of, skeleton, world_legs
+from lab.render.scene import (
+    MOST_POSES,
+    Legs,
+    MagnifiedEllipsoids,
+    magnified,
+    moved,
+    reach_of,
+    skeleton,
+    world_legs,
+)
 from lab.render.style import (
     ARM,
     AXIS,
@@ -346,6 +356,10 @@ _OF = {
     "over the candidates. Designs of whole poses have larger errors, near the fewest poses more than twice as large; "
     "--curve designs each.",
 }
+_PLAN = (
+    "The arm at the poses to measure, in the order of the tour. Ellipsoids show the predicted uncertainty of the first "
+    "target after calibration."
+)
 _BOUND = "With 95 % confidence, 95 % of the validation poses have an error below the 95 %/95 % tolerance bound."
 
 
@@ -358,6 +372,20 @@ def design_document(result: DesignResult) -> doc.Document:
             doc.Paragraph(f"{_chosen(values)} {_predicted(values)}{_worst(values)}", "lead"),
             doc.Warnings(result.warnings),
             doc.Section(
+                "Poses and tour",
+                (
+                    doc.Scene("plan-scene", lambda: _page_scene(result), _PLAN),
+                    doc.Paragraph(_tour(result)),
+                    doc.Paragraph(SessionDuration.of(result.tour).description),
+                    doc.Paragraph(_candidates(values)),
+                    *_reflector(values),
+                    *_stations(values),
+                    *_payloads(values),
+                    *_files(result),
+                    doc.Figure("poses-figure", pose_pictures(result), _POSES),
+                ),
+            ),
+            doc.Section(
                 "Number of poses",
                 (
                     doc.Figure("curve-figure", _curve_pictures(result), _CURVE + _O1 * result.options.curve),
@@ -366,24 +394,28 @@ def design_document(result: DesignResult) -> doc.Document:
                 ),
             ),
             doc.Section(
-                "Poses and tour",
-                (
-                    doc.Figure("poses-figure", pose_pictures(result), _POSES),
-                    doc.Paragraph(_tour(result)),
-                    doc.Paragraph(SessionDuration.of(result.tour).description),
-                    doc.Paragraph(_candidates(values)),
-                    *_reflector(values),
-                    *_stations(values),
-                    *_payloads(values),
-                    *_files(result),
-                ),
-            ),
-            doc.Section(
                 "Quality of the choice",
                 (doc.Paragraph(_certificate(values)), *_own_certificate(values), *_indices(values)),
             ),
         ),
     )
+
+
+def _page_scene(result: DesignResult) -> ArmScene:
+    """The poses to measure, in the order of the tour, with the predicted uncertainty of the first target."""
+    shown = plan_scene(result)
+    rows = np.flatnonzero(shown.measured)[:MOST_POSES]
+    drawn = shown.uncertainty
+    ellipsoids_ = replace(drawn, centers=drawn.centers[rows], axes=drawn.axes[rows], half_sizes=drawn.half_sizes[rows])
+    arm = posed_arm(
+        result.problem.robot.model,
+        result.problem.arm,
+        result.problem.values,
+        result.tour.waypoints[rows],
+        shown.ids[: len(rows)],
+    )
+    columns = {"predicted 1σ": ellipsoids_.half_sizes[:, 0] / drawn.factor}
+    return replace(arm, columns=columns, ellipsoids=ellipsoids_, ellipsoid_text="predicted uncertainty (1σ half-axes)")
 
 
 def _chosen(values: dict[str, Any]) -> str:

@@ -30,7 +30,8 @@ from lab.formats.csv_table import write_columns
 from lab.formats.measurement_csv import read_measurements
 from lab.formats.structured import read_text
 from lab.kinematics.joints import JointSpec
-from lab.render.document import PAGE, Block, Document, Paragraph, Section, Table, Warnings, fixed, short
+from lab.render.document import PAGE, Block, Document, Paragraph, Scene, Section, Table, Warnings, fixed, short
+from lab.render.scene import MOST_POSES
 from lab.render.terminal import status
 
 __all__ = ["NextPoseResult", "next_pose", "proposal_text"]
@@ -41,6 +42,7 @@ _OF_PLAN = (
     "robot", "cell", "accuracy_mm", "targets", "instrument", "home", "clearance_mm", "self_clearance_mm", "no_check",
 )  # fmt: skip
 _NEXT_FILE = "next.csv"
+_SHOWN = "The arm at the pose to measure next, with the target's place there and at the poses measured so far."
 _MEND = "give the folder of a run of lab design, lab identify or lab calibrate"
 
 
@@ -286,6 +288,18 @@ def proposal_text(chain: JointSpec, proposal: Proposal) -> str:
     return f"{so_far}; next: {pose}{more}"
 
 
+def _page_scene(result: NextPoseResult) -> Any:
+    """The arm at the proposed pose, then at those that were measured."""
+    from lab.render.page_scene import posed_arm  # which imports MuJoCo
+
+    problem, proposed = result.planner.problem, result.proposal.joints
+    assert proposed is not None
+    measured = result.data.joints[result.data.seen.any(axis=1)][: MOST_POSES - 1]
+    names = ["next", *(f"measured {row}" for row in range(1, len(measured) + 1))]
+    joints = np.concatenate([proposed[None], measured.reshape(-1, len(proposed))])
+    return posed_arm(problem.robot.model, problem.arm, problem.values, joints, names)
+
+
 def _document(result: NextPoseResult) -> Document:
     last, chain, wanted = result.proposal, result.planner.problem.robot.chain, result.planner.accuracy_m
     name = result.planner.problem.robot.name
@@ -312,6 +326,9 @@ def _document(result: NextPoseResult) -> Document:
         units = ["mm" if slides else "°" for slides in chain.prismatic]
         headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
         blocks.append(Table(("stop", *headings), tuple(rows)))
+        blocks.append(
+            Section("The arm there", (Scene("next-scene", lambda: _page_scene(result), _SHOWN),), shown_in=PAGE)
+        )
     blocks[:0] = [Paragraph(lead, "lead"), Warnings(result.warnings)]
     if len(result.proposals) > 1:
         table = Table(

@@ -6,13 +6,14 @@ import numpy as np
 
 from lab.calibration.noise.plausibility import COMMON_NOISE_M
 from lab.calibration.regions import RegionKind
+from lab.calibration.verdict import Verdict
 from lab.calibration.workspace_prediction import Distance, RegionPrediction
 from lab.core.checks import Check
 from lab.core.errors import counted
 from lab.core.units import DEGREES, MM, MRAD, short_length
 from lab.render.phrases.template import Phrase
 
-__all__ = ["PHRASES", "gate_text", "region_text", "without_figures"]
+__all__ = ["PHRASES", "gate_text", "next_step", "region_text", "without_figures"]
 
 _REGIONS: Mapping[RegionKind, str] = {
     "measured": "where poses were measured",
@@ -372,3 +373,43 @@ PHRASES: Mapping[str, Phrase] = {
     "links.tolerances": _far,
     "links.other_robot": _other_robot,
 }
+
+_REPEAT = "Repeat some poses at the end of the session, or state the instrument with --instrument."
+_WHOSE = "Check --robot, the order and signs of the joints, and the unit of the points; then identify again."
+_MORE = "Measure more poses: lab next proposes the best one to add."
+_NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name begins with
+    "lack_of_fit": "Identify with --model auto. If the lack of fit remains, measure some poses twice.",
+    "isotropy": "State the instrument with --instrument.",
+    "finding.step": "Measure again in one set-up, or give the rows after the step a session of their own.",
+    "finding.drift": "Measure the first poses again at the end: they show what drifts.",
+    "finding.correlated": _REPEAT,
+    "finding.scatter": _REPEAT,
+    "finding.noise": "State the instrument with --instrument or --noise-mm.",
+    "finding.missing": "Identify with --model auto.",
+    "finding.change": "Find what changed during the session; then measure again.",
+    "given.noise": "Correct the stated noise: --noise-mm, or column sigma_mm.",
+    "given.scale": "Check the scale of the points (unit, air, temperature); then identify again.",
+    "given.poses": _WHOSE,
+    "arm.convergence": "Check robot and rows; if both are right, use --prior on.",
+    "arm.orientations": "Check --orientation and the columns of the orientations.",
+    "arm.fixtures": "Check the columns of the fixtures; if they are right, use --prior on.",
+    "arm.identifiable": _MORE,
+    "arm": _WHOSE,
+    "accuracy.validation": "Measure more poses, or give other measurements with --validation.",
+    "accuracy.fitted_poses": "Validate on poses that were not fitted.",
+    "accuracy.gate_below_noise": "Measure each pose several times, or state the instrument's noise.",
+    "accuracy.outliers": "Measure the poses that are listed as outliers again.",
+    "accuracy": "Identify with --model auto; if that does not help, check robot and rows.",
+    "determination": _MORE,
+    "links": _WHOSE,
+}
+_GOOD_NEXT = "Correct targets or programs with lab compensate. Check the arm each month with lab verify."
+
+
+def next_step(verdict: Verdict) -> str:
+    """Return what to do after a calibration, by the heaviest reason of its verdict."""
+    if not verdict.reasons:
+        return _GOOD_NEXT if verdict.word == "good" else _MORE
+    name = verdict.reasons[0].name
+    fitting = (each for each in sorted(_NEXT_STEPS, key=len, reverse=True) if name.startswith(each))
+    return _NEXT_STEPS[next(fitting)]

@@ -8,9 +8,10 @@ from rerun.chunk import RrdReader
 
 from lab.calibration.identify import ellipsoids, identify, mapping_ellipsoids, position_covariance
 from lab.campaign.option_groups import Effects, Fitting
-from lab.commands.calibrate.recording import parameters_text, record, scene, summary_text
+from lab.commands.calibrate.recording import parameters_text, record, summary_text
 from lab.commands.calibrate.run import MeasuredCampaign, VirtualCampaign, calibrate
 from lab.commands.calibrate.run import identify as identify_file
+from lab.commands.calibrate.scene import scene
 from lab.core import se3
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.document import format_magnification

@@ -8,8 +8,9 @@ from rerun.chunk import RrdReader
 
 from lab.campaign import virtual_robot as virtual_arm
 from lab.campaign.options import DesignOptions
-from lab.commands.calibrate.recording import record, scene, summary_text
+from lab.commands.calibrate.recording import record, summary_text
 from lab.commands.calibrate.run import VirtualCampaign, calibrate
+from lab.commands.calibrate.scene import scene
 from lab.commands.design.document import plan_scene
 from lab.commands.design.recording import record_plan
 from lab.commands.design.run import design

@@ -12,9 +12,9 @@ from helpers.html_page import Page
 def test_a_plan_says_its_predicted_errors(drawn_plan: Path) -> None:
     seen = Page(drawn_plan / "report.html")
     result = json.loads((drawn_plan / "result.json").read_text())
-    assert seen.headings == ["irb120: 12 poses to measure", "Number of poses", "Poses and tour",
+    assert seen.headings == ["irb120: 12 poses to measure", "Poses and tour", "Number of poses",
                              "Quality of the choice", "What was done", "Glossary"]  # fmt: skip
-    assert set(seen.figures) == {"curve-figure", "poses-figure"}
+    assert set(seen.figures) == {"plan-scene", "curve-figure", "poses-figure"}
     assert f"its 95 %/95 % tolerance bound is {result['promise_mm']:.4f} mm" in seen.text
     for row, step in zip(seen.table("poses", "RMS, mm"), result["curve"], strict=True):
         shown = [value for key, value in step.items() if key != "o1"]  # which is the same for any number

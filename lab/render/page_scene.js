@@ -1,0 +1,226 @@
+// Draws the arm in 3D: turned by dragging, zoomed by wheel or pinch, one pose at a time. The page reads without it.
+document.querySelectorAll(".scene").forEach((box) => {
+  const data = JSON.parse(box.querySelector("script").textContent);
+  const canvas = box.querySelector("canvas"), gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+  if (!gl) return;
+  box.classList.add("live");
+  const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;
+  const floats = (text) => new Float32Array(bytes(text));
+  const poses = data.names.length, places = floats(data.places), points = floats(data.points);
+  const vector = (of, i) => [of[3 * i], of[3 * i + 1], of[3 * i + 2]];
+
+  // Matrices are column by column.
+  const product = (a, b) => {
+    const c = new Float32Array(16);
+    for (let i = 0; i < 4; i++) for (let j = 0; j < 4; j++) for (let k = 0; k < 4; k++) c[4 * j + i] += a[4 * k + i] * b[4 * j + k];
+    return c;
+  };
+  const minus = (a, b) => a.map((part, i) => part - b[i]), size = (a) => Math.hypot(...a);
+  const scaled = (a, by) => a.map((part) => part * by), plus = (a, b) => a.map((part, i) => part + b[i]);
+  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const unit = (a) => scaled(a, 1 / (size(a) || 1));
+  const frame = (x, y, z, p) => new Float32Array([...x, 0, ...y, 0, ...z, 0, ...p, 1]);
+
+  const shader = (kind, text) => {
+    const made = gl.createShader(kind);
+    gl.shaderSource(made, "#version 300 es\nprecision highp float;\n" + text);
+    gl.compileShader(made);
+    return made;
+  };
+  const program = gl.createProgram();
+  gl.attachShader(program, shader(gl.VERTEX_SHADER,
+    "in vec3 at; uniform mat4 view, model; out vec3 seen; void main() { vec4 w = model * vec4(at, 1.0); seen = w.xyz; gl_Position = view * w; }"));
+  gl.attachShader(program, shader(gl.FRAGMENT_SHADER,
+    "in vec3 seen; uniform vec4 tint; uniform vec3 eye; out vec4 colour; void main() { vec3 n = normalize(cross(dFdx(seen), dFdy(seen)));" +
+    " float light = 0.45 + 0.55 * abs(dot(n, normalize(eye - seen))); colour = vec4(tint.rgb * light, tint.a); }"));
+  gl.linkProgram(program);
+  gl.useProgram(program);
+  const where = Object.fromEntries(["view", "model", "tint", "eye"].map((name) => [name, gl.getUniformLocation(program, name)]));
+  const mesh = (vertices, faces) => {
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ARRAY_BUFFER, vertices, gl.STATIC_DRAW);
+    const at = gl.getAttribLocation(program, "at");
+    gl.enableVertexAttribArray(at);
+    gl.vertexAttribPointer(at, 3, gl.FLOAT, false, 0, 0);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
+    return { array, count: faces.length, kind: faces.BYTES_PER_ELEMENT === 2 ? gl.UNSIGNED_SHORT : gl.UNSIGNED_INT };
+  };
+  const turned = (profile, sides) => { // a surface of revolution about z, of radii and heights
+    const vertices = [], faces = [];
+    profile.forEach(([radius, height], k) => {
+      for (let i = 0; i < sides; i++) {
+        const angle = (2 * Math.PI * i) / sides, next = (i + 1) % sides;
+        vertices.push(radius * Math.cos(angle), radius * Math.sin(angle), height);
+        if (k) faces.push((k - 1) * sides + i, (k - 1) * sides + next, k * sides + i, (k - 1) * sides + next, k * sides + next, k * sides + i);
+      }
+    });
+    return mesh(new Float32Array(vertices), new Uint16Array(faces));
+  };
+  const arc = (count) => [...Array(count + 1).keys()].map((i) => [Math.sin((Math.PI * i) / count), -Math.cos((Math.PI * i) / count)]);
+  const ball = turned(arc(8), 12), rod = turned([[0, 0], [1, 0], [1, 1], [0, 1]], 8), tip = turned([[0, 0], [1, 0], [0, 1]], 10);
+  const shells = data.shells.map((shell) => ({ ...shell, mesh: mesh(floats(shell.vertices), new Uint16Array(bytes(shell.faces))) }));
+  const arrows = data.arrows.map((kind) => ({ ...kind, vectors: floats(kind.vectors) }));
+  const axes = data.axes && { ...data.axes, halves: floats(data.axes.halves) };
+  const lines = floats(data.lines), lineCount = poses ? lines.length / poses / 6 : 0;
+
+  const show = { pose: 0, turn: 0.6, raise: 0.35, distance: 2.6 * data.radius, middle: data.middle };
+  const start = { ...show };
+  let view, eye;
+  const look = () => {
+    const ratio = window.devicePixelRatio || 1, wide = canvas.clientWidth, high = canvas.clientHeight;
+    canvas.width = wide * ratio;
+    canvas.height = high * ratio;
+    gl.viewport(0, 0, canvas.width, canvas.height);
+    const away = [Math.cos(show.raise) * Math.sin(show.turn), -Math.cos(show.raise) * Math.cos(show.turn), Math.sin(show.raise)];
+    eye = plus(show.middle, scaled(away, show.distance));
+    const right = unit(cross([0, 0, 1], away)), up = cross(away, right), near = show.distance / 100, far = show.distance + 6 * data.radius;
+    const turn = new Float32Array([right[0], up[0], away[0], 0, right[1], up[1], away[1], 0, right[2], up[2], away[2], 0, 0, 0, 0, 1]);
+    const shift = frame([1, 0, 0], [0, 1, 0], [0, 0, 1], scaled(eye, -1)), f = 2.2, slim = Math.min(1, wide / high);
+    view = product(new Float32Array([(f * slim * high) / wide, 0, 0, 0, 0, f * slim, 0, 0, 0, 0, (far + near) / (near - far), -1, 0, 0, (2 * far * near) / (near - far), 0]), product(turn, shift));
+    gl.uniformMatrix4fv(where.view, false, view);
+    gl.uniform3fv(where.eye, eye);
+  };
+  const draw = (what, model, rgb, alpha = 1) => {
+    gl.bindVertexArray(what.array);
+    gl.uniformMatrix4fv(where.model, false, model);
+    gl.uniform4f(where.tint, rgb[0] / 255, rgb[1] / 255, rgb[2] / 255, alpha);
+    gl.drawElements(gl.TRIANGLES, what.count, what.kind, 0);
+  };
+  const along = (what, from, to, thick, rgb, alpha) => {
+    const z = minus(to, from), side = unit(cross(z, Math.abs(z[2]) < 0.9 * size(z) ? [0, 0, 1] : [1, 0, 0]));
+    draw(what, frame(scaled(side, thick), scaled(cross(unit(z), side), thick), z, from), rgb, alpha);
+  };
+  const arrow = (from, by, thick, rgb, alpha) => {
+    const length = size(by);
+    if (!(length > 0)) return;
+    const head = Math.min(4 * thick, length), neck = plus(from, scaled(by, 1 - head / length));
+    along(rod, from, neck, thick, rgb, alpha);
+    along(tip, neck, plus(from, by), 2.5 * thick, rgb, alpha);
+  };
+  const screen = (p) => {
+    const w = [0, 1, 2, 3].map((i) => view[i] * p[0] + view[4 + i] * p[1] + view[8 + i] * p[2] + view[12 + i]);
+    return [((w[0] / w[3] + 1) / 2) * canvas.clientWidth, ((1 - w[1] / w[3]) / 2) * canvas.clientHeight];
+  };
+  const shown = (name) => box.querySelector(`[name="${name}"]`)?.checked ?? false;
+  let written = []; // places of the labels
+  const labels = box.querySelector(".labels"), slider = box.querySelector("input[type=range]");
+  const label = (text, p) => { // below those that it would cover
+    const made = document.createElement("span"), at = screen(p);
+    while (written.some((other) => Math.abs(other[0] - at[0]) < 80 && Math.abs(other[1] - at[1]) < 17)) at[1] += 4;
+    written.push(at);
+    made.textContent = text;
+    made.style.left = `${at[0]}px`;
+    made.style.top = `${at[1]}px`;
+    labels.append(made);
+  };
+  const paint = () => {
+    look();
+    gl.enable(gl.DEPTH_TEST);
+    gl.disable(gl.BLEND);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    labels.replaceChildren();
+    written = [];
+    const i = show.pose, thin = 0.004 * data.radius;
+    const still = shown("arm") ? shells : [];
+    still.forEach((shell, b) => draw(shell.mesh, places.subarray(16 * (i * shells.length + b), 16 * (i * shells.length + b + 1)), shell.rgb));
+    for (let k = 0; k < lineCount; k++) {
+      const at = 2 * (i * lineCount + k);
+      along(rod, vector(lines, at), vector(lines, at + 1), 2 * thin, [242, 97, 15]);
+    }
+    for (let k = 0; k < poses; k++) {
+      const here = k === i, p = vector(points, k), r = (here ? 3.2 : 1.8) * thin;
+      if (here || shown("others")) draw(ball, frame([r, 0, 0], [0, r, 0], [0, 0, r], p), data.colours[k]);
+      arrows.forEach((kind) => (here || shown("others")) && shown(kind.name) &&
+        arrow(p, scaled(vector(kind.vectors, k), kind.factor), (here ? 1.6 : 0.8) * thin, kind.rgb));
+    }
+    if (axes && shown("axes")) {
+      const centre = vector(points, i), halves = [0, 1, 2].map((k) => vector(axes.halves, 3 * i + k));
+      halves.forEach((half, k) => {
+        along(rod, minus(centre, half), plus(centre, half), thin, axes.rgb);
+        label(axes.lengths[i][k], plus(centre, half));
+      });
+      gl.enable(gl.BLEND);
+      gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+      draw(ball, frame(...halves, centre), axes.rgb, 0.3);
+    }
+    label(data.names[i], vector(points, i));
+    slider.value = i;
+    box.querySelector("output").textContent = data.texts[i];
+  };
+  const row = (i) => {
+    const rows = box.querySelectorAll("tbody tr");
+    rows.forEach((each) => each.classList.toggle("chosen", each.dataset.pose === String(i)));
+  };
+  const choose = (i) => {
+    show.pose = i;
+    row(i);
+    paint();
+  };
+  slider.addEventListener("input", () => choose(Number(slider.value)));
+  box.querySelectorAll("input[type=checkbox]").forEach((each) => each.addEventListener("change", paint));
+  box.querySelectorAll("tbody tr").forEach((each) => each.addEventListener("click", () => choose(Number(each.dataset.pose))));
+  const held = new Map();
+  let moved = 0;
+  canvas.addEventListener("pointerdown", (event) => {
+    held.set(event.pointerId, [event.clientX, event.clientY]);
+    canvas.setPointerCapture(event.pointerId);
+    moved = 0;
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const last = held.get(event.pointerId);
+    if (!last) return;
+    const by = [event.clientX - last[0], event.clientY - last[1]], apart = () => {
+      const [a, b] = [...held.values()];
+      return Math.hypot(a[0] - b[0], a[1] - b[1]);
+    };
+    const before = held.size === 2 ? apart() : 0;
+    held.set(event.pointerId, [event.clientX, event.clientY]);
+    moved += Math.hypot(...by);
+    if (before) show.distance *= before / apart();
+    else {
+      show.turn -= 0.008 * by[0];
+      show.raise = Math.max(-1.5, Math.min(1.5, show.raise + 0.008 * by[1]));
+    }
+    paint();
+  });
+  const release = (event) => {
+    held.delete(event.pointerId);
+    if (moved > 4 || event.type !== "pointerup") return;
+    const edge = canvas.getBoundingClientRect(), at = [event.clientX - edge.left, event.clientY - edge.top];
+    const far = [...Array(poses).keys()].map((i) => size(minus(screen(vector(points, i)), at)));
+    const nearest = far.indexOf(Math.min(...far));
+    if (far[nearest] < 16) choose(nearest);
+  };
+  canvas.addEventListener("pointerup", release);
+  canvas.addEventListener("pointercancel", release);
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    show.distance *= Math.exp(0.001 * event.deltaY);
+    paint();
+  }, { passive: false });
+  canvas.addEventListener("dblclick", () => {
+    Object.assign(show, start, { pose: show.pose });
+    paint();
+  });
+  canvas.addEventListener("keydown", (event) => {
+    const step = { ArrowLeft: [0.1, 0], ArrowRight: [-0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    show.turn += step[0];
+    show.raise = Math.max(-1.5, Math.min(1.5, show.raise + step[1]));
+    paint();
+  });
+  const button = box.querySelector("button");
+  let playing = null;
+  button.hidden = poses < 2;
+  button.addEventListener("click", () => {
+    playing = playing ? clearInterval(playing) : setInterval(() => choose((show.pose + 1) % poses), 600);
+    button.textContent = playing ? "stop" : "play";
+  });
+  new ResizeObserver(paint).observe(canvas);
+  paint();
+});
