@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 from lab.calibration.estimate import Estimate
 from lab.calibration.estimate_files import save_estimate
+from lab.calibration.estimator import EstimationProblem, Estimator
 from lab.campaign.instruments import instrument
 from lab.campaign.option_groups import Effects
 from lab.campaign.options import DesignOptions, VirtualCampaign
@@ -66,6 +67,7 @@ from lab.extensions.robotics.workspace.result import WorkspaceResult
 from lab.formats.target_csv import Targets
 from lab.noise.instruments import Instrument
 from lab.pose_selection.criteria import Criterion
+from lab.simulation.sampler import Sampler
 from lab.studies.grid import Study
 
 __all__ = [
@@ -75,6 +77,8 @@ __all__ = [
     "DesignResult",
     "Effects",
     "Estimate",
+    "EstimationProblem",
+    "Estimator",
     "Inspection",
     "Instrument",
     "LabError",
@@ -85,6 +89,7 @@ __all__ = [
     "PredictionResult",
     "Result",
     "Robot",
+    "Sampler",
     "StudyResult",
     "Targets",
     "VerificationResult",
@@ -141,6 +146,7 @@ def calibrate(
     position_sigma_mm: float = 0.5,
     rotation_sigma_mrad: float = 1.5,
     offset_sigma_mrad: float = 0.0,
+    sampler: str | Sampler = "normal",
     dh_only: bool = False,
     gate_mm: float | None = None,
     region: str = "measured",
@@ -155,6 +161,8 @@ def calibrate(
     prior: Literal["auto", "on", "off"] = "auto",
     tolerance_mm: float = 0.5,
     tolerance_mrad: float = 1.5,
+    estimator: str | Estimator = "least-squares",
+    error_terms: Sequence[str] = ...,
     load: str | Path | None = None,
     accept_edited: bool = False,
     effects: Effects | None = None,
@@ -208,6 +216,12 @@ def design(
     poses: int | None = None,
     accuracy_mm: float | None = None,
     criterion: str | Criterion = "O1",
+    model: str = "geometric",
+    payload_kg: Sequence[float] = ...,
+    region: str = "workspace",
+    worst_of: int = 0,
+    position_sigma_mm: float = 0.5,
+    rotation_sigma_mrad: float = 1.5,
     scaling: Literal["raw", "unit", "length", "whitened"] = "whitened",
     targets: Sequence[str] = ...,
     instrument: str | Path | Instrument = "uniform-8um",
@@ -285,6 +299,8 @@ def identify(
     prior: Literal["auto", "on", "off"] = "auto",
     tolerance_mm: float = 0.5,
     tolerance_mrad: float = 1.5,
+    estimator: str | Estimator = "least-squares",
+    error_terms: Sequence[str] = ...,
     load: str | Path | None = None,
     accept_edited: bool = False,
 ) -> CalibrationResult: ...
@@ -311,6 +327,7 @@ def inspect(
     cell: str | Path | None = None,
     targets: Sequence[str] = ...,
     tool_mm: Sequence[float] = ...,
+    joint_steps: Sequence[float] = ...,
     model: str = "geometric",
     fix: Sequence[str] = ...,
     free: Sequence[str] = ...,
@@ -405,6 +422,7 @@ def simulate(
     position_sigma_mm: float = 0.5,
     rotation_sigma_mrad: float = 1.5,
     offset_sigma_mrad: float = 0.0,
+    sampler: str | Sampler = "normal",
     dh_only: bool = False,
     load: str | Path | None = None,
     accept_edited: bool = False,
@@ -420,6 +438,7 @@ def solve_kinematics(
     *,
     joints: Sequence[float] = ...,
     pose: Sequence[float] = ...,
+    coordinates: Literal["cartesian", "cylindrical", "polar"] = "cartesian",
     file: str | Path | None = None,
     orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None,
     of: Sequence[str] = ...,

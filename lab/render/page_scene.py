@@ -121,7 +121,7 @@ def scene_json(scene: ArmScene) -> Markup:
     budgets = np.maximum(12, _MOST_FACES * shares / max(shares.sum(), _MOST_FACES)).astype(int)
     reduced = [coarse(each.vertices, each.faces, int(most)) for each, most in zip(scene.shells, budgets, strict=True)]
     places = np.stack([scene.bodies[each.body] for each in scene.shells], axis=1)  # (n, bodies, 4, 4)
-    shown = np.isfinite(scene.points).all(axis=1)
+    shown = np.asarray(np.isfinite(scene.points).all(axis=1))
     around = np.concatenate([places[..., :3, 3].reshape(-1, 3), scene.points[shown]])
     middle = (around.min(axis=0) + around.max(axis=0)) / 2
     lengths = list(scene.columns.values())

@@ -22,7 +22,7 @@ def mesh_of(vertices: Array, triangles: NDArray[np.int_]) -> trimesh.Trimesh:
     return mesh
 
 
-def coarse(vertices: Array, triangles: NDArray[np.int_], most: int) -> tuple[Array, NDArray[np.int_]]:
+def coarse(vertices: NDArray[np.floating], triangles: NDArray[np.integer], most: int) -> tuple[Array, NDArray[np.int_]]:
     """Merge the corners within each cell of a grid, as fine as leaves at most ``most`` triangles (at least 12).
 
     Returns:

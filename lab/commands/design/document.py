@@ -541,9 +541,7 @@ def _payloads(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     times = "once" if changes == 1 else f"{changes} times"
     changed = f"The arm waits at home while it is changed, {times}" if changes else "It is never changed"
     return (
-        doc.Paragraph(
-            f"The payload of each pose is chosen with it: {listed}. {changed}. See payload_kg in plan.csv."
-        ),
+        doc.Paragraph(f"The payload of each pose is chosen with it: {listed}. {changed}. See payload_kg in plan.csv."),
     )
 
 

@@ -37,7 +37,7 @@ _GROWING = ("irb120", "irb140", "irb2400", "rx130", "ur5")
 def _stated(name: str, printed: str, *, holds: bool | None, found: str, why: str = "") -> Answer:
     """Compare a statement in words; ``why`` it does not hold, and None where the interval leaves it open."""
     reason = why if holds is False else ""
-    return Answer(name, printed, found, "", "", holds, reason, lambda text: False, False)
+    return Answer(name, printed, found, "", "", holds, reason, lambda text: False, "word", in_exercise=False)
 
 
 def _workspaces() -> tuple[Answer, ...]:
