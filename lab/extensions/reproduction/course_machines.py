@@ -248,7 +248,7 @@ def _carrier(name: str, letters: tuple[str, ...], **lengths: float) -> tuple[dic
 
 
 def _prp_models() -> tuple[Answer, ...]:
-    v, at, J = _carrier("prp", ("T1", "q1", "T2"), L2=0.4)
+    v, at, J = _carrier("prp", ("T1", "q1", "T2"), L2=0.5)
     direct = ("(L2 + T2) c1", "(L2 + T2) s1", "T1")
     rows = {"(1,1)": "0", "(1,2)": "−(L2 + T2) s1", "(1,3)": "c1", "(2,1)": "0", "(2,2)": "(L2 + T2) c1",
             "(2,3)": "s1", "(3,1)": "1", "(3,2)": "0", "(3,3)": "0"}  # fmt: skip
