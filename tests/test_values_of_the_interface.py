@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow
 import pytest
 from helpers.cells import CELL, PLACES
 from helpers.robots import MODELS
@@ -110,3 +111,12 @@ def test_measurements_print_in_ten_lines_and_give_their_columns() -> None:
     np.testing.assert_array_equal(columns["p2.z"], data.points[:, 1, 2])
     pandas = pytest.importorskip("pandas")
     assert isinstance(data.to_frame(), pandas.DataFrame) and len(data.to_frame()) == 20
+
+
+def test_measurements_and_results_are_arrow_tables() -> None:
+    result = lab.calibrate("irb120", poses=20, seed=3, targets=("p1", "p2"))
+    for each in (result.measurements, result):
+        table, columns = pyarrow.table(each), each.columns()
+        assert table.column_names == [*columns] and table.num_rows == len(next(iter(columns.values())))
+    table = pyarrow.table(result.measurements)
+    np.testing.assert_array_equal(table["p2.z"].to_numpy(), result.measurements.points[:, 1, 2])
