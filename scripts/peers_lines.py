@@ -123,7 +123,9 @@ def main(arguments: list[str]) -> int:
     for peer, each in found.items():
         print(f"{peer} {each.get('version', '')}: {each['lines']}")
         for job in (job for job in JOBS if job in each):
-            print(f"  {job}: {each[job]['mm']} mm in {each[job]['seconds']:.1f} s")
+            mm = each[job]["mm"]
+            shown = ", ".join(f"{value:.4f}" for value in (mm.values() if isinstance(mm, dict) else (mm,)))
+            print(f"  {job}: {shown} mm in {each[job]['seconds']:.1f} s")
     return 0
 
 

@@ -40,7 +40,7 @@ def fitted(joints, points):
         handler.apply_optimization_vector(vector)
         return np.concatenate([handler.robot.fk(q)[:3, 3] for q in joints]) - points.ravel()
 
-    least_squares(residuals, handler.generate_optimization_vector(), method="lm", x_scale="jac")
+    handler.apply_optimization_vector(least_squares(residuals, handler.generate_optimization_vector()).x)
     return handler.robot
 
 
@@ -60,7 +60,7 @@ def own_residual(joints, points, new_joints, new_points):
         found = np.array([handler.robot.fk(q)[:3, 3] for q in joints])
         return np.linalg.norm(np.diff(found, axis=0), axis=1) - measured
 
-    least_squares(residuals, handler.generate_optimization_vector(), method="lm", x_scale="jac")
+    handler.apply_optimization_vector(least_squares(residuals, handler.generate_optimization_vector()).x)
     return compute_relative_errors(new_joints[:-1], new_joints[1:], new, handler.robot).mean()
 
 
