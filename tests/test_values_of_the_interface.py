@@ -140,3 +140,17 @@ def test_what_is_no_robot_and_no_measurements_is_refused_by_name() -> None:
         lab.load_robot(3)  # type: ignore[arg-type]
     with pytest.raises(lab.LabError, match=r"measurements are given as ndarray; .* lab\.measurements"):
         lab.identify(np.zeros((3, 6)))  # type: ignore[arg-type]
+
+
+def test_a_loaded_robot_is_as_good_as_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("q1_deg,q2_deg\n0,-30\n90,0\n")
+    calls: list[Callable[[Any], Any]] = [
+        lambda robot: lab.trajectory(file, robot=robot),
+        lambda robot: lab.solve_kinematics(robot, joints=(10.0, 20.0)),
+        lambda robot: lab.inspect(robot),
+    ]
+    for call in calls:
+        assert call(lab.load_robot("course2r")) == call("course2r")
+    box = "carrier/cartesian"
+    assert lab.workspace([lab.load_robot(box)], places=120) == lab.workspace(box, places=120)
