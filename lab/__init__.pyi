@@ -521,7 +521,7 @@ def verify(
     accept_edited: bool = False,
 ) -> VerificationResult: ...
 def workspace(
-    robots: str | Path | Sequence[str | Path] | WorkspaceOptions = ...,
+    robots: str | Path | Robot | Sequence[str | Robot] | WorkspaceOptions = ...,
     *,
     cell: str | Path | None = None,
     tool_mm: Sequence[float] = ...,

@@ -17,14 +17,25 @@ measured = lab.measurements(joints_deg, points_mm, robot=robot, unit="mm", joint
 result = lab.identify(measured, holdout=0.3)
 print(f"identified: {result.verdict.word}, {1e3 * result.validation.errors.after.mean():.4f} mm at held-out poses")
 
-# The forward kinematics and its derivatives by all parameters, at one configuration or many.
-arm = robot.arm(("p1",))
-start = result.identification.nominal_aligned
-points, jacobian = arm.observe(measured.joints, start)
-print(f"points {points.shape}, Jacobian {jacobian.shape}, {len(arm.parameters)} parameters")
+# Forward kinematics, Jacobians and criteria: one configuration or many.
+joints, points = measured.joints, measured.points
+print(f"points {robot.points(joints[0]).shape} and {robot.points(joints).shape}, pose {robot.poses(joints[0]).shape}")
+print(f"Jacobian {robot.jacobian(joints).shape}, by the parameters {robot.parameter_jacobian(joints).shape}")
+shown = robot.identifiability()
+indices = robot.criteria(joints)
+print(f"{shown.rank} of {len(shown.parameters)} parameters identifiable; O1 = {indices['o1']:.3f}")
+
+# Predicted errors: before any measurement, and by the estimate.
+here = joints[:1]
+planned = robot.planned_covariance(joints, here, sigma_m=8e-6 / np.sqrt(3))
+predicted = result.estimate.predicted_covariance(here)
+sizes = [1e6 * np.sqrt(np.trace(each[0, 0])) for each in (planned, predicted)]
+print(f"error of a predicted point (1 sigma): planned {sizes[0]:.1f} um, by the estimate {sizes[1]:.1f} um")
+
+# A fit of your own: scipy moves the identifiable parameters, from where the estimate's nominal base is.
+free, start = list(shown.free), result.estimate.nominal
 
 
-# The same residuals and derivatives in a fit of your own: scipy moves the parameters that the lab found identifiable.
 def values_of(change):
     """All parameters, the free ones moved."""
     values = start.copy()
@@ -33,16 +44,15 @@ def values_of(change):
 
 
 def residuals(change):
-    """Predicted less measured points (m)."""
-    return (arm.points(measured.joints, values_of(change)) - measured.points).ravel()
+    """Predicted less measured coordinates (m)."""
+    return robot.residuals(joints, points, values_of(change)).values
 
 
 def derivatives(change):
     """Derivatives of the residuals by the free parameters."""
-    return arm.observe(measured.joints, values_of(change))[1][..., free].reshape(-1, len(free))
+    return robot.residuals(joints, points, values_of(change)).jacobian[:, free]
 
 
-free = list(result.identification.fit.free)
 fit = scipy.optimize.least_squares(residuals, np.zeros(len(free)), derivatives, x_scale="jac")
 left = np.linalg.norm(residuals(fit.x).reshape(-1, 3), axis=1)
 print(f"fitted with scipy: {1e3 * left.mean():.4f} mm on average at the {len(left)} poses")

@@ -3,9 +3,12 @@
 import subprocess
 import sys
 from pathlib import Path
+from types import FunctionType
 
 import pytest
 from public_stub import STUB, stub_text
+
+import lab
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -56,6 +59,20 @@ lab.save_estimate(estimate, "folder")
 lab.write_measurements("day.csv", lab.read_measurements("day.csv", robot))
 frames: lab.WorldFrames = lab.world_frames(day)
 text: str = result.summary()
+run = lab.load_run("run")
+arm = lab.load_robot(run)
+certificate: lab.Result = lab.certify("run", tolerance_mm=0.5)
+next_one: lab.Result = lab.next_pose("plan", day.measurements, accuracy_mm=0.02)
+printed: lab.Result = lab.reproduce("thesis")
+reached: lab.Result = lab.workspace(["irb120", "tx40"], orientations=30)
+followed: lab.Result = lab.trend("runs", kept=["base"])
+one: np.ndarray = robot.points([0.0] * 6)
+many: np.ndarray = estimate.parameter_jacobian(np.zeros((9, 6)))
+left = estimate.residuals(np.zeros((9, 6)), np.zeros((9, 3)))
+slopes: np.ndarray = left.jacobian
+rank: int = robot.identifiability(targets=["p1"]).rank
+indices: dict[str, float] = robot.criteria(np.zeros((9, 6)), scaling="whitened", sigma_m=1e-5)
+spread: np.ndarray = estimate.predicted_covariance([0.0] * 6)
 
 lab.calibrate("irb120", instrumnt="x")  # wrong
 lab.simulate("irb120", poses="50")  # wrong
@@ -73,6 +90,9 @@ lab.compare("first", "second")  # wrong
 lab.import_measurements("tracker.txt")  # wrong
 lab.identfy("day.csv")  # wrong
 robot.nam  # wrong
+robot.criteria(np.zeros((9, 6)), scaling="mm")  # wrong
+robot.planned_covariance(np.zeros((9, 6)), np.zeros(6))  # wrong
+estimate.points(None)  # wrong
 words: list[str] = result.summary()  # wrong
 """
 
@@ -103,3 +123,8 @@ def test_right_calls_pass_and_wrong_ones_are_rejected(tmp_path: Path) -> None:
     }
     wrong = {i for i, line in enumerate(CALLS.splitlines(), 1) if line.endswith("# wrong")}
     assert found == wrong and len(wrong) >= 10, done.stdout + done.stderr
+
+
+def test_every_public_call_is_among_those_that_are_checked() -> None:
+    calls = {name for name in lab.__all__ if isinstance(getattr(lab, name), FunctionType)}
+    assert {name for name in calls if f"lab.{name}(" not in CALLS} == set()

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow
 import pytest
 from helpers.cells import CELL, PLACES
 from helpers.robots import MODELS
@@ -36,6 +37,7 @@ MADE: dict[str, Callable[[Path], Any]] = {
     ),
     "calibrate": lambda run: lab.calibrate("irb120", poses=60, seed=3, observe="cable"),
     "estimate": lambda run: lab.load_estimate(run),
+    "run": lambda run: lab.load_run(run),
     "design": lambda run: lab.design("irb120", poses=10, candidates=60, starts=1, criterion="I"),
     "inspect": lambda run: lab.inspect("irb120"),
     "predict": lambda run: lab.predict(np.zeros((2, 6)), run),
@@ -110,3 +112,45 @@ def test_measurements_print_in_ten_lines_and_give_their_columns() -> None:
     np.testing.assert_array_equal(columns["p2.z"], data.points[:, 1, 2])
     pandas = pytest.importorskip("pandas")
     assert isinstance(data.to_frame(), pandas.DataFrame) and len(data.to_frame()) == 20
+
+
+def test_measurements_and_results_are_arrow_tables() -> None:
+    result = lab.calibrate("irb120", poses=20, seed=3, targets=("p1", "p2"))
+    for each in (result.measurements, result):
+        table, columns = pyarrow.table(each), each.columns()
+        assert table.column_names == [*columns] and table.num_rows == len(next(iter(columns.values())))
+    table = pyarrow.table(result.measurements)
+    np.testing.assert_array_equal(table["p2.z"].to_numpy(), result.measurements.points[:, 1, 2])
+
+
+def test_a_run_gives_back_its_estimate_and_its_calibrated_robot(run: Path) -> None:
+    loaded = lab.load_run(run)
+    assert loaded.estimate == lab.load_estimate(run) and isinstance(loaded.estimate, lab.Estimate)
+    robot = lab.load_robot(loaded)
+    assert robot == lab.load_robot(run) != lab.load_robot("irb120")
+    apart = [
+        np.linalg.norm(np.diff(each.points(np.array([[0.0] * 6, [0.5] * 6]))[:, 0], axis=0))
+        for each in (robot, loaded.estimate)
+    ]
+    assert apart[0] == pytest.approx(apart[1], abs=1e-9)  # base and tool aside, the arms are one
+
+
+def test_what_is_no_robot_and_no_measurements_is_refused_by_name() -> None:
+    with pytest.raises(lab.LabError, match="a robot is given as int; give a name, a path, or a loaded robot"):
+        lab.load_robot(3)  # type: ignore[arg-type]
+    with pytest.raises(lab.LabError, match=r"measurements are given as ndarray; .* lab\.measurements"):
+        lab.identify(np.zeros((3, 6)))  # type: ignore[arg-type]
+
+
+def test_a_loaded_robot_is_as_good_as_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("q1_deg,q2_deg\n0,-30\n90,0\n")
+    calls: list[Callable[[Any], Any]] = [
+        lambda robot: lab.trajectory(file, robot=robot),
+        lambda robot: lab.solve_kinematics(robot, joints=(10.0, 20.0)),
+        lambda robot: lab.inspect(robot),
+    ]
+    for call in calls:
+        assert call(lab.load_robot("course2r")).to_dict() == call("course2r").to_dict()
+    box = "carrier/cartesian"
+    assert lab.workspace([lab.load_robot(box)], places=120) == lab.workspace(box, places=120)

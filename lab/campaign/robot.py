@@ -9,6 +9,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
@@ -362,13 +363,13 @@ class ClosedRobot(Robot):
         return true_mechanism(self.model, values, T_world_tracker)
 
 
-def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
+def load_robot(robot: str | PathLike[str] | Robot, cell: Path | None = None) -> Robot:
     """Load a robot: its nominal model, masses and warnings.
 
     Args:
         robot: the name of a model of the lab; a path to an MJCF, a URDF, or a TOML table or mechanism; or the folder
-            of a run of ``lab identify`` or ``lab calibrate`` for its calibrated robot (geometry alone). A loaded
-            robot is unchanged.
+            of a run of ``lab identify`` or ``lab calibrate``, or what ``lab.load_run`` made of it, for its calibrated
+            robot (geometry alone). A loaded robot is unchanged.
         cell: the file that describes its cell, if any.
 
     Raises:
@@ -382,9 +383,11 @@ def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     """
     if isinstance(robot, Robot):
         return robot.placed_in(cell)
-    source = str(robot)
-    if (Path(robot) / CONFIG_FILE).is_file():
-        source = _calibrated(Path(robot))
+    if not isinstance(robot, str | PathLike):
+        raise LabError(f"a robot is given as {type(robot).__name__}; give a name, a path, or a loaded robot")
+    source = fspath(robot)
+    if (Path(source) / CONFIG_FILE).is_file():
+        source = _calibrated(Path(source))
     loaded = _loaded(source)
     origin = replace(loaded.model.origin, source=source)
     return replace(loaded, model=replace(loaded.model, origin=origin)).placed_in(cell)

@@ -14,7 +14,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
-from lab.core.values import Value, data_frame
+from lab.core.values import Value, arrow_stream, data_frame
 from lab.extension_points import load_reference
 
 if TYPE_CHECKING:
@@ -169,6 +169,10 @@ class Result(Value, ABC):
             LabError: pandas is not installed.
         """
         return data_frame(self.columns())
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Return the main table as a stream of the Arrow C interface, which polars, pyarrow and DuckDB read."""
+        return arrow_stream(self.columns(), requested_schema)
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Write all files of the run into a folder, completely or not at all.

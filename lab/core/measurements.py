@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import IncompleteColumnError, LabError, be, counted
 from lab.core.se3 import Array
-from lab.core.values import Value, data_frame
+from lab.core.values import Value, arrow_stream, data_frame
 
 __all__ = [
     "FIXTURE",
@@ -153,6 +153,10 @@ class Measurements(Value):
     def to_frame(self) -> Any:
         """Return ``columns`` as a ``pandas.DataFrame``; raise a LabError if pandas is not installed."""
         return data_frame(self.columns())
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Return ``columns`` as a stream of the Arrow C interface, which polars, pyarrow and DuckDB read."""
+        return arrow_stream(self.columns(), requested_schema)
 
     @property
     def seen(self) -> NDArray[np.bool_]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 
-__all__ = ["Value", "data_frame", "same"]
+__all__ = ["Value", "arrow_stream", "data_frame", "same"]
 
 
 class Value:
@@ -83,6 +83,13 @@ def data_frame(columns: Mapping[str, Any]) -> Any:
     except ImportError as error:
         raise LabError("to_frame needs pandas, which is not installed; pip install pandas, or use columns()") from error
     return pandas.DataFrame(dict(columns))
+
+
+def arrow_stream(columns: Mapping[str, Any], requested_schema: object = None) -> object:
+    """Return columns as a stream of the Arrow C interface, for ``__arrow_c_stream__``."""
+    import pyarrow
+
+    return pyarrow.table(dict(columns)).__arrow_c_stream__(requested_schema)
 
 
 def _same_arrays(first: np.ndarray[Any, Any], second: np.ndarray[Any, Any]) -> bool:

@@ -1,5 +1,6 @@
 """Everything that the README and the pages of docs/ show is executed or compared."""
 
+import ast
 import contextlib
 import importlib
 import json
@@ -8,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +103,14 @@ def program_of(language: str, body: str) -> str:
     return SCRIPTS.get(body, "no script") if language == "python" else ""
 
 
+def imported(script: Path) -> set[str]:
+    """The packages that a script imports."""
+    found = list(ast.walk(ast.parse(script.read_text(encoding="utf-8"))))
+    names = [name.name for each in found if isinstance(each, ast.Import) for name in each.names]
+    names += [each.module or "" for each in found if isinstance(each, ast.ImportFrom)]
+    return {name.partition(".")[0] for name in names}
+
+
 PROGRAMS = {
     (script, page): i for page in PAGES for i, block in enumerate(page.blocks) if (script := program_of(*block))
 }
@@ -109,9 +119,10 @@ PROGRAMS = {
 @pytest.mark.thorough
 @pytest.mark.parametrize("script", sorted({script for script, _ in PROGRAMS}))
 def test_a_program_is_a_script_and_prints_what_is_shown_below_it(script: str, tmp_path) -> None:
-    if script == "own_corrector":
-        pytest.importorskip("sklearn", reason="the extra learn is not installed")
-    command = [sys.executable, str(ROOT / "scripts" / f"{script}.py")]
+    path = ROOT / "scripts" / f"{script}.py"
+    if absent := [name for name in imported(path) if find_spec(name) is None]:
+        pytest.skip(f"{absent[0]} is not installed")
+    command = [sys.executable, str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
     pages = {page: page.blocks[at + 1] for (own, page), at in PROGRAMS.items() if own == script}
     assert pages == dict.fromkeys(pages, ("text", done.stdout))

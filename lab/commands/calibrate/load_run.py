@@ -27,6 +27,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.limits import called
 from lab.core.measurements import LAST_MOVE
 from lab.core.se3 import Array
+from lab.core.values import Value
 from lab.formats.noise_model import NoiseModel
 from lab.formats.structured import read_structured, structured
 from lab.kinematics.effects.effect import PAYLOAD
@@ -108,9 +109,12 @@ class RunVerdict:
                 raise LabError(f"{name}: a size of errors is not below zero")
 
 
-@dataclass(frozen=True)
-class CalibrationRun:
-    """A calibration with its provenance: who uses an estimate of a run takes it from here."""
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibrationRun(Value):
+    """A calibration with its provenance: who uses an estimate of a run takes it from here.
+
+    ``lab.load_robot`` takes it for the calibrated robot, and ``Path`` for the folder.
+    """
 
     folder: Path  # of the run
     robot: Robot  # the calibrated robot, with payloads where the load of the estimate hangs
@@ -120,6 +124,21 @@ class CalibrationRun:
     load: HandLoad | None  # at the flange; that of the estimate
     inputs: RunInputs | None = None  # inputs of the run; None of a result in memory
     edits: tuple[str, ...] = ()  # sentences about files that were changed since the run was written
+
+    def __fspath__(self) -> str:
+        """Return the folder of the run."""
+        return str(self.folder)
+
+    def _about(self) -> str:
+        return f"{self.folder}, {self.robot.name}, {self.result.verdict}"
+
+    def _facts(self) -> Mapping[str, str]:
+        return {
+            "run": str(self.folder),
+            "robot": self.robot.name,
+            "verdict": self.result.verdict,
+            "identified parameters": str(len(self.estimate.identified)),
+        }
 
     @property
     def serial(self) -> str | None:

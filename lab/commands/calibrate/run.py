@@ -172,8 +172,12 @@ def robot_of(call: str, data: Measurements | str | Path, robot: str | Path | Rob
         LabError: neither names a robot, it cannot be loaded, or its joints are others; it begins with ``call``.
     """
     if not isinstance(data, Measurements):
-        path = Path(data) if isinstance(data, str) else data
-        named = robot_of_file(path) if robot is None and isinstance(path, Path) else robot
+        if not isinstance(data, str | Path):
+            raise LabError(
+                f"{call}: measurements are given as {type(data).__name__}; give a file, or make them by "
+                "lab.measurements(joints, points, robot=...)"
+            )
+        named = robot_of_file(Path(data)) if robot is None else robot
         if named is None:
             raise LabError(f"{call}: {data} names no robot; give robot=")
         return load_robot(named)

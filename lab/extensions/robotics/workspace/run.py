@@ -30,12 +30,12 @@ _PLACES_IN_CELL = 400  # that are tested for collisions
 
 @takes(WorkspaceOptions)
 def workspace(
-    robots: str | Path | Sequence[str | Path] | WorkspaceOptions = ("irb120",), **options: Any
+    robots: str | Path | Robot | Sequence[str | Path | Robot] | WorkspaceOptions = ("irb120",), **options: Any
 ) -> WorkspaceResult:
     """Measure what robots reach within their limits, and in how many orientations; write it if requested.
 
     Args:
-        robots: names or paths of one or several robots; or all options in one object.
+        robots: one or several robots: names, paths, or loaded robots; or all options in one object.
         options: those of ``lab workspace``, by name: ``cell``, ``tool_mm``, ``places``, ``orientations`` and so on.
 
     Returns:
@@ -50,14 +50,20 @@ def workspace(
         >>> found.robots[0].robot.name
         'carrier-cartesian'
     """
-    requested = robots
-    if not isinstance(requested, WorkspaceOptions):
-        names = (robots,) if isinstance(robots, str | Path) else robots
-        given = {"robots": tuple(map(str, names)), **options}  # type: ignore[arg-type]
-        requested = options_of("lab.workspace", WorkspaceOptions, given)
+    loaded = dict[str, Robot]()
+    if isinstance(robots, WorkspaceOptions):
+        requested = robots
+    else:
+        given = (robots,) if isinstance(robots, str | Path | Robot) else robots
+        loaded = {each.source: each for each in given if isinstance(each, Robot)}
+        names = tuple(each.source if isinstance(each, Robot) else str(each) for each in given)
+        requested = options_of("lab.workspace", WorkspaceOptions, {"robots": names, **options})
     requested.check()
     with status("measuring") as stage:
-        found = tuple(_robot_workspace(load_robot(name, requested.cell), requested, stage) for name in requested.named)
+        found = tuple(
+            _robot_workspace(load_robot(loaded.get(name, name), requested.cell), requested, stage)
+            for name in requested.named
+        )
     result = WorkspaceResult(replace(requested, out=None, overwrite=False), found)  # the folder is no part of it
     if requested.out is not None:
         result.save(requested.out, overwrite=requested.overwrite)
