@@ -335,6 +335,7 @@ def inspect(
     cell: str | Path | None = None,
     targets: Sequence[str] = ...,
     tool_mm: Sequence[float] = ...,
+    joint_steps: Sequence[float] = ...,
     model: str = "geometric",
     fix: Sequence[str] = ...,
     free: Sequence[str] = ...,
