@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lab.core.se3 import Array
-from lab.pose_selection.criteria import criterion
-from lab.pose_selection.exchange import Design, OneCriterion, climb, exchange, information
+from lab.pose_selection.criteria import Criterion, criterion
+from lab.pose_selection.exchange import Design, OneCriterion, Sensitivity, climb, exchange, information
 from lab.pose_selection.worst_case import Case, WorstCase, certify_worst, exchange_worst
 
 CONCAVE = ("O1", "A", "G", "I", "O5")
@@ -20,7 +20,7 @@ def lengths_2r(offset: float, joints: Array) -> Array:
     return np.stack([np.stack([np.cos(first), np.cos(both)], 1), np.stack([np.sin(first), np.sin(both)], 1)], axis=1)
 
 
-def case(sensitivity, joints: Array, goal, arm: int = 0) -> Case:
+def case(sensitivity: Sensitivity, joints: Array, goal: Criterion, arm: int = 0) -> Case:
     pool = sensitivity(joints)
     p = pool.shape[2]
     return Case(arm, "geometric", pool, sensitivity, goal, np.empty((0, pool.shape[1], p)), sensitivity, pool)
