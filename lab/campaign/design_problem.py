@@ -1,5 +1,6 @@
 """Set up and solve the design problem of a measurement session: candidates, sensitivities, reachability."""
 
+import copy
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -712,12 +713,15 @@ def _begun(problem: PoseProblem, count: int, rng: np.random.Generator, *, first:
 
 
 def _from_nominal(problem: PoseProblem, count: int, rng: np.random.Generator) -> list[Design]:
-    """Return designs for the worst case: the best for the nominal arm with one model, and the exchange from it."""
+    """Return designs for the worst case: the best for the nominal arm with one model, and the exchange from it.
+
+    Each is found as without other cases.
+    """
     aim, single = WorstCase(problem.cases), []
     for case in problem.cases:
         if not case.arm:
-            start = _nominal(problem, case, count, rng)
-            moved = _uphill(problem, start, _ROUNDS, _of_one(case))
+            start = _nominal(problem, case, count, copy.deepcopy(rng))
+            moved = _uphill(problem, _uphill(problem, start, 1, _of_one(case)), _ROUNDS - 1, _of_one(case))
             seen = aim.seen(moved.joints)
             single.append((start.rows, replace(moved, jacobian=seen, score=aim.score(seen))))
     rows, best = max(single, key=lambda each: each[1].score)

@@ -141,8 +141,8 @@ class Criterion(ABC):
     Attributes:
         name: in options and results.
         weight: W ``(p, p)`` of a score -log tr(W M^-1); None for the others.
-        growth: by how much a concave score grows where the information grows e-fold; None where it is not concave, so
-            that no bound is known.
+        growth: by how much the score grows where the information grows e-fold, of a score that is concave and smooth
+            (G: the least of such); None for others, of which no bound is known.
     """
 
     name: str
@@ -201,7 +201,7 @@ def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
     if name in ("G", "I"):
         assert test is not None
         return _Worst(test) if name == "G" else _Trace(name, np.einsum("trp,trq->pq", test, test) / len(test))
-    return _Spectral(name, 0.5 if name in ("O3", "O5") else None)
+    return _Spectral(name, 0.5 if name == "O5" else None)
 
 
 @dataclass(frozen=True)

@@ -293,7 +293,8 @@ def scores_with(goal: Criterion, without: Array, part: Array) -> Array:
 def inverse_of(information: Array) -> Array:
     """Invert with a small ridge, as a design one pose short may be singular."""
     p = len(information)
-    return np.asarray(np.linalg.inv(information + _RIDGE * np.trace(information) / p * np.eye(p)), dtype=np.float64)
+    ridge = _RIDGE * np.trace(information) / p or _RIDGE  # without its only pose a design has no information
+    return np.asarray(np.linalg.inv(information + ridge * np.eye(p)), dtype=np.float64)
 
 
 class Aim(Protocol):

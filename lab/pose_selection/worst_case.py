@@ -37,7 +37,7 @@ __all__ = ["Case", "WorstCase", "WorstCertificate", "certify_worst", "exchange_w
 _SHARPNESS = (30.0, 300.0)  # of the smooth minimum, in the first exchange and in the second
 _SHORTLIST = 32  # candidates of the steepest ascent, whose scores are computed
 _MINOR = 1e-3  # a case with less weight in the smooth minimum gives no slope
-_RANK = 1e-9
+_RIDGE = 1e-6  # of the trace, for the slope of a design one pose short, which may be singular
 _REFERENCE_GAP = 5e-3  # of the D-efficiency that is attainable in a case
 
 
@@ -172,10 +172,11 @@ class _WorstExchange(Exchange):
 
     def _scores(self, without: Array, left: object, present: int) -> tuple[NDArray[np.int_], Array]:
         now = without + self._information(np.array([present]))
+        ridge = _RIDGE * np.trace(now, axis1=1, axis2=2)[:, None, None] * np.eye(now.shape[1])
         weights = self.aim.smooth(self.aim.values(now))[1]
         rows = np.flatnonzero(self.free)
         rise = np.zeros(len(rows))
-        for i, slope in self.aim.slopes(now, weights):
+        for i, slope in self.aim.slopes(without + ridge, weights):
             pool = self.aim.cases[i].pool
             rise += _gains(pool, slope)[rows]
         best = np.argpartition(-rise, min(_SHORTLIST, len(rise) - 1))[:_SHORTLIST] if len(rise) else np.empty(0, int)
@@ -246,7 +247,7 @@ _SUPPORT = 120  # candidates with weight, at most, in one continuous design
 _MORE = 20  # candidates with the largest gains, which join them
 _TESTS = 4  # positions of the largest variance, of which G counts the worst
 _NEAR = 0.03  # of the smallest value: cases that count in the bound
-_VANISHED = 1e-7
+_VANISHED, _LEAST_START = 1e-7, 1e-4  # weights that count as none; of equal ones, where a search begins
 
 
 @dataclass(frozen=True)
@@ -308,7 +309,7 @@ def certify_worst(
         share: of all poses that are still to be chosen; the others are those measured before.
 
     Returns:
-        None if a criterion is not concave, so that nothing bounds it.
+        None if the criterion has no ``growth``, so that nothing bounds it.
     """
     if any(case.goal.growth is None for case in cases):
         return None
@@ -409,7 +410,7 @@ class _ContinuousDesign:
     def improved(self, weights: Array, support: NDArray[np.int_]) -> Array:
         """Return weights ``(m,)`` on some candidates ``(k,)`` with a larger smallest value."""
         k = len(support)
-        start = np.maximum(weights[support], 1e-4 / k)
+        start = np.maximum(weights[support], _LEAST_START / k)
         start = start / start.sum()
         seen: dict[bytes, list[Array]] = {}
 

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from lab.formats.measurement_csv import read_measurements
 from lab.formats.programs.protocol import MeasuringTour
 from lab.noise.instruments import instrument
 from lab.render.charts.chart import inline_svg
+from lab.render.markdown import to_markdown
 from lab.simulation.tracking import track
 from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 
@@ -303,3 +305,52 @@ def test_bad_input_is_told_in_one_line(
     line = the_line(err)
     assert out == "" and all(word in line for word in words), line
     assert contents(tmp_path) == before
+
+
+LOADED = f"{FEW} --poses 10 --model geometric,geometric+compliance --payload-kg 0,2 --worst-of 2 --criterion I"
+
+
+@pytest.mark.thorough
+def test_a_robust_plan_states_its_payloads_and_calibrate_measures_with_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("arm.xml").write_text(ARM_XML)
+    with nothing_drawn():
+        assert run(f"{LOADED} --controller krl --no-recording --out plan --json") == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["model"] == ["geometric", "geometric+compliance"] and result["worst"]["cases"] == 6
+    worst, nominal = result["worst"], result["predicted_mm"]
+    assert worst["predicted_mm"]["rms"] >= nominal["rms"] and worst["model"] == "geometric+compliance"
+    assert 0.5 < result["certificate"]["efficiency"] <= 1 and 0 <= result["certificate"]["bound_gap"] < 0.02
+    assert sum(each["weight"] for each in worst["weights"]) == pytest.approx(1, abs=1e-4)
+    rows = list(csv.DictReader(Path("plan/plan.csv").read_text().splitlines()))
+    measured = [row for row in rows if row["stop"] == "measure"]
+    loads = [float(row["payload_kg"]) for row in measured]
+    counts = {each["payload_kg"]: each["poses"] for each in result["payloads"]}
+    assert {mass: loads.count(mass) for mass in (0.0, 2.0)} == counts and sum(counts.values()) == 10
+    changes = sum(a != b for a, b in pairwise(loads))
+    assert changes == result["payload_changes"] == sum(count > 0 for count in counts.values()) - 1  # blocks
+    between = [row["id"] for row in rows if row["id"].startswith("home_between")]
+    assert len(between) == changes
+    measure = "calibrate --robot arm.xml --plan plan/plan.csv --model geometric+compliance --stiffness-nm-per-rad 1e4"
+    with nothing_drawn():
+        assert run(f"{measure} --no-recording --out run --json") in (0, 1)
+    found = json.loads(capsys.readouterr().out)
+    assert found["status"] == "converged" and found["poses"] == 10
+    data = read_measurements(Path("run/measurements.csv"), ("q1", "q2", "q3"), (False,) * 3)
+    np.testing.assert_array_equal(data.conditions["payload_kg"], loads)
+
+
+def test_the_document_of_a_robust_plan_says_for_what_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("arm.xml").write_text(ARM_XML)
+    plain = DesignOptions("arm.xml", candidates=30, starts=1, poses=6)
+    robust = design(replace(plain, worst_of=1, model="geometric+compliance", payload_kg=(0.0, 2.0), criterion="I"))
+    text = to_markdown(robust.document())
+    assert "worst of 2 cases: the nominal arm and 1 perturbed ones" in text
+    assert "certified efficiency" in text and "poses with 2 kg" in text
+    nominal = design(plain)
+    alone = to_markdown(nominal.document())
+    assert "worst of" not in alone and "certified efficiency" not in alone and "payload" not in alone
+    assert nominal.to_dict()["worst"] is None

@@ -117,6 +117,7 @@ def test_further_poses_after_an_identification(tmp_path: Path) -> None:
         ("next nothing", "nothing"),
         ("next plan --patience-s 0 --follow other.csv", "--patience-s is 0; give 0.1 to 86,400 s"),
         ("next plan --connect rerun+http://127.0.0.1:9/proxy", "no viewer answers"),
+        ("next loaded", "is a plan for model compliance; lab next is for geometry alone"),
         ("next predicted", "is a run of lab inspect; give the folder of a run of lab design"),
     ],
 )
@@ -128,6 +129,10 @@ def test_bad_input_is_one_line(
         data = lab.simulate("scara", poses=5, seed=3, targets=("p2",)).measurements
         write_measurements(Path("other.csv"), data, (False, False, True, False))
         assert main(["inspect", "scara", "--out", "predicted"]) == 0
+        Path("loaded").mkdir()
+        config = json.loads(Path("plan/config.json").read_text())
+        config["options"]["model"] = "compliance"
+        Path("loaded/config.json").write_text(json.dumps(config))
         capsys.readouterr()
     assert main([*line.split(), "--out", "never"]) == 2
     printed = capsys.readouterr()
