@@ -1,7 +1,7 @@
 """Convert a rotation between all usual descriptions: matrix, quaternion, axis and angle, three angles in twelve orders.
 
 All solutions are given, and where a description is singular what of it is determined (Mallem 2011, annex; Khalil &
-Dombre 2002, section 3.6).
+Dombre 2002, chapter 3).
 """
 
 from collections.abc import Mapping, Sequence

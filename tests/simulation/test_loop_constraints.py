@@ -105,7 +105,9 @@ def mechanism_of(name: str, limits: dict[str, tuple[float, float]], slides: bool
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", (*FILES, "rrr3/mechanism", "prr3/mechanism", "hexapod/mechanism"))
+@pytest.mark.parametrize(
+    "name", (*FILES, "rrr3/mechanism", "prr3/mechanism", "hexapod/mechanism", "rps3/mechanism", "rpr3/shared_pin")
+)
 def test_mujoco_and_our_closures_agree_whatever_is_off(name: str):
     case = described(name)
     joints = case.joints(300)

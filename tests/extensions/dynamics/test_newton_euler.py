@@ -25,7 +25,7 @@ def executed(arm: ArmDynamics) -> tuple[Callable[..., list[float]], Any]:
 
 
 def test_two_hinges_are_the_textbook_s() -> None:
-    """A planar arm that gravity does not load: Khalil & Dombre 2002, section 9.2, in its four base parameters."""
+    """A planar arm that gravity does not load: Khalil & Dombre 2002, chapter 9, in its four base parameters."""
     chain = load_robot("planar3r").chain.first(2)
     arm = replace(ArmDynamics.of(chain, G), motor_inertia=False, friction=False, offsets=False)
     torque, base = executed(arm)

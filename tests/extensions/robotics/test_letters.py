@@ -18,7 +18,7 @@ from lab.core.errors import LabError
 from lab.extensions.robotics.kinematics.letters import ModelsInLetters, inverse_in_letters
 from lab.extensions.robotics.kinematics.models import inverse_of_jacobian
 from lab.extensions.robotics.kinematics.run import solve_kinematics
-from lab.extensions.robotics.kinematics.symbolic import symbolic_chain, textbook
+from lab.extensions.robotics.kinematics.symbolic import formula_text, symbolic_chain, textbook
 from lab.extensions.robotics.kinematics.symbolic_inverse import symbolic_inverse
 from lab.formats.formula_program import programs_text
 from lab.kinematics.inverse.closed_form import closed_form_of
@@ -127,12 +127,15 @@ def test_inverse_of_the_jacobian_in_letters() -> None:
 def test_a_tool_point_at_the_wrist_takes_the_table_s_letter() -> None:
     chain = CHAINS["irb120"]
     wanted = {"matrices": True, "inverse_jacobian": True, "inverse": False}
-    found = ModelsInLetters.of(chain, 3, np.array([0.0, 0.0, -0.072]), None, **wanted)
-    assert all(found.jacobian[i, j] == 0 for i in range(3) for j in range(3, 6))
     joints = np.array([0.3, 0.2, -0.4, 0.5, 0.7, 0.1])
-    back = numbers(found.inverse_jacobian, chain, found.chain.letters, joints)
-    J = differences(chain, joints, 3, np.array([0, 0, -0.072]))
-    np.testing.assert_allclose(back @ J, np.eye(6), rtol=0, atol=1e-6)
+    for frame in (3, 0, 5):
+        found = ModelsInLetters.of(chain, frame, np.array([0.0, 0.0, -0.072]), None, **wanted)
+        if frame == 3:
+            assert all(found.jacobian[i, j] == 0 for i in range(3) for j in range(3, 6))
+            assert formula_text(found.inverse_jacobian[0, 1]) == "−1 / (a2 s2 + a3 s23 + d4 c23)"
+        back = numbers(found.inverse_jacobian, chain, found.chain.letters, joints)
+        J = differences(chain, joints, frame, np.array([0, 0, -0.072]))
+        np.testing.assert_allclose(back @ J, np.eye(6), rtol=0, atol=1e-6)
     other = ModelsInLetters.of(chain, 0, np.array([0.03, 0.0, 0.1]), None, **wanted)
     assert other.letter_values()["tx_mm"] == 30 and other.letter_values()["tz_mm"] == 100
     J = numbers(other.jacobian, chain, other.chain.letters, joints)

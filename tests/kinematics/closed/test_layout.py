@@ -59,3 +59,28 @@ def test_a_ball_on_a_hinged_slide_is_lee_and_shah_s_manipulator() -> None:
         assert R[1, 0] == pytest.approx(R[0, 1], abs=1e-5)
     level = np.abs(poses[fits][:, 2, 2] - 1).max()
     assert level > 1e-4  # it did tilt
+
+
+def test_two_legs_in_one_pin_are_the_course_s_exercise() -> None:
+    """Mallem 2011, exercise 11.5: A1 where circles 1 and 3 meet, A2 where circle 2 meets the one about A1, E at A2."""
+    robot = load_robot("rpr3/shared_pin")
+    mechanism, arm = robot.chain, robot.arm(("p1",))
+    B1, B2, B3, bar = np.zeros(2), np.array([1.2, 0.1]), np.array([0.2, 0.9]), 0.4
+
+    def meeting(a: np.ndarray, b: np.ndarray, ra: float, rb: float) -> list[np.ndarray]:
+        apart = np.linalg.norm(b - a)
+        along = (ra**2 - rb**2 + apart**2) / (2 * apart)
+        unit, rise = (b - a) / apart, np.sqrt(max(ra**2 - along**2, 0.0))
+        return [a + along * unit + sign * rise * np.array([-unit[1], unit[0]]) for sign in (1, -1)]
+
+    joints = mechanism.random_joints(30, np.random.default_rng(4))
+    poses = arm.tool(joints, arm.nominal({"p1": np.zeros(3)}))[0]
+    found = 0
+    for T, (q1, q2, q3) in zip(poses, joints, strict=True):
+        if not np.isfinite(T).all():
+            continue
+        every = [(A1, A2) for A1 in meeting(B1, B3, q1, q3) for A2 in meeting(A1, B2, bar, q2)]
+        apart = [max(np.abs(A2 - T[:2, 3]).max(), np.abs((A2 - A1) / bar - T[:2, 0]).max()) for A1, A2 in every]
+        assert min(apart) < 1e-9
+        found += 1
+    assert found > 25

@@ -1,7 +1,7 @@
 """Write an arm's inverse dynamics in letters: Newton and Euler's recursion with the base parameters alone.
 
 The recursion is that of Luh, Walker & Paul (1980), linear in the parameters about the links' frames (Khalil & Dombre
-2002, section 9.6). It is customized as SYMORO+ does it (Khalil & Creusot 1997): every element that is more than a
+2002, chapter 9). It is customized as SYMORO+ does it (Khalil & Creusot 1997): every element that is more than a
 letter gets a name, zeros and ones are put in, standard parameters that are grouped or have no effect are zero, and what
 no torque needs is removed.
 

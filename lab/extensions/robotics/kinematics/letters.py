@@ -1,6 +1,6 @@
 """Show the models of a serial arm in letters: matrices, Jacobian, its inverse, and the inverse; also as programs."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,6 +10,7 @@ import numpy as np
 from lab.core.se3 import Array
 from lab.extensions.robotics.kinematics.symbolic import (
     SymbolicChain,
+    formula_text,
     program_formula,
     symbolic_chain,
     sympy_module,
@@ -25,7 +26,8 @@ __all__ = ["ModelsInLetters", "inverse_in_letters"]
 _SAME_M = 1e-12  # a point's coordinate and a length of the table
 _TWIST = ("vx", "vy", "vz", "ωx", "ωy", "ωz")
 _SHORT_ENTRY = 14  # characters, of which four stand side by side on a terminal and on a phone
-_NONE = 1e-9
+_NONE = 1e-9  # of an element at a random position
+_FREEDOMS, _BLOCK, _MIDDLE = 6, 3, 3
 
 
 @dataclass(frozen=True)
@@ -80,8 +82,19 @@ class ModelsInLetters:
 
     @cached_property
     def inverse_jacobian(self) -> Any | None:
-        """The Jacobian's inverse by its independent rows; None where the letters give none."""
-        return inverse_in_letters(self.jacobian)
+        """The Jacobian's inverse by its independent rows; None where the letters give none.
+
+        Of six joints it is found in the axes of frame 3, where it is short, and turned from the frame's axes to those.
+        """
+        if len(self.chain.joints) != _FREEDOMS:
+            return inverse_in_letters(self.jacobian)
+        found = inverse_in_letters(self.chain.jacobian(_MIDDLE, self.point))
+        if found is None or self.frame == _MIDDLE:
+            return found
+        ends = sorted((self.frame, _MIDDLE))
+        turn = self.chain.between(ends[0], ends[1])[:3, :3]
+        turn = turn.T if self.frame < _MIDDLE else turn
+        return (found[:, :3] * turn).row_join(found[:, 3:] * turn)
 
     @cached_property
     def inverse(self) -> SymbolicInverse | None:
@@ -113,7 +126,7 @@ class ModelsInLetters:
             values["jacobian"] = _rows(self.jacobian)
         if self.shows_inverse_jacobian:
             found = self.inverse_jacobian
-            values["inverse_jacobian"] = None if found is None else _rows(found)
+            values["inverse_jacobian"] = None if found is None else _rows(found, formula_text)
         if self.shows_inverse:
             values["inverse"] = None if self.inverse is None else _inverse_to_dict(self.inverse, self.chain)
         return values
@@ -136,7 +149,7 @@ class ModelsInLetters:
             blocks.append(
                 Paragraph("The Jacobian has no blocks of three rows and columns, and no inverse in few letters.")
                 if found is None
-                else _long(_rows(found), names, _TWIST, "Inverse of the Jacobian")
+                else _long(_rows(found, formula_text), names, _TWIST, "Inverse of the Jacobian")
             )
         return (*blocks, *(_inverse_blocks(self.inverse, self.chain) if self.shows_inverse else ()))
 
@@ -178,26 +191,25 @@ def inverse_in_letters(jacobian: Any) -> Any | None:
     section 5.6).
     """
     sympy, size = sympy_module(), jacobian.shape[1]
-    if size == 6:
-        A, D, C = jacobian[:3, :3], jacobian[3:, 3:], jacobian[3:, :3]
-        if any(_small(each) != 0 for each in jacobian[:3, 3:]):
-            return None
-        A_back, D_back = _inverted(A), _inverted(D)
-        if A_back is None or D_back is None:
-            return None
-        lower = (-D_back * C * A_back).applyfunc(_ratio)
-        return A_back.row_join(sympy.zeros(3, 3)).col_join(lower.row_join(D_back))
-    if size > 3:
-        return None
-    rows: list[int] = []
     point = {symbol: sympy.Float(0.3 + 0.37 * i) for i, symbol in enumerate(sorted(jacobian.free_symbols, key=str))}
     at = np.array(jacobian.xreplace(point).evalf().tolist(), dtype=np.float64)
-    for i in range(6):
+    if size == _FREEDOMS:
+        if np.abs(at[:3, 3:]).max() > _NONE:
+            return None
+        A_back, D_back = _inverted(jacobian[:3, :3]), _inverted(jacobian[3:, 3:])
+        if A_back is None or D_back is None:
+            return None
+        lower = (-D_back * jacobian[3:, :3] * A_back).applyfunc(_ratio)
+        return A_back.row_join(sympy.zeros(3, 3)).col_join(lower.row_join(D_back))
+    if size > _BLOCK:
+        return None
+    rows: list[int] = []
+    for i in range(_FREEDOMS):
         if np.linalg.matrix_rank(at[[*rows, i]], tol=_NONE) > len(rows):
             rows.append(i)
     if len(rows) < size:
         return None
-    back, whole = _inverted(jacobian[rows, :]), sympy.zeros(size, 6)
+    back, whole = _inverted(jacobian[rows, :]), sympy.zeros(size, _FREEDOMS)
     if back is None:
         return None
     for column, row in enumerate(rows):
@@ -210,13 +222,13 @@ def _inverted(matrix: Any) -> Any | None:
     whole = _small(matrix.det(method="berkowitz"))
     if whole == 0:
         return None
-    return matrix.adjugate().applyfunc(lambda cofactor: sympy_module().cancel(_small(cofactor) / whole))
+    return matrix.adjugate().applyfunc(lambda cofactor: sympy_module().factor(_small(cofactor) / whole))
 
 
 def _ratio(expression: Any) -> Any:
     sympy = sympy_module()
     above, below = sympy.fraction(sympy.together(expression))
-    return sympy.cancel(_small(above) / _small(below))
+    return sympy.factor(_small(above) / _small(below))
 
 
 def _small(expression: Any) -> Any:
@@ -258,8 +270,8 @@ def _tidy(value: float) -> float:
     return float(f"{value:.12g}")
 
 
-def _rows(matrix: Any) -> list[list[str]]:
-    return [[textbook(matrix[i, j]) for j in range(matrix.shape[1])] for i in range(matrix.shape[0])]
+def _rows(matrix: Any, text: Callable[[Any], str] = textbook) -> list[list[str]]:
+    return [[text(matrix[i, j]) for j in range(matrix.shape[1])] for i in range(matrix.shape[0])]
 
 
 def _matrix(name: str, rows: Sequence[Sequence[str]]) -> Table:
@@ -334,6 +346,8 @@ def _inverse_blocks(found: SymbolicInverse | None, chain: SymbolicChain) -> tupl
     if found is None:
         return (Paragraph("Inverse: equations of Khalil's types 1 to 10 do not give every joint of this arm."),)
     wanted = "the place p of the last frame alone" if found.by_place else "the pose U = [s n a p] of the last frame"
+    if not found.by_place and len(chain.joints) < _FREEDOMS:
+        wanted += " that the arm can take"
     roots = 2 ** len(found.signs)
     choice = f"each sign e is +1 or −1: {roots} solutions" if found.signs else "one solution"
     undone = tuple(f"{name} = {textbook(formula)}" for name, formula in found.undone)

@@ -388,14 +388,14 @@ def inverse_of_jacobian(jacobian: Array, rank: int) -> InverseJacobian:
     """
     size = jacobian.shape[1]
     if rank < min(6, size):
-        return InverseJacobian(np.asarray(np.linalg.pinv(jacobian, rcond=_ON_SINGULARITY), float), "singular")
+        return InverseJacobian(np.asarray(np.linalg.pinv(jacobian, rcond=_ON_SINGULARITY)), "singular")
     if size < FREEDOMS:
-        return InverseJacobian(np.asarray(np.linalg.solve(jacobian.T @ jacobian, jacobian.T), float), "left")
+        return InverseJacobian(np.asarray(np.linalg.solve(jacobian.T @ jacobian, jacobian.T)), "left")
     if size > FREEDOMS:
-        return InverseJacobian(np.asarray(np.linalg.solve(jacobian @ jacobian.T, jacobian).T, float), "right")
+        return InverseJacobian(np.asarray(np.linalg.solve(jacobian @ jacobian.T, jacobian).T), "right")
     A, B, C, D = jacobian[:3, :3], jacobian[:3, 3:], jacobian[3:, :3], jacobian[3:, 3:]
     if np.abs(B).max() > _LEAST:
-        return InverseJacobian(np.asarray(np.linalg.inv(jacobian), float), "inverse")
+        return InverseJacobian(np.asarray(np.linalg.inv(jacobian)), "inverse")
     A_back, D_back = np.linalg.inv(A), np.linalg.inv(D)
     return InverseJacobian(np.block([[A_back, np.zeros((3, 3))], [-D_back @ C @ A_back, D_back]]), "blocks")
 

@@ -6,11 +6,12 @@ Denavit-Hartenberg table with the number of their row (d1, a2), and so have angl
 angles, so that a product comes out as it is printed in textbooks, without a search for identities (e.g. Khalil & Dombre
 2002, section 3.4): cos(q2 + q3), not cos q2 cos q3 - sin q2 sin q3.
 
-A column of the Jacobian is z x r and z of a hinge, z and 0 of a slide (Whitney 1969; Khalil & Dombre 2002, equation
-5.9). Axis z and lever r are multiplied in axes that turn about z with no joint of its group of parallel axes, and then
+A column of the Jacobian is z x r and z of a hinge, z and 0 of a slide (Whitney 1969; Khalil & Dombre 2002, chapter
+5). Axis z and lever r are multiplied in axes that turn about z with no joint of its group of parallel axes, and then
 turned into the frame of the answer, so that it is tidy in any frame.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
@@ -24,9 +25,11 @@ __all__ = [
     "SymbolicChain",
     "Walked",
     "backwards",
+    "formula_text",
     "program_formula",
     "symbolic_chain",
     "sympy_module",
+    "terms_of",
     "textbook",
     "walked",
 ]
@@ -34,6 +37,7 @@ __all__ = [
 _Column = Literal["theta", "d", "a", "alpha", "beta"]
 _Step = tuple[_Column, Any]
 _WRITTEN_OUT = 3  # products in a sum
+_EXPANDED = 60  # products at most of what is multiplied out to see how many are left
 _EXACT = 1e-9  # rad or m: by how much an angle may miss a multiple of 90 degrees, or a length zero
 _STEPS: dict[Convention, tuple[_Column, ...]] = {
     "distal": ("theta", "d", "a", "alpha", "beta"),
@@ -141,8 +145,17 @@ def textbook(expression: Any) -> str:
 
     A sum of few products is written out, as the course does; a longer one keeps what its products have in common.
     """
+    if terms_of(expression) > _EXPANDED:
+        return formula_text(expression)
     expanded = expression.expand()
-    return _text(expanded if len(expanded.as_ordered_terms()) <= _WRITTEN_OUT else expression)
+    return formula_text(expanded if len(expanded.as_ordered_terms()) <= _WRITTEN_OUT else expression)
+
+
+def terms_of(expression: Any) -> int:
+    """Return how many products an expression has at most when it is multiplied out."""
+    if expression.is_Add:
+        return sum(terms_of(each) for each in expression.args)
+    return math.prod(terms_of(each) for each in expression.args) if expression.is_Mul else 1
 
 
 def program_formula(expression: Any) -> str:
@@ -179,10 +192,11 @@ def _program_factor(factor: Any) -> str:
     return str(factor)
 
 
-def _text(expression: Any) -> str:
+def formula_text(expression: Any) -> str:
+    """Format an expression as ``textbook`` does, as it is."""
     sympy = sympy_module()
     if expression.is_Add:
-        terms = sorted((_text(term) for term in expression.args), key=lambda term: (term.startswith("−"), term))
+        terms = sorted((formula_text(term) for term in expression.args), key=lambda term: (term.startswith("−"), term))
         return terms[0] + "".join(f" − {term[1:]}" if term.startswith("−") else f" + {term}" for term in terms[1:])
     if expression.is_Mul:
         number, rest = expression.as_coeff_Mul()
@@ -204,11 +218,11 @@ def _divides(factor: Any) -> bool:
 def _factor(sympy: Any, factor: Any) -> str:
     """Format a factor of a product, sums in brackets."""
     if factor.is_Add or factor.is_Mul:
-        return f"({_text(factor)})"
+        return f"({formula_text(factor)})"
     if factor.is_Pow and factor.exp == sympy.Rational(1, 2):
-        return f"√({_text(factor.base)})"
+        return f"√({formula_text(factor.base)})"
     if factor.func is sympy.atan2:
-        return f"atan2({', '.join(_text(each) for each in factor.args)})"
+        return f"atan2({', '.join(formula_text(each) for each in factor.args)})"
     if factor.is_Pow:
         return f"{_factor(sympy, factor.base)}^{factor.exp}"
     if factor.func in (sympy.cos, sympy.sin):

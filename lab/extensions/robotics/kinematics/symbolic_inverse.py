@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lab.core.random import rng_for
-from lab.extensions.robotics.kinematics.symbolic import SymbolicChain, backwards, sympy_module, walked
+from lab.extensions.robotics.kinematics.symbolic import SymbolicChain, backwards, sympy_module, terms_of, walked
 
 __all__ = ["Found", "SymbolicInverse", "symbolic_inverse"]
 
@@ -29,6 +29,7 @@ _PLACES = tuple((row, 3) for row in range(3))
 _TURNS = tuple((row, column) for column in (2, 0, 1) for row in range(3))  # a is the simplest
 
 _BY_PLACE = 3  # joints of an arm that may bring a point to any place in space
+_EXPANDED = 400  # products of an equation; those of skew axes have more, and no such type
 _ZERO = 1e-9  # of a coefficient at a random pose, lengths about 1: it is zero at any
 
 _Form = tuple[int, ...]  # factors of the joint positions in an angle
@@ -244,6 +245,8 @@ class _Solver:
             unknown[form] = sign, tuple(sign * factor for factor in left_over), turned
         keys = sorted({key for _, key, _ in unknown.values()})
         if len(keys) + len(slides) != count or (slides and count > 1):
+            return None
+        if terms_of(equation.left) + terms_of(equation.right) > _EXPANDED:
             return None
         pairs = {key: (self._symbol(f"C_{i}"), self._symbol(f"S_{i}")) for i, key in enumerate(keys)}
         parts = {}
