@@ -353,6 +353,8 @@ COMMAND_LINES = (
     "rotation --matrix 1,2,3,4,5,6,7,8,9",
     "reproduce thesis --exercise --mark good.csv",
     "reproduce elastic --mark good.csv",
+    "reproduce elastic --item 99.9",
+    "reproduce elastic --solution",
     "reproduce elastic --mark folder",
     "reproduce elastic --mark pipe",
 )  # fmt: skip
