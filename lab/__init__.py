@@ -36,6 +36,7 @@ __all__ = [
     "PredictionResult",
     "Result",
     "Robot",
+    "Sampler",
     "StudyResult",
     "Targets",
     "VerificationResult",
@@ -111,6 +112,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.formats.target_csv": ("Targets",),
     "lab.noise.instruments": ("Instrument",),
     "lab.pose_selection.criteria": ("Criterion",),
+    "lab.simulation.sampler": ("Sampler",),
 }
 
 

@@ -64,6 +64,7 @@ from lab.extensions.robotics.workspace.result import WorkspaceResult
 from lab.formats.target_csv import Targets
 from lab.noise.instruments import Instrument
 from lab.pose_selection.criteria import Criterion
+from lab.simulation.sampler import Sampler
 from lab.studies.grid import Study
 
 __all__ = [
@@ -84,6 +85,7 @@ __all__ = [
     "PredictionResult",
     "Result",
     "Robot",
+    "Sampler",
     "StudyResult",
     "Targets",
     "VerificationResult",
@@ -139,6 +141,7 @@ def calibrate(
     position_sigma_mm: float = 0.5,
     rotation_sigma_mrad: float = 1.5,
     offset_sigma_mrad: float = 0.0,
+    sampler: str | Sampler = "normal",
     dh_only: bool = False,
     gate_mm: float | None = None,
     region: str = "measured",
@@ -154,6 +157,7 @@ def calibrate(
     tolerance_mm: float = 0.5,
     tolerance_mrad: float = 1.5,
     estimator: str | Estimator = "least-squares",
+    error_terms: Sequence[str] = ...,
     load: str | Path | None = None,
     accept_edited: bool = False,
     stiffness_nm_per_rad: float | None = None,
@@ -187,6 +191,7 @@ def calibrate(
     expansion_ppm_per_k: float = 0.0,
     thermal_zero_mrad_per_k: float = 0.0,
     cross_harmonic_mrad: float = 0.0,
+    own_effects: Sequence[str] = ...,
     occlusion: bool = False,
     orientation_share: float = 1.0,
     fixtures: int = 4,
@@ -314,6 +319,7 @@ def identify(
     tolerance_mm: float = 0.5,
     tolerance_mrad: float = 1.5,
     estimator: str | Estimator = "least-squares",
+    error_terms: Sequence[str] = ...,
     load: str | Path | None = None,
     accept_edited: bool = False,
 ) -> CalibrationResult: ...
@@ -419,6 +425,7 @@ def simulate(
     position_sigma_mm: float = 0.5,
     rotation_sigma_mrad: float = 1.5,
     offset_sigma_mrad: float = 0.0,
+    sampler: str | Sampler = "normal",
     dh_only: bool = False,
     gate_mm: float | None = None,
     region: str = "measured",
@@ -434,6 +441,7 @@ def simulate(
     tolerance_mm: float = 0.5,
     tolerance_mrad: float = 1.5,
     estimator: str | Estimator = "least-squares",
+    error_terms: Sequence[str] = ...,
     load: str | Path | None = None,
     accept_edited: bool = False,
     stiffness_nm_per_rad: float | None = None,
@@ -467,6 +475,7 @@ def simulate(
     expansion_ppm_per_k: float = 0.0,
     thermal_zero_mrad_per_k: float = 0.0,
     cross_harmonic_mrad: float = 0.0,
+    own_effects: Sequence[str] = ...,
     occlusion: bool = False,
     orientation_share: float = 1.0,
     fixtures: int = 4,

@@ -13,6 +13,14 @@ A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.en
 - ``lab.sections``: an ``AddedSection`` of ``lab.commands.sections``.
 - ``lab.criteria``: an object or a subclass of ``lab.Criterion``; the name is the value of ``--criterion``.
 - ``lab.estimators``: an object or a subclass of ``lab.Estimator``; the name is the value of ``--estimator``.
+- ``lab.effects``: a subclass of ``VirtualEffect`` of ``lab.kinematics.effects.effect``; the name is that of the group
+  that it fits, in ``--model``, and of what ``--own-effects`` simulates.
+- ``lab.sensors``: a subclass of ``VirtualSensor`` of ``lab.sensors.virtual_sensor``; the name is the value of
+  ``--observe``.
+- ``lab.instruments``: an object or a subclass of ``lab.Instrument``; the name is the value of ``--instrument``.
+- ``lab.error_terms``: an object or a subclass of ``ErrorTerm`` of ``lab.noise.error_term``; the name is a value of
+  ``--error-terms``.
+- ``lab.samplers``: an object or a subclass of ``lab.Sampler``; the name is the value of ``--sampler``.
 - ``lab.sources``: a ``Source`` of ``lab.extensions.reproduction.item``; the name is the argument of ``lab reproduce``.
 
 An extension may use the public interface ``lab``, this module, and the toolbox, which the import contract names:
@@ -27,7 +35,8 @@ An extension may use the public interface ``lab``, this module, and the toolbox,
   its run's folder, values for ``--json``.
 
 The lab's own extensions (``lab.extensions``) are registered in the same way. An entry is imported at its first use. One
-that cannot be imported is left out, with a line on the standard error.
+that cannot be imported is left out, with a line on the standard error. ``add`` registers an object without a package,
+for the calls of one program.
 """
 
 import sys
@@ -42,26 +51,57 @@ from lab.core.errors import LabError
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-__all__ = ["added", "choice_of", "load", "load_all", "load_part", "load_reference", "own_part", "registered"]
+__all__ = ["add", "added", "choice_of", "load", "load_all", "load_part", "load_reference", "own_part", "registered"]
 
 _Part = TypeVar("_Part")
+_PARTS = (
+    "lab.criteria",
+    "lab.effects",
+    "lab.error_terms",
+    "lab.estimators",
+    "lab.instruments",
+    "lab.samplers",
+    "lab.sensors",
+)
+_given: dict[str, dict[str, Any]] = {}  # objects of this program, by group and name
 _reported = set[str]()  # entries that cannot be used: each is reported once
 
 
 @cache
 def _entries(group: str) -> "dict[str, EntryPoint]":
     """Return the entry points of a group by name; the first found of several with one name."""
-    from importlib.metadata import entry_points  # slow to import, and not every process needs it
-
     found: dict[str, EntryPoint] = {}
-    for entry in entry_points(group=group):
+    for entry in _all_entries().select(group=group):
         found.setdefault(entry.name, entry)
     return dict(sorted(found.items()))
 
 
+@cache
+def _all_entries() -> Any:
+    """Return the entry points of all groups: the metadata of every package are read once."""
+    from importlib.metadata import entry_points  # slow to import, and not every process needs it
+
+    return entry_points()
+
+
 def registered(group: str) -> tuple[str, ...]:
     """Return the names that are registered in a group, without an import."""
-    return tuple(_entries(group))
+    return tuple(sorted({*_entries(group), *_given.get(group, {})}))
+
+
+def add(group: str, name: str, part: object) -> None:
+    """Register an object of this program in a group, as the entry point of a package is; again, in place of the last.
+
+    Worker processes and command lines do not know it: install a package for these.
+
+    Raises:
+        LabError: the group is of no parts, or a package registers this name.
+    """
+    if group not in _PARTS:
+        raise LabError(f"group '{group}' takes no objects; there are {', '.join(_PARTS)}")
+    if name in _entries(group):
+        raise LabError(f"'{name}' of {group} is registered by a package; give yours another name")
+    _given.setdefault(group, {})[name] = part
 
 
 def load(group: str, name: str) -> Any:
@@ -70,6 +110,8 @@ def load(group: str, name: str) -> Any:
     Raises:
         LabError: no such name is registered, or its package cannot be imported.
     """
+    if name in _given.get(group, {}):
+        return _given[group][name]
     entry = _entries(group).get(name)
     if entry is None:
         names = ", ".join(registered(group)) or "none"
@@ -127,7 +169,7 @@ def own_part(given: object, kind: type[_Part], what: str, names: Collection[str]
         except TypeError as error:
             raise LabError(f"{what} {given!r}: it needs arguments ({error}); give an object") from error
     if not isinstance(given, kind) or not isinstance(name := getattr(given, "name", None), str) or not name:
-        raise LabError(f"{what} {given!r}: give an object of a subclass of lab.{kind.__name__} with a name")
+        raise LabError(f"{what} {given!r}: give an object of a subclass of {_called(kind)} with a name")
     if name in names:
         raise LabError(f"{what} '{name}': the lab has one of that name; give yours another")
     return given
@@ -137,9 +179,18 @@ def load_part(group: str, name: str, kind: type[_Part], what: str) -> _Part:
     """Import a part that a package registers in a group.
 
     Raises:
-        LabError: it cannot be imported, or is of another type.
+        LabError: it cannot be imported, is of another type, or has another name than its entry.
     """
-    return own_part(load(group, name), kind, what)
+    part = own_part(load(group, name), kind, what)
+    if (own := getattr(part, "name", "")) != name:
+        raise LabError(f"{what} '{own}' is registered in {group} as '{name}'; name both alike")
+    return part
+
+
+def _called(kind: type[Any]) -> str:
+    """Name a class as its user imports it: from ``lab``, if it is public there."""
+    public = kind.__name__ in sys.modules["lab"].__all__
+    return f"{'lab' if public else kind.__module__}.{kind.__name__}"
 
 
 def load_reference(reference: str) -> Any:

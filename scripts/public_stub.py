@@ -21,6 +21,7 @@ _WIDER = {  # of options that a program may give as an object too
     "validate": (("lab.core.measurements", "Measurements"),),
     "criterion": (("lab.pose_selection.criteria", "Criterion"),),
     "estimator": (("lab.calibration.estimator", "Estimator"),),
+    "sampler": (("lab.simulation.sampler", "Sampler"),),
 }
 
 

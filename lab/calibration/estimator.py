@@ -5,6 +5,7 @@ the noise, initial values and a prior. The lab chooses the parameters, and makes
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,8 +17,10 @@ from lab.core.se3 import Array
 from lab.extension_points import added, load_part, own_part
 from lab.kinematics.model import Model
 
-__all__ = ["LEAST_SQUARES", "EstimationProblem", "Estimator", "estimated", "estimator_named", "own_estimator"]
+__all__ = ["LEAST_SQUARES", "EstimationProblem", "Estimator", "Poses", "estimated", "estimator_named", "own_estimator"]
 
+Poses = Sequence[int] | NDArray[np.int_] | slice
+"""Indices of poses."""
 LEAST_SQUARES = "least-squares"
 _GROUP, _NAMES = "lab.estimators", (LEAST_SQUARES,)
 _NEGATIVE = -1e-9  # of the largest eigenvalue of a covariance in units of its standard deviations: below, it is none
@@ -56,13 +59,13 @@ class EstimationProblem:
         """Return the predicted points ``(n, k, d)`` at values ``(f,)``, in the units of ``points``."""
         return self._model.points(self.inputs, self._whole(values))
 
-    def residuals(self, values: Array, poses: NDArray[np.int_] | slice | None = None) -> Array:
+    def residuals(self, values: Array, poses: Poses | None = None) -> Array:
         """Return the residuals ``(r,)`` at values ``(f,)``; arguments as of ``linearized``."""
         observed, whole = self._of(poses), self._whole(values)
         rows = observed.apply(observed.points - self._model.points(observed.inputs, whole))
         return np.concatenate([rows, self._extra(whole)[0]]) if poses is None else rows
 
-    def linearized(self, values: Array, poses: NDArray[np.int_] | slice | None = None) -> tuple[Array, Array]:
+    def linearized(self, values: Array, poses: Poses | None = None) -> tuple[Array, Array]:
         """Return the residuals ``(r,)`` at values ``(f,)``, and the derivatives ``(r, f)`` of the prediction.
 
         A small change ``d`` of the values changes the residuals by ``-jacobian @ d``.
@@ -80,11 +83,10 @@ class EstimationProblem:
         more, slopes = self._extra(whole)
         return np.concatenate([rows, more]), np.concatenate([jacobian, slopes[:, list(self._free)]])
 
-    def _of(self, poses: NDArray[np.int_] | slice | None) -> Observations:
+    def _of(self, poses: Poses | None) -> Observations:
         if poses is None:
             return self._observed
-        index = np.arange(len(self.inputs))[poses]
-        return self._observed.take(np.atleast_1d(index))
+        return self._observed.take(np.arange(len(self.inputs))[poses])
 
     def _whole(self, values: Array) -> Array:
         whole = self._all.copy()

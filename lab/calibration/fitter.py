@@ -88,6 +88,7 @@ class FitOptions:
         fix, free: names or patterns of parameters to fix at nominal, or to identify though usually fixed.
         prior: use of the tolerances of manufacture: along weakly observable directions, everywhere, or not at all.
         estimator: of the parameters of one model; None for least squares. Groups are selected by least squares.
+        error_terms: names of error terms that packages add, to be searched among the noise.
     """
 
     groups: tuple[str, ...] = ()
@@ -99,6 +100,7 @@ class FitOptions:
     prior: Literal["auto", "on", "off"] = "auto"
     tolerance: Tolerance = field(default_factory=Tolerance)
     estimator: Estimator | None = None
+    error_terms: tuple[str, ...] = ()
 
     @property
     def geometric(self) -> bool:
@@ -153,8 +155,8 @@ class Fitter:
         if self.options.estimator is not None and (self.options.residual or self.kind.solve is not None):
             option, value = ("model", "residual") if self.options.residual else ("method", "sequential")
             raise LabError(
-                f"{option_name('estimator')} {self.options.estimator.name}: {option_name(option)} {value} estimates the "
-                f"parameters, too; leave one out"
+                f"{option_name('estimator')} {self.options.estimator.name}: {option_name(option)} {value} estimates "
+                "the parameters, too; leave one out"
             )
         if not self.options.residual:
             return

@@ -141,7 +141,15 @@ def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> 
     targets = kind.targets(data)
     arm = robot.arm(targets)
     data = kind.with_sessions(arm, data, arm.nominal(robot.tool))
-    fitter = Fitter(robot, targets, data, kind, Noise(device, options.noise_m), options.fit, options.seed)
+    fitter = Fitter(
+        robot,
+        targets,
+        data,
+        kind,
+        Noise(device, options.noise_m, error_terms=options.fit.error_terms),
+        options.fit,
+        options.seed,
+    )
     observed, other = fitter.observed(), options.judging.other
     judged_by: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
     judged_by += [] if other is None else [(other, CAMPAIGN_SPECIFIC)]

@@ -53,12 +53,14 @@ class Sensor(ABC):
         columns: the columns that it reads of a measurement file.
         in_instrument_frame: whether positions in the instrument's frame are observed: only then does a run give the
             pose of the base, and the noise of a measured point.
+        read_by: name of the sensor whose instruments it takes; "" for its own name.
     """
 
     name: ClassVar[str]
     terms: ClassVar[SensorTerms]
     columns: ClassVar[ObservedColumns]
     in_instrument_frame: ClassVar[bool]
+    read_by: ClassVar[str] = ""
 
     @property
     def solve(self) -> Solve | None:

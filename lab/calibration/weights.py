@@ -25,13 +25,15 @@ class Noise:
     """Assumed noise of an identification: an instrument's, a given sigma, or none.
 
     A row's own ``sigma_m`` goes before both. With neither, all measurements have the same weight and
-    sigma is estimated from the residuals. ``shared`` are errors beside the instrument's.
+    sigma is estimated from the residuals. ``shared`` are errors beside the instrument's; ``error_terms`` are names of
+    terms that packages add, to be searched among these.
     """
 
     instrument: Instrument | None = None
     sigma_m: float | None = None
     readings: int = 1
     shared: ErrorModel | None = None
+    error_terms: tuple[str, ...] = ()
 
     @property
     def independent(self) -> "Noise":

@@ -5,7 +5,7 @@ from pathlib import Path
 from lab.core.errors import LabError
 from lab.formats.instrument_toml import read_instrument
 from lab.noise import instruments
-from lab.noise.instruments import INSTRUMENTS, Instrument
+from lab.noise.instruments import Instrument, is_named
 
 __all__ = ["instrument", "name_of", "named_instrument"]
 
@@ -33,7 +33,7 @@ def named_instrument(name: str) -> Instrument:
     Raises:
         LabError: there is neither, or the file does not describe an instrument.
     """
-    if name in INSTRUMENTS or not name.endswith(".toml"):
+    if is_named(name) or not name.endswith(".toml"):
         return instruments.instrument(name)
     return read_instrument(Path(name))
 
@@ -47,7 +47,7 @@ def name_of(device: str | Path | Instrument) -> str:
     if not isinstance(device, Instrument):
         return str(device)
     for name in (device.name, device.source):
-        if name and (name in INSTRUMENTS or name == device.source) and named_instrument(name) == device:
+        if name and (is_named(name) or name == device.source) and named_instrument(name) == device:
             return name
     raise LabError(
         f"instrument {device.name} is neither a preset nor as a file describes it, so no run can name it; describe it "

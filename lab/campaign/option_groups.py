@@ -1,5 +1,6 @@
 """Define options that campaigns share: of the fit, and of a virtual arm's effects."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
@@ -10,7 +11,8 @@ from lab.campaign.option_types import PRIOR_MODES, Flag, Names, Numbers, PriorMo
 from lab.core.errors import LabError
 from lab.core.limits import positive
 from lab.core.units import MM, MRAD
-from lab.kinematics.effects.registry import EffectOptions, fitted_groups
+from lab.kinematics.effects.effect import VirtualEffect
+from lab.kinematics.effects.registry import EffectOptions, fitted_groups, own_effect_options
 
 if TYPE_CHECKING:
     from lab.calibration.fitter import FitOptions
@@ -22,7 +24,11 @@ _Options = TypeVar("_Options", bound=EffectOptions)
 
 _GROUPS = [f"{each.name} ({each.meaning})" if each.meaning else each.name for each in fitted_groups()]
 _MODEL_HELP = "geometric; auto, which adds the groups that the data support; or groups joined by +: " + ", ".join(
-    [*_GROUPS, "residual (what no group explains, as offsets of the joints; also auto+residual)"]
+    [
+        *_GROUPS,
+        "residual (what no group explains, as offsets of the joints; also auto+residual)",
+        "those that packages add",
+    ]
 )
 
 
@@ -46,6 +52,8 @@ class Fitting:
     """Manufacturing tolerance of angles (1σ)."""
     estimator: str = "least-squares"
     """Estimator of the parameters: least-squares. Packages may add others."""
+    error_terms: Names = ()
+    """Also search these error terms among the noise: names that packages add."""
     load: Path | None = None
     """The folder of a run of lab payload: it places all payloads; rows without payload_kg have its mass."""
     accept_edited: Flag = False
@@ -89,11 +97,15 @@ class Fitting:
         """The options of the fit in SI units.
 
         Raises:
-            LabError: there is no such estimator.
+            LabError: there is no such estimator or error term.
         """
         from lab.calibration.estimator import estimator_named
         from lab.calibration.fitter import FitOptions
         from lab.calibration.prior import Tolerance
+        from lab.noise.error_term import own_term
+
+        for name in self.error_terms:
+            own_term(name)
 
         return FitOptions(
             self.groups,
@@ -105,12 +117,14 @@ class Fitting:
             self.prior,
             Tolerance(MM.to_si(self.tolerance_mm), MRAD.to_si(self.tolerance_mrad)),
             estimator_named(self.estimator),
+            self.error_terms,
         )
 
 
 def _comma_separated(kind: type[_Options]) -> type[_Options]:
     """Let a class's inherited options of several numbers be given as one word, e.g. ``0,3``."""
-    kind.__annotations__ = {each.name: Numbers for each in fields(kind) if each.type == tuple[float, ...]}
+    numbers = {each.name: Numbers for each in fields(kind) if each.type == tuple[float, ...]}
+    kind.__annotations__ = {**numbers, **vars(kind).get("__annotations__", {})}
     return kind
 
 
@@ -118,3 +132,18 @@ def _comma_separated(kind: type[_Options]) -> type[_Options]:
 @_comma_separated
 class ArmEffects(EffectOptions):
     """Effects of the virtual arm beside its geometry; all are off unless given."""
+
+    own_effects: Names = ()
+    """Effects that packages add, each with its options: NAME:option=number:option=number."""
+
+    @property
+    def added(self) -> Mapping[str, VirtualEffect]:
+        """Options of the effects that packages add, by name.
+
+        Raises:
+            LabError: there is no such effect or option, a value is no number, or an effect is given twice.
+        """
+        pairs = [own_effect_options(text) for text in self.own_effects]
+        if len(found := dict(pairs)) < len(pairs):
+            raise LabError("--own-effects: an effect is given twice; give it once")
+        return found

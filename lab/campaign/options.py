@@ -69,6 +69,8 @@ class _VirtualSession:
     """Rotation error of base, links and flange, per axis (1σ)."""
     offset_sigma_mrad: float = 0.0
     """Error of the joints' zeros (mm for a slide, 1σ)."""
+    sampler: str = "normal"
+    """Distribution of these errors: normal. Packages may add others."""
     dh_only: Flag = False
     """Perturb nothing but the Denavit-Hartenberg parameters."""
     gate_mm: float | None = None

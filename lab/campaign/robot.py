@@ -185,10 +185,10 @@ class Robot(Value, ABC):
 
     @abstractmethod
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueRobot:
-        """Draw a true robot, without effects: its geometry with normal errors, before a tracker.
+        """Draw a true robot, without effects: its geometry with errors, before a tracker.
 
         Args:
-            errors: standard deviations of the geometry.
+            errors: standard deviations of the geometry, and their sampler.
             T_world_tracker: pose ``(4, 4)`` (m) of the tracker's frame in the world of the MuJoCo model.
 
         Raises:
@@ -285,11 +285,17 @@ class SerialRobot(Robot):
         """Draw errors of every body and joint, or of the entries of the Denavit-Hartenberg table alone."""
         if not errors.table_alone:
             perturbation = random_perturbation(
-                self.model, errors.position_sigma_m, errors.rotation_sigma_rad, rng, errors.joint_offset_sigma
+                self.model,
+                errors.position_sigma_m,
+                errors.rotation_sigma_rad,
+                rng,
+                errors.joint_offset_sigma,
+                errors.sampler,
             )
             return true_robot(self.model, perturbation, T_world_tracker)
         arm = self.arm(tuple(self.tool))
-        base, table, _ = arm.split(random_table(arm, errors.position_sigma_m, errors.rotation_sigma_rad, rng))
+        sigmas = errors.position_sigma_m, errors.rotation_sigma_rad
+        base, table, _ = arm.split(random_table(arm, *sigmas, rng, errors.sampler))
         values = arm.assemble(base, table, arm.split(arm.nominal(self.tool))[2])
         return true_robot_from_table(self.model, arm, values, T_world_tracker)
 
@@ -331,7 +337,8 @@ class ClosedRobot(Robot):
                 f"--dh-only and --offset-sigma-mrad are of serial arms; of {self.name} every dimension is off, "
                 "its joints' offsets too"
             )
-        values = random_values(self.model.chain, errors.position_sigma_m, errors.rotation_sigma_rad, rng)
+        sigmas = errors.position_sigma_m, errors.rotation_sigma_rad
+        values = random_values(self.model.chain, *sigmas, rng, errors.sampler)
         return true_mechanism(self.model, values, T_world_tracker)
 
 

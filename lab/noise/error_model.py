@@ -14,7 +14,7 @@ from lab.core.measurements import Measurements, setups
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.noise.change_points import APART, session_of
-from lab.noise.error_term import TERMS, ErrorTerm, Move
+from lab.noise.error_term import TERMS, ErrorTerm, Move, terms_with
 
 __all__ = ["Clock", "ErrorModel", "row_times", "within_session"]
 
@@ -83,7 +83,7 @@ class ErrorModel:
     @property
     def terms(self) -> tuple[ErrorTerm, ...]:
         """The terms of nonzero size."""
-        return tuple(term for term in TERMS if self.size(term.name) > 0)
+        return tuple(term for term in terms_with(self.sizes) if self.size(term.name) > 0)
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -128,7 +128,7 @@ class ErrorModel:
 
     def joint_covariance(self, joints: int) -> Array:
         """Covariance ``(J, J)`` of so many joints' positions at one pose (rad, m)."""
-        own: Array = sum(self.size(term.name) ** 2 for term in TERMS if term.unit.si == "rad") * np.eye(joints)
+        own: Array = sum(self.size(term.name) ** 2 for term in self.terms if term.unit.si == "rad") * np.eye(joints)
         return own if self.counts_rad is None else own + self.counts_rad @ self.counts_rad.T
 
     def moved(self, name: str, step: float) -> "ErrorModel":

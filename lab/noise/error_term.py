@@ -4,24 +4,38 @@ In units of the instrument's noise the covariance of all numbers is V = 1 + sum 
 and a shape S_i for each term. Its structure P_i is one of three: drawn anew at each pose (``pose``), first-order
 autoregressive in time (``autoregressive``), or coefficients that are the same at all poses (``lasting``). Weights,
 likelihood, search, small-sample corrections and serialization loop over ``TERMS`` and name no term. Each of the first
-two structures has one term; the third has any number. A new term is a class and a place in ``TERMS``.
+two structures has one term; the third has any number. A new term is a class and a place in ``TERMS``. A package adds
+one of the third structure by an entry point of ``lab.error_terms``; it is searched on request.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
 
+from lab.core.errors import LabError, option_name
 from lab.core.probability import chi2_sf
 from lab.core.se3 import Array
 from lab.core.units import MICRONS, MM, MRAD, Unit
+from lab.extension_points import added, load_part
 from lab.noise.change_points import ANOTHER_SESSION, ChangePoint, before_and_after
 from lab.noise.correlation import Correlation
 
-__all__ = ["TERMS", "UNCORRELATED", "Components", "ErrorShapes", "ErrorTerm", "Move", "correlation_of", "term_called"]
+__all__ = [
+    "TERMS",
+    "UNCORRELATED",
+    "Components",
+    "ErrorShapes",
+    "ErrorTerm",
+    "Move",
+    "correlation_of",
+    "own_term",
+    "term_called",
+    "terms_with",
+]
 
 UNCORRELATED = 0.15  # largest correlation from one pose to the next that counts as none: the search ends at 0.1
 _CORRELATIONS = 3.0  # number of independent correlations that a search amounts to
@@ -93,6 +107,9 @@ class Move:
 
 class ErrorTerm(ABC):
     """An error term of the noise model.
+
+    Your own is a subclass with a ``name``, the same ``kind``, structure ``lasting``, a ``shape`` and a ``describe``. If
+    a package registers it as an entry point of ``lab.error_terms``, ``--error-terms`` takes it by name.
 
     Attributes:
         name: of its variance, in ``Components`` and in the errors of these.
@@ -239,9 +256,43 @@ TERMS: tuple[ErrorTerm, ...] = (_JointScatter(), _AutocorrelatedShift(), _Drift(
 """All terms, in the order in which their covariances are added and written."""
 
 
+_GROUP = "lab.error_terms"
+_NAMES = tuple(name for term in TERMS for name in (term.name, term.kind))
+
+
+def own_term(name: str) -> ErrorTerm:
+    """Return a term that a package adds.
+
+    Raises:
+        LabError: there is none of this name, its package cannot be imported, or its structure is not ``lasting``.
+    """
+    if name not in (names := added(_GROUP, _NAMES)):
+        raise LabError(f"{option_name('error_terms')} {name}: unknown; packages add {', '.join(names) or 'none'}")
+    term = load_part(_GROUP, name, ErrorTerm, "error term")  # type: ignore[type-abstract]
+    if term.structure != "lasting" or term.kind != name or term.key or term.scanned:
+        raise LabError(
+            f"error term '{name}': give it the structure lasting, its name as kind, no key, and no scan of the rows"
+        )
+    return term
+
+
 def term_called(kind: str) -> ErrorTerm:
-    """Return the term of this kind."""
-    return next(term for term in TERMS if term.kind == kind)
+    """Return the term of this kind: the lab's own, or one that a package adds.
+
+    Raises:
+        LabError: there is none, or its package cannot be imported.
+    """
+    return next((term for term in TERMS if term.kind == kind), None) or own_term(kind)
+
+
+def terms_with(names: Iterable[str]) -> tuple[ErrorTerm, ...]:
+    """Return all terms of the lab, and those of these names that packages add.
+
+    Raises:
+        LabError: a package that added one cannot be imported.
+    """
+    own = {term.name for term in TERMS}
+    return (*TERMS, *(own_term(name) for name in names if name not in own))
 
 
 def correlation_of(shapes: ErrorShapes, parts: Components) -> Correlation:
@@ -250,7 +301,7 @@ def correlation_of(shapes: ErrorShapes, parts: Components) -> Correlation:
     An autoregressive shift without correlation is independent at each pose, as scatter is.
     """
     alone, lasting, shift = list[Array](), list[Array](), shapes.shift[..., :0]
-    for term in TERMS:
+    for term in terms_with(parts.variances):
         if not (variance := parts[term.name]):
             continue
         made = np.sqrt(variance) * term.shape(shapes)

@@ -12,7 +12,7 @@ has an uncertainty.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from lab.core.probability import Uncertain
 from lab.core.se3 import Array, exp
 from lab.core.units import KELVIN, MICRONS, MICRORADIANS, PPM, Unit
 from lab.core.values import Value
+from lab.extension_points import added, load_part
 
 __all__ = [
     "AIR_INDEX_PER_K",
@@ -37,6 +38,7 @@ __all__ = [
     "air_index",
     "instrument",
     "is_isotropic",
+    "is_named",
     "observers",
     "observing",
 ]
@@ -277,6 +279,7 @@ _SHAPES: dict[str, Callable[[Array], Array]] = {
 }  # the covariance of a unit of each term of PLACEMENT, (..., 3, 3)
 
 
+_GROUP = "lab.instruments"
 _ISOTROPIC = ("exact", "uniform", "gaussian")  # kinds with the same noise along all axes
 
 
@@ -322,7 +325,16 @@ class Instrument(Value):
     readings: those of nest and range differ in each pose and belong to the noise, which no number of
     readings reduces; the others last through a campaign. They are zero unless stated. ``field_of_view`` bounds visible
     targets. ``source`` is the path of the file that describes it, "" without one.
+
+    Your own is an object, or an object of a subclass with its own ``sample`` and ``covariance``, of kind ``spherical``
+    unless its noise is the same along all axes. If a package registers it as an entry point of ``lab.instruments``,
+    ``--instrument`` takes it by name.
+
+    Attributes:
+        observes: the sensors that it reads; none for points, and poses of a ``PoseInstrument``.
     """
+
+    observes: ClassVar[tuple[str, ...]] = ()
 
     name: str
     kind: Literal["exact", "uniform", "gaussian", "spherical", "line-cameras"]
@@ -451,7 +463,8 @@ def observing(device: Instrument, kind: str) -> Instrument:
     Raises:
         LabError: it does not; the message lists the instruments that do.
     """
-    able = _OBSERVES.get(device.name, _POINTS)
+    of_points = (*_POINTS, "pose") if isinstance(device, PoseInstrument) else _POINTS
+    able = device.observes or _OBSERVES.get(device.name, of_points)
     if device.name not in _IDEAL and kind not in able:
         *others, last = observers(kind)
         raise LabError(
@@ -555,11 +568,18 @@ _OBSERVES = {
 
 
 def instrument(name: str) -> Instrument:
-    """Return a preset instrument by its name.
+    """Return an instrument by its name: a preset, or one that a package adds.
 
     Raises:
-        LabError: there is no such preset; the message lists all presets.
+        LabError: there is none (the message lists all), or its package cannot be imported.
     """
-    if name not in INSTRUMENTS:
-        raise LabError(f"instrument '{name}' is unknown: choose one of {', '.join(INSTRUMENTS)}")
-    return INSTRUMENTS[name]
+    if name in INSTRUMENTS:
+        return INSTRUMENTS[name]
+    if name not in (others := added(_GROUP, INSTRUMENTS)):
+        raise LabError(f"instrument '{name}' is unknown: choose one of {', '.join((*INSTRUMENTS, *others))}")
+    return load_part(_GROUP, name, Instrument, "instrument")
+
+
+def is_named(name: str) -> bool:
+    """Decide whether a preset, or an instrument that a package adds, has this name."""
+    return name in INSTRUMENTS or name in added(_GROUP, INSTRUMENTS)

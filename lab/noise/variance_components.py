@@ -30,7 +30,7 @@ from lab.core.linear_model import matched_dof
 from lab.core.se3 import Array
 from lab.core.significance import VARIANCE_COMPONENTS
 from lab.noise.change_points import ChangePoint, ChangeScan, likeliest_change
-from lab.noise.error_term import TERMS, Components, ErrorShapes, ErrorTerm, term_called
+from lab.noise.error_term import TERMS, Components, ErrorShapes, ErrorTerm, term_called, terms_with
 
 __all__ = [
     "ComponentErrors",
@@ -46,7 +46,6 @@ __all__ = [
 _TINY = 1e-300
 (_WITHIN,) = (term for term in TERMS if term.structure == "pose")
 (_IN_TIME,) = (term for term in TERMS if term.structure == "autoregressive")
-_LASTING = tuple(term for term in TERMS if term.structure == "lasting")
 _MIN_SHARE = 0.25  # of a given instrument's variance: half its noise
 _MIN_GAP = 1e-8
 _ROUNDING = 1e-14  # added to the normal equations of unit columns
@@ -55,9 +54,7 @@ _VARIANCES = (1e-4, 1e3)  # bounds of a component's mean variance, in units of t
 _CARRIES = (0.1, 0.995)  # bounds of the correlation from one pose to the next
 _START_VARIANCES, _START_CARRIES = (0.05, 0.3, 2.0, 15.0, 300.0), (0.4, 0.85)
 _MIN_GAIN = 1.0  # twice the log ratio at the best start: from less, no search reaches significance
-_FAMILIES = tuple(  # kinds that are left out, one family in each search
-    tuple(term.kind for term in TERMS if term.family == family) for family in ("moving", "wandering")
-)
+_FAMILIES = ("moving", "wandering")  # that are left out, one in each search
 _MAX_CHANGES = 3  # more are rather an autoregressive shift
 _STEP = 0.1  # of the logarithm of a variance, and of a correlation's odds, for differences
 _MAX_INFLATION = 0.5  # largest relative increase of a standard deviation
@@ -88,12 +85,14 @@ class RestrictedProblem:
         numbers: count of observed ones.
         shapes: of the errors.
         sigma_given: whether the instrument's variance is given, so that s is at most one.
+        own: names of lasting terms that packages add.
     """
 
     rows: Array
     numbers: int
     shapes: ErrorShapes
     sigma_given: bool
+    own: tuple[str, ...] = ()
 
     @property
     def dof(self) -> int:
@@ -118,7 +117,7 @@ class RestrictedProblem:
         squares[:size, :size] += np.diag(np.where(np.arange(size) < free, _ROUNDING, 1.0))
         found = np.linalg.solve(squares[:size, :size], squares[:size, size])
         first = free
-        for term in _LASTING:
+        for term in self._lasting:
             count = self._rotated.lasting[term.name].shape[2] if components[term.name] else 0
             if term is of:
                 break
@@ -142,12 +141,16 @@ class RestrictedProblem:
         return _Likelihood(float(deviance), scale, squares[:size, :size])
 
     @cached_property
+    def _lasting(self) -> tuple[ErrorTerm, ...]:
+        return tuple(term for term in terms_with(self.own) if term.structure == "lasting")
+
+    @cached_property
     def _rotated(self) -> "_Rotated":
         shapes = self.shapes
         within = _WITHIN.shape(shapes)
         sizes, axes = np.linalg.eigh(within @ np.swapaxes(within, 1, 2))
         turn = np.swapaxes(axes, 1, 2)
-        lasting = {term.name: turn @ term.shape(shapes) for term in _LASTING}
+        lasting = {term.name: turn @ term.shape(shapes) for term in self._lasting}
         return _Rotated(turn @ self.rows, turn @ _IN_TIME.shape(shapes), lasting, np.maximum(sizes, 0.0))
 
     def _white(self, components: Components) -> tuple[Array, Array, Array, Array]:
@@ -269,15 +272,19 @@ class ComponentTrial:
 
 
 def chosen_components(
-    problem: RestrictedProblem, kinds: Sequence[str] = _KINDS
+    problem: RestrictedProblem, kinds: Sequence[str] | None = None
 ) -> tuple[Estimate, tuple[ComponentTrial, ...]]:
     """Select the significant components; return them and all tests.
 
     Drift and changes are confounded with an autoregressive shift: each family is searched without the other, with
     scatter beside it, and the likelier result is taken.
+
+    Args:
+        kinds: to select from; by default all of the lab, and the problem's own.
     """
+    kinds = (*_KINDS, *problem.own) if kinds is None else kinds
     search = _Search(problem, VARIANCE_COMPONENTS / len(kinds))
-    results = [search.along([kind for kind in kinds if kind not in others]) for others in _FAMILIES]
+    results = [search.along([kind for kind in kinds if term_called(kind).family != other]) for other in _FAMILIES]
     found, trials = min(results, key=lambda result: result[0].deviance)
     tried = {trial.kind: replace(trial, taken=False) for _, each in results for trial in each}
     return found, tuple((tried | {trial.kind: trial for trial in trials}).values())
@@ -484,7 +491,7 @@ class _Point:
         components, scale = estimate.components, estimate.likelihood.scale
         at_bound = sigma_given and not _MIN_SHARE < scale < 1.0
         found = {} if at_bound else {"scale": float(np.log(scale))}
-        for term in TERMS:
+        for term in terms_with(components.variances):
             if (variance := components[term.name]) > 0:
                 found[term.name] = float(np.log(variance * scale))
             if term.structure == "autoregressive" and (carry := components.carry) > 0:

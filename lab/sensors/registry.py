@@ -1,7 +1,8 @@
 """List the sensors by name; a sensor's module is imported when it is used.
 
 This module imports no numpy, so that a command line is parsed quickly. A new sensor is a new line of ``SENSORS``, and
-its options, if it has any, are a new base of ``SensorOptions`` or new fields of ``VirtualSetup``.
+its options, if it has any, are a new base of ``SensorOptions`` or new fields of ``VirtualSetup``. A package adds one,
+without options, by an entry point of ``lab.sensors``.
 """
 
 from collections.abc import Mapping
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from lab.core.errors import LabError, option_name
+from lab.extension_points import added, load
 from lab.sensors.options import FitInputs, SensorOptions
 
 if TYPE_CHECKING:
@@ -28,15 +30,18 @@ SENSORS: Mapping[str, str] = {  # in the order of --help
 }
 """The class of each sensor, as ``module:name``."""
 
+_GROUP = "lab.sensors"
+_NAMES = (*SENSORS, *added(_GROUP, SENSORS))  # that a command line takes
+
 SensorName = Annotated[
     str,
     tyro.constructors.PrimitiveConstructorSpec(
         nargs=1,
-        metavar="{" + ",".join(SENSORS) + "}",
+        metavar="{" + ",".join(_NAMES) + "}",
         instance_from_str=lambda given: given[0],
         is_instance=lambda instance: isinstance(instance, str),
         str_from_instance=lambda name: [name],
-        choices=tuple(SENSORS),
+        choices=_NAMES,
     ),
 ]
 """A sensor's name, as a command line takes it."""
@@ -46,12 +51,19 @@ def sensor_named(name: str) -> "type[VirtualSensor]":
     """Return the sensor of this name.
 
     Raises:
-        LabError: there is none.
+        LabError: there is none, or its package cannot be imported or gives something else.
     """
-    if name not in SENSORS:
-        raise LabError(f"{option_name('observe')} {name}: unknown; give one of {', '.join(SENSORS)}")
-    sensor: type[VirtualSensor] = resolve_name(SENSORS[name])
-    return sensor
+    if name in SENSORS:
+        sensor: type[VirtualSensor] = resolve_name(SENSORS[name])
+        return sensor
+    if name not in (own_names := added(_GROUP, SENSORS)):
+        raise LabError(f"{option_name('observe')} {name}: unknown; give one of {', '.join((*SENSORS, *own_names))}")
+    from lab.sensors.virtual_sensor import VirtualSensor as Base  # which imports numpy
+
+    own = load(_GROUP, name)
+    if not (isinstance(own, type) and issubclass(own, Base) and own.name == name):
+        raise LabError(f"sensor '{name}': {own!r} is no subclass of {Base.__module__}.{Base.__name__} with this name")
+    return own
 
 
 def sensors_with(setting: str) -> tuple[str, ...]:

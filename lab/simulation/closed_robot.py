@@ -57,6 +57,7 @@ from lab.simulation.model import (
     update_constants,
 )
 from lab.simulation.model_files import set_vectors, write_in_full
+from lab.simulation.sampler import NORMAL, Sampler, drawn
 from lab.simulation.true_robot import TrueRobot, put_before_tracker
 
 __all__ = [
@@ -207,13 +208,17 @@ def true_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) ->
 
 
 def random_values(
-    mechanism: Mechanism, position_sigma_m: float, rotation_sigma_rad: float, rng: np.random.Generator
+    mechanism: Mechanism,
+    position_sigma_m: float,
+    rotation_sigma_rad: float,
+    rng: np.random.Generator,
+    sampler: Sampler = NORMAL,
 ) -> Array:
-    """Draw parameters ``(p,)`` with normal errors of these standard deviations, the base at its nominal pose."""
+    """Draw parameters ``(p,)`` with errors of these standard deviations, the base at its nominal pose."""
     turns = [tree_step.is_turn for tree_step in (mechanism.tree.step(f, s) for f, s in mechanism.tree.constants)]
     sigma = np.array([rotation_sigma_rad if turn else position_sigma_m for turn in turns])
     sigma = np.concatenate([np.zeros(6), sigma, np.full(len(mechanism.tree.lengths), position_sigma_m)])
-    off: Array = mechanism.nominal_values + sigma * rng.standard_normal(len(sigma))
+    off: Array = mechanism.nominal_values + sigma * drawn(sampler, rng, (len(sigma),))
     return off
 
 

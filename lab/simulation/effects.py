@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TypeVar
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,7 +173,7 @@ def random_effects(arm: ArmFacts, options: EffectOptions, rng: np.random.Generat
     leaves the draws of the others as they were; ``rng``'s own numbers are not used up.
 
     Raises:
-        LabError: an option asks for what the arm cannot have.
+        LabError: an option asks for what the arm cannot have, or for an effect that no package adds.
     """
     streams = rng.spawn(sum(kind.draws for kind in EFFECTS))
     parts = []
@@ -180,7 +181,18 @@ def random_effects(arm: ArmFacts, options: EffectOptions, rng: np.random.Generat
         own, streams = streams[: effect.draws], streams[effect.draws :]
         if (part := effect.simulated(arm, own)) is not None:
             parts.append(part)
+    for name, effect in options.added.items():
+        if (part := effect.simulated(arm, _streams_of(name, effect.draws, rng))) is not None:
+            parts.append(part)
     return Effects(arm.chain.size, tuple(parts))
+
+
+def _streams_of(name: str, count: int, rng: np.random.Generator) -> list[np.random.Generator]:
+    """Return ``count`` streams of an effect that a package adds: by its name, whichever others there are."""
+    seed = rng.bit_generator.seed_seq
+    assert isinstance(seed, np.random.SeedSequence)
+    own = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, crc32(name.encode())))
+    return [np.random.default_rng(each) for each in own.spawn(count)]
 
 
 def random_conditions(

@@ -22,6 +22,7 @@ from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_a
 from lab.simulation.effects import NOTHING_SET, Effects
 from lab.simulation.elastic import FlexibleArm
 from lab.simulation.model import RobotModel, SerialModel, coordinates, joint_axes, update_constants
+from lab.simulation.sampler import NORMAL, Sampler, drawn
 
 __all__ = [
     "GeometryErrors",
@@ -44,19 +45,21 @@ _TrueRobot = TypeVar("_TrueRobot", bound="TrueRobot")
 
 @dataclass(frozen=True)
 class GeometryErrors:
-    """Geometric errors of a virtual robot, as standard deviations of normal draws per axis.
+    """Geometric errors of a virtual robot, as standard deviations per axis.
 
     Attributes:
         position_sigma_m: of the bodies' positions, or of a mechanism's lengths.
         rotation_sigma_rad: of the bodies' orientations, or of a mechanism's angles.
         joint_offset_sigma: of the joints' offsets, rad or m.
         table_alone: whether only the entries of the Denavit-Hartenberg table are in error.
+        sampler: draws them, in these standard deviations.
     """
 
     position_sigma_m: float
     rotation_sigma_rad: float
     joint_offset_sigma: float = 0.0
     table_alone: bool = False
+    sampler: Sampler = NORMAL
 
 
 @dataclass(frozen=True)
@@ -93,19 +96,26 @@ def random_perturbation(
     rotation_sigma_rad: float,
     rng: np.random.Generator,
     offset_sigma: float = 0.0,
+    sampler: Sampler = NORMAL,
 ) -> Perturbation:
-    """Draw normal errors of every body with these standard deviations per axis, then of every joint (rad or m)."""
+    """Draw errors of every body with these standard deviations per axis, then of every joint (rad or m)."""
     bodies = perturbed_bodies(robot)
-    draws = rng.standard_normal((len(bodies), 6))
-    offset = offset_sigma * rng.standard_normal(robot.chain.size)
+    draws = drawn(sampler, rng, (len(bodies), 6))
+    offset = offset_sigma * drawn(sampler, rng, (robot.chain.size,))
     return Perturbation(bodies, position_sigma_m * draws[:, :3], rotation_sigma_rad * draws[:, 3:], offset)
 
 
-def random_table(arm: SerialArm, position_sigma_m: float, rotation_sigma_rad: float, rng: np.random.Generator) -> Array:
+def random_table(
+    arm: SerialArm,
+    position_sigma_m: float,
+    rotation_sigma_rad: float,
+    rng: np.random.Generator,
+    sampler: Sampler = NORMAL,
+) -> Array:
     """Draw parameters ``(p,)`` with errors of the links' Denavit-Hartenberg entries (and betas) alone."""
     base, table, tool = arm.split(arm.nominal())
     sigma = np.array([rotation_sigma_rad, position_sigma_m, position_sigma_m, rotation_sigma_rad, rotation_sigma_rad])
-    return arm.assemble(base, table + sigma * rng.standard_normal(table.shape), tool)
+    return arm.assemble(base, table + sigma * drawn(sampler, rng, table.shape), tool)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -171,9 +171,9 @@ def test_an_unknown_name_lists_those_there_are() -> None:
 
 
 def test_two_estimators_at_once_are_refused() -> None:
-    with pytest.raises(LabError, match="estimator gauss-newton: (--)?model residual estimates the parameters, too"):
+    with pytest.raises(LabError, match=r"estimator gauss-newton: (--)?model residual estimates the parameters, too"):
         identified(GaussNewton(), model="residual")
-    with pytest.raises(LabError, match="estimator gauss-newton: (--)?method sequential estimates the parameters, too"):
+    with pytest.raises(LabError, match=r"estimator gauss-newton: (--)?method sequential estimates the parameters, too"):
         lab.calibrate("irb120", poses=20, observe="pose", method="sequential", estimator=GaussNewton())
 
 

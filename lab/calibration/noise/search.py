@@ -20,7 +20,7 @@ from lab.kinematics.joints import Encoders
 from lab.kinematics.model import Model
 from lab.noise.change_points import rows_around
 from lab.noise.error_model import Clock, ErrorModel, row_times
-from lab.noise.error_term import TERMS, Components, ErrorShapes, Move, correlation_of
+from lab.noise.error_term import TERMS, Components, ErrorShapes, Move, correlation_of, terms_with
 from lab.noise.variance_components import (
     ComponentErrors,
     ComponentTrial,
@@ -108,6 +108,7 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
         int(linear.mask.sum()),
         _padded(shapes, len(linear.mask)),
         known,
+        noise.error_terms,
     )
     estimate, trials = chosen_components(problem)
     if not estimate.kinds:
@@ -118,7 +119,7 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     shared = ErrorModel(
         sigma_m=found.sigma_m if known else float(np.sqrt(scale)),
         independent_share=scale if known else 1.0,
-        sizes={term.name: float(np.sqrt(parts[term.name] * scale)) for term in TERMS},
+        sizes={term.name: float(np.sqrt(parts[term.name] * scale)) for term in terms_with(parts.variances)},
         carry=parts.carry,
         clock=clock,
         values=dict(zip(model.names, found.values.tolist(), strict=True)),

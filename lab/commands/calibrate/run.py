@@ -1,12 +1,12 @@
 """Run one campaign: simulate or read the measurements, identify, validate and judge."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -48,8 +48,9 @@ from lab.noise.instruments import observing
 from lab.render.terminal import Stage, status
 from lab.sensors.registry import sensor_named
 from lab.simulation.effects import true_parameters
+from lab.simulation.sampler import Sampler, own_sampler
 from lab.simulation.tracking import VirtualMeasurement
-from lab.simulation.true_robot import TrueRobot
+from lab.simulation.true_robot import TrueRobot, TrueSerialRobot
 
 __all__ = [
     "CalibrationResult", "MeasurementSession", "calibrate", "checked", "identify", "measurement_session", "robot_of",
@@ -91,7 +92,7 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
         options: those of ``lab calibrate``, by name: ``poses``, ``seed``, ``targets``, ``instrument``,
-            ``position_sigma_mm``, ``backlash_mrad`` and so on.
+            ``position_sigma_mm``, ``backlash_mrad`` and so on; ``sampler`` may be a ``Sampler``.
 
     Returns:
         The measurements (m, in the instrument's frame), the nominal robot and the true one. The same options give the
@@ -108,13 +109,18 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
     """
     if isinstance(robot, VirtualCampaign):
         return measurement_session(robot, load_virtual(robot.robot, robot.cell))[0]
-    loaded = load_virtual(robot)
+    loaded, sampler = load_virtual(robot), _own(options, "sampler", own_sampler)
     requested = options_of("lab.simulate", VirtualCampaign, {"robot": loaded.source, **options})
-    return measurement_session(requested, loaded.placed_in(requested.cell))[0]
+    return measurement_session(requested, loaded.placed_in(requested.cell), sampler)[0]
 
 
-def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[MeasurementSession, Mapping[str, Array]]:
+def measurement_session(
+    options: VirtualCampaign, robot: Robot, sampler: Sampler | None = None
+) -> tuple[MeasurementSession, Mapping[str, Array]]:
     """The measurement session of these options, with a robot that ``load_virtual`` gave.
+
+    Args:
+        sampler: of the arm, in place of that of the options.
 
     Returns:
         The day, and what is identified beside the arm (``SimulatedReadings.placed``), for the assessment alone.
@@ -126,10 +132,10 @@ def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[Measure
     robot, _ = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
     robot.refuse_unknown(options.targets)
     sensor = options.kind()
-    device = observing(named_instrument(options.instrument), options.observe)
+    device = observing(named_instrument(options.instrument), sensor.read_by or options.observe)
     if options.plan is not None and sensor.finds_poses:
         raise LabError(f"--plan is not of --observe {options.observe}: where the arm touches follows from the fixtures")
-    real = perturbed_arm(robot, options)
+    real = perturbed_arm(robot, options, sampler)
     joints, set_there, notes = poses_to_measure(robot, options)
     requested = requested_conditions(robot, options)
     conditions = draw_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), requested) | set_there
@@ -243,7 +249,8 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
         options: those of ``lab calibrate``, by name: ``poses``, ``seed``, ``targets``, ``instrument``, ``model`` and
-            so on; ``instrument`` may be a name, a file, or an ``Instrument``, and ``estimator`` an ``Estimator``.
+            so on; ``instrument`` may be a name, a file, or an ``Instrument``, ``estimator`` an
+            ``Estimator``, and ``sampler`` a ``Sampler``.
 
     Returns:
         The identified parameters, with base and points in the instrument's frame, and how well they predict.
@@ -257,26 +264,30 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
         >>> result.to_dict()["verdict"]
         'good'
     """
-    own = _own_estimator(options)
+    own, sampler = _own(options, "estimator", own_estimator), _own(options, "sampler", own_sampler)
     with status("calibrating") as stage:
         stage("1 of 3, simulating the measurements")
         if isinstance(robot, VirtualCampaign):
             return _of_a_virtual_robot(*measurement_session(robot, load_virtual(robot.robot, robot.cell)), stage)
         loaded = load_virtual(robot)
         requested = options_of("lab.calibrate", VirtualCampaign, {"robot": loaded.source, **options})
-        return _of_a_virtual_robot(*measurement_session(requested, loaded.placed_in(requested.cell)), stage, own)
+        session = measurement_session(requested, loaded.placed_in(requested.cell), sampler)
+        return _of_a_virtual_robot(*session, stage, own)
 
 
-def _own_estimator(options: dict[str, Any]) -> Estimator | None:
-    """Return the estimator that options hold as an object, and leave its name in its place; None without one.
+_Part = TypeVar("_Part", Estimator, Sampler)
+
+
+def _own(options: dict[str, Any], name: str, own_part: Callable[[object], _Part]) -> _Part | None:
+    """Return the part that options hold as an object, and leave its name in its place; None without one.
 
     Raises:
-        LabError: it is no estimator, or has the name of one of the lab's.
+        LabError: it is no such part, or has the name of one of the lab's.
     """
-    if isinstance(options.get("estimator", ""), str):
+    if isinstance(options.get(name, ""), str):
         return None
-    own = own_estimator(options["estimator"])
-    options["estimator"] = own.name
+    own = own_part(options[name])
+    options[name] = own.name
     return own
 
 
@@ -293,12 +304,13 @@ def _of_a_virtual_robot(
     """Identify from a measurement session, and validate on poses that were not measured, against the truth."""
     options, robot, data, real = session.options, session.robot, session.measurements, session.true_robot
     device = named_instrument(options.instrument)
-    noise, kind = Noise(device, readings=options.readings), options.kind()
+    fit, kind = _fit_options(options.fitting, own), options.kind()
+    noise = Noise(device, readings=options.readings, error_terms=fit.error_terms)
     if options.noise_mm is not None:
-        noise = Noise(None, MM.to_si(options.noise_mm))
+        noise = Noise(None, MM.to_si(options.noise_mm), error_terms=fit.error_terms)
     else:
         kind = kind.weighted_by(device, data)
-    fitter = Fitter(robot, options.targets, data, kind, noise, _fit_options(options.fitting, own), options.seed)
+    fitter = Fitter(robot, options.targets, data, kind, noise, fit, options.seed)
     state = Fitted(
         fitter, fitter.observed().with_points(), judging=_judging(options), checks=tuple(map(note, robot.warnings))
     )
@@ -332,7 +344,7 @@ def _judged_by_fresh(session: MeasurementSession, state: Fitted) -> Fitted:
     fresh, found, fitter = session.validation, state.identification, state.fitter
     checks = _impossible("validation poses", fresh)
     if fitter.kind.in_instrument_frame:
-        if not session.options.occlusion:
+        if not (session.options.occlusion or isinstance(session.true_robot, TrueSerialRobot)):  # it reaches all poses
             checks = _impossible("poses", session.measurements) + checks
         validation = Validation("fresh", errors_of(found, fresh), rows=fresh)
     else:
@@ -375,7 +387,7 @@ def identify(
     if isinstance(measurements, MeasuredCampaign):
         with status("identifying") as stage:
             return _of_measurements(measurements, load_robot(measurements.robot, measurements.cell), stage)
-    own = _own_estimator(options)
+    own = _own(options, "estimator", own_estimator)
     if isinstance(measurements, Measurements):
         robot = robot_of("lab.identify", measurements, robot)
     loaded, given = load_robot(MeasuredCampaign.robot if robot is None else robot), {}
@@ -407,7 +419,7 @@ def _of_measurements(
     requested = PipelineOptions(
         kind,
         _fit_options(options.fitting, own),
-        None if device is None else observing(named_instrument(device), kind.name),
+        None if device is None else observing(named_instrument(device), kind.read_by or kind.name),
         None if options.noise_mm is None else MM.to_si(options.noise_mm),
         replace(
             _judging(options),

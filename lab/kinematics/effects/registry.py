@@ -1,17 +1,18 @@
 """Registry of all effects: the groups of ``--model`` and the options of a virtual arm.
 
 The order is that of the options, of the groups and of the random substreams: a new effect goes to the end, so that the
-draws of others stay the same.
+draws of others stay the same. A package adds an effect by an entry point of ``lab.effects``.
 """
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from typing import TypeVar
 
 from lab.core.errors import LabError, option_name
 from lab.core.limits import OPTION_SIZE
+from lab.extension_points import added, load
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.backlash import Backlash, Hysteresis, Lag
 from lab.kinematics.effects.bending import Bending
@@ -42,6 +43,8 @@ __all__ = [
     "effect",
     "expected_terms",
     "fitted_groups",
+    "own_effect",
+    "own_effect_options",
     "searched_terms",
 ]
 
@@ -85,14 +88,19 @@ class EffectOptions(  # a dataclass takes the fields of its last base first: a n
         """Iterate over the options of every effect."""
         return (self.of(kind) for kind in EFFECTS)
 
+    @property
+    def added(self) -> Mapping[str, VirtualEffect]:
+        """Options of the effects that packages add, by name; here none."""
+        return {}
+
     def check(self) -> None:
         """Refuse numbers out of range with a LabError about the option."""
-        for each in fields(self):
+        for each in fields(EffectOptions):
             value, flag = getattr(self, each.name), "--" + each.name.replace("_", "-")
             for number in value if isinstance(value, tuple) else (value,):
                 if number is not None and number not in OPTION_SIZE:
                     raise LabError(f"{flag} {number:g}: give a number from 0 to {OPTION_SIZE.most:g}")
-        for effect_options in self.each():
+        for effect_options in (*self.each(), *self.added.values()):
             effect_options.check()
 
 
@@ -100,6 +108,7 @@ EFFECTS: tuple[type[VirtualEffect], ...] = EffectOptions.__bases__[::-1]
 _FITTED = {group.name: group for kind in EFFECTS for group in kind.groups}
 GROUPS = tuple(_FITTED)
 CANDIDATES = tuple(group.name for group in _FITTED.values() if group.is_candidate)  # that --model auto tries
+_GROUP = "lab.effects"
 _TERM_FAMILIES = tuple(family for kind in EFFECTS for family in kind.terms)
 _FAMILIES = {(str(family.owner), family.symbol, bool(family.number)): family for family in _TERM_FAMILIES}
 _TERM = re.compile(r"(joint|link)([1-9]\d*)\.([a-z_]+)([1-9]\d*)?")
@@ -130,17 +139,68 @@ def _fitted(name: str, facts: ArmFacts) -> Effect:
         if joint > chain.size:
             raise LabError(f"{option_name('model')} {name}: robot {chain.name} has {family.owner}s 1 to {chain.size}")
         return family.fitted(facts, joint - 1, number)
-    if name not in _FITTED:
+    group = _FITTED.get(name) or _added_group(name)
+    if group is None:
         terms = ", ".join(family.name(0, 2 if family.number else 0) for family in _TERM_FAMILIES)
         raise LabError(
-            f"{option_name('model')} {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}, and {terms}"
+            f"{option_name('model')} {name}: no such group; there are geometric, auto, "
+            f"{', '.join((*GROUPS, *added(_GROUP, GROUPS)))}, and {terms}"
         )
-    found = _FITTED[name].fitted(facts)
+    found = group.fitted(facts)
     if not found.parameters:
         raise LabError(
             f"{option_name('model')} {name}: robot {chain.name} has no joint or link that could have it; leave it out"
         )
     return found
+
+
+def own_effect(name: str) -> type[VirtualEffect]:
+    """Return the effect that a package adds by this name.
+
+    Raises:
+        LabError: there is none, its package cannot be imported, or it gives something else.
+    """
+    if name not in (names := added(_GROUP, GROUPS)):
+        raise LabError(f"{option_name('own_effects')} {name}: unknown; packages add {', '.join(names) or 'none'}")
+    kind = load(_GROUP, name)
+    if not (isinstance(kind, type) and issubclass(kind, VirtualEffect) and is_dataclass(kind)):
+        raise LabError(
+            f"effect '{name}': {kind!r} is no dataclass derived from {VirtualEffect.__module__}.VirtualEffect"
+        )
+    return kind
+
+
+def own_effect_options(text: str) -> tuple[str, VirtualEffect]:
+    """Return the name and the options of an effect that a package adds, from e.g. ``runout:size_mrad=0.1:turns=3``.
+
+    Raises:
+        LabError: there is no such effect or option, or a value is no number.
+    """
+    name, *given = text.split(":")
+    kind = own_effect(name)
+    known, values = [each.name for each in fields(kind)], dict[str, float]()
+    for part in given:
+        option, _, number = part.partition("=")
+        flag = f"{option_name('own_effects')} {text}"
+        if option not in known or option in values:
+            raise LabError(f"{flag}: '{option}' is no option, or given twice; there are {', '.join(known) or 'none'}")
+        try:
+            values[option] = float(number)
+        except ValueError:
+            raise LabError(f"{flag}: '{number}' is no number") from None
+        if values[option] not in OPTION_SIZE:
+            raise LabError(f"{flag}: give a number from 0 to {OPTION_SIZE.most:g}")
+    return name, kind(**values)
+
+
+def _added_group(name: str) -> FittedGroup | None:
+    """Return the group that a package's effect of this name fits; None without one."""
+    if name not in added(_GROUP, GROUPS):
+        return None
+    group = next((each for each in own_effect(name).groups if each.name == name), None)
+    if group is None:
+        raise LabError(f"{option_name('model')} {name}: this effect is simulated alone; it has no group of its name")
+    return group
 
 
 def searched_terms(facts: ArmFacts) -> dict[str, Effect]:
