@@ -3,7 +3,8 @@
 First tables IV.2 and IV.3 of Mahdadi & Bouafia (2020) as the thesis computed them: what they compare is three aliased
 errors and one draw of the noise. Then the question itself: the 27 parameters of the canonical gauge, poses chosen by
 each criterion in each scaling, or at random; 100 virtual arms, each measured 100 times, the same arms and the same
-noise for every criterion; validated on the parameters' errors and on validation poses.
+noise for every criterion; validated on the parameters' errors and on validation poses. With ``--compliant`` the arms
+give way to their weight and a payload and have runout, and these are fitted, too.
 """
 
 import time
@@ -32,6 +33,7 @@ from shared import (
     save_figure,
 )
 
+from lab.campaign.option_groups import ArmEffects
 from lab.campaign.robot import load_virtual
 from lab.commands.study.document import effect_text
 from lab.core.random import rng_for
@@ -66,15 +68,30 @@ METRICS = {
     "angle_rms_mrad": "error of the angles",
 }
 BASELINE = "O1"
+SOFT = ArmEffects(stiffness_nm_per_rad=1e5, harmonic_mrad=0.1, payload_kg=(0.0, 3.0))
+SOFT_MODEL = "compliance+harmonics"
 
 
 def criterion_study(
-    robots: int, draws: int, poses: Sequence[int], criteria: Sequence[str], scalings: Sequence[str]
+    robots: int,
+    draws: int,
+    poses: Sequence[int],
+    criteria: Sequence[str],
+    scalings: Sequence[str],
+    *,
+    compliant: bool = False,
 ) -> Study:
-    """The 27 parameters of the canonical gauge by the default target, poses by each criterion; O1 is always there."""
+    """The 27 parameters of the canonical gauge by the default target, poses by each criterion; O1 is always there.
+
+    Args:
+        compliant: of arms with compliance and runout, whose 14 parameters are fitted, too.
+    """
     compared_ones = tuple(criteria) if BASELINE in criteria else (BASELINE, *criteria)
     factors = {"criterion": compared_ones, "scaling": tuple(scalings), "poses": tuple(poses)}
-    return Study(name="which-criterion", robots=robots, draws=draws, factors=factors)
+    if not compliant:
+        return Study(name="which-criterion", robots=robots, draws=draws, factors=factors)
+    factors |= {"effects": ("soft",), "model": (SOFT_MODEL,)}
+    return Study("which-criterion-compliant", robots=robots, draws=draws, factors=factors, effects={"soft": SOFT})
 
 
 @dataclass(frozen=True)
@@ -216,12 +233,15 @@ def answer_summary(answer: CriterionComparison) -> dict[str, Any]:
 def predicted_rms(study: Study, designs: Sequence[Array]) -> Array:
     """RMS position error (m, per m of noise) at the study's validation poses, of designs ``(n, joints)``."""
     robot = load_virtual(study.robot)
-    model, arm = robot.model, robot.arm(study.targets)
-    values = model.values_before(arm, model.T_world_tracker)
+    model, rigid = robot.model, robot.arm(study.targets)
+    arm = robot.arm_with(study.targets, study.cells[0].fitting.groups)
+    values = np.zeros(len(arm.names))
+    values[: len(rigid.names)] = model.values_before(rigid, model.T_world_tracker)
     kept = list(base_set(arm, values).identifiable)
 
     def rates(joints: Array) -> Array:
-        return arm.observe(joints, values)[1][..., kept].reshape(-1, len(kept))
+        unloaded = np.zeros((len(joints), len(arm.conditions)))
+        return arm.observe(np.concatenate([joints, unloaded], axis=1), values)[1][..., kept].reshape(-1, len(kept))
 
     fresh = random_poses(model, study.fresh, rng_for(study.seed, "fresh"))
     flat, places = rates(fresh), len(fresh) * len(study.targets)
@@ -483,31 +503,39 @@ class Options:
     """Folder of the study and the picture; a study that is there goes on."""
     quick: Flag = False
     """10 arms, 10 draws, 20 poses, two scalings: a minute."""
+    compliant: Flag = False
+    """Arms with compliance and runout, both fitted; without the tables of the thesis."""
     json: Flag = False
     """Print one JSON object."""
 
 
 def answer(options: Options) -> Answer:
     """The thesis' tables, then the study of criteria."""
-    began, thesis = time.perf_counter(), reproduced(THESIS_DRAWS)
+    began = time.perf_counter()
+    soft = options.compliant
+    thesis = None if soft else reproduced(THESIS_DRAWS)
     if options.quick:
-        study = criterion_study(10, 10, (20,), STUDIED, ("raw", "whitened"))
+        study = criterion_study(10, 10, (20,), STUDIED, ("raw", "whitened"), compliant=soft)
     else:
-        study = criterion_study(options.robots, options.draws, options.poses, options.criteria, options.scalings)
+        robots, draws, poses = options.robots, options.draws, options.poses
+        study = criterion_study(robots, draws, poses, options.criteria, options.scalings, compliant=soft)
+    folder = options.out / ("compliant" if soft else "study")
     with study_runner(options.workers) as run:
-        campaigns, done = run(study, options.out / "study")
+        campaigns, done = run(study, folder)
         seeds = range(1, 1 + (0 if options.quick else options.searches))
-        others = other_searches(study, seeds, options.out, run, BASELINE)
+        others = other_searches(study, seeds, folder if soft else options.out, run, BASELINE)
     comparison = answered(campaigns, others)
-    title = f"Which criterion should choose the poses? {study.robots * study.draws:,} paired campaigns each"
-    save_figure(options.out, "which_criterion", criteria_figure(comparison, list(SHOWN), list(SHOWN.values()), title))
+    of = " of compliant arms" if soft else ""
+    title = f"Which criterion should choose the poses{of}? {study.robots * study.draws:,} paired campaigns each"
+    picture = f"which_criterion{'_compliant' if soft else ''}"
+    save_figure(options.out, picture, criteria_figure(comparison, list(SHOWN), list(SHOWN.values()), title))
     seconds = time.perf_counter() - began
-    end = f"{done.computed:,} campaigns, all in {seconds:.0f} s; {options.out / 'which_criterion.png'}"
-    blocks = (
-        Section("The tables of the thesis", thesis_blocks(thesis)),
-        Section("Which criterion", (*answer_blocks(comparison), Paragraph(end))),
-    )
-    values = {"thesis": thesis_summary(thesis), "answer": answer_summary(comparison), "seconds": seconds}
+    end = f"{done.computed:,} campaigns, all in {seconds:.0f} s; {options.out / f'{picture}.png'}"
+    blocks: tuple[Block, ...] = (Section("Which criterion", (*answer_blocks(comparison), Paragraph(end))),)
+    values: dict[str, Any] = {"answer": answer_summary(comparison), "seconds": seconds}
+    if thesis is not None:
+        blocks = (Section("The tables of the thesis", thesis_blocks(thesis)), *blocks)
+        values = {"thesis": thesis_summary(thesis), **values}
     return Answer(values, Document(title, blocks))
 
 

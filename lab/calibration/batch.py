@@ -110,12 +110,7 @@ def _gauss_newton(
         scale = np.where(scale == 0, 1.0, scale)
         square = products / (scale[:, :, None] * scale[:, None, :])
         right = (columns @ residual[:, :, None])[:, :, 0] / scale
-        if shortest:
-            scaled: Array = np.einsum(
-                "bfg,bg->bf", np.linalg.pinv(square, rcond=_RANK_TOLERANCE, hermitian=True), right
-            )
-        else:
-            scaled = solve_positive(square, right)
+        scaled = _shortest(square, right) if shortest else _solved(square, right)
         squares = np.einsum("bf,bfg,bg->b", scaled, square, scaled)
         information[going] = products[going]
         return scaled / scale, block.settled(scaled / scale, squares, _SETTLED)
@@ -123,6 +118,21 @@ def _gauss_newton(
     found = newton(step, values[:, free], max_steps)
     values[:, free] = found.values
     return values, found.converged, found.iterations, information
+
+
+def _solved(matrices: Array, right: Array) -> Array:
+    try:
+        return solve_positive(matrices, right)
+    except np.linalg.LinAlgError:  # the poses do not show a parameter of some campaign
+        finite = np.isfinite(matrices).all(axis=(1, 2))
+        step = np.full(right.shape, np.nan)
+        step[finite] = _shortest(matrices[finite], right[finite])
+        return step
+
+
+def _shortest(matrices: Array, right: Array) -> Array:
+    inverse = np.linalg.pinv(matrices, rcond=_RANK_TOLERANCE, hermitian=True)
+    return np.asarray(np.einsum("bfg,bg->bf", inverse, right))
 
 
 def _chord(block: "PointBatch | _PoseBatch", values: Array, free: list[int], max_steps: int) -> _Part:

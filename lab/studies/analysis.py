@@ -6,14 +6,18 @@ would count the noise twice; Field & Welsh 2007), which requires noise independe
 validation poses are the same in all campaigns of a cell: intervals do not include their choice.
 
 The same robot and draw have the same noise in every cell, so that cells are compared campaign by campaign. A ratio is
-the geometric mean of the campaigns' ratios, which need not be the ratio of the means.
+the geometric mean of the campaigns' ratios, which need not be the ratio of the means. Its interval and p-value are
+Student's, of the robots' mean log-ratios, which are nearly normal and never reach a ratio of zero; fewer robots than
+``LEAST_ROBOTS`` give none.
 
-Intervals are studentized and symmetric: mean ± q s, q the 95 % quantile of |m* - m| / s* over the resamples (Davison &
-Hinkley 1997, section 5.2; Hall 1992, section 3.6). Percentiles and BCa are too narrow for few robots (Hesterberg 2015):
-of 95 % intervals for the mean of 8 normal robots 90 % hold by either, 97 % by this one; of 20 log-normal ones
-(sigma 0.7) 90 % against 94 %. The p-value is consistent with it: 5 % or less where zero is outside.
+Intervals of means and differences are studentized and symmetric: mean ± q s, q the 95 % quantile of |m* - m| / s* over
+the resamples (Davison & Hinkley 1997, section 5.2; Hall 1992, section 3.6). Percentiles and BCa are too narrow for few
+robots (Hesterberg 2015): of 95 % intervals for the mean of 8 normal robots 90 % hold by either, 97 % by this one; of 20
+log-normal ones (sigma 0.7) 90 % against 94 %. The p-value is consistent with it: 5 % or less where zero is outside. The
+mean of positive numbers has its interval on the log scale where the symmetric one would reach zero.
 """
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -23,12 +27,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
+from lab.core.probability import t_ppf, t_sf
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
-from lab.studies.grid import ANY, FACTORS, Cell
+from lab.studies.grid import FACTORS, Cell, is_any
 
 __all__ = [
+    "LEAST_ROBOTS",
     "RESAMPLES",
     "Analysis",
     "CampaignArray",
@@ -114,7 +120,9 @@ def holm(p: Array) -> Array:
 
 
 _KEYS = ("cell", "robot", "draw", "converged")  # columns other than metrics
+_FAILURE = "failure"  # and the reason of a failure, where it is known
 RESAMPLES = 9999
+LEAST_ROBOTS = 5  # of a ratio's interval: of fewer, Student's quantile exceeds three standard errors
 
 
 @dataclass(frozen=True)
@@ -149,7 +157,7 @@ def groups(cells: Sequence[Cell], free: Collection[str]) -> tuple[CellGroup, ...
 
 
 def _agrees(cell: Cell, wanted: Mapping[str, Any]) -> bool:
-    return all(getattr(cell, name) in (level, ANY) for name, level in wanted.items())
+    return all(getattr(cell, name) == level or is_any(name, getattr(cell, name)) for name, level in wanted.items())
 
 
 @dataclass(frozen=True)
@@ -214,6 +222,15 @@ class CampaignArray:
         failed = ~np.asarray(self.columns["converged"], dtype=bool)
         return np.asarray(self._arranged(failed.astype(float), 0.0).sum((1, 2)), dtype=int)
 
+    def failures(self) -> tuple[tuple[tuple[str, int], ...], ...]:
+        """Count the reasons of failed campaigns, the most frequent first, by cell."""
+        failed = np.flatnonzero(~np.asarray(self.columns["converged"], dtype=bool))
+        reasons = self.columns.get(_FAILURE, np.full(len(self.place), "not converged", dtype=object))
+        found: list[Counter[str]] = [Counter() for _ in self.cells]
+        for row in failed.tolist():
+            found[int(self.columns["cell"][row])][str(reasons[row])] += 1
+        return tuple(tuple(sorted(each.items(), key=lambda pair: (-pair[1], pair[0]))) for each in found)
+
     def _arranged(self, given: Array, empty: float) -> Array:
         flat = np.full(np.prod(self.shape), empty)
         flat[self.place] = given
@@ -233,9 +250,10 @@ class Mean:
     Attributes:
         mean, lower, upper: with its 95 % interval; NaN for too few robots.
         campaigns: their number.
-        not_converged: number of those; they are left out, as those whose metric is not finite.
+        not_converged: number of those that failed; they are left out, as those whose metric is not finite.
         used: number of the others.
         robots: number of robots of these.
+        failures: reasons of the failed campaigns, and how many have each, the most frequent first.
     """
 
     cell: int
@@ -247,6 +265,7 @@ class Mean:
     not_converged: int
     used: int
     robots: int
+    failures: tuple[tuple[str, int], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -261,6 +280,7 @@ class Pair:
         p_holm: this p-value, corrected for all pairs of the comparison (Holm 1979).
         used: campaigns that both have, converged in both.
         left_out: campaigns that both have, not converged in one or both.
+        robots: number of robots of the used ones.
     """
 
     first: int
@@ -272,6 +292,7 @@ class Pair:
     p_holm: float
     used: int
     left_out: int
+    robots: int = 0
 
     @property
     def is_significant(self) -> bool:
@@ -334,21 +355,36 @@ def means(campaigns: CampaignArray, metric: str) -> tuple[Mean, ...]:
     by_robot = _over_draws(values)
     found = resampled(by_robot.T, campaigns.weights, STUDY_COMPARISON)
     counts = campaigns.present().sum((1, 2))
-    used, robots = np.isfinite(values).sum((1, 2)), np.isfinite(by_robot).sum(1)
+    used, robots, failures = np.isfinite(values).sum((1, 2)), np.isfinite(by_robot).sum(1), campaigns.failures()
+    lower, upper = _above_zero(found, by_robot)
     return tuple(
         Mean(
             cell=i,
             metric=metric,
             mean=float(found.mean[i]),
-            lower=float(found.lower[i]),
-            upper=float(found.upper[i]),
+            lower=float(lower[i]),
+            upper=float(upper[i]),
             campaigns=int(counts[i]),
             not_converged=int(failed[i]),
             used=int(used[i]),
             robots=int(robots[i]),
+            failures=failures[i],
         )
         for i in range(len(campaigns.cells))
     )
+
+
+def _above_zero(found: _Resampled, by_robot: Array) -> tuple[Array, Array]:
+    """Return the ends ``(cells,)`` of means' intervals, on the log scale where positive numbers' would reach zero.
+
+    Args:
+        by_robot: ``(cells, robots)``.
+    """
+    positive = (np.where(np.isfinite(by_robot), by_robot, np.inf) > 0).all(axis=1) & np.isfinite(found.mean)
+    log = positive & (found.lower <= 0)
+    mean = np.where(log, found.mean, 1.0)
+    times = np.exp(np.where(log, (found.upper - found.mean) / mean, 0.0))
+    return np.where(log, mean / times, found.lower), np.where(log, mean * times, found.upper)
 
 
 def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind = "ratio") -> Comparison:
@@ -361,7 +397,10 @@ def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind
         values = np.log(np.where(values > 0, values, np.nan))
     numbers = list(combinations(range(len(group.cells)), 2))
     apart = [values[j] - values[i] for i, j in numbers]  # (robots, draws) each
-    found = resampled(np.stack([_over_draws(each) for each in apart], axis=1), campaigns.weights, STUDY_COMPARISON)
+    by_robot = np.stack([_over_draws(each) for each in apart], axis=1)
+    found = resampled(by_robot, campaigns.weights, STUDY_COMPARISON)
+    if kind == "ratio":
+        found = _by_student(found, by_robot)
     corrected = holm(found.p)
     effects = np.stack([found.mean, found.lower, found.upper])
     mean, lower, upper = np.exp(effects) if kind == "ratio" else effects
@@ -376,10 +415,28 @@ def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind
             p_holm=float(corrected[k]),
             used=(used := int(np.isfinite(apart[k]).sum())),
             left_out=int((present[i] & present[j]).sum()) - used,
+            robots=int(np.isfinite(by_robot[:, k]).sum()),
         )
         for k, (i, j) in enumerate(numbers)
     )
     return Comparison(group, metric, kind, pairs, _ranks(group, numbers, found, pairs))
+
+
+def _by_student(found: _Resampled, by_robot: Array) -> _Resampled:
+    """Return the means over robots with Student's intervals and p-values.
+
+    Args:
+        by_robot: ``(robots, m)`` log-ratios; NaN for none.
+    """
+    finite = np.isfinite(by_robot)
+    count = finite.sum(axis=0)
+    dof = np.maximum(count - 1, 1)
+    left = np.where(finite, by_robot - found.mean, 0.0)
+    std = np.sqrt((left**2).sum(axis=0) / dof / np.maximum(count, 1))
+    enough = count >= LEAST_ROBOTS
+    far = np.where(enough, t_ppf(1 - STUDY_COMPARISON / 2, dof) * std, np.nan)
+    p = np.where(enough, 2 * t_sf(_quotient(np.abs(found.mean), std), dof), np.nan)
+    return replace(found, lower=found.mean - far, upper=found.mean + far, p=p)
 
 
 def _ranks(
@@ -436,10 +493,14 @@ def analysed(
         factors: all that vary if not given.
     """
     campaigns = CampaignArray.of(columns, cells, seed)
-    chosen = factors or [name for name in FACTORS if len({getattr(cell, name) for cell in cells} - {ANY}) > 1]
+    chosen = factors or [name for name in FACTORS if len(_levels(cells, name)) > 1]
     found = [group for factor in chosen for group in groups(cells, [factor]) if len(group.cells) > 1]
     return Analysis(
         tuple(cells),
-        tuple(mean for name in columns if name not in _KEYS for mean in means(campaigns, name)),
+        tuple(mean for name in columns if name not in (*_KEYS, _FAILURE) for mean in means(campaigns, name)),
         tuple(compared(campaigns, group, metric) for metric in metrics for group in found),
     )
+
+
+def _levels(cells: Sequence[Cell], factor: str) -> set[Any]:
+    return {level for cell in cells if not is_any(factor, level := getattr(cell, factor))}

@@ -2,40 +2,45 @@
 
 A campaign's row depends on the study's seed and on the numbers of its cell, robot and draw alone: a robot and its
 tracker are drawn from the robot's own seed, the noise from the robot's and the draw's, and each robot's campaigns are
-solved in blocks of their own.
+solved in blocks of their own. Least squares of points by geometry and groups of effects are solved together
+(``Cell.is_stacked``); any other campaign is identified alone (``identified``).
 """
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib import metadata
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.batch import BatchFits, PointBatch, align, fit_points, in_nominal_frame
 from lab.campaign.design_problem import best_design, pose_problem
-from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.campaign.virtual_robot import draw_conditions, perturbed_arm, truth_of
+from lab.campaign.virtual_robot import draw_conditions, perturbed_arm, poses_to_measure, truth_of
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, error_context
 from lab.core.linear_model import whitening
 from lab.core.random import Purpose, rng_for, seed_of
 from lab.core.se3 import Array
-from lab.core.units import MM, MRAD
+from lab.core.units import MM
 from lab.core.version import __version__
 from lab.kinematics.gauge import base_set
+from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.parameter import names_of
-from lab.kinematics.serial.arm import Stacked, stacked
+from lab.kinematics.serial.arm import DEFAULT_TOOL, Stacked, stacked
 from lab.noise.instruments import Instrument, instrument, is_isotropic, observing
 from lab.pose_selection.criteria import refuse_unknown
 from lab.simulation.collisions import random_poses
+from lab.simulation.effects import true_parameters
 from lab.simulation.tracking import misalignments, track
 from lab.simulation.true_robot import TrueRobot
-from lab.studies.grid import ANY, NONE, USUAL, Cell, Study, Task
+from lab.studies.grid import ANY, NONE, Cell, Study, Task
+from lab.studies.identified import NOT_CONVERGED, RANK_DEFICIENT, identified_campaigns, parameter_errors
 
 __all__ = [
     "COLUMNS",
@@ -56,7 +61,7 @@ COLUMNS = {  # of every campaign's row, and what they mean
     "cell": "number of the cell, from 0 (manifest.json says which)",
     "robot": "number of the perturbed robot, from 0; the same number is the same robot in every cell",
     "draw": "number of the noise draw, from 0; the same number is the same noise in every cell",
-    "converged": "whether Gauss-Newton converged",
+    "converged": "whether the calibration succeeded: Gauss-Newton converged, and the poses show all parameters",
     "steps": "how many steps it took",
     "fresh_mean_mm": "mean position error over the validation poses, without noise",
     "fresh_p95_mm": "95 % of these errors are smaller",
@@ -67,41 +72,52 @@ COLUMNS = {  # of every campaign's row, and what they mean
     "nees": "squared parameter errors by their predicted covariance, a parameter: one on average",
     "before_mm": "mean position error over the validation poses with nominal links, base and tool fitted",
     "lost": "measured or validation poses that the robot cannot take, as its loops do not close there: left out",
+    "failure": "why the calibration failed: not converged, rank deficient, or the reason of a refusal; empty if not",
 }
-METRICS = tuple(COLUMNS)[5:-1]
+METRICS = tuple(COLUMNS)[5:-2]
+_RANK_TOLERANCE = 1e-12  # of the largest eigenvalue of J' J in unit columns
 
 
 def refuse_impossible(study: Study) -> None:
     """Refuse an impossible study before any work begins.
 
     Raises:
-        LabError: the robot cannot be loaded, or lacks a target, a parameter or an effect of some cell; a criterion or
-            an instrument is unknown; or a cell has too few poses.
+        LabError: the robot cannot be loaded, or lacks a target, a parameter, an effect or a group of some cell; a
+            criterion, a sensor or an instrument is unknown; a plan cannot be read; or a cell has too few poses.
     """
     robot = load_virtual(study.robot)
     robot.refuse_unknown(study.targets)
     for cell in study.cells:
-        refuse_unknown(cell.criterion, _RANDOM)
-    fitted: dict[tuple[object, ...], _Fitted] = {}
+        if cell.criterion != ANY:
+            refuse_unknown(cell.criterion, _RANDOM)
+    fitted: dict[Cell, _Fitted] = {}
     for cell in study.cells:
-        key = (cell.parameters, cell.effects, cell.instrument)
+        key = replace(cell, criterion=_RANDOM, scaling=ANY, poses=1, noise=1.0, plan=NONE)
         if key not in fitted:
             fitted[key] = _Fitted.of(study, cell, robot)
-            options = VirtualCampaign(robot=study.robot, targets=study.targets, effects=fitted[key].effects)
+            options = fitted[key].options(study)
+            options.check()
             perturbed_arm(robot, options)
-        _refuse_few_poses(cell, fitted[key], study)
+        if cell.plan != NONE:
+            _planned(study, cell, robot)
+        elif cell.is_stacked:
+            _refuse_few_poses(cell.poses, fitted[key])
 
 
 def cell_poses(study: Study, cell: Cell) -> Array:
-    """Return the poses ``(n, joints)`` of every campaign of a cell, chosen for the nominal model.
+    """Return the poses ``(n, joints)`` of every campaign of a cell: of its plan, or chosen for the nominal model.
 
     They are designed for the usual parameters, whatever is then identified.
 
     Raises:
-        LabError: there are fewer than the identifiable parameters need.
+        LabError: there are fewer than the identifiable parameters need, or the plan cannot be measured.
     """
     robot = load_virtual(study.robot)
-    _refuse_few_poses(cell, _Fitted.of(study, cell, robot), study)
+    if cell.plan != NONE:
+        return _planned(study, cell, robot)
+    targets = _targets(study, cell, robot)
+    if cell.is_stacked:
+        _refuse_few_poses(cell.poses, _Fitted.of(study, cell, robot))
     if cell.criterion == _RANDOM:
         return random_poses(robot.model, cell.poses, rng_for(study.seed, "poses"))
     requested = DesignOptions(
@@ -109,7 +125,7 @@ def cell_poses(study: Study, cell: Cell) -> Array:
         poses=cell.poses,
         criterion=cell.criterion,
         scaling="whitened" if cell.scaling == ANY else cell.scaling,
-        targets=study.targets,
+        targets=targets,
         instrument=cell.instrument,
         candidates=CANDIDATES,
         starts=STARTS,
@@ -118,10 +134,34 @@ def cell_poses(study: Study, cell: Cell) -> Array:
     return _designed(requested).copy()
 
 
-def _refuse_few_poses(cell: Cell, fitted: "_Fitted", study: Study) -> None:
-    needed = -(-len(fitted.free) // (3 * len(study.targets)))
-    if cell.poses < needed:
-        raise LabError(f"factor poses: {cell.poses} poses cannot show the parameters: give {needed} or more")
+def _planned(study: Study, cell: Cell, robot: Robot) -> Array:
+    """Read the poses of a cell's plan."""
+    options = VirtualCampaign(robot=study.robot, plan=Path(cell.plan), targets=_targets(study, cell, robot))
+    with error_context("factor plan"):
+        joints, conditions, _ = poses_to_measure(robot, options)
+        if conditions:
+            raise LabError(f"{cell.plan}: a study takes no column {next(iter(conditions))} from a plan; remove it")
+    if cell.is_stacked:
+        _refuse_few_poses(len(joints), _Fitted.of(study, cell, robot))
+    return joints
+
+
+def _targets(study: Study, cell: Cell, robot: Robot) -> tuple[str, ...]:
+    """Return the targets of a cell: the study's, then the robot's others.
+
+    Raises:
+        LabError: the robot has fewer.
+    """
+    known = tuple(dict.fromkeys([*study.targets, *(robot.tool or DEFAULT_TOOL)]))
+    if cell.targets > len(known):
+        raise LabError(f"factor targets {cell.targets}: robot {robot.name} has {len(known)}: {', '.join(known)}")
+    return known[: cell.targets]
+
+
+def _refuse_few_poses(poses: int, fitted: "_Fitted") -> None:
+    needed = -(-len(fitted.free) // (3 * len(fitted.targets)))
+    if poses < needed:
+        raise LabError(f"factor poses: {poses} poses cannot show the parameters: give {needed} or more")
 
 
 @lru_cache(maxsize=16)
@@ -140,7 +180,8 @@ def run_task(study: Study, task: Task, joints: Array) -> _Columns:
     robot, cell = load_virtual(study.robot), study.cells[task.cell]
     fitted = _Fitted.of(study, cell, robot)
     fresh = random_poses(robot.model, study.fresh, rng_for(study.seed, "fresh"))
-    rows = [_of_robot(study, fitted, number, joints, fresh) for number in range(task.first, task.last)]
+    campaigns = _of_robot if cell.is_stacked else _of_robot_alone
+    rows = [campaigns(study, fitted, number, joints, fresh) for number in range(task.first, task.last)]
     columns = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     numbers = np.repeat(np.arange(task.first, task.last, dtype=np.int32), study.draws)
     draws = np.tile(np.arange(study.draws, dtype=np.int32), task.last - task.first)
@@ -149,42 +190,76 @@ def run_task(study: Study, task: Task, joints: Array) -> _Columns:
 
 @dataclass(frozen=True)
 class _Fitted:
-    """Parameters identified in a cell.
+    """Model and parameters that are identified in a cell.
 
     Attributes:
+        rigid: the geometry.
+        stacked: the model, of all campaigns with a robot.
         nominal: parameters ``(p,)`` of the nominal model before the nominal tracker.
-        free: the identified ones.
+        free: the identified ones, where campaigns are solved together.
         placed: whether the base is identified, so that the points may be aligned.
         device: the instrument, with the noise of the cell.
     """
 
     robot: Robot
     cell: Cell
+    targets: tuple[str, ...]
+    rigid: RigidArm
     stacked: Stacked
     nominal: Array
     free: tuple[int, ...]
     placed: bool
-    effects: ArmEffects
     device: Instrument
 
     @classmethod
     def of(cls, study: Study, cell: Cell, robot: Robot) -> "_Fitted":
-        requested = Fitting() if cell.parameters == USUAL else study.parameters[cell.parameters]
-        if (
-            requested != Fitting(fix=requested.fix, free=requested.free, prior=requested.prior)
-            or requested.prior == "on"
-        ):
-            raise LabError(f"parameters.{cell.parameters}: a study fits geometry alone, by fix and free")
-        arm, model = robot.arm(study.targets), robot.model
-        nominal = model.values_before(arm, model.T_world_tracker)
-        free = base_set(arm, nominal, fix=requested.fix, free=requested.free).identifiable
-        effects = ArmEffects() if cell.effects == NONE else study.effects[cell.effects]
-        device = _noisy(observing(instrument(cell.instrument), "points"), cell.noise)
+        requested, targets = study.fitting_of(cell), _targets(study, cell, robot)
+        rigid, whole = robot.arm(targets), robot.model
+        model: Model = robot.arm_with(targets, requested.groups) if cell.is_stacked else rigid
+        nominal = np.zeros(len(model.names))
+        nominal[: len(rigid.names)] = whole.values_before(rigid, whole.T_world_tracker)
+        if cell.is_stacked:
+            free = base_set(model, nominal, fix=requested.fix, free=requested.free).identifiable
+        else:
+            free = tuple(range(len(nominal)))
+        device = _noisy(observing(instrument(cell.instrument), cell.observe), cell.noise)
+        if study.frozen and not cell.is_stacked:
+            raise LabError("frozen: campaigns that are identified one by one have no common Jacobian; leave it")
         if study.frozen and not is_isotropic(device):
             raise LabError(
                 f"frozen: {device.name} weighs every arm otherwise, so one Jacobian cannot serve all; leave it"
             )
-        return cls(robot, cell, stacked(arm), nominal, free, set(range(6)) <= set(free), effects, device)
+        return cls(robot, cell, targets, rigid, stacked(model), nominal, free, set(range(6)) <= set(free), device)
+
+    @property
+    def model(self) -> Model:
+        """The fitted model."""
+        return self.stacked.arm
+
+    @property
+    def has_effects(self) -> bool:
+        """True if the model has groups beside the geometry."""
+        return len(self.model.names) > len(self.rigid.names)
+
+    @cached_property
+    def placing(self) -> tuple[int, ...]:
+        """Identifiable parameters of base and tool."""
+        links = names_of(each for each in self.rigid.parameters if each.is_link)
+        return base_set(self.rigid, self.nominal[: len(self.rigid.names)], fix=links).identifiable
+
+    def options(self, study: Study, seed: int = 0) -> VirtualCampaign:
+        """Return the options of the campaigns with one robot."""
+        return VirtualCampaign(
+            robot=study.robot,
+            seed=seed,
+            targets=self.targets,
+            instrument=self.cell.instrument,
+            observe=self.cell.observe,
+            position_sigma_mm=self.cell.position_sigma_mm,
+            rotation_sigma_mrad=self.cell.rotation_sigma_mrad,
+            fitting=study.fitting_of(self.cell),
+            effects=study.effects_of(self.cell),
+        )
 
 
 def _noisy(device: Instrument, noise: float) -> Instrument:
@@ -193,53 +268,73 @@ def _noisy(device: Instrument, noise: float) -> Instrument:
     return replace(device, errors=device.errors.times(noise), **grown)
 
 
+def _of_robot_alone(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> _Columns:
+    """Identify each campaign with one robot alone."""
+    options = fitted.options(study, seed_of(study.seed, "robots", number))
+    return identified_campaigns(fitted.robot, options, fitted.device, study.draws, joints, fresh)
+
+
 def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> _Columns:
-    seed, cell = seed_of(study.seed, "robots", number), fitted.cell
-    requested = VirtualCampaign(
-        robot=study.robot,
-        seed=seed,
-        targets=study.targets,
-        instrument=cell.instrument,
-        position_sigma_mm=cell.position_sigma_mm,
-        rotation_sigma_mrad=cell.rotation_sigma_mrad,
-        effects=fitted.effects,
-    )
+    """Solve all campaigns with one robot together."""
+    requested = fitted.options(study, seed_of(study.seed, "robots", number))
     real = perturbed_arm(fitted.robot, requested)
-    measured = _measured(real, fitted.device, requested, joints, study.draws)
-    exact = real.points(joints, study.targets, _conditions(real, requested, joints, "conditions"))
-    there = real.points(fresh, study.targets, _conditions(real, requested, fresh, "fresh"))
+    conditions, later = (
+        _conditions(real, requested, poses, purpose, fitted.model.conditions)
+        for poses, purpose in ((joints, _AT_POSES), (fresh, _AT_FRESH))
+    )
+    exact = real.points(joints, fitted.targets, conditions)
+    there = real.points(fresh, fitted.targets, later)
+    measured = _measured(real, fitted.device, requested, joints, study.draws, exact)
     taken, met = (np.isfinite(points).all(axis=(1, 2)) for points in (exact, there))
-    measured, exact, joints, there, fresh = measured[:, taken], exact[taken], joints[taken], there[met], fresh[met]
-    campaigns = _aligned(fitted, real, joints, measured)
+    shown = _inputs(fitted.model, real.effects.shown(joints), conditions)[taken]
+    inputs, new = _inputs(fitted.model, joints, conditions)[taken], _inputs(fitted.model, fresh, later)[met]
+    measured, exact, there = measured[:, taken], exact[taken], there[met]
+    campaigns = _aligned(fitted, real, shown, measured)
     found = fit_points(campaigns, fitted.nominal, fitted.free, frozen=study.frozen)
-    metrics = _metrics(fitted, real, found, campaigns, fresh, there)
-    before = _before(fitted, joints, exact, fresh, there)
+    metrics = _metrics(fitted, real, found, campaigns, new, there)
+    before = _before(fitted, inputs[:, : joints.shape[1]], exact, new[:, : joints.shape[1]], there)
     lost = int((~taken).sum() + (~met).sum())
     return {**metrics, "before_mm": np.full(study.draws, before), "lost": np.full(study.draws, lost, dtype=np.int32)}
 
 
-def _conditions(real: TrueRobot, options: VirtualCampaign, joints: Array, purpose: Purpose) -> dict[str, Array]:
-    return draw_conditions(real, options, len(joints), rng_for(options.seed, purpose), ())
+def _inputs(model: Model, joints: Array, conditions: Mapping[str, Array]) -> Array:
+    """Return a model's inputs ``(n, joints + conditions)``."""
+    columns = [conditions[name][:, None] for name in model.conditions]
+    return np.concatenate([joints, *columns], axis=1) if columns else joints
 
 
-def _measured(real: TrueRobot, device: Instrument, requested: VirtualCampaign, joints: Array, draws: int) -> Array:
-    """Simulate the tracker's readings of each draw, ``(draws, n, k, 3)`` m; shared parts are computed once."""
-    effects = real.effects
-    conditions = _conditions(real, requested, joints, "conditions")
+_AT_POSES: Final[Purpose] = "conditions"
+_AT_FRESH: Final[Purpose] = "fresh"
+
+
+def _conditions(
+    real: TrueRobot, options: VirtualCampaign, joints: Array, purpose: Purpose, requested: Sequence[str] = ()
+) -> dict[str, Array]:
+    return draw_conditions(real, options, len(joints), rng_for(options.seed, purpose), requested)
+
+
+def _measured(
+    real: TrueRobot, device: Instrument, requested: VirtualCampaign, joints: Array, draws: int, exact: Array
+) -> Array:
+    """Simulate the tracker's readings of each draw, ``(draws, n, k, 3)`` m, of points ``(n, k, 3)`` m."""
     noises = [rng_for(requested.seed, "noise", draw) for draw in range(draws)]
-    if effects.varies:
+    if real.effects.varies:
+        conditions = _conditions(real, requested, joints, _AT_POSES)
         points = [track(real, joints, requested.targets, device, rng, conditions=conditions).points for rng in noises]
         return np.array(points)
-    exact = real.points(joints, requested.targets, conditions)
     noisy = np.array([device.sample(exact, rng) for rng in noises])
     if not device.errors.stated:
         return noisy
     return noisy + [device.errors.sample(exact, misalignments(rng)) for rng in noises]
 
 
-def _aligned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) -> PointBatch:
-    """Align the campaigns with the nominal model, by the measured points, or by a fixed base."""
-    shown, device = real.effects.shown(joints), fitted.device
+def _aligned(fitted: _Fitted, real: TrueRobot, shown: Array, measured: Array) -> PointBatch:
+    """Align the campaigns with the nominal model, by the measured points, or by a fixed base.
+
+    Args:
+        shown: inputs ``(n, joints + conditions)`` of the model.
+    """
+    device = fitted.device
     if fitted.placed:
         campaigns = align(fitted.stacked, shown, measured, fitted.nominal)
     else:
@@ -262,43 +357,53 @@ def _metrics(
         exact: ``(m, k, 3)`` m, its true targets at the validation poses.
     """
     Ts = campaigns.Ts_instrument_nominal
-    errors = _errors(fitted, fresh, found.values, in_nominal_frame(exact, Ts))
-    free, parameters = list(fitted.free), fitted.stacked.arm.parameters
+    errors = _errors(fitted.stacked, fresh, found.values, in_nominal_frame(exact, Ts))
+    free = list(fitted.free)
     off = (found.values - _true_values(fitted, real, Ts))[:, free]
-    angular = np.array([parameters[i].is_angle for i in free])
     device = fitted.device
     sigma = 1.0 if campaigns.whiten is not None else device.isotropic_sigma()
     weight = 1 / sigma**2 if sigma else np.nan
-    lengths, angles = MM.of(off[:, ~angular]), off[:, angular]
+    failure = _failures(found, fitted)
     return {
-        "converged": found.converged,
+        "converged": failure == "",
         "steps": found.steps.astype(np.int32),
         "fresh_mean_mm": errors.mean(axis=1),
         "fresh_p95_mm": np.quantile(errors, 0.95, axis=1),
         "fresh_worst_mm": errors.max(axis=1),
-        "length_rms_mm": _rms(lengths),
-        "angle_rms_mrad": MRAD.of(_rms(angles)),
-        "mixed_rms": _rms(np.concatenate([lengths, angles], axis=1)),
+        **parameter_errors(off, [fitted.model.parameters[i] for i in free]),
         "nees": weight * np.einsum("bf,bfg,bg->b", off, found.information, off) / len(free),
+        "failure": failure,
     }
+
+
+def _failures(found: BatchFits, fitted: _Fitted) -> NDArray[np.object_]:
+    """Return why each fit failed, ``(b,)``; empty where it did not."""
+    failure = np.where(found.converged, "", NOT_CONVERGED).astype(object)
+    scale = np.sqrt(np.diagonal(found.information, axis1=1, axis2=2))
+    checked = np.isfinite(found.information).all(axis=(1, 2))
+    if not fitted.has_effects:  # a base set of geometry that converged has its rank: not worth the time
+        checked &= ~found.converged
+    failure[checked & (scale == 0).any(axis=1)] = RANK_DEFICIENT
+    rows = np.flatnonzero(checked & (scale > 0).all(axis=1))
+    sizes = np.linalg.eigvalsh(found.information[rows] / (scale[rows, :, None] * scale[rows, None, :]))
+    failure[rows[sizes[:, 0] < _RANK_TOLERANCE * sizes[:, -1]]] = RANK_DEFICIENT
+    return failure
 
 
 def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: Array) -> float:
     """Return the mean error (mm) at validation poses of nominal links with base and tool fitted, without noise."""
-    campaigns = align(fitted.stacked, joints, exact[None], fitted.nominal)
-    placing = base_set(
-        fitted.stacked.arm, fitted.nominal, fix=names_of(each for each in fitted.stacked.arm.parameters if each.is_link)
-    ).identifiable
-    found = fit_points(campaigns, fitted.nominal, placing, block=1)
-    return float(_errors(fitted, fresh, found.values, in_nominal_frame(there, campaigns.Ts_instrument_nominal)).mean())
+    rigid, nominal = stacked(fitted.rigid), fitted.nominal[: len(fitted.rigid.names)]
+    campaigns = align(rigid, joints, exact[None], nominal)
+    found = fit_points(campaigns, nominal, fitted.placing, block=1)
+    return float(_errors(rigid, fresh, found.values, in_nominal_frame(there, campaigns.Ts_instrument_nominal)).mean())
 
 
-def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array:
-    """Return errors ``(b, k m)`` mm at validation poses ``(m, joints)``, with targets at ``(b, k, 3, m)``."""
+def _errors(arms: Stacked, fresh: Array, values: Array, exact: Array) -> Array:
+    """Return errors ``(b, k m)`` mm at inputs ``(m, joints + conditions)``, with targets at ``(b, k, 3, m)``."""
     parts = []
     for at in range(0, len(values), _VALIDATED_TOGETHER):
         part = slice(at, at + _VALIDATED_TOGETHER)
-        off = fitted.stacked.points(fresh, values[part]) - exact[part]
+        off = arms.points(fresh, values[part]) - exact[part]
         parts.append(MM.of(np.sqrt((off**2).sum(axis=2)).reshape(len(off), -1)))
     errors = np.concatenate(parts)
     return errors[:, np.isfinite(errors).all(axis=0)]  # without poses where a fit's loops do not close
@@ -306,18 +411,15 @@ def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array
 
 def _true_values(fitted: _Fitted, real: TrueRobot, Ts_instrument_nominal: Array) -> Array:
     """Return the robot's parameters ``(b, p)`` in the canonical gauge, with the base of each aligned campaign."""
-    arm = fitted.stacked.arm
-    found = truth_of(real, arm)
-    truth = np.full(len(arm.names), np.nan) if found is None else found.of(arm.names)
-    Ts = se3.inverse(Ts_instrument_nominal) @ arm.T_tracker_frame0(truth)
+    names, found = fitted.model.names, truth_of(real, fitted.rigid)
+    if found is None:
+        truth = np.full(len(names), np.nan)
+    else:
+        truth = replace(found, effects=true_parameters(real.effects)).of(names)
+    Ts = se3.inverse(Ts_instrument_nominal) @ fitted.rigid.T_tracker_frame0(truth[: len(fitted.rigid.names)])
     values = np.tile(truth, (len(Ts), 1))
     values[:, :3], values[:, 3:6] = Ts[:, :3, 3], se3.log(Ts[:, :3, :3])
     return values
-
-
-def _rms(values: Array) -> Array:
-    """Return root mean squares ``(b,)`` of ``(b, f)``; NaN for no columns."""
-    return np.sqrt((values**2).mean(axis=1)) if values.shape[1] else np.full(len(values), np.nan)
 
 
 _LIBRARIES = ("mujoco", "numpy", "scipy", "pyarrow")

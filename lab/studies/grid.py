@@ -2,22 +2,43 @@
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from math import prod
 from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_type_hints
 
+from lab.calibration.estimator import LEAST_SQUARES, estimator_named
 from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_types import PriorMode
 from lab.core.errors import LabError, error_context
 from lab.core.limits import CAMPAIGNS, CELLS, DRAWN_POINTS, DRAWS, NAME, POSES, ROBOTS, SEED, TARGETS, positive, whole
 from lab.formats.structured import read_toml, structured
+from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
+from lab.sensors.registry import sensor_named
 
-__all__ = ["ANY", "CAMPAIGNS_A_TASK", "FACTORS", "NONE", "USUAL", "Cell", "Study", "Task", "read_study", "study_from"]
+__all__ = [
+    "ANY",
+    "CAMPAIGNS_A_TASK",
+    "FACTORS",
+    "NONE",
+    "OF_PLAN",
+    "POINTS",
+    "USUAL",
+    "Cell",
+    "Study",
+    "Task",
+    "is_any",
+    "read_study",
+    "study_from",
+]
 
 ANY: Final = "any"  # scaling of a cell that is the same in all scalings
-NONE = "none"  # the effects of a rigid arm
+NONE = "none"  # the effects of a rigid arm; no plan
 USUAL = "usual"  # the parameters that are identifiable
-CAMPAIGNS_A_TASK = 2000  # about half a second
+POINTS = "points"
+OF_PLAN = 0  # poses of a cell whose plan says how many
+CAMPAIGNS_A_TASK = 2000  # that are fitted together: about half a second
+_ALONE_A_TASK = 20  # that are fitted one by one: about half a minute
 
 
 @dataclass(frozen=True)
@@ -30,6 +51,11 @@ class Cell:
         poses: their number.
         noise: factor of the instrument's noise; the poses are chosen with a factor of one.
         parameters, effects: names of sets that the study defines.
+        model, robust, prior, estimator: of the fit, as ``lab identify`` takes them.
+        observe: the sensor.
+        plan: a plan's file, whose poses are measured instead of chosen ones; ``none`` without one.
+        targets: their number on the flange.
+        payload_kg: payloads, of which one is drawn for each pose; none given: those of the effects.
     """
 
     criterion: str = "O1"
@@ -41,6 +67,46 @@ class Cell:
     rotation_sigma_mrad: float = 1.5
     parameters: str = USUAL
     effects: str = NONE
+    model: str = "geometric"
+    robust: bool = False
+    prior: PriorMode = "off"
+    observe: str = POINTS
+    plan: str = NONE
+    targets: int = 1
+    payload_kg: tuple[float, ...] = ()
+    estimator: str = LEAST_SQUARES
+
+    @property
+    def fitting(self) -> Fitting:
+        """Options of the fit that the factors name."""
+        return Fitting(model=self.model, robust=self.robust, prior=self.prior, estimator=self.estimator)
+
+    @property
+    def is_stacked(self) -> bool:
+        """True if campaigns are fitted together by least squares; False if each is identified alone."""
+        fitting = self.fitting
+        plain = self.observe == POINTS and self.prior == "off" and not self.robust and self.estimator == LEAST_SQUARES
+        searched = fitting.residual or fitting.parametric == "auto"
+        return plain and not searched and not set(CAMPAIGN_SPECIFIC) & set(fitting.groups)
+
+    def refuse_nonsense(self) -> None:
+        """Refuse values that make no sense, with a LabError that names the factor."""
+        if self.plan == NONE:
+            whole("factor poses", self.poses, 1, POSES)
+        positive("factor noise", self.noise)
+        positive("factor position_sigma_mm", self.position_sigma_mm)
+        positive("factor rotation_sigma_mrad", self.rotation_sigma_mrad)
+        whole("factor targets", self.targets, 1, TARGETS)
+        with error_context("factors"):
+            self.fitting.check()
+            estimator_named(self.estimator)
+            sensor_named(self.observe)
+            ArmEffects(payload_kg=self.payload_kg or ArmEffects().payload_kg).check()
+
+
+def is_any(factor: str, level: object) -> bool:
+    """Decide whether a cell's level stands for every level of a factor."""
+    return level == ANY or (factor == "poses" and level == OF_PLAN)
 
 
 _SCALINGS = tuple(each for each in get_args(get_type_hints(Cell)["scaling"]) if each != ANY)
@@ -76,6 +142,7 @@ class Study:
         draws: campaigns with each, which differ in the noise alone.
         fresh: number of validation poses of each.
         frozen: one Jacobian for all steps of a fit, instead of one for each.
+        targets: measured points of the tool; the factor ``targets`` takes the first ones, and then the robot's others.
         factors: values of the factors; the default for others.
         parameters: sets of parameters to identify, by name, beside ``usual``.
         effects: sets of effects of the arm, by name, beside ``none``.
@@ -116,28 +183,54 @@ class Study:
                     raise LabError(f"{kind}.{name}: {error}") from error
         self._refuse_large()
         for cell in self.cells:
-            whole("factor poses", cell.poses, 1, POSES)
-            positive("factor noise", cell.noise)
-            positive("factor position_sigma_mm", cell.position_sigma_mm)
-            positive("factor rotation_sigma_mrad", cell.rotation_sigma_mrad)
+            cell.refuse_nonsense()
             if cell.parameters != USUAL and cell.parameters not in self.parameters:
                 raise LabError(
                     f"factor parameters: '{cell.parameters}' is not defined; add [parameters.{cell.parameters}]"
                 )
             if cell.effects != NONE and cell.effects not in self.effects:
                 raise LabError(f"factor effects: '{cell.effects}' is not defined; add [effects.{cell.effects}]")
+            if cell.payload_kg and self.effects_of(cell, alone=True).payload_kg != ArmEffects().payload_kg:
+                raise LabError(f"factor payload_kg: [effects.{cell.effects}] has payload_kg, too; keep one")
+
+    def effects_of(self, cell: Cell, *, alone: bool = False) -> ArmEffects:
+        """Return the effects of a cell's arms, with its payloads.
+
+        Args:
+            alone: without the payloads of the factor.
+        """
+        found = ArmEffects() if cell.effects == NONE else self.effects[cell.effects]
+        return found if alone or not cell.payload_kg else replace(found, payload_kg=cell.payload_kg)
+
+    def fitting_of(self, cell: Cell) -> Fitting:
+        """Return the options of a cell's fits: of its factors, and of its set of parameters.
+
+        Raises:
+            LabError: the set has an option that is a factor.
+        """
+        usual, chosen = Fitting(), cell.fitting
+        found = usual if cell.parameters == USUAL else self.parameters[cell.parameters]
+        mine = (found.model, found.robust, found.prior == "on", found.estimator)
+        if mine != (usual.model, False, False, usual.estimator):
+            raise LabError(f"parameters.{cell.parameters}: give model, robust, prior and estimator in [factors]")
+        if found.load is not None or found.error_terms:
+            raise LabError(f"parameters.{cell.parameters}: a study takes neither load nor error_terms; leave them out")
+        named = {name: getattr(chosen, name) for name in ("model", "robust", "prior", "estimator")}
+        return replace(found, **named)
 
     def _refuse_large(self) -> None:
         cells = prod(len(values) for values in self.factors.values())
         CELLS("factors", cells)
         CAMPAIGNS("robots, draws and factors", cells * self.robots * self.draws)
         poses = max((each for each in self.factors.get("poses", ()) if isinstance(each, int)), default=Cell.poses)
-        DRAWN_POINTS("draws, fresh, poses and targets", self.draws * max(self.fresh, poses) * len(self.targets))
+        targets = max((each for each in self.factors.get("targets", ()) if isinstance(each, int)), default=0)
+        points = self.draws * max(self.fresh, poses) * max(len(self.targets), targets)
+        DRAWN_POINTS("draws, fresh, poses and targets", points)
 
     @property
     def cells(self) -> tuple[Cell, ...]:
         """Combinations in the order of the factors, without duplicates."""
-        usual = asdict(Cell())
+        usual = asdict(Cell()) | {"targets": len(self.targets)}
         values = [self.factors.get(name, (usual[name],)) for name in FACTORS]
         found = (Cell(*combination) for combination in itertools.product(*values))
         return tuple(dict.fromkeys(_plain(cell) for cell in found))
@@ -145,11 +238,11 @@ class Study:
     @property
     def tasks(self) -> tuple[Task, ...]:
         """The whole study in pieces; results do not depend on the division."""
-        step = max(1, CAMPAIGNS_A_TASK // self.draws)
-        starts = range(0, self.robots, step)
-        return tuple(
-            Task(cell, first, min(first + step, self.robots)) for cell in range(len(self.cells)) for first in starts
-        )
+        found = list[Task]()
+        for number, cell in enumerate(self.cells):
+            step = max(1, (CAMPAIGNS_A_TASK if cell.is_stacked else _ALONE_A_TASK) // self.draws)
+            found += [Task(number, at, min(at + step, self.robots)) for at in range(0, self.robots, step)]
+        return tuple(found)
 
     @property
     def campaigns(self) -> int:
@@ -158,8 +251,13 @@ class Study:
 
 
 def _plain(cell: Cell) -> Cell:
-    """Return the cell with the scaling "any" where it makes no difference: of random poses, and of O1."""
-    return Cell(**{**asdict(cell), "scaling": ANY}) if cell.criterion in ("random", "O1") else cell
+    """Return the cell with "any" where a level makes no difference: the scaling of random poses and of O1.
+
+    A plan has its poses, whatever chooses others.
+    """
+    if cell.plan != NONE:
+        return replace(cell, criterion=ANY, scaling=ANY, poses=OF_PLAN)
+    return replace(cell, scaling=ANY) if cell.criterion in ("random", "O1") else cell
 
 
 def read_study(path: Path) -> Study:
@@ -190,4 +288,6 @@ def _levels(factor: str, given: Any) -> tuple[Any, ...]:
     levels = given if isinstance(given, list) else [given]
     if factor not in FACTORS:
         return tuple(levels)  # the study refuses it
+    if factor == "payload_kg":
+        levels = [each if isinstance(each, list | tuple) else [each] for each in levels]
     return tuple(getattr(structured("factors", Cell, {factor: level}), factor) for level in levels)

@@ -38,13 +38,17 @@ from lab.render.terminal import bars
 from lab.studies.analysis import CampaignArray
 from lab.studies.campaigns import COLUMNS, cell_poses, difference, origin_of, other_version, run_task
 from lab.studies.executors import StoppedError, local_executor, run_jobs
-from lab.studies.grid import Cell, Study, Task, study_from
+from lab.studies.grid import OF_PLAN, Cell, Study, Task, study_from
 
 __all__ = ["StudyDone", "read_campaigns", "read_store", "run_study", "study_runner"]
 
 _CONFIG, _MANIFEST, _POSES, _CAMPAIGNS = "config.json", "manifest.json", "poses", "campaigns"
 _DIGEST = "sha256"  # of the numbers, in a file of campaigns
-_TYPES = dict.fromkeys(("cell", "robot", "draw", "steps", "lost"), pa.int32()) | {"converged": pa.bool_()}
+_TYPES = {
+    **dict.fromkeys(("cell", "robot", "draw", "steps", "lost"), pa.int32()),
+    "converged": pa.bool_(),
+    "failure": pa.string(),
+}
 _MEND = "give the folder of a study, or begin it again in another"
 _SCHEMA = pa.schema([(name, _TYPES.get(name, pa.float64())) for name in COLUMNS])
 _REALS = [field.name for field in _SCHEMA if field.type == pa.float64()]
@@ -90,7 +94,8 @@ class _Store:
             joints = np.array([row.split(",") for row in rows], dtype=np.float64)
         except ValueError:
             return None
-        whole = joints.shape == (self.cells[cell].poses, len(self.columns))
+        poses = self.cells[cell].poses
+        whole = joints.shape == (len(joints) if poses == OF_PLAN else poses, len(self.columns)) and joints.size > 0
         return joints if whole and header == ",".join(self.columns) and not end else None
 
     def keep_poses(self, cell: int, joints: Array) -> None:
@@ -111,7 +116,8 @@ class _Store:
     def keep(self, task: Task, columns: dict[str, Array]) -> None:
         """Write the campaigns of a task: the same campaigns give the same bytes."""
         arrays = [np.asarray(columns[field.name], dtype=field.type.to_pandas_dtype()) for field in _SCHEMA]
-        table = pa.Table.from_arrays([pa.array(array) for array in arrays], schema=_SCHEMA)
+        parts = [pa.array(array, field.type) for array, field in zip(arrays, _SCHEMA, strict=True)]
+        table = pa.Table.from_arrays(parts, schema=_SCHEMA)
         table = table.replace_schema_metadata({_DIGEST: _digest(table)})
         assert len(table) == self.campaigns_of(task), task
         buffer = pa.BufferOutputStream()
@@ -279,7 +285,8 @@ def _read(path: Path) -> pa.Table:
 def _digest(table: pa.Table) -> str:
     digest = hashlib.sha256()
     for column in table.columns:
-        digest.update(column.to_numpy().tobytes())
+        values = column.to_numpy()
+        digest.update(json.dumps(values.tolist()).encode() if values.dtype == object else values.tobytes())
     return digest.hexdigest()
 
 

@@ -28,6 +28,7 @@ def solving(study: Study, task: Task, joints: np.ndarray) -> dict[str, np.ndarra
     )
     rows = {"cell": np.full(len(robots), task.cell), "robot": robots, "draw": draws}
     rows |= {"converged": draws % 7 > 0, "steps": 3 + draws % 2}
+    rows |= {"failure": np.where(rows["converged"], "", "not converged")}
     reals = [name for name in COLUMNS if name not in rows]
     return rows | {name: np.sin(robots + 1e-3 * draws + joints.sum() + k) for k, name in enumerate(reals)}
 

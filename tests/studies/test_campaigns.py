@@ -29,7 +29,7 @@ def test_a_draw_is_that_of_one_campaign_alone() -> None:
     asked = VirtualCampaign(seed=3, instrument="leica-at960")
     real, device = perturbed_arm(robot, asked), INSTRUMENTS["leica-at960"]
     joints = random_poses(robot.model, 10, rng_for(0, "poses"))
-    drawn = _measured(real, device, asked, joints, 2)
+    drawn = _measured(real, device, asked, joints, 2, real.points(joints, asked.targets))
     for draw in range(2):
         alone = track(real, joints, asked.targets, device, rng_for(3, "noise", draw))
         np.testing.assert_allclose(drawn[draw], alone.points, atol=1e-15)

@@ -3,6 +3,7 @@
 matplotlib is slow to import: import this module where a picture is asked for.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache, partial
@@ -19,15 +20,15 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullLocator
 
-from lab.commands.study.run import StudyResult, circumstances, level_text
+from lab.commands.study.run import StudyResult, circumstances, failures_text, level_text, plain_level
 from lab.core.errors import LabError
 from lab.render import document as doc
 from lab.render.charts.chart import save_figure
 from lab.render.document import capital, sentence
 from lab.render.style import FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
-from lab.studies.analysis import Analysis, CellGroup, Comparison, Kind, Mean, Pair, Rank, groups
+from lab.studies.analysis import LEAST_ROBOTS, Analysis, CellGroup, Comparison, Kind, Mean, Pair, Rank, groups
 from lab.studies.campaigns import origin_of
-from lab.studies.grid import ANY, FACTORS, Cell
+from lab.studies.grid import ANY, FACTORS, Cell, is_any
 
 __all__ = [
     "analysis_sections", "comparison_sentence", "effect_text", "first_picture", "pictures_of", "provenance_of",
@@ -61,8 +62,23 @@ _AXES = {
     "poses": "number of poses",
     "position_sigma_mm": "position σ of the arm, mm",
     "rotation_sigma_mrad": "rotation σ of the arm, mrad",
+    "model": "fitted model",
+    "robust": "robust fit",
+    "prior": "prior of the tolerances",
+    "observe": "what is measured",
+    "plan": "poses of a plan",
+    "targets": "number of targets",
+    "payload_kg": "payload, kg",
+}
+_WORDS = {
+    "observe": "what is measured",
+    "targets": "number of targets",
+    "payload_kg": "payload",
+    "model": "fitted model",
 }
 _WIDE = 10  # a ratio's upper end over its lower
+_EQUAL = 1e-5  # ratios are equal within this, as fits end so near to their minimum
+_TOO_FEW = "too few robots for an interval"
 _MOST_DIGITS = 9  # after the point, to show a bound that is not zero
 
 
@@ -82,20 +98,33 @@ def _varying(cells: Sequence[Cell]) -> tuple[str, ...]:
     return tuple(name for name in FACTORS if len({getattr(cell, name) for cell in cells}) > 1)
 
 
-def effect_text(pair: Pair, kind: Kind) -> str:
+def effect_text(pair: Pair, kind: Kind, *, note: bool = True) -> str:
     """Format the excess of a pair's second cell over the first, e.g. "4.1 % (3.7 to 4.6)".
 
     A ratio from 2 on, or one with a wide interval, is printed as "2.1 times (2.0 to 2.2)".
+
+    Args:
+        note: whether the text says that robots are too few for an interval.
     """
     ends = (pair.effect, pair.lower, pair.upper)
     if not isfinite(pair.effect):
         return "not known"
+    if _is_equal(pair, kind):
+        return f"equal (within {100 * _EQUAL:g} %)"
     if kind == "difference":
-        return _with_interval(ends, "")
+        return _with_interval(ends, "", note=note)
     if pair.upper > _WIDE * pair.lower:  # few robots: hardly the order of magnitude is known
         value, lower, upper = (f"{float(f'{end:.2g}'):,.10g}" for end in ends)
         return f"{value} times ({lower} to {upper})"
-    return _with_interval(ends, " times") if pair.effect >= 2 else _with_interval([100 * (e - 1) for e in ends], " %")
+    if pair.effect >= 2:
+        return _with_interval(ends, " times", note=note)
+    return _with_interval([100 * (end - 1) for end in ends], " %", note=note)
+
+
+def _is_equal(pair: Pair, kind: Kind) -> bool:
+    """Decide whether a ratio differs from one by rounding alone: of fits that end in the same minimum."""
+    ends = [end for end in (pair.effect, pair.lower, pair.upper) if isfinite(end)]
+    return kind == "ratio" and all(abs(end - 1) < _EQUAL for end in ends)
 
 
 def _mean_text(mean: Mean) -> str:
@@ -103,11 +132,11 @@ def _mean_text(mean: Mean) -> str:
     return _with_interval((mean.mean, mean.lower, mean.upper), "")
 
 
-def _with_interval(ends: Sequence[float], unit: str) -> str:
+def _with_interval(ends: Sequence[float], unit: str, *, note: bool = True) -> str:
     """A value and its interval, to the digits that it leaves, and that show on which side of zero it ends."""
     value, lower, upper = ends
     if not isfinite(lower):
-        return f"{value:.3g}{unit} (too few robots for an interval)".replace("-", "−")
+        return f"{value:.3g}{unit}{f' ({_TOO_FEW})' if note else ''}".replace("-", "−")
     half = (upper - lower) / 2
     size = 10.0 ** floor(log10(half)) if half > 0 else 1e-3
     digits = max(0, round(-log10(size)) + (half < 2 * size))
@@ -139,28 +168,25 @@ def comparison_sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
     group = comparison.group
     names = {i: level_text(cells[i], group.free) for i in group.cells}
     where = circumstances(group.shared)
-    head = f"{where + ', ' if where else ''}by {' and '.join(group.free)}"
+    head = f"{where + ', ' if where else ''}by {' and '.join(_WORDS.get(name, name) for name in group.free)}"
     if not comparison.ranks:
         return f"{head}: no simulated calibration converged in two of them, so nothing can be compared"
     ranked = [each.cell for each in comparison.ranks]
-    leaders = [each.cell for each in comparison.ranks if each.lowest == 1]
-    messages = [_leading([names[i] for i in leaders])]
-    than = f" than {names[ranked[0]]}" if len(leaders) > 1 else ""
-    for cell in ranked[1:]:
-        pair = comparison.against(ranked[0], cell)
-        many = comparison.kind == "ratio" and pair.effect >= 2
-        messages.append(f"{names[cell]} {effect_text(pair, comparison.kind)} {'as much' if many else 'worse'}{than}")
-    same = [(p.first, p.second) for p in comparison.pairs if not p.is_significant and isfinite(p.effect)]
-    apart = [f"{names[i]} and {names[j]}" for i, j in same if not {i, j} <= set(leaders)]
+    behind = [comparison.against(ranked[0], cell) for cell in ranked[1:]]
+    messages = [f"best is {names[ranked[0]]}"]
+    for pair in behind:
+        size = effect_text(pair, comparison.kind, note=False)
+        if not _is_equal(pair, comparison.kind):
+            size += " as much" if comparison.kind == "ratio" and pair.effect >= 2 else " worse"
+            size += ", not significantly" if isfinite(pair.lower) and not pair.is_significant else ""
+        messages.append(f"{names[pair.second]} {size}")
+    same = [(p.first, p.second) for p in comparison.pairs if not p.is_significant and isfinite(p.lower)]
+    apart = [f"{names[i]} and {names[j]}" for i, j in same if ranked[0] not in (i, j)]
     messages += [f"no significant difference: {', '.join(apart)}"] if apart else []
+    if few := [pair.robots for pair in behind if not isfinite(pair.lower)]:
+        messages.append(f"{_TOO_FEW}: {min(few)}, and {LEAST_ROBOTS} or more are needed")
     messages += [f"{names[i]} never converged where another did" for i in group.cells if i not in ranked]
     return f"{head}: {'; '.join(messages)}"
-
-
-def _leading(names: Sequence[str]) -> str:
-    if len(names) == 1:
-        return f"best is {names[0]}"
-    return f"best are {', '.join(names[:-1])} and {names[-1]}, which do not differ significantly"
 
 
 def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
@@ -169,8 +195,15 @@ def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
         return []
     worst = max(means, key=lambda each: each.not_converged / max(each.campaigns, 1))
     where = circumstances({name: getattr(cells[worst.cell], name) for name in _varying(cells)})
+    reasons: Counter[str] = Counter()
+    for each in means:
+        reasons.update(dict(each.failures))
+    if set(reasons) <= {"not converged"}:
+        what = "did not converge"
+    else:
+        what = f"failed ({failures_text(sorted(reasons.items(), key=lambda pair: (-pair[1], pair[0])))})"
     return [
-        f"{lost:,} of {campaigns:,} simulated calibrations did not converge and are left out, as are pairs with one "
+        f"{lost:,} of {campaigns:,} simulated calibrations {what} and are left out, as are pairs with one "
         f"of them. If many fail, the results are too favourable; the most are {worst.not_converged:,} of "
         f"{worst.campaigns:,}{f' ({where})' if where else ''}"
     ]
@@ -211,12 +244,12 @@ def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
     means = {mean.cell: mean for mean in analysis.means if mean.metric == metric}
     shown = groups(cells, [factor, line] if line else [factor])
     names = list(dict.fromkeys(_line_name(cells[i], line) for group in shown for i in group.cells))
-    positions = _positions([getattr(cells[i], factor) for group in shown for i in group.cells])
+    positions = _positions([_axis_level(cells[i], factor) for group in shown for i in group.cells])
 
     def draw(axes: Axes, group: CellGroup) -> None:
         for k, name in enumerate(names):
             mine = [
-                (positions[getattr(cells[i], factor)], means[i])
+                (positions[_axis_level(cells[i], factor)], means[i])
                 for i in group.cells
                 if _line_name(cells[i], line) == name
             ]
@@ -242,11 +275,19 @@ def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
 def _line_factor(cells: Sequence[Cell], factor: str) -> str | None:
     """The factor of the lines: preferably one whose every level is a level of its own."""
     others = [name for name in _varying(cells) if name != factor]
-    return next((n for n in others if all(getattr(cell, n) != ANY for cell in cells)), others[0] if others else None)
+    whole = (n for n in others if not any(is_any(n, getattr(cell, n)) for cell in cells))
+    return next(whole, others[0] if others else None)
 
 
 def _line_name(cell: Cell, line: str | None) -> str:
     return level_text(cell, [line]) if line else ""
+
+
+def _axis_level(cell: Cell, factor: str) -> Any:
+    """A level as an axis orders it: a number, or its text."""
+    level = getattr(cell, factor)
+    is_number = isinstance(level, int | float) and not isinstance(level, bool) and not is_any(factor, level)
+    return level if is_number else plain_level(factor, level)
 
 
 def _positions(levels: Sequence[Any]) -> dict[Any, float]:
@@ -472,7 +513,7 @@ def _means(analysis: Analysis, metrics: Sequence[str]) -> doc.Table:
         first = of[i, metrics[0]]
         rows.append(
             (
-                *(str(getattr(cell, name)) for name in names),
+                *(plain_level(name, getattr(cell, name)) for name in names),
                 _mean_text(first),
                 *(_mean_text(of[i, metric]) for metric in more),
                 f"{first.not_converged:,} of {first.campaigns:,}",
@@ -482,7 +523,7 @@ def _means(analysis: Analysis, metrics: Sequence[str]) -> doc.Table:
         *names,
         _metric_text(metrics[0]),
         *(doc.Column(_metric_text(metric), doc.PAGE) for metric in more),
-        "not converged",
+        "failed",
     )
     robots = max(mean.robots for mean in analysis.means if mean.metric == metrics[0])
     caption = f"Means with 95 % intervals over {robots} robots, each with all its draws; means.csv has every metric."
@@ -521,7 +562,7 @@ def provenance_of(result: StudyResult) -> doc.Section:
     versions = ", ".join(f"{library} {version}" for library, version in origin["versions"].items())
     named = ("parameters", "effects")
     single = {name: value for name, value in asdict(study).items() if name not in ("factors", *named)}
-    factors = {name: ", ".join(map(str, levels)) for name, levels in study.factors.items()}
+    factors = {name: ", ".join(plain_level(name, level) for level in levels) for name, levels in study.factors.items()}
     sets = {f"{kind}.{name}": str(each) for kind in named for name, each in getattr(study, kind).items()}
     rows: list[doc.Row] = [(name, _plain(value)) for name, value in (single | factors | sets).items()]
     rows += [("versions", versions), ("model (SHA-256)", doc.Code(origin["model_sha256"]))]

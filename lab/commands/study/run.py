@@ -18,27 +18,57 @@ from lab.render.terminal import bars
 from lab.studies.analysis import Analysis, Comparison, analysed
 from lab.studies.campaigns import refuse_impossible
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
-from lab.studies.grid import ANY, FACTORS, Cell, Study, read_study
+from lab.studies.grid import FACTORS, NONE, Cell, Study, is_any, read_study
 from lab.studies.run import StudyDone, read_campaigns, run_study
 
 if TYPE_CHECKING:
     from lab.render.document import Section
 
-__all__ = ["StudyResult", "circumstances", "level_text", "study", "write_csv"]
+__all__ = ["StudyResult", "circumstances", "failures_text", "level_text", "plain_level", "study", "write_csv"]
 
-_UNITS = {"poses": " poses", "position_sigma_mm": " mm", "rotation_sigma_mrad": " mrad", "noise": " times the noise"}
-_NAMED = {"position_sigma_mm": "σ ", "rotation_sigma_mrad": "σ ", "scaling": "scaling "}
+_UNITS = {"poses": " poses", "position_sigma_mm": " mm", "rotation_sigma_mrad": " mrad", "noise": " times the noise",
+          "payload_kg": " kg"}  # fmt: skip
+_NAMED = {"position_sigma_mm": "σ ", "rotation_sigma_mrad": "σ ", "scaling": "scaling ", "model": "model ",
+          "prior": "prior ", "observe": "measured ", "payload_kg": "payload "}  # fmt: skip
+_MOST_REASONS = 3
 
 
 def circumstances(shared: Mapping[str, Any]) -> str:
     """Describe levels shared by a group's cells, e.g. "10 poses, scaling whitened"; empty if nothing else varies."""
-    shown = [(name, level) for name, level in shared.items() if level != ANY]
-    return ", ".join(f"{_NAMED.get(name, '')}{level}{_UNITS.get(name, '')}" for name, level in shown)
+    shown = [(name, level) for name, level in shared.items() if not is_any(name, level)]
+    return ", ".join(f"{_NAMED.get(name, '')}{_with_unit(name, level)}" for name, level in shown)
 
 
 def level_text(cell: Cell, factors: Sequence[str]) -> str:
     """A cell's levels of some factors, e.g. "10 poses"."""
-    return " ".join(f"{getattr(cell, name)}{_UNITS.get(name, '')}" for name in factors)
+    return " ".join(_with_unit(name, getattr(cell, name)) for name in factors)
+
+
+def plain_level(factor: str, level: Any) -> str:
+    """A level as a table shows it, e.g. "0 or 3" of payloads."""
+    if isinstance(level, bool):
+        return "yes" if level else "no"
+    if isinstance(level, tuple):
+        return " or ".join(f"{each:g}" for each in level) or "that of the effects"
+    return "any" if is_any(factor, level) else str(level)
+
+
+def _with_unit(factor: str, level: Any) -> str:
+    if factor == "robust":
+        return "robust" if level else "not robust"
+    if factor == "plan":
+        return "chosen poses" if level == NONE else Path(level).name
+    if factor == "targets":
+        return f"{level} target{'s' * (level > 1)}"
+    unit = "" if level == () or is_any(factor, level) else _UNITS.get(factor, "")
+    return f"{plain_level(factor, level)}{unit}"
+
+
+def failures_text(failures: Sequence[tuple[str, int]]) -> str:
+    """Describe reasons of failures with their numbers, the most frequent first: "3 not converged; 2 rank deficient"."""
+    named = [f"{count:,} {reason}" for reason, count in failures[:_MOST_REASONS]]
+    rest = sum(count for _, count in failures[_MOST_REASONS:])
+    return "; ".join([*named, *([f"{rest:,} for other reasons"] if rest else [])])
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -70,7 +100,12 @@ class StudyResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints."""
-        return self.done.summary
+        failed = [(mean.not_converged, mean.failures) for mean in self.analysis.means if mean.metric == _COUNTED]
+        cells = [
+            cell | {"failed": count, "failures": dict(failures)}
+            for cell, (count, failures) in zip(self.done.summary["cells"], failed, strict=True)
+        ]
+        return self.done.summary | {"cells": cells}
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """The columns of ``means.csv``: a row for each cell and metric; NaN where there is no interval."""
@@ -92,11 +127,12 @@ def write_csv(folder: Path, analysis: Analysis) -> None:
     _write(folder / "ranks.csv", [*_RANKS, *(f"chance_{k}" for k in range(1, most + 1))], _rank_rows(analysis))
 
 
+_COUNTED = "steps"  # the metric of every study by whose means failures are counted
 _COUNTS = ("campaigns", "not_converged", "used", "robots")
-_MEANS = ("cell", *FACTORS, "metric", "mean", "lower_95", "upper_95", *_COUNTS)
+_MEANS = ("cell", *FACTORS, "metric", "mean", "lower_95", "upper_95", *_COUNTS, "failures")
 _GROUP = ("metric", "factor", "group")
 _PAIRS = (*_GROUP, "first_cell", "second_cell", "first", "second", "kind", "second_to_first", "lower_95", "upper_95",
-          "p", "p_holm", "used", "left_out")  # fmt: skip
+          "p", "p_holm", "used", "left_out", "robots")  # fmt: skip
 _RANKS = (*_GROUP, "cell", "level", "rank", "lowest_95", "highest_95")
 
 
@@ -108,16 +144,22 @@ def _mean_columns(analysis: Analysis) -> Mapping[str, Sequence[Any]]:
 
 def _mean_rows(analysis: Analysis) -> Iterable[list[Any]]:
     for mean in analysis.means:
-        levels = [getattr(analysis.cells[mean.cell], name) for name in FACTORS]
+        levels = [_written(getattr(analysis.cells[mean.cell], name)) for name in FACTORS]
         counts = [getattr(mean, name) for name in _COUNTS]
-        yield [mean.cell, *levels, mean.metric, mean.mean, mean.lower, mean.upper, *counts]
+        numbers = [mean.mean, mean.lower, mean.upper, *counts]
+        yield [mean.cell, *levels, mean.metric, *numbers, failures_text(mean.failures)]
+
+
+def _written(level: Any) -> Any:
+    """Write payloads as an option takes them, e.g. "0,3"."""
+    return ",".join(f"{each:g}" for each in level) if isinstance(level, tuple) else level
 
 
 def _pair_rows(analysis: Analysis) -> Iterable[list[Any]]:
     for each in analysis.comparisons:
         for pair in each.pairs:
             levels = [level_text(analysis.cells[cell], each.group.free) for cell in (pair.first, pair.second)]
-            numbers = [pair.effect, pair.lower, pair.upper, pair.p, pair.p_holm, pair.used, pair.left_out]
+            numbers = [pair.effect, pair.lower, pair.upper, pair.p, pair.p_holm, pair.used, pair.left_out, pair.robots]
             yield [*_group(each), pair.first, pair.second, *levels, each.kind, *numbers]
 
 

@@ -118,19 +118,27 @@ class Loads:
 
         Args:
             joints: q ``(n, joints)``.
-            compliance: C ``(joints,)`` rad/Nm (m/N of a slide), zero for stiff joints.
+            compliance: C ``(joints,)`` rad/Nm (m/N of a slide), zero for stiff joints; ``(b, 1, joints)`` of b arms,
+                whose results have that first axis, too.
             payload_kg: ``(n,)`` at ``payload_at_m``.
             steps: one at least.
             beside: h ``(n, joints)`` Nm (N of a slide), further forces.
         """
         offset: Array = np.zeros_like(joints, dtype=np.result_type(joints, compliance))
         for _ in range(steps if np.any(compliance) else 1):
-            force, rate = self.forces(joints + offset, payload_kg)
+            force, rate = self._forces_of_all(joints + offset, payload_kg)
             force = force if beside is None else force + beside
-            equations: Array = np.eye(len(compliance)) - compliance[:, None] * rate
+            equations: Array = np.eye(compliance.shape[-1]) - compliance[..., None] * rate
             off = (compliance * force - offset)[..., None]
             offset = offset + np.asarray(np.linalg.solve(equations, off), dtype=offset.dtype)[..., 0]
         return _Equilibrium(offset, force, equations)
+
+    def _forces_of_all(self, joints: Array, payload_kg: Array) -> tuple[Array, Array]:
+        """Return ``forces`` at joint positions ``(n, joints)``, or ``(b, n, joints)`` of b arms."""
+        if joints.ndim == 2:
+            return self.forces(joints, payload_kg)
+        force, rate = self.forces(joints.reshape(-1, joints.shape[2]), np.tile(payload_kg, len(joints)))
+        return force.reshape(joints.shape), rate.reshape(*joints.shape, joints.shape[2])
 
     def bearing(self, rng: np.random.Generator) -> tuple[int, ...]:
         """Return the joints (from 0) that bear the arm's weight anywhere within its limits."""

@@ -4,6 +4,7 @@ import itertools
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ from lab.core.se3 import Array
 from lab.kinematics.effects.effect import Effect, Moves, structure_values
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter, names_of
-from lab.kinematics.serial.arm import BentArm, SerialArm
+from lab.kinematics.serial.arm import BentArm, SequentialBatch, SerialArm, Stacked, StackedArm, stacked
 from lab.kinematics.serial.walk import Torsors
 
 __all__ = ["Arm", "ArmWithEffects", "affected"]
@@ -229,3 +230,59 @@ Arm = RigidArm | ArmWithEffects
 def affected(arm: RigidArm, effects: Sequence[Effect]) -> Arm:
     """Return the arm with these effects, or the arm itself without any."""
     return ArmWithEffects(arm, tuple(effects)) if effects else arm
+
+
+@dataclass(frozen=True)
+class _StackedArmWithEffects:
+    """A stack of serial arms with offsets of the joints, computed at once."""
+
+    arm: ArmWithEffects
+    rigid: StackedArm
+
+    def points(self, joints: Array, values: Array) -> Array:
+        """Return ``Stacked.points``."""
+        return self.rigid.points(self._standing(joints, values)[0], values[:, : self._first])
+
+    def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
+        """Return ``Stacked.observe``."""
+        standing, slopes = self._standing(joints, values)
+        own, turning = [i for i in free if i < self._first], self.rigid.arm.joint_columns
+        columns = [*own, *(i for i in turning if i not in own)]
+        points, rigid = self.rigid.observe(standing, values[:, : self._first], columns)
+        found = np.empty((len(values), len(free), *points.shape[1:])).transpose(1, 3, 2, 0, 4)
+        found[[k for k, i in enumerate(free) if i < self._first]] = rigid[: len(own)]
+        by_joint = rigid[[columns.index(i) for i in turning]] * self.rigid.arm.chain.sign[:, None, None, None, None]
+        for k, i in enumerate(free):
+            if i >= self._first:
+                slope = slopes[i - self._first]  # (n, joints), or (b, n, joints)
+                moved = np.flatnonzero(slope.any(axis=tuple(range(slope.ndim - 1))))
+                found[k] = sum(by_joint[j] * slope[..., j] for j in moved)
+        return points, found
+
+    @cached_property
+    def _first(self) -> int:
+        return len(self.rigid.arm.names)
+
+    def _standing(self, inputs: Array, values: Array) -> tuple[Array, list[Array]]:
+        """Return true joint positions ``(b, n, joints)``, and their derivatives by each effect's parameters.
+
+        These are ``(b, n, joints)`` each, or ``(n, joints)`` where all arms have the same.
+        """
+        size, at = self.rigid.arm.chain.size, self._first
+        joints, conditions = np.ascontiguousarray(inputs[:, :size]), inputs[:, size:]
+        standing, slopes = np.tile(joints, (len(values), 1, 1)), list[Array]()
+        for effect in self.arm.effects:
+            part = slice(at, at + len(effect.parameters))
+            at = part.stop
+            own_conditions = conditions[:, [self.arm.conditions.index(name) for name in effect.conditions]]
+            moved, derivative = effect.offsets(joints, own_conditions, values[:, None, part])
+            standing += moved
+            slopes += list(np.moveaxis(derivative, -1, 0))
+        return standing, slopes
+
+
+@stacked.register
+def _(arm: ArmWithEffects) -> Stacked:
+    if isinstance(arm.arm, SerialArm) and all(each.stacks for each in arm.effects):
+        return _StackedArmWithEffects(arm, StackedArm(arm.arm))
+    return SequentialBatch(arm)

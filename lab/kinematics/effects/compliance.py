@@ -131,14 +131,14 @@ def _compliance(loads: Loads, payload: bool = False, *, moving: bool = False) ->
         parameters += (Parameter("payload", "mass", group, "mass", Unit("kg", "kg", 1.0), _MASS_SCALE_KG),)
 
     def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
-        soft: Array = np.zeros(loads.chain.size, dtype=np.result_type(values, float))
-        soft[list(bearing)] = values[: len(bearing)]
+        soft: Array = np.zeros((*values.shape[:-1], loads.chain.size), dtype=np.result_type(values, float))
+        soft[..., list(bearing)] = values[..., : len(bearing)]
         mass = conditions[:, 0] + (values[-1] if payload else 0.0)
         inertia = None if links is None else links.inertia(joints, *rates_in(conditions, loads.chain.size), mass)
         rest = loads.equilibrium(joints, soft, mass, NEWTON_STEPS, inertia)
-        pushed = np.zeros((*joints.shape, len(parameters)), dtype=soft.dtype)
+        pushed = np.zeros((*rest.force.shape, len(parameters)), dtype=soft.dtype)
         for k, i in enumerate(bearing):
-            pushed[:, i, k] = rest.force[:, i]
+            pushed[..., i, k] = rest.force[..., i]
         if payload:
             heavier = loads.forces(joints + rest.offset, mass + 1.0)[0]
             if links is not None:
@@ -154,7 +154,8 @@ def _compliance(loads: Loads, payload: bool = False, *, moving: bool = False) ->
 
     typical = (*[_TYPICAL_COMPLIANCE] * len(bearing), 0.0) if payload else ()
     required = (PAYLOAD, *rates_of(loads.chain.joint_names)) if moving else (PAYLOAD,)
-    return Effect(group, parameters, offsets, required, typical=typical, plain=None if moving else plain)
+    stacks = not (payload or moving)
+    return Effect(group, parameters, offsets, required, typical=typical, plain=None if moving else plain, stacks=stacks)
 
 
 def _fitted(name: str, arm: ArmFacts) -> Effect:

@@ -217,6 +217,8 @@ class Effect:
         typical: values for decisions on rank, if zeros would hide a parameter.
         links: links with displaced far ends, from 0.
         plain: from parameters ``(p,)`` to terms of ``formats.plain_arm``, for ``calibrated.py``; None if not possible.
+        stacks: whether ``offsets`` takes parameters ``(b, 1, p)`` of b arms, too: offsets ``(b, n, joints)``, and
+            derivatives ``(b, n, joints, p)`` or, where all arms have the same, ``(n, joints, p)``.
         made_by: the call that makes it again; None if it cannot be pickled.
     """
 
@@ -228,6 +230,7 @@ class Effect:
     typical: tuple[float, ...] = ()
     links: tuple[int, ...] = ()
     plain: PlainTerms | None = field(default=None, compare=False)
+    stacks: bool = field(default=False, compare=False)
     made_by: "Callable[[], Effect] | None" = None
 
     def __reduce__(self) -> "tuple[Callable[..., Effect], tuple[Any, ...]]":
@@ -480,13 +483,16 @@ def from_signals(
         columns = times * signals(positions, given)
         derivative = np.zeros((*positions.shape, len(parameters)), dtype=columns.dtype)
         derivative[:, joints, range(len(parameters))] = columns
-        return derivative @ values, derivative
+        if values.ndim == 1:
+            return derivative @ values, derivative
+        moved = values[:, 0] @ derivative.reshape(-1, len(parameters)).T
+        return moved.reshape(len(values), *positions.shape), derivative
 
     def terms(values: Array) -> list[dict[str, Any]]:
         pairs = zip(where, values.tolist(), strict=True)
         return [{"joint": joint, "times": times * value, "of": list(signal)} for (joint, signal), value in pairs]
 
-    return Effect(group, parameters, offsets, conditions, plain=terms)
+    return Effect(group, parameters, offsets, conditions, plain=terms, stacks=True)
 
 
 def levers(chain: JointSpec) -> Array:

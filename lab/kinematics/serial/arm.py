@@ -14,12 +14,21 @@ from lab.kinematics.compiled import numpy_kernels
 from lab.kinematics.compiled.kernels import CompiledChain, real, with_fallback
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.gauge import preferred_columns
-from lab.kinematics.model import RigidArm, Skeleton
+from lab.kinematics.model import Model, Skeleton
 from lab.kinematics.parameter import BASE_PARAMETERS, Kind, Parameter, link_parameter, names_of, tool_parameters
 from lab.kinematics.serial.chain import COLUMNS, Chain
 from lab.kinematics.serial.walk import RIGID, Motion, Torsors
 
-__all__ = ["DEFAULT_TOOL", "BentArm", "SerialArm", "Stacked", "StackedArm", "stacked", "target_positions"]
+__all__ = [
+    "DEFAULT_TOOL",
+    "BentArm",
+    "SequentialBatch",
+    "SerialArm",
+    "Stacked",
+    "StackedArm",
+    "stacked",
+    "target_positions",
+]
 
 DEFAULT_TOOL = {"p1": (0.030, 0.020, 0.100), "p2": (-0.025, 0.030, 0.080), "p3": (0.0, -0.040, 0.090)}
 
@@ -119,11 +128,11 @@ class SerialArm:
 
     def joint_derivatives(self, jacobian: Array) -> Array:
         """Return the columns of derivatives ``(..., parameters)`` for the joint positions, ``(..., joints)``."""
-        return np.asarray(jacobian[..., self._joint_columns] * self.chain.sign)
+        return np.asarray(jacobian[..., self.joint_columns] * self.chain.sign)
 
     @cached_property
-    def _joint_columns(self) -> list[int]:
-        """Index of each joint's theta, or d of a slide."""
+    def joint_columns(self) -> list[int]:
+        """Index of each joint's parameter that adds to its position: theta, or d of a slide."""
         cells = list(zip(self.table_rows.tolist(), self.table_columns.tolist(), strict=True))
         return [len(BASE_PARAMETERS) + cells.index((i, 1 if p else 0)) for i, p in enumerate(self.chain.prismatic)]
 
@@ -243,7 +252,7 @@ class SerialArm:
 
     @cached_property
     def _joint_slots(self) -> NDArray[np.int64]:
-        return self.compiled.some(self._joint_columns)
+        return self.compiled.some(self.joint_columns)
 
 
 @dataclass(frozen=True)
@@ -276,27 +285,32 @@ class Stacked(Protocol):
     """A stack of arms of one nominal model, for fits of many campaigns."""
 
     @property
-    def arm(self) -> RigidArm:
+    def arm(self) -> Model:
         """The nominal model and its targets."""
 
     def points(self, joints: Array, values: Array) -> Array:
-        """Return target positions ``(b, k, 3, n)`` m of parameters ``(b, p)`` at joint positions ``(n, joints)``."""
+        """Return target positions ``(b, k, 3, n)`` m.
+
+        Args:
+            joints: ``(n, joints)``, then columns of the model's conditions.
+            values: parameters ``(b, p)``.
+        """
 
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
         """Return the positions, and their derivatives ``(f, 3, k, b, n)`` by the ``free`` parameters."""
 
 
 @singledispatch
-def stacked(arm: RigidArm) -> Stacked:
+def stacked(arm: Model) -> Stacked:
     """Return a stack of arms: a sequential one, unless one is registered for the kind of arm."""
-    return _SequentialBatch(arm)
+    return SequentialBatch(arm)
 
 
 @dataclass(frozen=True)
-class _SequentialBatch:
-    """A stack of mechanisms, computed one after the other."""
+class SequentialBatch:
+    """A stack of arms, computed one after the other."""
 
-    arm: RigidArm
+    arm: Model
 
     def points(self, joints: Array, values: Array) -> Array:
         """Return ``Stacked.points``."""

@@ -20,7 +20,7 @@ from lab.kinematics.effects.effect import HOUR_S, Effect, SessionInfo
 from lab.kinematics.effects.registry import GROUPS, effect
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import joint_parameter
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.arm import SequentialBatch, SerialArm, stacked
 from lab.kinematics.serial.chain import Chain
 from lab.simulation.model_files import loads_of
 
@@ -385,3 +385,39 @@ def test_an_arm_expands_about_its_base() -> None:
     np.testing.assert_allclose(arm.tool(warm, values, 1)[0][:, :3, 3], arm.points(warm, values)[:, 1], atol=1e-15)
     assert_derivatives(lambda v: arm.points(warm, v), arm.observe(warm, values)[1], values, relative=1e-6)
     np.testing.assert_allclose(arm.observe(warm, values)[0], arm.points(warm, values), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("robot", "groups", "at_once"),
+    [
+        ("irb120", ("compliance",), True),
+        ("irb120", ("harmonics", "hardening", "compliance", "gear", "backlash"), True),
+        ("scara", ("coupling", "harmonics2"), True),
+        ("versatran", ("backlash", "harmonics"), True),
+        ("irb120", ("payload",), False),
+        ("irb120", ("bending", "harmonics"), False),
+    ],
+)
+def test_a_stack_of_arms_with_effects_is_each_arm_alone(robot: str, groups: tuple[str, ...], at_once: bool) -> None:
+    """Points and derivatives by some parameters; the last joint's reading is reversed."""
+    arm, rng = load_robot(robot).arm_with(("p1", "p2"), groups), np.random.default_rng(3)
+    chain = arm.rigid.chain
+    assert isinstance(chain, Chain)
+    reversed_last = replace(chain, sign=np.append(chain.sign[:-1], -1.0))
+    arm = ArmWithEffects(SerialArm(reversed_last, ("p1", "p2")), arm.effects)
+    assert isinstance(stacked(arm), SequentialBatch) != at_once
+    inputs = arm.structure_joints(7, rng)
+    values = np.tile(arm.nominal(), (4, 1))
+    values += (
+        1e-3 * rng.normal(size=values.shape) * np.where([each.kind == "compliance" for each in arm.parameters], 1e-3, 1)
+    )
+    first = len(arm.rigid.names)
+    free = [2, 7, 9, first - 1, *range(first, len(arm.names))][::-1]
+    points, columns = stacked(arm).observe(inputs, values, free)
+    np.testing.assert_array_equal(stacked(arm).points(inputs, values), points)
+    for b, row in enumerate(values):
+        alone, jacobian = arm.observe(inputs, row)
+        np.testing.assert_allclose(points[b], alone.transpose(1, 2, 0), atol=1e-13)
+        np.testing.assert_allclose(
+            columns[:, :, :, b], jacobian[..., free].transpose(3, 2, 1, 0), rtol=1e-9, atol=1e-12
+        )
