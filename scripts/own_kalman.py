@@ -10,7 +10,7 @@ class KalmanFilter(lab.Estimator):
 
     name, widest = "kalman", 0.1  # standard deviation (m, rad) of base and tool, which have no prior
 
-    def __init__(self, passes=3):
+    def __init__(self, passes=2):
         self.passes = passes  # 0 is the textbook's: one pass, with derivatives at each pose's own estimate
 
     def estimate(self, problem):

@@ -12,18 +12,17 @@ class Tukey(lab.Estimator):
     tuning = 5.0  # residual, in standard deviations, from which on a pose has no weight
 
     def estimate(self, problem):
-        """Return values and covariance; the weights settle in a few steps, from a median's scale on."""
-        values, weights = problem.start, np.ones(len(problem.points))
-        for step in range(30):
+        """Return values and covariance; the scale is that of the median, and the weights settle from Huber's on."""
+        values = problem.start
+        for step in range(20):
             residuals, jacobian = problem.linearized(values)
-            rows = np.repeat(np.sqrt(weights), 3)
-            values = values + np.linalg.lstsq(rows[:, None] * jacobian, rows * residuals)[0]
-            sizes = np.linalg.norm(problem.residuals(values).reshape(-1, 3), axis=1)
+            sizes = np.linalg.norm(residuals.reshape(-1, 3), axis=1)
             scale = np.median(sizes) / 1.538  # the median length of three standard normal numbers
             shares = sizes / (self.tuning * scale)
-            weights = 1 / (1 + 4 * shares) if step < 10 else np.maximum(1 - shares**2, 0) ** 2
-        rows = np.repeat(weights, 3)[:, None] * jacobian
-        return values, scale**2 * np.linalg.inv(jacobian.T @ rows)
+            weights = 1 / np.maximum(4 * shares, 1) if step < 10 else np.maximum(1 - shares**2, 0) ** 2
+            weighted = np.repeat(weights, 3)[:, None] * jacobian
+            values = values + np.linalg.solve(jacobian.T @ weighted, weighted.T @ residuals)
+        return values, scale**2 * np.linalg.inv(jacobian.T @ weighted)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ solved in blocks of their own. Least squares of points by geometry and groups of
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
@@ -236,6 +236,17 @@ class _Fitted:
         """The fitted model."""
         return self.stacked.arm
 
+    @property
+    def has_effects(self) -> bool:
+        """True if the model has groups beside the geometry."""
+        return len(self.model.names) > len(self.rigid.names)
+
+    @cached_property
+    def placing(self) -> tuple[int, ...]:
+        """Identifiable parameters of base and tool."""
+        links = names_of(each for each in self.rigid.parameters if each.is_link)
+        return base_set(self.rigid, self.nominal[: len(self.rigid.names)], fix=links).identifiable
+
     def options(self, study: Study, seed: int = 0) -> VirtualCampaign:
         """Return the options of the campaigns with one robot."""
         return VirtualCampaign(
@@ -368,17 +379,14 @@ def _metrics(
 def _failures(found: BatchFits, fitted: _Fitted) -> NDArray[np.object_]:
     """Return why each fit failed, ``(b,)``; empty where it did not."""
     failure = np.where(found.converged, "", NOT_CONVERGED).astype(object)
-    # the base set of geometry alone was never lost by a fit that converged: its rank is not worth the time
-    rows = np.flatnonzero(~found.converged) if fitted.model is fitted.rigid else np.arange(len(failure))
-    for row in rows:
-        products = found.information[row]
-        scale = np.sqrt(np.diagonal(products))
-        if not (np.isfinite(scale).all() and scale.all()):
-            failure[row] = RANK_DEFICIENT if np.isfinite(scale).all() else failure[row]
-            continue
-        sizes = np.linalg.eigvalsh(products / np.outer(scale, scale))
-        if sizes[0] < _RANK_TOLERANCE * sizes[-1]:
-            failure[row] = RANK_DEFICIENT
+    scale = np.sqrt(np.diagonal(found.information, axis1=1, axis2=2))
+    checked = np.isfinite(found.information).all(axis=(1, 2))
+    if not fitted.has_effects:  # a base set of geometry that converged has its rank: not worth the time
+        checked &= ~found.converged
+    failure[checked & (scale == 0).any(axis=1)] = RANK_DEFICIENT
+    rows = np.flatnonzero(checked & (scale > 0).all(axis=1))
+    sizes = np.linalg.eigvalsh(found.information[rows] / (scale[rows, :, None] * scale[rows, None, :]))
+    failure[rows[sizes[:, 0] < _RANK_TOLERANCE * sizes[:, -1]]] = RANK_DEFICIENT
     return failure
 
 
@@ -386,9 +394,7 @@ def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: A
     """Return the mean error (mm) at validation poses of nominal links with base and tool fitted, without noise."""
     rigid, nominal = stacked(fitted.rigid), fitted.nominal[: len(fitted.rigid.names)]
     campaigns = align(rigid, joints, exact[None], nominal)
-    links = names_of(each for each in fitted.rigid.parameters if each.is_link)
-    placing = base_set(fitted.rigid, nominal, fix=links).identifiable
-    found = fit_points(campaigns, nominal, placing, block=1)
+    found = fit_points(campaigns, nominal, fitted.placing, block=1)
     return float(_errors(rigid, fresh, found.values, in_nominal_frame(there, campaigns.Ts_instrument_nominal)).mean())
 
 

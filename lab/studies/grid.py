@@ -210,11 +210,11 @@ class Study:
         """
         usual, chosen = Fitting(), cell.fitting
         found = usual if cell.parameters == USUAL else self.parameters[cell.parameters]
-        mine = (found.model, found.robust, found.prior == "on", found.estimator, found.load)
-        if mine != (usual.model, False, False, usual.estimator, None):
-            raise LabError(
-                f"parameters.{cell.parameters}: give model, robust, prior and estimator in [factors]; leave load out"
-            )
+        mine = (found.model, found.robust, found.prior == "on", found.estimator)
+        if mine != (usual.model, False, False, usual.estimator):
+            raise LabError(f"parameters.{cell.parameters}: give model, robust, prior and estimator in [factors]")
+        if found.load is not None or found.error_terms:
+            raise LabError(f"parameters.{cell.parameters}: a study takes neither load nor error_terms; leave them out")
         named = {name: getattr(chosen, name) for name in ("model", "robust", "prior", "estimator")}
         return replace(found, **named)
 

@@ -58,7 +58,8 @@ def write_files(page: Page, folder: Path) -> None:
             (folder / ("tracker.txt" if block.startswith("//") else "poses.csv")).write_text(block)
     for block in page.of("toml"):
         if "[factors]" in block:
-            (folder / "grid.toml").write_text(block)
+            name = "compliant.toml" if "compliant arms" in block else "grid.toml"
+            (folder / name).write_text(block)
         if "[[obstacle]]" in block:
             (folder / "cell.toml").write_text(block)
         if "[certificate]" in block:

@@ -4,12 +4,15 @@ import csv
 import json
 import re
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from helpers.drawing import nothing_drawn
 from helpers.run_script import threads_for_processes
 
 from lab.cli import main
+from lab.commands.study.run import circumstances, failures_text, level_text
+from lab.studies.grid import ANY, OF_PLAN, Cell
 
 GRID = """
 name = "a <small> one"
@@ -82,3 +85,54 @@ def test_a_name_is_one_folder(tmp_path, capsys) -> None:
     (tmp_path / "grid.toml").write_text('name = "a/b"\n')
     assert main(["study", str(tmp_path / "grid.toml")]) == 2
     assert "name 'a/b': give a name without slashes" in capsys.readouterr().err
+
+
+def test_levels_are_shown_in_plain_words() -> None:
+    soft = Cell(
+        model="compliance", robust=True, targets=3, payload_kg=(0.0, 2.5), plan="some/where/mine.csv", poses=OF_PLAN
+    )
+    words = {
+        "model": "compliance",
+        "robust": "robust",
+        "targets": "3 targets",
+        "payload_kg": "0 or 2.5 kg",
+        "plan": "mine.csv",
+        "poses": "any",
+    }
+    assert {name: level_text(soft, [name]) for name in words} == words
+    assert level_text(Cell(), ["robust"]) == "not robust" and level_text(Cell(), ["targets"]) == "1 target"
+    assert (
+        level_text(Cell(), ["plan"]) == "chosen poses" and level_text(Cell(), ["payload_kg"]) == "that of the effects"
+    )
+    shared = {"scaling": ANY, "poses": OF_PLAN, "model": "compliance", "prior": "auto", "payload_kg": (3.0,)}
+    assert circumstances(shared) == "model compliance, prior auto, payload 3 kg"
+
+
+def test_the_most_frequent_reasons_are_named_and_the_others_counted() -> None:
+    reasons = [("not converged", 1200), ("rank deficient", 3), ("refused: a", 2), ("refused: b", 1), ("refused: c", 1)]
+    assert failures_text(reasons) == "1,200 not converged; 3 rank deficient; 2 refused: a; 2 for other reasons"
+    assert failures_text([]) == ""
+
+
+def test_failures_are_in_the_json_by_reason(tmp_path, capsys, monkeypatch) -> None:
+    """Twelve poses are too few for compliance and harmonics, which is known of each campaign alone."""
+    monkeypatch.setattr("lab.commands.study.run.local_executor", lambda workers: ThreadPoolExecutor(1))
+    (tmp_path / "grid.toml").write_text(
+        'name = "few"\nrobots = 5\ndraws = 1\nfresh = 10\n[factors]\ncriterion = "random"\nposes = 12\n'
+        'model = ["geometric", "compliance+harmonics"]\nprior = "auto"\n'
+    )
+    with nothing_drawn():
+        assert main(["study", str(tmp_path / "grid.toml"), "--out", str(tmp_path / "out"), "--json"]) == 0
+    fine, few = json.loads(capsys.readouterr().out)["cells"]
+    assert (fine["failed"], fine["failures"]) == (0, {})
+    reason = "refused: 12 poses, but the 41 identifiable parameters need at least 14: measure more"
+    assert (few["failed"], few["failures"]) == (5, {reason: 5})
+    with (tmp_path / "out" / "means.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["metric"] == "fresh_mean_mm"]
+    assert [(row["used"], row["robots"], row["failures"]) for row in rows] == [
+        ("5", "5", ""),
+        ("0", "0", f"5 {reason}"),
+    ]
+    assert (
+        "5 of 10 simulated calibrations failed (5 refused: 12 poses" in (tmp_path / "out" / "report.html").read_text()
+    )
