@@ -8,7 +8,7 @@ import pytest
 
 import lab
 from lab import extension_points
-from lab.campaign.option_groups import ArmEffects
+from lab.campaign.option_groups import Effects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_virtual
 from lab.campaign.virtual_robot import perturbed_arm
@@ -38,7 +38,7 @@ def parts(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_effect_is_simulated_as_it_is_fitted() -> None:
     """With the true waves as parameters the model predicts the virtual arm's points."""
     options = VirtualCampaign(
-        position_sigma_mm=0.0, rotation_sigma_mrad=0.0, effects=ArmEffects(own_effects=("runout:mrad=0.5",))
+        position_sigma_mm=0.0, rotation_sigma_mrad=0.0, effects=Effects(own_effects=("runout:mrad=0.5",))
     )
     real = perturbed_arm(ROBOT, options)
     (part,) = (each for each in real.effects.parts if isinstance(each, own_parts.TrueRunout))
@@ -59,10 +59,10 @@ def test_effects_of_packages_leave_the_draws_of_others_as_they_are() -> None:
     """Also of each other: a stream belongs to an effect's name."""
     add("lab.effects", "another", own_parts.Runout)
     alone, beside = (
-        perturbed_arm(ROBOT, VirtualCampaign(effects=ArmEffects(harmonic_mrad=0.2, own_effects=own))).effects.parts
+        perturbed_arm(ROBOT, VirtualCampaign(effects=Effects(harmonic_mrad=0.2, own_effects=own))).effects.parts
         for own in (("runout:mrad=1",), ("another:mrad=1", "runout:mrad=1"))
     )
-    usual = perturbed_arm(ROBOT, VirtualCampaign(effects=ArmEffects(harmonic_mrad=0.2))).effects.parts
+    usual = perturbed_arm(ROBOT, VirtualCampaign(effects=Effects(harmonic_mrad=0.2))).effects.parts
     np.testing.assert_array_equal(alone[-1].waves_rad, beside[-1].waves_rad)
     assert not np.array_equal(beside[-2].waves_rad, beside[-1].waves_rad)
     joints = np.ones((3, 6))
@@ -99,9 +99,9 @@ def test_a_wrong_effect_is_refused(given: str) -> None:
     add("lab.effects", "none_fitted", Simulated)
     add("lab.effects", "not_one", int)
     with pytest.raises(LabError, match=WRONG_EFFECTS[given]):
-        ArmEffects(own_effects=(given,)).check()
+        Effects(own_effects=(given,)).check()
     with pytest.raises(LabError, match="an effect is given twice"):
-        ArmEffects(own_effects=("runout", "runout:mrad=1")).check()
+        Effects(own_effects=("runout", "runout:mrad=1")).check()
     with pytest.raises(LabError, match="none_fitted: this effect is simulated alone; it has no group of its name"):
         effect("none_fitted", ROBOT.chain, None)
     assert own_effect("runout") is own_parts.Runout

@@ -13,8 +13,10 @@ from lab.extensions.reproduction.staubli import STAUBLI
 from lab.extensions.reproduction.thesis import ESTIMATES, THESIS
 from lab.extensions.reproduction.thesis_case import HIDDEN, INTO, OFFSETS, errors, searched
 
-SEARCHED = ("Table IV.2", "Table IV.3", "Figure IV.1", "Figure IV.2", "Conclusion", "Section 6.1", "Figure I.4",
-            "Table I.1", "Chapter I, section III.1", "Chapter I, section V.3")  # designs, volumes, and virtual arms  # fmt: skip
+SEARCHED = (  # designs, volumes, and virtual arms
+    "Table IV.2", "Table IV.3", "Figure IV.1", "Figure IV.2", "Conclusion", "Section 6.1", "Figure I.4", "Table I.1",
+    "Chapter I, section III.1", "Chapter I, section V.3",
+)  # fmt: skip
 QUICK = [
     (source.name, item)
     for source in (THESIS, ELASTIC, COURSE, STAUBLI)
