@@ -1,7 +1,10 @@
-"""Compare printed answers of a source with ours: numbers, formulas, random numbers, bounds and words.
+"""Compare printed answers of a source with the lab's: numbers, formulas, random numbers, bounds and words.
 
 A printed number agrees within one unit of its last digit, a whole number within half of one. A printed formula agrees
-if its values are ours at random positions. A random number agrees if it lies in the range of many draws of ours.
+if its values are the lab's at random positions. A random number agrees if it lies in the range of many draws here.
+
+The value "here" is always computed by the lab: of a formula, the value at the first of the random positions. A formula
+or a value that the source leaves to the reader, or prints wrongly, has a solution, which must agree in its place.
 
 Formulas are read as textbooks print them: ``c1 c4 s5 − s1 c5``, ``atan2(y, x)``, ``L2 c2 + L3 c23``. c and s with the
 numbers of joints are the cosine and sine of the sum of these joints' positions: c1 of q1, s23 of q2 + q3. Factors stand
@@ -10,7 +13,8 @@ side by side. ``^`` is a power, ``√`` or ``sqrt`` a root; ``±`` is not suppor
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +22,29 @@ from lab.core.errors import LabError
 from lab.core.limits import BRACKETS
 from lab.core.se3 import Array
 
-__all__ = ["Answer", "Variables", "at_least", "drawn", "evaluated", "formula", "holds", "number", "word"]
+__all__ = [
+    "Answer",
+    "Kind",
+    "Place",
+    "State",
+    "Variables",
+    "at_least",
+    "drawn",
+    "evaluated",
+    "formula",
+    "given",
+    "holds",
+    "number",
+    "unreadable",
+    "word",
+]
+
+Kind = Literal["number", "formula", "word", "trivial", "check"]
+"""Kind of an answer: ``trivial`` is a bare 0 or ±1, ``check`` an identity that the lab checks by itself."""
+State = Literal["agrees", "differs", "erratum", "unreadable", "given", "open"]
+"""Result of a comparison; ``open`` where the source leaves the answer to the reader."""
+Place = tuple[str, int, int]
+"""Name of a matrix, with an entry's row and column from 1."""
 
 Variables = Mapping[str, Array]
 """The variables of a formula by their names: sampled values ``(n,)``."""
@@ -160,6 +186,8 @@ class _Reader:
 _EXACT = 1e-9  # of the largest value of a formula: equal
 _EDGE = 1e-9  # of a unit of the last digit: rounding
 _MINUS = "−"
+_TRIVIAL = frozenset({"0", "1", "-1", "−1"})
+_DIGITS = 4  # significant ones, of a formula's value
 
 
 @dataclass(frozen=True)
@@ -169,13 +197,19 @@ class Answer:
     Attributes:
         name: of the value, unique in its item.
         printed: by the source; "" where it is left to the reader.
-        ours: the value computed here.
+        ours: the value that the lab computes.
         unit: of both.
-        difference: between them, as text; "" where nothing is printed.
-        agrees: True if the printed value equals ours; None where nothing is printed.
+        difference: between them, as text; "" where there is nothing to compare.
+        agrees: True if the printed value equals the lab's; None where nothing is printed.
         erratum: reason why the printed value is wrong; "" where it is right.
         check: decides whether a reader's answer is right; a LabError where it cannot be read.
+        kind: of the answer.
+        right: the correct answer in the source's letters, where the source does not print it.
+        confirmed: False if the correct answer is not what the lab computes.
         in_exercise: True if exercises contain it.
+        conversion: reason why the printed value cannot be read in the converted text; "" where it can.
+        is_given: True if the lab takes the printed value as it is, so that nothing is compared.
+        place: of an entry of a matrix.
     """
 
     name: str
@@ -186,29 +220,63 @@ class Answer:
     agrees: bool | None
     erratum: str
     check: Callable[[str], bool]
+    kind: Kind
+    right: str = ""
+    confirmed: bool = True
     in_exercise: bool = True
+    conversion: str = ""
+    is_given: bool = False
+    place: Place | None = None
+
+    @property
+    def state(self) -> State:
+        """Result of the comparison; a listed erratum that agrees differs from the list."""
+        if self.is_given:
+            return "given"
+        if not self.confirmed:
+            return "differs"
+        if self.conversion:
+            return "unreadable"
+        if self.agrees is None:
+            return "open"
+        if self.erratum:
+            return "differs" if self.agrees else "erratum"
+        return "agrees" if self.agrees else "differs"
+
+    @property
+    def solution(self) -> str:
+        """The correct answer, as a reader writes it."""
+        return self.right or (self.printed if self.agrees and self.kind in ("formula", "trivial") else self.ours)
 
 
-def number(name: str, printed: str, ours: float, unit: str = "", *, erratum: str = "", digits: int = 4) -> Answer:
+def number(
+    name: str, printed: str, ours: float, unit: str = "", *, right: str = "", erratum: str = "", digits: int = 4
+) -> Answer:
     """Compare a number; angles in degrees are equal after whole turns.
 
     Args:
+        right: the correct number, from elsewhere, where the printed one is wrong or missing.
         digits: after the point, of ours where nothing is printed.
     """
-    decimals = _decimals(printed) if printed else digits
-    last = 10.0**-decimals if decimals else 0.5  # a whole number is rounded
+    shown = printed or right
 
     def error(value: float) -> float:
         return (value - ours + 180) % 360 - 180 if unit == "°" else value - ours
 
-    def check(text: str) -> bool:
+    def near(text: str, like: str) -> bool:
+        decimals = _decimals(like) if like else digits
+        last = 10.0**-decimals if decimals else 0.5  # a whole number is rounded
         return abs(error(_read(text))) <= last * (1 + _EDGE)
 
-    apart = error(_read(printed)) if printed else 0.0
-    more = 1 if printed and (decimals or ours != round(ours)) else 0
+    def check(text: str) -> bool:
+        return near(text, right or printed)
+
+    decimals = _decimals(shown) if shown else digits
+    more = 1 if shown and (decimals or ours % 1) else 0
     return Answer(
-        name, printed, _written(ours, decimals + more), unit, _small(apart, "+") if printed else "",
-        check(printed) if printed else None, erratum, check,
+        name, printed, _written(ours, decimals + more), unit, _small(error(_read(shown)), "+") if shown else "",
+        near(printed, printed) if printed else None, erratum, check, "trivial" if shown in _TRIVIAL else "number",
+        right, near(right, right) if right else True,
     )  # fmt: skip
 
 
@@ -231,17 +299,16 @@ def formula(
     def check(text: str) -> bool:
         return missed(text) <= _EXACT
 
-    shown = right or printed
-    if not check(shown):
-        raise AssertionError(f"{name}: '{shown}' is not what the model gives, but off by {missed(shown):.2g}")
-    apart = missed(printed) if printed else 0.0
+    shown = printed or right
+    apart = missed(shown)
     return Answer(
-        name, printed, shown, "", f"{'up to ' if apart else ''}{_small(apart)}" if printed else "",
-        check(printed) if printed else None, erratum, check,
+        name, printed, f"{float(exact[0]):.{_DIGITS}g}".replace("-", _MINUS), "",
+        f"{'up to ' if apart else ''}{_small(apart)}", check(printed) if printed else None, erratum, check,
+        "trivial" if shown in _TRIVIAL else "formula", right, check(right) if right else True,
     )  # fmt: skip
 
 
-def drawn(name: str, printed: str, draws: Array, unit: str = "", *, erratum: str = "") -> Answer:
+def drawn(name: str, printed: str, draws: Array, unit: str = "", *, right: str = "", erratum: str = "") -> Answer:
     """Compare a number of one draw of the noise with the range of many draws ``(n,)`` of ours."""
     decimals = _decimals(printed)
     low, high = (float(value) for value in (draws.min(), draws.max()))
@@ -253,29 +320,30 @@ def drawn(name: str, printed: str, draws: Array, unit: str = "", *, erratum: str
     middle = float(np.median(draws))
     return Answer(
         name, printed, f"{_written(low, decimals)} to {_written(high, decimals)}", unit,
-        f"{_small(_read(printed) - middle, '+')} of the median", check(printed), erratum, check, False,
+        f"{_small(_read(printed) - middle, '+')} of the median", check(printed), erratum, check, "number",
+        right, check(right) if right else True, False,
     )  # fmt: skip
 
 
 def at_least(name: str, printed: str, ours: float, unit: str = "") -> Answer:
-    """Compare the best of a search: ours agrees if it is at least as good, within a thousandth."""
+    """Compare the best of a search: the lab's agrees if it is at least as good, in the printed digits."""
     decimals, value = _decimals(printed), _read(printed)
 
     def check(text: str) -> bool:
         return abs(_read(text) - ours) <= 2e-3 * abs(ours)
 
-    enough = bool(ours >= value * (1 - 1e-3))
-    return Answer(name, printed, _written(ours, decimals), unit, _small(ours - value, "+"), enough, "", check)
+    enough = bool(ours >= value - 10.0**-decimals / 2)
+    return Answer(name, printed, _written(ours, decimals), unit, _small(ours - value, "+"), enough, "", check, "number")
 
 
 def holds(name: str, gap: float, *, within: float = _EXACT, erratum: str = "") -> Answer:
     """Check an identity of the source, by the difference of its two sides at random positions."""
     true = bool(gap <= within)  # NumPy's booleans are none of JSON
     ours = f"{'holds' if true else 'does not hold'}, to {_small(gap)}"
-    return Answer(name, "holds", ours, "", _small(gap), true, erratum, lambda text: False, False)
+    return Answer(name, "holds", ours, "", _small(gap), true, erratum, lambda text: False, "check", in_exercise=False)
 
 
-def word(name: str, printed: str, ours: str, *, erratum: str = "") -> Answer:
+def word(name: str, printed: str, ours: str, *, right: str = "", erratum: str = "") -> Answer:
     """Compare a word, or a list of names in any order, ignoring case."""
 
     def parts(text: str) -> list[str]:
@@ -285,7 +353,23 @@ def word(name: str, printed: str, ours: str, *, erratum: str = "") -> Answer:
         return parts(text) == parts(ours)
 
     agrees = check(printed) if printed else None
-    return Answer(name, printed, ours, "", "" if agrees is not False else "another", agrees, erratum, check)
+    return Answer(
+        name, printed, ours, "", "" if agrees is not False else "another", agrees, erratum, check, "word",
+        right, check(right) if right else True,
+    )  # fmt: skip
+
+
+def given(name: str, printed: str, unit: str = "") -> Answer:
+    """Return a printed value that the lab takes as it is: an input, which nothing is compared with."""
+    return Answer(
+        name, printed, printed.replace("-", _MINUS), unit, "", None, "", lambda text: False, "number",
+        in_exercise=False, is_given=True,
+    )  # fmt: skip
+
+
+def unreadable(answer: Answer, conversion: str) -> Answer:
+    """Return an answer that is left to the reader, as one that is printed and cannot be read in the converted text."""
+    return replace(answer, conversion=conversion)
 
 
 def _decimals(text: str) -> int:

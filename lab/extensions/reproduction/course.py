@@ -4,21 +4,19 @@ from functools import cache
 
 import numpy as np
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.course_machines import CARRIER_ITEMS, PARALLEL_ITEMS, VERSATRAN_ITEMS
-from lab.extensions.reproduction.item import Item, Missing, Source
-from lab.extensions.reproduction.models import SAMPLES, matrix_formulas, sampled, serial
+from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter
+from lab.extensions.reproduction.models import SAMPLES, matrix_formulas, nominal_chain, sampled, serial
 from lab.extensions.robotics.workspace.boundary import carrier_volume
 from lab.kinematics.closed.mobility import mobility_of
-from lab.kinematics.differential import rates
+from lab.kinematics.differential import pseudo_inverse, rates
 from lab.kinematics.inverse.closed_form import closed_form_of
-from lab.kinematics.serial.arm import SerialArm
-from lab.kinematics.serial.chain import Chain
+from lab.kinematics.inverse.newton import PoseTarget, reach
 from lab.kinematics.trajectory.profiles import Trajectory
 from lab.kinematics.trajectory.trajectory import through
 from lab.render.charts.chart import axes_picture
@@ -56,18 +54,25 @@ def _matrices(name: str, links: tuple[str, ...]) -> tuple[Answer, ...]:
     )
 
 
+_TABLES = {  # σ, α in °, a and r without the joint in mm, of each joint
+    "scemi": ("0 0 0 0", "0 90 0 0", "0 0 500 0", "0 -90 0 500", "0 90 0 0", "0 -90 0 100"),
+    "scara": ("0 0 0 0", "0 0 400 0", "1 0 250 0", "0 0 0 0"),
+}
+
+
 def _table(name: str) -> tuple[Answer, ...]:
-    """Compare σ, α and a of each joint; θ or r is the joint's."""
+    """Compare σ, α, a and the constant part of r of each joint; θ or r is the joint's."""
     chain = serial(name)[0].chain
-    return tuple(
-        answer
-        for i in range(chain.size)
-        for answer in (
-            number(f"σ{i + 1}", "", float(chain.prismatic[i]), digits=0),
-            number(f"α{i + 1}", "", float(np.rad2deg(chain.table[i, 3])), "°", digits=0),
-            number(f"a{i + 1}", "", MM.of(float(chain.table[i, 2])), "mm", digits=0),
-        )
-    )
+    answers = []
+    for i, row in enumerate(_TABLES[name]):
+        _, d, a, alpha, _ = chain.table[i]
+        ours = (float(chain.prismatic[i]), float(np.rad2deg(alpha)), MM.of(float(a)), MM.of(float(d)))
+        for (letter, unit), text, value in zip(_TABLE_COLUMNS, row.split(), ours, strict=True):
+            answers.append(number(f"{letter}{i + 1}", "", value, unit, right=text))
+    return tuple(answers)
+
+
+_TABLE_COLUMNS = (("σ", ""), ("α", "°"), ("a", "mm"), ("r", "mm"))
 
 
 def _scemi() -> tuple[Answer, ...]:
@@ -78,16 +83,16 @@ def _six_hinges() -> tuple[Answer, ...]:
     """Compare the singularities of a 6R arm with a spherical wrist, by the Jacobian of the wrist's centre."""
     robot = sampled("scemi")
     form = closed_form_of(robot.arm.dh_chain(robot.values))
-    assert form is not None
     centre = robot.arm.chain.table.copy()
     centre[5, 1] = 0.0
     arm = type(robot.arm)(robot.arm.chain.with_table(centre), ("p1",))
     J = arm.tool(robot.joints, arm.nominal({"p1": np.zeros(3)}))[1]
     right = "−0.5 · 0.5 c3 s5 (0.5 s23 − 0.5 c2)"
-    names = ", ".join(sorted(factor.name for factor in form.determinant.factors if factor.terms))
+    factors = () if form is None else form.determinant.factors
+    names = ", ".join(sorted(factor.name for factor in factors if factor.terms))
     return (
         formula("det J", "", np.linalg.det(J), robot.variables, right=right),
-        word("the singularities", "", names),
+        word("the singularities", "", names, right="elbow, shoulder, wrist"),
     )
 
 
@@ -106,7 +111,13 @@ def _scara() -> tuple[Answer, ...]:
     shoulder = "atan2(y (0.4 + 0.25 c2) − x 0.25 s2, x (0.4 + 0.25 c2) + y 0.25 s2)"
     q1 = np.arctan2(np.sin(v["q1"]), np.cos(v["q1"]))
     return (
-        word("type of its first three joints", "RRR", kinds, erratum="the third joint of the drawn arm is a slide"),
+        word(
+            "type of its first three joints",
+            "RRR",
+            kinds,
+            right="RRP",
+            erratum="the third joint of the drawn arm is a slide",
+        ),
         *_table("scara"),
         *_matrices("scara", _SCARA),
         *(formula(name, "", v[name], v, right=text) for name, text in direct.items()),
@@ -119,54 +130,87 @@ def _scara() -> tuple[Answer, ...]:
 
 _ARM_ITEMS = (
     Item("Section 8.3", "Table and link matrices of the SCEMI", _scemi, "lab kinematics scemi --symbolic",
-         "The course leaves both blank. Lengths are representative: a3 = r4 = 0.5 m and r6 = 0.1 m."),
+         "The course leaves both blank. Lengths are representative: a3 = r4 = 0.5 m and r6 = 0.1 m.",
+         question="Complete the table of σ, α, a and r, and the link matrices.",
+         hint="Put z along each joint's axis and x along the common normal; where two axes meet, a is 0."),
     Item("Section 8.8", "Singular positions of a 6R arm", _six_hinges, "lab inspect scemi",
-         "Of the SCEMI, at the wrist's centre: the factors are zero at the elbow, the wrist and the shoulder."),
+         "Of the SCEMI, at the wrist's centre: the factors are zero at the elbow, the wrist and the shoulder.",
+         question="Find the determinant of the Jacobian at the wrist's centre, and name the singular positions.",
+         hint="The Jacobian has a block of zeros: its determinant is the arm's times the wrist's."),
     Item("Section 8.9", "The SCARA with four joints", _scara, "lab kinematics scara --symbolic",
-         "Lengths are representative: 0.4 and 0.25 m. w is the sign of sin q2, of the two roots."),
+         "Lengths are representative: 0.4 and 0.25 m. w is the sign of sin q2, of the two roots.",
+         question="Find the table, the direct and inverse models, the Jacobian, and the singular positions.",
+         hint="Seen from above it is an arm of two links: the law of cosines gives q2."),
 )  # fmt: skip
 
 
-_ARMS = ("versatran", "scemi", "scara", "planar3r")
+_ARMS = ("versatran", "scemi", "scara", "planar3r", "panda")
 
 
 def _rank(robot: str, joints_deg: tuple[float, ...]) -> int:
-    chain = load_robot(robot).serial_model.chain
-    arm = SerialArm(chain)
-    jacobian = arm.tool(np.deg2rad([joints_deg]), arm.nominal())[1]
+    arm, values = serial(robot)
+    jacobian = arm.tool(np.deg2rad([joints_deg]), values)[1]
     return int(rates(jacobian, np.zeros((1, 6))).rank[0])
 
 
 def _redundancy() -> tuple[Answer, ...]:
     """Check IL <= IM, an arm that is redundant everywhere, and one at singularities; the course draws its own."""
-    found = {name: mobility_of(load_robot(name).serial_model.chain) for name in _ARMS}
+    found = {name: mobility_of(nominal_chain(name)) for name in _ARMS}
     excess = max(each.freedoms - each.index for each in found.values())
-    lengths, angles = np.array([0.4, 0.3, 0.2, 0.1]), rng_for(0, "arm").uniform(-3, 3, (SAMPLES, 4))
-    ends = np.cumsum((lengths * np.exp(1j * np.cumsum(angles, axis=1)))[:, ::-1], axis=1)[:, ::-1]  # from each axis
-    planar = np.stack([-ends.imag, ends.real, np.ones_like(ends.real)], axis=1)
-    most = int(np.linalg.matrix_rank(planar).max())
+    singular = _rank("scemi", (0, 30, 20, 10, 0, 0)) < found["scemi"].freedoms == found["scemi"].index
     return (
         holds("IL ≤ IM of every arm", float(max(excess, 0))),
-        word("IL < IM in every configuration: planar RRRR", "redundant", "redundant" if most < 4 else "not redundant"),
-        word(
-            "IL < IM in some: the SCEMI, with q5 = 0", "locally redundant",
-            "locally redundant" if _rank("scemi", (0, 30, 20, 10, 0, 0)) < found["scemi"].freedoms == 6 else "neither",
-        ),
+        word("IL < IM in every configuration: the Panda", "redundant",
+             "redundant" if found["panda"].redundancy > 0 else "not redundant"),
+        word("IL < IM in some: the SCEMI, with q5 = 0", "locally redundant",
+             "locally redundant" if singular else "neither"),
     )  # fmt: skip
 
 
 def _coordinates() -> tuple[Answer, ...]:
-    """Convert points to polar and cylindrical coordinates and back."""
-    points = rng_for(0, "poses").normal(size=(SAMPLES, 3))
-    x, y, z = points.T
-    first, level, far = np.arctan2(y, x), np.hypot(x, y), np.linalg.norm(points, axis=1)
-    second = np.arctan2(z, level)
-    polar = far * np.array([np.cos(second) * np.cos(first), np.cos(second) * np.sin(first), np.sin(second)])
-    cylindrical = np.array([level * np.cos(first), level * np.sin(first), z])
+    """Compare the polar and cylindrical coordinates of a point with the joints of carriers that have them."""
+    answers = []
+    for title, name, formulas in (
+        ("polar", "spherical", {"x": "R cos(θ2) cos(θ1)", "y": "R cos(θ2) sin(θ1)", "z": "R sin(θ2)"}),
+        ("cylindrical", "cylindrical", {"x": "L cos(θ1)", "y": "L sin(θ1)", "z": "z"}),
+    ):
+        robot = sampled(f"carrier/{name}")
+        q, at = robot.joints.T, robot.between(0, 3)[:, :3, 3]
+        if name == "spherical":  # on a column of 1 m; joint 2 turns down from the vertical
+            letters, at = {"θ1": q[0], "θ2": np.pi / 2 - q[1], "R": q[2]}, at - np.array([0.0, 0.0, 1.0])
+        else:  # the boom begins across
+            letters = {"θ1": q[0] + np.pi / 2, "z": q[1], "L": q[2]}
+        answers += [formula(f"{title} {axis}", "", at[:, "xyz".index(axis)], letters, right=text)
+                    for axis, text in formulas.items()]  # fmt: skip
+    return tuple(answers)
+
+
+def _blocks() -> tuple[Answer, ...]:
+    """Check the inverse by blocks of an arm with a spherical wrist, and J⁺ with fewer and more than six joints."""
+    J = sampled("versatran").jacobian()
+    A, zero, C, D = J[:, :3, :3], J[:, :3, 3:], J[:, 3:, :3], J[:, 3:, 3:]
+    A_inverse, D_inverse = np.linalg.inv(A), np.linalg.inv(D)
+    lower = np.concatenate([-D_inverse @ C @ A_inverse, D_inverse], axis=2)
+    whole = np.concatenate([np.concatenate([A_inverse, np.zeros_like(A)], axis=2), lower], axis=1)
+    few, many = sampled("scara").jacobian(), sampled("panda").jacobian()
+    by_columns = np.linalg.inv(few.swapaxes(1, 2) @ few) @ few.swapaxes(1, 2)
+    by_rows = many.swapaxes(1, 2) @ np.linalg.inv(many @ many.swapaxes(1, 2))
+    misses = _gap(by_columns, pseudo_inverse(few, least=0.0))
+    rank = int(np.linalg.matrix_rank(many.swapaxes(1, 2) @ many).max())
+    right = "(JᵗJ)⁻¹Jᵗ"
     return (
-        holds("x, y, z of θ1, θ2, R", float(np.abs(polar.T - points).max())),
-        holds("x, y, z of θ1, L, z", float(np.abs(cylindrical.T - points).max())),
-    )
+        holds("the block at the upper right is 0", float(np.abs(zero).max())),
+        holds("J⁻¹ by blocks", _gap(whole, pseudo_inverse(J, least=0.0))),
+        word("J⁺", "(JᵗJ⁻)⁻¹Jᵗ", right if misses < 1e-9 else "another", right=right,
+             erratum=f"J⁻ stands for J; and of a redundant arm J⁺ is Jᵗ(JJᵗ)⁻¹, since JᵗJ is singular (rank {rank} of "
+             f"{many.shape[2]} for the Panda)"),
+        holds("(JᵗJ)⁻¹Jᵗ of the SCARA's four joints", misses),
+        holds("Jᵗ(JJᵗ)⁻¹ of the Panda's seven joints", _gap(by_rows, pseudo_inverse(many, least=0.0))),
+    )  # fmt: skip
+
+
+def _gap(first: Array, second: Array) -> float:
+    return float(np.abs(first - second).max() / np.abs(second).max())
 
 
 def _products() -> tuple[Answer, ...]:
@@ -185,13 +229,25 @@ def _products() -> tuple[Answer, ...]:
     )
 
 
-_BASIC_ITEMS = (
-    Item("Section 6.2", "Mobility index, degrees of freedom, redundancy", _redundancy, "lab inspect scemi",
-         "the course draws its examples without numbers; these are arms of the lab"),
-    Item("Section 7.1", "Polar and cylindrical coordinates", _coordinates, "",
-         "a library's arithmetic: no command converts coordinates"),
-    Item("Annex, recalls 1 and 2", "Products of transformations and of vectors", _products,
-         "lab kinematics irb120 --joints 0,0,0,0,0,0 --matrices", "the products are printed beside the link matrices"),
+_REDUNDANCY_ITEM = Item(
+    "Section 6.2", "Mobility index, degrees of freedom, redundancy", _redundancy, "lab inspect scemi",
+    "The course draws its examples without numbers; these are arms of the lab.",
+)  # fmt: skip
+_COORDINATE_ITEM = Item(
+    "Section 7.1", "Polar and cylindrical coordinates", _coordinates,
+    "lab kinematics carrier/spherical --symbolic --between 0 3",
+    "The course names the coordinates. Here they are the joints of two carriers: polar from the top of a column of 1 m, "
+    "with θ2 above the horizontal, and cylindrical with θ1 from the boom's side.",
+)  # fmt: skip
+_BLOCK_ITEM = Item(
+    "Section 5.6", "The inverse of the Jacobian by blocks, and J⁺", _blocks,
+    "lab kinematics versatran --joints 20,700,800,30,40,50 --twist 10,0,0,0,0,0",
+    "Of the VERSATRAN at its wrist's centre, the SCARA and the Panda; the lab's inverses are by singular values.",
+)  # fmt: skip
+_PRODUCT_ITEM = Item(
+    "Annex, recalls 1 and 2", "Products of transformations and of vectors", _products,
+    "lab kinematics irb120 --joints 0,0,0,0,0,0 --matrices",
+    "The products are printed beside the link matrices.",
 )  # fmt: skip
 
 
@@ -213,7 +269,7 @@ def _cosines() -> tuple[Answer, ...]:
     moved = np.stack([(se3.skew(axis) @ R).ravel() for axis in np.eye(3)], axis=1)
     third = float(np.abs(np.cross(R[:, 0], R[:, 1]) - R[:, 2]).max())
     return (
-        number("independent direction cosines", "2", int(np.linalg.matrix_rank(moved)),
+        number("independent direction cosines", "2", int(np.linalg.matrix_rank(moved)), right="3",
                erratum="nine cosines under six conditions leave three: the rank of their rates is 3"),
         holds("k = i × j", third),
     )  # fmt: skip
@@ -262,7 +318,7 @@ def _rotation_vector() -> tuple[Answer, ...]:
 
 
 def _inverse() -> tuple[Answer, ...]:
-    u, theta, _, v = _axis()
+    u, _, R, v = _axis()
     signs = ("(jz − ky)/abs(jz − ky)", "(kx − iz)/abs(kx − iz)", "(iy − jx)/abs(iy − jx)")
     half = se3.exp(np.pi * np.array([0.6, 0.0, -0.8]))
     printed = np.sqrt((np.diag(half) + 1) / 2)
@@ -273,8 +329,7 @@ def _inverse() -> tuple[Answer, ...]:
         *(formula(f"A3.8 2 u{axis} S", text, 2 * u[:, i] * v["S"], v)
           for i, (axis, text) in enumerate(zip("xyz", ("jz − ky", "kx − iz", "iy − jx"), strict=True))),
         formula("A3.9 S", "√((jz − ky)^2 + (kx − iz)^2 + (iy − jx)^2)/2", v["S"], v),
-        formula("A3.10 θ", "atan(S/C)", theta, v, right="atan2(S, C)",
-                erratum="Arctan(S/C) lies within ±90°, so that every angle above 90° is missed by 180°"),
+        formula("A3.10 tan θ, for 0 ≤ θ ≤ π", "S/C", np.tan(np.linalg.norm(se3.log(R), axis=1)), v),
         *(formula(f"A3.11 u{axis}", f"{sign} √(({name} − C)/(1 − C))", u[:, i], v)
           for i, (axis, sign, name) in enumerate(zip("xyz", signs, ("ix", "jy", "kz"), strict=True))),
         holds("A3.11 at θ = 180°", float(np.abs(np.abs(best @ np.array([0.6, 0.0, -0.8])) - 1))
@@ -297,17 +352,30 @@ _ROTATION_ITEMS = (
 
 
 _FIRST, _SECOND = 0.5, 1.0  # m
+_MIDDLE = (0.0, 1.0, 0.5)  # P1, m
 
 
-def _joints(x: float, y: float, z: float) -> Array:
-    return np.array([np.arctan2(y, x), np.arcsin((z - _FIRST) / _SECOND)])
+def _joints(points: Array) -> Array:
+    """Return joint positions ``(n, 2)`` for points ``(n, 3)``, by Newton's method from the course's formulas."""
+    arm, values = serial("course2r")
+    x, y, z = points.T
+    start = np.stack([np.arctan2(y, x), np.arcsin((z - _FIRST) / _SECOND)], axis=1)
+    free = np.full((len(points), 3, 3), np.nan)
+    return reach(arm, values, PoseTarget(points, free), start, np.zeros((len(points), 0))).joints
 
 
 def _moved(middle: tuple[float, float, float], speed: Array) -> tuple[Array, Trajectory]:
     """Return the joints' via points and the move through them."""
     side = np.sqrt(3) / 2
-    points = np.array([_joints(side, 0, 0), _joints(*middle), _joints(side, 0, 1)])
+    points = _joints(np.array([[side, 0, 0], middle, [side, 0, 1]]))
     return points, through(serial("course2r")[0].chain, points, np.array([[0.0, 0], speed, [0.0, 0]]))
+
+
+def _speed_at_middle() -> Array:
+    """Return the joints' speeds ``(2,)`` that move the point up by 0.2 m/s at P1."""
+    arm, values = serial("course2r")
+    J = arm.tool(_joints(np.array([_MIDDLE])), values)[1]
+    return np.asarray(pseudo_inverse(J[:, :3])[0] @ np.array([0.0, 0.0, 0.2]))
 
 
 def _models() -> tuple[Answer, ...]:
@@ -327,39 +395,47 @@ def _models() -> tuple[Answer, ...]:
 
 
 def _exact() -> tuple[Answer, ...]:
-    speed = np.array([0.0, 0.2])
-    points, found = _moved((0.0, 1.0, 0.5), speed)
+    speed = _speed_at_middle()
+    points, found = _moved(_MIDDLE, speed)
     degrees, side = np.rad2deg(points), float(np.sqrt(3) / 2)
     accelerations = np.rad2deg(found.accelerations)
     peak = float(np.rad2deg(np.abs(np.cumsum(found.accelerations * found.durations[:, None], axis=0)).max()))
+    drawn, phase = (("0", "-30"), ("90", "0"), ("0", "30")), "1.34164"
+    rates = ("50", "12.396"), ("-50", "-3.855"), ("-50", "3.855"), ("50", "-12.396")
     return (
         number("X of P2", "0.86", side, "m"),
-        *(number(f"q{j + 1} at P{i}", "", float(degrees[i, j]), "°", digits=2) for i in range(3) for j in range(2)),
-        number("speed of q2 at P1", "", float(np.rad2deg(speed[1])), "°/s", digits=3),
-        *(number(f"phase {i + 1}", "", float(seconds), "s", digits=4) for i, seconds in enumerate(found.durations)),
-        number("total", "", float(found.seconds), "s", digits=4),
-        *(number(f"acceleration of q{j + 1} in phase {i + 1}", "", float(accelerations[i, j]), "°/s²", digits=3)
-          for i in range(4) for j in range(2)),
-        number("largest speed", "", peak, "°/s", digits=2),
+        *(number(f"q{j + 1} at P{i}", "", float(degrees[i, j]), "°", right=f"{drawn[i][j]}.000")
+          for i in range(3) for j in range(2)),
+        *(number(f"speed of q{j + 1} at P1", "", float(np.rad2deg(speed[j])), "°/s", right=text)
+          for j, text in enumerate(("0.000", "11.459"))),
+        *(number(f"phase {i + 1}", "", float(seconds), "s", right=phase) for i, seconds in enumerate(found.durations)),
+        number("total", "", float(found.seconds), "s", right="5.36656"),
+        *(number(f"acceleration of q{j + 1} in phase {i + 1}", "", float(accelerations[i, j]), "°/s²",
+                 right=rates[i][j]) for i in range(len(accelerations)) for j in range(2)),
+        number("largest speed", "", peak, "°/s", right="67.08"),
     )  # fmt: skip
 
 
 def _past() -> tuple[Answer, ...]:
     """Pass P1 at the allowed distance dX = 0.1 m, on the shortest arc of q1."""
-    points, found = _moved((0.1, float(np.sqrt(0.99)), 0.5), np.array([0.0, 0.2]))
+    points, found = _moved((0.1, float(np.sqrt(0.99)), 0.5), _speed_at_middle())
     return (
-        number("q1 where it turns back", "", float(np.rad2deg(points[1, 0])), "°", digits=3),
-        number("total past P1", "", float(found.seconds), "s", digits=4),
+        number("q1 where it turns back", "", float(np.rad2deg(points[1, 0])), "°", right="84.261"),
+        number("total past P1", "", float(found.seconds), "s", right="5.1926"),
     )
 
 
 _MOTION_ITEMS = (
     Item("Section 10.3, question 1", "Models of the robot of two hinges", _models,
-         "lab kinematics course2r --symbolic"),
+         "lab kinematics course2r --symbolic",
+         question="Find the direct and inverse models and the Jacobian.",
+         hint="q2 is the arm's angle above the horizontal: z depends on q2 alone."),
     Item("Section 10.3, question 2", "Its trajectory through P1", _exact,
          "lab trajectory POINTS.csv --robot course2r --accelerations 50 --speeds 171.9",
          "POINTS.csv holds the joints of P0, P1 and P2 and the speed of 11.459 °/s at P1, as docs/how_to/trajectories "
-         "shows. X2 = 0.86 is √3/2 with its last digits left out. The largest speed, 171.88 °/s, is not reached."),
+         "shows. X2 = 0.86 is √3/2 with its last digits left out. The largest speed, 171.88 °/s, is not reached.",
+         question="Find the joints at P0, P1 and P2, and the phases of constant acceleration.",
+         hint="q1 goes from rest to rest through P1 at rest, in phases as long as q2's; the slower joint decides."),
     Item("Section 10.3, approximation", "The trajectory past P1 with dX = 0.1 m", _past,
          "lab trajectory POINTS.csv --robot course2r --accelerations 50 --speeds 171.9"),
 )  # fmt: skip
@@ -379,9 +455,7 @@ def _volumes() -> dict[str, float]:
     names = ("cylindrical", "anthropomorphic", "cartesian", "spherical", "scara")
     found = {}
     for title, name in zip(_CLOSED, names, strict=True):
-        chain = load_robot(f"carrier/{name}").chain
-        assert isinstance(chain, Chain)
-        found[title] = carrier_volume(chain, np.zeros(3), 3.5)
+        found[title] = carrier_volume(nominal_chain(f"carrier/{name}"), np.zeros(3), 3.5)
     return found
 
 
@@ -389,7 +463,7 @@ def _answers() -> tuple[Answer, ...]:
     found = _volumes()
     apart = max(abs(found[name] / closed - 1) for name, closed in _CLOSED.items())
     return (
-        *(number(f"volume / L³, {name}", "", value, digits=2) for name, value in found.items()),
+        *(number(f"volume / L³, {name}", "", value, right=f"{_CLOSED[name]:.2f}") for name, value in found.items()),
         holds("π, 32 π/3, 1, 4 π/3 and 4 π, relative", apart, within=1e-3),
     )
 
@@ -420,12 +494,17 @@ COURSE = Source(
     "course",
     "Mallem 2011, geometric and kinematic models of robots (ENSIIE)",
     (
-        *_VOLUME_ITEMS, *_BASIC_ITEMS[:2], *CARRIER_ITEMS, *VERSATRAN_ITEMS, *_ARM_ITEMS, *_MOTION_ITEMS,
-        *PARALLEL_ITEMS, *_BASIC_ITEMS[2:], *_ROTATION_ITEMS,
+        *in_chapter("5 Models", (_BLOCK_ITEM,)),
+        *in_chapter("6 Structures", (*_VOLUME_ITEMS, _REDUNDANCY_ITEM)),
+        *in_chapter("7 Carriers", (_COORDINATE_ITEM, *CARRIER_ITEMS)),
+        *in_chapter("8 Serial robots", (*VERSATRAN_ITEMS, *_ARM_ITEMS)),
+        *in_chapter("10 Trajectories", _MOTION_ITEMS),
+        *in_chapter("11 Parallel robots", PARALLEL_ITEMS),
+        *in_chapter("Annex", (_PRODUCT_ITEM, *_ROTATION_ITEMS)),
     ),
     (
         Missing("Sections 1 to 4", "Robotics, its disciplines, parts and functions", "words and illustrations"),
-        Missing("Sections 5.1 to 5.6", "Definitions of the models",
+        Missing("Sections 5.1 to 5.5", "Definitions of the models",
                 "no example: the models are computed in sections 7 and 8"),
         Missing("Sections 6.1, 6.2, figures", "Structures drawn",
                 "photographs and drawings of makers' arms; their volumes are section 6.1"),

@@ -5,38 +5,61 @@ from functools import cache
 
 import numpy as np
 
+from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.reproduction.answer import Answer, holds
 from lab.extensions.reproduction.item import Item, Missing, Source
-from lab.extensions.reproduction.models import SAMPLES, Sampled, matrix_formulas, sampled
+from lab.extensions.reproduction.models import SAMPLES, Sampled, link_matrices, matrix_formulas, sampled
+from lab.extensions.reproduction.thesis_model import printed_links
 from lab.extensions.robotics.trajectory.tracking import Correction, compensated, elastic_errors, greville
+from lab.kinematics.dynamics.beam import COMPLIANCES, MATERIALS, Beam, loads_on, tube
+from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.serial.walk import Torsors
 
 __all__ = ["ELASTIC"]
 
-_SAG = 1e-3  # m and rad: largest deflection of the ends of links 2 and 3
+_SAG = 1e-3  # m and rad: largest displacement of a link's end at the sampled positions, of the comparisons
 _X, _Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+_TUBE_M = (0.08, 0.004)  # outer diameter and wall, aluminium
+_DENSITY = 2700.0  # kg/m³
+_ARM = "irb120"
 
 _TorsorsAt = Callable[[Array], Torsors]
 
 
 @cache
 def _robot() -> Sampled:
-    return sampled("rx130")
+    return sampled(_ARM)
 
 
-def _torsors_at(scale: float) -> _TorsorsAt:
-    """Return a model of deformations: the ends of links 2 and 3 sink as much as they are level."""
+@cache
+def _beams() -> tuple[ArmWithEffects, Array]:
+    """Return the lab's IRB 120 with its upper arm and forearm as tubes under gravity, and its parameters."""
+    arm = load_robot(_ARM).arm_with(("p1",), ("bending", "torsion"))
+    assert isinstance(arm, ArmWithEffects)
+    values, section = arm.nominal({"p1": np.zeros(3)}), tube(*_TUBE_M, MATERIALS["aluminium"])
+    for link in (2, 4):
+        for symbol, compliance in zip(COMPLIANCES, section, strict=True):
+            if f"link{link}.{symbol}" in arm.names:
+                values[arm.names.index(f"link{link}.{symbol}")] = compliance
+    return arm, values
+
+
+def _torsors_at(largest: float | None = None) -> _TorsorsAt:
+    """Return the deformations by the lab's beams, scaled so that the largest of the sampled positions is as given."""
+    arm, values = _beams()
 
     def at(joints: Array) -> Torsors:
-        level = np.cos(joints[:, 1]), np.cos(joints[:, 1] + joints[:, 2])
-        shape = np.array([0.2, -1.0, 0.3, 0.4, 0.5, -0.8])
-        return {link: scale * part[:, None] * shape for link, part in zip((1, 2), level, strict=True)}
+        found = arm.torsors(np.column_stack([joints, np.zeros(len(joints))]), values)
+        return {link: torsor for link, torsor in found.items() if torsor.any()}
 
-    return at
+    if largest is None:
+        return at
+    scale = largest / max(float(np.abs(torsor).max()) for torsor in at(_robot().joints).values())
+    return lambda joints: {link: scale * torsor for link, torsor in at(joints).items()}
 
 
 def _rotations() -> tuple[Answer, ...]:
@@ -84,27 +107,20 @@ def _small() -> tuple[Answer, ...]:
 
 
 def _chain() -> tuple[Answer, ...]:
-    """Compare 3.22 and 3.35 of the RX 130 by products of matrices with the lab's deformed direct model."""
-    robot = _robot()
+    """Compare 3.22 and 3.35 by products of matrices, of the IRB 120's printed table, with the lab's direct models."""
+    robot, zero = _robot(), np.zeros(SAMPLES)
     torsors = _torsors_at(_SAG)(robot.joints)
-    rigid = robot.arm.links(robot.joints, robot.values)
-    table, T = robot.arm.chain.table, np.tile(np.eye(4), (SAMPLES, 1, 1))
-    one, zero = np.tile(np.eye(3), (SAMPLES, 1, 1)), np.zeros((SAMPLES, 3))
-    stiff = T
-    for j in range(robot.arm.chain.size):
-        theta, d, a, alpha, _ = table[j]
-        turn = theta + robot.arm.chain.sign[j] * robot.joints[:, j]
-        across = se3.pose(one, np.tile(a * _X, (SAMPLES, 1)))
-        rest = se3.pose(np.tile(se3.exp(alpha * _X), (SAMPLES, 1, 1)), zero) @ se3.pose(
-            se3.exp(turn[:, None] * _Z), np.tile(d * _Z, (SAMPLES, 1))
-        )
-        stiff = stiff @ across @ rest
-        T = T @ across @ (_flex(torsors[j - 1]) if j - 1 == 1 else np.eye(4)) @ rest
-    whole = np.linalg.multi_dot([rigid[0, j] for j in range(6)])
-    ours = robot.arm.tool(robot.joints, robot.values, 0, {1: torsors[1]})[0]
+    stiff = T = np.tile(np.eye(4), (SAMPLES, 1, 1))
+    for j, (theta, d, a, alpha) in enumerate(printed_links(robot.joints)[1]):
+        near = link_matrices("distal", theta + robot.joints[:, j], zero + d, zero + a, zero)
+        turn = link_matrices("distal", zero, zero, zero, zero + alpha)
+        stiff = stiff @ near @ turn
+        T = T @ near @ (_flex(torsors[j]) if j in torsors else np.eye(4)) @ turn
+    rigid = robot.arm.tool(robot.joints, robot.values)[0]
+    deformed = robot.arm.tool(robot.joints, robot.values, 0, torsors)[0]
     return (
-        holds("3.22 without deformation is the link matrix", float(np.abs(stiff[0] - whole).max())),
-        holds("3.35 with link 2 deformed is the lab's direct model", float(np.abs(T - ours).max())),
+        holds("3.22 without deformation is the rigid direct model", float(np.abs(stiff - rigid).max())),
+        holds("3.35 with deformed links is the lab's direct model", float(np.abs(T - deformed).max())),
     )
 
 
@@ -127,11 +143,10 @@ def _compensation() -> tuple[Answer, ...]:
     robot = _robot()
     away = robot.arm.singular_distance(robot.joints, robot.values)[0] > 0.2
     joints = robot.joints[away]
-    small = 1e-4
     wanted, J = robot.arm.tool(joints, robot.values)
-    error = elastic_errors(robot.arm, robot.values, joints, _torsors_at(small)(joints)).total
+    error = elastic_errors(robot.arm, robot.values, joints, _torsors_at()(joints)).total
     moved = joints - (np.stack([greville(each) for each in J]) @ error[..., None])[..., 0]
-    there = robot.arm.tool(moved, robot.values, 0, _torsors_at(small)(moved))[0]
+    there = robot.arm.tool(moved, robot.values, 0, _torsors_at()(moved))[0]
     once = float(np.linalg.norm(there[:, :3, 3] - wanted[:, :3, 3], axis=1).max())
     before = float(np.linalg.norm(error[:, :3], axis=1).max())
     again = _corrected(robot, joints, _torsors_at(_SAG))
@@ -150,11 +165,17 @@ def _corrected(robot: Sampled, joints: Array, torsors_at: _TorsorsAt) -> Correct
 
 
 def _planar() -> tuple[Answer, ...]:
-    """Check the remark on fewer than six joints, of an arm of two joints."""
-    robot = sampled("course2r")
+    """Check the remark on fewer than six joints, of an arm of two joints whose second link is a tube under gravity."""
+    robot, material = sampled("course2r"), MATERIALS["aluminium"]
+    length = float(robot.arm.chain.table[1, 2])
+    outer, wall = _TUBE_M
+    mass = _DENSITY * np.pi * wall * (outer - wall) * length
+    beam = Beam(np.array([[0.0, 0, 0], [length, 0, 0]]), mass, np.array([length / 2, 0, 0]))
 
     def at(joints: Array) -> Torsors:
-        return {1: 1e-4 * np.cos(joints[:, 1])[:, None] * np.array([0.0, -1.0, 0.5, 0.2, 0.3, -0.5])}
+        pull = 9.81 * np.stack([-np.sin(joints[:, 1]), -np.cos(joints[:, 1]), np.zeros(len(joints))], axis=1)
+        none = np.zeros_like(pull)
+        return {1: beam.torsor(loads_on(none, none, pull), tube(outer, wall, material))}
 
     found = _corrected(robot, robot.joints, at)
     return (
@@ -187,12 +208,15 @@ ELASTIC = Source(
     "Benmisra 2007, programming of industrial robots (Blida), section 3-2-3 on: elastic links",
     (
         Item("Equation 3.21", "The elastic error", _errors, "python scripts/elastic_error_absorbed.py",
-             "Of an RX 130 whose links 2 and 3 give way by up to 1 mm and 1 mrad, at random poses."),
-        Item("Equations 3.22 to 3.29", "Elementary matrices", _rotations, "lab kinematics rx130 --symbolic"),
+             "Of the IRB 120 with its upper arm and forearm as tubes of aluminium under gravity, by the lab's beams, at "
+             "random poses; the displacements are scaled to 1 mm and 1 mrad at most."),
+        Item("Equations 3.22 to 3.29", "Elementary matrices", _rotations, "lab kinematics rx130 --symbolic",
+             "The matrices of single motions; the link matrices of the command are their products."),
         Item("Equations 3.30 to 3.34", "Small displacements and turns", _small,
              note="The order of the turns matters by the square of their size: 1e-6 at 1 mrad."),
         Item("Equations 3.35, 3.36 a", "The corrected direct model", _chain, "python scripts/elastic_links_found.py",
-             "T_flex stands at the segment's far end, with whole rotations in the lab."),
+             "Of the IRB 120's printed Denavit-Hartenberg table. T_flex stands at the segment's far end, with whole "
+             "rotations in the lab."),
         Item("Equations 3.36 b to 3.38, figure 3.7", "Compensation", _compensation,
              "lab compensate TARGETS.csv --run RUN",
              "TARGETS.csv and RUN are targets and a calibration of your own. One correction leaves a few per cent "

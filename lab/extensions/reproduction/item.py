@@ -1,8 +1,9 @@
 """Numbered items of a source, the registered sources, and exercises with their marks."""
 
 import csv
+import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -28,6 +29,8 @@ __all__ = [
     "Missing",
     "Source",
     "SourceName",
+    "in_chapter",
+    "labels",
     "marked",
     "source_named",
     "sources",
@@ -46,6 +49,9 @@ class Item:
         command: the command that shows them, or "" with a note on the reason.
         note: a sentence or two for the reader.
         pictures: draws a figure again.
+        chapter: title of the chapter; consecutive items of one chapter are shown together.
+        question: of an exercise; "" where the title says it.
+        hint: to the question.
     """
 
     number: str
@@ -54,6 +60,14 @@ class Item:
     command: str = ""
     note: str = ""
     pictures: "Callable[[], tuple[Picture, ...]]" = tuple
+    chapter: str = ""
+    question: str = ""
+    hint: str = ""
+
+
+def in_chapter(title: str, items: Sequence[Item]) -> tuple[Item, ...]:
+    """Return the items as those of a chapter."""
+    return tuple(replace(item, chapter=title) for item in items)
 
 
 @dataclass(frozen=True)
@@ -80,6 +94,50 @@ class Source:
     title: str
     items: tuple[Item, ...]
     missing: tuple[Missing, ...]
+
+    def chosen(self, text: str) -> tuple[Item, ...]:
+        """Return the items of a number (``8.6``, ``III.24``, ``Table IV.2``) or a chapter (``8``, ``III``).
+
+        Raises:
+            LabError: there are none.
+        """
+        wanted = text.strip()
+        found = tuple(
+            item
+            for item in self.items
+            if wanted.casefold() == item.number.casefold()
+            or any(label == wanted or label.startswith(f"{wanted}.") for label in labels(item.number))
+        )
+        if not found:
+            first = labels(self.items[0].number)
+            such = f"{first[0]} or {first[0].partition('.')[0]}" if first else self.items[0].number
+            raise LabError(f"--item: {self.name} has no item '{text}'; give a number or a chapter, such as {such}")
+        return found
+
+
+_LABEL = re.compile(r"[A-Z]?\d+(?:\.\d+)*|[IVX]+(?:\.\d+)+|\bto\b")
+
+
+def labels(number: str) -> tuple[str, ...]:
+    """Return the single numbers that an item's number has, e.g. of "Equations III.6 to III.8, III.10".
+
+    >>> labels("Equations III.6 to III.8, III.10")
+    ('III.6', 'III.7', 'III.8', 'III.10')
+    """
+    found: list[str] = []
+    through = False
+    for each in _LABEL.findall(number):
+        if each == "to":
+            through = bool(found)
+            continue
+        stem, _, last = each.rpartition(".")
+        if through and found[-1].rpartition(".")[0] == stem:
+            low = int(re.sub(r"\D", "", found[-1].rpartition(".")[2]))
+            found += [f"{stem}.{i}" if stem else str(i) for i in range(low + 1, int(re.sub(r"\D", "", last)) + 1)]
+        else:
+            found.append(each)
+        through = False
+    return tuple(found)
 
 
 def sources() -> tuple[str, ...]:

@@ -1,26 +1,29 @@
 """Sample the sources' robots at random positions, compare matrices entry by entry, and draw arms."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from lab.campaign.robot import load_robot
-from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.reproduction.answer import Answer, Variables, formula, number
+from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import Chain, Convention
 from lab.render.document import Picture
 from lab.render.scene import placement_picture, skeleton
 
 __all__ = [
     "SAMPLES",
     "Sampled",
-    "link_matrix",
+    "link_matrices",
     "matrix_formulas",
     "matrix_numbers",
+    "nominal_chain",
+    "nominal_mechanism",
     "placements",
     "sampled",
     "serial",
@@ -66,26 +69,44 @@ class Sampled:
         return found
 
 
-@cache
-def serial(name: str) -> tuple[SerialArm, Array]:
-    """Return a shipped robot's nominal arm with the last frame's origin as target, and its parameters."""
-    arm = load_robot(name).serial_arm(("p1",))
-    return arm, arm.nominal({"p1": np.zeros(3)})
+def nominal_chain(name: str) -> Chain:
+    """Return a shipped robot's nominal Denavit-Hartenberg chain: every serial arm of the sources is made of one."""
+    return load_robot(name).serial_model.chain
+
+
+def nominal_mechanism(name: str) -> Mechanism:
+    """Return a shipped robot's nominal mechanism with loops: every parallel robot of the sources is made of one."""
+    chain = load_robot(name).chain
+    assert isinstance(chain, Mechanism)
+    return chain
 
 
 @cache
-def sampled(name: str, unit: float = 1.0) -> Sampled:
+def serial(name: str, *, at_tool: bool = False) -> tuple[SerialArm, Array]:
+    """Return a shipped robot's nominal arm with one target, and its parameters.
+
+    Args:
+        at_tool: the target is the robot's own tool point, else the last frame's origin.
+    """
+    arm = SerialArm(nominal_chain(name), ("p1",))
+    return arm, arm.nominal({"p1": load_robot(name).tool["p1"] if at_tool else np.zeros(3)})
+
+
+@cache
+def sampled(name: str, unit: float = 1.0, *, at_tool: bool = False) -> Sampled:
     """Return a shipped robot at random joint positions."""
-    arm, values = serial(name)
+    arm, values = serial(name, at_tool=at_tool)
     return Sampled(arm, values, arm.chain.random_joints(SAMPLES, rng_for(0, "structure")), unit)
 
 
-def link_matrix(theta: Array, d: Array, a: Array, alpha: Array) -> Array:
-    """Return the matrices ``(n, 4, 4)`` of a link by its Denavit-Hartenberg parameters ``(n,)``."""
-    z, x, zero = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.zeros((len(theta), 3))
-    lifted = se3.pose(se3.exp(theta[:, None] * z), d[:, None] * z)
-    moved: Array = lifted @ se3.pose(np.tile(np.eye(3), (len(theta), 1, 1)), a[:, None] * x)
-    return moved @ se3.pose(se3.exp(alpha[:, None] * x), zero)
+def link_matrices(convention: Convention, theta: Array, d: Array, a: Array, alpha: Array) -> Array:
+    """Return the lab's matrices ``(n, 4, 4)`` of links with these Denavit-Hartenberg parameters ``(n,)``."""
+    one = nominal_chain("course2r").first(1)
+    found = []
+    for row in np.stack([theta, d, a, alpha, np.zeros_like(theta)], axis=1):
+        arm = SerialArm(replace(one, convention=convention, table=row[None], parallel=(False,)))
+        found.append(arm.links(np.zeros((1, 1)), arm.nominal())[0, 0])
+    return np.array(found)
 
 
 def matrix_formulas(
@@ -96,7 +117,7 @@ def matrix_formulas(
     right: Mapping[str, str] | None = None,
     errata: Mapping[str, str] | None = None,
 ) -> tuple[Answer, ...]:
-    """Compare each entry of a matrix as a formula.
+    """Compare each entry of a printed matrix with the model's at random positions.
 
     Args:
         printed: rows divided by ``;``, entries by ``|``; "" where the source leaves the matrix to the reader.
@@ -107,9 +128,12 @@ def matrix_formulas(
     right, errata = right or {}, errata or {}
     rows = _entries(printed) if printed else [[""] * exact.shape[2] for _ in range(exact.shape[1])]
     return tuple(
-        formula(
-            f"{name}({i + 1},{j + 1})", text, exact[:, i, j], variables,
-            right=right.get(f"({i + 1},{j + 1})", ""), erratum=errata.get(f"({i + 1},{j + 1})", ""),
+        replace(
+            formula(
+                f"{name}({i + 1},{j + 1})", text, exact[:, i, j], variables,
+                right=right.get(f"({i + 1},{j + 1})", ""), erratum=errata.get(f"({i + 1},{j + 1})", ""),
+            ),
+            place=(name, i + 1, j + 1),
         )
         for i, row in enumerate(rows)
         for j, text in enumerate(row)
@@ -119,7 +143,10 @@ def matrix_formulas(
 def matrix_numbers(name: str, printed: str, exact: Array, units: Sequence[str] = ()) -> tuple[Answer, ...]:
     """Compare each entry of a printed matrix of numbers; ``units`` are those of its columns."""
     return tuple(
-        number(f"{name}({i + 1},{j + 1})", text, float(exact[i, j]), units[j] if units else "")
+        replace(
+            number(f"{name}({i + 1},{j + 1})", text, float(exact[i, j]), units[j] if units else ""),
+            place=(name, i + 1, j + 1),
+        )
         for i, row in enumerate(_entries(printed))
         for j, text in enumerate(row)
     )

@@ -1,15 +1,17 @@
 """Run ``lab reproduce``: compute a source's items again, and show them beside the printed ones."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from lab.commands.command_line import options_of, takes
 from lab.commands.result import Result
 from lab.core.errors import LabError
-from lab.extensions.reproduction.answer import Answer
+from lab.extensions.reproduction.answer import Answer, Kind, State
 from lab.extensions.reproduction.item import Computed, Item, Mark, Source, marked, source_named, write_exercise
 from lab.extensions.reproduction.options import ReproduceOptions
 from lab.formats.csv_table import write_columns
@@ -20,6 +22,7 @@ from lab.render.document import (
     Block,
     Bullets,
     Code,
+    Column,
     Command,
     Document,
     Figure,
@@ -27,7 +30,9 @@ from lab.render.document import (
     Picture,
     Row,
     Section,
+    Strong,
     Table,
+    Text,
     Warnings,
 )
 
@@ -61,34 +66,46 @@ class ReproductionResult(Result):
 
     @property
     def wrong(self) -> tuple[str, ...]:
-        """Printed values that differ without a known erratum, or errata that agree."""
+        """Values that differ without a listed erratum, and listed errata that agree."""
         return tuple(
             f"{each.item.number}: {answer.name}"
             for each in self.computed
             for answer in each.answers
-            if (answer.agrees is False) != bool(answer.erratum)
+            if answer.state == "differs"
         )
 
     @property
+    def counts(self) -> dict[Kind, dict[State, int]]:
+        """Number of answers of each kind in each state: numbers, formulas, words, bare 0 and ±1, own checks."""
+        found = Counter((answer.kind, answer.state) for answer in self.answers)
+        return {kind: {state: found[kind, state] for state in _STATES} for kind in _KINDS}
+
+    def count(self, state: State) -> int:
+        """Return the number of numbers, formulas and words in a state; bare 0 and ±1 and own checks do not count."""
+        return sum(self.counts[kind][state] for kind in _COUNTED)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
-        """Values that differ without a known reason."""
-        return tuple(f"{name} differs from what is printed, and is no known erratum" for name in self.wrong)
+        """Values that differ without a listed reason."""
+        return tuple(f"{name} differs from the lab's model, and is no listed erratum" for name in self.wrong)
 
     @property
     def exit_code(self) -> int:
-        """1 where a value differs without a known reason, or an answer of an exercise is wrong or blank; else 0."""
+        """1 where a value differs without a listed reason, or an answer of an exercise is wrong or blank; else 0."""
         if self.marks is not None:
             return 0 if all(mark.state == "right" for mark in self.marks) else 1
         return 1 if self.wrong else 0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the output of ``--json``: each item with its answers, those of an exercise without ours."""
-        counts = {"answers": len(self.answers), "agree": sum(answer.agrees is True for answer in self.answers),
-                  "errata": sum(bool(answer.erratum) for answer in self.answers)}  # fmt: skip
+        states = {"agree": "agrees", "errata": "erratum", "unreadable": "unreadable", "differ": "differs"}
         found: dict[str, Any] = {
             "source": self.source.name,
             "title": self.source.title,
-            **counts,
+            "answers": len(self.answers),
+            **{name: sum(answer.state == state for answer in self.answers) for name, state in states.items()},
+            "agree": self.count("agrees"),
+            "counts": self.counts,
             "items": [
                 {
                     "item": each.item.number, "title": each.item.title, "command": each.item.command,
@@ -110,10 +127,11 @@ class ReproductionResult(Result):
     def _values(self, answer: Answer) -> dict[str, Any]:
         requested = {"name": answer.name, "unit": answer.unit}
         if self.options.exercise:
-            return requested
+            return requested | ({"solution": answer.solution} if self.options.solution else {})
         return requested | {
             "printed": answer.printed, "ours": answer.ours, "difference": answer.difference, "agrees": answer.agrees,
-            "erratum": answer.erratum,
+            "erratum": answer.erratum, "unreadable": answer.conversion, "kind": answer.kind, "state": answer.state,
+            "solution": answer.right,
         }  # fmt: skip
 
     def write_files(self, folder: Path) -> None:
@@ -133,6 +151,10 @@ class ReproductionResult(Result):
             "ours": ["" if blank else answer.ours for _, answer in pairs],
             "unit": [answer.unit for _, answer in pairs],
             "erratum": ["" if blank else answer.erratum for _, answer in pairs],
+            "unreadable": ["" if blank else answer.conversion for _, answer in pairs],
+            "kind": ["" if blank else answer.kind for _, answer in pairs],
+            "state": ["" if blank else answer.state for _, answer in pairs],
+            "solution": ["" if blank else answer.right for _, answer in pairs],
         }
 
 
@@ -148,18 +170,46 @@ def _main_picture(result: ReproductionResult) -> Picture:
     raise LabError(f"{result.source.name}: none of its figures can be drawn; report writes the page")
 
 
+_COUNTED: tuple[Kind, ...] = ("number", "formula", "word")
+_KINDS: Mapping[Kind, str] = {
+    "number": "numbers",
+    "formula": "formulas",
+    "word": "words",
+    "trivial": "entries 0 and ±1",
+    "check": "own checks of the lab",
+}
+_STATES: Mapping[State, str] = {
+    "agrees": "agree",
+    "erratum": "errata",
+    "unreadable": "unreadable",
+    "differs": "differ",
+    "given": "taken as given",
+    "open": "left to the reader",
+}
+_BADGES: Mapping[State, Badge] = {
+    "agrees": Badge("agrees", "good"),
+    "erratum": Badge("erratum", "doubtful"),
+    "unreadable": Badge("unreadable", "doubtful"),
+    "differs": Badge("differs", "bad"),
+    "given": Badge("given", "open"),
+    "open": Badge("left to the reader", "open"),
+}
+_WORST: tuple[State, ...] = ("differs", "erratum", "unreadable", "agrees", "given", "open")
+
+
 def _reproduction_document(result: ReproductionResult) -> Document:
-    source = result.source
+    source, marked = result.source, result.marks is not None
     return Document(
         _title(result),
         (
             Paragraph(source.title, "lead"),
             Warnings(() if result.options.exercise else result.warnings),
             Section("Marks", _marks(result.marks or ())),
-            Section("Items", (_overview(result),) if result.marks is None else ()),
-            Section("Errata", _errata(result), shown_in=TERMINAL),
-            *(_section(result, each) for each in result.computed if result.marks is None),
-            Section("Items that cannot be computed", (_missing(result),) if result.marks is None else ()),
+            Section("Items", () if marked else _overview(result)),
+            Section("Errata", _reasons(result, "erratum"), shown_in=TERMINAL),
+            Section("Unreadable in the converted text", _reasons(result, "unreadable"), shown_in=TERMINAL),
+            *(() if marked else _chapters(result)),
+            Section("Items that cannot be computed", () if marked or result.options.item else (_missing(result),)),
         ),
     )
 
@@ -173,32 +223,59 @@ def _title(result: ReproductionResult) -> str:
     if result.options.exercise:
         count = sum(answer.in_exercise for answer in result.answers)
         return f"{name}: an exercise of {count} answers"
-    printed = [answer for answer in result.answers if answer.agrees is not None]
-    agree, errata = sum(answer.agrees is True for answer in printed), sum(bool(answer.erratum) for answer in printed)
-    return f"{name}: {agree} of {len(printed)} printed values agree, {errata} are errata"
+    compared: tuple[State, ...] = ("agrees", "erratum", "differs")
+    printed = sum(result.count(state) for state in compared)
+    others: tuple[State, ...] = ("erratum", "unreadable", "differs")
+    more = [f"{result.count(state)} {_STATES[state]}" for state in others if result.count(state)]
+    return ", ".join([f"{name}: {result.count('agrees')} of {printed} numbers, formulas and words agree", *more])
 
 
-def _overview(result: ReproductionResult) -> Table:
-    rows: list[Row] = []
+def _overview(result: ReproductionResult) -> tuple[Block, ...]:
+    if result.options.exercise:
+        rows = tuple((c.item.number, c.item.title, str(len(c.answers))) for c in result.computed)
+        return (Table(("item", "", "values"), rows),)
+    used = [state for state in _STATES if any(result.counts[kind][state] for kind in _KINDS)]
+    kinds = tuple(
+        (words, *(str(result.counts[kind][state] or "") for state in used))
+        for kind, words in _KINDS.items()
+        if any(result.counts[kind].values())
+    )
+    items: list[Row] = []
     for each in result.computed:
-        printed = [answer.agrees for answer in each.answers if answer.agrees is not None]
-        errata = sum(bool(answer.erratum) for answer in each.answers)
-        counts = (len(each.answers), len(printed), sum(printed), errata)
-        shown = counts[:1] if result.options.exercise else counts
-        rows.append((each.item.number, each.item.title, *map(str, shown)))
-    heads = ("values",) if result.options.exercise else ("values", "printed", "agree", "errata")
-    return Table(("item", "", *heads), tuple(rows))
+        found = Counter(answer.state for answer in each.answers)
+        items.append((each.item.number, each.item.title, *(str(found[state] or "") for state in used)))
+    heads = tuple(_STATES[state] for state in used)
+    return (
+        Table(("", *heads), kinds),
+        Paragraph(
+            "Every value under here is computed by the lab's models: of a formula, at the first of the random "
+            "positions; the difference is the largest at all of them.",
+            "note",
+        ),
+        Table(("item", "", *heads), tuple(items)),
+    )
 
 
-def _errata(result: ReproductionResult) -> tuple[Block, ...]:
+def _reasons(result: ReproductionResult, state: State) -> tuple[Block, ...]:
+    """List the reasons of answers in a state, each once."""
     if result.options.exercise or result.marks is not None:
         return ()
-    errata: dict[str, None] = {}
+    found: dict[str, None] = {}
     for each in result.computed:
         for answer in each.answers:
-            if answer.erratum:
-                errata.setdefault(f"{each.item.number}: {answer.erratum}")
-    return (Bullets(tuple(errata)),)
+            if answer.state == state:
+                found.setdefault(f"{each.item.number}: {answer.erratum or answer.conversion}")
+    return (Bullets(tuple(found)),)
+
+
+def _chapters(result: ReproductionResult) -> Iterator[Section]:
+    """Show the items of each chapter in a section."""
+    for title, items in groupby(result.computed, key=lambda each: each.item.chapter):
+        sections = tuple(_section(result, each) for each in items)
+        if title:
+            yield Section(title, sections, shown_in=PAGE)
+        else:
+            yield from sections
 
 
 def _section(result: ReproductionResult, each: Computed) -> Section:
@@ -206,30 +283,81 @@ def _section(result: ReproductionResult, each: Computed) -> Section:
     return Section(
         f"{item.number}: {item.title}",
         (
+            *((Paragraph(item.question), Paragraph(f"Hint: {item.hint}" if item.hint else "", "note")) if exercise
+              else ()),
             Paragraph(item.note),
-            _questions(each.answers) if exercise else _values(each.answers),
+            *(_questions(each.answers, solved=result.options.solution) if exercise else _values(each.answers)),
             *(() if exercise else _figure(item)),
             Command(item.command),
         ),
         shown_in=PAGE,
-    )
+    )  # fmt: skip
 
 
-def _values(answers: tuple[Answer, ...]) -> Table:
+def _values(answers: tuple[Answer, ...]) -> Iterator[Block]:
+    """Show matrices as such, in one table if they have as many columns, and all other values in another."""
+    entries = [answer for answer in answers if answer.place is not None]
+    widths: dict[str, int] = {}
+    for answer in entries:
+        name, _, column = answer.place or ("", 0, 0)
+        widths[name] = max(widths.get(name, 0), column)
+    for width in dict.fromkeys(widths.values()):
+        yield from _matrices([answer for answer in entries if widths[(answer.place or ("",))[0]] == width], width)
+    yield _list([answer for answer in answers if answer.place is None])
+
+
+def _matrices(entries: Sequence[Answer], width: int) -> Iterator[Block]:
+    """Show matrices: printed entries, or the solution where they are left to the reader, then the lab's values."""
+    rows: list[Row] = []
+    for name, matrix in groupby(entries, key=lambda answer: (answer.place or ("", 0, 0))[0]):
+        whole = list(matrix)
+        state = min((answer.state for answer in whole), key=_WORST.index)
+        for i, line in groupby(whole, key=lambda answer: (answer.place or ("", 0, 0))[1]):
+            row = list(line)
+            first = (name, _BADGES[state]) if i == 1 else ("", "")
+            rows.append((first[0], *map(_entry, row), "", *(answer.ours for answer in row), first[1]))
+    blank = ("",) * (width - 1)
+    yield Table(("", "printed", *blank, "", "here", *blank, ""), tuple(rows))
+    yield Bullets(tuple(_reason(answer) for answer in entries if answer.state in ("differs", "erratum", "unreadable")))
+
+
+def _entry(answer: Answer) -> Text:
+    """Return an entry of a printed matrix, marked where it is not right."""
+    if answer.state in ("agrees", "given"):
+        return answer.printed.replace("-", "−")
+    if answer.state == "open":
+        return answer.right
+    shown = (answer.printed or answer.right).replace("-", "−")
+    return (Strong(shown), " ", _BADGES[answer.state])
+
+
+def _reason(answer: Answer) -> str:
+    """Return the reason of an entry that is not right, with the right one and by how much it differs."""
+    right = f", right is {answer.right}" if answer.right else ""
+    if answer.state == "differs":
+        return f"{answer.name} is {answer.ours} here, {answer.difference} from {answer.printed or answer.right}"
+    return f"{answer.name}: {answer.erratum or answer.conversion}{right}"
+
+
+def _list(answers: Sequence[Answer]) -> Table:
+    solved = any(answer.right for answer in answers)
+    heads = ("", "printed", Column("solution"), "here", "unit", "difference", "", "")
     rows: list[Row] = []
     for answer in answers:
-        badge = Badge("erratum", "doubtful") if answer.erratum else Badge("agrees", "good")
-        state: Badge | str = badge if answer.agrees is not None else ""
-        if answer.agrees is False and not answer.erratum:
-            state = Badge("differs", "bad")
         printed = answer.printed.replace("-", "−")
-        rows.append((answer.name, printed, answer.ours, answer.unit, answer.difference, state, answer.erratum))
-    heads = ("", "printed", "here", "unit", "difference", "", "")
-    return Table(heads, tuple(rows))
+        reason = answer.erratum or answer.conversion
+        row = (answer.name, printed, answer.right.replace("-", "−"), answer.ours, answer.unit, answer.difference,
+               _BADGES[answer.state], reason)  # fmt: skip
+        rows.append(row if solved else (*row[:2], *row[3:]))
+    return Table(heads if solved else (*heads[:2], *heads[3:]), tuple(rows))
 
 
-def _questions(answers: tuple[Answer, ...]) -> Table:
-    return Table(("asked", "answer", "unit"), tuple((a.name, "", a.unit) for a in answers if a.in_exercise))
+def _questions(answers: tuple[Answer, ...], *, solved: bool) -> Iterator[Block]:
+    asked = [answer for answer in answers if answer.in_exercise]
+    if solved:
+        yield Table(("asked", "solution", "unit"), tuple((a.name, a.solution, a.unit) for a in asked))
+    else:
+        yield Table(("asked", "answer", "unit"), tuple((a.name, "", a.unit) for a in asked))
 
 
 def _figure(item: Item) -> tuple[Block, ...]:
@@ -245,7 +373,7 @@ def _marks(marks: tuple[Mark, ...]) -> tuple[Block, ...]:
         return ()
     badges = {"right": Badge("right", "good"), "wrong": Badge("wrong", "bad"), "blank": Badge("blank", "open")}
     rows = tuple(
-        (mark.label, mark.given, badges[mark.state], mark.answer.ours if mark.state == "wrong" else "",
+        (mark.label, mark.given, badges[mark.state], mark.answer.solution if mark.state == "wrong" else "",
          mark.answer.unit, mark.note)
         for mark in marks
     )  # fmt: skip
@@ -263,13 +391,13 @@ def reproduce(source: str | ReproduceOptions, **options: Any) -> ReproductionRes
 
     Args:
         source: ``thesis``, ``elastic``, ``course`` or ``staubli``; or all options in one object.
-        options: those of ``lab reproduce``, by name: ``exercise``, ``mark``.
+        options: those of ``lab reproduce``, by name: ``item``, ``exercise``, ``solution``, ``mark``.
 
     Returns:
         Every item with its printed and its computed values, and whether they agree.
 
     Raises:
-        LabError: there is no such source, or the file to be marked is no exercise of it.
+        LabError: there is no such source or item, or the file to be marked is no exercise of it.
 
     Example:
         >>> import lab
@@ -281,6 +409,7 @@ def reproduce(source: str | ReproduceOptions, **options: Any) -> ReproductionRes
         requested = options_of("lab.reproduce", ReproduceOptions, {"source": source, **options})
     requested.check()
     chosen = source_named(requested.source)
-    computed = tuple(Computed(item, item.answers()) for item in chosen.items)
+    items = chosen.items if requested.item is None else chosen.chosen(requested.item)
+    computed = tuple(Computed(item, item.answers()) for item in items)
     marks = None if requested.mark is None else marked(requested.mark, computed)
     return ReproductionResult(requested, chosen, computed, marks)

@@ -8,7 +8,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.item import Item, Missing, Source
-from lab.extensions.reproduction.models import SAMPLES, matrix_formulas, sampled, serial
+from lab.extensions.reproduction.models import SAMPLES, link_matrices, matrix_formulas, sampled, serial
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.khalil_frames import khalil_frame, pose_of
@@ -31,7 +31,7 @@ def _along(axis: Array, length: Array) -> Array:
 
 def _link() -> tuple[Answer, ...]:
     alpha, d, theta, r = rng_for(0, "arm").uniform(-3, 3, (4, SAMPLES))
-    exact = _turn(_X, alpha) @ _along(_X, d) @ _turn(_Z, theta) @ _along(_Z, r)
+    exact = link_matrices("craig", theta, r, d, alpha)
     right = {
         "(1,1)": "cos(θ)", "(1,2)": "−sin(θ)", "(1,3)": "0", "(1,4)": "d", "(2,1)": "cos(α) sin(θ)",
         "(2,2)": "cos(α) cos(θ)", "(2,3)": "−sin(α)", "(2,4)": "−r sin(α)", "(3,1)": "sin(α) sin(θ)",
@@ -41,17 +41,16 @@ def _link() -> tuple[Answer, ...]:
 
 
 def _whole() -> tuple[Answer, ...]:
-    """Check 1.1: Z, the link matrices and E give the tool's pose of the lab's direct model with base and tool."""
+    """Check 1.1: Z, the matrices 1.2 of the RX 130 and E give the tool's point of the lab's direct model."""
     robot = sampled("rx130")
     arm, values = robot.arm, robot.values.copy()
     base, tool = rng_for(0, "arm").uniform(-1, 1, (2, 6))
     Z, E = pose_of(base), pose_of(tool)
     values[:6] = np.concatenate([Z[:3, 3], se3.log(Z[:3, :3])])
     values[-3:] = E[:3, 3]
-    links = arm.links(robot.joints, values)
-    T = np.tile(Z, (SAMPLES, 1, 1))
-    for j in range(6):
-        T = T @ links[:, j]
+    T, zero = np.tile(Z, (SAMPLES, 1, 1)), np.zeros(SAMPLES)
+    for j, (alpha, d, theta, r) in enumerate(np.array(_TABLE) * (np.pi / 180, 1e-3, np.pi / 180, 1e-3)):
+        T = T @ link_matrices("craig", theta + robot.joints[:, j], zero + r, zero + d, zero + alpha)
     return (holds("1.1: Z 0Tn E", float(np.abs((T @ E)[:, :3, 3] - arm.points(robot.joints, values)[:, 0]).max())),)
 
 
@@ -83,7 +82,10 @@ def _grouped() -> tuple[Answer, ...]:
     return (
         holds("1.4: θz and rz group with θ1 and r1 where α1 = d1 = 0", float(np.abs(apart - grouped).max())),
         number(
-            "independent of γz, bz, αz, dz, θz, rz, θ1, r1", "", int(np.linalg.matrix_rank(columns, tol=1e-4)), digits=0
+            "independent of γz, bz, αz, dz, θz, rz, θ1, r1",
+            "",
+            int(np.linalg.matrix_rank(columns, tol=1e-4)),
+            right="6",
         ),
         number("independent parameters between neighbouring frames, at most", "4", _between()),
     )
@@ -120,8 +122,8 @@ def _table() -> tuple[Answer, ...]:
         theta, r, d, alpha, _ = table[i]
         ours = (np.rad2deg(alpha), MM.of(d), np.rad2deg(theta), MM.of(r))
         for name, value, mine in zip(("α", "d", "θ − q", "r"), row, ours, strict=True):
-            assert abs(value - mine) < 1e-9
-            answers.append(number(f"{name} of link {i + 1}", "", float(mine), "mm" if name in "dr" else "°", digits=0))
+            unit = "mm" if name in "dr" else "°"
+            answers.append(number(f"{name} of link {i + 1}", "", float(mine), unit, right=f"{value}"))
     return tuple(answers)
 
 
@@ -134,10 +136,10 @@ def _identifiable() -> tuple[Answer, ...]:
     without = [i for i, name in enumerate(names) if name != "link3.beta"]
     turned = ", ".join(name.removeprefix("link").removesuffix(".beta") for name in names if name.endswith(".beta"))
     return (
-        word("neighbouring axes with a β: of joint", "", turned),
-        number("identifiable with β3, one target", "", identifiable, digits=0),
+        word("neighbouring axes with a β: of joint", "", turned, right="3"),
+        number("identifiable with β3, one target", "", identifiable, right="27"),
         number(
-            "identifiable without β3", "", len(base_set_of(J[:, without], range(len(without))).identifiable), digits=0
+            "identifiable without β3", "", len(base_set_of(J[:, without], range(len(without))).identifiable), right="26"
         ),
     )
 
@@ -145,16 +147,13 @@ def _identifiable() -> tuple[Answer, ...]:
 def _misaligned() -> tuple[Answer, ...]:
     """Compute figure 3: the common normal of two axes, of which one is tilted by β about y from parallel."""
     beta, d = rng_for(0, "arm").uniform([1e-4, 0.1], [0.1, 1.0], (SAMPLES, 2)).T
-    tilted = np.stack([np.sin(beta), np.zeros(SAMPLES), np.cos(beta)], axis=1)
-    point = np.stack([d, np.zeros(SAMPLES), np.zeros(SAMPLES)], axis=1)
-    base = np.array([
-        np.linalg.lstsq(np.stack([_Z, -axis], axis=1), at, rcond=None)[0][0]
-        for axis, at in zip(tilted, point, strict=True)
-    ])  # fmt: skip
-    mrad = float(0.625 / np.tan(1e-3))
+    tilted = _along(_X, d) @ _turn(np.array([0.0, 1.0, 0.0]), beta)
+    base = np.array([khalil_frame(T).values[1] for T in tilted])
+    of_rx130 = _along(_X, serial("rx130")[0].chain.table[2:3, 2]) @ _turn(np.array([0.0, 1.0, 0.0]), np.array([1e-3]))
+    along = abs(float(khalil_frame(of_rx130[0]).values[1]))
     return (
         formula("r of the common normal", "", base, {"β": beta, "d": d}, right="−d/tan(β)"),
-        number("of the RX 130's 625 mm at 1 mrad", "", mrad, "m", digits=1),
+        number("of the RX 130's 625 mm at 1 mrad", "", along, "m", right="625.0"),
     )
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.batch import PointBatch, fit_points
-from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.extensions.reproduction.models import serial
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.parameter import Parameter
 from lab.kinematics.serial.arm import SerialArm, StackedArm
@@ -100,8 +100,7 @@ class _Case:
 @cache
 def thesis_case() -> _Case:
     """Return the nominal arm of the thesis."""
-    arm = load_robot("irb120").serial_arm(("p1",))
-    nominal = arm.nominal({"p1": np.zeros(3)})
+    arm, nominal = serial("irb120")
     free = tuple(arm.names.index(name) for name in OFFSETS)
     return _Case(arm, nominal, free, np.array([1.0 if arm.parameters[i].is_angle else 1e3 for i in free]))
 

@@ -8,15 +8,22 @@ import numpy as np
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.reproduction.answer import Answer, formula, holds, number
+from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.item import Item
-from lab.extensions.reproduction.models import link_matrix, matrix_formulas, matrix_numbers, placements, sampled, serial
+from lab.extensions.reproduction.models import (
+    link_matrices,
+    matrix_formulas,
+    matrix_numbers,
+    placements,
+    sampled,
+    serial,
+)
 from lab.kinematics.inverse.closed_form import closed_form_of
 
 if TYPE_CHECKING:
     from lab.render.document import Picture
 
-__all__ = ["MODEL_ITEMS"]
+__all__ = ["MODEL_ITEMS", "printed_links"]
 
 _LIMITS = ((-165, 165), (-110, 110), (-110, 70), (-160, 160), (-120, 120), (-400, 400))  # °, table III.1
 _TABLE = (  # table III.2: theta - q and alpha in °, d and a in mm
@@ -82,13 +89,24 @@ def _dh_table() -> tuple[Answer, ...]:
     return tuple(answers)
 
 
+def printed_links(joints: Array) -> tuple[Array, Array]:
+    """Return link matrices ``(n, 6, 4, 4)`` (m) by the printed table III.2, and its rows theta, d, a, alpha, SI."""
+    rows = np.array(_TABLE, dtype=np.float64) * (np.pi / 180, 1e-3, 1e-3, np.pi / 180)
+    links = [
+        link_matrices("distal", theta + joints[:, i], *(np.full(len(joints), each) for each in (d, a, alpha)))
+        for i, (theta, d, a, alpha) in enumerate(rows)
+    ]
+    return np.stack(links, axis=1), rows
+
+
 def _general_link() -> tuple[Answer, ...]:
     theta, alpha, d, a = np.random.default_rng(0).uniform(-3, 3, (4, 20))
     printed = (
         "cos(θ) | −sin(θ) cos(α) | sin(θ) sin(α) | a cos(θ); sin(θ) | cos(θ) cos(α) | −cos(θ) sin(α) | a sin(θ);"
         "0 | sin(α) | cos(α) | d; 0 | 0 | 0 | 1"
     )
-    return matrix_formulas("T", printed, link_matrix(theta, d, a, alpha), {"θ": theta, "α": alpha, "d": d, "a": a})
+    exact = link_matrices("distal", theta, d, a, alpha)
+    return matrix_formulas("T", printed, exact, {"θ": theta, "α": alpha, "d": d, "a": a})
 
 
 def _links() -> tuple[Answer, ...]:
@@ -116,14 +134,17 @@ def _example_b() -> tuple[Answer, ...]:
 
 
 def _inverse_of_a_pose() -> tuple[Answer, ...]:
+    """Compare the inverse by transposing, entry by entry, with the inverse of the lab's T0,6."""
     T = sampled("irb120", 1e3).between(0, 6)
-    n, o, a, p = np.moveaxis(T[:, :3], 2, 0)
-    last = -np.stack([(p * v).sum(axis=1) for v in (n, o, a)], axis=1)
-    printed = np.concatenate([np.stack([n, o, a], axis=1), last[..., None]], axis=2)
+    v = {f"{letter}{axis}": T[:, i, j] for j, letter in enumerate("noap") for i, axis in enumerate("xyz")}
+    rows = [f"{k}x | {k}y | {k}z | −(px {k}x + py {k}y + pz {k}z)" for k in "noa"]
     return (
-        number("T(4,4)", "0", float(T[:, 3, 3].mean()), erratum="the last row of a pose is 0 0 0 1, not 0 0 0 0"),
-        holds("the inverse by transposing", float(np.abs(printed - np.linalg.inv(T)[:, :3]).max()), within=1e-9),
-    )
+        word("left side", "T0,6 = T0,6⁻¹", "T6,0 = T0,6⁻¹", right="T6,0 = T0,6⁻¹",
+             erratum="a pose is not its own inverse: the left side is the pose of frame 0 in frame 6"),
+        number("T0,6(4,4)", "0", float(T[:, 3, 3].mean()), right="1",
+               erratum="the last row of a pose is 0 0 0 1, not 0 0 0 0"),
+        *matrix_formulas("T6,0", "; ".join([*rows, "0 | 0 | 0 | 1"]), np.asarray(np.linalg.inv(T), dtype=float), v),
+    )  # fmt: skip
 
 
 @cache
@@ -164,6 +185,8 @@ def _shoulder() -> tuple[Answer, ...]:
         formula("III.21 B s2 − A c2", "D", v["B"] * np.sin(q2) - v["A"] * np.cos(q2), v),
         formula("III.24 −302 s3 + 70 c3", "42251/135 + r^2/540", -302 * np.sin(q3) + 70 * np.cos(q3), v,
                 right="−42251/135 + r^2/540", erratum="the constant −(270² + 70² + 302²)/540 has lost its sign"),
+        formula("III.25 the equation before it", "−151 s3 + 35 s3", -151 * np.sin(q3) + 35 * np.cos(q3), v,
+                right="−151 s3 + 35 c3", erratum="half of III.24, whose second term is 70 c3: s3 stands for c3"),
         formula("III.25 sin(θ3 − β)", "(270^2 + 70^2 + 302^2 − r^2)/(2 (270) √(70^2 + 302^2))", t, v),
         formula("III.27 s2", "(A C + D B)/(A^2 + B^2)", np.sin(q2), v),
         formula("III.27 c2", "(B C + A D)/(A^2 + B^2)", np.cos(q2), v, right="(B C − A D)/(A^2 + B^2)",
@@ -208,17 +231,17 @@ def _last_joints() -> tuple[Answer, ...]:
 
 @cache
 def _eight_solutions() -> Array:
-    """Return the solutions ``(8, 6)`` rad of section III.2.2, in the order of table III.3."""
+    """Return the solutions ``(8, 6)`` rad of section III.2.2 in table III.3's order; NaN without a closed form."""
     arm, values = serial("irb120")
     form = closed_form_of(arm.dh_chain(values))
-    assert form is not None
+    if form is None:
+        return np.full((8, 6), np.nan)
     x, angles = np.array(_POSE[:3]) / 1e3, np.deg2rad(_POSE[3:])
     found = form.solve(se3.pose(se3.rotation_from_roll_pitch_yaw(angles), x)[None]).joints[0]
     printed = np.deg2rad(np.array(_SOLUTIONS, dtype=np.float64).T)
     apart = np.abs(np.exp(1j * found[None]) - np.exp(1j * printed[:, None])).max(axis=2)
-    order = apart.argmin(axis=1)
-    assert sorted(order.tolist()) == list(range(8))
-    return np.asarray(found[order])
+    apart[~np.isfinite(apart)] = np.inf
+    return np.asarray(found[apart.argmin(axis=1)])
 
 
 def _solutions() -> tuple[Answer, ...]:
@@ -237,7 +260,7 @@ def _pictures(which: str) -> "tuple[Picture, ...]":
         "III.7": (("0, 0, −90, −90, 90, −90",), np.deg2rad([[0.0, 0, -90, -90, 90, -90]])),
         "III.10": (tuple(f"solution {k + 1}" for k in range(8)), _eight_solutions()),
     }[which]
-    return placements(arm, values, *rows)
+    return placements(arm, values, *rows) if np.isfinite(rows[1]).all() else ()
 
 
 _KINEMATICS = "lab kinematics irb120"
