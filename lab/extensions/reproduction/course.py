@@ -236,8 +236,8 @@ _REDUNDANCY_ITEM = Item(
 _COORDINATE_ITEM = Item(
     "Section 7.1", "Polar and cylindrical coordinates", _coordinates,
     "lab kinematics carrier/spherical --symbolic --between 0 3",
-    "The course names the coordinates. Here they are the joints of two carriers: polar from the top of a column of 1 m, "
-    "with θ2 above the horizontal, and cylindrical with θ1 from the boom's side.",
+    "The course names the coordinates. Here they are the joints of two carriers: polar from the top of a column of "
+    "1 m, with θ2 above the horizontal, and cylindrical with θ1 from the boom's side.",
 )  # fmt: skip
 _BLOCK_ITEM = Item(
     "Section 5.6", "The inverse of the Jacobian by blocks, and J⁺", _blocks,

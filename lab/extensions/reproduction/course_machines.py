@@ -3,11 +3,13 @@
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, unreadable, word
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import (
@@ -98,8 +100,8 @@ def _general() -> tuple[Answer, ...]:
 def _table() -> tuple[Answer, ...]:
     table = _robot()[0].arm.chain.table
     return tuple(
-        number(f"{name}{i + 1}", text, float(np.rad2deg(table[i, 3]) if name == "α" else table[i, 2]),
-               "°" if name == "α" else "m")
+        number(f"{name}{i + 1}", text, float(np.rad2deg(table[i, 3]) if name == "α" else MM.of(table[i, 2])),
+               "°" if name == "α" else "mm")
         for name, row in _TABLE.items()
         for i, text in enumerate(row)
     )  # fmt: skip
@@ -217,8 +219,8 @@ VERSATRAN_ITEMS = (
          "The hand's point is px7, py7, pz7. q3 is taken above zero; its other sign, which turns q1 by half a turn, is "
          "beyond the limits. w is the sign of sin q5.",
          question="Find q1 to q6 of a pose of the hand.",
-         hint="Go back from the hand to the wrist by r7 z. The wrist's place gives q2, q3 and q1; z in the turned frame "
-         "gives q5 and q4, and x and y give q6."),
+         hint="Go back from the hand to the wrist by r7 z. The wrist's place gives q2, q3 and q1; z in the turned "
+         "frame gives q5 and q4, and x and y give q6."),
     Item("Section 8.7", "Its inverse differential model", _inverse_rates,
          f"{_COMMAND} --joints 20,700,800,30,40,50 --twist 10,0,0,0,0,0", "dq1 is given where dq5 and dq6 are asked.",
          question="Find dq1 to dq6 of a displacement dp and a turn dφ of the wrist.",
@@ -340,26 +342,27 @@ def _assembled(name: str) -> tuple[Array, Array]:
     return joints, arm.platforms(joints, arm.nominal())
 
 
-def _classical(name: str) -> TwoLegs | ThreeLegs | Delta:
-    """Return the closed form that the lab recognises in a mechanism."""
+_Closed = TypeVar("_Closed", TwoLegs, ThreeLegs, Delta)
+
+
+def _classical(name: str, kind: type[_Closed]) -> _Closed | None:
+    """Return the closed form that the lab recognises in a mechanism; None if it is of another kind."""
     found = classical_model_of(nominal_mechanism(name))
-    assert found is not None
-    return found.model
+    return found.model if found is not None and isinstance(found.model, kind) else None
 
 
 def _two_legs() -> tuple[Answer, ...]:
     rho, Ts = _assembled("rpr2")
-    legs, points = _classical("rpr2"), Ts[:, :2, 3]
-    assert isinstance(legs, TwoLegs)
+    legs, points = _classical("rpr2", TwoLegs), Ts[:, :2, 3]
     v = {"x": points[:, 0], "y": points[:, 1], "ρ1": rho[:, 0], "ρ2": rho[:, 1], "L": np.full(SAMPLES, 0.6)}
-    A, B = legs.matrices(points)
-    J = -np.linalg.solve(A, B)
-    step = 1e-6
-    numeric = np.stack([(legs.direct(legs.inverse(points) + step * unit)[:, 0]
-                         - legs.direct(legs.inverse(points) - step * unit)[:, 0]) / (2 * step)
-                        for unit in np.eye(2)], axis=2)  # fmt: skip
-    one_leg = np.array([[1e-9, 0.0]])
-    serial = float(np.abs(np.prod(legs.inverse(one_leg), axis=1))[0])
+    A, B, numeric, product = np.nan * np.ones((4, SAMPLES, 2, 2))
+    if legs is not None:
+        A, B = legs.matrices(points)
+        numeric = np.stack([(legs.direct(legs.inverse(points) + step)[:, 0]
+                             - legs.direct(legs.inverse(points) - step)[:, 0]) / 2e-6
+                            for step in 1e-6 * np.eye(2)], axis=2)  # fmt: skip
+        product = np.prod(legs.inverse(np.array([[1e-9, 0.0]])), axis=1)
+    J, serial = -np.linalg.solve(A, B), float(np.abs(product).max())
     either = "ρ1 = 0 or ρ2 = 0"
     return (
         formula("ρ1²", "x^2 + y^2", v["ρ1"] ** 2, v),
@@ -379,8 +382,7 @@ def _two_legs() -> tuple[Answer, ...]:
 def _three_legs() -> tuple[Answer, ...]:
     """Compare the inverse model in the course's frame, and poses with the legs' lines in a point or parallel."""
     rho, Ts = _assembled("rpr3")
-    robot, turn = _classical("rpr3"), np.arctan2(Ts[:, 1, 0], Ts[:, 0, 0])
-    assert isinstance(robot, ThreeLegs)
+    robot, turn = _classical("rpr3", ThreeLegs), np.arctan2(Ts[:, 1, 0], Ts[:, 0, 0])
     base = np.array([[-0.433013, -0.25], [0.433013, -0.25], [0.0, 0.5]])
     first, second, third = np.array([[0.0, -0.12], [0.103923, 0.06], [-0.103923, 0.06]])
     tilt = float(np.arctan2(*(second - first)[::-1]))  # of the side B1 B2, from which the course counts φ
@@ -392,14 +394,17 @@ def _three_legs() -> tuple[Answer, ...]:
         "θ": np.arctan2(*(third - first)[::-1]) - tilt,
     }  # fmt: skip
     v = {"x": x, "y": y, "φ": turn + tilt} | {name: np.full(SAMPLES, value) for name, value in fixed.items()}
-    meeting = robot.distances(_meeting(robot)).parallel
+    meeting = middle = np.full(1, np.nan)
+    if robot is not None:
+        meeting = robot.distances(_meeting(robot)).parallel
+        middle = robot.distances(np.zeros((1, 3))).parallel
     return (
         formula("ρ1²", "x^2 + y^2", rho[:, 0] ** 2, v),
         formula("ρ2²", "(x + l2 cos(φ) − c2)^2 + (y + l2 sin(φ))^2", rho[:, 1] ** 2, v),
         formula("ρ3²", "(x + l3 cos(φ + θ) − c3)^2 + (y + l3 sin(φ + θ) − d3)^2", rho[:, 2] ** 2, v),
         holds("the legs' lines in one point: singular", float(np.abs(meeting).max()), within=1e-6),
         number("distance from singular with the platform in the middle", "",
-               float(robot.distances(np.zeros((1, 3))).parallel[0]), digits=4),
+               float(middle[0]), digits=4),
         *(
             number(f"mobility of the {kind}", "3", body_count(nominal_mechanism(name).tree).mobility)
             for kind, name in (("3-RPR", "rpr3"), ("3-PRR", "prr3"), ("3-RRR", "rrr3"))
@@ -432,11 +437,14 @@ def _delta() -> tuple[Answer, ...]:
     count, fourth = (body_count(nominal_mechanism(f"delta/{name}").tree) for name in ("six_rods", "irb340"))
     joints, Ts = _assembled("delta/irb340")
     places = Ts[:, :3, 3]
-    robot, published = _classical("delta/irb340"), _classical("delta")
-    assert isinstance(robot, Delta) and isinstance(published, Delta)
-    back = float(np.abs(robot.direct(joints[:, :3])[:, 0] - places).max())
-    forth = float(np.abs(robot.inverse(places) - joints[:, None, :3]).max(axis=2).min(axis=1).max())
-    ours = np.rad2deg(published.inverse(np.array(list(_PUBLISHED)))[:, 0])
+    robot, published = _classical("delta/irb340", Delta), _classical("delta", Delta)
+    back = forth = np.nan
+    if robot is not None:
+        back = float(np.abs(robot.direct(joints[:, :3])[:, 0] - places).max())
+        forth = float(np.abs(robot.inverse(places) - joints[:, None, :3]).max(axis=2).min(axis=1).max())
+    ours = np.full((len(_PUBLISHED), 3), np.nan)
+    if published is not None:
+        ours = np.rad2deg(published.inverse(np.array(list(_PUBLISHED)))[:, 0])
     return (
         number("bodies that move", "10", count.bodies),
         number("joints", "15", len(count.freedoms)),
@@ -487,8 +495,8 @@ PARALLEL_ITEMS = (
          "φ counts from the side B1 B2 of the platform."),
     Item("Sections 11.4.4, 11.6", "The Delta: mobility, and the IRB 340's four axes", _delta,
          "lab inspect delta/irb340",
-         "Counted is the model delta/six_rods. Each rod turns about itself between two ball joints, which moves nothing "
-         "else."),
+         "Counted is the model delta/six_rods. Each rod turns about itself between two ball joints, which moves no "
+         "other body."),
     Item("Section 11.5", "A 3-RPR whose legs 1 and 3 share a pin", _shared_pin,
          "lab kinematics rpr3/shared_pin --pose 750,600,0,0,0,40",
          "The anchors B1, B2, B3 are (a1, b1), (a2, b2), (a3, b3); their values are representative.",

@@ -208,8 +208,8 @@ ELASTIC = Source(
     "Benmisra 2007, programming of industrial robots (Blida), section 3-2-3 on: elastic links",
     (
         Item("Equation 3.21", "The elastic error", _errors, "python scripts/elastic_error_absorbed.py",
-             "Of the IRB 120 with its upper arm and forearm as tubes of aluminium under gravity, by the lab's beams, at "
-             "random poses; the displacements are scaled to 1 mm and 1 mrad at most."),
+             "Of the IRB 120 with its upper arm and forearm as tubes of aluminium under gravity, by the lab's beams, "
+             "at random poses; the displacements are scaled to 1 mm and 1 mrad at most."),
         Item("Equations 3.22 to 3.29", "Elementary matrices", _rotations, "lab kinematics rx130 --symbolic",
              "The matrices of single motions; the link matrices of the command are their products."),
         Item("Equations 3.30 to 3.34", "Small displacements and turns", _small,

@@ -28,7 +28,7 @@ def exercise(tmp_path_factory) -> Path:
 def filled(exercise: Path, path: Path, wrong: str = "", blank: str = "") -> Path:
     """The exercise with every answer right but these."""
     result = reproduce(ReproduceOptions("staubli"))
-    right = {f"{each.item.number}: {a.name}": a.ours for each in result.computed for a in each.answers}
+    right = {f"{each.item.number}: {a.name}": a.solution for each in result.computed for a in each.answers}
     with exercise.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert rows and all(row["value"] == "" for row in rows)
@@ -44,9 +44,13 @@ def filled(exercise: Path, path: Path, wrong: str = "", blank: str = "") -> Path
 def test_a_source_is_written_as_a_page_with_values(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "staubli", "--json", "--out", str(tmp_path / "run")]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["errata"] == 0 and told["agree"] == sum(
-        a["agrees"] is True for i in told["items"] for a in i["answers"]
-    )
+    answers = [answer for item in told["items"] for answer in item["answers"]]
+    counted = [answer for answer in answers if answer["kind"] in ("number", "formula", "word")]
+    assert told["errata"] == told["differ"] == 0 and len(counted) < len(answers) == told["answers"]
+    assert told["agree"] == sum(answer["agrees"] is True for answer in counted)
+    for kind, states in told["counts"].items():
+        for state, count in states.items():
+            assert count == sum(answer["kind"] == kind and answer["state"] == state for answer in answers)
     assert {path.name for path in (tmp_path / "run").iterdir()} >= {"result.json", "values.csv", "report.html"}
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     for item in source_named("staubli").items:

@@ -28,9 +28,10 @@ def check(item: Item) -> None:
     answers = item.answers()
     assert len({answer.name for answer in answers}) == len(answers)
     for answer in answers:
-        assert (answer.agrees is False) == bool(answer.erratum), f"{item.number} {answer.name}: {answer.difference}"
+        assert answer.state != "differs", f"{item.number} {answer.name}: {answer.ours}, {answer.difference}"
+        assert (answer.state == "erratum") == bool(answer.erratum), f"{item.number} {answer.name}"
         if answer.in_exercise:
-            assert answer.check(answer.ours), f"{item.number} {answer.name}: {answer.ours}"
+            assert answer.check(answer.solution), f"{item.number} {answer.name}: {answer.solution}"
             if answer.erratum:
                 assert not answer.check(answer.printed)
 
