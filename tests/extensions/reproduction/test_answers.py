@@ -62,7 +62,9 @@ def test_a_value_that_the_model_does_not_give_differs() -> None:
 
 def test_the_value_here_is_the_model_s_whatever_is_printed() -> None:
     exact = np.sin(Q["q1"])
-    shown = [formula("T(1,2)", text, exact, Q, right=right).ours for text, right in (("s1", ""), ("c1", ""), ("", "c1"))]
+    shown = [
+        formula("T(1,2)", text, exact, Q, right=right).ours for text, right in (("s1", ""), ("c1", ""), ("", "c1"))
+    ]
     assert {float(text.replace("−", "-")) for text in shown} == {float(f"{exact[0]:.4g}")}
 
 
