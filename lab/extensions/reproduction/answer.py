@@ -272,7 +272,7 @@ def number(
         return near(text, right or printed)
 
     decimals = _decimals(shown) if shown else digits
-    more = 1 if shown and (decimals or ours % 1) else 0
+    more = 1 if shown and (decimals or not abs(ours - np.round(ours)) <= _EDGE * max(1.0, abs(ours))) else 0
     return Answer(
         name, printed, _written(ours, decimals + more), unit, _small(error(_read(shown)), "+") if shown else "",
         near(printed, printed) if printed else None, erratum, check, "trivial" if shown in _TRIVIAL else "number",
@@ -299,11 +299,11 @@ def formula(
     def check(text: str) -> bool:
         return missed(text) <= _EXACT
 
-    shown = printed or right
-    apart = missed(shown)
+    shown, size = printed or right, max(1.0, float(np.abs(exact).max()))
+    ours = float(exact[0]) if abs(exact[0]) > _EXACT * size else 0.0
     return Answer(
-        name, printed, f"{float(exact[0]):.{_DIGITS}g}".replace("-", _MINUS), "",
-        f"{'up to ' if apart else ''}{_small(apart)}", check(printed) if printed else None, erratum, check,
+        name, printed, f"{ours:.{_DIGITS}g}".replace("-", _MINUS), "", _small(missed(shown)),
+        check(printed) if printed else None, erratum, check,
         "trivial" if shown in _TRIVIAL else "formula", right, check(right) if right else True,
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.course_machines import CARRIER_ITEMS, PARALLEL_ITEMS, VERSATRAN_ITEMS
 from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter
-from lab.extensions.reproduction.models import SAMPLES, matrix_formulas, nominal_chain, sampled, serial
+from lab.extensions.reproduction.models import SAMPLES, as_row, matrix_formulas, nominal_chain, sampled, serial
 from lab.extensions.robotics.workspace.boundary import carrier_volume
 from lab.kinematics.closed.mobility import mobility_of
 from lab.kinematics.differential import pseudo_inverse, rates
@@ -63,12 +63,14 @@ _TABLES = {  # σ, α in °, a and r without the joint in mm, of each joint
 def _table(name: str) -> tuple[Answer, ...]:
     """Compare σ, α, a and the constant part of r of each joint; θ or r is the joint's."""
     chain = serial(name)[0].chain
-    answers = []
+    answers: list[Answer] = []
     for i, row in enumerate(_TABLES[name]):
         _, d, a, alpha, _ = chain.table[i]
         ours = (float(chain.prismatic[i]), float(np.rad2deg(alpha)), MM.of(float(a)), MM.of(float(d)))
-        for (letter, unit), text, value in zip(_TABLE_COLUMNS, row.split(), ours, strict=True):
-            answers.append(number(f"{letter}{i + 1}", "", value, unit, right=text))
+        answers += as_row(f"joint {i + 1}: σ, α, a, r", (
+            number(f"{letter}{i + 1}", "", value, unit, right=text)
+            for (letter, unit), text, value in zip(_TABLE_COLUMNS, row.split(), ours, strict=True)
+        ))  # fmt: skip
     return tuple(answers)
 
 

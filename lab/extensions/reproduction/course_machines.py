@@ -15,6 +15,7 @@ from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import (
     SAMPLES,
     Sampled,
+    as_row,
     link_matrices,
     matrix_formulas,
     nominal_mechanism,
@@ -99,11 +100,14 @@ def _general() -> tuple[Answer, ...]:
 
 def _table() -> tuple[Answer, ...]:
     table = _robot()[0].arm.chain.table
+    ours = {"α": np.rad2deg(table[:, 3]), "a": MM.of(table[:, 2])}
     return tuple(
-        number(f"{name}{i + 1}", text, float(np.rad2deg(table[i, 3]) if name == "α" else MM.of(table[i, 2])),
-               "°" if name == "α" else "mm")
+        answer
         for name, row in _TABLE.items()
-        for i, text in enumerate(row)
+        for answer in as_row(f"{name}1 to {name}6", (
+            number(f"{name}{i + 1}", text, float(ours[name][i]), "°" if name == "α" else "mm")
+            for i, text in enumerate(row)
+        ))
     )  # fmt: skip
 
 
@@ -309,13 +313,13 @@ def _types() -> tuple[Answer, ...]:
     return tuple(answer for kind, (roots, miss) in found.items() for answer in _type(kind, roots, miss))
 
 
-def _type(kind: int, roots: Roots, miss: Callable[..., Array]) -> tuple[Answer, Answer]:
+def _type(kind: int, roots: Roots, miss: Callable[..., Array]) -> tuple[Answer, ...]:
     values = [
         np.broadcast_to(value, (max(len(each) for each in roots.values), value.shape[1])) for value in roots.values
     ]
     missed = max(float(np.abs(miss(*(value[i] for value in values))).max()) for i in range(len(values[0])))
-    roots_there = number(f"type {kind}, roots", "", len(values[0]), right="1" if kind in (1, 3) else "2")
-    return roots_there, holds(f"type {kind}, every root", missed)
+    count = number(f"type {kind}, roots", "", len(values[0]), right="1" if kind in (1, 3) else "2")
+    return as_row(f"type {kind}: roots, each holds", (count, holds(f"type {kind}, every root", missed)))
 
 
 CARRIER_ITEMS = (

@@ -1,6 +1,6 @@
 """Sample the sources' robots at random positions, compare matrices entry by entry, and draw arms."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -19,6 +19,7 @@ from lab.render.scene import placement_picture, skeleton
 __all__ = [
     "SAMPLES",
     "Sampled",
+    "as_row",
     "link_matrices",
     "matrix_formulas",
     "matrix_numbers",
@@ -150,6 +151,11 @@ def matrix_numbers(name: str, printed: str, exact: Array, units: Sequence[str] =
         for i, row in enumerate(_entries(printed))
         for j, text in enumerate(row)
     )
+
+
+def as_row(name: str, answers: Iterable[Answer]) -> tuple[Answer, ...]:
+    """Return answers as the row of a table, shown on one line."""
+    return tuple(replace(answer, place=(name, 1, column)) for column, answer in enumerate(answers, 1))
 
 
 def _entries(printed: str) -> list[list[str]]:

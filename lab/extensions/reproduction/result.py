@@ -22,7 +22,6 @@ from lab.render.document import (
     Block,
     Bullets,
     Code,
-    Column,
     Command,
     Document,
     Figure,
@@ -184,7 +183,7 @@ _STATES: Mapping[State, str] = {
     "unreadable": "unreadable",
     "differs": "differ",
     "given": "taken as given",
-    "open": "left to the reader",
+    "open": "exercises",
 }
 _BADGES: Mapping[State, Badge] = {
     "agrees": Badge("agrees", "good"),
@@ -192,8 +191,9 @@ _BADGES: Mapping[State, Badge] = {
     "unreadable": Badge("unreadable", "doubtful"),
     "differs": Badge("differs", "bad"),
     "given": Badge("given", "open"),
-    "open": Badge("left to the reader", "open"),
+    "open": Badge("exercise", "open"),
 }
+_BESIDE = 6  # columns of a matrix: with more the lab's values are shown beneath
 _WORST: tuple[State, ...] = ("differs", "erratum", "unreadable", "agrees", "given", "open")
 
 
@@ -296,60 +296,71 @@ def _section(result: ReproductionResult, each: Computed) -> Section:
 
 def _values(answers: tuple[Answer, ...]) -> Iterator[Block]:
     """Show matrices as such, in one table if they have as many columns, and all other values in another."""
-    entries = [answer for answer in answers if answer.place is not None]
     widths: dict[str, int] = {}
-    for answer in entries:
-        name, _, column = answer.place or ("", 0, 0)
-        widths[name] = max(widths.get(name, 0), column)
+    for answer in answers:
+        if answer.place is not None:
+            widths[answer.place[0]] = max(widths.get(answer.place[0], 0), answer.place[2])
     for width in dict.fromkeys(widths.values()):
-        yield from _matrices([answer for answer in entries if widths[(answer.place or ("",))[0]] == width], width)
+        entries = [answer for answer in answers if answer.place is not None and widths[answer.place[0]] == width]
+        yield _matrices(entries, width)
+        yield Bullets(tuple(_marked_entries([answer for answer in entries if answer.state in _WORST[:3]])))
     yield _list([answer for answer in answers if answer.place is None])
 
 
-def _matrices(entries: Sequence[Answer], width: int) -> Iterator[Block]:
-    """Show matrices: printed entries, or the solution where they are left to the reader, then the lab's values."""
+def _matrices(entries: Sequence[Answer], width: int) -> Table:
+    """Show matrices: printed entries, or the solution where they are left to the reader, beside the lab's values."""
+    beside = width <= _BESIDE
     rows: list[Row] = []
     for name, matrix in groupby(entries, key=lambda answer: (answer.place or ("", 0, 0))[0]):
         whole = list(matrix)
-        state = min((answer.state for answer in whole), key=_WORST.index)
+        right = all(answer.state not in _WORST[:3] for answer in whole)
         for i, line in groupby(whole, key=lambda answer: (answer.place or ("", 0, 0))[1]):
             row = list(line)
-            first = (name, _BADGES[state]) if i == 1 else ("", "")
-            rows.append((first[0], *map(_entry, row), "", *(answer.ours for answer in row), first[1]))
+            state = min((answer.state for answer in (whole if right else row)), key=_WORST.index)
+            badge: Text = "" if right and i > 1 else _BADGES[state]
+            printed, ours = tuple(map(_entry, row)), tuple(answer.ours for answer in row)
+            if beside:
+                rows.append((name if i == 1 else "", *printed, "", *ours, badge))
+            else:
+                rows += [(name if i == 1 else "", "printed", *printed, badge), ("", "here", *ours, "")]
     blank = ("",) * (width - 1)
-    yield Table(("", "printed", *blank, "", "here", *blank, ""), tuple(rows))
-    yield Bullets(tuple(_reason(answer) for answer in entries if answer.state in ("differs", "erratum", "unreadable")))
+    heads = ("", "printed", *blank, "", "here", *blank, "") if beside else ("",) * (width + 3)
+    return Table(heads, tuple(rows))
 
 
 def _entry(answer: Answer) -> Text:
-    """Return an entry of a printed matrix, marked where it is not right."""
-    if answer.state in ("agrees", "given"):
-        return answer.printed.replace("-", "−")
+    """Return an entry of a printed matrix, in bold where it is not right or cannot be read."""
     if answer.state == "open":
         return answer.right
     shown = (answer.printed or answer.right).replace("-", "−")
-    return (Strong(shown), " ", _BADGES[answer.state])
+    return Strong(shown) if answer.state in _WORST[:3] else shown
 
 
-def _reason(answer: Answer) -> str:
-    """Return the reason of an entry that is not right, with the right one and by how much it differs."""
-    right = f", right is {answer.right}" if answer.right else ""
-    if answer.state == "differs":
-        return f"{answer.name} is {answer.ours} here, {answer.difference} from {answer.printed or answer.right}"
-    return f"{answer.name}: {answer.erratum or answer.conversion}{right}"
+def _marked_entries(entries: Sequence[Answer]) -> Iterator[str]:
+    """Describe the entries that are not right, or cannot be read, those with one reason together."""
+    for answer in entries:
+        if answer.state == "differs":
+            other = answer.printed or answer.right
+            yield f"{answer.name} is {answer.ours} here and {other} in the source, a difference of {answer.difference}"
+    rest = [answer for answer in entries if answer.state != "differs"]
+    for reason in dict.fromkeys(answer.erratum or answer.conversion for answer in rest):
+        alike = [answer for answer in rest if (answer.erratum or answer.conversion) == reason]
+        if alike[0].conversion:
+            yield f"{reason}: {alike[0].name} to {alike[-1].name} are as they follow from the model"
+        else:
+            yield "; ".join(f"{answer.name}, right is {answer.right}" for answer in alike) + f": {reason}"
 
 
 def _list(answers: Sequence[Answer]) -> Table:
-    solved = any(answer.right for answer in answers)
-    heads = ("", "printed", Column("solution"), "here", "unit", "difference", "", "")
-    rows: list[Row] = []
-    for answer in answers:
-        printed = answer.printed.replace("-", "−")
-        reason = answer.erratum or answer.conversion
-        row = (answer.name, printed, answer.right.replace("-", "−"), answer.ours, answer.unit, answer.difference,
-               _BADGES[answer.state], reason)  # fmt: skip
-        rows.append(row if solved else (*row[:2], *row[3:]))
-    return Table(heads if solved else (*heads[:2], *heads[3:]), tuple(rows))
+    """Show values one by one, without the columns that none of them needs."""
+    heads = ("", "printed", "solution", "here", "unit", "difference", "", "")
+    rows: list[Row] = [
+        (answer.name, answer.printed.replace("-", "−"), answer.right.replace("-", "−"), answer.ours, answer.unit,
+         answer.difference, _BADGES[answer.state], answer.erratum or answer.conversion)
+        for answer in answers
+    ]  # fmt: skip
+    used = [i for i in range(len(heads)) if any(row[i] for row in rows)]
+    return Table(tuple(heads[i] for i in used), tuple(tuple(row[i] for i in used) for row in rows))
 
 
 def _questions(answers: tuple[Answer, ...], *, solved: bool) -> Iterator[Block]:

@@ -8,7 +8,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.item import Item, Missing, Source
-from lab.extensions.reproduction.models import SAMPLES, link_matrices, matrix_formulas, sampled, serial
+from lab.extensions.reproduction.models import SAMPLES, as_row, link_matrices, matrix_formulas, sampled, serial
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.khalil_frames import khalil_frame, pose_of
@@ -117,13 +117,14 @@ def _off_axis() -> tuple[SerialArm, Array]:
 
 def _table() -> tuple[Answer, ...]:
     table = serial("rx130")[0].chain.table
-    answers = []
+    answers: list[Answer] = []
     for i, row in enumerate(_TABLE):
         theta, r, d, alpha, _ = table[i]
         ours = (np.rad2deg(alpha), MM.of(d), np.rad2deg(theta), MM.of(r))
-        for name, value, mine in zip(("α", "d", "θ − q", "r"), row, ours, strict=True):
-            unit = "mm" if name in "dr" else "°"
-            answers.append(number(f"{name} of link {i + 1}", "", float(mine), unit, right=f"{value}"))
+        answers += as_row(f"link {i + 1}: α, d, θ − q, r", (
+            number(f"{name} of link {i + 1}", "", float(mine), "mm" if name in "dr" else "°", right=f"{value}")
+            for name, value, mine in zip(("α", "d", "θ − q", "r"), row, ours, strict=True)
+        ))  # fmt: skip
     return tuple(answers)
 
 

@@ -11,6 +11,7 @@ from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import (
+    as_row,
     link_matrices,
     matrix_formulas,
     matrix_numbers,
@@ -52,15 +53,17 @@ _SOLUTIONS = (  # table III.3, °
 
 def _limits() -> tuple[Answer, ...]:
     chain = serial("irb120")[0].chain
-    return tuple(
-        number(f"q{i + 1} {side}", str(value), float(np.rad2deg(limit[i])), "°")
-        for i, pair in enumerate(_LIMITS)
-        for side, value, limit in zip(("from", "to"), pair, (chain.lower, chain.upper), strict=True)
-        if abs(value) < 180
-    ) + tuple(
+    sides = (("from", chain.lower), ("to", chain.upper))
+    answers: list[Answer] = []
+    for i, pair in enumerate(_LIMITS[:5]):
+        answers += as_row(f"q{i + 1} from, to", (
+            number(f"q{i + 1} {side}", str(value), float(np.rad2deg(limit[i])), "°")
+            for value, (side, limit) in zip(pair, sides, strict=True)
+        ))  # fmt: skip
+    return *answers, *as_row("q6 from, to, turns", (
         number(f"q6 {side}, turns", text, float(limit[5] / (2 * np.pi)), "turns")
-        for side, text, limit in (("from", "-1.11", chain.lower), ("to", "1.11", chain.upper))
-    )
+        for text, (side, limit) in zip(("-1.11", "1.11"), sides, strict=True)
+    ))  # fmt: skip
 
 
 def _sizes() -> tuple[Answer, ...]:
@@ -80,12 +83,14 @@ def _sizes() -> tuple[Answer, ...]:
 
 def _dh_table() -> tuple[Answer, ...]:
     table = serial("irb120")[0].chain.table
-    answers = []
+    answers: list[Answer] = []
     for i, row in enumerate(_TABLE):
         theta, d, a, alpha, _ = table[i]
         ours = (np.rad2deg(theta), MM.of(d), MM.of(a), np.rad2deg(alpha))
-        for name, text, value in zip(("θ − q", "d", "a", "α"), row, ours, strict=True):
-            answers.append(number(f"link {i + 1} {name}", text, float(value), "mm" if name in "da" else "°"))
+        answers += as_row(f"link {i + 1}: θ − q, d, a, α", (
+            number(f"link {i + 1} {name}", text, float(value), "mm" if name in "da" else "°")
+            for name, text, value in zip(("θ − q", "d", "a", "α"), row, ours, strict=True)
+        ))  # fmt: skip
     return tuple(answers)
 
 
@@ -247,10 +252,12 @@ def _eight_solutions() -> Array:
 def _solutions() -> tuple[Answer, ...]:
     ours = np.rad2deg(_eight_solutions())
     return tuple(
-        number(f"q{j + 1} of solution {k + 1}", text, float(ours[k, j]), "°")
+        answer
         for k in range(8)
-        for j, text in enumerate(row[k] for row in _SOLUTIONS)
-    )
+        for answer in as_row(f"{k + 1}: q1 to q6", (
+            number(f"q{j + 1} of solution {k + 1}", row[k], float(ours[k, j]), "°") for j, row in enumerate(_SOLUTIONS)
+        ))
+    )  # fmt: skip
 
 
 def _pictures(which: str) -> "tuple[Picture, ...]":
