@@ -396,7 +396,9 @@ def predict(
 def reproduce(
     source: str | ReproduceOptions,
     *,
+    item: str | None = None,
     exercise: bool = False,
+    solution: bool = False,
     mark: str | Path | None = None,
 ) -> ReproductionResult: ...
 def simulate(
