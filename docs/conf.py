@@ -13,7 +13,7 @@ author = "The virtual calibration lab developers"
 copyright = f"2026, {author}"
 release = version = lab.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "interface", "lab_help", "mathml"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "interface", "lab_help", "mathml", "source_rows"]
 exclude_patterns = ["_extensions"]
 suppress_warnings: list[str] = []
 

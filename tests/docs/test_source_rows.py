@@ -1,0 +1,89 @@
+"""The table of what the sources ask for: every row's command and test exist."""
+
+import ast
+import importlib.util
+import re
+import shlex
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from helpers.robots import ROOT
+
+from lab.commands.command_line import parsed
+from lab.commands.registry import command_named
+from lab.extensions.reproduction.item import source_named, sources
+
+_SPEC = importlib.util.spec_from_file_location("source_rows", ROOT / "docs" / "_extensions" / "source_rows.py")
+LEAST = {"thesis": 31, "elastic": 16, "course": 25, "staubli": 15, "further": 11}
+
+
+@pytest.fixture(scope="module")
+def table():
+    """The module that makes the table."""
+    pytest.importorskip("sphinx")
+    module = importlib.util.module_from_spec(_SPEC)
+    _SPEC.loader.exec_module(module)
+    return module
+
+
+def functions(path: Path) -> set[str]:
+    """The tests of a file, those of its classes as Class::test."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    for each in (node for node in tree.body if isinstance(node, ast.ClassDef)):
+        found |= {f"{each.name}::{node.name}" for node in each.body if isinstance(node, ast.FunctionDef)}
+    return found
+
+
+def test_every_row_of_the_sources_is_there_once(table) -> None:
+    rows = table.source_rows()
+    assert len({(row.source, row.row) for row in rows}) == len(rows)
+    counts = Counter(row.source for row in rows)
+    assert {*counts} == {*LEAST} == {*sources(), table.FURTHER}
+    assert all(counts[source] >= least for source, least in LEAST.items())
+
+
+def test_every_test_of_a_row_exists(table) -> None:
+    """A node id names a test of a file; a row without one has no command either, and is shown as missing."""
+    for row in table.source_rows():
+        if not row.held_by:
+            assert not row.shown_by, f"{row.row}: a command, but no test that holds it"
+            continue
+        path, _, name = row.held_by.partition("::")
+        assert (ROOT / path).is_file(), f"{row.row}: there is no {path}"
+        function = re.sub(r"\[.*\]$", "", name)
+        assert function.startswith("test_") and function in functions(ROOT / path), f"{row.row}: no {name} in {path}"
+
+
+def test_every_item_and_command_of_a_row_exists(table) -> None:
+    for row in table.source_rows():
+        if row.item:
+            assert row.item in [item.number for item in source_named(row.source).items], row.row
+        if not row.held_by:
+            continue
+        program, *arguments = shlex.split(row.shown_by)
+        if program == "python":
+            assert (ROOT / arguments[0]).is_file(), row.row
+        else:
+            assert program == "lab"
+            parsed(command_named(arguments[0]), arguments[1:])
+
+
+def test_a_test_that_does_not_exist_is_seen(table, tmp_path: Path) -> None:
+    """The negative: a row that names no test of its file."""
+    path = tmp_path / "rows.toml"
+    path.write_text(
+        '[[row]]\nsource = "thesis"\nrow = "x"\ncommand = "lab"\ntest = "tests/docs/test_pages.py::test_x"\n'
+    )
+    (row,) = table.source_rows(path)
+    name, _, function = row.held_by.partition("::")
+    assert function not in functions(ROOT / name) and "test_every_link_leads_somewhere" in functions(ROOT / name)
+
+
+def test_an_item_has_its_command_and_its_test(table) -> None:
+    row = table.SourceRow("thesis", "x", item="Table III.3")
+    assert row.shown_by.startswith("lab kinematics irb120") and row.held_by.endswith("[thesis-Table III.3]")
+    own = table.SourceRow("thesis", "x", item="Equation IV.12")  # no other command prints it
+    assert own.shown_by == 'lab reproduce thesis --item "Equation IV.12"'
+    assert table.SourceRow("thesis", "x").held_by == table.SourceRow("thesis", "x").shown_by == ""
