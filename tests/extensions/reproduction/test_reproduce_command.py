@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shlex
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from lab.cli import main
 from lab.commands.command_line import parsed
 from lab.commands.registry import command_named
 from lab.core.errors import LabError
-from lab.extensions.reproduction.item import marked, source_named, sources
+from lab.extensions.reproduction.item import labels, marked, source_named, sources
 from lab.extensions.reproduction.options import ReproduceOptions
 from lab.extensions.reproduction.result import reproduce
 
@@ -135,3 +136,73 @@ def test_scripts_of_items_are_there() -> None:
     lines = [item.command for name in sources() for item in source_named(name).items if item.command]
     scripts = {line.split()[1] for line in lines if not line.startswith("lab ")}
     assert scripts and all((ROOT / script).is_file() for script in scripts)
+
+
+def test_an_item_or_a_chapter_is_chosen_by_its_number() -> None:
+    course, thesis = source_named("course"), source_named("thesis")
+    assert [item.number for item in course.chosen("8.6")] == ["Section 8.6"]
+    assert len(course.chosen("8.2")) == 3  # its table, matrices and figure
+    assert {item.chapter for item in course.chosen("8")} == {"8 Serial robots"}
+    assert [item.number for item in thesis.chosen("III.24")] == ["Equations III.21 to III.28"]
+    assert [item.number for item in thesis.chosen("table iv.2")] == ["Table IV.2"]
+    assert {item.chapter for item in thesis.chosen("III")} >= {"Chapter III, model of the IRB 120"}
+    for text in ("8.66", "9", "", "Section"):
+        with pytest.raises(LabError, match="no item"):
+            course.chosen(text)
+
+
+def test_ranges_of_numbers_are_spelled_out() -> None:
+    assert labels("Annex, A3.7 to A3.9, A3.11") == ("A3.7", "A3.8", "A3.9", "A3.11")
+    assert labels("Equations IV.7, IV.19 to IV.21") == ("IV.7", "IV.19", "IV.20", "IV.21")
+    assert labels("Remark on fewer than six joints") == ()
+
+
+def test_an_exercise_of_one_item_asks_hints_and_is_solved_on_request(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["reproduce", "course", "--exercise", "--item", "8.6"]
+    assert main([*asked, "--out", str(tmp_path / "asked")]) == 0
+    (item,) = source_named("course").chosen("8.6")
+    page = (tmp_path / "asked" / "report.html").read_text(encoding="utf-8")
+    assert "Find q1 to q6" in page and f"Hint: {item.hint}".replace("'", "&#39;") in page
+    solution = next(answer.right for answer in item.answers() if answer.name == "q5")
+    assert solution == "w acos(−s1 zx + c1 zy)" and solution not in page
+    with (tmp_path / "asked" / "exercise.csv").open(encoding="utf-8") as file:
+        assert {row["item"].partition(":")[0] for row in csv.DictReader(file)} == {"Section 8.6"}
+    assert main([*asked, "--solution", "--json", "--out", str(tmp_path / "solved")]) == 0
+    assert solution in (tmp_path / "solved" / "report.html").read_text(encoding="utf-8")
+    told = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
+    assert solution in [answer["solution"] for item in told["items"] for answer in item["answers"]]
+
+
+def test_a_solution_is_one_of_an_exercise(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["reproduce", "course", "--solution"]) == 2
+    assert "give --exercise too" in capsys.readouterr().err
+    assert main(["reproduce", "course", "--item", "77"]) == 2
+    assert "no item '77'" in capsys.readouterr().err
+
+
+def test_a_page_shows_a_matrix_as_a_matrix(tmp_path: Path) -> None:
+    """Rows of a matrix are rows of its table, with the lab's values beside them, and one state for the matrix."""
+    result = reproduce("thesis", item="Equations III.6 to III.11")
+    rows = result.report(tmp_path / "page.html").read_text(encoding="utf-8").split("<tr")[1:]
+    inside = [row for row in rows if row.count("<td") >= 9]
+    assert len(inside) >= 24 and sum("agrees" in row for row in inside) == 6
+
+
+def test_entries_that_are_not_right_are_marked_in_the_matrix(tmp_path: Path) -> None:
+    page = reproduce("course", item="8.4").report(tmp_path / "page.html").read_text(encoding="utf-8")
+    marked_entries = re.findall(r"<strong>([^<]+)</strong>", page)
+    assert marked_entries == [
+        "−c1 c4 c5 s6 − c1 s4 c6 + s1 s5 s6",
+        "−s1 c4 c5 s6 − s1 s4 c6 − c1 s5 s6",
+    ]
+    assert "T0,7(2,2), right is −s1 c4 c5 s6 − s1 s4 c6 + c1 s5 s6" in page
+
+
+def test_what_cannot_be_read_is_no_erratum() -> None:
+    result = reproduce("course", item="Section 8.5, J")
+    told = result.to_dict()
+    assert told["unreadable"] == 18 and told["errata"] == told["differ"] == 0 and result.exit_code == 0
+    rows = {int(a.place[1]) for a in result.answers if a.state == "unreadable"}
+    assert rows == {2, 5, 6} and all(a.check(a.right) for a in result.answers if a.state == "unreadable")
