@@ -339,6 +339,8 @@ COMMAND_LINES = (
     "workspace nowhere",
     "reproduce thesis --exercise --mark good.csv",
     "reproduce elastic --mark good.csv",
+    "reproduce elastic --item 99.9",
+    "reproduce elastic --solution",
     "reproduce elastic --mark folder",
     "reproduce elastic --mark pipe",
 )  # fmt: skip

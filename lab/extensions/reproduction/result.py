@@ -249,7 +249,8 @@ def _overview(result: ReproductionResult) -> tuple[Block, ...]:
         Table(("", *heads), kinds),
         Paragraph(
             "Every value under here is computed by the lab's models: of a formula, at the first of the random "
-            "positions; the difference is the largest at all of them.",
+            "positions; the difference is the largest at all of them. The command of an item shows it in the lab: a "
+            "formula by its numbers for an example, or with letters for the lengths.",
             "note",
         ),
         Table(("item", "", *heads), tuple(items)),

@@ -171,8 +171,8 @@ STAUBLI = Source(
         Item("Table 1", "Geometric parameters", _table, "lab inspect rx130",
              "The table's numbers are no part of the text; these are the RX 130's of models/rx130."),
         Item("Section 1.3.5", "β between parallel axes", _identifiable, "lab inspect rx130"),
-        Item("Figure 3", "A small variation of an axis", _misaligned, "lab inspect rx130",
-             "Without β the parameter r of a misaligned axis jumps to minus d over the misalignment."),
+        Item("Figure 3", "A small variation of an axis", _misaligned,
+             note="Without β the parameter r of a misaligned axis jumps to minus d over the misalignment."),
     ),
     (
         Missing("Figures 1, 2", "Frames of base and tool", "illustrations of 1.3 and 1.5"),

@@ -261,7 +261,7 @@ def _least_squares() -> tuple[Answer, ...]:
 _ONLY_HERE = "No other command prints these: the lab computes them where it needs them."
 _CALIBRATION_ITEMS = (
     Item("Equations IV.5 to IV.9, IV.25, IV.26", "Linearised errors and least squares", _least_squares,
-         "lab calibrate --robot irb120 --prior off"),
+         note="Every fit of the lab takes these steps, as lab calibrate does. No command prints them."),
     Item("Equation IV.12", "The derivative of a link's matrix by θ", _link_rate, note=_ONLY_HERE),
     Item("Equations IV.13 to IV.18", "The matrices Q", _generators, note=_ONLY_HERE),
     Item("Equations IV.7, IV.19 to IV.24", "The Jacobian by U and Q", _jacobian,

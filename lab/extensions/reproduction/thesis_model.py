@@ -273,8 +273,9 @@ def _pictures(which: str) -> "tuple[Picture, ...]":
 _KINEMATICS = "lab kinematics irb120"
 _POSE_TEXT = ",".join(f"{value:g}" for value in _POSE)
 MODEL_ITEMS = (
-    Item("Figure III.1", "Size of the IRB 120", _sizes, "lab inspect irb120",
-         "The figure is a drawing; the two lengths are those of the text beside it, of the wrist's centre."),
+    Item("Figure III.1", "Size of the IRB 120", _sizes,
+         note="The figure is a drawing; the two lengths are those of the text beside it, of the wrist's centre. No "
+         "other command prints them: lab inspect has the reach of the last frame."),
     Item("Table III.1", "Ranges of the joints", _limits, "lab inspect irb120",
          "The range of joint 6, ±400°, is compared in turns."),
     Item("Equations III.1, III.2, III.5, IV.10", "Matrix of a link", _general_link, f"{_KINEMATICS} --symbolic",
@@ -287,7 +288,8 @@ MODEL_ITEMS = (
     Item("Equation III.13", "T0,6 at a second placement", _example_b, f"{_KINEMATICS} --joints 0,0,-90,-90,90,-90"),
     Item("Figure III.7", "The arm at the second placement",
          command=f"{_KINEMATICS} --joints 0,0,-90,-90,90,-90 --out second", pictures=lambda: _pictures("III.7")),
-    Item("Equation III.15", "The inverse of a pose", _inverse_of_a_pose, f"{_KINEMATICS} --matrices"),
+    Item("Equation III.15", "The inverse of a pose", _inverse_of_a_pose,
+         note="No other command prints the inverse of a pose."),
     Item("Equations III.18, III.19", "The wrist's centre, mm", _centre, f"{_KINEMATICS} --symbolic --between 0 4"),
     Item("Equations III.21 to III.28", "Joints 2 and 3", _shoulder, f"{_KINEMATICS} --pose={_POSE_TEXT}",
          "The printed q1 to q4 are written A to D here, since q1 to q6 are the joints."),

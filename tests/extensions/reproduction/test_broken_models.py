@@ -83,12 +83,12 @@ ELBOW = "Equations III.18, III.19; Equations III.21 to III.28"
 LINKS_8 = "Section 8.2, matrices; Section 8.4; Section 8.5, rates; Section 8.6; Section 8.7"
 QUICK = [
     case("irb120", (3, "d"), 1.0, f"{CHAIN}; {ELBOW}; Table III.2; Figure III.1"),
-    case("rx130", (3, "alpha"), 1.0, "Equation 1.1; Table 1"),
     case("versatran", (4, "alpha"), None,
          f"{LINKS_8}; Section 8.2, table; Section 8.5, J; Section 8.2, figure"),
-    case("rpr3/shared_pin", ("A1", 0), 1.0, "Section 11.5"),
 ]  # fmt: skip
 MORE = [
+    case("rx130", (3, "alpha"), 1.0, "Equation 1.1; Table 1"),
+    case("rpr3/shared_pin", ("A1", 0), 1.0, "Section 11.5"),
     case("irb120", (4, "alpha"), 1.0, f"{CHAIN}; Table III.2; Equations III.30, III.31"),
     case("irb120", (2, "alpha"), None, f"{CHAIN}; {ELBOW}; Table III.2; Figure III.1; Equations III.30, III.31"),
     case("rx130", (2, "a"), 1.0, "Equation 1.1; Table 1; Figure 3"),

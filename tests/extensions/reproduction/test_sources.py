@@ -13,7 +13,14 @@ from lab.extensions.reproduction.staubli import STAUBLI
 from lab.extensions.reproduction.thesis import ESTIMATES, THESIS
 from lab.extensions.reproduction.thesis_case import HIDDEN, INTO, OFFSETS, errors, searched
 
-SEARCHED = ("Table IV.2", "Figure IV.1", "Figure IV.2", "Conclusion", "Section 6.1")  # designs, and volumes
+SEARCHED = (
+    "Table IV.2",
+    "Table IV.3",
+    "Figure IV.1",
+    "Figure IV.2",
+    "Conclusion",
+    "Section 6.1",
+)  # designs, and volumes
 QUICK = [
     (source.name, item)
     for source in (THESIS, ELASTIC, COURSE, STAUBLI)
