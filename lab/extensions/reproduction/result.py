@@ -348,6 +348,8 @@ def _marked_entries(entries: Sequence[Answer]) -> Iterator[str]:
         alike = [answer for answer in rest if (answer.erratum or answer.conversion) == reason]
         if alike[0].conversion:
             yield f"{reason}: {alike[0].name} to {alike[-1].name} are as they follow from the model"
+        elif len(alike) > 1 and len({answer.right for answer in alike}) == 1:
+            yield f"{alike[0].name} to {alike[-1].name}, right is {alike[0].right}: {reason}"
         else:
             yield "; ".join(f"{answer.name}, right is {answer.right}" for answer in alike) + f": {reason}"
 

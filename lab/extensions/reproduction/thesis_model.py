@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lab.campaign.robot import load_virtual
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
@@ -67,7 +68,7 @@ def _limits() -> tuple[Answer, ...]:
 
 
 def _sizes() -> tuple[Answer, ...]:
-    """Compare reach and depth of the wrist's centre in the arm's plane, by a grid of joints 2 and 3."""
+    """Compare reach and depth of the wrist's centre by a grid of joints 2 and 3, and the mass of all bodies."""
     arm, values = serial("irb120")
     steps = 121
     q2, q3 = (np.linspace(arm.chain.lower[i], arm.chain.upper[i], steps) for i in (1, 2))
@@ -78,6 +79,7 @@ def _sizes() -> tuple[Answer, ...]:
     return (
         number("reach of the wrist's centre", "580", float(np.linalg.norm(centre - shoulder, axis=1).max()), "mm"),
         number("depth below the base", "112", -float(centre[:, 2].min()), "mm"),
+        number("mass", "25", float(load_virtual("irb120").model.model.body_mass[1:].sum()), "kg"),
     )
 
 
@@ -273,9 +275,9 @@ def _pictures(which: str) -> "tuple[Picture, ...]":
 _KINEMATICS = "lab kinematics irb120"
 _POSE_TEXT = ",".join(f"{value:g}" for value in _POSE)
 MODEL_ITEMS = (
-    Item("Figure III.1", "Size of the IRB 120", _sizes,
-         note="The figure is a drawing; the two lengths are those of the text beside it, of the wrist's centre. No "
-         "other command prints them: lab inspect has the reach of the last frame."),
+    Item("Figure III.1", "Size and mass of the IRB 120", _sizes,
+         note="The figure is a drawing; the numbers are those of the text beside it, the lengths of the wrist's "
+         "centre. No other command prints them: lab inspect has the reach of the last frame."),
     Item("Table III.1", "Ranges of the joints", _limits, "lab inspect irb120",
          "The range of joint 6, ±400°, is compared in turns."),
     Item("Equations III.1, III.2, III.5, IV.10", "Matrix of a link", _general_link, f"{_KINEMATICS} --symbolic",
