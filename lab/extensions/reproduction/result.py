@@ -16,6 +16,7 @@ from lab.extensions.reproduction.item import Computed, Item, Mark, Source, marke
 from lab.extensions.reproduction.options import ReproduceOptions
 from lab.formats.csv_table import write_columns
 from lab.render.document import (
+    EVERYWHERE,
     PAGE,
     TERMINAL,
     Badge,
@@ -258,8 +259,8 @@ def _overview(result: ReproductionResult) -> tuple[Block, ...]:
 
 
 def _reasons(result: ReproductionResult, state: State) -> tuple[Block, ...]:
-    """List the reasons of answers in a state, each once."""
-    if result.options.exercise or result.marks is not None:
+    """List the reasons of answers in a state, each once; not of chosen items, which show their own."""
+    if result.options.exercise or result.options.item or result.marks is not None:
         return ()
     found: dict[str, None] = {}
     for each in result.computed:
@@ -270,11 +271,12 @@ def _reasons(result: ReproductionResult, state: State) -> tuple[Block, ...]:
 
 
 def _chapters(result: ReproductionResult) -> Iterator[Section]:
-    """Show the items of each chapter in a section."""
+    """Show the items of each chapter in a section; chosen ones everywhere, else on the page alone."""
+    shown_in = EVERYWHERE if result.options.item else PAGE
     for title, items in groupby(result.computed, key=lambda each: each.item.chapter):
-        sections = tuple(_section(result, each) for each in items)
+        sections = tuple(replace(_section(result, each), shown_in=shown_in) for each in items)
         if title:
-            yield Section(title, sections, shown_in=PAGE)
+            yield Section(title, sections, shown_in=shown_in)
         else:
             yield from sections
 
@@ -291,7 +293,6 @@ def _section(result: ReproductionResult, each: Computed) -> Section:
             *(() if exercise else _figure(item)),
             Command(item.command),
         ),
-        shown_in=PAGE,
     )  # fmt: skip
 
 

@@ -162,6 +162,8 @@ def test_an_exercise_of_one_item_asks_hints_and_is_solved_on_request(
 ) -> None:
     asked = ["reproduce", "course", "--exercise", "--item", "8.6"]
     assert main([*asked, "--out", str(tmp_path / "asked")]) == 0
+    shown = capsys.readouterr().out
+    assert "Find q1 to q6" in shown and "Hint: Go back" in shown and "acos" not in shown
     (item,) = source_named("course").chosen("8.6")
     page = (tmp_path / "asked" / "report.html").read_text(encoding="utf-8")
     assert "Find q1 to q6" in page and f"Hint: {item.hint}".replace("'", "&#39;") in page
