@@ -305,6 +305,8 @@ def pose_problem(
     robot.refuse_unknown(options.targets)
     model = planning_model(robot.model, options.targets, device, options.clearances)
     values, models = model.values_before(arm, model.T_world_tracker), _models(options, robot, model)
+    region = task_region(options.region)
+    points = region.points(arm.T_tracker_frame0(values), robot.chain.joint_names, robot.chain.prismatic)
     candidates = draw_candidates(
         model,
         options.targets,
@@ -316,7 +318,7 @@ def pose_problem(
     )
     payloads = np.array(options.payload_kg)
     inputs = _carrying(_assigned(options, model, device, candidates.joints), payloads)
-    task = _task(options, robot, arm, values, candidates.joints)
+    task = _task(options, region, points, robot, arm, values, candidates.joints)
     test_inputs = _inputs(model, task)
     if len(payloads):
         test_inputs = np.column_stack([test_inputs, np.resize(payloads, len(task))])
@@ -455,19 +457,29 @@ def _case(
     )
 
 
-def _task(options: DesignOptions, robot: Robot, arm: RigidArm, values: Array, candidates: Array) -> Array:
+def _task(
+    options: DesignOptions,
+    region: TaskRegion,
+    points: Array,
+    robot: Robot,
+    arm: RigidArm,
+    values: Array,
+    candidates: Array,
+) -> Array:
     """Return joint positions ``(t, joints)`` at which the error is predicted.
 
     In a box or at targets these are some configurations for each point, found from candidates ``(m, joints)`` of which
     the target is near, or from the joint positions of the file.
 
+    Args:
+        points: ``(n, 3)`` m of the region, in the frame of the measurements.
+
     Raises:
-        LabError: the file cannot be read, or the arm reaches none of the points.
+        LabError: the arm reaches none of the points.
     """
-    region, chain = task_region(options.region), robot.chain
+    chain = robot.chain
     if region.kind == "workspace":
         return random_poses(robot.model, _TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
-    points = region.points(arm.T_tracker_frame0(values), chain.joint_names, chain.prismatic)
     given = region.joints(chain.joint_names, chain.prismatic)
     starts = [given] if len(given) else [candidates[i::_BRANCHES] for i in range(min(_BRANCHES, len(candidates)))]
     found, missed = [], None

@@ -241,6 +241,16 @@ OPTIONS = (
     "design --home 1",
     "design --instrument exact",
     "design --targets p9",
+    "design --worst-of 1000000000",
+    "design --worst-of -1",
+    "design --worst-of 300",
+    "design --position-sigma-mm nan",
+    "design --payload-kg nan",
+    "design --payload-kg 0,2",
+    "design --model auto",
+    "design --model x",
+    "design --region measured",
+    "design --region none.csv",
 )
 
 
