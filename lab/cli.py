@@ -41,6 +41,12 @@ def main(arguments: "Sequence[str] | None" = None) -> int:
         return 130
 
 
+_MORE_HELP = (
+    "lab COMMAND --help lists the usual options of a command, --help-all all of them; lab --version prints the "
+    "version, lab --completion bash (or zsh, fish) a script that completes commands and options."
+)
+
+
 def _only_our_warnings() -> None:
     """Hide warnings of libraries for programmers, unless python -W asks for them."""
     import warnings
@@ -102,6 +108,12 @@ def _run(arguments: list[str]) -> int:
         with output_may_close():
             print(f"lab {lab.__version__}" if arguments[0] == "--version" else _help())
         return 0
+    if arguments[0] == "--completion":
+        from lab.commands.completion import completion_script
+
+        with output_may_close():
+            print(completion_script(" ".join(arguments[1:])), end="")
+        return 0
     return _run_command(command_named(arguments[0]), arguments[1:])
 
 
@@ -125,7 +137,7 @@ def _help() -> str:
             "commands:",
             *(textwrap.fill(f"  {each.name:{width}}{each.help}", room, subsequent_indent=rest) for each in commands),
             "",
-            textwrap.fill("lab COMMAND --help lists the options of a command; lab --version prints the version.", room),
+            textwrap.fill(_MORE_HELP, room, break_on_hyphens=False),
         ]
     )
 

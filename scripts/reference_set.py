@@ -317,8 +317,10 @@ def _help(root: Path, command: str) -> str:
     """Return the help of a command."""
     if (root, command) not in _HELP:
         surroundings = os.environ | {"PYTHONPATH": str(root)}
-        asked = [sys.executable, "-m", "lab", command, "--help"]
-        _HELP[root, command] = subprocess.run(asked, cwd=root, env=surroundings, capture_output=True, text=True).stdout
+        asked, text = [sys.executable, "-m", "lab", command], ""
+        for flag in ("--help", "--help-all"):  # an older checkout has the first alone
+            text += subprocess.run([*asked, flag], cwd=root, env=surroundings, capture_output=True, text=True).stdout
+        _HELP[root, command] = text
     return _HELP[root, command]
 
 

@@ -1,4 +1,4 @@
-"""The directive `lab-help`: what `lab COMMAND --help` prints, so that the reference never lags behind the options."""
+"""The directive `lab-help`: what `lab COMMAND --help-all` prints, so that the reference never lags behind."""
 
 import os
 import subprocess
@@ -22,7 +22,7 @@ class LabHelp(Directive):
         path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
         environment = os.environ | {"COLUMNS": "84", "NO_COLOR": "1", "PYTHONPATH": path, "TERM": "dumb"}
         done = subprocess.run(
-            [sys.executable, "-m", "lab", self.arguments[0], "--help"],
+            [sys.executable, "-m", "lab", self.arguments[0], "--help-all"],
             capture_output=True, text=True, check=True, env=environment,
         )  # fmt: skip
         block = nodes.literal_block(done.stdout, done.stdout)

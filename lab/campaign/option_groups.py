@@ -23,11 +23,12 @@ _Options = TypeVar("_Options", bound=EffectOptions)
 
 
 _GROUPS = [f"{each.name} ({each.meaning})" if each.meaning else each.name for each in fitted_groups()]
-_MODEL_HELP = "geometric; auto, which adds the groups that the data support; or groups joined by +: " + ", ".join(
+_MODEL_HELP = "geometric; auto, which adds the groups that the data support; or groups joined by +.\n\nGroups: "
+_MODEL_HELP += ", ".join(  # below the empty line: for --help-all
     [
         *_GROUPS,
         "residual (what no group explains, as offsets of the joints; also auto+residual)",
-        "those that packages add",
+        "those that packages add.",
     ]
 )
 

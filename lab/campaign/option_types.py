@@ -57,11 +57,7 @@ Numbers = Annotated[
         str_from_instance=lambda numbers: [",".join(f"{each:g}" for each in numbers)],
     ),
 ]
-Flag = Annotated[
-    bool,
-    tyro.conf.FlagCreatePairsOff,
-    tyro.conf.arg(help_behavior_hint=lambda default: "" if default == "False" else "(given)"),  # by --config
-]
+Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 NoRecording = Annotated[
     Flag, tyro.conf.arg(help="Write no recording.rrd, which takes most of the disk space of a run.")
 ]

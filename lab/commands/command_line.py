@@ -6,8 +6,6 @@ alone; without it, or for an unknown event, tyro's box is shown.
 """
 
 import re
-import shutil
-import textwrap
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, make_dataclass
@@ -24,6 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from lab.campaign.config_file import read_options
 from lab.campaign.option_types import Flag, number, whole_number
+from lab.commands.help_text import HELP_FLAGS, help_text
 from lab.commands.registry import Command
 from lab.commands.run_folder import positional
 from lab.core.errors import LabError
@@ -104,9 +103,6 @@ def _unknown(tokens: Sequence[str], flags: Sequence[str], alone: Sequence[str]) 
 
 
 _CONFIG = "--config"
-_JSON = Annotated[Flag, tyro.conf.arg(help="Print the result as one JSON object.")]
-_RESUME = Annotated[Flag, tyro.conf.arg(help="Go on with the run in --out that was interrupted or killed.")]
-_OVERWRITE = Annotated[Flag, tyro.conf.arg(help="Replace an earlier run in that folder.")]
 
 
 @dataclass(frozen=True)
@@ -128,34 +124,26 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     """
     kind = command.load_options()
     rest, default = _configured(command, kind, arguments)
+    if asked := [each for each in rest if each in HELP_FLAGS]:
+        print(help_text(command, every="--help-all" in asked, defaults=default))
+        raise SystemExit(0)
     rest = _with_switches_on(kind, rest)
     # Without the empty help, tyro parses this source anew on each call, in search of one.
     titled = Annotated[kind, tyro.conf.arg(name="", help="")]  # type: ignore[valid-type]
     given = tyro.conf.OmitArgPrefixes[titled]
     options = ("options", given) if default is None else ("options", given, field(default=default))
-    common: list[Any] = [("json", _JSON, field(default=False))]
+    common: list[Any] = [("json", Flag, field(default=False))]
     if "out" not in _names(kind):  # of a command that looks after its folder itself
-        default_folder = f"The run's folder: runs/{command.folder} by default, numbered if taken."
-        text = default_folder if command.folder else "A folder for the page and the result; by default none is written."
-        out = ("out", Annotated[Path | None, tyro.conf.arg(help=text)], field(default=None))
-        common = [out, ("overwrite", _OVERWRITE, field(default=False)), *common]
+        common = [("out", Path | None, field(default=None)), ("overwrite", Flag, field(default=False)), *common]
     if command.resumed:
-        common = [*common, ("resume", _RESUME, field(default=False))]
+        common = [*common, ("resume", Flag, field(default=False))]
     made: Any = make_dataclass("Arguments", [options, *common])
     program = f"lab {command.name}"
     flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each[0] for each in common))]
     with _one_line_errors(program, flags, [f"--{name}" for name in positional(kind)]):
-        found = tyro.cli(
-            made, prog=program, description=_described_command_line(command), args=rest, registry=_numbers()
-        )
+        found = tyro.cli(made, prog=program, description="", args=rest, registry=_numbers(), add_help=False)
     given_flags = (getattr(found, name, False) for name in ("overwrite", "json", "resume"))
     return Arguments(found.options, getattr(found, "out", None), *given_flags)
-
-
-def _described_command_line(command: Command) -> str:
-    again = " With --config FILE an earlier run's config.json gives the defaults." if command.folder else ""
-    width = max(40, shutil.get_terminal_size().columns)  # as tyro has it, which does not break this text
-    return textwrap.fill(command.help + again, width, subsequent_indent="  ")
 
 
 def _configured(command: Command, kind: type[Any], arguments: Sequence[str]) -> tuple[list[str], Any]:

@@ -13,7 +13,22 @@ from typing import Any
 from lab.core.errors import LabError
 from lab.extension_points import load, load_all, load_reference, registered
 
-__all__ = ["COMMANDS", "Command", "all_commands", "command_named"]
+__all__ = ["COMMANDS", "Command", "OptionGroup", "all_commands", "command_named"]
+
+
+@dataclass(frozen=True)
+class OptionGroup:
+    """A group of options in a command's help.
+
+    Attributes:
+        title: above the group.
+        common: names of the options that ``--help`` shows.
+        more: names of those that ``--help-all`` adds; the field of a nested group names all that it holds.
+    """
+
+    title: str
+    common: tuple[str, ...]
+    more: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -29,6 +44,8 @@ class Command:
             that writes no run, or looks after its folder itself.
         writes_on_request: it has no such name, and writes a run only where ``--out`` names its folder.
         resumed: it keeps pieces of its work as they are done, and goes on with them where ``--resume`` asks for it.
+        examples: two usual lines of arguments, shown in its help.
+        groups: of its options, in the order of its help; without them the help shows all options in one.
     """
 
     name: str
@@ -38,6 +55,8 @@ class Command:
     folder: str = ""
     writes_on_request: bool = False
     resumed: bool = False
+    examples: tuple[str, ...] = ()
+    groups: tuple[OptionGroup, ...] = ()
 
     def load_options(self) -> type[Any]:
         """The class of its options."""
@@ -58,6 +77,50 @@ class Command:
 
 
 _GROUP = "lab.commands"  # of entry points
+_SENSOR = ("orientation", "noise_mrad", "method", "socket_distance_mm")
+_FIT = OptionGroup("model and fit", ("model", "robust", "prior", "fix"), ("fitting",))
+_VERDICT = OptionGroup("verdict", ("gate_mm", "require"), ("region", "date", "serial"))
+_VIRTUAL_GROUPS = (
+    OptionGroup("robot and poses", ("robot", "poses", "plan", "seed"), ("cell", "targets")),
+    OptionGroup(
+        "errors and effects of the virtual arm, each off unless a default is named",
+        ("position_sigma_mm", "rotation_sigma_mrad", "stiffness_nm_per_rad", "payload_kg", "backlash_mrad"),
+        ("offset_sigma_mrad", "sampler", "dh_only", "effects"),
+    ),
+    OptionGroup(
+        "measurement",
+        ("instrument", "observe"),
+        ("readings", "noise_mm", "occlusion", "orientation_share", "fixtures", *_SENSOR),
+    ),
+    _FIT,
+    _VERDICT,
+)
+_MEASURED_GROUPS = (
+    OptionGroup("robot", ("robot",), ("cell",)),
+    OptionGroup("measurement", ("instrument", "noise_mm", "observe"), _SENSOR),
+    _FIT,
+    OptionGroup("validation", ("holdout", "holdout_last", "validate"), ("refit", "seed")),
+    _VERDICT,
+)
+_DESIGN_GROUPS = (
+    OptionGroup("robot and cell", ("robot", "cell"), ("home", "clearance_mm", "self_clearance_mm", "no_check")),
+    OptionGroup(
+        "poses",
+        ("poses", "accuracy_mm", "extend", "check", "controller"),
+        ("reference_every", "payload_kg", "candidates", "starts", "seed", "curve"),
+    ),
+    OptionGroup(
+        "criterion",
+        ("criterion", "model"),
+        ("region", "scaling", "worst_of", "position_sigma_mm", "rotation_sigma_mrad"),
+    ),
+    OptionGroup("measurement", ("instrument", "targets")),
+)
+_COMPENSATION_GROUPS = (
+    OptionGroup("targets", ("run", "program", "orientation", "controller"), ("frames", "pulses_per_deg", "digits")),
+    OptionGroup("robot and cell", ("cell", "load", "no_check")),
+    OptionGroup("verdict", ("require",), ("force", "accept_edited")),
+)
 
 COMMANDS = (
     Command(
@@ -66,6 +129,8 @@ COMMANDS = (
         "lab.campaign.options:VirtualCampaign",
         "lab.commands.calibrate.run:calibrate",
         "calibrate-{robot}-seed{seed}",
+        examples=("--robot tx40 --poses 60 --seed 1", "--stiffness-nm-per-rad 1e5 --payload-kg 0,3 --model auto"),
+        groups=_VIRTUAL_GROUPS,
     ),
     Command(
         "identify",
@@ -73,12 +138,18 @@ COMMANDS = (
         "lab.commands.calibrate.options:MeasuredCampaign",
         "lab.commands.calibrate.run:identify",
         "identify-{file}",
+        examples=(
+            "day.csv --instrument leica-at960 --holdout 0.3",
+            "day.csv --robot ur10 --model auto --robust --out runs/ur10",
+        ),
+        groups=_MEASURED_GROUPS,
     ),
     Command(
         "inspect",
         "Print a robot's table, its limits, and what can be identified.",
         "lab.commands.options:InspectOptions",
         "lab.commands.inspect.run:inspect",
+        examples=("irb120", "irb120 --model compliance+harmonics --fix link4.d"),
     ),
     Command(
         "design",
@@ -87,6 +158,11 @@ COMMANDS = (
         "lab.commands.design.run:design",
         "design-{robot}-seed{seed}",
         resumed=True,
+        examples=(
+            "--robot tx40 --poses 30 --cell cell.toml",
+            "--accuracy-mm 0.05 --instrument leica-at960 --out runs/plan",
+        ),
+        groups=_DESIGN_GROUPS,
     ),
     Command(
         "next",
@@ -94,6 +170,7 @@ COMMANDS = (
         "lab.commands.options:NextOptions",
         "lab.commands.next.run:next_pose",
         "next-{plan}",
+        examples=("runs/plan", "runs/plan day.csv --follow"),
     ),
     Command(
         "import",
@@ -101,6 +178,10 @@ COMMANDS = (
         "lab.commands.options:ImportOptions",
         "lab.commands.import_measurements.run:import_measurements",
         "import-{points}",
+        examples=(
+            "tracker.txt --joints poses.csv --robot irb120",
+            "tracker.txt --joints poses.csv --by order --unit mm",
+        ),
     ),
     Command(
         "compensate",
@@ -109,6 +190,8 @@ COMMANDS = (
         "lab.commands.compensate.run:compensate",
         "compensate-{source}",
         resumed=True,
+        examples=("targets.csv --run runs/day --out runs/corrected", "--program weld.ls --run runs/day"),
+        groups=_COMPENSATION_GROUPS,
     ),
     Command(
         "predict",
@@ -116,6 +199,7 @@ COMMANDS = (
         "lab.commands.options:PredictOptions",
         "lab.commands.predict:predict",
         "predict-{file}",
+        examples=("runs/day joints.csv", "runs/day joints.csv --load runs/load"),
     ),
     Command(
         "verify",
@@ -123,6 +207,7 @@ COMMANDS = (
         "lab.commands.options:VerifyOptions",
         "lab.commands.verify:verify",
         "verify-{file}",
+        examples=("runs/day check.csv", "runs/day check.csv --refit base --require good"),
     ),
     Command(
         "certify",
@@ -130,6 +215,7 @@ COMMANDS = (
         "lab.commands.options:CertifyOptions",
         "lab.commands.certify.run:certify",
         "certify-{run}",
+        examples=("runs/day --details details.toml", "runs/day --tolerance-mm 0.1 --decision-rule guard-band"),
     ),
     Command(
         "compare",
@@ -137,6 +223,7 @@ COMMANDS = (
         "lab.commands.options:CompareOptions",
         "lab.commands.compare:compare",
         "compare",
+        examples=("runs/january runs/april", "runs/january runs/april runs/july --json"),
     ),
     Command(
         "trend",
@@ -144,6 +231,7 @@ COMMANDS = (
         "lab.commands.options:TrendOptions",
         "lab.commands.trend:trend",
         "trend-{folder}",
+        examples=("history", "history --kept base,tool --serial A-17"),
     ),
     Command(
         "status",
@@ -151,6 +239,7 @@ COMMANDS = (
         "lab.commands.options:StatusOptions",
         "lab.commands.status:status",
         writes_on_request=True,
+        examples=("runs", "runs --every-days 90 --out status"),
     ),
     Command(
         "rotation",
@@ -158,18 +247,21 @@ COMMANDS = (
         "lab.commands.options:RotationOptions",
         "lab.commands.rotation:rotation",
         writes_on_request=True,
+        examples=("--angles 30,90,10", "--axis 1,1,0 --angle 45"),
     ),
     Command(
         "migrate",
         "Give runs of an older lab what those of today have: schema, checksums, and a date.",
         "lab.commands.options:MigrateOptions",
         "lab.commands.migrate:migrate",
+        examples=("runs", "runs/january --date 2026-01-12"),
     ),
     Command(
         "study",
         "Run many simulated calibrations: a grid of factors, times robots, times draws of the noise.",
         "lab.commands.options:StudyOptions",
         "lab.commands.study.run:study",
+        examples=("grid.toml --out runs/grid", "grid.toml --out runs/grid --resume"),
     ),
 )
 

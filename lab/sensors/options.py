@@ -40,11 +40,7 @@ class SensorOptions(SocketOptions, PoseOptions):
 class VirtualSetup:
     """Measurement set-up of a virtual arm, beside arm and instrument; a sensor's ``setup`` lists its fields."""
 
-    occlusion: Annotated[
-        bool,
-        tyro.conf.FlagCreatePairsOff,
-        tyro.conf.arg(help_behavior_hint=lambda default: "" if default == "False" else "(given)"),  # by --config
-    ] = False
+    occlusion: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """Leave out what the instrument does not see: out of its sight, or behind the arm."""
     orientation_share: float = 1.0
     """Share of the poses whose orientation is measured, by chance; of the others the position alone."""

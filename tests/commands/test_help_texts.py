@@ -1,11 +1,14 @@
 """What the help of commands says of what may be given."""
 
 import re
+import shlex
 
 import pytest
 
 from lab.cli import main
-from lab.commands.registry import all_commands
+from lab.commands.command_line import parsed
+from lab.commands.help_text import HELP_FLAGS, grouped, help_text, options_of_command
+from lab.commands.registry import Command, all_commands, command_named
 from lab.noise.instruments import INSTRUMENTS, observers
 from lab.pose_selection.criteria import CRITERIA
 
@@ -40,12 +43,76 @@ def test_help_of_every_command_fits_the_terminal(columns: int, monkeypatch, caps
     assert main(["--help"]) == 0
     told = {"lab": capsys.readouterr().out}
     for command in all_commands():
-        with pytest.raises(SystemExit):
-            main([command.name, "--help"])
-        told[command.name] = capsys.readouterr().out
+        for flag in ("--help-all", "--help"):
+            with pytest.raises(SystemExit):
+                main([command.name, flag])
+            told[command.name] = told.get(command.name, "") + capsys.readouterr().out
     for name, text in told.items():
         assert max(map(len, text.splitlines())) <= columns, name
         assert not re.search(r"None|…$|\.\.\. *│|options options", text, re.MULTILINE), name
     assert {name for name in told if told[name]} == {"lab", *(each.name for each in all_commands())}
     again = " ".join(told["certify"].split())
     assert "earlier run's config.json gives the defaults." in again
+
+
+@pytest.mark.parametrize("command", all_commands(), ids=lambda each: each.name)
+def test_examples_in_the_help_are_accepted(command: Command) -> None:
+    """They are parsed, and their values pass the options' own checks."""
+    assert len(command.examples) == 2
+    shown = help_text(command, width=80)
+    for example in command.examples:
+        options = parsed(command, shlex.split(example)).options
+        for name in ("refuse_nonsense", "check"):
+            if callable(check := getattr(options, name, None)):
+                check()
+                break
+        assert f"  lab {command.name} {example}" in shown.splitlines()
+
+
+@pytest.mark.parametrize("command", all_commands(), ids=lambda each: each.name)
+def test_every_option_is_in_one_group_of_the_whole_help(command: Command) -> None:
+    options = options_of_command(command)
+    every = [each.name for group in grouped(command, options, every=True).values() for each in group]
+    assert sorted(every) == sorted(each.name for each in options if not each.positional)
+    assert "more options" not in grouped(command, options, every=True)  # a new option is put into a group
+    known = {each.name for each in options} | {each.group for each in options}
+    assert {name for group in command.groups for name in (*group.common, *group.more)} <= known
+    brief, whole = help_text(command, width=100), help_text(command, every=True, width=100)
+    flags = [set(re.findall(r"^  (--[a-z0-9-]+)", text, re.MULTILINE)) for text in (brief, whole)]
+    hidden = len(flags[1] - flags[0])
+    assert flags[0] <= flags[1] == {each.flag for each in options if not each.positional}
+    assert brief.endswith(f"\n{hidden} more: lab {command.name} --help-all") == (hidden > 0)
+
+
+def test_options_that_the_usual_help_leaves_out_are_accepted() -> None:
+    command = command_named("calibrate")
+    assert "--gear-ppm" not in help_text(command) and "--gear-ppm" in help_text(command, every=True)
+    assert parsed(command, ["--gear-ppm", "3"]).options.effects.gear_ppm == 3
+
+
+def test_help_names_defaults_that_there_are() -> None:
+    command = command_named("calibrate")
+    whole = " ".join(help_text(command, every=True).split())
+    assert "the poses and the noise. (default: 0)" in whole and "of a bad reading. (default: 1,50)" in whole
+    assert "Mean play of the joints. --" in whole and "(default: none)" not in whole and "default: )" not in whole
+    given = parsed(command, ["--seed", "5", "--backlash-mrad", "0.25", "--robust"]).options
+    whole = " ".join(help_text(command, every=True, defaults=given).split())
+    assert "the noise. (default: 5)" in whole and "play of the joints. (default: 0.25)" in whole
+    assert "in 1 % of clean campaigns. (given)" in whole
+    whole = " ".join(help_text(command_named("import")).split())
+    assert "usage: lab import POINTS --joints PATH [OPTIONS]" in whole and "a log over time. (required)" in whole
+    assert "usage: lab compare RUNS [RUNS ...] [OPTIONS]" in help_text(command_named("compare"))
+    assert "usage: lab workspace [ROBOTS ...] [OPTIONS]" in help_text(command_named("workspace"))
+
+
+def test_the_groups_of_a_model_are_listed_in_the_whole_help_alone() -> None:
+    command = command_named("identify")
+    assert "thermal_zeros" in help_text(command, every=True) and "thermal_zeros" not in help_text(command)
+
+
+@pytest.mark.parametrize("flag", HELP_FLAGS)
+def test_help_is_printed_whatever_else_is_given(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["import", "--no-such-option", flag])
+    assert stop.value.code == 0
+    assert capsys.readouterr().out.rstrip() == help_text(command_named("import"), every=flag == "--help-all")

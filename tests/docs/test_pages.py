@@ -200,9 +200,9 @@ def test_every_command_has_its_options_in_the_reference() -> None:
 
 def test_every_flag_exists(capsys) -> None:
     exist = set()
-    for command in ([], *([each.name] for each in all_commands())):
+    for asked in (["--help"], *([each.name, "--help-all"] for each in all_commands())):
         with contextlib.suppress(SystemExit):
-            main([*command, "--help"])
+            main(asked)
         exist |= set(re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out))
     for page in PAGES:
         for name in page.names:

@@ -1,8 +1,21 @@
 """Register the commands ``lab payload`` and ``lab dynamics``."""
 
-from lab.commands.registry import Command
+from lab.commands.registry import Command, OptionGroup
 
 __all__ = ["DYNAMICS", "PAYLOAD"]
+
+_SIMULATION = OptionGroup("simulated session", ("simulate", "seed"), ("rehearsal",))
+_PAYLOAD_GROUPS = (
+    OptionGroup("robot and payload", ("robot", "sensor", "method"), ("cell", "run", "serial", "accept_edited")),
+    OptionGroup("estimate", ("friction", "physical"), ("delay", "tilt", "turn", "stiffness_nm_per_rad")),
+    _SIMULATION,
+)
+_DYNAMICS_GROUPS = (
+    OptionGroup("robot", ("robot", "drives", "load"), ("sensor", "serial")),
+    OptionGroup("estimate", ("without", "physical", "symbolic"), ("delay", "band_hz")),
+    OptionGroup("validation", ("holdout", "validate")),
+    _SIMULATION,
+)
 
 PAYLOAD = Command(
     "payload",
@@ -10,6 +23,8 @@ PAYLOAD = Command(
     "lab.extensions.dynamics.options:PayloadOptions",
     "lab.extensions.dynamics.payload.run:payload",
     "payload-{file}",
+    examples=("load.csv --robot tx40 --sensor sensor.toml", "--simulate --robot tx40 --payload-kg 1.5"),
+    groups=_PAYLOAD_GROUPS,
 )
 
 DYNAMICS = Command(
@@ -18,4 +33,6 @@ DYNAMICS = Command(
     "lab.extensions.dynamics.options:DynamicsOptions",
     "lab.extensions.dynamics.arm.run:dynamics",
     "dynamics-{robot}",
+    examples=("motion.csv --robot tx40 --holdout 0.3", "--simulate --robot scara --rounds 0"),
+    groups=_DYNAMICS_GROUPS,
 )

@@ -10,4 +10,5 @@ REPRODUCE = Command(
     "lab.extensions.reproduction.options:ReproduceOptions",
     "lab.extensions.reproduction.result:reproduce",
     "reproduce-{source}",
+    examples=("thesis --item III", "course --item 8.6 --exercise"),
 )

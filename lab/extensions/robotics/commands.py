@@ -1,8 +1,20 @@
 """Register the commands ``lab kinematics``, ``lab workspace`` and ``lab trajectory``."""
 
-from lab.commands.registry import Command
+from lab.commands.registry import Command, OptionGroup
 
 __all__ = ["KINEMATICS", "TRAJECTORY", "WORKSPACE"]
+
+_KINEMATICS_GROUPS = (
+    OptionGroup("joints and poses", ("joints", "pose", "file", "orientation"), ("coordinates", "tool_mm", "of")),
+    OptionGroup("velocities", ("rates", "twist"), ("frame", "inverse_jacobian")),
+    OptionGroup("models", ("matrices", "symbolic"), ("between", "symbolic_inverse")),
+)
+_TRAJECTORY_GROUPS = (
+    OptionGroup("robot and cell", ("robot", "run", "cell"), ("tool_mm", "payload_kg", "load", "no_check")),
+    OptionGroup("joint motion", ("law", "speeds", "accelerations"), ("jerks", "blend_mm", "blend_deg", "step_ms")),
+    OptionGroup("lines and circles", ("feed_mm_s", "feed_mm_s2"), ("turn_deg_s", "orientation")),
+    OptionGroup("program", ("controller",), ("force", "accept_edited")),
+)
 
 KINEMATICS = Command(
     "kinematics",
@@ -10,6 +22,8 @@ KINEMATICS = Command(
     "lab.extensions.robotics.kinematics.options:KinematicsOptions",
     "lab.extensions.robotics.kinematics.run:solve_kinematics",
     writes_on_request=True,
+    examples=("irb120 --joints 0,30,-40,0,60,0 --matrices", "delta --pose 100,50,-950"),
+    groups=_KINEMATICS_GROUPS,
 )
 
 WORKSPACE = Command(
@@ -19,6 +33,7 @@ WORKSPACE = Command(
     "lab.extensions.robotics.workspace.run:workspace",
     writes_on_request=True,
     resumed=True,
+    examples=("irb120", "carriers --out runs/carriers"),
 )
 
 TRAJECTORY = Command(
@@ -27,4 +42,6 @@ TRAJECTORY = Command(
     "lab.extensions.robotics.trajectory.options:TrajectoryOptions",
     "lab.extensions.robotics.trajectory.run:trajectory",
     "trajectory-{robot}-{points}",
+    examples=("points.csv --robot irb120", "points.csv --run runs/day --payload-kg 3"),
+    groups=_TRAJECTORY_GROUPS,
 )

@@ -51,9 +51,7 @@ class KinematicsOptions:
     """Print the inverse of the Jacobian, by blocks where it has them; where it has none, the pseudo-inverse J⁺."""
     matrices: Flag = False
     """Print the link matrices T_i-1,i and their products T_0,i at the first joint positions."""
-    between: Annotated[
-        tuple[int, int] | None, tyro.conf.arg(metavar="FIRST LAST", help_behavior_hint="(default: none)")
-    ] = None
+    between: Annotated[tuple[int, int] | None, tyro.conf.arg(metavar="FIRST LAST")] = None
     """Print the pose of the second of these frames in the first (0 is the base's)."""
     symbolic: Flag = False
     """Print the matrices and the Jacobian also in letters (needs sympy)."""
