@@ -143,10 +143,12 @@ def _help() -> str:
 
 
 def _where(place: "Path") -> list[str]:
+    from lab.render.terminal import linked
+
     page, recording = place / "report.html", place / "recording.rrd"
     return [
         f"run: {place}",
-        *([f"page: {page}"] if page.is_file() else []),
+        *([f"page: {linked(page)}"] if page.is_file() else []),
         *([f"viewer: rerun {recording}"] if recording.is_file() else []),
     ]
 

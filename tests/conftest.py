@@ -18,6 +18,7 @@ from lab.core.errors import options_as_flags
 
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")  # before numpy is imported; commands started by tests inherit it
+os.environ["BROWSER"] = "true"  # the program, which opens nothing
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 

@@ -32,6 +32,7 @@ __all__ = [
     "InspectOptions",
     "MigrateOptions",
     "NextOptions",
+    "OpenOptions",
     "PredictOptions",
     "RotationOptions",
     "StatusOptions",
@@ -241,6 +242,16 @@ class StatusOptions:
         whole("--every-days", self.every_days, 1, DAYS)
         if self.on is not None:
             day("--on", self.on)
+
+
+@dataclass(frozen=True)
+class OpenOptions:
+    """A run to read."""
+
+    run: tyro.conf.Positional[Path]
+    """The folder of a run."""
+    viewer: Flag = False
+    """Open the recording in the rerun viewer instead of the page in the browser."""
 
 
 @dataclass(frozen=True)

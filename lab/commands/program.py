@@ -4,7 +4,9 @@ import codecs
 import io
 import json
 import os
+import shutil
 import sys
+import textwrap
 import traceback
 import unicodedata
 from collections.abc import Callable, Iterator
@@ -63,8 +65,12 @@ def say(message: str) -> None:
     line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
     if len(line) > _LONGEST_LINE:
         line = f"{line[: _LONGEST_LINE // 2]} … {line[-_LONGEST_LINE // 2 :]}"
+    line = f"lab: {line}"
+    if sys.stderr.isatty():  # a terminal would break words
+        width = shutil.get_terminal_size().columns
+        line = textwrap.fill(line, width, break_on_hyphens=False, break_long_words=False)
     with suppress(OSError):  # nobody reads it
-        print(f"lab: {line}", file=sys.stderr, flush=True)
+        print(line, file=sys.stderr, flush=True)
 
 
 def say_as_json(message: str, code: int) -> None:

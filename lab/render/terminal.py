@@ -1,12 +1,15 @@
 """A document on a terminal, or as plain text."""
 
 import io
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Protocol
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table as RichTable
@@ -15,11 +18,14 @@ from rich.text import Text as RichText
 from lab.render import document as doc
 from lab.render.document import inlines, plain, shown
 
-__all__ = ["Stage", "bars", "no_stage", "print_document", "starting", "status", "time_left", "to_text"]
+__all__ = ["Stage", "bars", "linked", "no_stage", "print_document", "starting", "status", "time_left", "to_text"]
 
 _UNWRAPPED = 100_000  # columns
-_ROW_STYLES = {"before": "dark_orange3", "after": "blue", "quiet": "dim"}
-_BADGE_STYLES = {"good": "bold green", "doubtful": "bold yellow", "bad": "bold red", "open": "bold"}
+_BLUE, _AMBER, _RED, _GREEN, _GREY = "#5f5fff", "#b06000", "#eb0000", "#008800", "#767676"  # on black and on white
+_ROW_STYLES = {"before": _AMBER, "after": f"bold {_BLUE}", "quiet": _GREY}
+_BADGE_STYLES = {"good": f"bold {_GREEN}", "doubtful": f"bold {_AMBER}", "bad": f"bold {_RED}", "open": "bold"}
+_PATH_COLUMNS = 24  # of a path, which may be broken at a line's end; other words may not
+_WITHOUT_LINKS = ("dumb", "linux")  # terminals that print what they do not know
 
 
 def print_document(document: doc.Document, console: Console | None = None, *, warnings: bool = True) -> None:
@@ -62,7 +68,7 @@ def _print(console: Console, blocks: Iterable[doc.Block], warnings: bool) -> Non
                     console.print(hanging)
             case doc.Warnings():
                 for text in block.texts if warnings else ():
-                    console.print(RichText("warning: ", style="bold yellow") + RichText(text))
+                    console.print(RichText("warning: ", style=f"bold {_AMBER}") + RichText(text))
             case doc.Table():
                 _print_table(console, block)
 
@@ -75,10 +81,43 @@ def _print_table(console: Console, block: doc.Table) -> None:
         table.add_column(RichText(heading), justify="right" if number else "left", no_wrap=number, overflow="fold")
     for kind, cells in block.lines:
         table.add_row(*map(_styled, cells), style=_ROW_STYLES.get(kind))
+    _share_width(console, table, block)
     usual = console.width
     console.width = max(usual, Measurement.get(console, console.options.update(width=_UNWRAPPED), table).minimum)
     console.print(table, crop=False)  # every number whole, though it be on two lines of the terminal
     console.width = usual
+
+
+def _share_width(console: Console, table: RichTable, block: doc.Table) -> None:
+    """Give a table that is too wide columns in which no word and no number is broken; rich would break some."""
+    columns = list(zip(block.headings, *(map(plain, row) for row in block.rows), strict=True))
+    most = [max(map(cell_len, texts)) for texts in columns]
+    room = console.width - 3 * len(columns) - 1
+    if sum(most) <= room:
+        return
+    least = [
+        max(map(cell_len, texts[1:]), default=0) if number else max(map(_unbroken, texts[1:]), default=0)
+        for texts, number in zip(columns, block.numeric, strict=True)
+    ]
+    least = [max(width, _unbroken(texts[0])) for width, texts in zip(least, columns, strict=True)]
+    spare = max(room - sum(least), 0)
+    wanted = sum(most) - sum(least)
+    for column, small, large in zip(table.columns, least, most, strict=True):
+        column.width, column.no_wrap = small + spare * (large - small) // wanted if wanted else small, False
+
+
+def _unbroken(text: str) -> int:
+    """Return the columns that a text's longest word needs; of a path some."""
+    return max(
+        (min(cell_len(word), _PATH_COLUMNS) if "/" in word else cell_len(word) for word in text.split()), default=0
+    )
+
+
+def linked(path: Path) -> str:
+    """Return a path for standard output: on a terminal that knows links (OSC 8), as one to the file."""
+    if not sys.stdout.isatty() or os.environ.get("TERM", "dumb") in _WITHOUT_LINKS:
+        return str(path)
+    return f"\x1b]8;;{path.resolve().as_uri()}\x1b\\{path}\x1b]8;;\x1b\\"
 
 
 def _styled(text: doc.Text) -> RichText:

@@ -75,6 +75,8 @@ FOLDERS = (
     "compare run {} --out never",
     "compare {} run --out never",
     "migrate {}",
+    "open {}",
+    "open {} --viewer",
     "next {} --out never",
 )
 CONFIGS = tuple(f"{name} --config {{}} --out never" for name in ("calibrate", "design"))

@@ -27,6 +27,7 @@ MORE = {
     "design": ("design --check plan/plan.csv",),
     "inspect": ("inspect delta",),
     "migrate": ("migrate older",),
+    "open": ("open day",),
     "status": ("status broken",),
     "dynamics": ("dynamics --robot scara --symbolic",),
     "kinematics": ("kinematics scara --symbolic --symbolic-inverse --inverse-jacobian",),

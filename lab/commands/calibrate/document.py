@@ -75,6 +75,7 @@ _VERDICTS: dict[Word, doc.Badge] = {
     "bad": doc.Badge("bad", "bad"),
     "not judged": doc.Badge("not judged"),
 }
+_NAMED = 5  # rejected groups that a terminal names
 _GOOD = ("holds", "does not matter")  # an answer's standing; the others come first
 _STATUS = {
     "identified": "identified",
@@ -245,7 +246,7 @@ def _uncertainty(result: CalibrationResult) -> tuple[doc.Block, ...]:
         doc.Paragraph("" if result.fit.remaining is None else result.fit.remaining.description, shown_in=doc.PAGE),
         doc.Paragraph("" if result.fit.gain is None else result.fit.gain.description, shown_in=doc.PAGE),
         doc.Paragraph(_truth(result)),
-        _model_selection(result),
+        *_model_selection(result),
         doc.Paragraph(_EXPLAINED if result.fit.explained else "", "note", shown_in=doc.PAGE),
         doc.Figure("selection-figure", selection_picture(result), _SELECTION),
         doc.Table(("joint", "stiffness, Nm/rad", "1σ"), stiffness),
@@ -289,7 +290,8 @@ def _truth(result: CalibrationResult) -> str:
     return text
 
 
-def _model_selection(result: CalibrationResult) -> doc.Table:
+def _model_selection(result: CalibrationResult) -> tuple[doc.Block, ...]:
+    """Tabulate the groups; a terminal shows those that were chosen, and names the first that were rejected."""
     rows = tuple(
         (
             group.name,
@@ -304,8 +306,15 @@ def _model_selection(result: CalibrationResult) -> doc.Table:
     )
     kinds = tuple("" if group.chosen else "quiet" for group in result.groups)
     explains = doc.Column("explains, mm", doc.PAGE), doc.Column("explains, %", doc.PAGE)
-    return doc.Table(
-        ("group", "parameters", "hold-out error, mm", "p", "BIC", *explains, ""), rows, "Model selection", kinds
+    columns = ("group", "parameters", "hold-out error, mm", "p", "BIC", *explains, "")
+    chosen = tuple(row for row, group in zip(rows, result.groups, strict=True) if group.chosen)
+    names = [group.name for group in result.groups if not group.chosen]
+    named = ", ".join([*names[:_NAMED], *["…"] * (len(names) > _NAMED)])
+    rejected = f"{counted(len(names), 'group')} rejected: {named}; see the page." if names else ""
+    return (
+        doc.Table(columns, rows, "Model selection", kinds, shown_in=doc.PAGE | doc.RECORDING),
+        doc.Table(columns, chosen, "Model selection", shown_in=doc.TERMINAL),
+        doc.Paragraph(rejected, shown_in=doc.TERMINAL),
     )
 
 
