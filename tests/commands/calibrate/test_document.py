@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,16 +11,19 @@ from helpers.html_page import Page
 from helpers.robots import data_file
 
 from lab.calibration.checks import note
+from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.verdict import Verdict
 from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import VirtualCampaign
+from lab.commands.calibrate.document import _model_selection
 from lab.commands.calibrate.figures import error_maps, has_correction, world_of
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.run import calibrate, identify
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.render.document import capital, digits_of, sentence, short
+from lab.render.document import Document, Table, capital, digits_of, sentence, short, shown
 from lab.render.phrases.registry import in_one_line, phrases
+from lab.render.terminal import to_text
 
 SECTIONS = ["Errors and reasons", "Before and after calibration", "Errors over the workspace",
             "Uncertainty and goodness of fit", "Parameters", "Identifiability and conditioning",
@@ -217,3 +221,23 @@ def test_whatever_was_observed_gives_a_report(name: str, rows, options, tmp_path
     words = {"cable": "error of the cable's length", "socket": "distance from the socket", "pose": "position error"}
     assert words[asked.observe] in seen.text and found.verdict.word in seen.text
     assert len(seen.table("parameter")) == len(found.parameters)
+
+
+def test_a_terminal_names_rejected_groups_in_a_line_and_the_page_has_them_all(seven) -> None:
+    names = ["gear", "coupling", "drift", "bending", "torsion", "extension", "tubes"]
+    tried = [
+        GroupTrial("compliance", 6, 0.1e-3, 1e-9, -99.0, True),
+        *(GroupTrial(name, 6, 0.39e-3, 0.4, 1.0, False) for name in names),
+    ]
+
+    def blocks(groups: list[GroupTrial]) -> tuple:
+        return _model_selection(replace(seven, fit=replace(seven.fit, selection=SimpleNamespace(groups=tuple(groups)))))
+
+    printed = to_text(Document("Result", blocks(tried)), 120)
+    assert "7 groups rejected: gear, coupling, drift, bending, torsion, …; see the page." in printed
+    assert "compliance" in printed and "tubes" not in printed
+    (table,) = shown(blocks(tried), "page")
+    assert isinstance(table, Table) and [row[0] for row in table.rows] == ["compliance", *names]
+    assert "1 group rejected: gear; see the page." in to_text(Document("Result", blocks(tried[:2])), 120)
+    assert "rejected" not in to_text(Document("Result", blocks(tried[:1])), 120)
+    assert "rejected" not in to_text(Document("Result", blocks([])), 120)
