@@ -1,5 +1,6 @@
 """Open a run's page in the browser, or its recording in the viewer."""
 
+import os
 import subprocess
 import sys
 import webbrowser
@@ -16,7 +17,8 @@ from lab.render.document import Document, Paragraph
 __all__ = ["OpenResult", "open_run"]
 
 _PAGE, _RECORDING = "report.html", "recording.rrd"
-_STARTED_S = 1.0  # a viewer that runs for so long has found a display
+_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")  # one of which a window needs on Linux
+_STARTED_S = 3.0  # a viewer that runs for so long has opened its window
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -64,6 +66,8 @@ def open_run(options: OpenOptions) -> OpenResult:
 
 def _view(recording: Path) -> None:
     """Start the viewer, which goes on when the command has ended."""
+    if sys.platform == "linux" and not any(map(os.environ.get, _DISPLAYS)):
+        raise LabError(f"{recording}: there is no display; run rerun --web-viewer {recording}, or copy it elsewhere")
     quiet = subprocess.DEVNULL
     viewer = subprocess.Popen(
         [sys.executable, "-m", "rerun", str(recording.resolve())],

@@ -79,6 +79,12 @@ class _Viewer:
         return self.code
 
 
+@pytest.fixture
+def display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
+
+
+@pytest.mark.usefixtures("display")
 @pytest.mark.parametrize("code", [None, 0])
 def test_the_recording_is_shown_by_the_viewer(
     code: int | None, run: Path, opened: list[str], monkeypatch: pytest.MonkeyPatch
@@ -89,6 +95,17 @@ def test_the_recording_is_shown_by_the_viewer(
     assert found.file == run / "recording.rrd" and opened == []
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
+def test_without_a_display_no_viewer_is_started(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(subprocess, "Popen", viewer := _Viewer(0))
+    with pytest.raises(LabError, match="there is no display; run rerun --web-viewer"):
+        open_run(OpenOptions(run, viewer=True))
+    assert viewer.started == []
+
+
+@pytest.mark.usefixtures("display")
 def test_a_viewer_that_cannot_start_is_an_error(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess, "Popen", _Viewer(1))
     with pytest.raises(LabError, match="the viewer ended with exit code 1"):
