@@ -257,6 +257,7 @@ class _Fitted:
             observe=self.cell.observe,
             position_sigma_mm=self.cell.position_sigma_mm,
             rotation_sigma_mrad=self.cell.rotation_sigma_mrad,
+            sampler=self.cell.sampler,
             fitting=study.fitting_of(self.cell),
             effects=study.effects_of(self.cell),
         )

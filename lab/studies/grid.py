@@ -15,6 +15,7 @@ from lab.core.limits import CAMPAIGNS, CELLS, DRAWN_POINTS, DRAWS, NAME, POSES, 
 from lab.formats.structured import read_toml, structured
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.sensors.registry import sensor_named
+from lab.simulation.sampler import sampler_named
 
 __all__ = [
     "ANY",
@@ -55,6 +56,7 @@ class Cell:
         observe: the sensor.
         plan: a plan's file, whose poses are measured instead of chosen ones; ``none`` without one.
         targets: their number on the flange.
+        sampler: of the arms' errors of geometry.
         payload_kg: payloads, of which one is drawn for each pose; none given: those of the effects.
     """
 
@@ -75,6 +77,7 @@ class Cell:
     targets: int = 1
     payload_kg: tuple[float, ...] = ()
     estimator: str = LEAST_SQUARES
+    sampler: str = "normal"
 
     @property
     def fitting(self) -> Fitting:
@@ -101,6 +104,7 @@ class Cell:
             self.fitting.check()
             estimator_named(self.estimator)
             sensor_named(self.observe)
+            sampler_named(self.sampler)
             ArmEffects(payload_kg=self.payload_kg or ArmEffects().payload_kg).check()
 
 

@@ -232,7 +232,8 @@ def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(s
     ], loaded.stderr
     (site / "grid.toml").write_text(
         'name = "grid"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\ncriterion = "random"\ninstrument = '
-        '"photogrammetry"\nposes = 20\neffects = "gears"\n[effects.gears]\nown_effects = ["runout:mrad=0.3"]\n'
+        '"photogrammetry"\nposes = 20\neffects = "gears"\nsampler = "tolerances"\n'
+        'estimator = ["least-squares", "kalman"]\n[effects.gears]\nown_effects = ["runout:mrad=0.3"]\n'
     )
     of_parts = python(site, "-m", "lab", "study", "grid.toml", "--workers", "1", "--json", "--out", "parts_study")
     assert of_parts.returncode == 0, of_parts.stderr

@@ -24,6 +24,7 @@ from lab.studies.grid import ANY, FACTORS, OF_PLAN, Cell, Study, is_any, read_st
         ({"targets": [7]}, "factor targets 7: robot irb120 has 3: p1, p2, p3"),
         ({"payload_kg": [-1]}, "--payload-kg -1: give a number from 0"),
         ({"payload_kg": ["heavy"]}, "is not a value of option 'payload_kg'; give a list, each a number"),
+        ({"sampler": ["dice"]}, "factors: --sampler dice: unknown; give one of normal"),
         ({"estimator": ["oracle"]}, "factors: --estimator oracle: unknown; give one of least-squares"),
         ({"poses": [13], "model": ["compliance+harmonics"]}, "13 poses cannot show the parameters: give 14 or more"),
     ],

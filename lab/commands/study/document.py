@@ -61,6 +61,7 @@ _METRICS = {
 _AXES = {
     "poses": "number of poses",
     "position_sigma_mm": "position σ of the arm, mm",
+    "sampler": "sampler of the arms",
     "rotation_sigma_mrad": "rotation σ of the arm, mrad",
     "model": "fitted model",
     "robust": "robust fit",
