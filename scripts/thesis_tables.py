@@ -156,13 +156,19 @@ def _table(answer: CriterionComparison, poses: int) -> Table:
         shown = []
         for metric in METRICS:
             pair = answer.against_reference(answer.compared[metric, poses], rank.cell)
-            shown.append("" if pair is None else fixed(100 * (pair.effect - 1), 1, signed=True))
+            shown.append("" if pair is None else _more_than_reference(pair, with_interval=metric == "fresh_mean_mm"))
             halves[metric] += [] if pair is None else [50 * (pair.upper - pair.lower)]
         between = f"{min(others):+.0f} to {max(others):+.0f}" if others and cell.criterion != BASELINE else ""
         rows.append((name_of(cell), f"{1e3 * mean.mean:.2f}", *shown, between.replace("-", "−")))
     rows.append(("95 % intervals, at most", "", *(f"± {np.nanmax(each):.1f}" for each in halves.values()), ""))
     headings = ("poses by", "µm", "mean", "worst", "lengths", "angles", "searches")
     return Table(headings, tuple(rows), title)
+
+
+def _more_than_reference(pair: Pair, *, with_interval: bool) -> str:
+    """How many per cent a cell's error is more, with its interval where that is asked for."""
+    more, lower, upper = (fixed(100 * (end - 1), 1, signed=True) for end in (pair.effect, pair.lower, pair.upper))
+    return f"{more} ({lower} to {upper})" if with_interval else more
 
 
 def answer_words(answer: CriterionComparison) -> list[str]:

@@ -94,6 +94,10 @@ class Cell:
 
     def refuse_nonsense(self) -> None:
         """Refuse values that make no sense, with a LabError that names the factor."""
+        if not isinstance(self.payload_kg, tuple):
+            raise LabError(
+                f"factor payload_kg: {self.payload_kg} is no tuple; give one for each level, e.g. (0.0, 3.0)"
+            )
         if self.plan == NONE:
             whole("factor poses", self.poses, 1, POSES)
         positive("factor noise", self.noise)

@@ -134,6 +134,20 @@ def test_thesis_tables_a_little(tmp_path: Path) -> None:
         assert (tmp_path / f"which_criterion.{kind}").stat().st_size > 10_000
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("quick_designs")
+def test_criteria_on_compliant_arms_a_little(tmp_path: Path) -> None:
+    """Compliance and runout are fitted: some 10 µm are left, of some 100 µm that geometry alone leaves."""
+    size = ("--robots", 6, "--draws", 3, "--poses", 20, "--criteria", "random", "O1", "--scalings", "whitened")
+    found = answer_of("thesis_tables.py", "--out", tmp_path, "--compliant", "--searches", 0, *size)
+    assert "thesis" not in found
+    rows = {(row["metric"], row["criterion"]): row for row in found["answer"]["rows"]}
+    best, random = rows["fresh_mean_mm", "O1"], rows["fresh_mean_mm", "random"]
+    assert 0.004 < best["mean"][0] < 0.02 and best["not_converged"] == 0 and best["campaigns"] == 18
+    assert 1.1 < random["to_o1"]["lower"] < random["to_o1"]["effect"] < 3
+    assert (tmp_path / "which_criterion_compliant.png").is_file()
+
+
 def instrument_means(out: Path, study: Study) -> dict[tuple[str, str, int], float]:
     """Return the means of a study that ``lab study`` writes, by metric, instrument and number of poses."""
     columns = lab.study(study, out=out).columns()

@@ -89,4 +89,6 @@ def test_payloads_are_read_as_one_or_as_several(tmp_path: Path) -> None:
         2,
     ]
     assert study.effects_of(study.cells[-1]).payload_kg == (0.0, 3.0)
+    with pytest.raises(LabError, match=r"factor payload_kg: 3.0 is no tuple; give one for each level"):
+        Study(factors={"payload_kg": (3.0,)})
     assert {cell.targets for cell in Study(targets=("p1", "p3")).cells} == {2}
