@@ -66,7 +66,7 @@ document.querySelectorAll(".scene").forEach((box) => {
   const axes = data.axes && { ...data.axes, halves: floats(data.axes.halves) };
   const lines = floats(data.lines), lineCount = poses ? lines.length / poses / 6 : 0;
 
-  const show = { pose: 0, turn: 0.6, raise: 0.35, distance: 2.6 * data.radius, middle: data.middle };
+  const show = { pose: data.first, turn: 0.6, raise: 0.35, distance: 2.6 * data.radius, middle: data.middle };
   const start = { ...show };
   let view, eye;
   const look = () => {

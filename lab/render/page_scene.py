@@ -127,6 +127,7 @@ def scene_json(scene: ArmScene) -> Markup:
     lengths = list(scene.columns.values())
     data: dict[str, Any] = {
         "names": list(scene.names),
+        "first": _typical(scene),
         "texts": [_text(scene, row) for row in scene.rows],
         "middle": [round(float(part), 5) for part in middle],
         "radius": round(float(np.linalg.norm(around - middle, axis=1).max()), 5),
@@ -161,6 +162,13 @@ def scene_json(scene: ArmScene) -> Markup:
             "rgb": (124, 58, 237),
         }
     return Markup(json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
+
+
+def _typical(scene: ArmScene) -> int:
+    """Return the pose that is shown at first: that of the median ellipsoid."""
+    if scene.ellipsoids is None:
+        return 0
+    return int(np.argsort(scene.ellipsoids.half_sizes[:, 0])[len(scene.names) // 2])
 
 
 def _text(scene: ArmScene, row: Sequence[str]) -> str:

@@ -126,7 +126,11 @@ def _card(result: CalibrationResult) -> doc.Card:
     gate = f" ({gate_text(result.options.gate_mm)})"
     spread = doc.Figure("errors-figure", error_histograms(result, _judged_error(result).rstrip(",")), _SPREAD)
     return doc.Card(
-        (_VERDICTS[verdict.word], gate), numbers, about, next_step(verdict), (spread,) * bool(spread.pictures)
+        ("Verdict: ", _VERDICTS[verdict.word], gate),
+        numbers,
+        about,
+        next_step(verdict),
+        (spread,) * bool(spread.pictures),
     )
 
 
