@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
@@ -17,7 +18,7 @@ from lab.core.units import MM
 from lab.kinematics.dynamics.beam import Beam, LinkSections, loads_on
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["LinkFrames", "LinkLoads", "Loads", "link_ends", "link_loads", "refuse_without_length"]
+__all__ = ["LinkFrames", "LinkLoads", "Loads", "link_ends", "link_loads", "refuse_without_length", "solved_by"]
 
 _BEARS = 0.1  # share of the largest root mean square torque (force of slides) of joints that bear weight
 _LEAST_FORCE = 1e-9  # Nm or N: rounding
@@ -130,7 +131,8 @@ class Loads:
             force = force if beside is None else force + beside
             equations: Array = np.eye(compliance.shape[-1]) - compliance[..., None] * rate
             off = (compliance * force - offset)[..., None]
-            offset = offset + np.asarray(np.linalg.solve(equations, off), dtype=offset.dtype)[..., 0]
+            soft = slice(None) if compliance.ndim == 1 else np.flatnonzero(compliance.any(axis=(0, 1)))
+            offset = offset + np.asarray(solved_by(equations, off, soft), dtype=offset.dtype)[..., 0]
         return _Equilibrium(offset, force, equations)
 
     def _forces_of_all(self, joints: Array, payload_kg: Array) -> tuple[Array, Array]:
@@ -189,6 +191,19 @@ def _about(axis: int, angle: Array, turned: _Axes) -> _Axes:
 
 def _along(turned: _Axes, vector: Array) -> Array:
     return np.asarray(vector[0] * turned[0] + vector[1] * turned[1] + vector[2] * turned[2])
+
+
+def solved_by(equations: Array, right: Array, soft: NDArray[np.int_] | slice) -> Array:
+    """Solve equations ``(..., n, n)`` of compliant joints for right sides ``(..., n, m)``.
+
+    Args:
+        soft: joints that may move; the right sides of all others are zero, and their equations those of the identity.
+    """
+    if isinstance(soft, slice):
+        return np.asarray(np.linalg.solve(equations, right))
+    found = np.zeros((*equations.shape[:-2], *right.shape[-2:]), dtype=np.result_type(equations, right))
+    found[..., soft, :] = np.linalg.solve(equations[..., soft[:, None], soft], right[..., soft, :])
+    return found
 
 
 _SHORTEST_M = 0.01  # shorter links do not bend

@@ -26,7 +26,7 @@ from lab.core.limits import positive
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MRAD, Unit
-from lab.kinematics.dynamics.gravity import Loads, link_loads
+from lab.kinematics.dynamics.gravity import Loads, link_loads, solved_by
 from lab.kinematics.effects.effect import (
     PAYLOAD,
     ArmFacts,
@@ -144,7 +144,8 @@ def _compliance(loads: Loads, payload: bool = False, *, moving: bool = False) ->
             if links is not None:
                 heavier = heavier + links.inertia(joints, *rates_in(conditions, loads.chain.size), mass + 1.0)
             pushed[..., -1] = soft * (heavier - rest.force)
-        rate_of: Array = np.asarray(np.linalg.solve(rest.equations, pushed), dtype=soft.dtype)
+        moving_joints = slice(None) if values.ndim == 1 else np.array(bearing)
+        rate_of: Array = np.asarray(solved_by(rest.equations, pushed, moving_joints), dtype=soft.dtype)
         return rest.offset, rate_of
 
     def plain(values: Array) -> list[dict[str, Any]]:
