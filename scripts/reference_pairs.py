@@ -169,8 +169,8 @@ SETS: dict[str, Case] = {
         drawn=((-6, 6), (4, 16), (-26, -14), (34, 46), (44, 56), (-66, -54)),
     ),
     "tiny-region": _six(
-        "More ill-conditioned: each joint moves by 3 degrees at most.", poses=60, sigma=1e-6,
-        drawn=((-1.5, 1.5), (8.5, 11.5), (-21.5, -18.5), (38.5, 41.5), (48.5, 51.5), (-61.5, -58.5)),
+        "More ill-conditioned: each joint moves by 4 degrees at most.", poses=60, sigma=1e-6,
+        drawn=((-2, 2), (8, 12), (-22, -18), (38, 42), (48, 52), (-62, -58)),
     ),
     "planar-3rpr": Case(
         "A closed chain: the platform's pose solves three equations of legs of measured lengths.",
