@@ -18,7 +18,7 @@ from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.noise.correlation import Correlation
 
-__all__ = ["RANK_TOLERANCE", "ExtraResiduals", "Fit", "Observations", "OtherEstimate", "Status", "fit"]
+__all__ = ["RANK_TOLERANCE", "ExtraResiduals", "Fit", "Observations", "OtherEstimate", "Status", "fit", "settled"]
 
 Status = Literal["converged", "in a valley", "not converged"]
 ExtraResiduals = Callable[[Array], tuple[Array, Array]]
@@ -28,6 +28,7 @@ _LEAST_DAMPING, _LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, 
 _CRAWLED, _STALLED = 1e-3, 25  # steps in a row that each lower the cost by less than this part of it
 _BLOCK = 60_000  # numbers whose derivatives are held at a time
 _FIRST_POSES = 4_000  # of more than a block, on which a fit begins
+_MAX_SETTLING = 8  # steps after convergence of an ill-conditioned fit
 _PROBE = 0.1  # of a step, at which its curvature is looked for
 _MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order is not reliable
 RANK_TOLERANCE = 1e-10  # of the largest singular value of the column-scaled Jacobian
@@ -278,6 +279,25 @@ def fit(
             values, status = here.values, "in a valley"
             break
     return Fit(values, tuple(index), status, tuple(trace), here.triangle, here.scale)
+
+
+def settled(model: Model, observed: Observations, found: Fit, extra_residuals: ExtraResiduals | None = None) -> Fit:
+    """Refine a converged fit of weakly observable parameters, which still move where predicted points do not.
+
+    Full Gauss-Newton steps are taken until rounding ends their decrease. The covariance is then that of the derivatives
+    at the solution.
+    """
+    index, last = list(found.free), np.inf
+    problem = _Problem(model, observed, index, extra_residuals)
+    for _ in range(_MAX_SETTLING):
+        here = problem.at(found.values)
+        step = pseudo_inverse(here.triangle, RANK_TOLERANCE) @ here.right
+        size = float(np.linalg.norm(step))
+        if not size < 0.5 * last:
+            break
+        found = replace(found, values=here.moved(index, step), triangle=here.triangle, scale=here.scale)
+        last = size
+    return found
 
 
 def _near(problem: "_Problem", start: Array, tolerance_m: float) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.estimator import EstimationProblem, Estimator, estimated
-from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit
+from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit, settled
 from lab.calibration.identifiability import poses_needed, scaled_condition
 from lab.calibration.initial_guess import columns_of
 from lab.calibration.observation import Observation, observation_of
@@ -245,6 +245,8 @@ def identify(
     start[list(free)] = [request.near.get(model.names[i], start[i]) for i in free]
     if request.solve is None:
         solution = fit(model, observed, free, start, extra_residuals=extra_residuals)
+        if solution.status == "converged" and solution.ill_conditioned:
+            solution = settled(model, observed, solution, extra_residuals)
     else:
         solution = request.solve(observation, observed, free, start)
     if own is not None:

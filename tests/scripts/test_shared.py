@@ -14,6 +14,7 @@ NO_STUDIES = {f"build_{what}" for what in ("closed_models", "irb120_shells", "ke
     "own_parts",
     "own_robust",
     "public_stub",
+    "reference_pairs",
     "reference_set",
     "structure",
 }
