@@ -1,6 +1,7 @@
 // What is wrong with a page as it is shown: cut or overflowing text, and text too pale to be read.
 (() => {
   const wrong = [];
+  document.querySelectorAll("details").forEach((each) => { each.open = true; }); // what is folded is looked at too
   const room = document.documentElement.clientWidth;
   if (document.documentElement.scrollWidth > room) wrong.push(`scrolls aside: ${document.documentElement.scrollWidth} > ${room}`);
   const canvas = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
@@ -71,7 +72,8 @@
     }
     const colour = rgba(svg ? style.fill : style.color);
     const [x, y] = [(box.left + box.right) / 2, (box.top + box.bottom) / 2];
-    if (x < 0 || x > room) continue; // scrolled aside in its table
+    const scroller = (element.closest(".table") ?? document.documentElement).getBoundingClientRect();
+    if (x < Math.max(0, scroller.left) || x > Math.min(room, scroller.right)) continue; // scrolled aside in its table
     const below = under(element, x, y);
     if (!below) continue;
     const alpha = colour[3] * (svg ? style.fillOpacity : 1) * style.opacity;
