@@ -112,9 +112,9 @@ document.querySelectorAll(".scene").forEach((box) => {
     while (written.some((other) => Math.abs(other[0] - at[0]) < 80 && Math.abs(other[1] - at[1]) < 17)) at[1] += 4;
     written.push(at);
     made.textContent = text;
-    made.style.left = `${at[0]}px`;
-    made.style.top = `${at[1]}px`;
     labels.append(made);
+    made.style.left = `${Math.max(0, Math.min(at[0], labels.clientWidth - made.offsetWidth - 8))}px`;
+    made.style.top = `${at[1]}px`;
   };
   const paint = () => {
     look();

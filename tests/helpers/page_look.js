@@ -47,7 +47,7 @@
   for (let node = lines.nextNode(); node; node = lines.nextNode()) {
     const element = node.parentElement;
     const words = node.textContent.trim();
-    if (!words || element.closest("script, style, defs, title")) continue;
+    if (!words || element.closest("script, style, defs, title, [aria-hidden]")) continue;
     const style = getComputedStyle(element);
     const range = document.createRange();
     range.selectNodeContents(node);
