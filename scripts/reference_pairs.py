@@ -18,7 +18,7 @@ from typing import Any
 import mpmath
 from mpmath import mp, mpf
 
-__all__ = ["FOLDER", "SETS", "calculate", "inputs", "read"]
+__all__ = ["DIGITS", "FOLDER", "SETS", "calculate", "inputs", "observed", "radians", "read", "start_of"]
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference" / "pairs"
 Number = Any  # an mpf: mpmath has no types
@@ -470,14 +470,16 @@ class Solution:
     triangle: Triangle
 
 
-def _start(pair: Mapping[str, Any]) -> dict[str, Number]:
+def start_of(pair: Mapping[str, Any]) -> dict[str, Number]:
+    """Return the nominal values of all parameters, in m and rad."""
     return {
         name: mpf(value) * (mp.pi / 180 if name.rsplit(".", 1)[1] in _ANGLES else 1)
         for name, value in pair["nominal"].items()
     }
 
 
-def _radians(pair: Mapping[str, Any], joints: Sequence[Any]) -> Vector:
+def radians(pair: Mapping[str, Any], joints: Sequence[Any]) -> Vector:
+    """Return joint positions in rad, m of a slide."""
     kinds = [joint["type"] for joint in pair["robot"]["joints"]]
     return [mpf(q) * (1 if kind == "prismatic" else mp.pi / 180) for q, kind in zip(joints, kinds, strict=True)]
 
@@ -486,7 +488,7 @@ def _rows(pair: Mapping[str, Any]) -> Iterator[tuple[Vector, list[Any], Number]]
     measured = pair["measurements"]
     sigma = measured["sigma_m"] or [1] * len(measured["joints"])
     for joints, points, each in zip(measured["joints"], measured["points"], sigma, strict=True):
-        yield _radians(pair, joints), points, 1 / mpf(each)
+        yield radians(pair, joints), points, 1 / mpf(each)
 
 
 def solve(
@@ -499,7 +501,7 @@ def solve(
         only: the parameters to move.
     """
     names = list(only or pair["free"])
-    values = _start(pair)
+    values = start_of(pair)
     for _ in range(_MAX_STEPS):
         residuals, weights, columns = [], [], [[] for _ in names]  # type: tuple[Vector, Vector, Matrix]
         for joints, points, weight in _rows(pair):
@@ -533,7 +535,7 @@ def _predicted(pair: Mapping[str, Any], found: Solution, variance: Number) -> li
     result = []
     for joints in pair["predict"]:
         each = []
-        for p, by in observed(pair, found.values, _radians(pair, joints)):
+        for p, by in observed(pair, found.values, radians(pair, joints)):
             slopes = [[by.get(name, (mpf(0),) * 3)[axis] for name in taken] for axis in range(3)]
             half = _product(slopes, root)
             C = [[variance * mp.fdot(zip(a, b, strict=True)) for b in half] for a in half]
@@ -544,7 +546,7 @@ def _predicted(pair: Mapping[str, Any], found: Solution, variance: Number) -> li
 
 def _check_derivatives(pair: Mapping[str, Any], values: Mapping[str, Number]) -> None:
     """Compare the derivatives with central differences at one pose."""
-    joints = _radians(pair, pair["predict"][0])
+    joints = radians(pair, pair["predict"][0])
     for name in pair["free"]:
         ends = [observed(pair, {**values, name: values[name] + step}, joints) for step in (DIFFERENCE, -DIFFERENCE)]
         for (p, _), (m, _), (_, by) in zip(*ends, observed(pair, values, joints), strict=True):
@@ -660,7 +662,7 @@ def inputs(name: str) -> dict[str, Any]:
         rows["sigma_m"] = [case.sigma] * case.poses
     exact = read(json.dumps({**pair, "nominal": truth}))
     for i, each in enumerate(rows["joints"]):
-        points = observed(exact, _start(exact), _radians(exact, read(json.dumps({"q": each}))["q"]))
+        points = observed(exact, start_of(exact), radians(exact, read(json.dumps({"q": each}))["q"]))
         sigma = rows["sigma_m"][i] if rows["sigma_m"] else 1e-5
         row: list[Any] = []
         for p, _ in points:

@@ -146,3 +146,35 @@ def test_a_double_does_not_suffice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reference_pairs, "_MAX_STEPS", 12)
     with pytest.raises(ArithmeticError, match="planar-2r: not converged"):
         reference_pairs.calculate(exact_inputs("planar-2r"))
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_predictions_of_a_rank_deficient_set_must_not_depend_on_the_parameters_chosen(*, moved: bool) -> None:
+    """With the second joint at 20 degrees its offset and the lengths are not told apart: elsewhere they matter."""
+    pair = exact_inputs("planar-2r")
+    pair["measurements"]["joints"] = [[q1, mpmath.mpf(20)] for q1, _ in pair["measurements"]["joints"]]
+    pair["measurements"]["points"] = [[[mpmath.mpf(0)] * 3] for _ in pair["measurements"]["points"]]
+    with mpmath.mp.workdps(reference_pairs.DIGITS):
+        start = reference_pairs.start_of(pair)
+        for row, joints in zip(pair["measurements"]["points"], pair["measurements"]["joints"], strict=True):
+            row[0] = reference_pairs.observed(pair, start, reference_pairs.radians(pair, joints))[0][0]
+            row[0][0] += mpmath.mpf("1e-5") * joints[0] / 100
+    pair["predict"] = [[q1, mpmath.mpf(40 if moved else 20)] for q1, _ in pair["predict"]]
+    if moved:
+        with pytest.raises(ArithmeticError, match="results depend on the choice of parameters"):
+            reference_pairs.calculate(pair)
+    else:
+        assert reference_pairs.calculate(pair)["rank"] == 4
+
+
+def test_a_wrong_derivative_stops_the_calculation(monkeypatch: pytest.MonkeyPatch) -> None:
+    correct = reference_pairs.observed
+
+    def wrong(*given: Any) -> Any:
+        return [
+            (p, {**by, "link1.a": [(1 + mpmath.mpf("1e-30")) * x for x in by["link1.a"]]}) for p, by in correct(*given)
+        ]
+
+    monkeypatch.setattr(reference_pairs, "observed", wrong)
+    with pytest.raises(ArithmeticError, match=r"planar-by-hand: derivatives by link1\.a are off by 1"):
+        reference_pairs.calculate(exact_inputs(BY_HAND))
