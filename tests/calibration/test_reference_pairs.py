@@ -20,6 +20,7 @@ PATHS = sorted(reference_pairs_digits.FOLDER.glob("*.json"))
 NAMES = [path.stem for path in PATHS]
 DEFICIENT = ("rank-deficient", "still-joint")
 BY_HAND = "planar-by-hand"
+FAST, SECONDS = (BY_HAND, "planar-2r", "ppp"), ("rpr", "five-bar", "near-parallel", "scara")  # to calculate again
 
 
 def pair_named(name: str) -> dict[str, Any]:
@@ -122,14 +123,13 @@ def test_the_exact_pair_returns_the_truth() -> None:
     assert all(abs(float(x)) < 1e-39 for row in results["residuals_m"] for point in row for x in point)
 
 
-@pytest.mark.parametrize("name", [BY_HAND, "planar-2r", "ppp"])
+def _by_cost(name: str) -> Any:
+    marks = [] if name in FAST else [pytest.mark.thorough] if name in SECONDS else [pytest.mark.slow]
+    return pytest.param(name, marks=marks)
+
+
+@pytest.mark.parametrize("name", [*map(_by_cost, NAMES)])
 def test_the_calculation_gives_the_stored_results(name: str) -> None:
-    assert reference_pairs.calculate(exact_inputs(name)) == pair_named(name)["results"]
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in (BY_HAND, "planar-2r", "ppp")])
-def test_the_calculation_gives_the_stored_results_of_every_set(name: str) -> None:
     assert reference_pairs.calculate(exact_inputs(name)) == pair_named(name)["results"]
 
 
