@@ -18,7 +18,7 @@ from typing import Any
 import mpmath
 from mpmath import mp, mpf
 
-__all__ = ["FOLDER", "SETS", "calculate", "inputs", "read"]
+__all__ = ["DIGITS", "FOLDER", "SETS", "calculate", "inputs", "observed", "radians", "read", "start_of"]
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference" / "pairs"
 Number = Any  # an mpf: mpmath has no types
@@ -64,7 +64,7 @@ class Case:
 
     Attributes:
         tests: what the set tests.
-        convention: ``distal`` or ``craig``; ``3-RPR`` for the closed chain.
+        convention: ``distal`` or ``craig``; ``3-RPR`` and ``five-bar`` for closed chains.
         table: theta (deg), d (m), a (m), alpha (deg) of each joint.
         fixed: parameters that are not estimated; the others are.
         targets: points in the last frame (m).
@@ -105,6 +105,13 @@ _RPR = {
     "B1.x": 0.0, "B1.y": -0.12, "B2.x": 0.104, "B2.y": 0.06, "B3.x": -0.104, "B3.y": 0.06,
     "leg1.length": 0.0, "leg2.length": 0.0, "leg3.length": 0.0,
 }  # fmt: skip
+
+
+_FIVE_BAR = {
+    "crank1.x": -0.15, "crank1.y": 0.0, "crank1.rz": 0.0, "crank2.x": 0.15, "crank2.y": 0.0, "crank2.rz": 0.0,
+    "elbow1.x": 0.25, "elbow2.x": 0.25, "rod1.length": 0.4, "rod2.length": 0.4,
+}  # fmt: skip
+_MECHANISMS = {"3-RPR": _RPR, "five-bar": _FIVE_BAR}
 
 
 def _six(tests: str, **options: Any) -> Case:
@@ -177,6 +184,11 @@ SETS: dict[str, Case] = {
         table=(), convention="3-RPR", fixed=(*_BASE, "B1.x", "B1.y", "B2.y"), poses=30,
         targets={"p1": (0.0, 0.0, 0.05), "p2": (0.1, 0.0, 0.05)}, base=(0.0,) * 6,
         limits=((0.4, 0.55), (0.4, 0.55), (0.4, 0.55)), slides=(0, 1, 2),
+    ),
+    "five-bar": Case(
+        "A closed chain of hinges: two cranks carry a point by two rods; one point in five was not seen.",
+        table=(), convention="five-bar", fixed=(*_BASE, "tool.p1.x", "tool.p1.y"), poses=30,
+        targets={"p1": (0.0, 0.0, 0.03)}, base=(0.0,) * 6, limits=((95, 135), (45, 85)), missing=0.2,
     ),
 }  # fmt: skip
 
@@ -284,8 +296,8 @@ def observed(
         joints: rad, m of a slide.
     """
     robot = pair["robot"]
-    walk = _observed_3rpr if robot["convention"] == "3-RPR" else _observed_serial
-    return walk(robot, values, joints)
+    walks = {"3-RPR": _observed_3rpr, "five-bar": _observed_five_bar}
+    return walks.get(robot["convention"], _observed_serial)(robot, values, joints)
 
 
 def _observed_serial(
@@ -353,6 +365,40 @@ def _observed_3rpr(
             for axis, v in zip("xyz", ([c, s, mpf(0)], [-s, c, mpf(0)], [mpf(0), mpf(0), mpf(1)]), strict=True)
         }
         found.append(([x[0] + c * t[0] - s * t[1], x[1] + s * t[0] + c * t[1], t[2]], by))
+    return found
+
+
+def _observed_five_bar(
+    robot: Mapping[str, Any], values: Mapping[str, Number], joints: Vector
+) -> list[tuple[Vector, dict[str, Vector]]]:
+    """Intersect the circles of the rods around the cranks' ends, to the left of the way from end 1 to end 2."""
+    ends, turned = [], []
+    for i in (1, 2):
+        angle, size = values[f"crank{i}.rz"] + joints[i - 1], values[f"elbow{i}.x"]
+        turned.append((mp.cos(angle), mp.sin(angle)))
+        ends.append([values[f"crank{i}.x"] + size * turned[-1][0], values[f"crank{i}.y"] + size * turned[-1][1]])
+    first, second = values["rod1.length"], values["rod2.length"]
+    along = _minus(ends[1], ends[0])
+    between = mp.sqrt(along[0] ** 2 + along[1] ** 2)
+    reach = (between**2 + first**2 - second**2) / (2 * between)
+    height = mp.sqrt(first**2 - reach**2)
+    x, y = along[0] / between, along[1] / between
+    P = [ends[0][0] + reach * x - height * y, ends[0][1] + reach * y + height * x]
+    u = [_minus(P, end) for end in ends]
+    determinant = u[0][0] * u[1][1] - u[0][1] * u[1][0]
+    found = []
+    for target in robot["targets"]:
+        t = [values[f"tool.{target}.{axis}"] for axis in "xyz"]
+        by = {f"tool.{target}.{axis}": [mpf(i == k) for k in range(3)] for i, axis in enumerate("xyz")}
+        for i, w in enumerate(u):  # w dP = w dE + length dlength, and nothing for the other rod
+            size, (c, s) = values[f"elbow{i + 1}.x"], turned[i]
+            other = [u[1][1], -u[1][0]] if i == 0 else [-u[0][1], u[0][0]]
+            pushes = {"crank.x": w[0], "crank.y": w[1], "crank.rz": size * (c * w[1] - s * w[0])}
+            pushes |= {"elbow.x": c * w[0] + s * w[1], "rod.length": values[f"rod{i + 1}.length"]}
+            for name, push in pushes.items():
+                part, column = name.split(".")
+                by[f"{part}{i + 1}.{column}"] = [*(push * each / determinant for each in other), mpf(0)]
+        found.append(([P[0] + t[0], P[1] + t[1], t[2]], by))
     return found
 
 
@@ -424,14 +470,16 @@ class Solution:
     triangle: Triangle
 
 
-def _start(pair: Mapping[str, Any]) -> dict[str, Number]:
+def start_of(pair: Mapping[str, Any]) -> dict[str, Number]:
+    """Return the nominal values of all parameters, in m and rad."""
     return {
         name: mpf(value) * (mp.pi / 180 if name.rsplit(".", 1)[1] in _ANGLES else 1)
         for name, value in pair["nominal"].items()
     }
 
 
-def _radians(pair: Mapping[str, Any], joints: Sequence[Any]) -> Vector:
+def radians(pair: Mapping[str, Any], joints: Sequence[Any]) -> Vector:
+    """Return joint positions in rad, m of a slide."""
     kinds = [joint["type"] for joint in pair["robot"]["joints"]]
     return [mpf(q) * (1 if kind == "prismatic" else mp.pi / 180) for q, kind in zip(joints, kinds, strict=True)]
 
@@ -440,7 +488,7 @@ def _rows(pair: Mapping[str, Any]) -> Iterator[tuple[Vector, list[Any], Number]]
     measured = pair["measurements"]
     sigma = measured["sigma_m"] or [1] * len(measured["joints"])
     for joints, points, each in zip(measured["joints"], measured["points"], sigma, strict=True):
-        yield _radians(pair, joints), points, 1 / mpf(each)
+        yield radians(pair, joints), points, 1 / mpf(each)
 
 
 def solve(
@@ -453,7 +501,7 @@ def solve(
         only: the parameters to move.
     """
     names = list(only or pair["free"])
-    values = _start(pair)
+    values = start_of(pair)
     for _ in range(_MAX_STEPS):
         residuals, weights, columns = [], [], [[] for _ in names]  # type: tuple[Vector, Vector, Matrix]
         for joints, points, weight in _rows(pair):
@@ -487,7 +535,7 @@ def _predicted(pair: Mapping[str, Any], found: Solution, variance: Number) -> li
     result = []
     for joints in pair["predict"]:
         each = []
-        for p, by in observed(pair, found.values, _radians(pair, joints)):
+        for p, by in observed(pair, found.values, radians(pair, joints)):
             slopes = [[by.get(name, (mpf(0),) * 3)[axis] for name in taken] for axis in range(3)]
             half = _product(slopes, root)
             C = [[variance * mp.fdot(zip(a, b, strict=True)) for b in half] for a in half]
@@ -498,7 +546,7 @@ def _predicted(pair: Mapping[str, Any], found: Solution, variance: Number) -> li
 
 def _check_derivatives(pair: Mapping[str, Any], values: Mapping[str, Number]) -> None:
     """Compare the derivatives with central differences at one pose."""
-    joints = _radians(pair, pair["predict"][0])
+    joints = radians(pair, pair["predict"][0])
     for name in pair["free"]:
         ends = [observed(pair, {**values, name: values[name] + step}, joints) for step in (DIFFERENCE, -DIFFERENCE)]
         for (p, _), (m, _), (_, by) in zip(*ends, observed(pair, values, joints), strict=True):
@@ -575,7 +623,7 @@ def _stated(name: str, case: Case, base: Mapping[str, Any]) -> dict[str, Any]:
     for i, row in enumerate(case.table):
         nominal |= {f"link{i + 1}.{column}": x for column, x in zip(("theta", "d", "a", "alpha"), row, strict=True)}
         nominal |= {f"link{i + 1}.beta": 0} if i in case.parallel else {}
-    nominal |= _RPR if case.convention == "3-RPR" else {}
+    nominal |= _MECHANISMS.get(case.convention, {})
     for target, point in case.targets.items():
         nominal |= {f"tool.{target}.{axis}": x for axis, x in zip("xyz", point, strict=True)}
     return {
@@ -614,7 +662,7 @@ def inputs(name: str) -> dict[str, Any]:
         rows["sigma_m"] = [case.sigma] * case.poses
     exact = read(json.dumps({**pair, "nominal": truth}))
     for i, each in enumerate(rows["joints"]):
-        points = observed(exact, _start(exact), _radians(exact, read(json.dumps({"q": each}))["q"]))
+        points = observed(exact, start_of(exact), radians(exact, read(json.dumps({"q": each}))["q"]))
         sigma = rows["sigma_m"][i] if rows["sigma_m"] else 1e-5
         row: list[Any] = []
         for p, _ in points:

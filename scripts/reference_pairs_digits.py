@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,39 @@ MOST_DIGITS = 16.0  # of a double
 LEAST_SIZE = 1e-3  # m or rad: smaller parameters are compared as if they had this size
 _TARGET_DIGITS = 8.0  # of a well-conditioned set
 _LOST = 2.0  # digits below those that rounding and the condition number leave
+
+_MECHANISMS = {
+    "3-RPR": Template("""
+frame = [
+    { name = "A1", path = [{ x_m = $A1_x }, { y_m = $A1_y }] },
+    { name = "A2", path = [{ x_m = $A2_x }, { y_m = $A2_y }] },
+    { name = "A3", path = [{ x_m = $A3_x }, { y_m = $A3_y }] },
+    { name = "centre", path = [{ x_m = 0, passive = true }, { y_m = 0, passive = true }] },
+    { name = "platform", on = "centre", path = [{ rz_deg = 0, passive = true }] },
+    { name = "B1", on = "platform", path = [{ x_m = $B1_x }, { y_m = $B1_y }] },
+    { name = "B2", on = "platform", path = [{ x_m = $B2_x }, { y_m = $B2_y }] },
+    { name = "B3", on = "platform", path = [{ x_m = $B3_x }, { y_m = $B3_y }] },
+]
+rod = [
+    { name = "leg1", between = ["B1", "A1"], joint = "q1" },
+    { name = "leg2", between = ["B2", "A2"], joint = "q2" },
+    { name = "leg3", between = ["B3", "A3"], joint = "q3" },
+]
+"""),
+    "five-bar": Template("""
+frame = [
+    { name = "crank1", path = [{ x_m = $crank1_x }, { y_m = $crank1_y }, { rz_deg = $crank1_rz, joint = "q1" }] },
+    { name = "crank2", path = [{ x_m = $crank2_x }, { y_m = $crank2_y }, { rz_deg = $crank2_rz, joint = "q2" }] },
+    { name = "elbow1", on = "crank1", path = [{ x_m = $elbow1_x }] },
+    { name = "elbow2", on = "crank2", path = [{ x_m = $elbow2_x }] },
+    { name = "platform", path = [{ x_m = 0, passive = true }, { y_m = 0.5, passive = true }] },
+]
+rod = [
+    { name = "rod1", between = ["platform", "elbow1"], length_m = $rod1_length },
+    { name = "rod2", between = ["platform", "elbow2"], length_m = $rod2_length },
+]
+"""),
+}
 
 
 @dataclass(frozen=True)
@@ -74,9 +108,9 @@ def robot_of(pair: Mapping[str, Any]) -> Robot:
     robot, nominal = pair["robot"], pair["nominal"]
     tool = {each: [float(nominal[f"tool.{each}.{axis}"]) for axis in "xyz"] for each in robot["targets"]}
     slides = [joint["type"] == "prismatic" for joint in robot["joints"]]
-    if robot["convention"] == "3-RPR":
+    if robot["convention"] in _MECHANISMS:
         path = Path(tempfile.mkdtemp(prefix="lab-pair-")) / "mechanism.toml"
-        path.write_text(_mechanism(pair, tool), encoding="utf-8")
+        path.write_text(_mechanism(pair, _MECHANISMS[robot["convention"]], tool), encoding="utf-8")
         return lab.load_robot(path)
     table = [
         [float(nominal[f"link{i + 1}.{column}"]) for column in ("theta", "d", "a", "alpha")] for i in range(len(slides))
@@ -92,24 +126,16 @@ def robot_of(pair: Mapping[str, Any]) -> Robot:
     )
 
 
-def _mechanism(pair: Mapping[str, Any], tool: Mapping[str, list[float]]) -> str:
-    nominal = pair["nominal"]
-    lines = [f'name = "{pair["name"]}"', 'platform = "platform"']
+def _mechanism(pair: Mapping[str, Any], parts: Template, tool: Mapping[str, list[float]]) -> str:
+    """Return a mechanism as TOML: its parts with the nominal values filled in, its joints and targets."""
+    nominal = {name.replace(".", "_"): value for name, value in pair["nominal"].items()}
+    lines = [f'name = "{pair["name"]}"', 'platform = "platform"', parts.substitute(nominal)]
     for i, joint in enumerate(pair["robot"]["joints"], start=1):
+        unit = "m" if joint["type"] == "prismatic" else "deg"
         low, high = joint["limits"]
-        lines += ["[[joint]]", f'name = "q{i}"', 'type = "prismatic"', f"lower_m = {low}", f"upper_m = {high}"]
-    passive = [f"{{ {axis} = 0, passive = true }}" for axis in ("x_m", "y_m", "rz_deg")]
-    frames = [*(f"A{i}" for i in (1, 2, 3)), "platform", *(f"B{i}" for i in (1, 2, 3))]
-    for frame in frames:
-        path = passive
-        if frame != "platform":
-            path = [f"{{ {axis}_m = {nominal[f'{frame}.{axis}']} }}" for axis in "xy"]
-        on = ['on = "platform"'] if frame[0] == "B" else []
-        lines += ["[[frame]]", f'name = "{frame}"', *on, f"path = [{', '.join(path)}]"]
-    for i in (1, 2, 3):
-        lines += ["[[rod]]", f'name = "leg{i}"', f'between = ["B{i}", "A{i}"]', f'joint = "q{i}"']
-    lines += ["[tool]", *(f"{name} = {point}" for name, point in tool.items())]
-    return "\n".join(lines) + "\n"
+        lines += ["[[joint]]", f'name = "q{i}"', f'type = "{joint["type"]}"']
+        lines += [f"lower_{unit} = {low}", f"upper_{unit} = {high}"]
+    return "\n".join([*lines, "[tool]", *(f"{name} = {point}" for name, point in tool.items())]) + "\n"
 
 
 def measured(pair: Mapping[str, Any], robot: Robot) -> Measurements:

@@ -28,7 +28,8 @@ _LEAST_DAMPING, _LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, 
 _CRAWLED, _STALLED = 1e-3, 25  # steps in a row that each lower the cost by less than this part of it
 _BLOCK = 60_000  # numbers whose derivatives are held at a time
 _FIRST_POSES = 4_000  # of more than a block, on which a fit begins
-_MAX_SETTLING = 8  # steps after convergence of an ill-conditioned fit
+_SETTLED_BELOW = 100.0  # a condition up to which a converged fit takes no further steps
+_MAX_SETTLING = 8  # steps after convergence of a worse conditioned fit
 _PROBE = 0.1  # of a step, at which its curvature is looked for
 _MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order is not reliable
 RANK_TOLERANCE = 1e-10  # of the largest singular value of the column-scaled Jacobian
@@ -282,11 +283,13 @@ def fit(
 
 
 def settled(model: Model, observed: Observations, found: Fit, extra_residuals: ExtraResiduals | None = None) -> Fit:
-    """Refine a converged fit of weakly observable parameters, which still move where predicted points do not.
+    """Refine a converged fit that is not well-conditioned: its parameters still move where predicted points do not.
 
     Full Gauss-Newton steps are taken until rounding ends their decrease. The covariance is then that of the derivatives
-    at the solution.
+    at the solution. Other fits are returned as they are.
     """
+    if found.status != "converged" or found.condition <= _SETTLED_BELOW:
+        return found
     index, last = list(found.free), np.inf
     problem = _Problem(model, observed, index, extra_residuals)
     for _ in range(_MAX_SETTLING):

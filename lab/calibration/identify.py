@@ -245,8 +245,7 @@ def identify(
     start[list(free)] = [request.near.get(model.names[i], start[i]) for i in free]
     if request.solve is None:
         solution = fit(model, observed, free, start, extra_residuals=extra_residuals)
-        if solution.status == "converged" and solution.ill_conditioned:
-            solution = settled(model, observed, solution, extra_residuals)
+        solution = settled(model, observed, solution, extra_residuals)
     else:
         solution = request.solve(observation, observed, free, start)
     if own is not None:
