@@ -18,10 +18,12 @@ from lab.commands.certify.run import certify
 from lab.commands.options import CertifyOptions, TrendOptions
 from lab.commands.result import Result
 from lab.commands.trend import trend
+from lab.core.checks import Check
 from lab.core.measurements import Measurements
 from lab.core.units import MM
 from lab.noise.error_model import ErrorModel
 from lab.render.phrases.registry import PHRASES
+from lab.render.phrases.verdict import next_step
 
 SENTENCES = {"words", "reason", "reasons", "warnings", "adequacy", "why_not", "rule_words", "source", "seconds", "run"}
 
@@ -113,6 +115,22 @@ def silent(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
 
 def test_lengths_have_three_digits() -> None:
     assert (MM.text(2.5), MM.text(0.0012345), MM.text(0.9996)) == ("2,500 mm", "1.23 mm", "1,000 mm")
+
+
+@pytest.mark.parametrize("name", [*PHRASES, "another.reason"])
+def test_every_reason_has_a_next_step(name: str) -> None:
+    class Judged:
+        word, reasons = "bad", (Check(name, "failed"),)
+
+    step = next_step(Judged())
+    assert step.endswith(".") and "lab compensate" not in step
+
+
+def test_a_good_arm_is_used_next() -> None:
+    class Judged:
+        word, reasons = "good", ()
+
+    assert "lab compensate" in next_step(Judged())
 
 
 def test_no_decision_of_a_fit_depends_on_a_phrase(silent: Callable[[], None]) -> None:

@@ -402,7 +402,10 @@ _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name b
     "accuracy": "Identify with --model auto; if that does not help, check robot and rows.",
     "determination": _MORE,
     "links": _WHOSE,
+    "mistake": _WHOSE,
+    "note": _WHOSE,
 }
+_OTHERWISE = "Find the cause of the first reason below; then identify again."
 _GOOD_NEXT = "Correct targets or programs with lab compensate. Check the arm each month with lab verify."
 
 
@@ -412,4 +415,4 @@ def next_step(verdict: Verdict) -> str:
         return _GOOD_NEXT if verdict.word == "good" else _MORE
     name = verdict.reasons[0].name
     fitting = (each for each in sorted(_NEXT_STEPS, key=len, reverse=True) if name.startswith(each))
-    return _NEXT_STEPS[next(fitting)]
+    return _NEXT_STEPS.get(next(fitting, ""), _OTHERWISE)
