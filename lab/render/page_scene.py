@@ -13,7 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from lab.core.errors import counted
-from lab.core.se3 import Array, inverse
+from lab.core.se3 import Array, inverse, transform
 from lab.core.units import MM
 from lab.kinematics.model import RigidArm
 from lab.render.document import format_magnification, short
@@ -122,7 +122,9 @@ def scene_json(scene: ArmScene) -> Markup:
     reduced = [coarse(each.vertices, each.faces, int(most)) for each, most in zip(scene.shells, budgets, strict=True)]
     places = np.stack([scene.bodies[each.body] for each in scene.shells], axis=1)  # (n, bodies, 4, 4)
     shown = np.asarray(np.isfinite(scene.points).all(axis=1))
-    around = np.concatenate([places[..., :3, 3].reshape(-1, 3), scene.points[shown]])
+    corners = [np.stack([each.vertices.min(axis=0), each.vertices.max(axis=0)]) for each in scene.shells]
+    ends = [transform(places[:, i], pair).reshape(-1, 3) for i, pair in enumerate(corners)]
+    around = np.concatenate([*ends, scene.points[shown]])
     middle = (around.min(axis=0) + around.max(axis=0)) / 2
     lengths = list(scene.columns.values())
     data: dict[str, Any] = {

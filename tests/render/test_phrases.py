@@ -14,6 +14,7 @@ from helpers.mistakes import MISTAKES, session_with_noise
 
 import lab
 from lab.calibration.noise.rigid_distances import InstrumentNoise
+from lab.calibration.verdict import Answer
 from lab.commands.certify.run import certify
 from lab.commands.options import CertifyOptions, TrendOptions
 from lab.commands.result import Result
@@ -120,10 +121,23 @@ def test_lengths_have_three_digits() -> None:
 @pytest.mark.parametrize("name", [*PHRASES, "another.reason"])
 def test_every_reason_has_a_next_step(name: str) -> None:
     class Judged:
-        word, reasons = "bad", (Check(name, "failed"),)
+        word, reasons, fit = "bad", (Check(name, "failed"),), Answer("bad", ())
 
     step = next_step(Judged())
     assert step.endswith(".") and "lab compensate" not in step
+
+
+def test_the_next_step_is_the_cheapest_that_helps() -> None:
+    class Judged:
+        word, fit = "bad", Answer("holds", ())
+
+        def __init__(self, *names: str) -> None:
+            self.reasons = tuple(Check(name, "failed") for name in names)
+
+    assert "--model auto" in next_step(Judged("finding.change", "finding.missing"))
+    assert "--robust" in next_step(Judged("finding.change"), with_outliers=True)
+    assert "--robust" not in next_step(Judged("arm.spread"), with_outliers=True)
+    assert "lab next" in next_step(Judged("accuracy.gate"))
 
 
 def test_a_good_arm_is_used_next() -> None:
@@ -131,6 +145,7 @@ def test_a_good_arm_is_used_next() -> None:
         word, reasons = "good", ()
 
     assert "lab compensate" in next_step(Judged())
+    assert "lab compensate" not in next_step(Judged(), in_instrument_frame=False)
 
 
 def test_no_decision_of_a_fit_depends_on_a_phrase(silent: Callable[[], None]) -> None:

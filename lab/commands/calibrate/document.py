@@ -36,6 +36,7 @@ from lab.render.document import capital, digits_of, fixed, plus_minus, sentence,
 from lab.render.phrases.fit import model_name, standing
 from lab.render.phrases.registry import in_one_line, phrases
 from lab.render.phrases.verdict import gate_text, next_step, region_text, without_figures
+from lab.render.scene import drawn_rows
 
 __all__ = ["document_of", "parameters_table"]
 
@@ -129,7 +130,11 @@ def _card(result: CalibrationResult) -> doc.Card:
         ("Verdict: ", _VERDICTS[verdict.word], gate),
         numbers,
         about,
-        next_step(verdict),
+        next_step(
+            verdict,
+            with_outliers=bool(result.fit.outliers) and not result.fit.left_out,
+            in_instrument_frame=result.kind.in_instrument_frame,
+        ),
         (spread,) * bool(spread.pictures),
     )
 
@@ -177,7 +182,9 @@ def _verdict_blocks(result: CalibrationResult) -> tuple[doc.Block, ...]:
     )
     word = ("Verdict: ", _VERDICTS[verdict.word], f" ({gate_text(result.options.gate_mm)})")
     blocks = (*because, doc.Bullets(answers), _lead(result))
-    caption = f"{_ARM} {_ERRORS}" if observation_of(result.identification.model).positions else _ARM
+    count, fitted = len(drawn_rows(len(result.fitted))), len(result.fitted)
+    which = _ARM if count == fitted else f"The arm at {count} of the {fitted:,} fitted poses, evenly spaced."
+    caption = f"{which} {_ERRORS}" if observation_of(result.identification.model).positions else which
     arm = doc.Scene("arm-scene", lambda: page_scene(result), caption)
     return (
         doc.Paragraph(word, shown_in=doc.NARROW),

@@ -91,7 +91,7 @@ def resolution_blocks(values: Mapping[str, Any] | None) -> tuple[Block, ...]:
     text = (
         f"One count of an encoder moves {values['target']} by up to {largest} µm ({values['coarsest_encoder']}). Over "
         f"{values['poses']} random poses the coarsest one moves it by {mean} µm in the mean. Rounding to whole counts "
-        f"displaces it by {rms} µm (RMS), at most {most} µm."
+        f"displaces it by {rms} µm (RMS), at the worst pose by {most} µm (RMS)."
     )
     rows = tuple(
         (each["joint"], *(_um(each[f"{name}_{unit}"]) for unit in ("mm", "deg") for name in ("min", "mean", "max")))

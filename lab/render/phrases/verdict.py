@@ -395,7 +395,7 @@ _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name b
     "arm.fixtures": "Check the columns of the fixtures; if they are right, use --prior on.",
     "arm.identifiable": _MORE,
     "arm": _WHOSE,
-    "accuracy.validation": "Measure more poses, or give other measurements with --validation.",
+    "accuracy.validation": "Measure more poses, or give other measurements with --validate.",
     "accuracy.fitted_poses": "Validate on poses that were not fitted.",
     "accuracy.gate_below_noise": "Measure each pose several times, or state the instrument's noise.",
     "accuracy.outliers": "Measure the poses that are listed as outliers again.",
@@ -407,12 +407,30 @@ _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name b
 }
 _OTHERWISE = "Find the cause of the first reason below; then identify again."
 _GOOD_NEXT = "Correct targets or programs with lab compensate. Check the arm each month with lab verify."
+_GOOD_WITHOUT_FRAME = (
+    "Use calibrated.xml or calibrated.py in your simulation. Correcting targets needs points or poses measured in one "
+    "frame."
+)
+_OUTLIERS = "Identify with --robust, which excludes the outliers below; or measure these poses again."
+_BETTER = "Measure more poses (lab next), or with an instrument of less noise."
+_FREE = ("finding.missing", "finding.noise")  # reasons whose next step needs no new measurement: these come first
 
 
-def next_step(verdict: Verdict) -> str:
-    """Return what to do after a calibration, by the heaviest reason of its verdict."""
+def next_step(verdict: Verdict, *, with_outliers: bool = False, in_instrument_frame: bool = True) -> str:
+    """Return what to do after a calibration, by the heaviest reason of its verdict.
+
+    Args:
+        with_outliers: whether outliers were found and fitted.
+        in_instrument_frame: whether the measurements place the arm in the instrument's frame.
+    """
     if not verdict.reasons:
-        return _GOOD_NEXT if verdict.word == "good" else _MORE
-    name = verdict.reasons[0].name
+        good = _GOOD_NEXT if in_instrument_frame else _GOOD_WITHOUT_FRAME
+        return good if verdict.word == "good" else _MORE
+    names = [each.name for each in verdict.reasons]
+    if with_outliers and not names[0].startswith(("arm", "links", "given")):
+        return _OUTLIERS
+    name = next((each for each in _FREE if each in names), names[0])
+    if name == "accuracy.gate" and verdict.fit.standing == "holds":
+        return _BETTER
     fitting = (each for each in sorted(_NEXT_STEPS, key=len, reverse=True) if name.startswith(each))
     return _NEXT_STEPS.get(next(fitting, ""), _OTHERWISE)
