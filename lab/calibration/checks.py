@@ -294,11 +294,7 @@ def check_nominal(found: Identification, nominal: Array) -> list[Check]:
 def check_size(found: Identification) -> list[Check]:
     """Note where contacts show the arm's shape, but not its size: one length stays nominal."""
     model = found.model
-    if (
-        not isinstance(model, FixtureObservation)
-        or not model.contact
-        or model.scale_link in found.base_set.identifiable
-    ):
+    if not (found.lacks_size and isinstance(model, FixtureObservation)):
         return []
     return [_noted("contact.size", parameter=model.names[model.scale_link])]
 

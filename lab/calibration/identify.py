@@ -19,7 +19,7 @@ from lab.calibration.estimator import EstimationProblem, Estimator, estimated
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit, settled
 from lab.calibration.identifiability import poses_needed, scaled_condition
 from lab.calibration.initial_guess import columns_of
-from lab.calibration.observation import Observation, observation_of
+from lab.calibration.observation import FixtureObservation, Observation, observation_of
 from lab.calibration.prior import (
     ActingPrior,
     Prior,
@@ -189,6 +189,16 @@ class Identification:
     def unobservable(self) -> tuple[int, ...]:
         """Identifiable parameters that these poses do not determine, held at nominal."""
         return tuple(i for i in self.base_set.identifiable if i not in self.fit.free)
+
+    @property
+    def lacks_size(self) -> bool:
+        """True if contacts determine the arm's shape, but not its size: one length stays nominal."""
+        model = self.model
+        return (
+            isinstance(model, FixtureObservation)
+            and model.contact
+            and model.scale_link not in self.base_set.identifiable
+        )
 
 
 def fit_base_and_tool(observation: Observation, observed: Observations, nominal: Array) -> Array:

@@ -232,6 +232,8 @@ def _determination(checks: Sequence[Check], gate_m: float | None) -> tuple[Answe
     if reasons and not uncovered and gate_m is not None and error.data["region"].p95_m <= gate_m:
         return Answer("does not matter", (error, reasons[0])), []
     reasons += uncovered
+    if error.outcome == "failed" and gate_m is None:  # a gate is judged by the errors of the validation
+        reasons.append(error)
     return Answer("doubtful" if reasons else "holds", (error,)), reasons
 
 
@@ -452,7 +454,10 @@ class _Calibration:
             "farthest": self.distances[0] if self.distances else None,
             "condition": self.identification.fit.condition,
         }
-        checks = [Check("determination.error", "noted", data=data)]
+        if self.identification.lacks_size:
+            checks = [Check("determination.error", "failed", 1.0, data=data)]
+        else:
+            checks = [Check("determination.error", "noted", data=data)]
         far = [each for each in self.distances if each.size > self._largest(each)]
         surely = [each for each in far if each.sure > self._largest(each) and self._is_felt(each)]
         if surely and observation_of(self.identification.model).positions:

@@ -77,3 +77,14 @@ def test_lengths_of_a_wire_without_a_gate_miss_none() -> None:
     found = lab.identify(day.measurements, observe="cable", prior="on", holdout=0.3)
     assert all(not reason.name.startswith("accuracy.gate") for reason in found.verdict.reasons)
     assert "nan" not in found.summary()
+
+
+def test_contacts_that_leave_the_size_free_are_doubtful() -> None:
+    """One length stays nominal, so that all others are relative to it; a distance of sockets determines it."""
+    options = {"observe": "socket", "poses": 40, "seed": 1, "no_recording": True}
+    relative = lab.calibrate("irb120", **options)
+    assert relative.verdict.word == "doubtful" and relative.identification.lacks_size
+    assert [each.name for each in relative.verdict.reasons] == ["determination.error"]
+    known = lab.calibrate("irb120", **options, socket_distance_mm=50.0)
+    assert known.verdict.word == "good" and not known.identification.lacks_size
+    assert known.after.mean < relative.after.mean / 10

@@ -240,7 +240,8 @@ def _error(check: Check) -> str:
     region, elsewhere, condition = (check.data[name] for name in ("region", "elsewhere", "condition"))
     of_condition = f", condition number {condition:,.0f}" if np.isfinite(condition) else ""
     if not np.isfinite(region.p95_m):
-        return f"the error {region_text(region)} cannot be predicted{of_condition}"
+        text = f"the error {region_text(region)} cannot be predicted{of_condition}"
+        return text if check.outcome != "failed" else f"{text}: contacts do not determine the arm's size"
     there = ""
     if elsewhere is not None and np.isfinite(elsewhere.p95_m):
         share = f"{100 * elsewhere.extrapolated_share:.0f} % of the workspace"
@@ -401,6 +402,7 @@ _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name b
     "accuracy.outliers": "Measure the poses that are listed as outliers again.",
     "accuracy": "Identify with --model auto; if that does not help, check robot and rows.",
     "determination": _MORE,
+    "determination.error": "Measure points as well, or a known length (--socket-distance-mm for sockets).",
     "links": _WHOSE,
     "mistake": _WHOSE,
     "note": _WHOSE,
