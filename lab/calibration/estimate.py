@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identifiability import aliases, column_scale
 from lab.calibration.identify import WEAK, Identification
-from lab.calibration.on_arrays import ArmOnArrays
+from lab.calibration.on_arrays import ArmOnArrays, target_names
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.workspace_prediction import PredictedErrors
@@ -290,9 +290,9 @@ class Estimate(Value, ArmOnArrays):
         """Return the estimated model, and its values as exported; all measured targets unless some are named."""
         if targets is None:
             return self.arm, self.values, self.nominal
-        if unknown := [name for name in targets if name not in self.rigid.targets]:
+        if unknown := [name for name in target_names(targets) if name not in self.rigid.targets]:
             raise LabError(f"target '{unknown[0]}' was not measured; there are {', '.join(self.rigid.targets)}")
-        arm = self.with_targets(tuple(targets))
+        arm = self.with_targets(target_names(targets))
         rows = [self.params[name] for name in arm.names]
         return arm, np.array([row.exported for row in rows]), np.array([row.nominal for row in rows])
 
@@ -434,13 +434,21 @@ class Estimate(Value, ArmOnArrays):
         free = tuple(arm.names.index(name) for name in self.free_names)
         return PredictedBy(self.process, arm, np.array([self.params[name].exported for name in arm.names]), free)
 
-    def predict(self, inputs: Array, targets: NDArray[np.int_] | None = None) -> PredictedPoints:
+    def predict(self, inputs: ArrayLike, targets: NDArray[np.int_] | None = None) -> PredictedPoints:
         """Predict the measured points at poses, with the covariance of each one's error by its cause.
 
         Args:
-            inputs: ``(n, joints + conditions)`` of the arm: rad (m of a slide), then ``arm.conditions``.
+            inputs: ``(n, joints + conditions)`` of the arm: rad (m of a slide), then ``arm.conditions``; one pose may
+                be given without its axis, and is predicted as the first of one.
             targets: ``(n,)`` one target of each pose; all of every pose where not given.
+
+        Raises:
+            LabError: the inputs have another number of columns.
         """
+        inputs = np.atleast_2d(np.asarray(inputs, dtype=np.float64))
+        width = self.rigid.chain.size + len(self.arm.conditions)
+        if inputs.ndim != 2 or inputs.shape[1] != width:
+            raise LabError(f"inputs have shape {inputs.shape}; give ({width},) or (n, {width})")
         count = max(len(inputs), 1)
         parts = [
             self._predicted(inputs[rows], None if targets is None else targets[rows])

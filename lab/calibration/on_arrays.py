@@ -8,7 +8,7 @@ their values behind the joint positions, in the order of ``inputs``. Lengths are
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,9 @@ from lab.kinematics.effects.arm import Arm
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set
 from lab.pose_selection.criteria import Scaling, indices
 
-__all__ = ["ArmOnArrays", "Identifiability", "Residuals"]
+__all__ = ["ArmOnArrays", "Identifiability", "Residuals", "target_names"]
+
+_Scaling = Literal["raw", "unit", "length", "whitened"]
 
 
 class Residuals(NamedTuple):
@@ -216,7 +218,7 @@ class ArmOnArrays(ABC):
             LabError: the joints have another shape or are not finite.
         """
         arm, _, nominal = self._modelled(targets)
-        rows = None if joints is None else _rows(arm, joints)
+        rows = None if joints is None else _some_rows(arm, joints)
         structure = base_set(arm, nominal, rows)
         if rows is None:
             rows = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
@@ -239,7 +241,7 @@ class ArmOnArrays(ABC):
         at: ArrayLike | None = None,
         *,
         sigma_m: float = 1e-3,
-        scaling: Literal["raw", "unit", "length", "whitened"] = "raw",
+        scaling: _Scaling = "raw",
         targets: Sequence[str] | None = None,
     ) -> dict[str, float]:
         """Return the observability indices and variance criteria of a set of poses, for all identifiable parameters.
@@ -255,8 +257,11 @@ class ArmOnArrays(ABC):
             targets: the measured points; by default all.
 
         Raises:
-            LabError: an array has another shape or is not finite, or the noise is not above zero.
+            LabError: an array has another shape or is not finite, the noise is not above zero, or there is no such
+                scaling.
         """
+        if scaling not in get_args(_Scaling):
+            raise LabError(f"scaling is {scaling!r}; give {', '.join(get_args(_Scaling)[:-1])} or whitened")
         free = list(self.identifiability(targets=targets).free)
         arm, _, nominal = self._modelled(targets)
         measured = self._whitened(joints, nominal, targets, free, sigma_m)
@@ -304,7 +309,8 @@ class ArmOnArrays(ABC):
         """Return derivatives ``(n, 3 k, f)`` by the free parameters, in units of the noise."""
         if not 0 < sigma_m < np.inf:
             raise LabError(f"sigma_m is {sigma_m:g}; give the noise of a coordinate in m, above zero")
-        arm, own, rows = self._given(joints, nominal, targets)
+        arm, own, _ = self._given(joints, nominal, targets)
+        rows = _some_rows(arm, joints)
         jacobian = arm.observe(rows, arm.rank_point(own))[1][..., free] / sigma_m
         return np.asarray(jacobian.reshape(len(rows), -1, len(free)))
 
@@ -326,6 +332,11 @@ class ArmOnArrays(ABC):
         return arm, own, _rows(arm, joints)
 
 
+def target_names(targets: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of targets; one may be given by its name alone."""
+    return (targets,) if isinstance(targets, str) else tuple(targets)
+
+
 def _numbers(argument: str, values: ArrayLike) -> Array:
     try:
         return np.asarray(values, dtype=np.float64)
@@ -341,6 +352,12 @@ def _rows(arm: Arm, joints: ArrayLike) -> Array:
             f"{', '.join(names)}"
         )
     return np.atleast_2d(rows)
+
+
+def _some_rows(arm: Arm, joints: ArrayLike) -> Array:
+    if not len(rows := _rows(arm, joints)):
+        raise LabError("joints hold no configuration; give at least one")
+    return rows
 
 
 def _like(joints: ArrayLike, found: Array) -> Array:

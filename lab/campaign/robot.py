@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
-from lab.calibration.on_arrays import ArmOnArrays
+from lab.calibration.on_arrays import ArmOnArrays, target_names
 from lab.campaign.config_file import CONFIG_FILE
 from lab.campaign.model_files import description_of, is_own, sha256_of
 from lab.core.errors import LabError, error_context
@@ -194,7 +194,7 @@ class Robot(Value, ArmOnArrays):
 
     def _modelled(self, targets: Sequence[str] | None) -> tuple[Arm, Array, Array]:
         """Return the nominal model, its base at the origin; all targets of the tool unless some are named."""
-        names = tuple(self.tool or DEFAULT_TOOL) if targets is None else tuple(targets)
+        names = tuple(self.tool or DEFAULT_TOOL) if targets is None else target_names(targets)
         self.refuse_unknown(names)
         arm = self.arm(names)
         nominal = arm.nominal(self.tool)

@@ -120,9 +120,11 @@ def _card(result: CalibrationResult) -> doc.Card:
     numbers: tuple[tuple[str, str, str], ...] = ()
     about = "The accuracy at other poses was not validated."
     if before is not None and after is not None:
-        numbers = (("before", short(before.mean, "mm"), "before"), ("after", short(after.mean, "mm"), "after"))
-        if before.mean > after.mean > 0:
-            numbers += (("smaller by a factor of", short(before.mean / after.mean), ""),)
+        robust = errors_without_outliers(result)
+        caption, reached = ("after", after) if robust is None else ("after, without outliers", robust)
+        numbers = (("before", short(before.mean, "mm"), "before"), (caption, short(reached.mean, "mm"), "after"))
+        if before.mean > reached.mean > 0:
+            numbers += (("smaller by a factor of", short(before.mean / reached.mean), ""),)
         about = f"Mean {_judged_error(result).rstrip(',')} {_validated_on(result)}."
     gate = f" ({gate_text(result.options.gate_mm)})"
     spread = doc.Figure("errors-figure", error_histograms(result, _judged_error(result).rstrip(",")), _SPREAD)

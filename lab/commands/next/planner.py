@@ -50,6 +50,7 @@ class Proposal:
         remaining: estimated number of further poses; None without a wanted accuracy, or where so many poses as are
             planned ahead do not reach it.
         reached: whether the wanted accuracy is reached, by poses enough to validate the calibration.
+        from_home: whether no free way leads on from where the arm is, so that the way begins at home.
     """
 
     measured: int
@@ -60,6 +61,7 @@ class Proposal:
     noise: NoiseCheck | None
     remaining: int | None
     reached: bool
+    from_home: bool = False
 
 
 class PosePlanner:
@@ -167,15 +169,26 @@ class PosePlanner:
         reached = now is not None and len(joints) >= self._fewest and now <= (self.accuracy_m or 0.0)
         if reached:
             return Proposal(len(joints), None, None, now, None, noise, 0, True)
-        row, way = self._nearest(scaled + self._prior, start)
+        row, way, from_home = self._nearest(scaled + self._prior, start)
         with_it = own + information(self._per_candidate[row : row + 1])
         # The ratio of the predicted radius to the mean error hardly changes from one pose to the next.
         after = self._accuracy(with_it, factor) if now is None else now * self._mean(with_it) / self._mean(own)
         remaining = self._remaining(len(joints), scaled, own, now)
-        return Proposal(len(joints), problem.inputs[row, : self._chain.size], way, now, after, noise, remaining, False)
+        pose = problem.inputs[row, : self._chain.size]
+        return Proposal(len(joints), pose, way, now, after, noise, remaining, False, from_home)
 
-    def _nearest(self, total: Array, start: Array) -> tuple[int, Array]:
-        """The candidate that is reached soonest of those that add nearly the most, and a free way there."""
+    def _nearest(self, total: Array, start: Array) -> tuple[int, Array, bool]:
+        """The candidate that is reached soonest of those that add nearly the most, a free way, and if from home."""
+        home = self.problem.access.hubs[0]
+        for begin in (start, home):
+            if (found := self._nearest_from(total, begin)) is not None:
+                row, way = found
+                return row, way if begin is start else np.concatenate([start[None], way]), begin is not start
+        raise LabError(
+            "no free way leads to any pose worth measuring, from where the arm is or from home; check the cell"
+        )
+
+    def _nearest_from(self, total: Array, start: Array) -> tuple[int, Array] | None:
         problem = self.problem
         rows, gains = best_candidates(problem.goal, total, problem.pool)
         good = gains >= _NEAR_ENOUGH * gains[0]
@@ -189,7 +202,7 @@ class PosePlanner:
                 return int(rows[i]), fastest_path(start, pose, problem.access.hubs, self._chain, problem.access.free)
             except LabError:
                 continue
-        raise LabError("no free way leads from where the arm is to any pose worth measuring; move the arm home")
+        return None
 
     def _accuracy(self, own: Array, factor: float) -> float | None:
         return None if is_singular(own) else factor * self._predicted(own).coverage_radius

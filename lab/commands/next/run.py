@@ -11,7 +11,7 @@ import numpy as np
 
 from lab.campaign.config_file import CONFIG_FILE, RunConfig, read_config, read_options
 from lab.campaign.options import DesignOptions
-from lab.campaign.robot import load_virtual
+from lab.campaign.robot import Robot, load_virtual
 from lab.commands.calibrate.load_run import CALIBRATIONS, MEASUREMENTS_FILE
 from lab.commands.command_line import options_of, takes
 from lab.commands.design.run import DesignResult
@@ -81,6 +81,11 @@ class NextPoseResult(Result):
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the reader."""
         noise, found = self.proposal.noise, list(self.planner.problem.warnings)
+        if self.proposal.from_home:
+            found.append(
+                "no free way leads on from the last pose, as the nominal model has it: move the arm home first; the "
+                "way there is not checked"
+            )
         if noise is not None and noise.larger:
             found.append(
                 f"the residuals are {noise.ratio:.2g} times the stated noise: check the instrument and its setup; "
@@ -184,6 +189,7 @@ def next_pose(
         stage("proposal")
         found = list[tuple[Measurements, Proposal]]()
         for data in (given,) if given is not None else _growing(asked, file, chain):
+            _refuse_other_robot(data, planner.problem.robot)
             _refuse_other_targets(file or "measurements", data, planner.options.targets)
             seen = data.with_points()
             found.append((data, planner.propose(seen.only("calibrate"), at=seen.joints[-1] if len(seen) else None)))
@@ -219,6 +225,13 @@ def _planned(
         raise LabError(f"{folder}: is a run of lab {config.command}; {_MEND}")
     changed = {name: value for name in ("accuracy_mm", "instrument") if (value := getattr(asked, name)) is not None}
     return known | changed | {name: getattr(asked, name) for name in ("criterion", "candidates", "seed")}, file
+
+
+def _refuse_other_robot(data: Measurements, planned: Robot) -> None:
+    if data.robot and data.robot not in (planned.name, str(planned.source)):
+        raise LabError(
+            f"the measurements are of {data.robot}, but the plan is for {planned.name}; give those of this robot"
+        )
 
 
 def _refuse_other_targets(what: str | Path, data: Measurements, planned: tuple[str, ...]) -> None:

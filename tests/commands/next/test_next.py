@@ -171,3 +171,25 @@ def test_a_new_process_tests_the_noise_at_the_same_level(planner: PosePlanner) -
     data, proposals, _ = session(planner, 3.0, most=20)
     again = [planner.propose(data.take(range(count))).noise for count in range(len(data) + 1)]
     assert again == [each.noise for each in proposals] and again[-1] is not None
+
+
+def test_where_no_way_leads_on_it_begins_at_home(planner: PosePlanner, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An arm that the nominal model has in a collision: its way home is the user's, and the rest is free."""
+    home, free = planner.problem.access.hubs[0], planner.problem.access.free
+    stuck = planner.problem.candidates.joints[7]
+    reached = planner._nearest_from
+    monkeypatch.setattr(
+        planner, "_nearest_from", lambda total, start: None if start is stuck else reached(total, start)
+    )
+    proposal = planner.propose(at=stuck)
+    assert proposal.from_home and proposal.joints is not None
+    np.testing.assert_array_equal(proposal.waypoints[:2], [stuck, home])
+    assert all(free(a, b) for a, b in zip(proposal.waypoints[1:], proposal.waypoints[2:], strict=False))
+    assert not planner.propose(at=home).from_home
+
+
+def test_measurements_of_another_robot_are_refused() -> None:
+    plan = lab.design("scara", poses=14, candidates=60, starts=1)
+    other = lab.simulate("irb120", poses=3, seed=0).measurements
+    with pytest.raises(lab.LabError, match="the measurements are of irb120, but the plan is for scara"):
+        lab.next_pose(plan, other, candidates=60)
