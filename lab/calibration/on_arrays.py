@@ -218,7 +218,7 @@ class ArmOnArrays(ABC):
             LabError: the joints have another shape or are not finite.
         """
         arm, _, nominal = self._modelled(targets)
-        rows = None if joints is None else _some_rows(arm, joints)
+        rows = None if joints is None else _some(_rows(arm, joints))
         structure = base_set(arm, nominal, rows)
         if rows is None:
             rows = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
@@ -309,9 +309,8 @@ class ArmOnArrays(ABC):
         """Return derivatives ``(n, 3 k, f)`` by the free parameters, in units of the noise."""
         if not 0 < sigma_m < np.inf:
             raise LabError(f"sigma_m is {sigma_m:g}; give the noise of a coordinate in m, above zero")
-        arm, own, _ = self._given(joints, nominal, targets)
-        rows = _some_rows(arm, joints)
-        jacobian = arm.observe(rows, arm.rank_point(own))[1][..., free] / sigma_m
+        arm, own, rows = self._given(joints, nominal, targets)
+        jacobian = arm.observe(_some(rows), arm.rank_point(own))[1][..., free] / sigma_m
         return np.asarray(jacobian.reshape(len(rows), -1, len(free)))
 
     def _first(self, target: str | None) -> tuple[str, ...]:
@@ -354,8 +353,8 @@ def _rows(arm: Arm, joints: ArrayLike) -> Array:
     return np.atleast_2d(rows)
 
 
-def _some_rows(arm: Arm, joints: ArrayLike) -> Array:
-    if not len(rows := _rows(arm, joints)):
+def _some(rows: Array) -> Array:
+    if not len(rows):
         raise LabError("joints hold no configuration; give at least one")
     return rows
 

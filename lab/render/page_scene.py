@@ -16,9 +16,10 @@ from lab.core.errors import counted
 from lab.core.se3 import Array, inverse, transform
 from lab.core.units import MM
 from lab.kinematics.model import RigidArm
+from lab.render.charts.chart import shades
 from lab.render.document import format_magnification, short
 from lab.render.scene import Legs, MagnifiedEllipsoids, moved, world_legs
-from lab.render.style import COLOUR_SCALE
+from lab.render.style import COLOUR_SCALE, INDEX, MUTED, rgb
 from lab.render.surfaces import coarse
 from lab.simulation.meshes import Shell, arm_shells, body_poses
 from lab.simulation.model import RobotModel
@@ -26,7 +27,6 @@ from lab.simulation.model import RobotModel
 __all__ = ["ArmScene", "Arrows", "posed_arm", "scene_json"]
 
 _MOST_FACES = 20_000  # of all shells of an arm, as drawn on a page
-_PLAIN_RGB = (90, 105, 125)  # of points without an error
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def scene_json(scene: ArmScene) -> Markup:
         "places": _floats(np.swapaxes(places, 2, 3)),
         "points": _floats(np.where(shown[:, None], scene.points, middle)),
         "lines": _floats(scene.legs.ends),
-        "colours": _colours(lengths[-1]) if lengths else [_PLAIN_RGB] * len(scene.names),
+        "colours": _colours(lengths[-1]) if lengths else [rgb(MUTED)] * len(scene.names),
         "arrows": [
             {
                 "name": each.label,
@@ -161,7 +161,7 @@ def scene_json(scene: ArmScene) -> Markup:
         data["axes"] = {
             "halves": _floats(np.nan_to_num(halves)),
             "lengths": [[f"{short(MM.of(size))} mm" for size in row] for row in drawn.half_sizes / drawn.factor],
-            "rgb": (124, 58, 237),
+            "rgb": rgb(INDEX),
         }
     return Markup(json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
 
@@ -183,9 +183,9 @@ def _floats(values: Array) -> str:
 
 
 def _colours(lengths: Array) -> list[list[int]]:
-    """Colour lengths by their rank on a logarithmic scale, from the smallest to the largest."""
-    stops = np.array([[int(code[i : i + 2], 16) for i in (1, 3, 5)] for code in COLOUR_SCALE])
+    """Colour lengths on a logarithmic scale, from the smallest to the largest."""
     logs = np.log(np.maximum(np.nan_to_num(lengths), 1e-12))
-    span = float(np.ptp(logs)) or 1.0
-    at = (logs - logs.min()) / span * (len(stops) - 1)
-    return [[int(np.interp(each, range(len(stops)), stops[:, part])) for part in range(3)] for each in at]
+    colours: list[list[int]] = (
+        np.round(255 * shades((logs - logs.min()) / (float(np.ptp(logs)) or 1.0), COLOUR_SCALE)).astype(int).tolist()
+    )
+    return colours

@@ -9,13 +9,14 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 __all__ = [
-    "AFTER", "ARM", "AXIS", "BEFORE", "BETTER", "BOUND", "COLOUR_SCALE", "EQUAL_CONTRAST", "FIGURE_STYLE", "FONT_MONO",
-    "FONT_SANS", "FRAME_AXES", "GATE", "GRID", "HATCH_AFTER", "HATCH_BEFORE", "HIGHLIGHT", "INDEX", "INK", "INSTRUMENT",
-    "MARK_AFTER", "MARK_BEFORE", "MARK_EDGE", "MEASURED", "MUTED", "ORDER_SCALE", "OUTLIER", "PAGE_DARK", "PAGE_LIGHT",
-    "PREDICTED", "REFERENCE", "RGB_AFTER", "RGB_ARROW", "RGB_AXES", "RGB_BACKDROP", "RGB_BEAM", "RGB_BEFORE",
-    "RGB_CURRENT", "RGB_FIRST", "RGB_FLOOR", "RGB_LAST", "RGB_LEG", "RGB_LINKS", "RGB_MAPPING", "RGB_MEASURED",
-    "RGB_MUTED", "RGB_OUTLIER", "RGB_PATH", "RGB_PAYLOAD", "RGB_ROD", "RGB_TRACKER", "RGB_UNCERTAINTY", "RGB_WEIGHT",
-    "RMS", "SCALINGS", "SERIES", "TICK", "WORST", "explained", "luminance",
+    "AFTER", "ARM", "ARROW_AFTER", "AXIS", "BEFORE", "BETTER", "BOUND", "COLOUR_SCALE", "EQUAL_CONTRAST",
+    "FIGURE_STYLE", "FONT_MONO", "FONT_SANS", "FRAME_AXES", "GATE", "GRID", "HATCH_AFTER", "HATCH_BEFORE",
+    "HIGHLIGHT", "INDEX", "INK", "INSTRUMENT", "MARK_AFTER", "MARK_BEFORE", "MARK_EDGE", "MEASURED", "MUTED",
+    "ORDER_SCALE", "OUTLIER", "PAGE_DARK", "PAGE_LIGHT", "PREDICTED", "REFERENCE", "RGB_AFTER", "RGB_ARROW",
+    "RGB_AXES", "RGB_BACKDROP", "RGB_BEAM", "RGB_BEFORE", "RGB_CURRENT", "RGB_FIRST", "RGB_FLOOR", "RGB_LAST",
+    "RGB_LEG", "RGB_LINKS", "RGB_MAPPING", "RGB_MEASURED", "RGB_MUTED", "RGB_OUTLIER", "RGB_PATH", "RGB_PAYLOAD",
+    "RGB_ROD", "RGB_TRACKER", "RGB_UNCERTAINTY", "RGB_WEIGHT", "RMS", "SCALINGS", "SERIES", "TICK", "WORST",
+    "explained", "luminance", "rgb",
 ]  # fmt: skip
 
 _Rgb = tuple[int, int, int]
@@ -37,6 +38,7 @@ MARK_BEFORE, MARK_AFTER = "s", "o"
 MEASURED: Final = "#b7791f"
 OUTLIER: Final = "#c2185b"
 PREDICTED: Final = "#0f766e"  # by a covariance or by a fit
+ARROW_AFTER: Final = "#2563eb"  # a blue that shows on white and on near black
 BOUND: Final = PREDICTED  # a tolerance bound
 GATE: Final = "#111827"  # the largest error that was asked for
 WORST: Final = "#c2410c"
@@ -164,9 +166,15 @@ FIGURE_STYLE: Final[Any] = {  # matplotlib's rcParams
 }
 
 
-def luminance(rgb: Sequence[float]) -> float:
+def rgb(colour: str) -> _Rgb:
+    """Return the parts of a colour ``#rrggbb``, 0 to 255."""
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
+    return red, green, blue
+
+
+def luminance(parts: Sequence[float]) -> float:
     """Relative luminance, 0 of black to 1 of white, of a colour with parts from 0 to 1 (WCAG 2.2)."""
-    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in rgb)
+    red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
     return float(0.2126 * red + 0.7152 * green + 0.0722 * blue)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from lab.render.scene import (
     skeleton,
     world_legs,
 )
+from lab.render.style import ARROW_AFTER, BEFORE, rgb
 from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_body_poses
 
 __all__ = ["CampaignScene", "page_scene", "scene"]
@@ -84,8 +86,9 @@ class CampaignScene:
         return self.numbers[self.rows]
 
 
+@lru_cache(maxsize=1)  # a run's page and recording show the same
 def scene(outcome: CalibrationResult) -> CampaignScene:
-    """The scene of a campaign; an evenly spaced part of its poses where they are many."""
+    """Return the scene of a campaign; an evenly spaced part of its poses where they are many."""
     fitted, identification = outcome.fitted, outcome.identification
     model = identification.model
     observed = fitted.points[:, : observation_of(model).positions]
@@ -193,9 +196,9 @@ def page_scene(outcome: CalibrationResult) -> ArmScene:
     shown = scene(outcome)
     vectors = [(shown.measured - points)[:, 0] for points in (shown.before, shown.after)]
     arrows = (
-        Arrows("before", vectors[0], shown.factor_before, (200, 80, 10)),
-        Arrows("after", vectors[1], shown.factor_before, (37, 99, 235)),
-        Arrows("after", vectors[1], shown.factor_after, (37, 99, 235), at_first=False),
+        Arrows("before", vectors[0], shown.factor_before, rgb(BEFORE)),
+        Arrows("after", vectors[1], shown.factor_before, rgb(ARROW_AFTER)),
+        Arrows("after", vectors[1], shown.factor_after, rgb(ARROW_AFTER), at_first=False),
     )
     instruments = {
         instrument_body(outcome.robot.model),

@@ -341,9 +341,8 @@ def _document(result: NextPoseResult) -> Document:
         units = ["mm" if slides else "°" for slides in chain.prismatic]
         headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
         blocks.append(Table(("stop", *headings), tuple(rows)))
-        blocks.append(
-            Section("The arm there", (Scene("next-scene", lambda: _page_scene(result), _SHOWN),), shown_in=PAGE)
-        )
+        scene = Scene("next-scene", lambda: _page_scene(result), _SHOWN)
+        blocks.append(Section("The arm at the next pose", (scene,), shown_in=PAGE))
     blocks[:0] = [Paragraph(lead, "lead"), Warnings(result.warnings)]
     if len(result.proposals) > 1:
         table = Table(

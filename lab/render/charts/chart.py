@@ -19,7 +19,7 @@ from lab.core.se3 import Array
 from lab.render.charts import marks as svg
 from lab.render.charts.marks import Axes, ChartAxis, Entry, Legend, Scale
 from lab.render.document import Picture
-from lab.render.style import FIGURE_STYLE
+from lab.render.style import FIGURE_STYLE, rgb
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -595,7 +595,7 @@ def shades(values: Array, colours: Sequence[str]) -> Array:
     Args:
         colours: evenly spaced along the values, as ``#rrggbb``.
     """
-    knots = np.array([[int(each[i : i + 2], 16) / 255 for i in (1, 3, 5)] for each in colours])
+    knots = np.array([rgb(each) for each in colours]) / 255
     at = np.linspace(0, 1, len(knots))
     return np.stack([np.interp(values, at, knots[:, part]) for part in range(3)], axis=-1)
 
