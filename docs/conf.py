@@ -19,6 +19,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "interface",
     "lab_help",
+    "drawn",
     "mathml",
     "source_rows",
 ]
