@@ -1,5 +1,6 @@
 """How the pages are built: `sphinx-build -W docs build/docs`."""
 
+import logging
 import sys
 from pathlib import Path
 
@@ -14,7 +15,7 @@ copyright = f"2026, {author}"
 release = version = lab.__version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",  # reads Markdown, and executes notebooks
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "interface",
@@ -28,6 +29,10 @@ suppress_warnings: list[str] = []
 
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+logging.getLogger("traitlets").setLevel(logging.WARNING)  # not a line for each notebook
 
 default_role = "code"  # docstrings write `name` for code
 autodoc_member_order = "bysource"

@@ -1,0 +1,73 @@
+"""README and tutorials are in short sentences and standard terms; tutorials check what they claim."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from helpers.pages import PAGES, README
+from helpers.robots import ROOT
+
+TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
+LONGEST = 25  # words of a sentence
+PRIVATE = (  # words that this project once used, and nobody else
+    "measuring day", "rehearsal", "in a valley", "hardly seen", "the seam", "vouch", "believed", "of these the",
+    "next to nothing", "the drawing means", "give way", "promises", "weighed", "knows of nothing",
+)  # fmt: skip
+
+
+def cells(path: Path, kind: str) -> list[str]:
+    """The cells of one kind of a notebook."""
+    content = json.loads(path.read_text(encoding="utf-8"))
+    return ["".join(cell["source"]) for cell in content["cells"] if cell["cell_type"] == kind]
+
+
+def sentences(text: str) -> list[str]:
+    """Sentences of Markdown, without code, tables, headings, and the addresses of links."""
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^(\||#|\$\$|!\[|<|:).*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"\]\([^)]*\)", "]", text)
+    text = re.sub(r"`[^`]*`", "code", text)
+    paragraphs = re.split(r"\n\s*\n|^\s*[-*] |^\d+\. ", text, flags=re.MULTILINE)
+    return [each for part in paragraphs for each in re.split(r"(?<=[.!?])\s+", " ".join(part.split())) if each]
+
+
+TEXTS = {"README.md": README.text} | {path.stem: "\n\n".join(cells(path, "markdown")) for path in TUTORIALS}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_sentences_are_short(name: str) -> None:
+    long = [each for each in sentences(TEXTS[name]) if len(each.split()) > LONGEST]
+    assert not long
+
+
+THEORY = {page.name: page.prose for page in PAGES if page.name.startswith(("docs/theory/", "docs/tutorials/"))}
+
+
+@pytest.mark.parametrize("name", [*TEXTS, *THEORY])
+def test_words_are_the_standard_ones(name: str) -> None:
+    prose = re.sub(r"`[^`]*`", "", TEXTS.get(name, THEORY.get(name, ""))).lower()
+    assert not [word for word in PRIVATE if word in " ".join(prose.split())]
+
+
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_a_tutorial_checks_what_it_claims_and_is_stored_without_results(path: Path) -> None:
+    code = cells(path, "code")
+    assert sum("assert " in cell for cell in code) >= 2
+    content = json.loads(path.read_text(encoding="utf-8"))
+    assert not any(cell.get("outputs") for cell in content["cells"])
+    index = (path.parent / "index.md").read_text(encoding="utf-8")
+    assert f"({path.name})" in index
+
+
+def test_there_are_eight_and_each_leads_to_a_page_that_exists() -> None:
+    assert len(TUTORIALS) == 8
+    for path in TUTORIALS:
+        for cell in cells(path, "markdown"):
+            for link in re.findall(r"\]\(([^)#]+)", cell):
+                assert (path.parent / link).exists(), (path.stem, link)
+
+
+def test_a_long_sentence_and_a_private_word_are_found() -> None:
+    assert len(sentences("One " * 30 + ".\n\nShort. Also short: yes.")[0].split()) > LONGEST
+    assert "rehearsal" in "a rehearsal of the day"
