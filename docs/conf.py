@@ -21,10 +21,12 @@ extensions = [
     "interface",
     "lab_help",
     "drawn",
+    "gallery",
     "mathml",
     "source_rows",
 ]
-exclude_patterns = ["_extensions"]
+exclude_patterns = ["_extensions", "paper"]
+html_extra_path = ["llms.txt"]
 suppress_warnings: list[str] = []
 
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]

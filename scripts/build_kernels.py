@@ -11,6 +11,7 @@ import shlex
 import subprocess
 import sys
 import sysconfig
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,14 @@ except ImportError:  # run by hand
     BuildHookInterface = object
 
 FOLDER = Path(__file__).resolve().parents[1] / "lab" / "kinematics" / "compiled"
+BUILT = "machine_code.pyd" if os.name == "nt" else "machine_code.abi3.so"
 FLAGS = ["-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC", "-w"]
+
+
+def stable_tag() -> str:
+    """The wheel's tag: the kernels use the stable ABI of Python 3.11, so that every later version takes them."""
+    system = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+    return f"cp311-abi3-{system}"
 
 
 def compiler() -> list[str]:
@@ -30,15 +38,17 @@ def compiler() -> list[str]:
 
 def build(folder: Path = FOLDER) -> str:
     """Compile the kernels in their folder; why that failed, or nothing."""
-    built = folder / "machine_code.abi3.so"
+    built = folder / BUILT
     if failed := _compiled(folder, built):
         built.unlink(missing_ok=True)  # an earlier one belongs to other sources
     return failed
 
 
 def _compiled(folder: Path, built: Path) -> str:
-    if os.name != "posix" or platform.python_implementation() != "CPython":
-        return "the kernels are compiled for CPython on Linux and macOS alone"
+    if platform.python_implementation() != "CPython":
+        return "the kernels are compiled for CPython alone"
+    if os.name == "nt":
+        return _compiled_on_windows(folder)
     include, there = sysconfig.get_path("include"), folder / f"machine_code.{os.getpid()}.tmp"
     more = ["-undefined", "dynamic_lookup"] if sys.platform == "darwin" else []
     command = [*FLAGS, *more, f"-I{include}", str(folder / "kernels.c"), "-o", str(there), "-lm"]
@@ -57,6 +67,23 @@ def _compiled(folder: Path, built: Path) -> str:
     return said
 
 
+def _compiled_on_windows(folder: Path) -> str:
+    """Let setuptools find Microsoft's compiler and Python's library."""
+    try:
+        from setuptools import Distribution, Extension
+        from setuptools.command.build_ext import build_ext
+
+        flags = ["/O2", "/std:c11", "/fp:precise"]
+        kernels = Extension("machine_code", [str(folder / "kernels.c")], py_limited_api=True, extra_compile_args=flags)
+        command = build_ext(Distribution({"ext_modules": [kernels]}))
+        command.build_lib, command.build_temp = str(folder), tempfile.mkdtemp()
+        command.ensure_finalized()
+        command.run()
+    except Exception as error:  # whatever is missing: numpy does the work
+        return str(error) or type(error).__name__
+    return ""
+
+
 class KernelHook(BuildHookInterface):  # type: ignore[misc]
     """Compiles before a wheel or an editable install is made."""
 
@@ -66,8 +93,8 @@ class KernelHook(BuildHookInterface):  # type: ignore[misc]
         if failed:
             self.app.display_warning(f"kernels not compiled, numpy does their work: {failed}")
             return
-        build_data["pure_python"], build_data["infer_tag"] = False, True
-        build_data["artifacts"].append("lab/kinematics/compiled/machine_code.abi3.so")
+        build_data["pure_python"], build_data["tag"] = False, stable_tag()
+        build_data["artifacts"].append(f"lab/kinematics/compiled/{BUILT}")
 
 
 def main() -> None:

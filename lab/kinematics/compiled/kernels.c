@@ -8,7 +8,8 @@
  */
 #define PY_SSIZE_T_CLEAN
 #define Py_LIMITED_API 0x030B0000
-#define _GNU_SOURCE /* M_PI */
+#define _GNU_SOURCE         /* M_PI */
+#define _USE_MATH_DEFINES   /* M_PI on Windows */
 #include <Python.h>
 #include <math.h>
 #include <stdint.h>
