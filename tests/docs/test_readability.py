@@ -68,6 +68,17 @@ def test_there_are_eight_and_each_leads_to_a_page_that_exists() -> None:
                 assert (path.parent / link).exists(), (path.stem, link)
 
 
+def test_messages_of_the_troubleshooting_page_are_the_labs() -> None:
+    page = next(page for page in PAGES if page.name.endswith("troubleshooting.md")).text
+    quoted = [row.split("`")[1] for row in page.splitlines() if row.startswith("| `")]
+    sources = [
+        path.read_text(encoding="utf-8") for folder in ("lab", "scripts") for path in (ROOT / folder).rglob("*.py")
+    ]
+    text = re.sub(r'"\s+f?"', "", "\n".join(sources))  # sentences that go on in the next line
+    assert len(quoted) >= 20
+    assert not [each for each in quoted if each not in text]
+
+
 def test_a_long_sentence_and_a_private_word_are_found() -> None:
     assert len(sentences("One " * 30 + ".\n\nShort. Also short: yes.")[0].split()) > LONGEST
     assert "rehearsal" in "a rehearsal of the day"
