@@ -58,17 +58,19 @@ def test_an_example_is_written_with_source_and_licence(name: str, tmp_path: Path
     assert found.command() in capsys.readouterr().out
 
 
-def test_the_printed_command_identifies_the_robot(tmp_path: Path, monkeypatch, capsys) -> None:
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name == "panda" else pytest.mark.slow) for name in NAMES]
+)
+def test_the_printed_command_identifies_the_robot(name: str, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["example", "panda", "--out", "my data", "--json"]) == 0
+    assert main(["example", name, "--out", "my data", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["written"] == [
-        str(Path("my data") / file) for file in ("panda_sockets_mukca_3.csv", "panda_source.txt")
-    ]
-    _, *arguments = shlex.split(told["examples"][0]["command"])
-    assert main([*arguments, "--holdout-last", "0.2", "--no-recording", "--out", "run", "--json"]) == 0
+    (found,) = told["examples"]
+    assert told["written"] == [f"my data/{file}" for file in (*found["files"], f"{name}_source.txt")]
+    _, *arguments = shlex.split(found["command"])
+    assert main([*arguments, "--no-recording", "--out", "run", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert result["status"] == "converged" and result["after_mm"]["mean"] < 0.5 < result["before_mm"]["mean"]
+    assert result["status"] == "converged" and result["after_mm"]["mean"] < 0.7 * result["before_mm"]["mean"]
 
 
 def test_a_call_gives_measurements_and_writes_where_it_is_told_to(tmp_path: Path, monkeypatch) -> None:
