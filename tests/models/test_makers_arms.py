@@ -75,6 +75,7 @@ def test_the_urdf_is_read_as_its_specification_says(tmp_path: Path) -> None:
         robots_against_urdf.urdf_poses(urdf, spec, np.zeros((1, 3)), exact=True)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ROWS)
 def test_a_row_of_the_page_is_what_lab_inspect_says(name: str) -> None:
     robot, found = load_robot(name), lab.inspect(name).to_dict()
