@@ -198,16 +198,19 @@ def example(name: str | ExampleOptions | None = None, **options: Any) -> Example
         1000
     """
     if isinstance(name, ExampleOptions):
-        requested, folder = name, name.out or Path()
-    else:
-        requested = options_of("lab.example", ExampleOptions, {"name": name, **options})
-        folder = requested.out
-    if requested.name is None:
-        if requested.out is not None:
+        return _example(name, name.out or Path())
+    requested = options_of("lab.example", ExampleOptions, {"name": name, **options})
+    return _example(requested, requested.out)
+
+
+def _example(options: ExampleOptions, folder: Path | None) -> ExampleResult:
+    """Write the named example into a folder, if any; or list all."""
+    if options.name is None:
+        if options.out is not None:
             raise LabError(f"--out is for one example: name it; there are {_names()}")
-        return ExampleResult(requested, EXAMPLES)
-    found = _named(requested.name)
-    return ExampleResult(requested, (found,), () if folder is None else _written(found, folder))
+        return ExampleResult(options, EXAMPLES)
+    found = _named(options.name)
+    return ExampleResult(options, (found,), () if folder is None else _written(found, folder))
 
 
 def _named(name: str) -> Example:
