@@ -49,6 +49,7 @@ __all__ = [
     "compensate",
     "design",
     "dynamics",
+    "example",
     "identify",
     "import_measurements",
     "inspect",
@@ -92,6 +93,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.compensate.result": ("CompensationResult",),
     "lab.commands.compensate.run": ("compensate",),
     "lab.commands.design.run": ("DesignResult", "design"),
+    "lab.commands.example": ("example",),
     "lab.commands.import_measurements.run": ("import_measurements",),
     "lab.commands.inspect.run": ("Inspection", "inspect"),
     "lab.commands.measurements": (

@@ -18,6 +18,7 @@ from lab.commands.compare import ComparisonResult
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.design.run import DesignResult, PlanCheckResult
+from lab.commands.example import ExampleResult
 from lab.commands.import_measurements.run import ImportResult
 from lab.commands.inspect.run import Inspection
 from lab.commands.measurements import (
@@ -33,6 +34,7 @@ from lab.commands.next.run import NextPoseResult
 from lab.commands.options import (
     CertifyOptions,
     CompareOptions,
+    ExampleOptions,
     ImportOptions,
     InspectOptions,
     NextOptions,
@@ -101,6 +103,7 @@ __all__ = [
     "compensate",
     "design",
     "dynamics",
+    "example",
     "identify",
     "import_measurements",
     "inspect",
@@ -269,6 +272,11 @@ def dynamics(
     payload_mm: Sequence[float] = ...,
     rounds: int = 1,
 ) -> DynamicsResult: ...
+def example(
+    name: str | ExampleOptions | None = None,
+    *,
+    out: str | Path | None = None,
+) -> ExampleResult: ...
 def identify(
     measurements: str | Path | Measurements | MeasuredCampaign,
     robot: str | Path | Robot | None = None,

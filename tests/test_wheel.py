@@ -1,6 +1,8 @@
 """A built wheel works away from the repository: the models travel in it."""
 
+import json
 import os
+import shlex
 import subprocess
 import sys
 import zipfile
@@ -28,3 +30,11 @@ def test_the_wheel_inspects_a_robot_from_an_empty_folder(tmp_path) -> None:
     assert all(line.startswith(str(site)) for line in done.stdout.splitlines()[:2])
     assert "q6 + 180" in done.stdout and "27 of 34" in done.stdout
     assert not list(empty.iterdir())
+    example = [sys.executable, "-c", "from lab.cli import main; main(['example', 'ur5', '--json'])"]
+    done = subprocess.run(example, capture_output=True, text=True, check=True, cwd=empty, env=environment)
+    (found,) = json.loads(done.stdout)["examples"]
+    _, *arguments = shlex.split(found["command"])
+    identify = f"import sys; from lab.cli import main; sys.exit(main({[*arguments, '--json']}))"
+    done = subprocess.run([sys.executable, "-c", identify], capture_output=True, check=True, cwd=empty, env=environment)
+    after = json.loads(done.stdout)["after_mm"]
+    assert after["count"] == 20 and after["mean"] < 0.11  # models/ur5/README.md: 0.101

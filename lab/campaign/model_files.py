@@ -1,13 +1,20 @@
 """Find the lab's own robots, and compute digests of robots' files."""
 
 import hashlib
+import io
+import os
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from difflib import get_close_matches
+from importlib import import_module
 from pathlib import Path
 
 from lab.core.errors import LabError
 
 __all__ = ["description_of", "is_own", "models_folder", "own_models", "sha256_of"]
 
-_DESCRIPTION = "mechanism.toml"
+_MAIN = ("mechanism.toml", "scene.xml", "robot.xml", "robot.toml")  # a folder's own description: the first there is
 _DRIVES = "drives.toml"  # beside a description, for ``lab dynamics --drives``: no robot, and no part of its model
 
 
@@ -18,19 +25,25 @@ def models_folder() -> Path:
 
 
 def own_models() -> dict[str, Path]:
-    """Return the lab's own robots by name: a folder's, and ``<folder>/<file>`` of its other descriptions."""
-    found = dict[str, Path]()
+    """Return the lab's own robots by name.
+
+    A folder's name is that of its description. Its other descriptions are ``<folder>/<file>``. Where there are no more
+    than those, as in a maker's folder, each is also named by its file alone, unless another robot has that name.
+    """
+    found, families = dict[str, Path](), list[Path]()
     for folder in sorted(path for path in models_folder().iterdir() if (path / "README.md").is_file()):
-        files = [folder / name for name in (_DESCRIPTION, "scene.xml", "robot.xml", "robot.toml")]
+        files = [folder / name for name in _MAIN]
         main = next((path for path in files if path.is_file()), None)
         found |= {} if main is None else {folder.name: main}
         others = [path for path in sorted(folder.glob("*.toml")) if path not in files and path.name != _DRIVES]
         found |= {f"{folder.name}/{path.stem}": path for path in others}
-    return found
+        families += others if main is None else []
+    doubled = Counter(path.stem for path in families)
+    return found | {path.stem: path for path in families if path.stem not in found and doubled[path.stem] == 1}
 
 
 def description_of(robot: str) -> Path:
-    """Return the file that describes a robot, given by a name of the lab's own or by a path.
+    """Return the file that describes a robot: a name of the lab's own, a path, or a name of ``robot_descriptions``.
 
     Raises:
         LabError: there is none (the message lists those there are).
@@ -42,8 +55,53 @@ def description_of(robot: str) -> Path:
     if path.suffix == ".xacro" and path.is_file():
         urdf = path.with_suffix("" if path.stem.endswith(".urdf") else ".urdf")
         raise LabError(f"robot '{robot}' is a xacro; expand it first (xacro {path} > {urdf}), and give {urdf}")
+    if robot.endswith("_description") and robot.isidentifier() and not path.exists():
+        return _downloaded(robot)
     why = "neither MJCF, URDF nor TOML" if path.exists() else "no such model or file"
-    raise LabError(f"robot '{robot}': {why}; there are {', '.join(models)}, or give a path to .xml, .urdf or .toml")
+    near = get_close_matches(robot.lower().replace("-", "_"), models, 1, cutoff=0.75)
+    meant = f" (is {near[0]} meant?)" if near and not path.exists() else ""
+    names = {path: name for name, path in models.items()}.values()  # the shortest of each
+    raise LabError(
+        f"robot '{robot}': {why}{meant}; there are {', '.join(names)}, or give a path to .xml, .urdf or .toml"
+    )
+
+
+def _downloaded(name: str) -> Path:
+    """Return the MJCF or URDF of a name of the package ``robot_descriptions``, if it was downloaded before."""
+    try:
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()), _without_downloads():
+            module = import_module(f"robot_descriptions.{name}")
+    except ModuleNotFoundError as error:
+        if error.name == f"robot_descriptions.{name}":
+            raise LabError(f"robot '{name}': the package robot_descriptions has no such description") from None
+        raise LabError(
+            f"robot '{name}': is a name of the package robot_descriptions, which is not installed; "
+            "pip install 'virtual-calibration-lab[robots]', or give a path to .xml, .urdf or .toml"
+        ) from None
+    except Exception as error:  # of any kind, from git
+        raise LabError(
+            f"robot '{name}': is not on this machine; download it first: robot_descriptions pull {name}"
+        ) from error
+    for kind in ("MJCF_PATH", "URDF_PATH"):
+        if (path := Path(getattr(module, kind, ""))).is_file():
+            return path
+    if xacro := getattr(module, "XACRO_PATH", ""):
+        raise LabError(f"robot '{name}' is a xacro; expand it first (xacro {xacro} > robot.urdf), and give robot.urdf")
+    raise LabError(f"robot '{name}': has neither an MJCF nor a URDF that is a file; give a path to one")
+
+
+@contextmanager
+def _without_downloads() -> Iterator[None]:
+    """Let git use what is on this machine alone: the package downloads what it misses when it is imported."""
+    variable, protocols = "GIT_ALLOW_PROTOCOL", os.environ.get("GIT_ALLOW_PROTOCOL")
+    os.environ[variable] = "file"
+    try:
+        yield
+    finally:
+        if protocols is None:
+            del os.environ[variable]
+        else:
+            os.environ[variable] = protocols
 
 
 def is_own(path: Path) -> bool:
@@ -52,10 +110,13 @@ def is_own(path: Path) -> bool:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the digest of a model's folder without its README and drives, or of a single file."""
+    """Return the digest of a model's folder without its README and drives, or of a single file.
+
+    A folder without a description of its own, as a maker's, is a shelf: each of its files is a robot by itself.
+    """
     digest = hashlib.sha256()
     files = [path]
-    if is_own(path):
+    if is_own(path) and any((path.parent / name).is_file() for name in _MAIN):
         every = sorted(path.parent.rglob("*"))
         files = [p for p in every if p.suffix in (".xml", ".stl", ".toml") and p.name != _DRIVES]
     for file in files:

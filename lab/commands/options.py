@@ -28,6 +28,7 @@ __all__ = [
     "By",
     "CertifyOptions",
     "CompareOptions",
+    "ExampleOptions",
     "ImportOptions",
     "InspectOptions",
     "MigrateOptions",
@@ -328,6 +329,16 @@ class InspectOptions:
         if self.model == "auto":
             raise LabError("--model auto: groups are chosen by measurements; name groups to inspect")
         return fitting.groups
+
+
+@dataclass(frozen=True)
+class ExampleOptions:
+    """Measurements of a real robot that come with the lab."""
+
+    name: tyro.conf.Positional[str | None] = None
+    """The example to write, with its source and licence; without it all are listed."""
+    out: Path | None = None
+    """The folder to write into; the current one, if not given."""
 
 
 @dataclass(frozen=True)

@@ -145,6 +145,13 @@ COMMANDS = (
         groups=_MEASURED_GROUPS,
     ),
     Command(
+        "example",
+        "List the measurements of real robots that come with the lab, or write one into the current folder.",
+        "lab.commands.options:ExampleOptions",
+        "lab.commands.example:example",
+        examples=("ur5", "ur10-random --out data"),
+    ),
+    Command(
         "inspect",
         "Print a robot's table, its limits, and what can be identified.",
         "lab.commands.options:InspectOptions",

@@ -352,6 +352,8 @@ COMMAND_LINES = (
     "kinematics arm.toml --frame 9",
     "kinematics arm.toml --frame -1",
     "kinematics arm.toml --frame link2",
+    "example nowhere",
+    "example",
     "rotation",
     "rotation --angles 1,2",
     "rotation --angles 1,2,nan",

@@ -26,6 +26,7 @@ MORE = {
     "trend": ("trend one",),
     "design": ("design --check plan/plan.csv",),
     "inspect": ("inspect delta",),
+    "example": ("example", "example panda --out examples"),
     "migrate": ("migrate older",),
     "open": ("open day",),
     "status": ("status broken",),

@@ -23,7 +23,8 @@ from lab.sensors.registry import sensor_named
 CLOSED = sorted(path for folder in (ROOT / "models").glob("*/mechanism.toml") for path in folder.parent.glob("*.toml"))
 MEASURED = sorted((ROOT / "models").glob("*/measured"))
 FOLDERS = sorted(path for path in (ROOT / "models").iterdir() if path.is_dir())
-SCENES = [name for name, path in own_models().items() if "/" not in name or path.parent.name == "carrier"]
+ROBOTS = {path: name for name, path in own_models().items()}  # each once
+SCENES = [name for path, name in ROBOTS.items() if "/" not in name or path.parent.name == "carrier"]
 
 
 def mjcf_of(description):

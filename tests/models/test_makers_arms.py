@@ -1,0 +1,112 @@
+"""The arms that one can buy: tables against the makers' URDFs, their page, and all main commands on each."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import robots_against_urdf
+from helpers.robots import ROOT
+
+import lab
+from lab.campaign.model_files import description_of, own_models
+from lab.campaign.robot import load_robot
+from lab.cli import main
+
+POSES = json.loads(Path(__file__).with_name("urdf_poses.json").read_text())
+MAKERS = sorted(
+    path for path in set(own_models().values()) if path.name not in ("robot.toml", "scene.xml", "mechanism.toml")
+    and path.parent.name not in ("carrier", "delta", "rpr3")
+)  # fmt: skip
+DEFAULT, THOROUGH = {"ur5e", "so101"}, {"fr3", "gen3", "gofa", "hc10", "irb2400", "lrmate200id", "xarm7"}
+ROWS = {
+    cells[1].strip("`"): cells[2:]
+    for line in (ROOT / "docs" / "reference" / "robots.md").read_text().splitlines()
+    if len(cells := [cell.strip() for cell in line.split("|")]) == 9 and cells[1].startswith("`")
+}
+
+
+def test_every_table_of_a_maker_has_poses_of_its_urdf_and_a_row_on_the_page() -> None:
+    names = {path.stem for path in MAKERS}
+    assert names <= set(POSES) == set(robots_against_urdf.URDFS) and names <= set(ROWS)
+    assert {"ur3e", "ur20", "fr3", "iiwa7", "kr6_r700", "irb1200_5_90", "hc10", "xarm7", "gen3", "so101"} <= names
+
+
+@pytest.mark.parametrize("name", POSES)
+def test_the_last_frame_is_where_the_maker_s_urdf_has_it(name: str) -> None:
+    """Stored poses, which ``scripts/robots_against_urdf.py`` reads off the URDF of that commit without the lab."""
+    stored = POSES[name]
+    assert len(stored["commit"]) == 40 and (stored["repository"], stored["commit"]) == tuple(
+        robots_against_urdf.URDFS[name].source
+    )
+    robot = load_robot(name)
+    arm, offset = robot.serial_arm(("p1",)), np.eye(4)
+    offset[:3, 3] = 1e-3 * np.array(stored["offset_mm"])
+    found = robot.T_world_frame0 @ arm.flange(np.array(stored["joints"]), arm.nominal()) @ offset
+    poses = np.array(stored.get("exact_poses", stored["poses"]))
+    np.testing.assert_allclose(found[:, :3, 3], poses[:, :, 3], atol=1e-6)
+    np.testing.assert_allclose(found[:, :3, :3], poses[:, :, :3], atol=1e-6)
+    apart = np.linalg.norm(np.array(stored["poses"])[:, :, 3] - found[:, :3, 3], axis=1).max()
+    if "exact_poses" in stored:  # the URDF's right angles are rounded: the README says what that makes
+        largest = stored["largest_difference_m"]
+        assert 1e-6 < largest < 1e-5 and apart <= largest
+        assert f"{1e6 * largest:.1f} µm" in description_of(name).with_name("README.md").read_text()
+
+
+def test_the_urdf_is_read_as_its_specification_says(tmp_path: Path) -> None:
+    """By hand: a column 1 m tall, an arm 0.5 m long that turns about y after a turn about z."""
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(
+        '<robot name="arm"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>'
+        '<joint name="2" type="continuous"><parent link="b"/><child link="c"/><origin xyz="0 0 1"/><axis xyz="0 2 0"/>'
+        '</joint><joint name="3" type="fixed"><parent link="c"/><child link="d"/>'
+        '<origin xyz="0.5 0 0" rpy="1.5708 0 3.14159"/></joint>'
+        '<joint name="1" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    spec = robots_against_urdf.Urdf(("", ""), "", "a", "d")
+    joints = np.deg2rad([[0, 0], [90, 0], [90, 90], [0, -30]])
+    poses = robots_against_urdf.urdf_poses(urdf, spec, joints, exact=True)
+    expected = [[0.5, 0, 1], [0, 0.5, 1], [0, 0, 0.5], [0.5 * np.cos(np.pi / 6), 0, 1.25]]
+    np.testing.assert_allclose(poses[:, :3, 3], expected, atol=1e-15)
+    np.testing.assert_allclose(poses[0, :3, :3], [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], atol=1e-15)  # Rz(180) Rx(90)
+    rounded = robots_against_urdf.urdf_poses(urdf, spec, joints, exact=False)
+    assert 1e-6 < np.abs(rounded - poses).max() < 1e-5
+    with pytest.raises(lab.LabError, match="there are not 3 joints"):
+        robots_against_urdf.urdf_poses(urdf, spec, np.zeros((1, 3)), exact=True)
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("name", ROWS)
+def test_a_row_of_the_page_is_what_lab_inspect_says(name: str) -> None:
+    robot, found = load_robot(name), lab.inspect(name).to_dict()
+    _, joints, identifiable, ways, masses, _, _ = ROWS[name]
+    assert robot.warnings == () and joints == f"{robot.chain.size}R" and not any(robot.chain.prismatic)
+    assert identifiable == f"{found['rank']} of {found['parameters']}"
+    assert ways == str(found["ways"] or "by search")
+    assert masses == ("unknown" if robot.loads is None else "published")
+
+
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[] if name in DEFAULT else pytest.mark.thorough if name in THOROUGH else pytest.mark.slow)
+    for name in ROWS
+])  # fmt: skip
+def test_the_arm_is_inspected_calibrated_designed_for_and_compensated(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["inspect", name, "--json"]) == 0
+    rank = json.loads(capsys.readouterr().out)["rank"]
+    assert rank == 4 * load_robot(name).chain.size + 3  # of the joints' axes four each; base and point are three more
+    design = ["design", "--robot", name, "--poses", "12", "--candidates", "60", "--starts", "1", "--no-recording"]
+    assert main([*design, "--out", "design", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["parameters"] == rank
+    calibrate = ["calibrate", "--robot", name, "--poses", "40", "--seed", "1", "--no-recording", "--out", "run"]
+    assert main([*calibrate, "--json"]) == 0
+    seen = json.loads(capsys.readouterr().out)
+    assert seen["verdict"] != "bad" and seen["after_mm"]["mean"] < 0.01 < 0.5 < seen["before_mm"]["mean"]
+    rows = (Path("run") / "measurements.csv").read_text().splitlines()
+    places = [dict(zip(rows[0].split(","), row.split(","), strict=True)) for row in rows[1:4]]
+    lines = ["x_mm,y_mm,z_mm", *(",".join(place[f"p1_{axis}_mm"] for axis in "xyz") for place in places)]
+    Path("targets.csv").write_text("\n".join(lines) + "\n")
+    assert main(["compensate", "targets.csv", "--run", "run", "--out", "corrected", "--no-check", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["converged"] == 3
