@@ -117,7 +117,8 @@ def test_the_planned_covariance_is_that_of_the_calibration(result: lab.Calibrati
     by_fit = known.predicted_covariance(at)
     planned = estimate.planned_covariance(data.joints, at, sigma_m=estimate.noise_m)
     np.testing.assert_allclose(planned, by_fit, rtol=0.05, atol=1e-13)
-    np.testing.assert_array_equal(known.predicted_covariance(at[2]), by_fit[2])
+    alone = known.predicted_covariance(at[2])  # a product of other shapes: equal but for rounding
+    np.testing.assert_allclose(alone, by_fit[2], rtol=1e-12)
     twice = estimate.planned_covariance(np.tile(data.joints, (2, 1)), at[0], sigma_m=estimate.noise_m)
     np.testing.assert_allclose(2 * twice, planned[0], rtol=1e-6)
 
