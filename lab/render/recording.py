@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from lab.core import se3
+from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.model import RigidArm
@@ -41,7 +43,7 @@ __all__ = [
     "draw_beams", "draw_ellipsoid", "draw_frames", "draw_instrument", "draw_legs", "draw_moves", "draw_moving",
     "draw_moving_legs", "draw_moving_tool", "draw_program", "draw_shells", "draw_tag", "draw_tracker", "error_plot",
     "eye", "eye_on_arm", "layout", "log_texts", "magnified_view", "main_view", "markdown", "moves_between",
-    "pose_times", "program_view", "recording_to", "text_tabs",
+    "notebook_viewer", "pose_times", "program_view", "recording_to", "text_tabs",
 ]  # fmt: skip
 
 Colour = tuple[int, int, int]
@@ -69,6 +71,24 @@ def recording_to(path: Path, robot: str, identity: str) -> Iterator[rr.Recording
     yield recording
     path.write_bytes(memory.drain_as_bytes() or b"")
     recording.disconnect()
+
+
+def notebook_viewer(recording: bytes) -> Any:
+    """Return a widget that shows a recording in a notebook, from files of this machine: no network is needed.
+
+    Raises:
+        LabError: rerun-notebook is not installed.
+    """
+    os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")  # else it loads the viewer from the network
+    try:
+        widget = import_module("rerun_notebook").Viewer(width="auto", height="auto")
+    except ModuleNotFoundError as error:
+        raise LabError(
+            f"{error.name} is not installed; install virtual-calibration-lab[notebook], or save(folder) and open its "
+            "recording.rrd with: rerun"
+        ) from error
+    widget.send_rrd(recording)
+    return widget
 
 
 @contextmanager
@@ -225,7 +245,7 @@ def draw_ellipsoid(
     recording.send_columns(f"world/ellipsoid/{name}/axes", at, axes)
     recording.log(f"world/ellipsoid/{name}/axes", rr.Arrows3D.from_fields(colors=RGB_ARROW, radii=0.002), static=True)
     _draw_lengths(recording, f"world/ellipsoid/{name}/lengths", at, drawn)
-    above = drawn.centers + np.array([0.0, 0.0, 1.7]) * drawn.half_sizes[:, :1]
+    above = drawn.centers + np.array([0.0, 0.0, 1.35]) * drawn.half_sizes[:, :1]
     draw_tag(recording, f"world/ellipsoid/{name}/factor", at, above, format_magnification(drawn.factor), colour)
 
 

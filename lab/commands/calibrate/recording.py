@@ -95,16 +95,19 @@ def _blueprint(outcome: CalibrationResult, shown: CampaignScene) -> rrb.Blueprin
         rec.bars(_SINGULAR_VALUES, "Singular values of J (scaled) by rank"),
         rec.program_view(),
     )
-    errors = rec.close_view("magnified", "Error after calibration", shown.reach_m)
+    factor = format_magnification(shown.factor_after)
+    errors = rec.close_view("magnified", f"Error after calibration {factor}", shown.reach_m)
     right = rrb.Vertical(errors, _ellipsoid_views(shown), texts, row_shares=[1, 1, 1.2])
     return rec.layout(left, right, rec.TIME)
 
 
 def _ellipsoid_views(shown: CampaignScene) -> rrb.Tabs:
     """The target from near by, fixed in the middle, with one ellipsoid each."""
-    views = [rec.close_view("ellipsoid/mapping", "Sensitivity, half-axes", shown.reach_m)]
+    factor = format_magnification(shown.mapping.factor)
+    views = [rec.close_view("ellipsoid/mapping", f"Sensitivity {factor}", shown.reach_m)]
     if shown.uncertainty is not None:
-        views.insert(0, rec.close_view("ellipsoid/uncertainty", "Uncertainty (1σ), half-axes", shown.reach_m))
+        factor = format_magnification(shown.uncertainty.factor)
+        views.insert(0, rec.close_view("ellipsoid/uncertainty", f"Uncertainty (1σ) {factor}", shown.reach_m))
     return rrb.Tabs(*views, active_tab=0)
 
 

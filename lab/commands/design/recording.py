@@ -170,9 +170,10 @@ def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
 def _blueprint(shown: PlanScene, *, designed: bool) -> rrb.Blueprint:
     """The arm large, the two ellipsoids beside it, text and curves at hand, that of O1 where it is ``designed``."""
     controls = rec.eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
+    factors = [format_magnification(each.factor) for each in (shown.uncertainty, shown.mapping)]
     close = rrb.Tabs(
-        rec.close_view("ellipsoid/uncertainty", "Predicted uncertainty (1σ), half-axes", shown.reach_m),
-        rec.close_view("ellipsoid/mapping", "Sensitivity ellipsoid", shown.reach_m),
+        rec.close_view("ellipsoid/uncertainty", f"Predicted uncertainty (1σ) {factors[0]}", shown.reach_m),
+        rec.close_view("ellipsoid/mapping", f"Sensitivity {factors[1]}", shown.reach_m),
         active_tab=0,
     )
     texts = rec.text_tabs(rrb.TextDocumentView(origin=_POSES, name="Poses"), rec.program_view())
