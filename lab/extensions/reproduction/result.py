@@ -12,7 +12,7 @@ from lab.commands.command_line import options_of, takes
 from lab.commands.result import Result
 from lab.core.errors import LabError, counted
 from lab.extensions.reproduction.answer import Answer, Kind, State
-from lab.extensions.reproduction.item import Computed, Item, Mark, Source, labels, marked, source_named, write_exercise
+from lab.extensions.reproduction.item import Computed, Item, Mark, Source, marked, source_named, write_exercise
 from lab.extensions.reproduction.options import ReproduceOptions
 from lab.formats.csv_table import write_columns
 from lab.render.document import (
@@ -258,17 +258,21 @@ def _card(result: ReproductionResult) -> Card:
         badge = Badge("exercise with its solutions" if result.options.solution else "exercise")
         items = sum(1 for each in result.computed if _asked([each]))
         numbers = (("answers", str(len(_asked(result.computed))), ""), ("items", str(items), ""))
-        next_step: Text = ("Fill in exercise.csv, then ", Code(f"{command} --mark exercise.csv"), " says what is right")
+        next_step: Text = ("fill in exercise.csv; ", Code(f"{command} --mark exercise.csv"), " says what is right")
         more: Text = "" if result.options.solution else ("; ", Code("--solution"), " shows the solutions")
         return Card(badge, numbers, "A formula may use the letters of the source.", (*next_step, *inlines(more), "."))
     states: tuple[State, ...] = ("agrees", "erratum", "differs")
-    numbers = tuple((_STATES[state], str(result.count(state)), _CARD_KINDS.get(state, "")) for state in states)
+    counts = {state: result.count(state) for state in states}
+    numbers = tuple(
+        (_STATES[state], str(count), _CARD_KINDS.get(state, "") if count else "") for state, count in counts.items()
+    )
     if result.wrong:
         badge, next_step = Badge("differs", "bad"), f"look at {result.wrong[0]}, which differs without a listed reason."
     else:
         badge = Badge("as printed but for errata", "good") if result.count("erratum") else Badge("as printed", "good")
-        item = labels(result.computed[0].item.number)[:1] or (result.computed[0].item.number,)
-        next_step = ("work it out yourself: ", Code(f'{command} --exercise --item "{item[0]}"'), ".")
+        asked = next((each.item.number for each in result.computed if _asked([each])), "")
+        own = ("work it out yourself: ", Code(f'{command} --exercise --item "{asked}"'), ".")
+        next_step = own if asked else "choose another item, to work out yourself."
     printed = sum(result.count(state) for state in _COMPARED)
     about = f"Of {printed} printed numbers, formulas and words. An erratum is a value that the source prints wrongly."
     return Card(badge, numbers, about, next_step)
