@@ -1,18 +1,22 @@
 """What the library gives is a value: it is pickled, copied and compared, and prints shortly."""
 
 import copy
+import os
 import pickle
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pyarrow
 import pytest
 from helpers.cells import CELL, PLACES
+from helpers.recordings import rrd
 from helpers.robots import MODELS
 
 import lab
@@ -154,3 +158,39 @@ def test_a_loaded_robot_is_as_good_as_its_name(tmp_path: Path) -> None:
         assert call(lab.load_robot("course2r")).to_dict() == call("course2r").to_dict()
     box = "carrier/cartesian"
     assert lab.workspace([lab.load_robot(box)], places=120) == lab.workspace(box, places=120)
+
+
+class FakeViewer:
+    """The widget of rerun-notebook, which keeps what it is sent."""
+
+    def __init__(self, **size: object) -> None:
+        self.size, self.sent = size, list[bytes]()
+
+    def send_rrd(self, data: bytes) -> None:
+        self.sent.append(data)
+
+
+@pytest.mark.figures
+def test_a_notebook_shows_the_recording_of_a_result_and_of_its_run(monkeypatch, tmp_path: Path) -> None:
+    """Both are the file of the run, to the last number (its chunks have identifiers of their own)."""
+    monkeypatch.setitem(sys.modules, "rerun_notebook", SimpleNamespace(Viewer=FakeViewer))
+    result = lab.calibrate("irb120", poses=12, seed=3)
+    folder = result.save(tmp_path / "run")
+    (made,), (read,) = result.recording().sent, lab.load_run(folder).recording().sent
+    assert read == (folder / "recording.rrd").read_bytes()
+    (tmp_path / "made.rrd").write_bytes(made)
+    done = rrd(os.environ, "compare", "--unordered", folder / "recording.rrd", tmp_path / "made.rrd")
+    assert done.returncode == 0, done.stderr
+
+
+def test_what_no_notebook_can_show_is_said_in_one_line(monkeypatch, run: Path, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "rerun_notebook", None)  # as where it is not installed
+    loaded = lab.load_run(run)
+    for make, message in (
+        (loaded.recording, "rerun_notebook is not installed; install virtual-calibration-lab.notebook."),
+        (replace(loaded, folder=tmp_path).recording, "recording.rrd: cannot be read"),
+        (lab.inspect("irb120").recording, "lab inspect has no recording"),
+    ):
+        with pytest.raises(lab.LabError, match=message) as caught:
+            make()
+        assert "\n" not in str(caught.value)

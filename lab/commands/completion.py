@@ -1,7 +1,9 @@
 """Write shell completion of commands, flags and words that options take: a script for bash, zsh or fish."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
+from lab.campaign.model_files import own_models
 from lab.commands.help_text import HELP_FLAGS, Option, options_of_command
 from lab.commands.registry import Command, all_commands
 from lab.core.errors import LabError
@@ -10,6 +12,7 @@ __all__ = ["SHELLS", "completion_script"]
 
 SHELLS = ("bash", "zsh", "fish")
 _GENERAL = ("--help", "--version", "--completion")
+_ROBOTS = ("robot", "robots")  # fields whose value is a name or a file
 _LONGEST = 70  # characters of a description
 
 _BASH = """\
@@ -38,14 +41,14 @@ _ZSH = "autoload -U +X compinit && compinit -u\nautoload -U +X bashcompinit && b
 def completion_script(shell: str) -> str:
     """Return the script that makes a shell complete the arguments of ``lab``; file names where nothing else fits.
 
-    Commands and options are those of now: write it again when an extension is added.
+    Commands, options and robots are those of now: write it again when one is added.
 
     Raises:
         LabError: the shell is none of ``SHELLS``.
     """
     if shell not in SHELLS:
         raise LabError(f"--completion {shell}".rstrip() + f": give {', '.join(SHELLS[:-1])} or {SHELLS[-1]}")
-    known = {command: options_of_command(command) for command in all_commands()}
+    known = {command: [_with_robots(each) for each in options_of_command(command)] for command in all_commands()}
     if shell == "fish":
         return "\n".join(_fish(known)) + "\n"
     words = [f'    "--completion --completion") words="{" ".join(SHELLS)}" ;;']
@@ -62,6 +65,11 @@ def completion_script(shell: str) -> str:
     return _ZSH + function if shell == "zsh" else function
 
 
+def _with_robots(option: Option) -> Option:
+    """Return an option with its words: of a robot the names of the lab's own, beside which a shell proposes files."""
+    return replace(option, choices=tuple(own_models())) if option.name in _ROBOTS else option
+
+
 def _fish(known: Mapping[Command, Sequence[Option]]) -> Iterator[str]:
     for flag in _GENERAL:
         values = f" -xa '{' '.join(SHELLS)}'" if flag == "--completion" else ""
@@ -71,9 +79,13 @@ def _fish(known: Mapping[Command, Sequence[Option]]) -> Iterator[str]:
         inside = f"complete -c lab -n '__fish_seen_subcommand_from {command.name}'"
         for option in options:
             if option.positional:
-                yield f"{inside} -a '{' '.join(option.choices)}'" if option.choices else f"{inside} -F"
+                if option.choices:
+                    yield f"{inside} -a '{' '.join(option.choices)}'"
+                if not option.choices or option.name in _ROBOTS:
+                    yield f"{inside} -F"
                 continue
-            value = f" -xa '{' '.join(option.choices)}'" if option.choices else " -r" if option.metavar else ""
+            only = "-ra" if option.name in _ROBOTS else "-xa"  # a robot may be a file
+            value = f" {only} '{' '.join(option.choices)}'" if option.choices else " -r" if option.metavar else ""
             yield f"{inside} -l {option.flag[2:]}{value} -d {_quoted(option.help)}"
         for flag in HELP_FLAGS[1:]:
             yield f"{inside} -l {flag[2:]}"

@@ -21,7 +21,6 @@ from lab.core.units import MM
 from lab.kinematics.model import RigidArm
 from lab.render import recording as rec
 from lab.render.document import Bullets, Document, Section, Strong, Text, format_magnification
-from lab.render.markdown import to_markdown
 from lab.render.scene import (
     LARGEST_FACTOR,
     drawn_rows,
@@ -95,6 +94,7 @@ def record_errors(path: Path, robot: str, identity: str, scene: ErrorScene, docu
         recording.send_blueprint(_blueprint(scene, origins, points[there], reach))
         rec.draw_shells(recording, at, arm_shells(model), body_poses(model, arm, values, joints))
         rec.draw_legs(recording, at, legs, reach)
+        rec.draw_frames(recording, at, model, arm, values, joints, reach)
         rec.draw_moves(recording, model, arm, values, scene.numbers, joints)
         rec.draw_instrument(recording, "instrument's frame", scene.T_world_instrument)
         _draw_points(recording, scene, points, reach)
@@ -102,8 +102,7 @@ def record_errors(path: Path, robot: str, identity: str, scene: ErrorScene, docu
         sphere = _draw_expected(recording, scene, points, reach)
         _draw_numbers(recording, scene)
         legend = _legend(scene, factor, sphere)
-        whole = Document(document.title, (*document.blocks, legend))
-        recording.log(rec.SUMMARY, rec.markdown(to_markdown(whole)), static=True)
+        rec.log_texts(recording, document, legend)
 
 
 def _draw_points(recording: rr.RecordingStream, scene: ErrorScene, points: Array, reach: float) -> None:
@@ -139,7 +138,7 @@ def _draw_arrows(recording: rr.RecordingStream, scene: ErrorScene, points: Array
         recording.log(entity, rr.Arrows3D.from_fields(colors=each.colour, radii=0.008 * reach), static=True)
         first = np.flatnonzero(there[:, 0])
         text = f"{each.name} {format_magnification(factor)}"
-        tips = (points + vectors)[first, 0]
+        tips = rec.beside((points + vectors)[first, 0], vectors[first, 0], reach)
         rec.draw_tag(recording, f"{entity}/factor", rec.pose_times(first), tips, text, each.colour)
     return factor
 
@@ -187,8 +186,7 @@ def _blueprint(scene: ErrorScene, origins: Array, points: Array, reach: float) -
     plot = rec.error_plot()
     left = rrb.Vertical(rec.main_view("Arm, targets, errors", controls), plot, row_shares=[3, 1])
     close = rec.close_view("magnified", "The error to expect, magnified apart", reach)
-    text = rrb.TextDocumentView(origin=rec.SUMMARY, name="Summary")
-    return rec.layout(left, rrb.Vertical(close, text, row_shares=[1.0, 1.5]), rec.TIME)
+    return rec.layout(left, rrb.Vertical(close, rec.text_tabs(), row_shares=[1.0, 1.5]), rec.TIME)
 
 
 def record_verification(path: Path, result: VerificationResult) -> None:

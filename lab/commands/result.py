@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from html import escape
 from operator import attrgetter
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -126,6 +127,21 @@ class Result(Value, ABC):
             raise LabError(f"the result of lab {self.command} has no figure; report(path) writes its page")
         picture: Picture = load_reference(self.drawn_by)(self)
         return picture.draw()
+
+    def recording(self) -> Any:
+        """Show the recording in a notebook: return its viewer, which a cell shows as its last line.
+
+        Raises:
+            LabError: there is nothing to record, or rerun-notebook is not installed (the extra ``notebook``).
+        """
+        if not self.is_recorded:
+            raise LabError(f"the result of lab {self.command} has no recording; report(path) writes its page")
+        from lab.render.recording import notebook_viewer
+
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "recording.rrd"
+            load_reference(self.recorded_by)(path, self)
+            return notebook_viewer(path.read_bytes())
 
     def write(self, folder: Path) -> None:
         """Write every file of the run into a folder that is there and empty; ``save`` makes it.

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "EVERYWHERE", "NARROW", "PAGE", "RECORDING", "TERMINAL", "Badge", "Block", "Bullets", "Card", "Code", "Column",
-    "Command", "Document", "Figure", "Inline", "Paragraph", "Picture", "Row", "Scene", "Section", "Strong", "Table",
-    "Text", "Warnings", "capital", "digits_of", "fixed", "format_magnification", "inlines", "plain", "plus_minus",
-    "sentence", "short", "shown",
+    "Command", "Document", "Figure", "Inline", "Matrices", "Matrix", "Paragraph", "Picture", "Row", "Scene", "Section",
+    "Strong", "Table", "Text", "Warnings", "capital", "digits_of", "fixed", "format_magnification", "inlines", "plain",
+    "plus_minus", "sentence", "short", "shown",
 ]  # fmt: skip
 
 _Medium = Literal["terminal", "page", "recording"]
@@ -84,11 +84,14 @@ class Block:
 
 @dataclass(frozen=True)
 class Paragraph(Block):
-    """A text; as a ``lead`` it is larger, as a ``note`` smaller. Spaces between its parts are part of them."""
+    """A text; as a ``lead`` it is larger, as a ``note`` smaller. Spaces between its parts are part of them.
+
+    As a ``hint`` it is folded on a page, until a reader wants it.
+    """
 
     kind: ClassVar[str] = "paragraph"
     text: Text
-    role: Literal["", "lead", "note"] = ""
+    role: Literal["", "lead", "note", "hint"] = ""
 
     def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if plain(self.text) else ()
@@ -225,6 +228,32 @@ class Table(Block):
         )
         more = (len(self.rows) if self.count is None else self.count) - count
         return (part, Paragraph(f"and {more:,} more, in {self.rest_in}", "note")) if more > 0 else (part,)
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """A matrix with its name, in one or several versions.
+
+    Attributes:
+        name: above it.
+        versions: of each its caption, or nothing, and its entries by rows, which are equally long.
+        badge: a word or two beside the name.
+    """
+
+    name: str
+    versions: tuple[tuple[str, tuple[Row, ...]], ...]
+    badge: Text = ""
+
+
+@dataclass(frozen=True)
+class Matrices(Block):
+    """Matrices in brackets, side by side where there is room."""
+
+    kind: ClassVar[str] = "matrices"
+    matrices: tuple[Matrix, ...]
+
+    def _reduced(self, medium: _Medium) -> Iterable[Block]:
+        return (self,) if self.matrices else ()
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ def _blocks(blocks: Iterable[doc.Block], level: int) -> Iterable[str]:
                 yield f"{'#' * level} {_escaped(block.title)}"
                 yield from _blocks(block.blocks, level + 1)
             case doc.Paragraph():
-                yield _to_inline(block.text)
+                yield ("Hint: " if block.role == "hint" else "") + _to_inline(block.text)
             case doc.Command():
                 yield f"    {block.text}"
             case doc.Bullets():
@@ -32,6 +32,11 @@ def _blocks(blocks: Iterable[doc.Block], level: int) -> Iterable[str]:
                 yield "\n".join([f"**{block.title}**", "", *(f"- {_escaped(text)}" for text in block.texts)])
             case doc.Table():
                 yield from _table(block)
+            case doc.Matrices():
+                for matrix in block.matrices:
+                    yield f"**{_escaped(matrix.name)}** {_to_inline(matrix.badge)}".strip()
+                    for caption, rows in matrix.versions:
+                        yield from _table(doc.Table((caption, *[""] * (len(rows[0]) - 1)), rows))
 
 
 def _table(block: doc.Table) -> Iterable[str]:

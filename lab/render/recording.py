@@ -6,6 +6,8 @@ Things in motion are given ``at`` the values of a timeline, one for each of thei
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +17,33 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from lab.core import se3
+from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.kinematics.model import RigidArm
-from lab.render.document import format_magnification
-from lab.render.scene import Legs, MagnifiedEllipsoids, world_legs
-from lab.render.style import RGB_ARROW, RGB_AXES, RGB_BACKDROP, RGB_BEAM, RGB_FLOOR, RGB_LEG, RGB_ROD, RGB_TRACKER
+from lab.render.document import Document, Section, Warnings, format_magnification
+from lab.render.markdown import to_markdown
+from lab.render.scene import Legs, MagnifiedEllipsoids, moved, world_legs
+from lab.render.style import (
+    RGB_ARROW,
+    RGB_AXES,
+    RGB_BACKDROP,
+    RGB_BEAM,
+    RGB_FLOOR,
+    RGB_LEG,
+    RGB_PATH,
+    RGB_ROD,
+    RGB_TRACKER,
+)
 from lab.simulation.meshes import Shell, body_poses, shells
 from lab.simulation.model import RobotModel
 
 __all__ = [
-    "LEGS", "LOG_ERRORS", "SUMMARY", "TIME", "Colour", "Times", "backdrop", "bars", "close_view", "draw_beams",
-    "draw_ellipsoid", "draw_instrument", "draw_legs", "draw_moves", "draw_moving", "draw_moving_legs", "draw_shells",
-    "draw_tag", "draw_tracker", "error_plot", "eye", "eye_on_arm", "layout", "magnified_view", "main_view", "markdown",
-    "moves_between", "pose_times", "recording_to",
+    "LEGS", "LOG_ERRORS", "PROGRAM", "SUMMARY", "TIME", "Colour", "Times", "backdrop", "bars", "beside", "close_view",
+    "draw_beams", "draw_ellipsoid", "draw_frames", "draw_instrument", "draw_legs", "draw_moves", "draw_moving",
+    "draw_moving_legs", "draw_moving_tool", "draw_program", "draw_shells", "draw_tag", "draw_tracker", "error_plot",
+    "eye", "eye_on_arm", "layout", "log_texts", "magnified_view", "main_view", "markdown", "moves_between",
+    "notebook_viewer", "pose_times", "program_view", "recording_to", "text_tabs",
 ]  # fmt: skip
 
 Colour = tuple[int, int, int]
@@ -55,6 +71,24 @@ def recording_to(path: Path, robot: str, identity: str) -> Iterator[rr.Recording
     yield recording
     path.write_bytes(memory.drain_as_bytes() or b"")
     recording.disconnect()
+
+
+def notebook_viewer(recording: bytes) -> Any:
+    """Return a widget that shows a recording in a notebook, from files of this machine: no network is needed.
+
+    Raises:
+        LabError: rerun-notebook is not installed.
+    """
+    os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")  # else it loads the viewer from the network
+    try:
+        widget = import_module("rerun_notebook").Viewer(width="auto", height="auto")
+    except ModuleNotFoundError as error:
+        raise LabError(
+            f"{error.name} is not installed; install virtual-calibration-lab[notebook], or save(folder) and open its "
+            "recording.rrd with: rerun"
+        ) from error
+    widget.send_rrd(recording)
+    return widget
 
 
 @contextmanager
@@ -130,13 +164,41 @@ def _xyzw(rotations: Array) -> Array:
 
 def draw_instrument(recording: rr.RecordingStream, name: str, T_world_instrument: Array, station: str = "") -> None:
     """The instrument's frame, at one of its stations where it has several."""
-    T = T_world_instrument
-    axes = rr.Arrows3D(
-        origins=np.tile(T[:3, 3], (3, 1)), vectors=0.25 * T[:3, :3].T, colors=_AXES, radii=0.006, labels=[name, "", ""]
-    )
-    recording.log(
-        rr.new_entity_path(["world", "instrument", "frame", *([station] if station else [])]), axes, static=True
-    )
+    entity = rr.new_entity_path(["world", "instrument", "frame", *([station] if station else [])])
+    recording.log(entity, _axes([name, "", ""], T_world_instrument, 0.25), static=True)
+
+
+def _axes(labels: Sequence[str], T: Array, length: float) -> rr.Arrows3D:
+    """Draw the axes x, y and z of a frame in red, green and blue, each with its label."""
+    origins, vectors = np.tile(T[:3, 3], (3, 1)), length * T[:3, :3].T
+    return rr.Arrows3D(origins=origins, vectors=vectors, colors=_AXES, radii=0.024 * length, labels=list(labels))
+
+
+def draw_frames(
+    recording: rr.RecordingStream,
+    at: Times,
+    model: RobotModel,
+    arm: RigidArm,
+    values: Array,
+    joints: Array,
+    reach_m: float,
+) -> None:
+    """Draw the frames of the base and of the tool, the latter at the first target and at poses ``(m, joints)``."""
+    base = _axes(["base", "", ""], model.T_world_frame0, _BASE_AXES * reach_m)
+    recording.log("world/frames/base", base, static=True)
+    tool = _axes(["", "", "tool"], np.eye(4), _TOOL_AXES * reach_m)  # z leads away from the arm
+    recording.log(f"{_TOOL}/axes", tool, static=True)
+    draw_moving_tool(recording, at, model, arm, values, joints)
+
+
+def draw_moving_tool(
+    recording: rr.RecordingStream, at: Times, model: RobotModel, arm: RigidArm, values: Array, joints: Array
+) -> None:
+    """Further places of the tool's frame, which is drawn already."""
+    Ts = arm.tool(joints, np.concatenate([np.zeros(6), values[6:]]))[0]
+    stands = np.isfinite(Ts).all(axis=(1, 2))
+    if stands.all():
+        _move(recording, _TOOL, at, model.T_world_frame0 @ Ts)
 
 
 def draw_tracker(recording: rr.RecordingStream, head: Array) -> None:
@@ -182,8 +244,27 @@ def draw_ellipsoid(
     axes = rr.Arrows3D.columns(origins=origins, vectors=vectors).partition([3] * len(drawn.centers))
     recording.send_columns(f"world/ellipsoid/{name}/axes", at, axes)
     recording.log(f"world/ellipsoid/{name}/axes", rr.Arrows3D.from_fields(colors=RGB_ARROW, radii=0.002), static=True)
-    above = drawn.centers + np.array([0.0, 0.0, 1.1]) * drawn.half_sizes[:, :1]
+    _draw_lengths(recording, f"world/ellipsoid/{name}/lengths", at, drawn)
+    above = drawn.centers + np.array([0.0, 0.0, 1.35]) * drawn.half_sizes[:, :1]
     draw_tag(recording, f"world/ellipsoid/{name}/factor", at, above, format_magnification(drawn.factor), colour)
+
+
+def _draw_lengths(recording: rr.RecordingStream, entity: str, at: Times, drawn: MagnifiedEllipsoids) -> None:
+    """Write the true length of each half-axis in mm beyond its tip, those of short ones as far out."""
+    reached = np.maximum(_OUTSIDE * drawn.half_sizes, drawn.half_sizes[:, :1])
+    places = drawn.centers[:, None] + np.swapaxes(drawn.axes * reached[:, None, :], 1, 2)
+    labels = [MM.text(float(half) / drawn.factor) for half in drawn.half_sizes.ravel()]
+    columns = rr.Points3D.columns(positions=places.reshape(-1, 3), labels=labels).partition([3] * len(places))
+    recording.send_columns(entity, at, columns)
+    recording.log(entity, rr.Points3D.from_fields(colors=RGB_ARROW, radii=0.0005, show_labels=True), static=True)
+
+
+def beside(tips: Array, vectors: Array, reach_m: float) -> Array:
+    """Return the places ``(m, 3)`` of tags that stand beyond the tips of arrows, so as not to cover them."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    up = np.array([0.0, 0.0, 1.0])
+    directions = np.where(lengths > 0, vectors / np.where(lengths > 0, lengths, 1.0), up)
+    return np.asarray(tips + _BEYOND * reach_m * directions)
 
 
 def draw_tag(
@@ -195,15 +276,46 @@ def draw_tag(
     recording.log(entity, style, static=True)
 
 
+def log_texts(recording: rr.RecordingStream, document: Document, legend: Section | None = None) -> None:
+    """Log a result's document: its beginning and the legend as a short summary, and the whole of it."""
+    beginning = tuple(block for block in document.blocks if not isinstance(block, Section | Warnings))
+    short = replace(document, blocks=(*beginning, *([legend] if legend else ())))
+    for entity, each in ((SUMMARY, short), (_DETAILS, document)):
+        recording.log(entity, markdown(to_markdown(each)), static=True)
+
+
+def text_tabs(*more: rrb.View) -> rrb.Tabs:
+    """Return the summary in front, behind it the whole document and further views."""
+    first = [rrb.TextDocumentView(origin=entity, name=entity.capitalize()) for entity in (SUMMARY, _DETAILS)]
+    return rrb.Tabs(*first, *more, active_tab=0)
+
+
 def markdown(text: str) -> rr.TextDocument:
     """A text with tables and emphasis."""
     return rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
 
 
-SUMMARY = "summary"  # the entity of a recording's text
+PROGRAM = "program"  # the entity of what the arm does, line by line
+
+
+def draw_program(recording: rr.RecordingStream, at: Times, lines: Sequence[str]) -> None:
+    """Log the lines of a program at the times when the arm comes to them."""
+    recording.send_columns(PROGRAM, at, rr.TextLog.columns(text=list(lines), level=["INFO"] * len(lines)))
+
+
+def program_view() -> rrb.TextLogView:
+    """Return the view of the program's lines: those up to now."""
+    return rrb.TextLogView(origin=PROGRAM, name="Program")
+
+
+SUMMARY, _DETAILS = "summary", "details"  # the entities of a recording's texts
+_TOOL = "world/frames/tool"
+_BASE_AXES, _TOOL_AXES = 0.3, 0.12  # of the reach: how long they are; those of the base show beside its shell
+_OUTSIDE = 1.2  # half-axes from the centre: the label of a length, and no nearer than the longest half-axis
+_BEYOND = 0.03  # of the reach: from an arrow's tip to its tag
 LOG_ERRORS = "error_log10_mm"  # the entity of errors by a logarithmic scale
 _POSES_PER_SECOND = 2.0  # when it is played
-_CLOSE = 0.5  # of the reach: how far a close view's eye is from the target
+_CLOSE = 0.36  # of the reach: how far a close view's eye is from the target
 _SHOULDER_RAD, _DOWN = 0.9, 0.35  # the main view looks past the arm: turned from the line to the instrument, and down
 _SHELL = 0.12  # of the reach: how far bodies stand out from the frames, for an arm that fills the view
 _FLAT, _DOWN_ON_FLAT = 0.15, 1.8  # an arm of which all is lower than this share of its width lies in a plane
@@ -214,7 +326,7 @@ _HALF_FIELD, _ASPECT = 0.5, 1.4  # what is to fit in a view: less than the viewe
 def layout(left: rrb.Container, right: rrb.Container, timeline: str) -> rrb.Blueprint:
     """Lay out two columns and nothing else, paused at the start of a timeline."""
     return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[3, 2]),
+        rrb.Horizontal(left, right, column_shares=[2.3, 1]),
         rrb.TimePanel(timeline=timeline, play_state="paused", state="collapsed", fps=_POSES_PER_SECOND),
         collapse_panels=True,
         auto_views=False,
@@ -369,8 +481,14 @@ def draw_moves(
     values: Array,
     numbers: NDArray[np.int_],
     joints: Array,
+    *,
+    path: bool = False,
 ) -> None:
-    """Bodies and legs on their way between poses ``joints`` ``(m, joints)``; at the poses they are drawn already."""
+    """Bodies and legs on their way between poses ``joints`` ``(m, joints)``; at the poses they are drawn already.
+
+    Args:
+        path: whether the line is drawn along which the first target moves.
+    """
     seconds, between = moves_between(arm, numbers, joints)
     if not len(seconds):
         return
@@ -380,4 +498,10 @@ def draw_moves(
     still = body_poses(model, arm, values, joints)  # what stands at all poses was drawn once
     moving = {name: Ts for name, Ts in bodies.items() if name in seen and np.ptp(still[name], axis=0).max() > 0}
     draw_moving(recording, at, moving)
+    draw_moving_tool(recording, at, model, arm, values, between)
+    if path:
+        places = moved(model.T_world_frame0, arm.points(between, np.concatenate([np.zeros(6), values[6:]]))[:, 0])
+        recording.log(
+            "world/path", rr.LineStrips3D([places], colors=RGB_PATH, radii=rr.Radius.ui_points(1.0)), static=True
+        )
     draw_moving_legs(recording, at, world_legs(model.T_world_frame0, arm, values, between))

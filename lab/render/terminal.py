@@ -56,7 +56,10 @@ def _print(console: Console, blocks: Iterable[doc.Block], warnings: bool) -> Non
                 console.print(RichText(block.title, style="bold"))
                 _print(console, block.blocks, warnings)
             case doc.Paragraph():
-                console.print(_styled(block.text))
+                hint = RichText("Hint: ", style="bold") if block.role == "hint" else RichText()
+                console.print(hint + _styled(block.text))
+            case doc.Matrices():
+                _print_matrices(console, block)
             case doc.Command():
                 console.print(RichText(block.text), soft_wrap=True)
             case doc.Bullets():
@@ -86,6 +89,59 @@ def _print_table(console: Console, block: doc.Table) -> None:
     console.width = max(usual, Measurement.get(console, console.options.update(width=_UNWRAPPED), table).minimum)
     console.print(table, crop=False)  # every number whole, though it be on two lines of the terminal
     console.width = usual
+
+
+_BETWEEN, _WIDEST = 4, 120  # columns between matrices, and of all on a line where a line has no end
+
+
+def _print_matrices(console: Console, block: doc.Matrices) -> None:
+    """Print matrices in brackets, side by side as far as a line goes."""
+    drawn, width, room = list[list[RichText]](), 0, min(console.width, _WIDEST)
+    for matrix in block.matrices:
+        lines = _matrix_lines(matrix)
+        if drawn and width + _BETWEEN + lines[0].cell_len > room:
+            _print_beside(console, drawn)
+            drawn, width = [], 0
+        width += (_BETWEEN if drawn else 0) + lines[0].cell_len
+        drawn.append(lines)
+    _print_beside(console, drawn)
+
+
+def _matrix_lines(matrix: doc.Matrix) -> list[RichText]:
+    """Return the lines of a matrix, all equally long: its name with its badge, then its versions side by side."""
+    versions = [_bracketed(caption, rows) for caption, rows in matrix.versions]
+    lines = [RichText(matrix.name, style="bold") + RichText(" ") + _styled(matrix.badge)]
+    lines += [RichText("  ").join(parts) for parts in zip(*versions, strict=True)]
+    most = max(line.cell_len for line in lines)
+    return [line + RichText(" " * (most - line.cell_len)) for line in lines]
+
+
+def _bracketed(caption: str, rows: tuple[doc.Row, ...]) -> list[RichText]:
+    """Return the lines of one version, all equally long: its caption where it has one, and the rows in brackets."""
+    cells = [[_styled(cell) for cell in row] for row in rows]
+    widths = [max(cell.cell_len for cell in column) for column in zip(*cells, strict=True)]
+    lines, last = [RichText(caption)] if caption else [], len(cells) - 1
+    for i, row in enumerate(cells):
+        left, right = ("[", "]") if not last else ("⎡", "⎤") if not i else ("⎣", "⎦") if i == last else ("⎢", "⎥")
+        line = RichText(left)
+        for cell, wide in zip(row, widths, strict=True):
+            line += RichText(" ") + cell + RichText(" " * (wide - cell.cell_len + 1))
+        lines.append(line + RichText(right))
+    most = max(line.cell_len for line in lines)
+    return [line + RichText(" " * (most - line.cell_len)) for line in lines]
+
+
+def _print_beside(console: Console, drawn: list[list[RichText]]) -> None:
+    """Print blocks of lines side by side; the shorter ones end above."""
+    widths = [lines[0].cell_len for lines in drawn]
+    for i in range(max(map(len, drawn))):
+        line = RichText()
+        for lines, wide in zip(drawn, widths, strict=True):
+            line += lines[i] if i < len(lines) else RichText(" " * wide)
+            line += RichText(" " * _BETWEEN)
+        line.rstrip()
+        console.print(line, soft_wrap=True)
+    console.print()
 
 
 def _share_width(console: Console, table: RichTable, block: doc.Table) -> None:

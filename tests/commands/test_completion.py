@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from lab.campaign.model_files import own_models
 from lab.cli import main
 from lab.commands.completion import SHELLS, completion_script
 from lab.commands.help_text import options_of_command
@@ -43,6 +44,17 @@ def test_bash_completes_commands_flags_and_words(script: Path) -> None:
     for command in all_commands():
         flags = {each.flag for each in options_of_command(command) if not each.positional}
         assert set(completed(script, command.name, "--")) == flags | {"--help", "--help-all"}
+
+
+def test_bash_completes_names_of_robots(script: Path) -> None:
+    """By every command that takes one; where none begins so, the shell proposes files."""
+    assert completed(script, "calibrate", "--robot", "irb12") == ["irb120"]
+    assert completed(script, "design", "--robot", "delta/s") == ["delta/six_rods", "delta/small"]
+    assert completed(script, "inspect", "tx") == completed(script, "kinematics", "tx") == ["tx40"]
+    assert completed(script, "workspace", "ur") == ["ur10", "ur5"]
+    assert completed(script, "calibrate", "--robot", "arm.x") == []
+    robots = set(completed(script, "identify", "day.csv", "--robot", ""))
+    assert robots == set(own_models()) and not robots & set(completed(script, "identify", "--instrument", ""))
 
 
 def test_bash_leaves_files_to_itself(script: Path) -> None:

@@ -14,8 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from animated_picture import DESCRIPTION
 from helpers.pages import PAGES, README, Page
 from helpers.robots import ROOT
+from PIL import Image
 
 import lab
 from lab import extension_points
@@ -195,7 +197,8 @@ def test_every_command_has_its_options_in_the_reference() -> None:
     reference = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
     assert re.findall(r"^```{lab-help} (\w+)$", reference, re.MULTILINE) == names
     assert re.findall(r"^\| `lab (\w+)`", reference, re.MULTILINE) == names
-    assert re.findall(r"^\| \[`lab (\w+)`\]", README.text, re.MULTILINE) == names
+    table = README.text.partition("\n## Commands\n")[2].partition("\n## ")[0]
+    assert sorted(re.findall(r"\[`lab (\w+)`\]\(docs/", table)) == sorted(names)  # each in one group
 
 
 def test_every_flag_exists(capsys) -> None:
@@ -232,7 +235,7 @@ def test_the_numbers_beside_the_picture_are_those_of_the_command(tmp_path, capsy
 
 @pytest.mark.thorough
 def test_the_numbers_of_the_real_example_are_those_of_its_command(tmp_path, monkeypatch, capsys) -> None:
-    *before_it, command = (each for each in README.commands if "example ur10" in each or "ur10_ipa_D" in each)
+    *before_it, command = (each for each in README.commands if "example ur5" in each or "ur5_jacobi_1000" in each)
     (tmp_path / "models").symlink_to(ROOT / "models")
     monkeypatch.chdir(tmp_path)
     assert all(main(shlex.split(each)[1:]) == 0 for each in before_it)
@@ -241,5 +244,22 @@ def test_the_numbers_of_the_real_example_are_those_of_its_command(tmp_path, monk
     result = json.loads(capsys.readouterr().out)
     before, after = (result[name]["mean"] for name in ("before_mm", "after_mm"))
     text = " ".join(README.text.split())
-    assert f"{before:.3f} mm for the nominal model, and of {after:.3f} mm for the calibrated one" in text
+    assert f"{before:.3f} mm for the nominal model, and {after:.4f} mm for the calibrated one" in text
     assert f"The verdict is {result['verdict']}" in text
+    alternative = re.search(r"from ([\d.]+) mm with the nominal model to ([\d.]+) mm", text)
+    assert alternative is not None and alternative.groups() == (f"{before:#.2g}", f"{after:#.2g}")
+    assert f"| {before:.2f} | 0.101 | {after:.3f} |" in text
+    with Image.open(ROOT / "docs" / "pictures" / "real_arm.webp") as picture:
+        headline = picture.getexif()[DESCRIPTION].splitlines()[1]
+    assert headline == f"{result['robot']}: {before:.3g} → {after:.3g} mm, {result['verdict']}"
+
+
+def test_the_badges_are_true() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    badges = dict(
+        re.findall(r"^\[!\[[^]]*\]\(https://img.shields.io/badge/(\w+)-(.+)-\w+\)", README.text, re.MULTILINE)
+    )
+    assert badges == {
+        "Python": project["requires-python"].removeprefix(">=") + "%20or%20later",
+        "licence": project["license"].replace("-", "--"),
+    }

@@ -21,6 +21,8 @@ from lab.render.document import (
     Command,
     Document,
     Figure,
+    Matrices,
+    Matrix,
     Paragraph,
     Section,
     Strong,
@@ -207,3 +209,26 @@ def test_a_long_page_has_contents_a_glossary_and_tables_that_fold() -> None:
 def test_terms_are_found_as_words() -> None:
     assert [term for term, _ in explained(["The ps of RMSE, and gates"])] == ["gate", "p"]
     assert explained(["nothing here"]) == ()
+
+
+def test_matrices_are_in_brackets_and_side_by_side() -> None:
+    rows = (("c1", "−s1"), (Strong("s1"), "0"))
+    one = Matrix("A <b>", (("printed", rows), ("here", (("1", "2"), ("3", "44")))), Badge("agrees", "good"))
+    two = Matrix("B", (("", (("x",), ("y",), ("z",))),))
+    shown_in = render(Document("Matrices", (Matrices((one, two)), Matrices(()))))
+    lines = shown_in["terminal"].splitlines()
+    assert "⎡ c1  −s1 ⎤  ⎡ 1  2  ⎤" in lines[3] and "⎣ s1  0   ⎦  ⎣ 3  44 ⎦" in lines[4]
+    assert [line[-1] for line in lines[2:5]] == ["⎤", "⎥", "⎦"]  # the second beside the first
+    narrow = to_text(Document("Matrices", (Matrices((one, two)),)), 30).splitlines()
+    assert max(map(len, narrow)) <= 30 and sum("⎡" in line for line in narrow) == 2  # one below the other
+    page = shown_in["page"]
+    assert "A &lt;b&gt;" in page and page.count('<div class="matrix">') == 2 and page.count("<table>") == 3
+    assert "| **s1** | 0 |" in shown_in["recording"] and "**agrees**" in shown_in["recording"]
+
+
+def test_a_hint_is_folded_on_a_page_alone() -> None:
+    shown_in = render(Document("Hints", (Paragraph("Square both <sides>.", "hint"),)))
+    assert (
+        '<details class="hint"><summary>Hint</summary><p>Square both &lt;sides&gt;.</p></details>' in shown_in["page"]
+    )
+    assert "Hint: Square both <sides>." in shown_in["terminal"] and "Hint: Square both" in shown_in["recording"]

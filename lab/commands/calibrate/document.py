@@ -326,7 +326,9 @@ def _model_selection(result: CalibrationResult) -> tuple[doc.Block, ...]:
     rejected = f"{counted(len(names), 'group')} rejected: {named}; see the page." if names else ""
     return (
         doc.Table(columns, rows, "Model selection", kinds, shown_in=doc.PAGE | doc.RECORDING),
-        doc.Table(columns, chosen, "Model selection", shown_in=doc.TERMINAL),
+        doc.Table(
+            columns, chosen, "Model selection", most_rows=_MOST_LISTED, rest_in="the page", shown_in=doc.TERMINAL
+        ),
         doc.Paragraph(rejected, shown_in=doc.TERMINAL),
     )
 

@@ -140,6 +140,20 @@ class CalibrationRun(Value):
             "identified parameters": str(len(self.estimate.identified)),
         }
 
+    def recording(self) -> Any:
+        """Show the run's recording in a notebook: return its viewer, which a cell shows as its last line.
+
+        Raises:
+            LabError: the run has no recording, or rerun-notebook is not installed (the extra ``notebook``).
+        """
+        from lab.render.recording import notebook_viewer
+
+        path = self.folder / "recording.rrd"
+        try:
+            return notebook_viewer(path.read_bytes())
+        except OSError as error:
+            raise LabError(f"{path}: cannot be read ({error.strerror}); make the run without --no-recording") from error
+
     @property
     def serial(self) -> str | None:
         """The serial number of the arm; None where the run was given none."""

@@ -6,7 +6,6 @@ there: the numbers to compute with are in the other files of the run.
 """
 
 import hashlib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,18 +18,15 @@ from lab.commands.calibrate.scene import CampaignScene, scene
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.render import recording as rec
-from lab.render.document import Bullets, Document, Section, Strong, Text, format_magnification
+from lab.render.document import Bullets, Document, Section, Strong, Table, Text, format_magnification, short
 from lab.render.markdown import to_markdown
-from lab.render.scene import (
-    legs_legend,
-)
+from lab.render.scene import legs_legend
 from lab.render.style import RGB_AFTER, RGB_BEFORE, RGB_MAPPING, RGB_MEASURED, RGB_OUTLIER, RGB_UNCERTAINTY
 from lab.simulation.meshes import instrument_body
 
-__all__ = ["parameters_text", "record", "summary_text"]
+__all__ = ["parameters_text", "record"]
 
 _LEAST_MM = 1e-9  # that is drawn on a logarithmic scale
-_LEAST_RMS = 1e-9  # of what is drawn on a logarithmic scale
 _PARAMETERS, _SINGULAR_VALUES, _CONVERGENCE = "parameters", "singular_values", "convergence"
 
 
@@ -42,26 +38,27 @@ def record(path: Path, outcome: CalibrationResult) -> None:
         rec.draw_shells(recording, rec.pose_times(shown.at), shown.shells, shown.bodies)
         rec.draw_legs(recording, rec.pose_times(shown.at), shown.legs, shown.reach_m)
         arm, values = outcome.rigid(outcome.identification.values)
-        rec.draw_moves(recording, outcome.robot.model, arm, values, shown.at, outcome.fitted.joints[shown.rows])
+        joints, model = outcome.fitted.joints[shown.rows], outcome.robot.model
+        rec.draw_frames(recording, rec.pose_times(shown.at), model, arm, values, joints, shown.reach_m)
+        planned = getattr(outcome.options, "plan", None) is not None
+        rec.draw_moves(recording, model, arm, values, shown.at, joints, path=planned)
         _instrument(recording, outcome, shown)
         _points(recording, shown)
         _outliers(recording, shown)
         _arrows(recording, shown)
         _ellipsoids(recording, shown)
         _numbers(recording, outcome, shown)
-        recording.log(rec.SUMMARY, rec.markdown(summary_text(outcome, shown)), static=True)
+        _steps(recording, outcome, shown)
+        rec.log_texts(recording, outcome.document(), _legend(outcome, shown))
         recording.log(_PARAMETERS, rec.markdown(parameters_text(outcome)), static=True)
 
 
-def summary_text(outcome: CalibrationResult, shown: CampaignScene) -> str:
-    """The calibration's document with what is shown and by how much it is magnified, as Markdown."""
-    document = outcome.document()
-    return to_markdown(replace(document, blocks=(*document.blocks, _legend(outcome, shown))))
-
-
 def parameters_text(outcome: CalibrationResult) -> str:
-    """Write the table of parameters as Markdown."""
-    return to_markdown(Document("Parameters", (parameters_table(outcome),)))
+    """Write the tables of the parameters and of the fit's convergence as Markdown."""
+    unit = "σ" if outcome.identification.sigma_given else "mm"
+    steps = tuple((str(i), short(float(rms))) for i, rms in enumerate(_convergence(outcome)))
+    convergence = Table(("step", f"RMS residual of a coordinate, {unit}"), steps)
+    return to_markdown(Document("Parameters", (parameters_table(outcome), Section("Convergence", (convergence,)))))
 
 
 def _legend(outcome: CalibrationResult, shown: CampaignScene) -> Section:
@@ -70,16 +67,17 @@ def _legend(outcome: CalibrationResult, shown: CampaignScene) -> Section:
     before, after = format_magnification(shown.factor_before), format_magnification(shown.factor_after)
     vermilion, blue = Strong("vermilion"), Strong("light blue")
     lines: list[Text] = [
-        (Strong("yellow"), ": measured points. Predicted ones: ", vermilion, " before calibration, ", blue, " after; "
-         "zoom in to separate them"),
-        (Strong("arrows"), ": measured less predicted; ", vermilion, " before and ", blue, f" after, both {before}; "
-         f"a separate view shows those after calibration, {after}"),
-        (Strong("teal"), ": sensitivity ellipsoid, the image of the unit ball of scaled parameters under J "
-         f"({unit}), {format_magnification(shown.mapping.factor)}"),
-    ]  # fmt: skip
+        (Strong("yellow"), ": measured points; ", vermilion, ": predicted before calibration, ", blue, ": after"),
+        (Strong("arrows"), f": measured less predicted, before and after both {before}; in their own view {after}"),
+    ]
     if shown.uncertainty is not None:
         factor = format_magnification(shown.uncertainty.factor)
-        lines.append((Strong("violet"), f": uncertainty ellipsoid, predicted 1σ of the position, {factor}"))
+        lines.append((Strong("violet"), f": 1σ of the position, {factor}; half-axes in mm"))
+    lines.append((
+        Strong("teal"), f": image of the unit ball of scaled parameters ({unit}), "
+        f"{format_magnification(shown.mapping.factor)}"
+    ))  # fmt: skip
+    lines.append((Strong("red, green, blue axes"), ": x, y, z of base, tool and instrument"))
     lines.append(legs_legend(shown.legs))
     if shown.outliers:
         lines.append((Strong("magenta"), ": outliers with their residuals, joined to their predicted positions"))
@@ -90,31 +88,27 @@ def _legend(outcome: CalibrationResult, shown: CampaignScene) -> Section:
 
 
 def _blueprint(outcome: CalibrationResult, shown: CampaignScene) -> rrb.Blueprint:
-    unit = "in σ" if outcome.identification.sigma_given else "in mm"
     controls = rec.eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
     left = rrb.Vertical(rec.main_view("Arm, measured points, errors", controls), rec.error_plot(), row_shares=[3, 1])
-    texts = rrb.Tabs(
-        rrb.TextDocumentView(origin=rec.SUMMARY, name="Summary"),
+    texts = rec.text_tabs(
         rrb.TextDocumentView(origin=_PARAMETERS, name="Parameters"),
-        active_tab=0,
+        rec.bars(_SINGULAR_VALUES, "Singular values of J (scaled) by rank"),
+        rec.program_view(),
     )
-    charts = rrb.Horizontal(
-        rec.bars(_SINGULAR_VALUES, "Singular values of J, scaled"),
-        rec.bars(f"{_CONVERGENCE}/bars", f"RMS residual {unit}, log10"),
-    )
-    right = rrb.Vertical(_close_views(shown), texts, charts, row_shares=[1.3, 1.7, 0.9])
+    factor = format_magnification(shown.factor_after)
+    errors = rec.close_view("magnified", f"Error after calibration {factor}", shown.reach_m)
+    right = rrb.Vertical(errors, _ellipsoid_views(shown), texts, row_shares=[1, 1, 1.2])
     return rec.layout(left, right, rec.TIME)
 
 
-def _close_views(shown: CampaignScene) -> rrb.Horizontal:
-    """The target from near by, fixed in the middle, with the errors after calibration or one ellipsoid each."""
-    views = [
-        rec.close_view("magnified", "Errors after", shown.reach_m),
-        rec.close_view("ellipsoid/mapping", "Sensitivity", shown.reach_m),
-    ]
+def _ellipsoid_views(shown: CampaignScene) -> rrb.Tabs:
+    """The target from near by, fixed in the middle, with one ellipsoid each."""
+    factor = format_magnification(shown.mapping.factor)
+    views = [rec.close_view("ellipsoid/mapping", f"Sensitivity {factor}", shown.reach_m)]
     if shown.uncertainty is not None:
-        views.append(rec.close_view("ellipsoid/uncertainty", "Uncertainty", shown.reach_m))
-    return rrb.Horizontal(*views)
+        factor = format_magnification(shown.uncertainty.factor)
+        views.insert(0, rec.close_view("ellipsoid/uncertainty", f"Uncertainty (1σ) {factor}", shown.reach_m))
+    return rrb.Tabs(*views, active_tab=0)
 
 
 def _identity(outcome: CalibrationResult) -> str:
@@ -170,7 +164,7 @@ def _outliers(recording: rr.RecordingStream, shown: CampaignScene) -> None:
 
 
 def _arrows(recording: rr.RecordingStream, shown: CampaignScene) -> None:
-    """Measured less predicted, from the predicted point, with the factor at the tip of the first target's arrow.
+    """Measured less predicted, from the predicted point, with the factor beyond the tip of the first target's arrow.
 
     Before and after calibration have one factor; with one of their own, those after are drawn once more, apart.
     """
@@ -187,8 +181,20 @@ def _arrows(recording: rr.RecordingStream, shown: CampaignScene) -> None:
         style = rr.Arrows3D.from_fields(colors=colour, radii=0.008 * shown.reach_m)
         recording.log(f"world/{entity}", style, static=True)
         text = f"{name} {format_magnification(factor)}"
-        tips = points[:, 0] + np.where(visible[:, :1], np.nan_to_num(vectors[:, 0]), 0.0)
+        first = np.where(visible[:, :1], np.nan_to_num(vectors[:, 0]), 0.0)
+        tips = rec.beside(points[:, 0] + first, first, shown.reach_m)
         rec.draw_tag(recording, f"world/{entity}/factor", rec.pose_times(shown.at), tips, text, colour)
+
+
+def _steps(recording: rr.RecordingStream, outcome: CalibrationResult, shown: CampaignScene) -> None:
+    """Replay the session as a program: a line for each pose, with its errors."""
+    lines = [
+        f"pose {outcome.fitted.ids[row]}: {MM.text(before)} before, {MM.text(after)} after"
+        for row, before, after in zip(
+            shown.rows, shown.error_before[shown.rows], shown.error_after[shown.rows], strict=True
+        )
+    ]
+    rec.draw_program(recording, rec.pose_times(shown.at), lines)
 
 
 def _ellipsoids(recording: rr.RecordingStream, shown: CampaignScene) -> None:
@@ -221,8 +227,6 @@ def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: C
     steps = np.arange(len(rms))
     iterations = [rr.TimeColumn("iteration", sequence=steps)]
     recording.send_columns(f"{_CONVERGENCE}/rms", iterations, rr.Scalars.columns(scalars=rms))
-    logarithms = np.log10(np.maximum(rms, _LEAST_RMS))  # else the first step hides all others
-    recording.log(f"{_CONVERGENCE}/bars", rr.BarChart(logarithms, abscissa=steps, color=RGB_AFTER), static=True)
 
 
 def _convergence(outcome: CalibrationResult) -> Array:

@@ -63,8 +63,8 @@ class PlanScene:
 
     Attributes:
         arrivals, departures: ``(s,)`` s, when the arm comes to each stop and leaves it, at its full speed.
-        times: ``(t,)`` s while it moves, with ``moving``, poses ``(t, 4, 4)`` of the bodies by name,
-            ``moving_legs``, and ``moving_points`` ``(t, k, 3)``.
+        times: ``(t,)`` s while it moves, with ``moving_joints`` ``(t, joints)``, ``moving``, poses ``(t, 4, 4)`` of the
+            bodies by name, ``moving_legs``, and ``moving_points`` ``(t, k, 3)``.
     """
 
     measured: NDArray[np.bool_]  # (s,), whether a stop is measured
@@ -85,6 +85,7 @@ class PlanScene:
     arrivals: Array
     departures: Array
     times: Array
+    moving_joints: Array
     moving: dict[str, Array]
     moving_legs: Legs
     moving_points: Array
@@ -141,6 +142,7 @@ def plan_scene(plan: DesignResult) -> PlanScene:
         arrivals,
         arrivals + waiting,
         times,
+        under_way,
         {shell.body: moving_poses[shell.body] for shell in visible},
         world_legs(frame0, arm, values, under_way),
         moved(tracker, arm.points(under_way, values)),

@@ -5,7 +5,6 @@ Motion is on the timeline ``stop``: 0 is home, then every waypoint of the tour, 
 """
 
 import hashlib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from lab.commands.result import joint_values
 from lab.core.se3 import Array
 from lab.core.units import MICRONS
 from lab.render import recording as rec
-from lab.render.document import RECORDING, Bullets, Document, Section, Strong, Table, fixed, format_magnification
+from lab.render.document import Bullets, Document, Section, Strong, Table, fixed, format_magnification
 from lab.render.markdown import to_markdown
 from lab.render.scene import legs_legend
 from lab.render.style import RGB_CURRENT, RGB_FIRST, RGB_LAST, RGB_MAPPING, RGB_MUTED, RGB_PATH, RGB_UNCERTAINTY
@@ -38,9 +37,12 @@ def record_plan(path: Path, plan: DesignResult) -> None:
     shown = plan_scene(plan)
     at = [rr.TimeColumn(_TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
     with rec.recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
+        model, arm, values = plan.problem.robot.model, plan.problem.arm, plan.problem.values
         recording.send_blueprint(_blueprint(shown, designed=plan.options.curve))
         rec.draw_shells(recording, at, shown.shells, shown.bodies)
         rec.draw_moving(recording, [_seconds(shown.times)], shown.moving)
+        rec.draw_frames(recording, at, model, arm, values, plan.tour.waypoints, shown.reach_m)
+        rec.draw_moving_tool(recording, [_seconds(shown.times)], model, arm, values, shown.moving_joints)
         rec.draw_legs(recording, at, shown.legs, shown.reach_m)
         rec.draw_moving_legs(recording, [_seconds(shown.times)], shown.moving_legs)
         for i, (name, T_world_station) in enumerate(zip(shown.stations, shown.Ts_world_station, strict=True)):
@@ -53,7 +55,8 @@ def record_plan(path: Path, plan: DesignResult) -> None:
         rec.draw_ellipsoid(recording, "mapping", at, shown.mapping, RGB_MAPPING)
         rec.draw_ellipsoid(recording, "uncertainty", at, shown.uncertainty, RGB_UNCERTAINTY)
         _curve(recording, plan)
-        recording.log(rec.SUMMARY, rec.markdown(to_markdown(_document(plan, shown))), static=True)
+        rec.draw_program(recording, at, _program(plan, shown))
+        rec.log_texts(recording, plan.document(), _legend(shown))
         recording.log(_POSES, rec.markdown(to_markdown(_pose_table(plan, shown))), static=True)
 
 
@@ -114,8 +117,7 @@ def _curve(recording: rr.RecordingStream, plan: DesignResult) -> None:
         )
 
 
-def _document(plan: DesignResult, shown: PlanScene) -> Document:
-    document = plan.document()
+def _legend(shown: PlanScene) -> Section:
     legend = Bullets(
         (
             (Strong("numbered points"), ": targets at the poses, blue first to yellow last; ", Strong("grey"),
@@ -130,16 +132,34 @@ def _document(plan: DesignResult, shown: PlanScene) -> Document:
             legs_legend(shown.legs),
         )
     )  # fmt: skip
-    return replace(document, blocks=(*document.blocks, Section("What is shown", (legend,), shown_in=RECORDING)))
+    return Section("What is shown", (legend,))
+
+
+def _names(shown: PlanScene) -> list[str]:
+    """Return the names of the stops: those of poses, ``home``, and ``passed`` of what is not measured."""
+    ids, last = iter(shown.ids), len(shown.measured) - 1
+    return [
+        next(ids) if is_pose else "home" if stop in (0, last) else "passed"
+        for stop, is_pose in enumerate(shown.measured)
+    ]
+
+
+def _program(plan: DesignResult, shown: PlanScene) -> list[str]:
+    """Return a line for each stop of the tour: what the arm does there, and its joint positions."""
+    chain, lines = plan.problem.robot.chain, []
+    for joints, name, measured in zip(plan.tour.waypoints, _names(shown), shown.measured, strict=True):
+        values = joint_values(chain.prismatic, joints)
+        units = ("mm" if slides else "°" for slides in chain.prismatic)
+        place = ", ".join(f"{value:.1f}{unit}" for value, unit in zip(values, units, strict=True))
+        lines.append(f"{f'measure pose {name}' if measured else name} at {place}")
+    return lines
 
 
 def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
     chain = plan.problem.robot.chain
     units = ["mm" if slides else "°" for slides in chain.prismatic]
-    ids, last, rows = iter(shown.ids), len(shown.measured) - 1, []
-    loads = plan.waypoints.payloads_kg
-    for stop, (joints, is_pose) in enumerate(zip(plan.tour.waypoints, shown.measured, strict=True)):
-        name = next(ids) if is_pose else "home" if stop in (0, last) else "passed"
+    rows, loads = [], plan.waypoints.payloads_kg
+    for stop, (joints, name) in enumerate(zip(plan.tour.waypoints, _names(shown), strict=True)):
         carried = (f"{loads[stop]:g}",) if loads else ()
         rows.append((str(stop), name, *carried, *(fixed(value, 2) for value in joint_values(chain.prismatic, joints))))
     headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
@@ -150,16 +170,14 @@ def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
 def _blueprint(shown: PlanScene, *, designed: bool) -> rrb.Blueprint:
     """The arm large, the two ellipsoids beside it, text and curves at hand, that of O1 where it is ``designed``."""
     controls = rec.eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
-    close = rrb.Horizontal(
-        rec.close_view("ellipsoid/mapping", "Sensitivity ellipsoid", shown.reach_m),
-        rec.close_view("ellipsoid/uncertainty", "Predicted uncertainty ellipsoid", shown.reach_m),
-    )
-    texts = rrb.Tabs(
-        rrb.TextDocumentView(origin=rec.SUMMARY, name="Summary"),
-        rrb.TextDocumentView(origin=_POSES, name="Poses"),
+    factors = [format_magnification(each.factor) for each in (shown.uncertainty, shown.mapping)]
+    close = rrb.Tabs(
+        rec.close_view("ellipsoid/uncertainty", f"Predicted uncertainty (1σ) {factors[0]}", shown.reach_m),
+        rec.close_view("ellipsoid/mapping", f"Sensitivity {factors[1]}", shown.reach_m),
         active_tab=0,
     )
-    bound = rec.bars(_BOUND, "95 %/95 % tolerance bound, µm, by poses")
-    charts = rrb.Horizontal(bound, rec.bars(_O1, "O1, by poses")) if designed else bound
+    texts = rec.text_tabs(rrb.TextDocumentView(origin=_POSES, name="Poses"), rec.program_view())
+    bound = rec.bars(_BOUND, "Tolerance bound (95 %/95 %), µm, by number of poses")
+    charts = rrb.Tabs(bound, rec.bars(_O1, "O1 by number of poses"), active_tab=0) if designed else bound
     left = rrb.Vertical(rec.main_view("Tour", controls))
-    return rec.layout(left, rrb.Vertical(close, texts, charts, row_shares=[1.2, 1.9, 0.9]), _TIMELINE)
+    return rec.layout(left, rrb.Vertical(close, texts, charts, row_shares=[1.2, 1.2, 0.9]), _TIMELINE)

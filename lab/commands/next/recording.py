@@ -14,9 +14,7 @@ from lab.commands.next.run import NextPoseResult, proposal_text
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.core.units import MICRONS
-from lab.render.markdown import to_markdown
 from lab.render.recording import (
-    SUMMARY,
     bars,
     draw_beams,
     draw_instrument,
@@ -24,9 +22,11 @@ from lab.render.recording import (
     draw_shells,
     eye,
     layout,
+    log_texts,
     main_view,
     markdown,
     recording_to,
+    text_tabs,
 )
 from lab.render.scene import moved, reach_of, skeleton, world_legs
 from lab.render.style import RGB_CURRENT, RGB_MEASURED, RGB_UNCERTAINTY
@@ -45,7 +45,7 @@ def record_proposals(path: Path, result: NextPoseResult) -> None:
         scene = _Scene(recording, result.planner)
         for proposal in result.proposals:
             scene.show(result.data, proposal)
-        recording.log(SUMMARY, markdown(to_markdown(result.document())), static=True)
+        log_texts(recording, result.document())
 
 
 class LiveView:
@@ -93,7 +93,7 @@ class _Scene:
         texts = rrb.Vertical(
             rrb.TextDocumentView(origin=_NEXT, name="Next pose"),
             bars(_ACCURACY, "Predicted 95 %/95 % error, µm, by poses measured"),
-            rrb.TextDocumentView(origin=SUMMARY, name="Summary"),
+            text_tabs(),
         )
         recording.send_blueprint(layout(rrb.Vertical(main_view("Next pose", controls)), texts, _TIMELINE))
         draw_instrument(recording, "tracker", model.T_world_tracker)

@@ -16,8 +16,7 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.extensions.dynamics.arm.result import DynamicsResult
 from lab.extensions.dynamics.payload.result import PayloadResult, channels_of
-from lab.render.markdown import to_markdown
-from lab.render.recording import SUMMARY, Times, draw_shells, eye_on_arm, layout, main_view, markdown, recording_to
+from lab.render.recording import Times, draw_shells, eye_on_arm, layout, log_texts, main_view, recording_to, text_tabs
 from lab.render.scene import drawn_rows, moved, skeleton
 from lab.render.style import RGB_MUTED, RGB_PAYLOAD, RGB_WEIGHT
 from lab.simulation.meshes import arm_shells, body_poses
@@ -40,7 +39,7 @@ def record_dynamics(path: Path, result: DynamicsResult) -> None:
     with recording_to(path, result.robot.name, identity) as recording:
         _draw_arm(recording, at, result.robot, joints)
         _draw_torques(recording, result)
-        recording.log(SUMMARY, markdown(to_markdown(result.document())), static=True)
+        log_texts(recording, result.document())
         curves = [rrb.TimeSeriesView(origin=f"torques/{name}", name=name) for name in result.robot.chain.joint_names]
         recording.send_blueprint(_blueprint(result.robot, "The arm on its path", joints, curves, "time"))
 
@@ -77,7 +76,7 @@ def record_payload(path: Path, result: PayloadResult) -> None:
         if np.isfinite(found.com_m).all():
             _draw_load(recording, at, result, shown.joints)
         _draw_channels(recording, result)
-        recording.log(SUMMARY, markdown(to_markdown(result.document())), static=True)
+        log_texts(recording, result.document())
 
 
 def _draw_load(recording: rr.RecordingStream, at: Times, result: PayloadResult, joints: Array) -> None:
@@ -161,6 +160,6 @@ def _blueprint(
     origins = moved(robot.model.T_world_frame0, skeleton(arm, arm.nominal(robot.tool), joints).origins)
     reach = float(np.linalg.norm(origins - origins[:, :1], axis=2).max())
     view = main_view(title, eye_on_arm(origins, origins[:, -1], reach))
-    text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
+    text = text_tabs()
     right = rrb.Vertical(text, rrb.Grid(*curves, grid_columns=2), row_shares=[1, 1.6])
     return layout(rrb.Vertical(view), right, timeline)

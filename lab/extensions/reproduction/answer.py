@@ -7,8 +7,10 @@ The value "here" is always computed by the lab: of a formula, the value at the f
 or a value that the source leaves to the reader, or prints wrongly, has a solution, which must agree in its place.
 
 Formulas are read as textbooks print them: ``c1 c4 s5 − s1 c5``, ``atan2(y, x)``, ``L2 c2 + L3 c23``. c and s with the
-numbers of joints are the cosine and sine of the sum of these joints' positions: c1 of q1, s23 of q2 + q3. Factors stand
-side by side. ``^`` is a power, ``√`` or ``sqrt`` a root; ``±`` is not supported.
+numbers of joints are the cosine and sine of the sum of these joints' positions: c1 of q1, s23 of q2 + q3. ``C1``,
+``cθ1`` and ``cos θ1`` are c1, too, since a source's θ1 is the lab's q1; numbers may be subscripts: ``c₁``. Lengths have
+the letters of the source's table, a3 and r4 for 0.5. Factors stand side by side. ``^`` is a power, ``√`` or ``sqrt`` a
+root; ``±`` is not supported.
 """
 
 import re
@@ -50,11 +52,15 @@ Variables = Mapping[str, Array]
 """The variables of a formula by their names: sampled values ``(n,)``."""
 _FUNCTIONS: dict[str, Callable[..., Array]] = {
     "atan2": np.arctan2, "atan": np.arctan, "acos": np.arccos, "asin": np.arcsin, "cos": np.cos, "sin": np.sin,
-    "tan": np.tan, "sqrt": np.sqrt, "abs": np.abs,
+    "tan": np.tan, "sqrt": np.sqrt, "abs": np.abs, "arctan2": np.arctan2, "arctan": np.arctan,
+    "arctg": np.arctan, "arccos": np.arccos, "arcsin": np.arcsin, "tg": np.tan,
 }  # fmt: skip
+_TWO = ("atan2", "arctan2")  # functions of two arguments
 _SAME = {"−": "-", "–": "-", "·": "*", "×": "*", "√": "sqrt", "²": "^2", "³": "^3", "π": "pi", "[": "(", "]": ")"}
+_SAME |= {chr(0x2080 + digit): str(digit) for digit in range(10)}  # subscripts
 _NUMBER = re.compile(r"\d+(\.\d+)?")
-_TURN = re.compile(r"([cs])(\d+)")
+_TURN = re.compile(r"([csCS])(?:θ|theta)?(\d+)")
+_JOINT = re.compile(r"q(\d+)")
 
 
 def evaluated(text: str, variables: Variables) -> Array:
@@ -66,7 +72,9 @@ def evaluated(text: str, variables: Variables) -> Array:
     plain = text
     for odd, usual in _SAME.items():
         plain = plain.replace(odd, usual)
-    reader = _Reader(text, " ".join(plain.split()), variables)
+    turns = {f"{name}{joint[1]}": values for key, values in variables.items() if (joint := _JOINT.fullmatch(key))
+             for name in ("θ", "theta")}  # fmt: skip
+    reader = _Reader(text, " ".join(plain.split()), variables, {**turns, **variables})
     with np.errstate(all="ignore"):
         found = reader.sum()
     if reader.at < len(reader.plain):
@@ -76,11 +84,19 @@ def evaluated(text: str, variables: Variables) -> Array:
 
 @dataclass
 class _Reader:
-    """Reader of a formula, by descent through sums, products and powers."""
+    """Reader of a formula, by descent through sums, products and powers.
+
+    Attributes:
+        text: as written.
+        plain: the same with usual signs.
+        variables: letters that an error names.
+        letters: these and other names of the joints.
+    """
 
     text: str
     plain: str
     variables: Variables
+    letters: Variables
     at: int = 0
     depth: int = 0
 
@@ -135,7 +151,7 @@ class _Reader:
             inner = self.sum()
             self._closed()
             return inner
-        for name in sorted((*self.variables, *_FUNCTIONS, "pi"), key=len, reverse=True):
+        for name in sorted((*self.letters, *_FUNCTIONS, "pi"), key=len, reverse=True):
             if self._skip(name):
                 return self._named(name)
         if found := _TURN.match(self.plain, self.at):
@@ -143,7 +159,7 @@ class _Reader:
             if all(joint in self.variables for joint in joints):
                 self.at = found.end()
                 angle = sum((self.variables[joint] for joint in joints), start=np.zeros(1))
-                return np.asarray(np.cos(angle) if found[1] == "c" else np.sin(angle))
+                return np.asarray(np.cos(angle) if found[1] in "cC" else np.sin(angle))
         if found := _NUMBER.match(self.plain, self.at):
             self.at = found.end()
             return np.array(float(found[0]))
@@ -153,15 +169,15 @@ class _Reader:
         """Read a variable, a constant, or a function with its arguments."""
         if name == "pi":
             return np.array(np.pi)
-        if name in self.variables:
-            return self.variables[name]
+        if name in self.letters:
+            return self.letters[name]
         if not self._skip("("):
             return _FUNCTIONS[name](self._power())
         arguments = [self.sum()]
         while self._skip(","):
             arguments.append(self.sum())
         self._closed()
-        if len(arguments) != (2 if name == "atan2" else 1):
+        if len(arguments) != (2 if name in _TWO else 1):
             raise self.error()
         return np.asarray(_FUNCTIONS[name](*arguments))
 

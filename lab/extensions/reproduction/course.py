@@ -234,17 +234,25 @@ def _products() -> tuple[Answer, ...]:
 _REDUNDANCY_ITEM = Item(
     "Section 6.2", "Mobility index, degrees of freedom, redundancy", _redundancy, "lab inspect scemi",
     "The course draws its examples without numbers; these are arms of the lab.",
+    question="Which of these arms are redundant, everywhere or in some positions?",
+    hint="Compare the number of joints with the freedoms of the hand, which the rank of the Jacobian "
+    "counts.",
 )  # fmt: skip
 _COORDINATE_ITEM = Item(
     "Section 7.1", "Polar and cylindrical coordinates", _coordinates,
     "lab kinematics carrier/spherical --symbolic --between 0 3",
     "The course names the coordinates. Here they are the joints of two carriers: polar from the top of a column of "
     "1 m, with θ2 above the horizontal, and cylindrical with θ1 from the boom's side.",
+    question="Write the coordinates of the point by its polar and its cylindrical ones.",
+    hint="Project the length on the horizontal plane first. Cylindrical coordinates have that length "
+    "at once.",
 )  # fmt: skip
 _BLOCK_ITEM = Item(
     "Section 5.6", "The inverse of the Jacobian by blocks, and J⁺", _blocks,
     "lab kinematics versatran --joints 20,700,800,30,40,50 --twist 10,0,0,0,0,0",
     "Of the VERSATRAN at its wrist's centre, the SCARA and the Panda; the lab's inverses are by singular values.",
+    question="Which product of J and Jᵗ is J⁺ of an arm with fewer joints than freedoms?",
+    hint="Multiply J dq = dX by Jᵗ from the left, and solve for dq.",
 )  # fmt: skip
 _PRODUCT_ITEM = Item(
     "Annex, recalls 1 and 2", "Products of transformations and of vectors", _products,
@@ -343,13 +351,24 @@ def _inverse() -> tuple[Answer, ...]:
 
 
 _ROTATION_ITEMS = (
-    Item("Annex, A3.1", "Direction cosines", _cosines, note="lab.core.se3 has the rotations of the annex, each way."),
+    Item("Annex, A3.1", "Direction cosines", _cosines, note="lab.core.se3 has the rotations of the annex, each way.",
+         question="How many of the nine direction cosines are independent?",
+         hint="Each axis has length 1, and each two of them are at right angles: count these conditions."),
     Item("Annex, A3.2", "Roll, pitch and yaw", _roll_pitch_yaw, "lab kinematics irb120 --joints 0,0,0,0,0,0",
-         "Poses are printed with these three angles."),
+         "Poses are printed with these three angles.",
+         question="Write the rotation by roll θx, pitch θy and yaw θz.",
+         hint="Multiply three turns: about z, then y, then x, from left to right."),
     Item("Annex, A3.3 to A3.6, figure A3.1", "Vector of rotation", _rotation_vector,
-         note="The figure's two turns are A3.3 and A3.4."),
+         note="The figure's two turns are A3.3 and A3.4.",
+         question="Write the axis u by the two turns α and β, and the matrix of a turn about u, with C and "
+         "S for its cosine and sine.",
+         hint="Tilt z by β, then turn it by α about z. The matrix is C times the identity, plus S times "
+         "the matrix of u ×, plus (1 − C) u uᵗ."),
     Item("Annex, A3.7 to A3.11", "Axis and angle of a rotation", _inverse,
-         note="The lab takes the quaternion with the largest pivot, which is right at every angle."),
+         note="The lab takes the quaternion with the largest pivot, which is right at every angle.",
+         question="Find the angle and the axis of a rotation with the columns i, j and k.",
+         hint="The trace is 1 + 2 C. What is above the diagonal less what is below it is 2 S times a "
+         "component of u."),
 )  # fmt: skip
 
 
@@ -439,7 +458,10 @@ _MOTION_ITEMS = (
          question="Find the joints at P0, P1 and P2, and the phases of constant acceleration.",
          hint="q1 goes from rest to rest through P1 at rest, in phases as long as q2's; the slower joint decides."),
     Item("Section 10.3, approximation", "The trajectory past P1 with dX = 0.1 m", _past,
-         "lab trajectory POINTS.csv --robot course2r --accelerations 50 --speeds 171.9"),
+         "lab trajectory POINTS.csv --robot course2r --accelerations 50 --speeds 171.9",
+         question="Where does q1 turn back, and how long does the motion past P1 take?",
+         hint="The point passes P1 at dX = 0.1 m. There q1 is atan2 of its place, and fewer degrees take "
+         "less time."),
 )  # fmt: skip
 
 
@@ -488,7 +510,10 @@ _VOLUME_ITEMS = (
     Item("Section 6.1", "Volumes of the five carriers", _answers, "lab workspace carriers",
          "Hinges turn by 360°, slides move from 0 to L, and "
          "a link is as long as L if it bears a hinge, else nothing. By exact sections of what the closed-form inverse "
-         "reaches within the limits; L = 1 m.", _picture),
+         "reaches within the limits; L = 1 m.", _picture,
+         question="What volume does each carrier reach, in units of L³?",
+         hint="Find the area that the last two joints cover in their plane. Turned about axis 1 it sweeps "
+         "the area times the way of its centre (Pappus)."),
 )  # fmt: skip
 
 

@@ -210,15 +210,31 @@ def _singular() -> tuple[Answer, ...]:
 
 _COMMAND = "lab kinematics versatran"
 VERSATRAN_ITEMS = (
-    Item("Section 8.1", "The matrix of a link, Craig's convention", _general, f"{_COMMAND} --symbolic"),
-    Item("Section 8.2, table", "Denavit-Hartenberg table of the VERSATRAN FA", _table, "lab inspect versatran"),
-    Item("Section 8.2, matrices", "Its link matrices", _links, f"{_COMMAND} --symbolic"),
+    Item("Section 8.1", "The matrix of a link, Craig's convention", _general, f"{_COMMAND} --symbolic",
+         question="Write the matrix of a link by α, a, θ and r.",
+         hint="Multiply, from left to right: a turn by α about x, a length a along x, a turn by θ about z, "
+         "a length r along z."),
+    Item("Section 8.2, table", "Denavit-Hartenberg table of the VERSATRAN FA", _table, "lab inspect versatran",
+         question="Fill in α and a of the six joints.",
+         hint="α is the angle from one joint's axis to the next one's, about x, and a is their distance: 0 "
+         "where they meet."),
+    Item("Section 8.2, matrices", "Its link matrices", _links, f"{_COMMAND} --symbolic",
+         question="Write the six link matrices.",
+         hint="Put each row of the table into the matrix of section 8.1. Of a slide θ is constant, and r "
+         "is its joint's position."),
     Item("Section 8.4", "Its direct model T0,7", _direct, f"{_COMMAND} --symbolic --between 0 6",
-         "r7 is 0.15 m here, a representative value."),
+         "r7 is 0.15 m here, a representative value.",
+         question="Multiply the link matrices to T0,7. zx, zy and zz are the entries of its third column.",
+         hint="Begin at the hand: three turns make the wrist. Then T0,3 turns it by q1 and moves it."),
     Item("Section 8.5, J", "Its Jacobian", _jacobian, f"{_COMMAND} --joints 20,700,800,30,40,50",
-         "Rows 2, 5 and 6 cannot be read in the converted text; the rates below, which follow from them, are right."),
+         "Rows 2, 5 and 6 cannot be read in the converted text; the rates below, which follow from them, are right.",
+         question="Write the Jacobian of the wrist's centre.",
+         hint="The column of a slide is its z above zeros. That of a hinge is z × (p − its origin) above "
+         "z, all in the base's frame."),
     Item("Section 8.5, rates", "Its differential model", _rates,
-         f"{_COMMAND} --joints 20,700,800,30,40,50 --rates 1,2,3,4,5,6"),
+         f"{_COMMAND} --joints 20,700,800,30,40,50 --rates 1,2,3,4,5,6",
+         question="Write the rates of the wrist's centre, of the hand's axes, and of its point.",
+         hint="The first six are J dq. An axis of the hand turns with it: its rate is dφ × the axis."),
     Item("Section 8.6", "Its inverse model", _inverse, f"{_COMMAND} --pose=-200,700,800,30,40,50",
          "The hand's point is px7, py7, pz7. q3 is taken above zero; its other sign, which turns q1 by half a turn, is "
          "beyond the limits. w is the sign of sin q5.",
@@ -230,7 +246,9 @@ VERSATRAN_ITEMS = (
          question="Find dq1 to dq6 of a displacement dp and a turn dφ of the wrist.",
          hint="dp gives dq2, dq3 and dq1. What is left of dφ after dq1 is the wrist's: turn it by −q1 first."),
     Item("Section 8.2, figure", "The drawn posture", _singular, f"{_COMMAND} --joints 0,600,600,-90,0,0",
-         "The figure draws the arm with q5 = 0, where its wrist is singular."),
+         "The figure draws the arm with q5 = 0, where its wrist is singular.",
+         question="Find det J, and its value in the drawn posture.",
+         hint="A block of J is zero, so det J is the product of two determinants of three rows each."),
 )  # fmt: skip
 
 
@@ -334,7 +352,10 @@ CARRIER_ITEMS = (
          hint="θ1 follows from x and y alone. Then (L, z − l1) is the sum of two links in a plane: square and add."),
     Item("Section 7.4", "The ten types of equations", _types,
          note="How many roots each type has, and what they miss at 2,000 random coefficients. The solutions are those "
-         "of Khalil and Dombre 2002, table 4.1, which the lab's closed forms are made of."),
+         "of Khalil and Dombre 2002, table 4.1, which the lab's closed forms are made of.",
+         question="How many roots has each type of equation?",
+         hint="Where sine and cosine of the angle both follow, there is one root. Where a square root is "
+         "left, both of its signs hold."),
 )  # fmt: skip
 
 
@@ -494,13 +515,24 @@ def _shared_pin() -> tuple[Answer, ...]:
 
 
 PARALLEL_ITEMS = (
-    Item("Section 11.3.1", "The 2-RPR", _two_legs, "lab inspect rpr2", "L is 0.6 m."),
+    Item("Section 11.3.1", "The 2-RPR", _two_legs, "lab inspect rpr2", "L is 0.6 m.",
+         question="Find the inverse and the direct model, A and B of A dX + B dq = 0, and the singular "
+         "positions.",
+         hint="ρ1 and ρ2 are distances from two fixed points: take one square from the other. "
+         "Differentiate the squares for A and B."),
     Item("Sections 11.3, 11.3.2", "The 3-RPR and its like", _three_legs, "lab inspect rpr3",
-         "φ counts from the side B1 B2 of the platform."),
+         "φ counts from the side B1 B2 of the platform.",
+         question="Write the squares of the legs' lengths, and count the mobility of three robots.",
+         hint="Place each pin of the platform by x, y and φ, and take its distance from the base's. In the "
+         "plane each body has 3 freedoms, and each pin or slide takes 2."),
     Item("Sections 11.4.4, 11.6", "The Delta: mobility, and the IRB 340's four axes", _delta,
          "lab inspect delta/irb340",
          "Counted is the model delta/six_rods. Each rod turns about itself between two ball joints, which moves no "
-         "other body."),
+         "other body.",
+         question="Count the Delta's bodies, joints and freedoms, and find θ1 to θ3 of two places of the "
+         "larger Delta.",
+         hint="Each leg has a hinge, and two rods with a ball joint at either end. The mobility is the "
+         "joints' freedoms less 6 for each loop, less the internal ones."),
     Item("Section 11.5", "A 3-RPR whose legs 1 and 3 share a pin", _shared_pin,
          "lab kinematics rpr3/shared_pin --pose 750,600,0,0,0,40",
          "The anchors B1, B2, B3 are (a1, b1), (a2, b2), (a3, b3); their values are representative.",

@@ -213,7 +213,10 @@ ELASTIC = Source(
              "Of the IRB 120 with its upper arm and forearm as tubes of aluminium under gravity, by the lab's beams, "
              "at random poses; the displacements are scaled to 1 mm and 1 mrad at most."),
         Item("Equations 3.22 to 3.29", "Elementary matrices", _rotations, "lab kinematics rx130 --symbolic",
-             "The matrices of single motions; the link matrices of the command are their products."),
+             "The matrices of single motions; the link matrices of the command are their products.",
+         question="Write the elementary matrices.",
+         hint="A translation is the identity with a last column. Of a small angle δ the sine is δ and the "
+         "cosine is 1."),
         Item("Equations 3.30 to 3.34", "Small displacements and turns", _small,
              note="The order of the turns matters by the square of their size: 1e-6 at 1 mrad."),
         Item("Equations 3.35, 3.36 a", "The corrected direct model", _chain, "python scripts/elastic_links_found.py",

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any
 
 from lab.commands.command_line import options_of, takes
 from lab.commands.result import Result
-from lab.core.errors import LabError
+from lab.core.errors import LabError, counted
 from lab.extensions.reproduction.answer import Answer, Kind, State
 from lab.extensions.reproduction.item import Computed, Item, Mark, Source, marked, source_named, write_exercise
 from lab.extensions.reproduction.options import ReproduceOptions
@@ -22,10 +22,13 @@ from lab.render.document import (
     Badge,
     Block,
     Bullets,
+    Card,
     Code,
     Command,
     Document,
     Figure,
+    Matrices,
+    Matrix,
     Paragraph,
     Picture,
     Row,
@@ -34,6 +37,7 @@ from lab.render.document import (
     Table,
     Text,
     Warnings,
+    inlines,
 )
 
 __all__ = ["ReproductionResult", "reproduce"]
@@ -194,7 +198,10 @@ _BADGES: Mapping[State, Badge] = {
     "given": Badge("given", "open"),
     "open": Badge("exercise", "open"),
 }
-_BESIDE = 6  # columns of a matrix: with more the lab's values are shown beneath
+_COMPARED: tuple[State, ...] = ("agrees", "erratum", "differs")
+_CARD_KINDS: Mapping[State, str] = {"agrees": "after", "differs": "before"}  # of the large numbers
+_MARKS = ("right", "wrong", "blank")
+_BLANK = "…"  # an entry that is asked
 _WORST: tuple[State, ...] = ("differs", "erratum", "unreadable", "agrees", "given", "open")
 
 
@@ -204,6 +211,7 @@ def _reproduction_document(result: ReproductionResult) -> Document:
         _title(result),
         (
             Paragraph(source.title, "lead"),
+            _card(result),
             Warnings(() if result.options.exercise else result.warnings),
             Section("Marks", _marks(result.marks or ())),
             Section("Items", () if marked else _overview(result)),
@@ -222,19 +230,69 @@ def _title(result: ReproductionResult) -> str:
         blank = sum(mark.state == "blank" for mark in result.marks)
         return f"{name}: {right} of {len(result.marks)} answers right, {blank} blank"
     if result.options.exercise:
-        count = sum(answer.in_exercise for answer in result.answers)
-        return f"{name}: an exercise of {count} answers"
-    compared: tuple[State, ...] = ("agrees", "erratum", "differs")
-    printed = sum(result.count(state) for state in compared)
+        return f"{name}: an exercise of {counted(len(_asked(result.computed)), 'answer')}"
+    printed = sum(result.count(state) for state in _COMPARED)
     others: tuple[State, ...] = ("erratum", "unreadable", "differs")
     more = [f"{result.count(state)} {_STATES[state]}" for state in others if result.count(state)]
-    return ", ".join([f"{name}: {result.count('agrees')} of {printed} numbers, formulas and words agree", *more])
+    if printed:
+        return ", ".join([f"{name}: {result.count('agrees')} of {printed} numbers, formulas and words agree", *more])
+    checks, whole = result.counts["check"], len(result.answers)
+    if held := checks["agrees"]:
+        count = sum(checks.values())
+        words = "the lab's own check holds" if count == 1 else f"{held} of {count} own checks of the lab hold"
+        return ", ".join([f"{name}: {words}", *more])
+    return ", ".join([f"{name}: {counted(whole, 'value')}, none of them to compare", *more])
+
+
+def _asked(computed: Sequence[Computed]) -> list[Answer]:
+    """Return the answers that an exercise asks for."""
+    return [answer for each in computed for answer in each.answers if answer.in_exercise]
+
+
+def _card(result: ReproductionResult) -> Card:
+    """Summarise on the page's first screen: how many agree, how many do not, and what to do next."""
+    command = f"lab reproduce {result.source.name}"
+    if result.marks is not None:
+        return _card_of_marks(result.marks, command)
+    if result.options.exercise:
+        badge = Badge("exercise with its solutions" if result.options.solution else "exercise")
+        items = sum(1 for each in result.computed if _asked([each]))
+        numbers = (("answers", str(len(_asked(result.computed))), ""), ("items", str(items), ""))
+        next_step: Text = ("fill in exercise.csv; ", Code(f"{command} --mark exercise.csv"), " says what is right")
+        more: Text = "" if result.options.solution else ("; ", Code("--solution"), " shows the solutions")
+        return Card(badge, numbers, "A formula may use the letters of the source.", (*next_step, *inlines(more), "."))
+    states: tuple[State, ...] = ("agrees", "erratum", "differs")
+    counts = {state: result.count(state) for state in states}
+    numbers = tuple(
+        (_STATES[state], str(count), _CARD_KINDS.get(state, "") if count else "") for state, count in counts.items()
+    )
+    if result.wrong:
+        badge, next_step = Badge("differs", "bad"), f"look at {result.wrong[0]}, which differs without a listed reason."
+    else:
+        badge = Badge("as printed but for errata", "good") if result.count("erratum") else Badge("as printed", "good")
+        asked = next((each.item.number for each in result.computed if _asked([each])), "")
+        own = ("work it out yourself: ", Code(f'{command} --exercise --item "{asked}"'), ".")
+        next_step = own if asked else "choose another item, to work out yourself."
+    printed = sum(result.count(state) for state in _COMPARED)
+    about = f"Of {printed} printed numbers, formulas and words. An erratum is a value that the source prints wrongly."
+    return Card(badge, numbers, about, next_step)
+
+
+def _card_of_marks(marks: Sequence[Mark], command: str) -> Card:
+    """Summarise a marked exercise."""
+    found = Counter(mark.state for mark in marks)
+    numbers = tuple((state, str(found[state]), "after" if state == "right" else "") for state in _MARKS)
+    if found["right"] == len(marks):
+        return Card(Badge("all right", "good"), numbers, "", "take the next chapter.")
+    first = next(mark for mark in marks if mark.state != "right")
+    step: Text = (f"try {first.label} again; ", Code(f"{command} --exercise --solution"), " shows every solution.")
+    return Card(Badge(f"{found['right']} of {len(marks)} right", "doubtful"), numbers, "", step)
 
 
 def _overview(result: ReproductionResult) -> tuple[Block, ...]:
     if result.options.exercise:
-        rows = tuple((c.item.number, c.item.title, str(len(c.answers))) for c in result.computed)
-        return (Table(("item", "", "values"), rows),)
+        rows = tuple((c.item.number, c.item.title, str(count)) for c in result.computed if (count := len(_asked([c]))))
+        return (Table(("item", "", "answers"), rows),)
     used = [state for state in _STATES if any(result.counts[kind][state] for kind in _KINDS)]
     kinds = tuple(
         (words, *(str(result.counts[kind][state] or "") for state in used))
@@ -273,7 +331,8 @@ def _reasons(result: ReproductionResult, state: State) -> tuple[Block, ...]:
 def _chapters(result: ReproductionResult) -> Iterator[Section]:
     """Show the items of each chapter in a section; chosen ones everywhere, else on the page alone."""
     shown_in = EVERYWHERE if result.options.item else PAGE
-    for title, items in groupby(result.computed, key=lambda each: each.item.chapter):
+    shown_items = [each for each in result.computed if not result.options.exercise or _asked([each])]
+    for title, items in groupby(shown_items, key=lambda each: each.item.chapter):
         sections = tuple(replace(_section(result, each), shown_in=shown_in) for each in items)
         if title:
             yield Section(title, sections, shown_in=shown_in)
@@ -286,48 +345,57 @@ def _section(result: ReproductionResult, each: Computed) -> Section:
     return Section(
         f"{item.number}: {item.title}",
         (
-            *((Paragraph(item.question), Paragraph(f"Hint: {item.hint}" if item.hint else "", "note")) if exercise
-              else ()),
+            *((Paragraph((Strong(item.question),)), Paragraph(item.hint, "hint")) if exercise else ()),
             Paragraph(item.note),
             *(_questions(each.answers, solved=result.options.solution) if exercise else _values(each.answers)),
             *(() if exercise else _figure(item)),
-            Command(item.command),
+            Command("" if exercise and not result.options.solution else item.command),
         ),
     )  # fmt: skip
 
 
 def _values(answers: tuple[Answer, ...]) -> Iterator[Block]:
-    """Show matrices as such, in one table if they have as many columns, and all other values in another."""
-    widths: dict[str, int] = {}
-    for answer in answers:
-        if answer.place is not None:
-            widths[answer.place[0]] = max(widths.get(answer.place[0], 0), answer.place[2])
-    for width in dict.fromkeys(widths.values()):
-        entries = [answer for answer in answers if answer.place is not None and widths[answer.place[0]] == width]
-        yield _matrices(entries, width)
-        yield Bullets(tuple(_marked_entries([answer for answer in entries if answer.state in _WORST[:3]])))
+    """Show matrices as such, rows of a table in a table of as many columns, and all other values one by one."""
+    placed = _by_matrix(answers)
+    yield Matrices(tuple(_matrix(name, rows) for name, rows in placed.items() if len(rows) > 1))
+    single = [rows[0] for rows in placed.values() if len(rows) == 1]
+    for width in dict.fromkeys(map(len, single)):
+        yield _row_table([row for row in single if len(row) == width], width)
+    wrong = [answer for answer in answers if answer.place is not None and answer.state in _WORST[:3]]
+    yield Bullets(tuple(_marked_entries(wrong)))
     yield _list([answer for answer in answers if answer.place is None])
 
 
-def _matrices(entries: Sequence[Answer], width: int) -> Table:
-    """Show matrices: printed entries, or the solution where they are left to the reader, beside the lab's values."""
-    beside = width <= _BESIDE
-    rows: list[Row] = []
-    for name, matrix in groupby(entries, key=lambda answer: (answer.place or ("", 0, 0))[0]):
-        whole = list(matrix)
-        right = all(answer.state not in _WORST[:3] for answer in whole)
-        for i, line in groupby(whole, key=lambda answer: (answer.place or ("", 0, 0))[1]):
-            row = list(line)
-            state = min((answer.state for answer in (whole if right else row)), key=_WORST.index)
-            badge: Text = "" if right and i > 1 else _BADGES[state]
-            printed, ours = tuple(map(_entry, row)), tuple(answer.ours for answer in row)
-            if beside:
-                rows.append((name if i == 1 else "", *printed, "", *ours, badge))
-            else:
-                rows += [(name if i == 1 else "", "printed", *printed, badge), ("", "here", *ours, "")]
+def _by_matrix(answers: Iterable[Answer]) -> dict[str, list[list[Answer]]]:
+    """Return the rows of each matrix, by its name."""
+    found: dict[str, dict[int, list[Answer]]] = {}
+    for answer in answers:
+        if answer.place is not None:
+            found.setdefault(answer.place[0], {}).setdefault(answer.place[1], []).append(answer)
+    return {name: list(rows.values()) for name, rows in found.items()}
+
+
+def _matrix(name: str, rows: Sequence[Sequence[Answer]]) -> Matrix:
+    """Return a matrix as printed, or as the reader should find it, beside the lab's values, with its worst state."""
+    state = min((answer.state for row in rows for answer in row), key=_WORST.index)
+    printed, ours = (tuple(tuple(map(part, row)) for row in rows) for part in (_entry, _ours))
+    return Matrix(name, (("solution" if state == "open" else "printed", printed), ("here", ours)), _BADGES[state])
+
+
+def _ours(answer: Answer) -> Text:
+    """Return the lab's value of an entry."""
+    return answer.ours
+
+
+def _row_table(rows: Sequence[Sequence[Answer]], width: int) -> Table:
+    """Show rows of a table that are compared entry by entry, beside the lab's values."""
+    lines: list[Row] = []
+    for row in rows:
+        state = min((answer.state for answer in row), key=_WORST.index)
+        name = row[0].place[0] if row[0].place else ""
+        lines.append((name, *map(_entry, row), "", *(answer.ours for answer in row), _BADGES[state]))
     blank = ("",) * (width - 1)
-    heads = ("", "printed", *blank, "", "here", *blank, "") if beside else ("",) * (width + 3)
-    return Table(heads, tuple(rows))
+    return Table(("", "printed", *blank, "", "here", *blank, ""), tuple(lines))
 
 
 def _entry(answer: Answer) -> Text:
@@ -368,11 +436,21 @@ def _list(answers: Sequence[Answer]) -> Table:
 
 
 def _questions(answers: tuple[Answer, ...], *, solved: bool) -> Iterator[Block]:
+    """Ask for matrices as such, rows of a table in a table, and all other values one by one."""
     asked = [answer for answer in answers if answer.in_exercise]
-    if solved:
-        yield Table(("asked", "solution", "unit"), tuple((a.name, a.solution, a.unit) for a in asked))
-    else:
-        yield Table(("asked", "answer", "unit"), tuple((a.name, "", a.unit) for a in asked))
+
+    def shown(answer: Answer) -> str:
+        return answer.solution if solved else _BLANK
+
+    placed = _by_matrix(asked)
+    entries = {name: tuple(tuple(map(shown, row)) for row in rows) for name, rows in placed.items()}
+    yield Matrices(tuple(Matrix(name, (("", rows),)) for name, rows in entries.items() if len(rows) > 1))
+    single = [(name, *rows[0]) for name, rows in entries.items() if len(rows) == 1]
+    for width in dict.fromkeys(map(len, single)):
+        yield Table(("asked", *[""] * (width - 1)), tuple(row for row in single if len(row) == width))
+    others = [answer for answer in asked if answer.place is None]
+    rows = tuple((answer.name, shown(answer), answer.unit) for answer in others)
+    yield Table(("asked", "solution" if solved else "answer", "unit"), rows)
 
 
 def _figure(item: Item) -> tuple[Block, ...]:

@@ -306,6 +306,9 @@ def load_in_frame(T_link_load: Array) -> Array:
     return np.stack(columns, axis=1)
 
 
+_ACROSS = ("a", "alpha", "beta")  # what leads from one axis to the next
+
+
 @dataclass(frozen=True)
 class ArmDynamics:
     """Inverse dynamic model of an arm, f = W(q, q', q'') X.
@@ -316,6 +319,8 @@ class ArmDynamics:
         couplings: C ``(J, J)``, turns of each drive by the joints' positions, as the joints feel it: unit diagonal, and
             one at (5, 4) if the last drive of six also turns with joint 5.
         motor_inertia, friction, offsets: parameters of the model.
+        distal: whether the robot's own table is in the distal convention, where the a and α that lead to frame j are
+            those of row j - 1.
     """
 
     chain: Chain
@@ -324,6 +329,7 @@ class ArmDynamics:
     motor_inertia: bool = True
     friction: bool = True
     offsets: bool = True
+    distal: bool = False
 
     def __post_init__(self) -> None:
         size = self.chain.size
@@ -337,7 +343,12 @@ class ArmDynamics:
     @classmethod
     def of(cls, chain: Chain, gravity: Array, couplings: Array | None = None) -> "ArmDynamics":
         """Return the whole model of any chain; by default each drive turns its own joint."""
-        return cls(khalil_chain(chain), gravity, np.eye(chain.size) if couplings is None else couplings)
+        coupled = np.eye(chain.size) if couplings is None else couplings
+        return cls(khalil_chain(chain), gravity, coupled, distal=chain.convention == "distal")
+
+    def letter(self, symbol: str, j: int) -> str:
+        """Return the name of a constant of frame j (from 1), by its row in the robot's own table: ``a2``, ``d4``."""
+        return f"{symbol}{j - 1 if self.distal and symbol in _ACROSS else j}"
 
     @cached_property
     def coupled(self) -> tuple[int, ...]:

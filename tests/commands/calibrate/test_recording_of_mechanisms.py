@@ -8,7 +8,7 @@ from rerun.chunk import RrdReader
 
 from lab.campaign import virtual_robot as virtual_arm
 from lab.campaign.options import DesignOptions
-from lab.commands.calibrate.recording import record, summary_text
+from lab.commands.calibrate.recording import record
 from lab.commands.calibrate.run import VirtualCampaign, calibrate
 from lab.commands.calibrate.scene import scene
 from lab.commands.design.document import plan_scene
@@ -111,7 +111,7 @@ def test_measured_legs_are_told_from_rods(recorded):
     assert len(colours) == len(measured) and len(set(colours)) == len(set(measured))
     radii = np.array(statics(path, f"/{LEGS}", "LineStrips3D:radii"))
     assert ((radii > 0.002 * shown.reach_m) & (radii < 0.02 * shown.reach_m)).all()
-    said = summary_text(outcome, shown)
+    said = statics(path, "/summary", "TextDocument:text")[0]
     told = ("legs whose length is a joint position" in said, "grey**: rods" in said)
     assert told == (any(measured), not all(measured))
     assert shown.reach_m >= np.linalg.norm(shown.legs.ends - shown.origins[0, 0], axis=-1).max() - 1e-12
@@ -139,7 +139,7 @@ def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
     found = entities(tmp_path / "serial.rrd")
     assert "/world/arm/link3" in found and f"/{LEGS}" not in found
     assert "/world/instrument/stand" not in found  # its model has a tracker of its own
-    assert "lines of the robot" not in summary_text(outcome, shown)
+    assert "lines of the robot" not in statics(tmp_path / "serial.rrd", "/summary", "TextDocument:text")[0]
 
 
 @pytest.mark.thorough

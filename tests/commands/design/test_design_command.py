@@ -223,8 +223,16 @@ def test_the_recording_is_the_tour(drawn: Path, plan, home) -> None:
     assert statics(path, "/world/targets/number", "Points3D:labels") == list(shown.ids)
     halves = np.array(column(path, "/world/ellipsoid/uncertainty/shape", "Ellipsoids3D:half_sizes", "stop")[1])[:, 0]
     assert len(halves) == len(plan.tour.waypoints)
-    text = statics(path, "/summary", "TextDocument:text")[0]
-    assert f"{POSES} poses" in text and "D-efficiency" in text and "O1" in text
+    text, whole = (statics(path, entity, "TextDocument:text")[0] for entity in ("/summary", "/details"))
+    assert f"{POSES} poses" in text and "D-efficiency" in whole and "O1" in text
+    stops, lines = column(path, "/program", "TextLog:text", "stop")
+    assert stops == list(range(len(plan.tour.waypoints))) and (lines[0][0][:4], lines[-1][0][:4]) == ("home", "home")
+    for (line,), waypoint, measured in zip(lines, plan.tour.waypoints, plan.tour.measured >= 0, strict=True):
+        values = [float(each.removesuffix("°")) for each in line.partition(" at ")[2].split(", ")]
+        np.testing.assert_allclose(values, np.rad2deg(waypoint), atol=0.051)
+        assert ("measure pose" in line) is bool(measured)
+    tool = np.array(column(path, "/world/frames/tool", "Transform3D:translation", "stop")[1])[:, 0]
+    np.testing.assert_allclose(tool, shown.points[:, 0], atol=1e-6)  # it stands at the first target
 
 
 @pytest.mark.thorough
@@ -250,7 +258,7 @@ def test_poses_on_the_way_are_drawn_and_numbered_as_none(plan, tmp_path: Path, h
 @pytest.mark.figures
 def test_no_view_of_the_plan_complains(drawn: Path, home) -> None:
     views = views_of(drawn / "recording.rrd", home, "stop")
-    assert {view.name for view in views} >= {"Tour", "Sensitivity ellipsoid", "Summary"}
+    assert {view.name.partition(" ×")[0] for view in views} >= {"Tour", "Sensitivity", "Summary", "Program"}
     assert [(view.name, view.reports) for view in views if view.reports] == []
 
 

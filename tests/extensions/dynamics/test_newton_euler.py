@@ -9,8 +9,9 @@ import pytest
 
 from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
-from lab.extensions.dynamics.arm.base_parameters import base_parameters
+from lab.extensions.dynamics.arm.base_parameters import base_parameters, regrouping_formulas
 from lab.extensions.dynamics.arm.newton_euler import newton_euler
+from lab.extensions.robotics.kinematics.symbolic import symbolic_chain
 from lab.formats.formula_program import programs_text
 from lab.kinematics.dynamics.rigid_body import ArmDynamics
 
@@ -130,4 +131,19 @@ def test_only_what_a_torque_needs_is_written() -> None:
     names = set(text.replace("(", " ").replace(")", " ").replace("*", " ").replace("-", " ").split())
     assert {name for name, _ in found.steps} <= names and set(found.letters) <= names
     assert set(found.parameters) <= names and "MX1" not in names
-    assert found.multiplications < 400 and found.letters["a3"] == pytest.approx(0.27)
+    assert found.multiplications < 400 and found.letters["a2"] == pytest.approx(0.27)  # of the robot's own table
+
+
+@pytest.mark.parametrize("name", ["irb120", "tx40"])
+def test_a_length_has_the_letter_of_the_robots_own_table(name: str) -> None:
+    """As in ``lab kinematics --symbolic``: an arm has one set of letters, whatever frames the equations stand in."""
+    pytest.importorskip("sympy")
+    chain = load_robot(name).serial_model.chain
+    arm = ArmDynamics.of(chain, G)
+    base = base_parameters(arm, rng_for(0, "structure"))
+    of_table = {letter: float(value) for letter, value in symbolic_chain(chain).letters.items()}
+    found = {letter: value for letter, value in newton_euler(arm, base).letters.items() if letter[0] in "ad"}
+    assert found and found == {letter: pytest.approx(of_table[letter]) for letter in found}
+    words = {letter for each in regrouping_formulas(arm, base, rng_for(1, "structure")) for term in each.terms
+             for word, _ in term.coefficient for letter in word}  # fmt: skip
+    assert words and words <= {*of_table}

@@ -15,7 +15,7 @@ from lab.commands.registry import command_named
 from lab.core.errors import LabError
 from lab.extensions.reproduction.item import labels, marked, source_named, sources
 from lab.extensions.reproduction.options import ReproduceOptions
-from lab.extensions.reproduction.result import reproduce
+from lab.extensions.reproduction.result import ReproductionResult, reproduce
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +166,11 @@ def test_an_exercise_of_one_item_asks_hints_and_is_solved_on_request(
     assert "Find q1 to q6" in shown and "Hint: Go back" in shown and "acos" not in shown
     (item,) = source_named("course").chosen("8.6")
     page = (tmp_path / "asked" / "report.html").read_text(encoding="utf-8")
-    assert "Find q1 to q6" in page and f"Hint: {item.hint}".replace("'", "&#39;") in page
+    assert "Find q1 to q6" in page and item.hint.replace("'", "&#39;") in page
+    assert (
+        page.index('<details class="hint">') < page.index(item.hint[:20]) and '<details class="hint" open' not in page
+    )
+    assert item.command not in shown and item.command not in page  # it prints the solution
     solution = next(answer.right for answer in item.answers() if answer.name == "q5")
     assert solution == "w acos(−s1 zx + c1 zy)" and solution not in page
     with (tmp_path / "asked" / "exercise.csv").open(encoding="utf-8") as file:
@@ -185,16 +189,61 @@ def test_a_solution_is_one_of_an_exercise(capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_a_page_shows_a_matrix_as_a_matrix(tmp_path: Path) -> None:
-    """Rows of a matrix are rows of its table, with the lab's values beside them, and one state for the matrix."""
+    """Rows of a matrix are rows of its table, with the lab's values beside it, and one state for the matrix."""
     result = reproduce("thesis", item="Equations III.6 to III.11")
-    rows = result.report(tmp_path / "page.html").read_text(encoding="utf-8").split("<tr")[1:]
-    inside = [row for row in rows if row.count("<td") >= 9]
-    assert len(inside) >= 24 and sum("agrees" in row for row in inside) == 6
+    page = result.report(tmp_path / "page.html").read_text(encoding="utf-8")
+    matrices = page.split('<div class="matrix">')[1:]
+    assert len(matrices) == 6
+    for matrix in matrices:
+        printed, ours = (part.split("</table>")[0] for part in matrix.split("<table>")[1:3])
+        assert printed.count("<tr>") == ours.count("<tr>") == 4 and printed.count("<td>") == ours.count("<td>") == 16
+    assert page.count(">agrees</span>") == 6
+    text = result.summary()
+    assert text.count("⎡") == text.count("⎦") == 12 and "⎣ 0    0    0  1  ⎦  ⎣ 0" in text
+
+
+def test_an_exercise_asks_for_matrices_and_counts_what_it_asks(exercise: Path) -> None:
+    result = reproduce("staubli", exercise=True)
+    with exercise.open(encoding="utf-8") as file:
+        asked = len(list(csv.DictReader(file)))
+    assert f"an exercise of {asked} answers" in result.document().title
+    text = result.summary()
+    rows = [line.split("│") for line in text.partition("Equation 1.2: ")[0].splitlines()]
+    counts = [int(row[3]) for row in rows if len(row) == 5 and row[3].strip().isdigit()]
+    assert sum(counts) == asked and "Equation 1.1: The direct model" not in text  # which asks nothing
+    whole = reproduce("staubli", item="1.2", exercise=True).summary()
+    assert "⎡ …  …  …  … ⎤" in whole and whole.count("…  …  …  …") == 3
+
+
+@pytest.mark.parametrize(
+    ("item", "title"),
+    [("1.1", "staubli: the lab's own check holds"), ("1.2", "staubli: 12 values, none of them to compare"),
+     ("1.3", "staubli: 1 of 1 numbers, formulas and words agree")],
+)  # fmt: skip
+def test_a_title_never_counts_nothing(item: str, title: str) -> None:
+    assert reproduce("staubli", item=item).document().title == title
+
+
+def test_the_card_counts_what_agrees_and_names_a_next_step(tmp_path: Path) -> None:
+    def card(result: ReproductionResult) -> str:
+        page = result.report(tmp_path / "page.html").read_text(encoding="utf-8")
+        return page.partition('<section class="card"')[2].partition("</section>")[0]
+
+    whole = reproduce("course", item="8.4")
+    shown = card(whole)
+    for word, state in (("agree", "agrees"), ("errata", "erratum"), ("differ", "differs")):
+        assert re.search(rf"<span>{word}</span> <b>{whole.count(state)}</b>", shown), word
+    assert "lab reproduce course --exercise --item" in shown
+    assert "--mark exercise.csv" in card(reproduce("course", item="8.4", exercise=True))
+    marked_file = tmp_path / "exercise.csv"
+    marked_file.write_text("item,value\nTable 1: d of link 3,625\nTable 1: d of link 2,9\n", encoding="utf-8")
+    shown = card(reproduce("staubli", mark=marked_file))
+    assert "<span>right</span> <b>1</b>" in shown and "<span>wrong</span> <b>1</b>" in shown and "try " in shown
 
 
 def test_entries_that_are_not_right_are_marked_in_the_matrix(tmp_path: Path) -> None:
     page = reproduce("course", item="8.4").report(tmp_path / "page.html").read_text(encoding="utf-8")
-    marked_entries = re.findall(r"<strong>([^<]+)</strong>", page)
+    marked_entries = re.findall(r"<td><strong>([^<]+)</strong>", page)
     assert marked_entries == [
         "−c1 c4 c5 s6 − c1 s4 c6 + s1 s5 s6",
         "−s1 c4 c5 s6 − s1 s4 c6 − c1 s5 s6",

@@ -27,14 +27,19 @@ LONG = [item for item in (*THESIS.items, *COURSE.items) if item.number in SEARCH
 
 
 def check(item: Item) -> None:
-    """A printed value agrees, or is an erratum with a reason and does not; the right answer is marked right."""
+    """A printed value agrees, or is an erratum with a reason and does not; the right answer is marked right.
+
+    An item that asks has a question and a hint, which does not hold the answer.
+    """
     answers = item.answers()
+    assert any(answer.in_exercise for answer in answers) == bool(item.question) == bool(item.hint), item.number
     assert len({answer.name for answer in answers}) == len(answers)
     for answer in answers:
         assert answer.state != "differs", f"{item.number} {answer.name}: {answer.ours}, {answer.difference}"
         assert (answer.state == "erratum") == bool(answer.erratum), f"{item.number} {answer.name}"
         if answer.in_exercise:
             assert answer.check(answer.solution), f"{item.number} {answer.name}: {answer.solution}"
+            assert answer.kind != "formula" or len(answer.solution) < 6 or answer.solution not in item.hint
             if answer.erratum:
                 assert not answer.check(answer.printed)
 

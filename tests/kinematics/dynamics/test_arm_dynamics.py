@@ -182,7 +182,9 @@ def test_formulas_give_the_numbers_of_the_arm() -> None:
     base = base_parameters(arm, rng)
     names = list(base.names)
     lengths = {
-        f"{kind}{i + 1}": row[column] for i, row in enumerate(arm.chain.table) for column, kind in ((1, "d"), (2, "a"))
+        arm.letter(kind, i + 1): row[column]
+        for i, row in enumerate(arm.chain.table)
+        for column, kind in ((1, "d"), (2, "a"))
     }
     for formula, row in zip(regrouping_formulas(arm, base, rng), base.projection, strict=True):
         own = np.zeros(len(names))

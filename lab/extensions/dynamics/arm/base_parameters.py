@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import ArmDynamics
-from lab.kinematics.serial.chain import COLUMNS, Chain
+from lab.kinematics.serial.chain import COLUMNS
 
 __all__ = ["BaseParameters", "Formula", "base_parameters", "random_states", "regrouping_formulas"]
 
@@ -151,7 +151,8 @@ def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.G
     Raises:
         LabError: the regrouping of the arm is no polynomial of its lengths.
     """
-    letters = _letters(arm.chain)
+    places = _places(arm)
+    letters = {name: float(arm.chain.table[place]) for name, place in places.items()}
     products = [word for degree in range(3) for word in combinations_with_replacement(sorted(letters), degree)]
     lengths = rng.uniform(0.5, 1.5, (len(products) + 2, len(letters)))
     samples = [dict(zip(letters, row, strict=True)) for row in lengths.tolist()]
@@ -175,22 +176,22 @@ def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.G
     )
 
 
-def _letters(chain: Chain) -> dict[str, float]:
-    """Return the nonzero lengths of a table by letter; the constant of a slide is part of its position."""
-    found = {}
+def _places(arm: ArmDynamics) -> dict[str, tuple[int, int]]:
+    """Return row and column of nonzero lengths by letter; the constant of a slide is part of its position."""
+    found, chain = {}, arm.chain
     for i, row in enumerate(chain.table):
-        for kind in ("d", "a"):
-            value = float(row[COLUMNS.index(kind)])
-            if abs(value) > _ZERO_M and not (kind == "d" and chain.prismatic[i]):
-                found[f"{kind}{i + 1}"] = value
+        for symbol in ("d", "a"):
+            column = COLUMNS.index(symbol)
+            if abs(row[column]) > _ZERO_M and not (symbol == "d" and chain.prismatic[i]):
+                found[arm.letter(symbol, i + 1)] = (i, column)
     return found
 
 
 def _regrouping(arm: ArmDynamics, base: BaseParameters, letters: dict[str, float], rng: np.random.Generator) -> Array:
     """Return K of the arm with other lengths, by the same columns."""
     table = arm.chain.table.copy()
-    for letter, value in letters.items():
-        table[int(letter[1:]) - 1, COLUMNS.index(letter[0])] = value
+    for letter, place in _places(arm).items():
+        table[place] = letters[letter]
     other = base_parameters(replace(arm, chain=arm.chain.with_table(table)), rng)
     if not (np.array_equal(other.independent, base.independent) and np.array_equal(other.grouped, base.grouped)):
         raise LabError(f"robot '{arm.chain.name}': its base parameters depend on its lengths beyond their letters")

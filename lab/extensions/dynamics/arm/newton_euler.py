@@ -223,15 +223,17 @@ class _Writer:
             cosine, sine = _Sum(f"c{j}"), sign * _Sum(f"s{j}")
             c, s = self.named(f"ct{j}", c * cosine - s * sine), self.named(f"st{j}", s * cosine + c * sine)
         spun: _Matrix = ((c, -s, _ZERO), (s, c, _ZERO), (_ZERO, _ZERO, _ONE))
-        ca, sa = self.turn(f"alpha{j}", row["alpha"])
-        cb, sb = self.turn(f"beta{j}", row["beta"])
+        ca, sa = self.turn(self.arm.letter("alpha", j), row["alpha"])
+        cb, sb = self.turn(self.arm.letter("beta", j), row["beta"])
         tilted = _product(
             ((_ONE, _ZERO, _ZERO), (_ZERO, ca, -sa), (_ZERO, sa, ca)),
             ((cb, _ZERO, sb), (_ZERO, _ONE, _ZERO), (-sb, _ZERO, cb)),
         )
         along = self.letter(f"d{j}", row["d"]) + (sign * _Sum(f"q{j}") if slides else _ZERO)
         along = self.named(f"r{j}", along)
-        place = _added((self.letter(f"a{j}", row["a"]), _ZERO, _ZERO), _times(tilted, (_ZERO, _ZERO, along)))
+        place = _added(
+            (self.letter(self.arm.letter("a", j), row["a"]), _ZERO, _ZERO), _times(tilted, (_ZERO, _ZERO, along))
+        )
         rotation = _product(tilted, spun)
         rows = [self.vector(f"R{j}{axis}", line) for axis, line in zip(_AXES, rotation, strict=True)]
         return _Link((rows[0], rows[1], rows[2]), self.vector(f"P{j}", place), slides, sign)

@@ -76,6 +76,7 @@ def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
         motor_inertia="motor-inertia" not in left_out,
         friction="friction" not in left_out,
         offsets="offsets" not in left_out,
+        distal=model.chain.convention == "distal",
     )
     base = base_parameters(arm, rng_for(0, "structure"))
     described = DynamicsResult(options, robot, arm, base, drives, None, None, None, None, tuple(robot.warnings))

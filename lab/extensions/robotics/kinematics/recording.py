@@ -10,18 +10,17 @@ import rerun.blueprint as rrb
 from lab.core.se3 import Array
 from lab.extensions.robotics.kinematics.result import MOST_DRAWN, KinematicsResult, frames_of
 from lab.kinematics.model import RigidArm
-from lab.render.markdown import to_markdown
 from lab.render.recording import (
-    SUMMARY,
     Times,
     backdrop,
     draw_legs,
     draw_shells,
     eye_on_arm,
     layout,
+    log_texts,
     main_view,
-    markdown,
     recording_to,
+    text_tabs,
 )
 from lab.render.scene import drawn_rows, moved, skeleton, world_legs
 from lab.render.style import RGB_AXES, RGB_CURRENT, RGB_LEG, RGB_ROD
@@ -43,7 +42,7 @@ def record_kinematics(path: Path, result: KinematicsResult) -> None:
     joints = np.array([each.joints for each in shown]).reshape(-1, arm.chain.size)
     digest = hashlib.sha256(result.robot.sha256.encode() + joints.tobytes() + values.tobytes()).hexdigest()[:32]
     with recording_to(path, result.robot.name, digest) as recording:
-        recording.log(SUMMARY, markdown(to_markdown(result.document())), static=True)
+        log_texts(recording, result.document())
         if not shown:
             return
         at: Times = [rr.TimeColumn("pose", sequence=np.arange(len(shown)))]
@@ -108,5 +107,5 @@ def _blueprint(origins: Array, reach: float, count: int) -> rrb.Blueprint:
         look_target=middle, eye_up=(0.0, 0.0, 1.0),
     )  # fmt: skip
     gallery = rrb.Spatial3DView(origin=_GALLERY, name="Side by side", eye_controls=controls, background=backdrop())
-    text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
+    text = text_tabs()
     return layout(rrb.Vertical(single, gallery), rrb.Vertical(text), "pose")

@@ -13,18 +13,17 @@ from lab.core.units import MM
 from lab.extensions.robotics.trajectory.result import TrajectoryResult
 from lab.extensions.robotics.trajectory.tracking import Tracking, bent_links
 from lab.kinematics.dynamics.gravity import link_loads
-from lab.render.markdown import to_markdown
 from lab.render.recording import (
-    SUMMARY,
     Times,
     draw_legs,
     draw_shells,
     eye_on_arm,
     layout,
+    log_texts,
     magnified_view,
     main_view,
-    markdown,
     recording_to,
+    text_tabs,
 )
 from lab.render.scene import drawn_rows, magnification, moved, skeleton, world_legs
 from lab.render.style import RGB_CURRENT, RGB_LINKS, RGB_PATH, RGB_ROD
@@ -61,11 +60,11 @@ def record_trajectory(path: Path, result: TrajectoryResult) -> None:
         if result.tracking is not None:
             curves.append(rrb.TimeSeriesView(origin="errors", name="Errors of the tool, mm"))
             _draw_errors(recording, every, result.tracking)
-        recording.log(SUMMARY, markdown(to_markdown(result.document())), static=True)
+        log_texts(recording, result.document())
         views = [main_view("Robot and path", eye_on_arm(origins, tool, reach))]
         if factor is not None:
             views.append(magnified_view(f"Links: rigid in grey, deflection x {factor:g}", origins, reach))
-        text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
+        text = text_tabs()
         recording.send_blueprint(layout(rrb.Vertical(*views), rrb.Vertical(text, *curves), "time"))
 
 

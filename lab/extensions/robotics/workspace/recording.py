@@ -10,8 +10,7 @@ import rerun.blueprint as rrb
 
 from lab.core.se3 import Array
 from lab.extensions.robotics.workspace.result import RobotWorkspace, WorkspaceResult
-from lab.render.markdown import to_markdown
-from lab.render.recording import SUMMARY, draw_shells, layout, main_view, markdown, recording_to
+from lab.render.recording import draw_shells, layout, log_texts, main_view, recording_to, text_tabs
 from lab.render.scene import moved, world_legs
 from lab.render.style import RGB_CURRENT, RGB_LEG, RGB_MAPPING, RGB_PATH, RGB_ROD
 from lab.render.surfaces import halved
@@ -32,7 +31,7 @@ def record_workspaces(path: Path, result: WorkspaceResult) -> None:
     size = max(float(np.ptp(each.space.domain.extents, axis=1).max()) for each in result.robots)
     starts = np.append(0.0, np.cumsum([_APART * max(width, 0.3 * size) for width in widths]))
     with recording_to(path, result.robots[0].robot.name, digest.hexdigest()[:32]) as recording:
-        recording.log(SUMMARY, markdown(to_markdown(result.document())), static=True)
+        log_texts(recording, result.document())
         ends = []
         for i, (each, mesh) in enumerate(zip(result.robots, result.meshes, strict=True)):
             shift = np.array([starts[i], 0.0, 0.0])
@@ -45,7 +44,7 @@ def record_workspaces(path: Path, result: WorkspaceResult) -> None:
             look_target=middle, eye_up=(0.0, 0.0, 1.0),
         )  # fmt: skip
         view = main_view("What is reached, cut open at y = 0", controls)
-        text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
+        text = text_tabs()
         recording.send_blueprint(layout(rrb.Vertical(view), rrb.Vertical(text), "pose"))
 
 
