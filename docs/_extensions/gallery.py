@@ -33,7 +33,8 @@ class Gallery(SphinxDirective):
                     "", f'<div class="drawn" aria-hidden="true">{svg_of(entry["drawn"])}</div>', format="html"
                 )
             else:
-                card += nodes.image(uri=f"pictures/{entry['picture']}.png", alt=entry["title"])
+                (picture,) = (ENTRIES.parent / "pictures").glob(f"{entry['picture']}.*")
+                card += nodes.image(uri=f"pictures/{picture.name}", alt=entry["title"])
             card += nodes.raw("", f'<p><a href="{link}">{title}</a></p>', format="html")
             if "command" in entry:
                 card += nodes.paragraph("", "", nodes.literal(text=entry["command"]))
