@@ -218,7 +218,7 @@ def _verification_document(result: VerificationResult) -> doc.Document:
             doc.Warnings(result.warnings),
             doc.Section(
                 "Errors, observed and predicted",
-                (arm, doc.Paragraph(sentence(phrase(found.check)), "lead"), *_errors(result), *others),
+                (arm, doc.Paragraph(sentence(phrase(found.check))), *_errors(result), *others),
             ),
             doc.Section("Single changes that would explain the errors", (_hypotheses(result),)),
             doc.Section("Refitted parts", (_refitted(result),)),
@@ -256,7 +256,7 @@ def _card(result: VerificationResult, figure: doc.Figure) -> doc.Card:
     )
     kind: Mapping[str, Literal["good", "doubtful", "bad"]] = {"good": "good", "doubtful": "doubtful", "bad": "bad"}
     return doc.Card(
-        ("Verdict: ", doc.Badge(result.verdict, kind[result.verdict]), f" {within} the predicted error"),
+        ("Verdict: ", doc.Badge(result.verdict, kind[result.verdict]), f" ({within} the predicted error)"),
         tuple(numbers),
         about,
         next_step(found.check, result.verdict),
@@ -278,7 +278,7 @@ def _causes_picture(result: VerificationResult) -> tuple[doc.Picture, ...]:
     def draw(axes: Axes) -> None:
         log_ticks(axes, "x", min(0.5, float(sizes.min()) / 1.3), float(sizes.max()) * 1.6)
         axes.axvline(1, color=INK, linewidth=1.2, linestyle=":")
-        for which, colour, mark in ((~explains, MUTED, "o"), (explains, AFTER, "D")):
+        for which, colour, mark in ((~explains, MUTED, "o"), (explains, PREDICTED, "D")):
             axes.hlines(at[which], np.ones(which.sum()), sizes[which], colors=colour, linewidth=1.2)
             axes.plot(sizes[which], at[which], mark, color=colour, markersize=7)
         axes.set_yticks(at, names)
@@ -383,7 +383,11 @@ def _refitted(result: VerificationResult) -> doc.Table:
 
 
 def _detectable(result: VerificationResult) -> doc.Table:
-    rows = tuple((name, short(size), unit) for name, unit, size in result.detectable if size < float("inf"))
+    rows = tuple(
+        (name.replace("joint", "zero of joint "), short(size), unit)
+        for name, unit, size in result.detectable
+        if size < float("inf")
+    )
     caption = "Smallest change that the test detects in 95 of 100 such files"
     return doc.Table(("", "by", "unit"), rows, caption)
 

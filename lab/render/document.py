@@ -139,7 +139,7 @@ class Card(Block):
     @property
     def everywhere(self) -> "tuple[Block, ...]":
         """The card for a page, and the same as paragraphs for the other media."""
-        numbers = ", ".join(f"{caption} {number}" for caption, number, _ in self.numbers)
+        numbers = "; ".join(f"{caption}: {number}" for caption, number, _ in self.numbers)
         return (
             self,
             Paragraph(self.verdict, shown_in=NARROW),
