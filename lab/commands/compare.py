@@ -108,7 +108,8 @@ def _comparison_document(result: ComparisonResult) -> doc.Document:
     word = "the links have moved" if changed else "no change of the links detected"
     names = _run_names(result)
     found = tuple(
-        (doc.Strong(f"{name}: "), _sentence(result, each)) for name, each in zip(names[1:], result.differences, strict=True)
+        (doc.Strong(f"{name}: "), _sentence(result, each))
+        for name, each in zip(names[1:], result.differences, strict=True)
     )
     return doc.Document(
         f"{called(result.runs[0].robot.name, result.serial)}: {word}",
@@ -219,7 +220,9 @@ def _charts(result: ComparisonResult) -> tuple[doc.Figure, ...]:
         ]
         label = f"Differences from the first run, {unit.name}, with 95 % intervals"
         pictures.append(
-            interval_chart(f"differences-{len(pictures) + 1}", label, [names[i] for i in rows], sets, f"difference, {unit.name}")
+            interval_chart(
+                f"differences-{len(pictures) + 1}", label, [names[i] for i in rows], sets, f"difference, {unit.name}"
+            )
         )
     marks = ", ".join(f"{mark} {each.label}" for mark, each in zip("●■▲", sets, strict=False)) if count > 1 else ""
     caption = f"Differences from the first run with 95 % intervals; bold: moved.{f' {marks}.' if marks else ''}"
@@ -250,9 +253,11 @@ def _tables(result: ComparisonResult) -> tuple[doc.Table, ...]:
         for name in names:
             cells = [cell for of in figures for cell in of[name][1:]]
             where = [run for run, each in part if name in each.moved]
-            rows.append((doc.Code(name), parameter_text(name).partition(" (")[0], figures[0][name][0], *cells, ", ".join(where)))
+            rows.append(
+                (doc.Code(name), parameter_text(name).partition(" (")[0], figures[0][name][0], *cells, ", ".join(where))
+            )
         heads = [head for run, _ in part for head in (run, "95 %")]
-        columns = ("parameter", doc.Column("what", doc.PAGE), "unit", *heads, "moved in")
+        columns: tuple[str | doc.Column, ...] = ("parameter", doc.Column("what", doc.PAGE), "unit", *heads, "moved in")
         kinds = tuple("" if name in moved else "quiet" for name in names)
         caption = "Differences from the first run"
         tables.append(doc.Table(columns, tuple(rows), caption, kinds, folded=True))

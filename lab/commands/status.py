@@ -420,7 +420,10 @@ def _errors_picture(result: StatusResult) -> tuple[doc.Picture, ...]:
     """Draw the error of each arm at its calibration and at its last verification, with its gate; the worst on top."""
     known = [arm for arm in result.arms if arm.error_then_mm or arm.error_now_mm][:_MOST_DRAWN]
     sizes = [
-        size for arm in known for size in (arm.error_then_mm, arm.error_now_mm, arm.gate_mm) if size is not None and size
+        size
+        for arm in known
+        for size in (arm.error_then_mm, arm.error_now_mm, arm.gate_mm)
+        if size is not None and size
     ]
     if not known:
         return ()
@@ -571,7 +574,10 @@ def _sparklines(result: StatusResult) -> list[doc.Text]:
     ]
     days = [on for own in dated for on, _, _ in own]
     first, span = min(days, default=result.on), max((result.on - min(days, default=result.on)).days, 1)
-    gates = [arm.gate_mm or max((size for _, size, _ in own), default=1.0) for arm, own in zip(result.arms, dated, strict=True)]
+    gates = [
+        arm.gate_mm or max((size for _, size, _ in own), default=1.0)
+        for arm, own in zip(result.arms, dated, strict=True)
+    ]
     ratios = [np.log(size / gate) for own, gate in zip(dated, gates, strict=True) for _, size, _ in own]
     low, high = min([*ratios, -1.0]), max([*ratios, 0.5])
     lines = list[doc.Text]()

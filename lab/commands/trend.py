@@ -281,7 +281,10 @@ def _count_text(result: TrendResult) -> str:
 _MOST_DIGITS = 6
 _LISTED = 2  # changes that a sentence names
 _LEVEL = f"An unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} % of the years."
-_CHANGES = ("between", "and", "what changed", "by (95 % interval)", "found on", "chance if unchanged")
+_CHANGES = (
+    "between", "and", "what changed", "by (95 % interval)", doc.Column("found on", doc.PAGE),
+    doc.Column("chance if unchanged", doc.PAGE),
+)  # fmt: skip
 _CAUSES = "a collision, a new motor, gear or zero, or another mounting"
 
 

@@ -347,7 +347,9 @@ def _errors(result: VerificationResult) -> tuple[doc.Block, ...]:
         f"{result.calibrated.folder}. The predicted error follows from the calibration's covariance and the "
         "instrument's noise."
     )
-    return doc.Table(("", "mean", "rms", "95 %", "max", "points"), rows, "Position error, mm"), doc.Paragraph(below, "note")
+    return doc.Table(("", "mean", "rms", "95 %", "max", "points"), rows, "Position error, mm"), doc.Paragraph(
+        below, "note"
+    )
 
 
 def _hypotheses(result: VerificationResult) -> doc.Table:

@@ -93,7 +93,13 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"inlines": inlines, "svg": _svg, "dates": _dates, "scene_json": _scene_json, "spark": _spark}
+    environment.filters |= {
+        "inlines": inlines,
+        "svg": _svg,
+        "dates": _dates,
+        "scene_json": _scene_json,
+        "spark": _spark,
+    }
     environment.tests |= {
         "badge": lambda part: isinstance(part, doc.Badge),
         "code": lambda part: isinstance(part, doc.Code),
@@ -122,7 +128,9 @@ def _svg(picture: doc.Picture) -> Markup:
 def _spark(line: doc.Sparkline) -> Markup:
     wide, high, room = _SPARK
     places = [(room + x * (wide - 2 * room), high - room - y * (high - 2 * room)) for x, y in line.points]
-    parts = [Markup('<svg class="spark" viewBox="0 0 {} {}" role="img" aria-label="{}">').format(wide, high, line.label)]
+    parts = [
+        Markup('<svg class="spark" viewBox="0 0 {} {}" role="img" aria-label="{}">').format(wide, high, line.label)
+    ]
     if line.limit is not None:
         at = high - room - line.limit * (high - 2 * room)
         parts.append(Markup('<path class="limit" d="M0 {:.1f}H{}"/>').format(at, wide))

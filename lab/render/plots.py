@@ -308,6 +308,7 @@ class ColourScale:
 def heat_map(
     name: str, label: str, rows: Sequence[str], columns: Sequence[str], shares: Array, scale: ColourScale,
     texts: Sequence[Sequence[str]] = (), lines: Sequence[int] = (), height: float = 0.2,
+    titles: tuple[str, str] = ("", ""),
 ) -> Picture:  # fmt: skip
     """A matrix of colours with its scale attached.
 
@@ -316,6 +317,7 @@ def heat_map(
         texts: written in the cells, by row.
         lines: columns before which a line is drawn.
         height: of a row, inches.
+        titles: what the rows and the columns are.
     """
     m, n = shares.shape
     bar = (1.04 * n, 1.09 * n)
@@ -341,13 +343,12 @@ def heat_map(
         axes.annotate(scale.title, (1, 1), (0, 5), xycoords="axes fraction", textcoords="offset points", ha="right")
         axes.tick_params(length=0)
         axes.grid(visible=False)
-        axes.set(xlim=(0, 1.26 * n), ylim=(0, m))
+        axes.set(xlim=(0, 1.26 * n), ylim=(0, m), ylabel=titles[0], xlabel=titles[1])
 
     widest = max(map(len, rows))
-    below = 0.8 if max(map(len, columns)) * n > _MOST_ACROSS else 0.35
-    return axes_picture(
-        name, label, (4.6, below + 0.4 + height * m), draw, (0.2 + 0.078 * widest, below, 0.1, 0.35)
-    )  # fmt: skip
+    below = (0.8 if max(map(len, columns)) * n > _MOST_ACROSS else 0.3) + 0.22 * bool(titles[1])
+    beside = 0.2 + 0.078 * widest + 0.22 * bool(titles[0])
+    return axes_picture(name, label, (4.6, below + 0.4 + height * m), draw, (beside, below, 0.1, 0.35))
 
 
 _MOST_ACROSS = 36  # letters under a heat map that are not slanted

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from lab.campaign.options import VirtualCampaign
 from lab.certification.budget import COVERAGE, Budget, BudgetLine, InputQuantity
 from lab.certification.characteristics import CHARACTERISTICS, Accuracy, Conformity, PoseAccuracy, Repeats
 from lab.certification.lack_of_fit import LackOfFit
-from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.options import CertifyOptions
 from lab.commands.result import ErrorStatistics, Result, error_statistics, number, sizes_mm
@@ -359,15 +359,19 @@ def _card(result: Certificate) -> doc.Card:
     if run.after_mm is not None:
         statistic = result.options.statistic
         numbers.insert(0, (f"{_STATISTICS[statistic]} error", short(run.after_mm[statistic], "mm"), ""))
+    verdict: tuple[doc.Inline, ...]
     if not result.issued:
-        verdict: doc.Text = (doc.Badge("not issued", "bad"), ": details that cannot be right")
+        verdict = (doc.Badge("not issued", "bad"), ": details that cannot be right")
     elif found is None:
         verdict = (doc.Badge("no statement"), " of conformity: nothing to compare with")
     else:
         verdict = (_DECISIONS[found.decision], f" with the tolerance of {short(MM.of(found.tolerance_m))} mm")
     if result.is_example:
         verdict = (doc.Badge("EXAMPLE", "doubtful"), " virtual robot, nothing was measured. Result: ", *verdict)
-    about = f"{result.calibrated.called}, calibration {run.description}. U: expanded uncertainty, 95 % coverage over the workspace."
+    about = (
+        f"{result.calibrated.called}, calibration {run.description}. U: expanded uncertainty, 95 % coverage over the "
+        "workspace."
+    )
     figure = doc.Figure("errors-figure", _errors_picture(result), _ERRORS)
     return doc.Card(verdict, tuple(numbers), about, _next_step(result), (figure,) * bool(figure.pictures))
 
@@ -410,7 +414,7 @@ def _errors_picture(result: Certificate) -> tuple[doc.Picture, ...]:
         return ()
     expanded = MM.of(result.budgets[0].expanded_m)
     tolerance = None if result.conformity is None else MM.of(result.conformity.tolerance_m)
-    sizes = [size for row in rows for size in row[1:3]] + [expanded] + [tolerance] * (tolerance is not None)
+    sizes = [*(size for row in rows for size in row[1:3]), expanded, *([] if tolerance is None else [tolerance])]
     names = [*(row[0] for row in rows), "U of a position"]
     at = list(range(len(names)))[::-1]
 
@@ -429,7 +433,8 @@ def _errors_picture(result: Certificate) -> tuple[doc.Picture, ...]:
         axes.set(ylim=(-0.6, len(names) - 0.4), xlabel="mm (logarithmic)")
         axes.grid(visible=False, axis="y")
 
-    label = f"Position errors: {', '.join(f'{name} {short(mean)} mm (mean)' for name, mean, *_ in rows)}; U {expanded:.2g} mm"
+    stated = ", ".join(f"{name} {short(mean)} mm (mean)" for name, mean, *_ in rows)
+    label = f"Position errors: {stated}; U {expanded:.2g} mm"
     return (axes_picture("errors", label, (4.3, 2.0), draw, (1.45, 0.5, 0.15, 0.3)),)
 
 
@@ -503,7 +508,9 @@ def _called(key: str) -> str:
 
 def missing_text(missing: Sequence[str]) -> str:
     """Name details that are not stated, as ``section.name``, in words."""
-    named = (_MISSING.get(name, f"the {_called(name.partition('.')[2])} of the {name.partition('.')[0]}") for name in missing)
+    named = (
+        _MISSING.get(name, f"the {_called(name.partition('.')[2])} of the {name.partition('.')[0]}") for name in missing
+    )
     return ", ".join(named)
 
 

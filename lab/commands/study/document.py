@@ -36,11 +36,10 @@ from lab.studies.campaigns import origin_of
 from lab.studies.grid import ANY, FACTORS, Cell, is_any
 
 __all__ = [
-    "analysis_sections", "comparison_sentence", "effect_text", "factor_sentence", "first_picture", "pictures_of", "provenance_of",
-    "sentences", "study_document", "study_pictures", "write_figures",
+    "analysis_sections", "comparison_sentence", "effect_text", "factor_sentence", "first_picture", "pictures_of",
+    "provenance_of", "sentences", "study_document", "study_pictures", "write_figures",
 ]  # fmt: skip
 
-_MOST_ANSWERS = 3  # in a caption
 _KINDS = {
     "means": "with 95 % intervals over the robots",
     "pairs": "each level against the best one, with 95 % intervals",
@@ -231,7 +230,7 @@ def study_pictures(analysis: Analysis, metric: str) -> dict[str, doc.Picture]:
         }
         if any(rank.lowest < rank.highest for each in comparisons for rank in each.ranks):
             draw["ranks"] = partial(_ranks_figure, comparisons, analysis.cells)  # none where each rank is certain
-        answers = ". ".join(capital(comparison_sentence(each, analysis.cells)) for each in comparisons[:_MOST_ANSWERS])
+        answers = capital(factor_sentence(comparisons, analysis.cells))
         for kind, figure in draw.items():
             name = f"{metric}-{'-'.join(free)}-{kind}"
             shown = f"{capital(_metric_text(metric, unit=False))} by {' and '.join(map(_factor_text, free))}"
@@ -505,7 +504,7 @@ def _card(result: StudyResult) -> doc.Card:
         return doc.Card(doc.Badge("none converged", "bad"), (), about, "See why in the table of means.")
     best, worst = min(means, key=lambda each: each.mean), max(means, key=lambda each: each.mean)
     names = _varying(cells)
-    called = level_text(cells[best.cell], names) if names else "one cell"
+    called = circumstances({name: getattr(cells[best.cell], name) for name in names}) or "one cell"
     numbers = [("lowest mean error", short(best.mean, "mm"), "")]
     if isfinite(best.lower):
         numbers.append(("95 % interval", f"{short(best.lower)} to {short(best.upper, 'mm')}", ""))
@@ -532,7 +531,9 @@ def _next_step(analysis: Analysis, metric: str, robots: int) -> str:
         return f"Give {LEAST_ROBOTS} robots or more: of {robots} no difference is certain."
     pairs = [pair for each in analysis.comparisons if each.metric == metric for pair in each.pairs]
     if any(not pair.is_significant for pair in pairs):
-        return "Use the best cell. Where a difference is not significant, choose the cheaper level, or study more robots."
+        return (
+            "Use the best cell. Where a difference is not significant, choose the cheaper level, or study more robots."
+        )
     return "Use the best cell, or what its next costs less: the answers say how much worse each level is."
 
 
@@ -551,7 +552,8 @@ def _overview_picture(analysis: Analysis, metric: str, best: Mean) -> doc.Pictur
     """Draw the means of all levels: of two factors as a map, the others as in the best cell; of one in a row each."""
     cells = analysis.cells
     means = {mean.cell: mean for mean in analysis.means if mean.metric == metric}
-    label = f"{capital(_metric_text(metric))}: lowest with {level_text(cells[best.cell], _varying(cells))}"
+    lowest = circumstances({name: getattr(cells[best.cell], name) for name in _varying(cells)})
+    label = f"{capital(_metric_text(metric))}: lowest with {lowest}"
     if any(mean.mean <= 0 for mean in means.values()) or not _varying(cells):
         return None
     if (plane := _plane(cells)) is None:
@@ -570,8 +572,9 @@ def _overview_picture(analysis: Analysis, metric: str, best: Mean) -> doc.Pictur
     marked = [(float(np.log(tick / low) / np.log(high / low)), f"{tick:g}") for tick in ticks if low <= tick <= high]
     scale = ColourScale(COLOUR_SCALE, marked or [(0.0, short(low)), (1.0, short(high))], _metric_text(metric))
     texts = [[short(value) if isfinite(value) else "" for value in line] for line in values.tolist()]
-    names = ([plain_level(name, level) for level in levels] for name, levels in zip(plane, (rows, columns), strict=True))
-    return heat_map("overview", label, *names, shares, scale, texts, height=0.4)
+    names = [[plain_level(name, level) for level in of] for name, of in zip(plane, (rows, columns), strict=True)]
+    titles = _factor_text(plane[0]), _factor_text(plane[1])
+    return heat_map("overview", label, names[0], names[1], shares, scale, texts, height=0.4, titles=titles)
 
 
 def _rows_picture(cells: Sequence[Cell], means: Mapping[int, Mean], metric: str, label: str) -> doc.Picture:

@@ -219,5 +219,8 @@ def test_the_page_shows_every_arm_and_its_checks(tmp_path: Path) -> None:
     calibrated(tmp_path / "runs" / "two", "2026-01-10", serial="A-2")
     lab.status(tmp_path / "runs", on="2026-02-12", out=str(tmp_path / "out"))
     page = Page(tmp_path / "out" / "report.html")
-    assert page.headings[0] == "2 arms on 2026-02-12: 1 bad, 1 good" and set(page.figures) == {"checks"}
+    assert page.headings[0] == "2 arms on 2026-02-12: 1 bad, 1 good" and set(page.figures) == {
+        "errors-now-figure",
+        "checks",
+    }
     assert [row[:2] for row in page.table("state")] == [["bad", "irb120 A-1"], ["good", "irb120 A-2"]]

@@ -26,7 +26,8 @@ def test_a_verification_says_good_or_what_has_moved(seven_run: Path, tmp_path: P
         seen, result = Page(out / "report.html"), json.loads((out / "result.json").read_text())
         assert code == (0 if result["good"] else 1) and result["good"] is (name != "moved")
         assert seen.headings[0] == f"irb120: {'within' if result['good'] else 'beyond'} the predicted error"
-        assert set(seen.figures) == {"errors-figure"} and short(result["promised_mm"]) in seen.text
+        expected = {"arm-scene", "errors-figure", *(["causes-figure"] if result["hypotheses"] else [])}
+        assert set(seen.figures) == expected and short(result["promised_mm"]) in seen.text
         assert result["words"][1:] in seen.text
         if name == "moved":
             found = seen.table("possible change, likeliest first")
