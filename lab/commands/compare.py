@@ -225,7 +225,8 @@ def _charts(result: ComparisonResult) -> tuple[doc.Figure, ...]:
             )
         )
     marks = ", ".join(f"{mark} {each.label}" for mark, each in zip("●■▲", sets, strict=False)) if count > 1 else ""
-    caption = f"Differences from the first run with 95 % intervals; bold: moved.{f' {marks}.' if marks else ''}"
+    which = f"Differences of the last {count} runs" if count < len(result.differences) else "Differences"
+    caption = f"{which} from the first run with 95 % intervals; bold: moved.{f' {marks}.' if marks else ''}"
     return (doc.Figure("differences-figure", tuple(pictures), caption),)
 
 

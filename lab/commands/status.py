@@ -376,11 +376,12 @@ _MARKS = {
 _ROW, _MOST_NAME = 0.24, 26  # inches of an arm; characters of its name
 _MOST_DRAWN = 12  # arms on the card
 _NAMED = 3  # arms that a sentence names
+_MOST_OPEN, _MOST_CHECKED = 15, 40  # arms in the open table; in the picture of checks
 
 
 def _checks_picture(result: StatusResult) -> doc.Picture:
     """Draw a row for each arm, the worst on top: a mark for each check, a stroke for each calibration."""
-    arms = result.arms
+    arms = result.arms[:_MOST_CHECKED]
     days = [(each, len(arms) - 1 - i) for i, arm in enumerate(arms) for each in arm.checks if each.on is not None]
 
     def draw(axes: Axes) -> None:
@@ -460,6 +461,7 @@ _KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
     "bad": "bad",
 }
 _MOST_DIGITS = 6
+_MOST_ARMS = 200  # listed beyond these
 _CHANGES = ("arm", "calibrations", "last change between", "and", "what changed", "by (95 % interval)")
 
 
@@ -467,14 +469,15 @@ def _status_document(result: StatusResult) -> doc.Document:
     """The count of each state, a row for each arm, the checks over time, changes, and what was left out."""
     counts = Counter(each.state for each in result.arms)
     text = ", ".join(f"{counts[state]} {state}" for state in reversed(STATES) if counts[state])
-    caption = f"Every check of every arm: strokes are calibrations, marks are verdicts. The dotted line is {result.on}."
+    which = "every arm" if len(result.arms) <= _MOST_CHECKED else f"the first {_MOST_CHECKED} arms"
+    caption = f"Every check of {which}: strokes are calibrations, marks are verdicts. The dotted line is {result.on}."
     changes = tuple(row for each in result.arms for row in _changes(each))
     return doc.Document(
         f"{counted(len(result.arms), 'arm')} on {result.on}: {text}" if result.arms else "no arm",
         (
             *_card(result, counts).everywhere,
             doc.Warnings(result.warnings),
-            doc.Section("The arms", (_arms(result), doc.Paragraph(_explained(result), "note", shown_in=doc.PAGE))),
+            doc.Section("The arms", (*_arms(result), doc.Paragraph(_explained(result), "note", shown_in=doc.PAGE))),
             doc.Section("Changes between calibrations", (doc.Table(_CHANGES, changes),)),
             doc.Section("The checks over time", (doc.Figure("checks", (_checks_picture(result),), caption),)),
         ),
@@ -525,7 +528,8 @@ def _badges(counts: Mapping[str, int]) -> list[doc.Inline]:
     return parts
 
 
-def _arms(result: StatusResult) -> doc.Table:
+def _arms(result: StatusResult) -> tuple[doc.Table, ...]:
+    """Tabulate the arms, those that need attention first; of many, the rest is folded."""
     on_page = ("error, gate dashed", "error then", "slope, mm a year")  # a terminal has no room for these
     headings = (
         "state", "arm", "error, gate dashed", "error now", "gate", "error then", "slope, mm a year", "calibrated",
@@ -536,7 +540,11 @@ def _arms(result: StatusResult) -> doc.Table:
     if not any(arm.slope for arm in result.arms):
         at = headings.index("slope, mm a year")
         columns, rows = columns[:at] + columns[at + 1 :], tuple(row[:at] + row[at + 1 :] for row in rows)
-    return doc.Table(columns, rows, "What needs attention first. Mean position errors, mm", most_rows=200)
+    rest = rows[_MOST_OPEN:]
+    return (
+        doc.Table(columns, rows[:_MOST_OPEN], "What needs attention first. Mean position errors, mm"),
+        doc.Table(columns, rest, f"{counted(len(rest), 'more arm')}", most_rows=_MOST_ARMS, folded=True),
+    )
 
 
 def _row(arm: _ArmStatus, line: doc.Text) -> doc.Row:

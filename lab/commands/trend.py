@@ -269,8 +269,9 @@ def _changes(axes: Axes, result: TrendResult, low: float, high: float) -> None:
     for change in result.changes:
         between = [result.runs[i].date.toordinal() for i in (change.after, change.after + 1)]
         axes.fill_between(between, [low, low], [high, high], color=OUTLIER, alpha=0.16)
-        middle = (sum(between) / 2, 1.02)
-        axes.annotate("change", middle, xycoords=("data", "axes fraction"), color=OUTLIER, ha="center")
+        if len(result.changes) <= _LISTED:
+            middle = (sum(between) / 2, 1.02)
+            axes.annotate("change", middle, xycoords=("data", "axes fraction"), color=OUTLIER, ha="center")
 
 
 def _count_text(result: TrendResult) -> str:
@@ -445,7 +446,7 @@ def _moved(result: TrendResult) -> tuple[doc.Block, ...]:
 
 def _parameters(result: TrendResult) -> tuple[doc.Block, ...]:
     every = (
-        "All parameters: differences from the first calibration. Pale: within the interval, as an unchanged arm is in "
+        "All parameters: differences from the first calibration. Faint: within the interval, as an unchanged arm is in "
         "19 of 20 cases. Blue: larger; vermilion: smaller. Lines mark changes. The scale is logarithmic beyond ±1."
     )
     return (doc.Figure("parameters-over-time", (_parameters_picture(result),), every),)

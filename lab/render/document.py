@@ -282,12 +282,17 @@ class Picture:
 
 @dataclass(frozen=True)
 class Figure(Block):
-    """Pictures side by side, with what they show; a page alone shows them. ``name`` is its place there."""
+    """Pictures side by side, with what they show; a page alone shows them. ``name`` is its place there.
+
+    Attributes:
+        wide: whether it takes the whole width of a page; several pictures always do.
+    """
 
     kind: ClassVar[str] = "figure"
     name: str
     pictures: tuple[Picture, ...]
     caption: str
+    wide: bool = False
 
     def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if self.pictures and medium == "page" else ()

@@ -518,12 +518,12 @@ def _card(result: StudyResult) -> doc.Card:
         ("Best: ", doc.Badge(called, "good")),
         tuple(numbers),
         about,
-        _next_step(result.analysis, metric, study.robots),
+        _next_step(result.analysis, metric, study.robots, called),
         () if picture is None else (doc.Figure("overview-figure", (picture,), caption),),
     )
 
 
-def _next_step(analysis: Analysis, metric: str, robots: int) -> str:
+def _next_step(analysis: Analysis, metric: str, robots: int, best: str) -> str:
     lost = sum(mean.not_converged for mean in analysis.means if mean.metric == metric)
     if lost:
         return f"Find out why {lost:,} calibrations failed (table of means) before the means are compared."
@@ -531,10 +531,8 @@ def _next_step(analysis: Analysis, metric: str, robots: int) -> str:
         return f"Give {LEAST_ROBOTS} robots or more: of {robots} no difference is certain."
     pairs = [pair for each in analysis.comparisons if each.metric == metric for pair in each.pairs]
     if any(not pair.is_significant for pair in pairs):
-        return (
-            "Use the best cell. Where a difference is not significant, choose the cheaper level, or study more robots."
-        )
-    return "Use the best cell, or what its next costs less: the answers say how much worse each level is."
+        return f"Use {best}. Where a difference is not significant, choose the cheaper level, or study more robots."
+    return f"Use {best}. The answers below say how much worse a cheaper level is."
 
 
 def _plane(cells: Sequence[Cell]) -> tuple[str, str] | None:
@@ -723,7 +721,8 @@ def _ranks(analysis: Analysis, metric: str) -> Iterable[doc.Table]:
 
 def _figures(pictures: Mapping[str, doc.Picture]) -> Iterable[doc.Figure]:
     for name, picture in pictures.items():
-        yield doc.Figure(f"{picture.name}-figure", (picture,), f"{picture.label} Files: {name}.png, {name}.svg.")
+        caption = f"{picture.label} Files: {name}.png, {name}.svg."
+        yield doc.Figure(f"{picture.name}-figure", (picture,), caption, wide=True)
 
 
 def provenance_of(result: StudyResult) -> doc.Section:
