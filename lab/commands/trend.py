@@ -35,7 +35,7 @@ from lab.render.charts.chart import axes_picture, log_ticks
 from lab.render.charts.marks import Axes
 from lab.render.document import digits_of, fixed, plus_minus, short
 from lab.render.phrases.verify import chance_text, parameter_text
-from lab.render.plots import ColourScale, date_axis, heat_map
+from lab.render.plots import ColourScale, date_axis, heat_map, signed_place, signed_ticks
 from lab.render.style import AFTER, ARROW_AFTER, GATE, INK, MUTED, OUTLIER, WORST
 from lab.verification.change_points import POWER, ChangePoint, Directions, Series
 
@@ -214,8 +214,6 @@ def _parameters_picture(result: TrendResult) -> doc.Picture:
     sizes = result.shifts / np.sqrt(halves**2 + halves[0] ** 2)
     columns = np.unique(np.round(np.linspace(0, len(sizes) - 1, min(len(sizes), _COLUMNS))).astype(int))
     most = max(float(np.abs(sizes).max()), 2.0)
-    ends = [each for power in range(6) for each in (10**power, 3 * 10**power) if each <= most]
-    ticks = [(_place(sign * each, most), f"{sign * each:+g}".replace("-", "−")) for each in ends for sign in (-1, 1)]
     step = -(-len(columns) // 8)
     dates = [result.runs[i].date.isoformat() if k % step == 0 else "" for k, i in enumerate(columns)]
     lines = [int(np.searchsorted(columns, change.after + 1)) for change in result.changes]
@@ -224,17 +222,11 @@ def _parameters_picture(result: TrendResult) -> doc.Picture:
         f"Parameters over time, {_count_text(result)}",
         names,
         dates,
-        _place(sizes[columns].T, most),
-        ColourScale(_SHIFT_SCALE, [(0.5, "0"), *ticks], "difference in half-widths of its 95 % interval"),
+        signed_place(sizes[columns].T, most),
+        ColourScale(_SHIFT_SCALE, signed_ticks(most), "difference in half-widths of its 95 % interval"),
         lines=lines,
         height=_ROW,
     )
-
-
-def _place(size: Any, most: float) -> Any:
-    """Return the place of a difference on the colour scale, 0 to 1: linear to 1, logarithmic beyond."""
-    reach = np.where(np.abs(size) <= 1, np.abs(size), 1 + np.log(np.maximum(np.abs(size), 1)))
-    return 0.5 + np.sign(size) * reach / (1 + np.log(most)) / 2
 
 
 def _moved_pictures(result: TrendResult) -> tuple[doc.Picture, ...]:

@@ -32,7 +32,7 @@ from lab.render.style import (
 
 __all__ = [
     "MOST_POINTS", "SQUARE", "VIEWS", "ColourScale", "Intervals", "SizeMap", "Spread", "date_axis", "heat_map",
-    "histograms", "interval_chart", "size_maps", "spread_by_size",
+    "histograms", "interval_chart", "signed_place", "signed_ticks", "size_maps", "spread_by_size",
 ]  # fmt: skip
 
 MOST_POINTS = 300  # drawn in a picture
@@ -235,7 +235,8 @@ def date_axis(axes: Axes, first: date, last: date, right: float = _BESIDE) -> No
     else:
         months = [each.year * 12 + each.month - 1 for each in (first, last)]
         step = next((each for each in _MONTHS if (months[1] - months[0]) / each < _MOST_DATES), _MONTHS[-1])
-        ticks = [date(at // 12, at % 12 + 1, 1) for at in range(-(-months[0] // step) * step, months[1] + 1, step)]
+        starts = (date(at // 12, at % 12 + 1, 1) for at in range(-(-months[0] // step) * step, months[1] + 1, step))
+        ticks = [each for each in starts if each >= first]
         labels = [f"{each:%Y-%m}" for each in ticks]
     axes.set_xticks([each.toordinal() for each in ticks], labels)
     axes.set(xlim=(first.toordinal() - _BESIDE * span, first.toordinal() + (1 + right) * span))
@@ -305,6 +306,23 @@ class ColourScale:
     title: str
 
 
+def signed_place(sizes: Array, most: float) -> Array:
+    """Return the places of sizes ``(...)`` on a colour scale from ``-most`` to ``most``, 0 to 1.
+
+    The scale is linear from -1 to 1 and logarithmic beyond; ``most`` is at least 1.
+    """
+    reach = np.where(np.abs(sizes) <= 1, np.abs(sizes), 1 + np.log(np.maximum(np.abs(sizes), 1)))
+    return np.asarray(0.5 + np.sign(sizes) * reach / (1 + np.log(most)) / 2)
+
+
+def signed_ticks(most: float) -> list[tuple[float, str]]:
+    """Return places and labels of such a scale: 0, and 1 and 3 times powers of ten on either side."""
+    ends = [each for power in range(_POWERS) for each in (10.0**power, 3 * 10.0**power) if each <= most]
+    sizes = np.array([0.0, *ends, *(-each for each in ends)])
+    labels = ["0", *(f"+{each:g}" for each in ends), *(f"−{each:g}" for each in ends)]
+    return list(zip(signed_place(sizes, most).tolist(), labels, strict=True))
+
+
 def heat_map(
     name: str, label: str, rows: Sequence[str], columns: Sequence[str], shares: Array, scale: ColourScale,
     texts: Sequence[Sequence[str]] = (), lines: Sequence[int] = (), height: float = 0.2,
@@ -351,4 +369,5 @@ def heat_map(
     return axes_picture(name, label, (4.6, below + 0.4 + height * m), draw, (beside, below, 0.1, 0.35))
 
 
+_POWERS = 9  # of ten, of the ticks of a signed scale
 _MOST_ACROSS = 36  # letters under a heat map that are not slanted

@@ -99,11 +99,11 @@ def _diagnosis(check: Check) -> str:
 
 
 def _changed(check: Check) -> str:
-    return f"{_CHANGED[check.name].format(*check.data['of'])} {_extent(check)}"
+    return f"{_CHANGED[check.name].format(*check.data['of'])} {extent_text(check)}"
 
 
-def _extent(check: Check) -> str:
-    """Word how far something moved, in mm and mrad."""
+def extent_text(check: Check) -> str:
+    """Return how far something moved, with one standard deviation: ``0.497 ± 0.005 mrad``."""
     parts = [
         f"{_with_std(unit.of(check.data[size]), unit.of(check.data[std]))} {unit.name}"
         for size, std, unit in (("shift_m", "shift_std_m", MM), ("turn_rad", "turn_std_rad", MRAD))
@@ -165,11 +165,6 @@ _ANEW = "Calibrate anew: no single change explains the errors."
 def change_text(check: Check) -> str:
     """Return what a hypothesis says has changed, in two or three words: ``zero of joint 3``."""
     return _THINGS[check.name].format(*check.data["of"])
-
-
-def extent_text(check: Check) -> str:
-    """Return how far it moved, with one standard deviation: ``0.497 ± 0.005 mrad``."""
-    return _extent(check)
 
 
 def next_step(check: Check, verdict: str) -> str:

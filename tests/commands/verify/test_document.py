@@ -32,6 +32,9 @@ def test_a_verification_says_good_or_what_has_moved(seven_run: Path, tmp_path: P
         if name == "moved":
             found = seen.table("possible change, likeliest first")
             assert found[0][0] == result["hypotheses"][0]["words"] and found[0][-1] == "yes"
+            assert "Next: Run lab verify again with --refit base" in seen.text
+        elif name == "good":
+            assert "Next: Go on with this calibration." in seen.text
 
 
 def test_rows_that_the_run_was_identified_from_verify_nothing(seven_run: Path, tmp_path: Path) -> None:
