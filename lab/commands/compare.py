@@ -20,9 +20,9 @@ from lab.core.significance import VERIFICATION
 from lab.core.units import MM
 from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.render import document as doc
+from lab.render.comparison_plots import Intervals, interval_chart
 from lab.render.document import digits_of, fixed, plus_minus, short
 from lab.render.phrases.verify import chance_text, parameter_text
-from lab.render.plots import Intervals, interval_chart
 from lab.verification.change_points import Difference, difference_of
 
 if TYPE_CHECKING:

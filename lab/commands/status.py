@@ -28,8 +28,8 @@ from lab.formats.structured import read_structured
 from lab.render import document as doc
 from lab.render.charts.chart import axes_picture, log_ticks
 from lab.render.charts.marks import Axes
+from lab.render.comparison_plots import date_axis
 from lab.render.document import capital, digits_of, fixed, plus_minus, short
-from lab.render.plots import date_axis
 from lab.render.style import GATE, GRID, INK, MEASURED, MUTED, RMS, WORST
 from lab.render.terminal import status as showing
 

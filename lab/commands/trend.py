@@ -33,9 +33,9 @@ from lab.kinematics.parameter import Parameter
 from lab.render import document as doc
 from lab.render.charts.chart import axes_picture, log_ticks
 from lab.render.charts.marks import Axes
+from lab.render.comparison_plots import ColourScale, date_axis, heat_map, signed_place, signed_ticks
 from lab.render.document import digits_of, fixed, plus_minus, short
 from lab.render.phrases.verify import chance_text, parameter_text
-from lab.render.plots import ColourScale, date_axis, heat_map, signed_place, signed_ticks
 from lab.render.style import AFTER, ARROW_AFTER, GATE, INK, MUTED, OUTLIER, WORST
 from lab.verification.change_points import POWER, ChangePoint, Directions, Series
 

@@ -93,13 +93,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {
-        "inlines": inlines,
-        "svg": _svg,
-        "dates": _dates,
-        "scene_json": _scene_json,
-        "spark": _spark,
-    }
+    environment.filters |= {"inlines": inlines, "svg": _svg, "dates": _dates, "scene_json": _scene_json}
     environment.tests |= {
         "badge": lambda part: isinstance(part, doc.Badge),
         "code": lambda part: isinstance(part, doc.Code),
@@ -111,6 +105,7 @@ def _environment() -> Environment:
         "sans": Markup(style.FONT_SANS),
         "mono": Markup(style.FONT_MONO),
     }
+    environment.filters["spark"] = _spark
     return environment
 
 

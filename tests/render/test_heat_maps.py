@@ -6,7 +6,15 @@ from datetime import date, timedelta
 import numpy as np
 import pytest
 
-from lab.render.plots import ColourScale, Intervals, date_axis, heat_map, interval_chart, signed_place, signed_ticks
+from lab.render.comparison_plots import (
+    ColourScale,
+    Intervals,
+    date_axis,
+    heat_map,
+    interval_chart,
+    signed_place,
+    signed_ticks,
+)
 
 GREYS = ColourScale(("#000000", "#ffffff"), [(0.0, "low"), (0.5, "middle"), (1.0, "high")], "what it is")
 

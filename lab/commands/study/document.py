@@ -28,8 +28,8 @@ from lab.core.errors import LabError
 from lab.render import document as doc
 from lab.render.charts.chart import axes_picture, log_ticks, save_figure
 from lab.render.charts.marks import Axes as ChartAxes
+from lab.render.comparison_plots import ColourScale, heat_map
 from lab.render.document import capital, sentence, short
-from lab.render.plots import ColourScale, heat_map
 from lab.render.style import COLOUR_SCALE, FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
 from lab.studies.analysis import LEAST_ROBOTS, Analysis, CellGroup, Comparison, Kind, Mean, Pair, Rank, groups
 from lab.studies.campaigns import origin_of
