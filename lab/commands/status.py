@@ -462,7 +462,7 @@ _KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
 }
 _MOST_DIGITS = 6
 _MOST_ARMS = 200  # listed beyond these
-_CHANGES = ("arm", "calibrations", "last change between", "and", "what changed", "by (95 % interval)")
+_CHANGES = ("arm", "calibrations", "last change between", "and", "what changed", "by", "95 %", "unit")
 
 
 def _status_document(result: StatusResult) -> doc.Document:
@@ -619,8 +619,8 @@ def _changes(arm: _ArmStatus) -> list[doc.Row]:
         return []
     name, count = arm.called, f"{len(arm.trend.runs)}"
     if not arm.trend.changes:
-        return [(name, count, "–", "–", "nothing", "")]
-    first, *more = (row[:4] for row in change_rows(arm.trend, arm.trend.changes[-1]))
+        return [(name, count, "–", "–", "nothing", "", "", "")]
+    first, *more = (row[: len(_CHANGES) - 2] for row in change_rows(arm.trend, arm.trend.changes[-1]))
     return [(name, count, *first), *(("", "", *row) for row in more)]
 
 

@@ -175,7 +175,7 @@ class TrendResult(Result):
 _ROW = 0.2  # inches of a parameter
 _MOST = 6  # parameters with a picture of their own
 _COLUMNS = 24  # of a heat map: of more calibrations, an evenly spaced part
-_SHIFT_SCALE = (WORST, "#f5c7ad", "#f4f4f2", "#b9c9ea", ARROW_AFTER)  # from smaller to larger, equal in the middle
+_SHIFT_SCALE = (WORST, "#f5c7ad", "#f7f7f7", "#b9c9ea", ARROW_AFTER)  # from smaller to larger, equal in the middle
 
 
 def _errors_picture(result: TrendResult) -> tuple[doc.Picture, ...]:
@@ -275,7 +275,7 @@ _MOST_DIGITS = 6
 _LISTED = 2  # changes that a sentence names
 _LEVEL = f"An unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} % of the years."
 _CHANGES = (
-    "between", "and", "what changed", "by (95 % interval)", doc.Column("found on", doc.PAGE),
+    "between", "and", "what changed", "by", "95 %", "unit", doc.Column("found on", doc.PAGE),
     doc.Column("chance if unchanged", doc.PAGE),
 )  # fmt: skip
 _CAUSES = "a collision, a new motor, gear or zero, or another mounting"
@@ -295,7 +295,7 @@ def _trend_document(result: TrendResult) -> doc.Document:
             *_card(result).everywhere,
             doc.Warnings(result.warnings),
             doc.Section("What changed", (changed, *_moved(result))),
-            doc.Section("Errors and parameters over time", (_runs(result), *_parameters(result))),
+            doc.Section("Errors at each calibration", (_runs(result),)),
             doc.Section("Minimum detectable change", (_detectable(result), doc.Paragraph(_explained(result), "note"))),
         ),
     )
@@ -373,24 +373,15 @@ def _first_document(result: TrendResult, name: str) -> doc.Document:
 
 
 def change_rows(result: TrendResult, change: ChangePoint) -> list[doc.Row]:
-    """Return the rows of a table for a change: days, what changed and by how much; a row for each parameter."""
+    """Return the rows of a table for a change, one for each parameter: days, what changed, by how much; when found."""
     before, after, found = (result.runs[i] for i in (change.after, change.after + 1, change.found_at))
-    if not change.named:
-        named = [("the links; no single parameter", "")]
-    else:
-        named = [
-            (parameter_text(name), _size(result, name, size, half))
-            for name, size, half in zip(change.named, change.changes, change.half_widths, strict=True)
-        ]
+    named = [
+        (parameter_text(name), *_size(result, name, size, half))
+        for name, size, half in zip(change.named, change.changes, change.half_widths, strict=True)
+    ] or [("the links; no single parameter", "", "", "")]
     joined = "and" if change.several else "or"
-    rows: list[doc.Row] = []
-    for i, (what, by) in enumerate(named):
-        if i:
-            rows.append(("", "", f"{joined} {what}", by, "", ""))
-        else:
-            days = (_day(each) for each in (before, after))
-            rows.append((*days, what, by, found.date.isoformat(), chance_text(change.p)))
-    return rows
+    first = (_day(before), _day(after), *named[0], found.date.isoformat(), chance_text(change.p))
+    return [first, *(("", "", f"{joined} {what}", *by, "", "") for what, *by in named[1:])]
 
 
 def _day(of: DatedRun) -> str:
@@ -399,10 +390,11 @@ def _day(of: DatedRun) -> str:
     return f"{of.date}" if str(of.date) == name else f"{of.date} ({name})"
 
 
-def _size(result: TrendResult, name: str, size: float, half: float) -> str:
+def _size(result: TrendResult, name: str, size: float, half: float) -> tuple[str, str, str]:
+    """Return a change, half of its 95 % interval, and the unit."""
     unit = _unit(result, name)
     digits = digits_of(unit.of(half), _MOST_DIGITS)
-    return f"{fixed(unit.of(size), digits, signed=True)} {plus_minus(unit.of(half), digits)} {unit.name}"
+    return fixed(unit.of(size), digits, signed=True), plus_minus(unit.of(half), digits), unit.name
 
 
 def _unit(result: TrendResult, name: str) -> Unit:
@@ -426,22 +418,20 @@ def _runs(result: TrendResult) -> doc.Table:
 
 
 def _moved(result: TrendResult) -> tuple[doc.Block, ...]:
-    own = "Changed parameters: differences from the first calibration with 95 % intervals. Shaded: around a change."
+    own = _moved_pictures(result)
+    caption = (
+        "All parameters: differences from the first calibration. Faint: within the interval, as an unchanged arm is in "
+        "19 of 20 cases. Blue: larger; vermilion: smaller. Lines mark changes. The scale is logarithmic beyond ±1."
+    )
+    if own:
+        caption = f"Differences from the first calibration with 95 % intervals; shaded: around a change. {caption}"
     several = "Where rows are joined by 'or', the calibrations do not decide which of them changed."
     doubted = any(len(change.named) > 1 and not change.several for change in result.changes)
     return (
         doc.Paragraph(several if doubted else "", "note"),
-        doc.Figure("moved-over-time", _moved_pictures(result), own),
         doc.Paragraph("" if result.changes else "Nothing: no parameter of the links differs.", shown_in=doc.PAGE),
+        doc.Figure("parameters-over-time", (*own, _parameters_picture(result)), caption, wide=True),
     )
-
-
-def _parameters(result: TrendResult) -> tuple[doc.Block, ...]:
-    every = (
-        "All parameters: differences from the first calibration. Faint: within the interval, as an unchanged arm is in "
-        "19 of 20 cases. Blue: larger; vermilion: smaller. Lines mark changes. The scale is logarithmic beyond ±1."
-    )
-    return (doc.Figure("parameters-over-time", (_parameters_picture(result),), every),)
 
 
 def _detectable(result: TrendResult) -> doc.Table:

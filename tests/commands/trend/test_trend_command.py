@@ -51,7 +51,7 @@ def test_the_joint_that_moved_is_named_and_dated(history: Path) -> None:
     assert "changed between 2026-03-09 and 2026-04-14" in said and "changed between 2026-01-10" not in said
     (row,) = change_rows(found, found.changes[0])
     assert row[:3] == ("2026-03-09 (run1)", "2026-04-14 (run0)", "zero of joint 3 (link3.theta)")
-    assert row[3].startswith("+0.") and row[3].endswith(" mrad") and row[4] == DAYS[3]
+    assert row[3].startswith("+0.") and row[4].startswith("± 0.0") and row[5:7] == ("mrad", DAYS[3])
     assert "Next: Use the calibration of 2026-04-14" in said and said.index("Next:") < said.index("Errors at positions")
 
 
