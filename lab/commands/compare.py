@@ -15,12 +15,14 @@ from lab.commands.result import Result
 from lab.core.errors import LabError
 from lab.core.limits import called, one_serial
 from lab.core.measurements import copied_rows
+from lab.core.random import rng_for
 from lab.core.significance import VERIFICATION
+from lab.core.units import MM
+from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.render import document as doc
-from lab.render.charts.chart import axes_picture
-from lab.render.charts.marks import Axes
-from lab.render.document import digits_of, fixed, plus_minus
-from lab.render.style import AFTER, INK, MUTED
+from lab.render.comparison_plots import Intervals, interval_chart
+from lab.render.document import digits_of, fixed, plus_minus, short
+from lab.render.phrases.verify import chance_text, parameter_text
 from lab.verification.change_points import Difference, difference_of
 
 if TYPE_CHECKING:
@@ -94,57 +96,142 @@ class ComparisonResult(Result):
         }
 
 
-_FEWEST_DIGITS = 6
+_MOST_DIGITS = 6
+_SHOWN = 8  # parameters on the card
+_MOST_RUNS = 3  # side by side in a table or a chart
+_RATE = f"An unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases."
 
 
 def _comparison_document(result: ComparisonResult) -> doc.Document:
-    """Build the comparison document: the answer, all differences with intervals, and a picture of the last."""
+    """Build the comparison document: the answer, what moved in each run, and all differences with intervals."""
     changed = any(each.changed for each in result.differences)
     word = "the links have moved" if changed else "no change of the links detected"
-    rate = f"(an unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases)"
-    sections = tuple(
-        doc.Section(str(run.folder), (doc.Paragraph(_sentence(result, each)), _table(result, each)))
-        for run, each in zip(result.runs[1:], result.differences, strict=True)
-    )
-    caption = (
-        "Differences of the last run from the first, each in halves of its 95 % interval. Blue: moved; grey: not "
-        "distinguishable from none."
+    names = _run_names(result)
+    found = tuple(
+        (doc.Strong(f"{name}: "), _sentence(result, each))
+        for name, each in zip(names[1:], result.differences, strict=True)
     )
     return doc.Document(
         f"{called(result.runs[0].robot.name, result.serial)}: {word}",
         (
-            doc.Paragraph((doc.Badge("changed", "bad") if changed else doc.Badge("unchanged", "good"), f" {rate}")),
-            doc.Paragraph(f"Compared with {result.runs[0].folder} ({result.runs[0].result.description}).", "lead"),
+            *_card(result).everywhere,
             doc.Warnings(result.warnings),
-            *sections,
             doc.Section(
-                "The last run against the first", (doc.Figure("moved", (_differences_picture(result),), caption),)
+                f"Against {names[0]}",
+                (
+                    doc.Paragraph(_groups_text(result) if len(found) > 1 else "", "lead"),
+                    doc.Bullets(found),
+                    *_charts(result),
+                    *_tables(result),
+                ),
             ),
         ),
     )
 
 
+def _run_names(result: ComparisonResult) -> list[str]:
+    """Return the runs' folders by their last names, where these differ."""
+    short_names = [run.folder.name for run in result.runs]
+    return short_names if len(set(short_names)) == len(short_names) else [str(run.folder) for run in result.runs]
+
+
+def _card(result: ComparisonResult) -> doc.Card:
+    changed = [each for each in result.differences if each.changed]
+    names, last = _run_names(result), result.differences[-1]
+    shown = last if last.changed or not changed else changed[-1]
+    numbers = [("parameters moved", f"{len(shown.moved)} of {len(shown.names)}", "")]
+    if shown.moved:
+        unit, size, _ = _figures(result, shown)[shown.moved[0]]
+        numbers.append((parameter_text(shown.moved[0]), f"{size} {unit}", ""))
+    if shown.changed:
+        numbers.append(("at the tool", short(MM.of(_at_tool(result, shown)), "mm"), ""))
+    elif (errors := result.runs[-1].result.after_mm) is not None:
+        numbers.append(("mean error of the last run", short(errors["mean"], "mm"), ""))
+    if not changed:
+        step = f"Keep the last calibration, {names[-1]}. Check the arm each month with lab verify."
+    elif last.changed:
+        step = (
+            f"Use the last calibration, {names[-1]}, which includes the change. Find its cause: a collision, a new "
+            "motor, gear or zero, or another mounting?"
+        )
+    else:
+        step = "The last run agrees with the first again: look at the runs between, whose arm or set-up was another."
+    badge = doc.Badge("changed", "bad") if changed else doc.Badge("unchanged", "good")
+    figure = doc.Figure(
+        "moved-figure",
+        (_differences_picture(result),),
+        f"The differences that stand out most in {names[-1]}. Bold: moved. Within the dotted lines nothing is shown.",
+    )
+    reference = f"{names[0]} ({result.runs[0].result.description})"
+    return doc.Card(
+        (badge, f" since {names[0]}"), tuple(numbers), f"Links compared with those of {reference}. {_RATE}", step,
+        (figure,),
+    )  # fmt: skip
+
+
+def _at_tool(result: ComparisonResult, difference: Difference) -> float:
+    """Return how far the moved parameters take the first target (m, RMS over random poses), base and tool the same."""
+    estimate = result.runs[0].estimate
+    arm, values = estimate.arm, estimate.values.copy()
+    for name in difference.moved or difference.names:
+        values[arm.names.index(name)] += difference.changes[difference.names.index(name)]
+    inputs = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+    apart = (arm.points(inputs, values) - arm.points(inputs, estimate.values))[:, 0]
+    return float(np.sqrt((apart**2).sum(axis=1).mean()))
+
+
+def _groups_text(result: ComparisonResult) -> str:
+    """Name the runs that are like the first, and those that are not."""
+    of = list(zip(_run_names(result)[1:], result.differences, strict=True))
+    same, other = ([name for name, each in of if each.changed is changed] for changed in (False, True))
+    parts = [f"Not different from the first: {', '.join(same)}." if same else ""]
+    parts += [f"Changed: {', '.join(other)}." if other else ""]
+    return " ".join(filter(None, parts))
+
+
 def _differences_picture(result: ComparisonResult) -> doc.Picture:
-    """The differences of the last run from the first, in halves of their 95 % intervals."""
+    """The largest differences of the last run from the first, in halves of their 95 % intervals."""
     last = result.differences[-1]
     sizes = last.changes / last.half_widths
-
-    def draw(axes: Axes) -> None:
-        at = np.arange(len(sizes))[::-1]
-        colours = [AFTER if name in last.moved else MUTED for name in last.names]
-        axes.hlines(at, sizes - 1, sizes + 1, colors=colours, linewidth=1.2)
-        axes.scatter(sizes, at, c=colours, s=13)
-        axes.axvline(0, color=INK, linewidth=1)
-        axes.set_yticks(at, list(last.names))
-        axes.set(ylim=(-0.7, len(sizes) - 0.3), xlabel="difference, in halves of its 95 % interval")
-        axes.grid(visible=False, axis="y")
-
+    rows = np.sort(np.argsort(-np.abs(sizes), kind="stable")[:_SHOWN])
+    names = [last.names[i] for i in rows]
+    moved = np.array([name in last.moved for name in names])
+    shown = Intervals("", sizes[rows], np.ones(len(rows)), moved)
     label = f"Differences of the last run from the first: {', '.join(last.moved) or 'nothing'} moved"
-    return axes_picture("moved", label, (5.6, 0.95 + 0.2 * len(sizes)), draw, (1.35, 0.5, 0.15, 0.15))
+    return interval_chart("moved", label, names, [shown], "difference, in halves of its 95 % interval", band=1.0)
+
+
+def _charts(result: ComparisonResult) -> tuple[doc.Figure, ...]:
+    """Draw all differences of the last runs in their units: lengths and angles side by side."""
+    parameters = {each.name: each for each in result.runs[0].estimate.arm.parameters}
+    names, count = result.differences[0].names, min(len(result.differences), _MOST_RUNS)
+    units = {name: parameters[name].unit_of_change for name in names}
+    pictures: list[doc.Picture] = []
+    for unit in dict.fromkeys(units.values()):
+        rows = [i for i, name in enumerate(names) if units[name] == unit]
+        sets = [
+            Intervals(
+                run,
+                np.asarray(unit.of(each.changes[rows])),
+                np.asarray(unit.of(each.half_widths[rows])),
+                np.array([names[i] in each.moved for i in rows]),
+            )
+            for run, each in list(zip(_run_names(result)[1:], result.differences, strict=True))[-count:]
+        ]
+        label = f"Differences from the first run, {unit.name}, with 95 % intervals"
+        pictures.append(
+            interval_chart(
+                f"differences-{len(pictures) + 1}", label, [names[i] for i in rows], sets, f"difference, {unit.name}"
+            )
+        )
+    marks = ", ".join(f"{mark} {each.label}" for mark, each in zip("●■▲", sets, strict=False)) if count > 1 else ""
+    which = f"Differences of the last {count} runs" if count < len(result.differences) else "Differences"
+    caption = f"{which} from the first run with 95 % intervals; bold: moved.{f' {marks}.' if marks else ''}"
+    return (doc.Figure("differences-figure", tuple(pictures), caption),)
 
 
 def _sentence(result: ComparisonResult, difference: Difference) -> str:
-    p = f"p = {difference.p:.2g}" if difference.p > 0 else "p < 1e-300"
+    p = chance_text(difference.p)
     if not difference.changed:
         return f"No change of the links is detectable between the two runs ({p})."
     if not difference.moved:
@@ -154,13 +241,28 @@ def _sentence(result: ComparisonResult, difference: Difference) -> str:
     return f"Moved: {text} ({p})."
 
 
-def _table(result: ComparisonResult, difference: Difference) -> doc.Table:
-    rows: list[doc.Row] = [
-        (doc.Code(name), *figures, "moved" if name in difference.moved else "")
-        for name, figures in _figures(result, difference).items()
-    ]
-    kinds = tuple("" if row[-1] else "quiet" for row in rows)
-    return doc.Table(("parameter", "unit", "difference", "95 % interval", ""), tuple(rows), row_kinds=kinds)
+def _tables(result: ComparisonResult) -> tuple[doc.Table, ...]:
+    """Tabulate all differences, what moved first: a pair of columns for each run, three runs in a table."""
+    pairs = list(zip(_run_names(result)[1:], result.differences, strict=True))
+    tables: list[doc.Table] = []
+    for first in range(0, len(pairs), _MOST_RUNS):
+        part = pairs[first : first + _MOST_RUNS]
+        figures = [_figures(result, each) for _, each in part]
+        moved = list(dict.fromkeys(name for _, each in part for name in each.moved))
+        names = [*moved, *(name for name in result.differences[0].names if name not in moved)]
+        rows: list[doc.Row] = []
+        for name in names:
+            cells = [cell for of in figures for cell in of[name][1:]]
+            where = [run for run, each in part if name in each.moved]
+            rows.append(
+                (doc.Code(name), parameter_text(name).partition(" (")[0], figures[0][name][0], *cells, ", ".join(where))
+            )
+        heads = [head for run, _ in part for head in (run, "95 %")]
+        columns: tuple[str | doc.Column, ...] = ("parameter", doc.Column("what", doc.PAGE), "unit", *heads, "moved in")
+        kinds = tuple("" if name in moved else "quiet" for name in names)
+        caption = "Differences from the first run"
+        tables.append(doc.Table(columns, tuple(rows), caption, kinds, folded=True))
+    return tuple(tables)
 
 
 def _figures(result: ComparisonResult, difference: Difference) -> dict[str, tuple[str, str, str]]:
@@ -168,7 +270,7 @@ def _figures(result: ComparisonResult, difference: Difference) -> dict[str, tupl
     parameters, figures = {each.name: each for each in result.runs[0].estimate.arm.parameters}, {}
     for name, change, half in zip(difference.names, difference.changes, difference.half_widths, strict=True):
         unit = parameters[name].unit_of_change
-        digits = digits_of(unit.of(half), _FEWEST_DIGITS)
+        digits = digits_of(unit.of(half), _MOST_DIGITS)
         figures[name] = unit.name, fixed(unit.of(change), digits, signed=True), plus_minus(unit.of(half), digits)
     return figures
 

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from lab.commands.compensate.result import CompensationResult
-from lab.commands.verify import VerificationResult
+from lab.commands.verify import VerificationResult, drawn_poses
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
@@ -192,16 +192,13 @@ def _blueprint(scene: ErrorScene, origins: Array, points: Array, reach: float) -
 def record_verification(path: Path, result: VerificationResult) -> None:
     """Write the recording of ``lab verify``; of many rows an evenly spaced part."""
     calibrated, found = result.calibrated, result.verified
-    data = result.measurements.take(drawn_rows(len(result.measurements)))
-    arm = calibrated.robot.arm_with(data.targets, calibrated.estimate.groups)
-    predicted = np.where(data.seen[:, :, None], arm.points(data.inputs(arm.conditions), found.values), np.nan)
+    data, rigid, values, predicted = drawn_poses(result)
     colour, colour_name = (RGB_AFTER, "light blue") if found.good else (RGB_BEFORE, "vermilion")
     text = "measured less predicted"
-    rigid = arm.rigid
     scene = ErrorScene(
         calibrated.robot.model,
         rigid,
-        found.values[: len(rigid.names)],
+        values,
         data.joints,
         data.ids,
         predicted,

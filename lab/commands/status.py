@@ -18,18 +18,19 @@ from lab.commands.command_line import options_of, takes
 from lab.commands.options import StatusOptions, TrendOptions
 from lab.commands.result import Result
 from lab.commands.run_folder import check_edits
-from lab.commands.trend import DatedRun, TrendResult, change_text, content_of, followed
-from lab.core.errors import LabError, counted
+from lab.commands.trend import DatedRun, TrendResult, change_rows, content_of, followed
+from lab.core.errors import LabError, be, counted
 from lab.core.limits import called, day
 from lab.core.linear_model import half_width_95
 from lab.core.whole_folder import CHECKSUMS, file_digest, is_being_written, place_of_draft
 from lab.formats.csv_table import write_columns
 from lab.formats.structured import read_structured
 from lab.render import document as doc
-from lab.render.charts.chart import axes_picture
+from lab.render.charts.chart import axes_picture, log_ticks
 from lab.render.charts.marks import Axes
-from lab.render.document import digits_of, fixed, plus_minus, short
-from lab.render.style import GRID, INK, MEASURED, MUTED, RMS, WORST
+from lab.render.comparison_plots import date_axis
+from lab.render.document import capital, digits_of, fixed, plus_minus, short
+from lab.render.style import GATE, GRID, INK, MEASURED, MUTED, RMS, WORST
 from lab.render.terminal import status as showing
 
 __all__ = ["STATES", "Check", "StatusResult", "status"]
@@ -51,6 +52,7 @@ class Check:
     error_mm: float | None  # the mean error at poses that were not fitted; None where there are none
     of: str | None  # the digest of the calibration's result.json; None of a verification of a result in memory
     model_sha256: str  # of the robot's files
+    gate_mm: float | None = None  # of a calibration: the largest mean error that was accepted
 
 
 class _LeftOut(NamedTuple):
@@ -70,6 +72,7 @@ class _Summary:
     good: bool | None = None
     after_mm: Mapping[str, float] | None = None
     observed_mm: Mapping[str, float] | None = None
+    gate_mm: float | None = None
 
 
 def _checks_of(folder: Path) -> tuple[tuple[Check, ...], tuple[_LeftOut, ...]]:
@@ -132,6 +135,7 @@ def _check(folder: Path) -> Check | None:
         None if errors is None else errors.get("mean"),
         file_digest(folder / _RESULT) if calibrates else config.inputs_sha256.get(str(config.options.get("run"))),
         config.model_sha256,
+        found.gate_mm,
     )
 
 
@@ -218,6 +222,25 @@ class _ArmStatus:
     def error_now_mm(self) -> float | None:
         """The mean error of the last verification of that calibration."""
         return self.verifications[-1].error_mm if self.verifications else None
+
+    @property
+    def gate_mm(self) -> float | None:
+        """The gate of the last calibration."""
+        return None if self.calibration is None else self.calibration.gate_mm
+
+    @property
+    def to_do(self) -> str:
+        """What is to be done with the arm, and when."""
+        if self.due is None:
+            return "calibrate" if self.state == "never calibrated" else "calibrate, with --date"
+        late = (self.on - self.due).days
+        return {
+            "good": f"verify by {self.due}",
+            "due": f"verify: {counted(late, 'day')} late",
+            "doubtful": "see the reasons of its last run",
+            "bad": "calibrate again",
+            "unknown": "validate its calibration",
+        }[self.state]
 
     @cached_property
     def slope(self) -> _Slope | None:
@@ -351,13 +374,14 @@ _MARKS = {
     "not judged": (MUTED, "s"),
 }  # by verdict: they differ without colour, too
 _ROW, _MOST_NAME = 0.24, 26  # inches of an arm; characters of its name
-_MONTHS = (1, 2, 3, 6, 12, 24, 60, 120)  # between ticks
-_MOST_TICKS = 8
+_MOST_DRAWN = 12  # arms on the card
+_NAMED = 3  # arms that a sentence names
+_MOST_OPEN, _MOST_CHECKED = 15, 40  # arms in the open table; in the picture of checks
 
 
 def _checks_picture(result: StatusResult) -> doc.Picture:
     """Draw a row for each arm, the worst on top: a mark for each check, a stroke for each calibration."""
-    arms = result.arms
+    arms = result.arms[:_MOST_CHECKED]
     days = [(each, len(arms) - 1 - i) for i, arm in enumerate(arms) for each in arm.checks if each.on is not None]
 
     def draw(axes: Axes) -> None:
@@ -373,27 +397,61 @@ def _checks_picture(result: StatusResult) -> doc.Picture:
                 at, rows = zip(*own, strict=True)
                 axes.plot(at, rows, mark, color=colour, markersize=5, label=verdict)
         axes.axvline(result.on.toordinal(), color=MUTED, linewidth=1, linestyle=":")
-        first = min((each.on for each, _ in days if each.on is not None), default=result.on)
-        ticks = _ticks(first, result.on)
-        axes.set_xticks([each.toordinal() for each in ticks], [f"{each:%Y-%m}" for each in ticks])
-        names = [arm.called for arm in reversed(arms)]
-        axes.set_yticks(range(len(arms)), [n if len(n) <= _MOST_NAME else f"{n[:_MOST_NAME]}…" for n in names])
-        span = max(30, result.on.toordinal() - first.toordinal())
-        left, right = first.toordinal() - 0.03 * span, result.on.toordinal() + 0.03 * span
-        axes.set(xlim=(left, right), ylim=(-0.7, len(arms) + 0.6))
+        date_axis(axes, min((each.on for each, _ in days if each.on is not None), default=result.on), result.on)
+        axes.set_yticks(range(len(arms)), _names(reversed(arms)))
+        axes.set(ylim=(-0.7, len(arms) + 0.6))
         axes.grid(visible=False)
         axes.legend(loc="upper left", ncols=5)
 
     label = f"Calibrations and verifications of {len(arms)} arms up to {result.on}, by verdict"
-    widest = max((min(len(arm.called), _MOST_NAME) for arm in arms), default=0)
-    return axes_picture("checks", label, (7.2, 1.1 + _ROW * len(arms)), draw, (0.35 + 0.075 * widest, 0.45, 0.2, 0.15))
+    return axes_picture("checks", label, (7.2, 1.1 + _ROW * len(arms)), draw, (_beside(arms), 0.45, 0.2, 0.15))
 
 
-def _ticks(first: date, last: date) -> list[date]:
-    months = [first.year * 12 + first.month - 1, last.year * 12 + last.month - 1]
-    step = next((each for each in _MONTHS if (months[1] - months[0]) / each < _MOST_TICKS), _MONTHS[-1])
-    start = -(-(months[0]) // step) * step
-    return [date(at // 12, at % 12 + 1, 1) for at in range(start, months[1] + 1, step)]
+def _names(arms: Iterable[_ArmStatus]) -> list[str]:
+    names = (arm.called for arm in arms)
+    return [name if len(name) <= _MOST_NAME else f"{name[:_MOST_NAME]}…" for name in names]
+
+
+def _beside(arms: Iterable[_ArmStatus]) -> float:
+    """Inches that the names of arms need beside a picture."""
+    return 0.35 + 0.075 * max(map(len, _names(arms)), default=0)
+
+
+def _errors_picture(result: StatusResult) -> tuple[doc.Picture, ...]:
+    """Draw the error of each arm at its calibration and at its last verification, with its gate; the worst on top."""
+    known = [arm for arm in result.arms if arm.error_then_mm or arm.error_now_mm][:_MOST_DRAWN]
+    sizes = [
+        size
+        for arm in known
+        for size in (arm.error_then_mm, arm.error_now_mm, arm.gate_mm)
+        if size is not None and size
+    ]
+    if not known:
+        return ()
+    at = np.arange(len(known))[::-1]
+
+    def draw(axes: Axes) -> None:
+        log_ticks(axes, "x", min(sizes) / 1.5, max(sizes) * 1.5)
+        for row, arm in zip(at.tolist(), known, strict=True):
+            then, now = arm.error_then_mm, arm.error_now_mm
+            if then and now:
+                axes.hlines([row], min(then, now), max(then, now), colors=MUTED, linewidth=1.2)
+            if then:
+                axes.plot([then], [row], "|", color=MUTED, markersize=10)
+            colour, mark = _MARKS[arm.latest.verdict if arm.latest is not None else "not judged"]
+            axes.plot([now or then or np.nan], [row], mark, color=colour, markersize=7)
+        gates = [(arm.gate_mm, row) for row, arm in zip(at.tolist(), known, strict=True) if arm.gate_mm]
+        for gate, row in gates:
+            axes.vlines([gate], row - 0.5, row + 0.5, colors=GATE, linewidth=1.6)
+        if gates:
+            axes.annotate("gate", (gates[0][0], gates[0][1] + 0.55), color=GATE, ha="center")
+        axes.set_yticks(at, _names(known))
+        axes.set(ylim=(-0.6, len(known) - 0.1), xlabel="mean error now, mm (logarithmic)")
+        axes.grid(visible=False, axis="y")
+
+    label = f"Mean error of {counted(len(known), 'arm')} at the last check, against the gate"
+    size = (4.3, 0.85 + _ROW * len(known))
+    return (axes_picture("errors-now", label, size, draw, (_beside(known), 0.5, 0.15, 0.1)),)
 
 
 _KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
@@ -403,24 +461,63 @@ _KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
     "bad": "bad",
 }
 _MOST_DIGITS = 6
+_MOST_ARMS = 200  # listed beyond these
+_CHANGES = ("arm", "calibrations", "last change between", "and", "what changed", "by", "95 %", "unit")
 
 
 def _status_document(result: StatusResult) -> doc.Document:
     """The count of each state, a row for each arm, the checks over time, changes, and what was left out."""
     counts = Counter(each.state for each in result.arms)
     text = ", ".join(f"{counts[state]} {state}" for state in reversed(STATES) if counts[state])
-    lead = tuple(_badges(counts))
-    caption = f"Every check of every arm: strokes are calibrations, marks are verdicts. The dotted line is {result.on}."
+    which = "every arm" if len(result.arms) <= _MOST_CHECKED else f"the first {_MOST_CHECKED} arms"
+    caption = f"Every check of {which}: strokes are calibrations, marks are verdicts. The dotted line is {result.on}."
+    changes = tuple(row for each in result.arms for row in _changes(each))
     return doc.Document(
         f"{counted(len(result.arms), 'arm')} on {result.on}: {text}" if result.arms else "no arm",
         (
-            doc.Paragraph(lead, "lead"),
+            *_card(result, counts).everywhere,
             doc.Warnings(result.warnings),
-            doc.Section("The arms", (_arms(result), doc.Paragraph(_explained(result), "note", shown_in=doc.PAGE))),
+            doc.Section("The arms", (*_arms(result), doc.Paragraph(_explained(result), "note", shown_in=doc.PAGE))),
+            doc.Section("Changes between calibrations", (doc.Table(_CHANGES, changes),)),
             doc.Section("The checks over time", (doc.Figure("checks", (_checks_picture(result),), caption),)),
-            doc.Section("Changes between calibrations", (doc.Bullets(tuple(_changes(each) for each in result.arms)),)),
         ),
     )
+
+
+def _card(result: StatusResult, counts: Mapping[str, int]) -> doc.Card:
+    arms = result.arms
+    waiting = len(arms) - counts.get("good", 0)
+    numbers = [("need attention", f"{waiting} of {len(arms)}", "")]
+    now = [(size, arm.called) for arm in arms if (size := arm.error_now_mm or arm.error_then_mm) is not None]
+    about = "The state is that of the last check. No error is known."
+    if now:
+        size, name = max(now)
+        numbers.append(("largest mean error now", short(size, "mm"), ""))
+        about = f"The state is that of the last check. The largest error is that of {name}."
+    caption = (
+        f"Mean error at the last check of {'each arm' if len(arms) <= _MOST_DRAWN else 'the first arms'}: round is "
+        "good, a triangle doubtful, a diamond bad. Grey stroke: at calibration. Black line: the gate."
+    )
+    figure = doc.Figure("errors-now-figure", _errors_picture(result), caption)
+    return doc.Card(
+        tuple(_badges(counts)), tuple(numbers), about, _next_step(result), (figure,) * bool(figure.pictures)
+    )
+
+
+def _next_step(result: StatusResult) -> str:
+    """Name what is to be done first, by the worst states."""
+    steps = {"bad": "Calibrate {} again", "doubtful": "see why {} {be} doubtful", "never calibrated": "calibrate {}",
+             "unknown": "validate {}", "due": "verify {}"}  # fmt: skip
+    parts = list[str]()
+    for state, step in steps.items():
+        names = [arm.called for arm in result.arms if arm.state == state]
+        if names:
+            shown = names if len(names) <= _NAMED else [*names[: _NAMED - 1], f"{len(names) - _NAMED + 1} more"]
+            parts.append(step.format(" and ".join(filter(None, (", ".join(shown[:-1]), shown[-1]))), be=be(len(names))))
+    if parts:
+        return capital("; ".join(parts)) + "."
+    dues = [arm.due for arm in result.arms if arm.due is not None]
+    return f"Nothing now. The next check is due on {min(dues)}." if dues else "Nothing now."
 
 
 def _badges(counts: Mapping[str, int]) -> list[doc.Inline]:
@@ -431,17 +528,26 @@ def _badges(counts: Mapping[str, int]) -> list[doc.Inline]:
     return parts
 
 
-def _arms(result: StatusResult) -> doc.Table:
-    on_page = ("verdict", "error then", "slope, mm a year")  # a terminal has no room for these
+def _arms(result: StatusResult) -> tuple[doc.Table, ...]:
+    """Tabulate the arms, those that need attention first; of many, the rest is folded."""
+    on_page = ("error, gate dashed", "error then", "slope, mm a year")  # a terminal has no room for these
     headings = (
-        "state", "arm", "calibrated", "verdict", "verified", "verdict", "error then", "error now", "slope, mm a year",
-        "next due",
+        "state", "arm", "error, gate dashed", "error now", "gate", "error then", "slope, mm a year", "calibrated",
+        "verified", "to do",
     )  # fmt: skip
     columns = tuple(doc.Column(each, doc.PAGE if each in on_page else doc.EVERYWHERE) for each in headings)
-    return doc.Table(columns, tuple(_row(each) for each in result.arms), "Mean position errors, mm", most_rows=200)
+    rows = tuple(_row(arm, line) for arm, line in zip(result.arms, _sparklines(result), strict=True))
+    if not any(arm.slope for arm in result.arms):
+        at = headings.index("slope, mm a year")
+        columns, rows = columns[:at] + columns[at + 1 :], tuple(row[:at] + row[at + 1 :] for row in rows)
+    rest = rows[_MOST_OPEN:]
+    return (
+        doc.Table(columns, rows[:_MOST_OPEN], "What needs attention first. Mean position errors, mm"),
+        doc.Table(columns, rest, f"{counted(len(rest), 'more arm')}", most_rows=_MOST_ARMS, folded=True),
+    )
 
 
-def _row(arm: _ArmStatus) -> doc.Row:
+def _row(arm: _ArmStatus, line: doc.Text) -> doc.Row:
     slope = arm.slope
     text = "–"
     if slope is not None:
@@ -450,38 +556,72 @@ def _row(arm: _ArmStatus) -> doc.Row:
     return (
         doc.Badge(arm.state, _KINDS.get(arm.state, "open")),
         doc.Code(arm.called),
-        *_checked(arm.calibration),
-        *_checked(arm.verification),
-        short(arm.error_then_mm),
+        line,
         short(arm.error_now_mm),
+        "–" if arm.gate_mm is None else f"{arm.gate_mm:g}",
+        short(arm.error_then_mm),
         text,
-        "–" if arm.due is None else arm.due.isoformat(),
+        _checked(arm.calibration),
+        _checked(arm.verification),
+        arm.to_do,
     )
 
 
-def _checked(check: Check | None) -> tuple[doc.Text, doc.Text]:
+def _checked(check: Check | None) -> str:
+    """Return the day of a check, with its verdict where that is not good."""
     if check is None or check.on is None:
-        return "–", "–"
-    return check.on.isoformat(), check.verdict
+        return "–"
+    return f"{check.on}" if check.verdict == "good" else f"{check.on} {check.verdict}"
+
+
+def _sparklines(result: StatusResult) -> list[doc.Text]:
+    """Return the errors of each arm over time, all on one scale of the error over the gate; a dash for none."""
+    dated = [
+        [(each.on, each.error_mm, each.verdict) for each in arm.checks if each.on is not None and each.error_mm]
+        for arm in result.arms
+    ]
+    days = [on for own in dated for on, _, _ in own]
+    first, span = min(days, default=result.on), max((result.on - min(days, default=result.on)).days, 1)
+    gates = [
+        arm.gate_mm or max((size for _, size, _ in own), default=1.0)
+        for arm, own in zip(result.arms, dated, strict=True)
+    ]
+    ratios = [np.log(size / gate) for own, gate in zip(dated, gates, strict=True) for _, size, _ in own]
+    low, high = min([*ratios, -1.0]), max([*ratios, 0.5])
+    lines = list[doc.Text]()
+    for arm, own, gate in zip(result.arms, dated, gates, strict=True):
+        if not own:
+            lines.append("–")
+            continue
+        points = tuple(
+            ((on - first).days / span, float((np.log(size / gate) - low) / (high - low))) for on, size, _ in own
+        )
+        ends = f"{short(own[0][1], 'mm')} on {own[0][0]}, {short(own[-1][1], 'mm')} on {own[-1][0]}"
+        limit = None if arm.gate_mm is None else float(-low / (high - low))
+        beside = "" if arm.gate_mm is None else f"; gate {arm.gate_mm:g} mm"
+        lines.append(doc.Sparkline(points, limit, f"Error: {ends}{beside}", _KINDS.get(own[-1][2], "open")))
+    return lines
 
 
 def _explained(result: StatusResult) -> str:
     return (
         "The state is the verdict of the last verification of the last calibration, or of the calibration itself. "
-        f"An arm is due {counted(result.options.every_days, 'day')} after its last check, a bad one at once. Error "
-        "then: at validation of the last calibration; now: at its last verification. The slope needs "
-        f"{_FEWEST_CHECKS} verifications of one calibration; its interval is 95 %."
+        f"An arm is due {counted(result.options.every_days, 'day')} after its last check, a bad one at once. The "
+        "curves are logarithmic, with one scale relative to the gate (dashed). Error then: at validation of the last "
+        f"calibration; now: at its last verification. The slope needs {_FEWEST_CHECKS} verifications of one "
+        "calibration; its interval is 95 %."
     )
 
 
-def _changes(arm: _ArmStatus) -> doc.Text:
+def _changes(arm: _ArmStatus) -> list[doc.Row]:
+    """Return a row for an arm that was calibrated more than once: its last change."""
     if arm.trend is None:
-        return ""
+        return []
+    name, count = arm.called, f"{len(arm.trend.runs)}"
     if not arm.trend.changes:
-        return f"{arm.called}: no change in {len(arm.trend.runs)} calibrations."
-    count, change = len(arm.trend.changes), change_text(arm.trend, arm.trend.changes[-1])
-    earlier = "" if count == 1 else f" The last of {count} changes in {len(arm.trend.runs)} calibrations (lab trend)."
-    return f"{arm.called}: {change}{earlier}"
+        return [(name, count, "–", "–", "nothing", "", "", "")]
+    first, *more = (row[: len(_CHANGES) - 2] for row in change_rows(arm.trend, arm.trend.changes[-1]))
+    return [(name, count, *first), *(("", "", *row) for row in more)]
 
 
 _STATES = ", ".join(f"{i} {word}" for i, word in enumerate(STATES))
@@ -563,7 +703,7 @@ def status(folder: str | Path | StatusOptions, **options: Any) -> StatusResult:
                 arms.append(
                     _ArmStatus(robot, serial or None, own, on, requested.every_days, _trend(requested, own, reasons))
                 )
-    arms.sort(key=lambda each: -STATES.index(each.state))
+    arms.sort(key=lambda each: (-STATES.index(each.state), each.due or date.min))
     result = StatusResult(requested, on, tuple(arms), tuple(dict.fromkeys(reasons)))
     if requested.out is not None:
         result.save(requested.out, overwrite=requested.overwrite)

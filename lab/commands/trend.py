@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import date
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -31,15 +31,15 @@ from lab.core.units import MM, MRAD, Unit
 from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.kinematics.parameter import Parameter
 from lab.render import document as doc
-from lab.render.charts.chart import figure_picture, log_ticks
+from lab.render.charts.chart import axes_picture, log_ticks
+from lab.render.charts.marks import Axes
+from lab.render.comparison_plots import ColourScale, date_axis, heat_map, signed_place, signed_ticks
 from lab.render.document import digits_of, fixed, plus_minus, short
-from lab.render.style import AFTER, BEFORE, GRID, INK, OUTLIER, PREDICTED
+from lab.render.phrases.verify import chance_text, parameter_text
+from lab.render.style import AFTER, ARROW_AFTER, GATE, INK, MUTED, OUTLIER, WORST
 from lab.verification.change_points import POWER, ChangePoint, Directions, Series
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-__all__ = ["DatedRun", "TrendResult", "change_text", "content_of", "followed", "trend"]
+__all__ = ["DatedRun", "TrendResult", "change_rows", "content_of", "followed", "trend"]
 
 
 @dataclass(frozen=True)
@@ -172,59 +172,61 @@ class TrendResult(Result):
         }
 
 
-_WIDTH = 5.6  # inches
 _ROW = 0.2  # inches of a parameter
-_REACH = 4.0  # halves of a 95 % interval at which the colours end
 _MOST = 6  # parameters with a picture of their own
+_COLUMNS = 24  # of a heat map: of more calibrations, an evenly spaced part
+_SHIFT_SCALE = (WORST, "#f5c7ad", "#f7f7f7", "#b9c9ea", ARROW_AFTER)  # from smaller to larger, equal in the middle
 
 
 def _errors_picture(result: TrendResult) -> tuple[doc.Picture, ...]:
-    """Mean and 95 % of the errors at validation, over time; nothing where fewer than two runs were validated."""
-    of = [(each.date, each.run.result.after_mm) for each in result.runs]
-    found = [(day, errors["mean"], errors["p95"]) for day, errors in of if errors is not None and errors["mean"] > 0]
+    """Mean and 95 % of the errors at validation over time, against the gate; nothing of fewer than two runs."""
+    of = [(each.date, each.run.result.after_mm, each.run.result.gate_mm) for each in result.runs]
+    found = [(day, errors["mean"], errors["p95"]) for day, errors, _ in of if errors is not None and errors["mean"] > 0]
     if len(found) < 2:
         return ()
     days, means, ends = zip(*found, strict=True)
+    at = [day.toordinal() for day in days]
+    gates = [(day.toordinal(), gate) for day, _, gate in of if gate is not None]
+    low, high = min(means) / 1.6, max(*ends, *(gate for _, gate in gates)) * 1.8
 
-    def draw(axes: "Axes") -> None:
-        log_ticks(axes, "y", min(means) / 1.6, max(ends) * 1.6)
-        axes.plot(days, ends, "s--", color=PREDICTED, markersize=4, linewidth=1, label="95 % of the points")
-        axes.plot(days, means, "o-", color=AFTER, markersize=4.5, linewidth=1.3, label="mean")
-        _changes(axes, result)
-        axes.set(ylabel="validation error, mm (logarithmic)")
-        _date_axis(axes)
-        axes.legend(loc="best")
+    def draw(axes: Axes) -> None:
+        log_ticks(axes, "y", low, high)
+        _changes(axes, result, low, high)
+        axes.plot(at, ends, "s--", color=MUTED, markersize=4, linewidth=1)
+        axes.plot(at, means, "o-", color=AFTER, markersize=5, linewidth=1.5)
+        beside: Any = {"xytext": (7, 0), "textcoords": "offset points", "va": "center"}
+        axes.annotate("95 %", (at[-1], ends[-1]), color=INK, **beside)
+        axes.annotate("mean", (at[-1], means[-1]), color=AFTER, fontweight="bold", **beside)
+        if gates:
+            axes.plot(*zip(*gates, strict=True), "--", color=GATE, linewidth=1.4, drawstyle="steps-post")
+            axes.annotate("gate", gates[-1], color=GATE, **beside)
+        axes.set(ylabel="error, mm (logarithmic)")
+        date_axis(axes, result.runs[0].date, result.runs[-1].date, right=0.17)
 
-    label = f"Validation error of each calibration: mean from {min(means):.3g} to {max(means):.3g} mm"
-    return (figure_picture("errors", label, (_WIDTH, 2.6), draw, (0.75, 0.45, 0.2, 0.3)),)
+    gate = f", gate {gates[-1][1]:g} mm" if gates else ""
+    label = f"Validation error of each calibration: mean from {min(means):.3g} to {max(means):.3g} mm{gate}"
+    return (axes_picture("errors", label, (4.6, 2.5), draw, (0.7, 0.35, 0.1, 0.25)),)
 
 
 def _parameters_picture(result: TrendResult) -> doc.Picture:
     """Draw the shift of each parameter from the first calibration, in half-widths of the difference's interval."""
     names, halves = result.estimates[0].names, result.half_widths
     sizes = result.shifts / np.sqrt(halves**2 + halves[0] ** 2)
-
-    def draw(axes: "Axes") -> None:
-        from matplotlib.colors import LinearSegmentedColormap
-
-        colours = LinearSegmentedColormap.from_list("shift", [BEFORE, "#ffffff", AFTER])
-        grid = axes.pcolormesh(
-            np.arange(len(result.runs) + 1), np.arange(len(names) + 1), sizes.T[::-1], cmap=colours, vmin=-_REACH,
-            vmax=_REACH, edgecolors=GRID, linewidth=0.5,
-        )  # fmt: skip
-        for change in result.changes:
-            axes.axvline(change.after + 1, color=OUTLIER, linewidth=2)
-        axes.set_yticks(np.arange(len(names)) + 0.5, list(names[::-1]))
-        step = max(1, -(-len(result.runs) // 8))
-        shown = range(0, len(result.runs), step)
-        axes.set_xticks([i + 0.5 for i in shown], [result.runs[i].date.isoformat() for i in shown], rotation=30)
-        axes.tick_params(length=0)
-        axes.grid(visible=False)
-        bar = axes.figure.colorbar(grid, ax=axes, pad=0.02, fraction=0.04)
-        bar.set_label("difference, in half-widths of its 95 % interval")
-
-    label = f"Parameters over time, {_count_text(result)}"
-    return figure_picture("parameters", label, (_WIDTH, 1.3 + _ROW * len(names)), draw, (1.2, 0.75, 0.5, 0.15))
+    columns = np.unique(np.round(np.linspace(0, len(sizes) - 1, min(len(sizes), _COLUMNS))).astype(int))
+    most = max(float(np.abs(sizes).max()), 2.0)
+    step = -(-len(columns) // 8)
+    dates = [result.runs[i].date.isoformat() if k % step == 0 else "" for k, i in enumerate(columns)]
+    lines = [int(np.searchsorted(columns, change.after + 1)) for change in result.changes]
+    return heat_map(
+        "parameters",
+        f"Parameters over time, {_count_text(result)}",
+        names,
+        dates,
+        signed_place(sizes[columns].T, most),
+        ColourScale(_SHIFT_SCALE, signed_ticks(most), "difference in half-widths of its 95 % interval"),
+        lines=lines,
+        height=_ROW,
+    )
 
 
 def _moved_pictures(result: TrendResult) -> tuple[doc.Picture, ...]:
@@ -238,32 +240,30 @@ def _over_time(result: TrendResult, name: str, called: str) -> doc.Picture:
     at = result.estimates[0].names.index(name)
     unit = result.parameters[at].unit_of_change
     shifts, halves = unit.of(result.shifts[:, at]), unit.of(result.half_widths[:, at])
+    days = [each.date.toordinal() for each in result.runs]
+    low, high = float((shifts - halves).min()), float((shifts + halves).max())
+    room = 0.1 * (high - low)
 
-    def draw(axes: "Axes") -> None:
-        days: Any = [each.date for each in result.runs]
-        axes.errorbar(days, shifts, halves, fmt="o", color=AFTER, ecolor=AFTER, capsize=3, markersize=4.5)
+    def draw(axes: Axes) -> None:
+        _changes(axes, result, low - room, high + room)
         axes.axhline(0, color=INK, linewidth=0.8)
-        _changes(axes, result)
-        axes.set(ylabel=f"{name}, {unit.name}")
-        _date_axis(axes)
+        axes.vlines(days, shifts - halves, shifts + halves, colors=INK, linewidth=1.6)
+        axes.plot(days, shifts, "o", color=INK, markersize=5)
+        axes.set(ylabel=f"{name}, {unit.name}", ylim=(low - room, high + room))
+        date_axis(axes, result.runs[0].date, result.runs[-1].date)
 
     label = f"{name} over time: {shifts[-1]:.3g} {unit.name} from the first calibration"
-    return figure_picture(called, label, (4.5, 2.6), draw, (0.8, 0.45, 0.15, 0.3))
+    return axes_picture(called, label, (4.3, 2.3), draw, (0.75, 0.35, 0.1, 0.25))
 
 
-def _changes(axes: "Axes", result: TrendResult) -> None:
-    for k, change in enumerate(result.changes):
-        before, after = (result.runs[i].date.toordinal() for i in (change.after, change.after + 1))
-        at: Any = (before + after) / 2 - 719163  # matplotlib counts days from 1970
-        axes.axvline(at, color=OUTLIER, linewidth=1.2, linestyle=":", label="" if k else "change")
-
-
-def _date_axis(axes: "Axes") -> None:
-    from matplotlib import dates
-
-    locator = dates.AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+def _changes(axes: Axes, result: TrendResult, low: float, high: float) -> None:
+    """Mark the time between the calibrations around each change."""
+    for change in result.changes:
+        between = [result.runs[i].date.toordinal() for i in (change.after, change.after + 1)]
+        axes.fill_between(between, [low, low], [high, high], color=OUTLIER, alpha=0.16)
+        if len(result.changes) <= _LISTED:
+            middle = (sum(between) / 2, 1.02)
+            axes.annotate("change", middle, xycoords=("data", "axes fraction"), color=OUTLIER, ha="center")
 
 
 def _count_text(result: TrendResult) -> str:
@@ -272,43 +272,99 @@ def _count_text(result: TrendResult) -> str:
 
 
 _MOST_DIGITS = 6
-_LEVEL = f"(an unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} % of the years)"
+_LISTED = 2  # changes that a sentence names
+_LEVEL = f"An unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} % of the years."
+_CHANGES = (
+    "between", "and", "what changed", "by", "95 %", "unit", doc.Column("found on", doc.PAGE),
+    doc.Column("chance if unchanged", doc.PAGE),
+)  # fmt: skip
+_CAUSES = "a collision, a new motor, gear or zero, or another mounting"
 
 
 def _trend_document(result: TrendResult) -> doc.Document:
     """Build the trend document: changes and their dates, errors and parameters over time, detectable changes."""
-    first, last = result.runs[0], result.runs[-1]
+    first = result.runs[0]
     name = called(first.run.robot.name, result.serial)
     if len(result.runs) == 1:
         return _first_document(result, name)
-    badge = doc.Badge("changed", "bad") if result.changes else doc.Badge("unchanged", "good")
+    rows = tuple(row for change in result.changes for row in change_rows(result, change))
+    changed = doc.Table(_CHANGES, rows, "Changes between calibrations" if rows else "")
     return doc.Document(
         f"{name}: {_count_text(result)} in {len(result.runs)} calibrations",
         (
-            doc.Paragraph((badge, f" {_when(result)} {_LEVEL}")),
-            doc.Paragraph(f"The calibrations are of {first.date} to {last.date}.", "note"),
-            doc.Bullets(tuple(change_text(result, each) for each in result.changes)),
+            *_card(result).everywhere,
             doc.Warnings(result.warnings),
-            doc.Section("Errors over time", (_runs(result), _errors(result))),
-            doc.Section("Parameters over time", _parameters(result)),
+            doc.Section("What changed", (changed, *_moved(result))),
+            doc.Section("Errors at each calibration", (_runs(result),)),
             doc.Section("Minimum detectable change", (_detectable(result), doc.Paragraph(_explained(result), "note"))),
         ),
     )
 
 
+def _card(result: TrendResult) -> doc.Card:
+    last = result.runs[-1]
+    badge = doc.Badge("changed", "bad") if result.changes else doc.Badge("unchanged", "good")
+    errors, gate = last.run.result.after_mm, last.run.result.gate_mm
+    numbers: list[tuple[str, str, str]] = []
+    if errors is not None:
+        numbers.append(("mean error now", short(errors["mean"], "mm"), "after"))
+    if gate is not None:
+        numbers.append(("gate", f"{gate:g} mm", ""))
+    numbers.append((f"changes in {len(result.runs)} calibrations", f"{len(result.changes)}", ""))
+    figure = doc.Figure("errors-over-time", _errors_picture(result), _over_time_caption(result))
+    return doc.Card(
+        (badge, f" {_when(result)}"),
+        tuple(numbers),
+        f"Error at poses that were not fitted, calibration of {last.date}. {_LEVEL}",
+        _next_step(result),
+        (figure,) * bool(figure.pictures),
+    )
+
+
+def _next_step(result: TrendResult) -> str:
+    last = result.runs[-1]
+    errors, gate = last.run.result.after_mm, last.run.result.gate_mm
+    if errors is not None and gate is not None and errors["mean"] > gate:
+        return f"The calibration of {last.date} is above its gate: see its page, and calibrate again."
+    if not result.changes:
+        return f"Keep the calibration of {last.date}. Check the arm each month with lab verify."
+    before, after = (result.runs[result.changes[-1].after + i].date for i in (0, 1))
+    return (
+        f"Use the calibration of {last.date}, which includes the change. Find what happened between {before} and "
+        f"{after}: {_CAUSES}?"
+    )
+
+
+def _over_time_caption(result: TrendResult) -> str:
+    gates = any(each.run.result.gate_mm is not None for each in result.runs)
+    parts = ["Validation error of each calibration"]
+    parts += ["dashed: the gate of the mean"] * gates
+    parts += ["shaded: between the calibrations around a change"] * bool(result.changes)
+    return f"{'; '.join(parts)}."
+
+
 def _when(result: TrendResult) -> str:
-    """Name the days around each change; of an unchanged robot the first and the last."""
-    spans = [(change.after, change.after + 1) for change in result.changes] or [(0, -1)]
-    return " and ".join(f"between {result.runs[i].date} and {result.runs[j].date}" for i, j in spans)
+    """Name the days around each change, of many around the last; of an unchanged robot the first and the last."""
+    changes = result.changes
+    spans = [(change.after, change.after + 1) for change in changes] or [(0, -1)]
+    days = [f"between {result.runs[i].date} and {result.runs[j].date}" for i, j in spans]
+    return " and ".join(days) if len(changes) <= _LISTED else f"{len(changes)} times, the last time {days[-1]}"
 
 
 def _first_document(result: TrendResult, name: str) -> doc.Document:
     """Build the document of a single calibration: no change is testable yet, but the next one can be compared."""
     only = result.runs[0]
+    errors, gate = only.run.result.after_mm, only.run.result.gate_mm
+    card = doc.Card(
+        (doc.Badge("one run: no trend yet"), f" the calibration of {only.date} is the first"),
+        () if errors is None else (("mean error", short(errors["mean"], "mm"), "after"),),
+        "Error at poses that were not fitted." + ("" if gate is None else f" The gate is {gate:g} mm."),
+        "Calibrate again in some months, with --date: then a change would show. Until then use lab verify.",
+    )
     return doc.Document(
         f"{name}: one run, no trend yet",
         (
-            doc.Paragraph((doc.Badge("one run: no trend yet"), f" the calibration of {only.date} is the first")),
+            *card.everywhere,
             doc.Warnings(result.warnings),
             doc.Section("Errors", (_runs(result),)),
             doc.Section("Minimum detectable change", (_detectable(result), doc.Paragraph(_explained(result), "note"))),
@@ -316,34 +372,29 @@ def _first_document(result: TrendResult, name: str) -> doc.Document:
     )
 
 
-def change_text(result: TrendResult, change: ChangePoint) -> str:
-    """Describe a change: what changed, between which days, and by how much."""
+def change_rows(result: TrendResult, change: ChangePoint) -> list[doc.Row]:
+    """Return the rows of a table for a change, one for each parameter: days, what changed, by how much; when found."""
     before, after, found = (result.runs[i] for i in (change.after, change.after + 1, change.found_at))
-    when = f"Between {before.date} ({before.run.folder.name}) and {after.date} ({after.run.folder.name})"
-    p = f"p = {change.p:.2g}" if change.p > 0 else "p < 1e-300"
-    by = f" (found by {found.run.folder.name}, {p} at a level of {change.level:.2g})"
-    moved = [
-        f"{_called(name)} changed by {_size(result, name, size, half)}"
+    named = [
+        (parameter_text(name), *_size(result, name, size, half))
         for name, size, half in zip(change.named, change.changes, change.half_widths, strict=True)
-    ]
-    if not moved:
-        return f"{when} the links changed, but no single parameter was identified as the cause{by}."
-    if change.several:
-        return f"{when} more than one parameter changed: {'; '.join(moved)}{by}."
-    if len(moved) == 1:
-        return f"{when} {moved[0]}{by}."
-    return f"{when} one parameter changed, but the calibrations cannot decide which: {'; '.join(moved)}{by}."
+    ] or [("the links; no single parameter", "", "", "")]
+    joined = "and" if change.several else "or"
+    first = (_day(before), _day(after), *named[0], found.date.isoformat(), chance_text(change.p))
+    return [first, *(("", "", f"{joined} {what}", *by, "", "") for what, *by in named[1:])]
 
 
-def _called(name: str) -> str:
-    joint = name.removeprefix("link").removesuffix(".theta")
-    return f"{name} (the zero of joint {joint})" if joint.isdigit() else name
+def _day(of: DatedRun) -> str:
+    """Return the date of a run, with its folder's name where that is another."""
+    name = of.run.folder.name
+    return f"{of.date}" if str(of.date) == name else f"{of.date} ({name})"
 
 
-def _size(result: TrendResult, name: str, size: float, half: float) -> str:
+def _size(result: TrendResult, name: str, size: float, half: float) -> tuple[str, str, str]:
+    """Return a change, half of its 95 % interval, and the unit."""
     unit = _unit(result, name)
     digits = digits_of(unit.of(half), _MOST_DIGITS)
-    return f"{fixed(unit.of(size), digits, signed=True)} {plus_minus(unit.of(half), digits)} {unit.name}"
+    return fixed(unit.of(size), digits, signed=True), plus_minus(unit.of(half), digits), unit.name
 
 
 def _unit(result: TrendResult, name: str) -> Unit:
@@ -354,33 +405,32 @@ def _unit(result: TrendResult, name: str) -> Unit:
 
 def _runs(result: TrendResult) -> doc.Table:
     rows: list[doc.Row] = []
+    named = any(each.run.folder.name != each.date.isoformat() for each in result.runs)
     for each in result.runs:
         errors = each.run.result.after_mm
         numbers = ("–", "–") if errors is None else (short(errors["mean"]), short(errors["p95"]))
         found = each.run.result
         gate = "none" if found.gate_mm is None else f"{found.gate_mm:g}"
-        rows.append((each.date.isoformat(), doc.Code(each.run.folder.name), found.verdict, gate, *numbers))
+        name = (doc.Code(each.run.folder.name),) * named
+        rows.append((each.date.isoformat(), *name, found.verdict, gate, *numbers))
     caption = "Errors at positions that were not fitted, and the gate of their mean, mm"
-    return doc.Table(("date", "run", "verdict", "gate", "mean", "95 %"), tuple(rows), caption)
+    return doc.Table(("date", *("run",) * named, "verdict", "gate", "mean", "95 %"), tuple(rows), caption)
 
 
-def _errors(result: TrendResult) -> doc.Figure:
+def _moved(result: TrendResult) -> tuple[doc.Block, ...]:
+    own = _moved_pictures(result)
     caption = (
-        "The validation error of each calibration shows its accuracy at that date; changes of the arm show in the "
-        "parameters. The axis is logarithmic; dotted lines mark changes."
+        "All parameters: differences from the first calibration. Faint: within the interval, as an unchanged arm is in "
+        "19 of 20 cases. Blue: larger; vermilion: smaller. Lines mark changes. The scale is logarithmic beyond ±1."
     )
-    return doc.Figure("errors-over-time", _errors_picture(result), caption)
-
-
-def _parameters(result: TrendResult) -> tuple[doc.Figure, ...]:
-    every = (
-        "The colours show differences from the first calibration, in half-widths of their 95 % intervals. An unchanged "
-        "arm stays within 1 in 19 of 20 cases. Blue: larger; vermilion: smaller; lines mark changes."
-    )
-    moved = "Changed parameters: differences from the first calibration with 95 % intervals. Dotted lines mark changes."
+    if own:
+        caption = f"Differences from the first calibration with 95 % intervals; shaded: around a change. {caption}"
+    several = "Where rows are joined by 'or', the calibrations do not decide which of them changed."
+    doubted = any(len(change.named) > 1 and not change.several for change in result.changes)
     return (
-        doc.Figure("moved-over-time", _moved_pictures(result), moved),
-        doc.Figure("parameters-over-time", (_parameters_picture(result),), every),
+        doc.Paragraph(several if doubted else "", "note"),
+        doc.Paragraph("" if result.changes else "Nothing: no parameter of the links differs.", shown_in=doc.PAGE),
+        doc.Figure("parameters-over-time", (*own, _parameters_picture(result)), caption, wide=True),
     )
 
 

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 __all__ = [
     "EVERYWHERE", "NARROW", "PAGE", "RECORDING", "TERMINAL", "Badge", "Block", "Bullets", "Card", "Code", "Column",
     "Command", "Document", "Figure", "Inline", "Matrices", "Matrix", "Paragraph", "Picture", "Row", "Scene", "Section",
-    "Strong", "Table", "Text", "Warnings", "capital", "digits_of", "fixed", "format_magnification", "inlines", "plain",
+    "Sparkline", "Strong", "Table", "Text", "Warnings", "capital", "digits_of", "fixed", "format_magnification",
+    "inlines", "plain",
     "plus_minus", "sentence", "short", "shown",
 ]  # fmt: skip
 
@@ -29,6 +30,7 @@ PAGE: Final[_Media] = frozenset({"page"})
 RECORDING: Final[_Media] = frozenset({"recording"})
 NARROW: Final[_Media] = TERMINAL | RECORDING
 EVERYWHERE: Final[_Media] = NARROW | PAGE
+_BLOCKS = "▁▂▃▄▅▆▇█"
 _NUMBER = re.compile(r"[+−±<>≈]? ?(\d[\d.,]*)(e[+−-]?\d+)?( (%|σ|mm|mrad|°))?|∞|–|")
 
 
@@ -54,7 +56,29 @@ class Badge:
     kind: Literal["good", "doubtful", "bad", "open"] = "open"
 
 
-Inline = str | Code | Strong | Badge
+@dataclass(frozen=True)
+class Sparkline:
+    """A curve as small as a word: sizes over time, and a limit.
+
+    Attributes:
+        points: place along the line and height of each, 0 to 1, in order.
+        limit: height of the limit; None without one.
+        label: what it shows, for those who do not see it.
+        kind: that of a badge: the colour of the last point.
+    """
+
+    points: tuple[tuple[float, float], ...]
+    limit: float | None
+    label: str
+    kind: Literal["good", "doubtful", "bad", "open"] = "open"
+
+    @property
+    def text(self) -> str:
+        """The heights as blocks."""
+        return "".join(_BLOCKS[min(int(height * len(_BLOCKS)), len(_BLOCKS) - 1)] for _, height in self.points)
+
+
+Inline = str | Code | Strong | Badge | Sparkline
 Text = Inline | tuple[Inline, ...]
 
 
@@ -115,6 +139,17 @@ class Card(Block):
     about: str
     next_step: Text
     figures: "tuple[Figure, ...]" = ()
+
+    @property
+    def everywhere(self) -> "tuple[Block, ...]":
+        """The card for a page, and the same as paragraphs for the other media."""
+        numbers = "; ".join(f"{caption}: {number}" for caption, number, _ in self.numbers)
+        return (
+            self,
+            Paragraph(self.verdict, shown_in=NARROW),
+            Paragraph(sentence(numbers) if numbers else "", shown_in=NARROW),
+            Paragraph((Strong("Next: "), *inlines(self.next_step)), shown_in=NARROW),
+        )
 
     def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if medium == "page" else ()
@@ -182,6 +217,7 @@ class Table(Block):
         most_rows: the rows beyond these are only counted, in a note.
         rest_in: where those are to be found.
         count: how many rows there are, where only the first of them are given.
+        folded: whether a page shows the caption alone until a reader opens it.
     """
 
     kind: ClassVar[str] = "table"
@@ -192,6 +228,7 @@ class Table(Block):
     most_rows: int | None = None
     rest_in: str = "result.json"
     count: int | None = None
+    folded: bool = False
 
     def __post_init__(self) -> None:
         if wrong := [row for row in self.rows if len(row) != len(self.columns)]:
@@ -275,12 +312,17 @@ class Picture:
 
 @dataclass(frozen=True)
 class Figure(Block):
-    """Pictures side by side, with what they show; a page alone shows them. ``name`` is its place there."""
+    """Pictures side by side, with what they show; a page alone shows them. ``name`` is its place there.
+
+    Attributes:
+        wide: whether it takes the whole width of a page; several pictures always do.
+    """
 
     kind: ClassVar[str] = "figure"
     name: str
     pictures: tuple[Picture, ...]
     caption: str
+    wide: bool = False
 
     def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if self.pictures and medium == "page" else ()
@@ -320,10 +362,15 @@ class Section(Block):
 
 @dataclass(frozen=True)
 class Document:
-    """Document for a reader of a result: a title in one line, and the blocks under it."""
+    """Document for a reader of a result: a title in one line, and the blocks under it.
+
+    Attributes:
+        mark: a word across every screen and sheet of the page, as of an example.
+    """
 
     title: str
     blocks: tuple[Block, ...]
+    mark: str = ""
 
     @property
     def pictures(self) -> tuple[Picture, ...]:

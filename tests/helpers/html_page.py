@@ -46,7 +46,10 @@ class Page(HTMLParser):
             self.figures[values["id"]] = {"svg": 0, "caption": ""}
         if tag == "svg":
             assert values["role"] == "img" and values["aria-label"] and values["viewbox"]
-            list(self.figures.values())[-1]["svg"] += 1
+            if "figure" in self.open:
+                list(self.figures.values())[-1]["svg"] += 1
+            else:  # as small as a word
+                assert values["class"] == "spark" and "td" in self.open
         if tag == "table":
             self.tables.append([])
         if tag == "tr":

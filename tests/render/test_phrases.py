@@ -25,6 +25,8 @@ from lab.core.units import MM
 from lab.noise.error_model import ErrorModel
 from lab.render.phrases.registry import PHRASES
 from lab.render.phrases.verdict import next_step
+from lab.render.phrases.verify import next_step as after_verification
+from lab.render.phrases.verify import parameter_text
 
 SENTENCES = {"words", "reason", "reasons", "warnings", "adequacy", "why_not", "rule_words", "source", "seconds", "run"}
 
@@ -146,6 +148,42 @@ def test_a_good_arm_is_used_next() -> None:
 
     assert "lab compensate" in next_step(Judged())
     assert "lab compensate" not in next_step(Judged(), in_instrument_frame=False)
+
+
+@pytest.mark.parametrize("name", [each for each in PHRASES if each.startswith(("changed.", "situation."))])
+def test_every_change_and_every_cause_has_a_next_step_after_a_verification(name: str) -> None:
+    anew = name.startswith(("situation.setup", "situation.tool"))
+    data = {"of": ("3", "q3"), "left_m": 1e-4, "factor": 2.0} | ({"refit": ("base", "tool")} if anew else {})
+    one = Check(name, "failed", data=data)
+    whole = {"cause": None, "alike": (), "likeliest": None}
+    whole |= {"cause": one} if name.startswith("situation.") else {"alike": (one,)}
+    step = after_verification(Check("verification", "failed", data=whole), "bad")
+    assert step.endswith(".") and "{" not in step and "Go on" not in step
+    assert ("joint 3" in step) is (name == "changed.joint") and ("--refit base,tool" in step) is anew
+
+
+def test_after_a_verification_what_is_not_known_is_measured_or_calibrated_anew() -> None:
+    joint, base = (Check(f"changed.{name}", "passed", data={"of": ("2", "q2")}) for name in ("joint", "base"))
+    whole = {"cause": None, "alike": (joint, base), "likeliest": None}
+    assert "Measure more poses" in after_verification(Check("verification", "failed", data=whole), "bad")
+    several = Check("verification", "failed", data=whole | {"alike": ()})
+    assert after_verification(several, "bad").startswith("Calibrate anew")
+    good = Check("verification", "passed", data=whole)
+    assert after_verification(good, "good") != after_verification(good, "doubtful")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("link3.theta", "zero of joint 3 (link3.theta)"),
+        ("link12.a", "length of link 12 (link12.a)"),
+        ("base.x", "base.x"),
+        ("zero of joint 2", "zero of joint 2"),
+        ("joint2.compliance", "joint2.compliance"),
+    ],
+)
+def test_parameters_are_named_in_words_where_these_are_right(name: str, words: str) -> None:
+    assert parameter_text(name) == words
 
 
 def test_no_decision_of_a_fit_depends_on_a_phrase(silent: Callable[[], None]) -> None:

@@ -14,6 +14,7 @@ from lab.commands.study.document import (
     analysis_sections,
     comparison_sentence,
     effect_text,
+    factor_sentence,
     sentences,
     study_pictures,
     write_figures,
@@ -310,6 +311,22 @@ def test_sentences_say_who_is_best_and_what_cannot_be_told() -> None:
     tied = analysed(*study(), metrics=(METRIC,), factors=("scaling",))
     (first, *_) = sentences(tied, METRIC)
     assert ": best is " in first and first.endswith(" worse, not significantly")
+
+
+def test_one_sentence_for_each_factor_counts_the_settings_in_which_a_level_is_best() -> None:
+    """Level 20 is best in two of three settings; level 10 is 50 % and 20 % worse there."""
+    values = np.ones((6, 8, 2)) * np.exp(0.001 * np.random.default_rng(18).normal(size=(6, 8, 2)))
+    for cell, factor in enumerate((1.5, 1.0, 1.2, 1.0, 1.0, 3.0)):
+        values[cell] *= factor
+    cells = [Cell(poses=poses, noise=noise) for noise in (1.0, 2.0, 4.0) for poses in (10, 20)]
+    found = analysed(columns(values), cells, metrics=(METRIC,), factors=("poses",))
+    text = factor_sentence(found.comparisons, found.cells)
+    assert text == (
+        "by poses, in 3 settings of the other factors: best is 20 poses in 2; 10 poses is best in 1; "
+        "10 poses 20 to 50 % worse"
+    )
+    one = [found.comparisons[0]]
+    assert factor_sentence(one, found.cells) == comparison_sentence(one[0], found.cells)
 
 
 def test_a_sentence_names_one_best_level_and_judges_each_other_by_itself() -> None:

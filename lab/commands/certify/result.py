@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from lab.campaign.options import VirtualCampaign
 from lab.certification.budget import COVERAGE, Budget, BudgetLine, InputQuantity
 from lab.certification.characteristics import CHARACTERISTICS, Accuracy, Conformity, PoseAccuracy, Repeats
 from lab.certification.lack_of_fit import LackOfFit
@@ -19,17 +20,14 @@ from lab.core.units import MICRONS, MM
 from lab.formats.certificate_toml import CertificateDetails
 from lab.noise.instruments import Instrument
 from lab.render import document as doc
-from lab.render.charts.chart import axes_picture
+from lab.render.charts.chart import axes_picture, log_ticks
 from lab.render.charts.marks import Axes
 from lab.render.document import capital, digits_of, fixed, sentence, short
 from lab.render.phrases.registry import in_one_line, phrase
 from lab.render.phrases.verdict import gate_text
-from lab.render.style import AFTER
+from lab.render.style import AFTER, GATE, INK, MUTED
 
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["Certificate", "RobotFound", "Unseen"]
+__all__ = ["Certificate", "RobotFound", "Unseen", "missing_text"]
 
 
 @dataclass(frozen=True)
@@ -101,6 +99,11 @@ class Certificate(Result):
     def serial(self) -> str | None:
         """Serial number of the arm; None where it is not given."""
         return self.calibrated.serial
+
+    @property
+    def is_example(self) -> bool:
+        """True where the robot is virtual, so that nothing was measured."""
+        return isinstance(self.calibrated.options, VirtualCampaign)
 
     @property
     def issued(self) -> bool:
@@ -274,23 +277,27 @@ _VALIDATED = {
     "file": "of the validation measurements",
     "cross-validation": "by cross-validation",
 }
-_VERDICTS = {
-    "good": doc.Badge("good", "good"),
-    "doubtful": doc.Badge("doubtful", "doubtful"),
-    "bad": doc.Badge("bad", "bad"),
-}
 _DECISIONS = {
     "conforms": doc.Badge("conforms", "good"),
     "does not conform": doc.Badge("does not conform", "bad"),
     "not decided": doc.Badge("not decided", "doubtful"),
 }
 _NAMES = {
+    "date": "date of issue",
     "temperature_c": "temperature, °C",
     "pressure_hpa": "pressure, hPa",
     "humidity_percent": "humidity, %",
     "repeatability_mm": "repeatability (RP), as stated, mm",
     "expansion_ppm_per_k": "expansion, ppm/K",
 }
+_MISSING = {
+    "certificate.number": "the number of the certificate",
+    "certificate.date": "its date of issue",
+    "certificate.issued_by": "who issues it",
+    "certificate.operator": "the operator",
+    "certificate.place": "the place",
+    "environment.temperature_c": "the temperature of the room",
+}  # of other details the section's name follows their own
 _MOST_DIGITS = 6
 _ENDLESS = 10_000  # degrees of freedom: from there on Student's t is normal to three digits
 _METHOD = (
@@ -308,22 +315,28 @@ _METHOD = (
 )
 
 
+_SIGNATURE = doc.Section(
+    "Signature", (doc.Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=doc.PAGE),)
+)
+_EXAMPLE = "EXAMPLE"  # across the pages of a certificate of a virtual robot
+
+
 def _certificate_document(result: Certificate) -> doc.Document:
-    """Build the certificate: session, results with uncertainty, statement, budgets, ISO 9283, signature."""
-    run = result.calibrated.result
+    """Build the certificate: results with uncertainty, statement, robot and session, budgets, ISO 9283, signature."""
     name = result.details.certificate.number
-    badge = _VERDICTS.get(run.verdict, doc.Badge(run.verdict))
+    what = f"EXAMPLE of a calibration certificate{f' {name}' if name else ''} (virtual robot)"
+    if not result.is_example:
+        what = f"calibration certificate{f' {name}' if name else ''}"
     return doc.Document(
-        f"{result.calibrated.called}: calibration certificate{f' {name}' if name else ''}",
+        f"{result.calibrated.called}: {what}",
         (
-            doc.Paragraph(("The verdict of the calibration: ", badge, f" ({gate_text(run.gate_mm)}).")),
+            *_card(result).everywhere,
             *_withheld(result),
-            doc.Paragraph(_lead(result), "lead"),
-            doc.Warnings(result.warnings),
-            doc.Section("Calibrated robot and measurement", _details(result)),
-            doc.Section("Results", _results(result)),
-            *((doc.Section("Validation against the budget", _validated(result)),) if result.validation else ()),
+            doc.Section("Results", (doc.Paragraph(_lead(result), "lead"), *_results(result))),
             doc.Section("Statement of conformity", _statement(result)),
+            doc.Section("Calibrated robot and measurement", _details(result)),
+            doc.Warnings(result.warnings),
+            *((doc.Section("Validation against the budget", _validated(result)),) if result.validation else ()),
             *(
                 doc.Section(f"Uncertainty budget of {_MEASURANDS[each.measurand]}", _budget(each))
                 for each in result.budgets
@@ -333,11 +346,96 @@ def _certificate_document(result: Certificate) -> doc.Document:
             doc.Section(
                 "Evaluation of the uncertainty", tuple(doc.Paragraph(text, shown_in=doc.PAGE) for text in _METHOD)
             ),
-            doc.Section(
-                "Signature", (doc.Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=doc.PAGE),)
-            ),
+            *(() if result.is_example else (_SIGNATURE,)),
         ),
+        _EXAMPLE if result.is_example else "",
     )
+
+
+def _card(result: Certificate) -> doc.Card:
+    run, found = result.calibrated.result, result.conformity
+    position, distance = result.budgets
+    numbers = [("U of a position", _expanded(position), ""), ("U of a distance", _expanded(distance), "")]
+    if run.after_mm is not None:
+        statistic = result.options.statistic
+        numbers.insert(0, (f"{_STATISTICS[statistic]} error", short(run.after_mm[statistic], "mm"), ""))
+    verdict: tuple[doc.Inline, ...]
+    if not result.issued:
+        verdict = (doc.Badge("not issued", "bad"), ": details that cannot be right")
+    elif found is None:
+        verdict = (doc.Badge("no statement"), " of conformity: nothing to compare with")
+    else:
+        verdict = (_DECISIONS[found.decision], f" with the tolerance of {short(MM.of(found.tolerance_m))} mm")
+    if result.is_example:
+        verdict = (doc.Badge("EXAMPLE", "doubtful"), " virtual robot, nothing was measured. Result: ", *verdict)
+    about = (
+        f"{result.calibrated.called}, calibration {run.description}. U: expanded uncertainty, 95 % coverage over the "
+        "workspace."
+    )
+    figure = doc.Figure("errors-figure", _errors_picture(result), _ERRORS)
+    return doc.Card(verdict, tuple(numbers), about, _next_step(result), (figure,) * bool(figure.pictures))
+
+
+def _next_step(result: Certificate) -> str:
+    found = result.conformity
+    if not result.issued:
+        return "Correct the details named below, or measure again."
+    if result.is_example:
+        return "Measure the real arm, identify it with lab identify, and certify that run."
+    if found is None:
+        return "Give --tolerance-mm for a statement of conformity."
+    if found.decision == "does not conform":
+        return "Calibrate again with more poses or another model, or give a larger tolerance."
+    if found.decision == "not decided":
+        return "Reduce the uncertainty: its largest contribution heads the budget below."
+    if result.details.missing:
+        return f"State what is missing in --details, then sign: {missing_text(result.details.missing)}."
+    return "Print and sign."
+
+
+_ERRORS = (
+    "Position errors from mean to largest, and the expanded uncertainty U of a position. Dashed: the tolerance. "
+    "Logarithmic axis."
+)
+
+
+def _errors_picture(result: Certificate) -> tuple[doc.Picture, ...]:
+    """Draw the errors of the nominal and the calibrated model, U and the tolerance on one axis."""
+    run = result.calibrated.result
+    rows = [
+        (name, found["mean"], found["max"], colour)
+        for name, found, colour in (
+            ("nominal model", run.before_mm, MUTED),
+            ("calibrated model", run.after_mm, AFTER),
+        )
+        if found is not None and found["mean"] > 0
+    ]
+    if not rows:
+        return ()
+    expanded = MM.of(result.budgets[0].expanded_m)
+    tolerance = None if result.conformity is None else MM.of(result.conformity.tolerance_m)
+    sizes = [*(size for row in rows for size in row[1:3]), expanded, *([] if tolerance is None else [tolerance])]
+    names = [*(row[0] for row in rows), "U of a position"]
+    at = list(range(len(names)))[::-1]
+
+    def draw(axes: Axes) -> None:
+        log_ticks(axes, "x", min(sizes) / 1.5, max(sizes) * 1.5)
+        for row, (_, mean, largest, colour) in zip(at, rows, strict=False):
+            axes.hlines([row], mean, largest, colors=colour, linewidth=3)
+            axes.plot([mean], [row], "o", color=colour, markersize=7)
+        axes.plot([expanded], [at[-1]], "D", color=INK, markersize=7)
+        if tolerance is not None:
+            axes.axvline(tolerance, color=GATE, linewidth=1.4, linestyle="--")
+            axes.annotate(
+                f"tolerance {short(tolerance)} mm", (tolerance, 1.02), xycoords=("data", "axes fraction"), ha="center"
+            )
+        axes.set_yticks(at, names)
+        axes.set(ylim=(-0.6, len(names) - 0.4), xlabel="mm (logarithmic)")
+        axes.grid(visible=False, axis="y")
+
+    stated = ", ".join(f"{name} {short(mean)} mm (mean)" for name, mean, *_ in rows)
+    label = f"Position errors: {stated}; U {expanded:.2g} mm"
+    return (axes_picture("errors", label, (4.3, 2.0), draw, (1.45, 0.5, 0.15, 0.3)),)
 
 
 def _contributions_picture(budget: Budget) -> doc.Picture:
@@ -374,29 +472,46 @@ def _lead(result: Certificate) -> str:
     )
 
 
+def _expanded(budget: Budget) -> str:
+    return f"{fixed(MM.of(budget.expanded_m), digits_of(MM.of(budget.expanded_m), _MOST_DIGITS))} mm"
+
+
 def _uncertainty(budget: Budget) -> str:
-    digits = digits_of(MM.of(budget.expanded_m), _MOST_DIGITS)
-    return f"{fixed(MM.of(budget.expanded_m), digits)} mm (k = {budget.coverage_factor:.2f})"
+    return f"{_expanded(budget)} (k = {budget.coverage_factor:.2f})"
 
 
 def _details(result: Certificate) -> tuple[doc.Block, ...]:
+    targets = ", ".join(result.calibrated.estimate.arm.targets)
     parts: dict[str, list[tuple[str, str]]] = {
         "Calibration": [
             ("robot model", result.calibrated.robot.name),
-            ("measured", f"{result.poses} poses, targets {', '.join(result.calibrated.estimate.arm.targets)}"),
+            ("measured", f"{result.poses} poses, targets {targets}"),
             ("measured on", str(result.calibrated.options.date or "not stated")),
             ("instrument", "unknown" if result.device is None else result.device.name),
         ]
     }
+    missing = result.details.missing
     for part, values in result.details.to_dict().items():
         parts[part.capitalize()] = [
-            (_NAMES.get(key, key.replace("_", " ")), short(value) if isinstance(value, float) else str(value))
-            for key, value in values.items()
+            (_called(key), short(value) if isinstance(value, float) else str(value)) for key, value in values.items()
         ]
-    rows = [("" if i else part, *row) for part, each in parts.items() for i, row in enumerate(each)]
-    missing = result.details.missing
-    left = f"Not stated: {', '.join(missing)}." if missing else ""
-    return doc.Table(("", "", ""), tuple(rows)), doc.Paragraph(left, "note")
+        parts[part.capitalize()] += [
+            (_called(name.partition(".")[2]), "not stated") for name in missing if name.partition(".")[0] == part
+        ]
+    return tuple(doc.Table(("", ""), tuple(rows), part) for part, rows in parts.items() if rows)
+
+
+def _called(key: str) -> str:
+    """Return a detail's key in words."""
+    return _NAMES.get(key, key.replace("_", " "))
+
+
+def missing_text(missing: Sequence[str]) -> str:
+    """Name details that are not stated, as ``section.name``, in words."""
+    named = (
+        _MISSING.get(name, f"the {_called(name.partition('.')[2])} of the {name.partition('.')[0]}") for name in missing
+    )
+    return ", ".join(named)
 
 
 def _results(result: Certificate) -> tuple[doc.Block, ...]:
@@ -508,7 +623,7 @@ def _budget(budget: Budget) -> tuple[doc.Block, ...]:
         f"Standard uncertainty u, contribution in µm, degrees of freedom ν (∞: over {_ENDLESS:,}), "
         "share of the variance in %"
     )
-    return doc.Table(tuple(columns), rows, caption), doc.Paragraph(parts), figure
+    return doc.Table(tuple(columns), rows, caption), doc.Paragraph(parts), *((figure,) if len(rows) > 1 else ())
 
 
 def _of_kinematics(budget: Budget) -> str:

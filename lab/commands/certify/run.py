@@ -48,7 +48,7 @@ from lab.commands.certify.inputs import (
     random_errors,
     validation_errors,
 )
-from lab.commands.certify.result import Certificate, RobotFound, Unseen
+from lab.commands.certify.result import Certificate, RobotFound, Unseen, missing_text
 from lab.commands.command_line import options_of, takes
 from lab.commands.options import CertifyOptions
 from lab.core.errors import LabError
@@ -316,4 +316,4 @@ def _warnings(
     if details.robot_temperature is None:
         yield "the robot's temperature is not stated, so the budget lacks it; state it in [environment] of --details"
     if missing := details.missing:
-        yield f"the certificate is not traceable: state {', '.join(missing)} in --details"
+        yield f"the certificate is not traceable: --details does not state {missing_text(missing)}"

@@ -15,6 +15,9 @@ from typing import Any, TypeVar
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure as Drawing
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
@@ -23,29 +26,32 @@ from matplotlib.ticker import LogLocator, NullLocator
 from lab.commands.study.run import StudyResult, circumstances, failures_text, level_text, plain_level
 from lab.core.errors import LabError
 from lab.render import document as doc
-from lab.render.charts.chart import save_figure
-from lab.render.document import capital, sentence
-from lab.render.style import FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
+from lab.render.charts.chart import axes_picture, log_ticks, save_figure
+from lab.render.charts.marks import Axes as ChartAxes
+from lab.render.comparison_plots import ColourScale, heat_map
+from lab.render.document import capital, sentence, short
+from lab.render.style import COLOUR_SCALE, FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
 from lab.studies.analysis import LEAST_ROBOTS, Analysis, CellGroup, Comparison, Kind, Mean, Pair, Rank, groups
 from lab.studies.campaigns import origin_of
 from lab.studies.grid import ANY, FACTORS, Cell, is_any
 
 __all__ = [
-    "analysis_sections", "comparison_sentence", "effect_text", "first_picture", "pictures_of", "provenance_of",
-    "sentences", "study_document", "study_pictures", "write_figures",
+    "analysis_sections", "comparison_sentence", "effect_text", "factor_sentence", "first_picture", "pictures_of",
+    "provenance_of", "sentences", "study_document", "study_pictures", "write_figures",
 ]  # fmt: skip
 
-_MOST_ANSWERS = 3  # in a caption
 _KINDS = {
     "means": "with 95 % intervals over the robots",
     "pairs": "each level against the best one, with 95 % intervals",
     "ranks": "in how many of 100 resamples of the robots each level has each rank",
 }
 _FAR = 3.0  # a ratio from which the axis of ratios is logarithmic
-_PALE = 2.2  # certainty is no darker than its figures can be read on
+_GREYS = LinearSegmentedColormap.from_list("certainty", ["#ffffff", "#a3a3a3"])  # on which figures can be read
 _SHOWN = 0.005  # of the resamples: less is not written
 _MOST_ACROSS = 3  # panels side by side
 _LETTERS_AN_INCH = 11  # of a title
+_TITLE = 22  # letters in a line above a panel
+_MOST_ROWS = 12  # of a picture of levels
 _APART = 0.035  # of the axis, between the lines' marks at one level
 _METRICS = {
     "fresh_mean_mm": ("mean error on validation poses", "mm"),
@@ -224,7 +230,7 @@ def study_pictures(analysis: Analysis, metric: str) -> dict[str, doc.Picture]:
         }
         if any(rank.lowest < rank.highest for each in comparisons for rank in each.ranks):
             draw["ranks"] = partial(_ranks_figure, comparisons, analysis.cells)  # none where each rank is certain
-        answers = ". ".join(capital(comparison_sentence(each, analysis.cells)) for each in comparisons[:_MOST_ANSWERS])
+        answers = capital(factor_sentence(comparisons, analysis.cells))
         for kind, figure in draw.items():
             name = f"{metric}-{'-'.join(free)}-{kind}"
             shown = f"{capital(_metric_text(metric, unit=False))} by {' and '.join(map(_factor_text, free))}"
@@ -258,10 +264,13 @@ def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
                 _line(axes, mine, k, len(names), label=name, joined=not _named(positions))
         axes.set_xticks(list(positions.values()), [str(level) for level in positions])
         axes.set_xlim(-0.1, 1.1)
-        axes.set_title(circumstances(group.shared), fontsize=10)
+        axes.set_title(fill(circumstances(group.shared), _TITLE), fontsize=10)
 
     title = f"{_metric_text(metric, unit=False)}: means with 95 % intervals over robots"
     figure = _panels(shown, draw, title, (3.6, 3.6), sharey=True)
+    drawn = [end for i in {i for group in shown for i in group.cells} for end in (means[i].mean, means[i].lower)]
+    if min((end for end in drawn if isfinite(end)), default=0.0) > 0:  # what cannot be negative
+        _logarithmic(figure.axes[0].yaxis)
     figure.supxlabel(_factor_text(factor), fontsize=10)
     figure.supylabel(_metric_text(metric), fontsize=10)
     if line:
@@ -271,6 +280,14 @@ def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
             shown_lines, names, title=_factor_text(line), loc="outside right center", fontsize=9, handlelength=3.5
         )
     return figure
+
+
+def _logarithmic(axis: Axis) -> None:
+    """Make an axis logarithmic, with plain numbers at 1, 2 and 5 times powers of ten."""
+    axis._set_axes_scale("log")  # type: ignore[attr-defined]
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_locator(NullLocator())
 
 
 def _line_factor(cells: Sequence[Cell], factor: str) -> str | None:
@@ -348,10 +365,7 @@ def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> D
         axes.text(1.02, 0, "best", transform=axes.get_yaxis_transform(), va="center", fontsize=8)
         _rows(axes, each, cells)
         if kind == "ratio" and most > _FAR:
-            axes.set_xscale("log")
-            axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axes.xaxis.set_major_formatter("{x:g}")
-            axes.xaxis.set_minor_locator(NullLocator())
+            _logarithmic(axes.xaxis)
 
     text = _metric_text(comparisons[0].metric, unit=False)
     title = f"{text} by {_factor_text(free[0])}, against the best: same robots, same noise"
@@ -374,7 +388,7 @@ def _rows(axes: Axes, comparison: Comparison, cells: Sequence[Cell]) -> None:
     names = [level_text(cells[rank.cell], comparison.group.free) for rank in comparison.ranks]
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_title(circumstances(comparison.group.shared), fontsize=10)
+    axes.set_title(fill(circumstances(comparison.group.shared), _TITLE), fontsize=10)
 
 
 def _most_rows(comparisons: Sequence[Comparison]) -> int:
@@ -388,7 +402,7 @@ def _ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> D
     def draw(axes: Axes, each: Comparison) -> None:
         chances = np.array([rank.chances for rank in each.ranks])
         axes.grid(visible=False)
-        axes.imshow(chances, cmap="Greys", vmin=0, vmax=_PALE, aspect="auto")
+        axes.imshow(100 * chances, cmap=_GREYS, vmin=0, vmax=100, aspect="auto")
         for (row, column), chance in np.ndenumerate(chances):
             if chance >= _SHOWN:
                 axes.text(column, row, f"{100 * chance:.0f}", ha="center", va="center", fontsize=8)
@@ -403,7 +417,9 @@ def _ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> D
     rows = _most_rows(comparisons)
     title = f"{text}: ranks by {_factor_text(free[0])}"
     figure = _panels(comparisons, draw, title, (1.4 + 0.45 * rows, 0.9 + 0.33 * rows))
-    figure.supxlabel("rank; per cent of the resamples of robots; framed: 95 % set of ranks", fontsize=10)
+    figure.supxlabel("rank; framed: 95 % set of ranks", fontsize=10)
+    scale = ScalarMappable(Normalize(0, 100), _GREYS)
+    figure.colorbar(scale, ax=figure.axes, label="of the resamples of robots, %", pad=0.02, fraction=0.03, aspect=12)
     return figure
 
 
@@ -455,16 +471,17 @@ def first_picture(result: StudyResult) -> doc.Picture:
 
 
 def study_document(result: StudyResult) -> doc.Document:
-    """Build the document of a study: setup, answers, means, ranks, figures, and how to repeat it."""
+    """Build the document of a study: the best cell, answers, means, ranks, figures, and how to repeat it."""
     done, study = result.done, result.done.study
     speed = f" in {done.seconds:,.0f} s" if done.computed else ""
     return doc.Document(
         study.name,
         (
+            *_card(result).everywhere,
             doc.Paragraph(
                 f"{study.campaigns:,} simulated calibrations: {len(study.cells)} cells, each with the same "
                 f"{study.robots} robots, measured {study.draws} times each with the same noise.",
-                "lead",
+                "note",
             ),
             *analysis_sections(result.analysis, _SHOWN_METRICS),
             doc.Section("Figures", tuple(_figures(pictures_of(result))), shown_in=doc.PAGE),
@@ -478,13 +495,112 @@ def study_document(result: StudyResult) -> doc.Document:
     )
 
 
+def _card(result: StudyResult) -> doc.Card:
+    study, cells = result.done.study, result.analysis.cells
+    metric = _SHOWN_METRICS[0]
+    means = [mean for mean in result.analysis.means if mean.metric == metric and isfinite(mean.mean)]
+    about = f"{capital(_metric_text(metric, unit=False))} of {study.robot}, mean over {study.robots} robots."
+    if not means:
+        return doc.Card(doc.Badge("none converged", "bad"), (), about, "See why in the table of means.")
+    best, worst = min(means, key=lambda each: each.mean), max(means, key=lambda each: each.mean)
+    names = _varying(cells)
+    called = circumstances({name: getattr(cells[best.cell], name) for name in names}) or "one cell"
+    numbers = [("lowest mean error", short(best.mean, "mm"), "")]
+    if isfinite(best.lower):
+        numbers.append(("95 % interval", f"{short(best.lower)} to {short(best.upper, 'mm')}", ""))
+    if len(means) > 1:
+        numbers.append(("highest mean error", short(worst.mean, "mm"), ""))
+    picture = _overview_picture(result.analysis, metric, best)
+    caption = "Means over the robots; the scale is logarithmic." + (
+        f" Other factors: {circumstances(_others(cells, best.cell))}." if _others(cells, best.cell) else ""
+    )
+    return doc.Card(
+        ("Best: ", doc.Badge(called, "good")),
+        tuple(numbers),
+        about,
+        _next_step(result.analysis, metric, study.robots, called),
+        () if picture is None else (doc.Figure("overview-figure", (picture,), caption),),
+    )
+
+
+def _next_step(analysis: Analysis, metric: str, robots: int, best: str) -> str:
+    lost = sum(mean.not_converged for mean in analysis.means if mean.metric == metric)
+    if lost:
+        return f"Find out why {lost:,} calibrations failed (table of means) before the means are compared."
+    if robots < LEAST_ROBOTS:
+        return f"Give {LEAST_ROBOTS} robots or more: of {robots} no difference is certain."
+    pairs = [pair for each in analysis.comparisons if each.metric == metric for pair in each.pairs]
+    if any(not pair.is_significant for pair in pairs):
+        return f"Use {best}. Where a difference is not significant, choose the cheaper level, or study more robots."
+    return f"Use {best}. The answers below say how much worse a cheaper level is."
+
+
+def _plane(cells: Sequence[Cell]) -> tuple[str, str] | None:
+    """Return two factors of which all levels are combined; None where fewer vary."""
+    names = [name for name in _varying(cells) if not any(is_any(name, getattr(cell, name)) for cell in cells)]
+    return (names[0], names[1]) if len(names) > 1 else None
+
+
+def _others(cells: Sequence[Cell], best: int) -> dict[str, Any]:
+    plane = _plane(cells) or ()
+    return {name: getattr(cells[best], name) for name in _varying(cells) if name not in plane and plane}
+
+
+def _overview_picture(analysis: Analysis, metric: str, best: Mean) -> doc.Picture | None:
+    """Draw the means of all levels: of two factors as a map, the others as in the best cell; of one in a row each."""
+    cells = analysis.cells
+    means = {mean.cell: mean for mean in analysis.means if mean.metric == metric}
+    lowest = circumstances({name: getattr(cells[best.cell], name) for name in _varying(cells)})
+    label = f"{capital(_metric_text(metric))}: lowest with {lowest}"
+    if any(mean.mean <= 0 for mean in means.values()) or not _varying(cells):
+        return None
+    if (plane := _plane(cells)) is None:
+        return _rows_picture(cells, means, metric, label)
+    others = _others(cells, best.cell)
+    rows, columns = (list(dict.fromkeys(getattr(cell, name) for cell in cells)) for name in plane)
+    values = np.full((len(rows), len(columns)), np.nan)
+    for i, cell in enumerate(cells):
+        if all(getattr(cell, name) == level for name, level in others.items()):
+            values[rows.index(getattr(cell, plane[0])), columns.index(getattr(cell, plane[1]))] = means[i].mean
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    if high <= low:
+        return None
+    shares = np.log(values / low) / np.log(high / low)
+    ticks = [m * 10.0**p for p in range(floor(log10(low)), ceil(log10(high)) + 1) for m in (1, 2, 5)]
+    marked = [(float(np.log(tick / low) / np.log(high / low)), f"{tick:g}") for tick in ticks if low <= tick <= high]
+    scale = ColourScale(COLOUR_SCALE, marked or [(0.0, short(low)), (1.0, short(high))], _metric_text(metric))
+    texts = [[short(value) if isfinite(value) else "" for value in line] for line in values.tolist()]
+    names = [[plain_level(name, level) for level in of] for name, of in zip(plane, (rows, columns), strict=True)]
+    titles = _factor_text(plane[0]), _factor_text(plane[1])
+    return heat_map("overview", label, names[0], names[1], shares, scale, texts, height=0.4, titles=titles)
+
+
+def _rows_picture(cells: Sequence[Cell], means: Mapping[int, Mean], metric: str, label: str) -> doc.Picture:
+    order = sorted((i for i in means if isfinite(means[i].mean)), key=lambda i: means[i].mean)[:_MOST_ROWS]
+    names = [level_text(cells[i], _varying(cells)) for i in order]
+    at = np.arange(len(order))[::-1]
+    ends = np.array([(means[i].lower, means[i].mean, means[i].upper) for i in order])
+
+    def draw(axes: ChartAxes) -> None:
+        log_ticks(axes, "x", float(np.nanmin(ends)) / 1.2, float(np.nanmax(ends)) * 1.2)
+        known = np.isfinite(ends[:, 0])
+        axes.hlines(at[known], ends[known, 0], ends[known, 2], colors=PREDICTED, linewidth=2)
+        axes.plot(ends[:, 1], at, "o", color=PREDICTED, markersize=6)
+        axes.set_yticks(at, names)
+        axes.set(ylim=(-0.6, len(order) - 0.4), xlabel=_metric_text(metric))
+        axes.grid(visible=False, axis="y")
+
+    size = (4.3, 0.8 + 0.28 * len(order))
+    return axes_picture("overview", label, size, draw, (0.3 + 0.078 * max(map(len, names)), 0.5, 0.2, 0.1))
+
+
 def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[doc.Section, ...]:
     """Answers, means and ranks by the metrics; a page alone shows those after the first."""
     media = [doc.EVERYWHERE if i == 0 else doc.PAGE for i in range(len(metrics))]
     answers = [
         doc.Section(
             capital(_metric_text(metric, unit=False)),
-            (doc.Bullets(tuple(map(sentence, sentences(analysis, metric)))),),
+            (doc.Bullets(tuple(map(sentence, _answers(analysis, metric)))),),
             shown_in=media[i],
         )
         for i, metric in enumerate(metrics)
@@ -502,6 +618,56 @@ def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[doc.S
         doc.Section("Means", (_means(analysis, metrics),)),
         doc.Section("Ranks", (*ranks, doc.Paragraph(note if analysis.comparisons else "", "note"))),
     )
+
+
+def _answers(analysis: Analysis, metric: str) -> list[str]:
+    """Return a sentence for each factor, over all settings of the others, and one for what did not converge."""
+    by_factor: dict[tuple[str, ...], list[Comparison]] = {}
+    for each in analysis.comparisons:
+        if each.metric == metric:
+            by_factor.setdefault(each.group.free, []).append(each)
+    found = [factor_sentence(comparisons, analysis.cells) for comparisons in by_factor.values()]
+    return [*found, *_failures([mean for mean in analysis.means if mean.metric == metric], analysis.cells)]
+
+
+def factor_sentence(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> str:
+    """Describe over all settings of the other factors which level is best, and how much worse the others are."""
+    ranked = [each for each in comparisons if each.ranks]
+    if len(comparisons) == 1 or not ranked:
+        return comparison_sentence(comparisons[0], cells)
+    free, count = comparisons[0].group.free, len(ranked)
+    best = Counter(level_text(cells[each.ranks[0].cell], free) for each in ranked)
+    head = f"by {' and '.join(_WORDS.get(name, name) for name in free)}, in {count} settings of the other factors"
+    (first, times), *rest = best.most_common()
+    messages = [f"best is {first}{'' if times == count else f' in {times}'}"]
+    messages += [f"{name} is best in {number}" for name, number in rest]
+    behind: dict[str, list[Pair]] = {}
+    for each in ranked:
+        if level_text(cells[each.ranks[0].cell], free) == first:
+            for pair in _behind(each):
+                behind.setdefault(level_text(cells[pair.second], free), []).append(pair)
+    for name, pairs in sorted(behind.items(), key=lambda item: min(pair.effect for pair in item[1])):
+        tied = sum(not pair.is_significant for pair in pairs if isfinite(pair.lower))
+        equal = f", not significantly in {tied}" if tied else ""
+        messages.append(f"{name} {_range_text([pair.effect for pair in pairs], comparisons[0].kind)}{equal}")
+    if few := [pair.robots for pairs in behind.values() for pair in pairs if not isfinite(pair.lower)]:
+        messages.append(f"{_TOO_FEW}: {min(few)}, and {LEAST_ROBOTS} or more are needed")
+    return f"{head}: {'; '.join(messages)}"
+
+
+def _range_text(effects: Sequence[float], kind: Kind) -> str:
+    """Format by how much a level is worse, from the least to the most over some settings."""
+    known = [effect for effect in effects if isfinite(effect)]
+    if not known:
+        return "not known"
+    low, high = min(known), max(known)
+    if kind == "difference":
+        text, unit = [f"{end:.3g}" for end in (low, high)], " more"
+    elif high < 2:
+        text, unit = [f"{100 * (end - 1):.2g}" for end in (low, high)], " % worse"
+    else:
+        text, unit = [f"{end:.2g}" for end in (low, high)], " times as much"
+    return f"{' to '.join(dict.fromkeys(text))}{unit}".replace("-", "−")
 
 
 def _means(analysis: Analysis, metrics: Sequence[str]) -> doc.Table:
@@ -548,12 +714,15 @@ def _ranks(analysis: Analysis, metric: str) -> Iterable[doc.Table]:
                 )
                 for rank in each.ranks
             ]
-        yield doc.Table((" and ".join(free), "rank (95 % set)", "first", "worse than the first by"), tuple(rows))
+        factors = " and ".join(free)
+        columns = (factors, "rank (95 % set)", "first", "worse than the first by")
+        yield doc.Table(columns, tuple(rows), f"Ranks by {factors}", folded=True)
 
 
 def _figures(pictures: Mapping[str, doc.Picture]) -> Iterable[doc.Figure]:
     for name, picture in pictures.items():
-        yield doc.Figure(f"{picture.name}-figure", (picture,), f"{picture.label} Files: {name}.png, {name}.svg.")
+        caption = f"{picture.label} Files: {name}.png, {name}.svg."
+        yield doc.Figure(f"{picture.name}-figure", (picture,), caption, wide=True)
 
 
 def provenance_of(result: StudyResult) -> doc.Section:

@@ -50,6 +50,8 @@ def plain_level(factor: str, level: Any) -> str:
         return "yes" if level else "no"
     if isinstance(level, tuple):
         return " or ".join(f"{each:g}" for each in level) or "that of the effects"
+    if isinstance(level, float):
+        return f"{level:g}"
     return "any" if is_any(factor, level) else str(level)
 
 

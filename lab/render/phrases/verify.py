@@ -9,7 +9,27 @@ from lab.core.significance import VERIFICATION
 from lab.core.units import MM, MRAD
 from lab.render.phrases.template import Phrase, worded
 
-__all__ = ["CERTIFICATE_PHRASES", "PHRASES"]
+__all__ = [
+    "CERTIFICATE_PHRASES", "PHRASES", "chance_text", "change_text", "extent_text", "next_step",
+    "parameter_text",
+]  # fmt: skip
+
+_LEAST_CHANCE = 1e-9  # a smaller one is no better known than the normal distribution
+_LINK = {"theta": "zero of joint", "a": "length of link", "d": "offset of link", "alpha": "twist of link",
+         "beta": "tilt of link"}  # fmt: skip
+
+
+def parameter_text(name: str) -> str:
+    """Return what a parameter is, with its name: ``zero of joint 3 (link3.theta)``; the name alone of others."""
+    part, _, kind = name.partition(".")
+    link = part.removeprefix("link")
+    return f"{_LINK[kind]} {link} ({name})" if link.isdigit() and kind in _LINK else name
+
+
+def chance_text(p: float) -> str:
+    """Return a p-value to two digits: ``p = 0.032``, ``p < 1e-09``."""
+    return f"p = {p:.2g}" if p >= _LEAST_CHANCE else f"p < {_LEAST_CHANCE:g}"
+
 
 _UNITS = {
     1e3: "m where mm are expected",
@@ -79,11 +99,11 @@ def _diagnosis(check: Check) -> str:
 
 
 def _changed(check: Check) -> str:
-    return f"{_CHANGED[check.name].format(*check.data['of'])} {_extent(check)}"
+    return f"{_CHANGED[check.name].format(*check.data['of'])} {extent_text(check)}"
 
 
-def _extent(check: Check) -> str:
-    """Word how far something moved, in mm and mrad."""
+def extent_text(check: Check) -> str:
+    """Return how far something moved, with one standard deviation: ``0.497 ± 0.005 mrad``."""
     parts = [
         f"{_with_std(unit.of(check.data[size]), unit.of(check.data[std]))} {unit.name}"
         for size, std, unit in (("shift_m", "shift_std_m", MM), ("turn_rad", "turn_std_rad", MRAD))
@@ -114,6 +134,58 @@ def _joint_unit(check: Check) -> str:
     units = ("radians", "degrees") if check.data["factor"] > 1 else ("degrees", "radians")
     text = f"{units[0]} where {units[1]} are expected"
     return f"wrong unit: the joint positions are in {text}. Converted, errors are {MM.text(check.data['left_m'])}"
+
+
+_THINGS = {
+    "changed.base_shift": "base shifted",
+    "changed.base": "base moved",
+    "changed.tool": "tool moved",
+    "changed.targets": "targets moved",
+    "changed.target": "target {} moved",
+    "changed.joint": "zero of joint {}",
+    "changed.reading": "reading of {}",
+}
+_NEXT_STEPS = {
+    "changed.base": "Run lab verify again with --refit base: it estimates the new pose, and tests the rest of the arm.",
+    "changed.tool": "Run lab verify again with --refit tool: it estimates the new pose, and tests the rest of the arm.",
+    "changed.target": "Run lab verify again with --refit tool: it estimates the new place, and tests the rest.",
+    "changed.joint": "Set the zero of joint {} anew, or calibrate anew.",
+    "changed.reading": "Measure {} again, or mark its row use = skip; then run lab verify again.",
+    "situation.unit": "Correct the unit of the points; then run lab verify again.",
+    "situation.joint_unit": "Correct the unit of the joint positions; then run lab verify again.",
+    "situation.mirrored": "Export the points in a right-handed frame; then run lab verify again.",
+    "situation.another_arm": "Compare the serial number: verify against the run of this arm, or calibrate it anew.",
+}  # by the name of a check, or what it begins with
+_STILL_GOOD = "Go on with this calibration. Check the arm again in a month."
+_BUILT_ON_DOUBT = "The calibration itself is not good: its page says what to do first."
+_AMBIGUOUS = "Measure more poses, spread over all joints, and run lab verify on all: these cannot tell what moved."
+_ANEW = "Calibrate anew: no single change explains the errors."
+
+
+def change_text(check: Check) -> str:
+    """Return what a hypothesis says has changed, in two or three words: ``zero of joint 3``."""
+    return _THINGS[check.name].format(*check.data["of"])
+
+
+def next_step(check: Check, verdict: str) -> str:
+    """Return what to do after a verification.
+
+    Args:
+        check: that of the whole verification.
+        verdict: good, doubtful or bad.
+    """
+    cause, alike = check.data["cause"], check.data["alike"]
+    if check.outcome == "passed":
+        return _STILL_GOOD if verdict == "good" else _BUILT_ON_DOUBT
+    if cause is not None and "refit" in cause.data:
+        return f"Run lab verify again with --refit {','.join(cause.data['refit'])}: it tests the rest of the arm."
+    if cause is None and not alike:
+        return _ANEW
+    if cause is None and len(alike) > 1:
+        return _AMBIGUOUS
+    last = alike[0] if cause is None else cause
+    step = next(step for name, step in _NEXT_STEPS.items() if last.name.startswith(name))
+    return step.format(*last.data.get("of", ()))
 
 
 PHRASES: Mapping[str, Phrase] = {

@@ -13,12 +13,13 @@ from helpers.robots import ROOT
 
 import lab
 from lab.cli import main
-from lab.commands.certify.result import Certificate, _dof_text
+from lab.commands.certify.result import Certificate, _dof_text, missing_text
 from lab.commands.certify.run import certify
 from lab.commands.options import CertifyOptions
 from lab.compensation.iso9283 import repeatability
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
+from lab.formats.certificate_toml import CertificateDetails
 from lab.formats.measurement_csv import write_measurements
 
 TRACKER = """
@@ -121,6 +122,25 @@ def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
     assert "not issued" in early.summary() and early.to_dict()["implausible"][0]["impossible"]
     page = " ".join(found.summary().split())
     assert "calibration certificate 42" in page and "A <b>B</b>" in page and "Not measured: pose repeat" in page
+
+
+def test_what_is_missing_is_named_in_words() -> None:
+    words = missing_text(CertificateDetails().missing)
+    assert len(words.split(", ")) == len(CertificateDetails().missing) and "_" not in words and "." not in words
+    assert "the serial number of the reflector" in words and "the temperature of the room" in words
+
+
+@thorough
+def test_a_certificate_of_measurements_is_no_example_and_says_what_is_missing(here: Path) -> None:
+    found = certify(CertifyOptions(Path("known")))
+    document = found.document()
+    assert not found.is_example and not document.mark and "EXAMPLE" not in found.summary()
+    said = " ".join(found.summary().split())
+    assert "conforms with the tolerance of 0.100 mm" in said and "then sign: the number of the certificate" in said
+    assert said.index("Next:") < said.index("Uncertainty budget")
+    (session,) = (each for each in document.blocks if getattr(each, "title", "") == "Calibrated robot and measurement")
+    empty = [(table.caption, row[0]) for table in session.blocks for row in table.rows if row[1] == "not stated"]
+    assert len(empty) == len(found.details.missing) + 1 and ("Certificate", "date of issue") in empty
 
 
 @thorough

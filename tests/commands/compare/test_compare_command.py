@@ -11,6 +11,9 @@ import lab
 from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested
 from lab.cli import main
 from lab.core.errors import LabError
+from lab.core.random import rng_for
+from lab.kinematics.gauge import STRUCTURE_POSES
+from lab.render.document import plain
 
 MOVED_RAD = 0.5e-3
 
@@ -36,6 +39,36 @@ def test_the_joint_that_moved_is_named(three: list) -> None:
     assert not any(name.startswith(("base", "tool")) for name in other["differences"])
     page = " ".join(lab.compare(three).summary().split())
     assert "Moved: link3.theta by +0.49" in page and "No change of the links is detectable" in page
+
+
+def test_the_page_begins_with_how_far_the_change_takes_the_tool(three: list) -> None:
+    """A zero of the third joint that is off moves the tool as a reading of that joint that is off does."""
+    result = lab.compare(three)
+    card = next(block for block in result.document().blocks if block.kind == "card")
+    numbers = {caption: number for caption, number, _ in card.numbers}
+    moved = result.differences[-1].changes[result.differences[-1].names.index("link3.theta")]
+    estimate = three[0].estimate
+    joints = estimate.arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+    turned = joints.copy()
+    turned[:, 2] += moved
+    apart = (estimate.arm.points(turned, estimate.values) - estimate.arm.points(joints, estimate.values))[:, 0]
+    expected = 1e3 * np.sqrt((apart**2).sum(axis=1).mean())
+    assert float(numbers["at the tool"].removesuffix(" mm")) == pytest.approx(expected, rel=0.02)
+    assert numbers["zero of joint 3 (link3.theta)"].endswith(" mrad") and numbers["parameters moved"].startswith(
+        "1 of "
+    )
+    same = lab.compare(three[:2])
+    card = next(block for block in same.document().blocks if block.kind == "card")
+    assert "at the tool" not in dict(each[:2] for each in card.numbers) and str(card.next_step).startswith("Keep")
+
+
+def test_all_differences_are_in_one_table_what_moved_first(three: list) -> None:
+    result = lab.compare([three[0], three[1], three[2]])
+    (table,) = (block for block in result.document().blocks[-2].blocks if block.kind == "table")
+    assert table.rows[0][0].text == "link3.theta" and len(table.rows) == len(result.differences[0].names)
+    assert [plain(row[-1]) != "" for row in table.rows] == [kind != "quiet" for kind in table.row_kinds]
+    said = " ".join(result.summary().split())
+    assert "Not different from the first: run-2-in-memory. Changed: run-3-in-memory." in said
 
 
 def test_folders_are_compared_as_results_are(three: list, tmp_path: Path, capsys, monkeypatch) -> None:

@@ -61,7 +61,9 @@ def test_the_page_says_it_and_needs_nothing_else(done, tmp_path) -> None:
     page = (tmp_path / "out" / "report.html").read_text()
     assert "<h1>a &lt;small&gt; one</h1>" in page and page.count("<script") == 1
     assert not re.search(r'(src|href)="(?!#|data:)', page)
-    assert page.count("<svg") == page.count("<figure") == 4  # the ranks are certain: a figure of them would say nothing
+    assert (
+        page.count("<svg") == page.count("<figure") == 5
+    )  # with the card's; the ranks are certain: a figure of them would say nothing
     assert "(&#39;" not in page and ">False<" not in page and ">None<" not in page
     assert page.count("with 95 % intervals over the robots. By criterion: best is O1") == 2 * 3  # alt, title, caption
     for words in ("60 simulated calibrations", "best is O1", "mean error on validation poses", "numpy ", "SHA-256"):

@@ -13,7 +13,7 @@ from helpers.drawing import nothing_drawn
 import lab
 from lab.cli import main
 from lab.commands.options import TrendOptions
-from lab.commands.trend import trend
+from lab.commands.trend import change_rows, trend
 from lab.core.errors import LabError
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
 
@@ -49,7 +49,10 @@ def test_the_joint_that_moved_is_named_and_dated(history: Path) -> None:
     assert low < MOVED_RAD < high and high - low < 0.02e-3
     said = " ".join(found.summary().split())
     assert "changed between 2026-03-09 and 2026-04-14" in said and "changed between 2026-01-10" not in said
-    assert "Between 2026-03-09 (run1) and 2026-04-14 (run0) link3.theta (the zero of joint 3) changed by +0." in said
+    (row,) = change_rows(found, found.changes[0])
+    assert row[:3] == ("2026-03-09 (run1)", "2026-04-14 (run0)", "zero of joint 3 (link3.theta)")
+    assert row[3].startswith("+0.") and row[4].startswith("± 0.0") and row[5:7] == ("mrad", DAYS[3])
+    assert "Next: Use the calibration of 2026-04-14" in said and said.index("Next:") < said.index("Errors at positions")
 
 
 def test_the_end_joints_show_only_where_base_and_tool_were_kept(history: Path) -> None:

@@ -26,11 +26,15 @@ def test_a_verification_says_good_or_what_has_moved(seven_run: Path, tmp_path: P
         seen, result = Page(out / "report.html"), json.loads((out / "result.json").read_text())
         assert code == (0 if result["good"] else 1) and result["good"] is (name != "moved")
         assert seen.headings[0] == f"irb120: {'within' if result['good'] else 'beyond'} the predicted error"
-        assert set(seen.figures) == {"errors-figure"} and short(result["promised_mm"]) in seen.text
+        expected = {"arm-scene", "errors-figure", *(["causes-figure"] if result["hypotheses"] else [])}
+        assert set(seen.figures) == expected and short(result["promised_mm"]) in seen.text
         assert result["words"][1:] in seen.text
         if name == "moved":
             found = seen.table("possible change, likeliest first")
             assert found[0][0] == result["hypotheses"][0]["words"] and found[0][-1] == "yes"
+            assert "Next: Run lab verify again with --refit base" in seen.text
+        elif name == "good":
+            assert "Next: Go on with this calibration." in seen.text
 
 
 def test_rows_that_the_run_was_identified_from_verify_nothing(seven_run: Path, tmp_path: Path) -> None:
