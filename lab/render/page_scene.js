@@ -154,7 +154,7 @@ document.querySelectorAll(".scene").forEach((box) => {
       along(rod, vector(ends, 0), vector(ends, 1), 2 * thin, [242, 97, 15]);
     }
     lines.filter((each) => shown(each.name)).forEach((each) => {
-      for (let k = 1; k < each.rgb.length; k++) along(rod, vector(each.points, k - 1), vector(each.points, k), 0.7 * thin, each.rgb[k]);
+      for (let k = 1; k < each.rgb.length; k++) along(rod, vector(each.points, k - 1), vector(each.points, k), 0.9 * thin, each.rgb[k]);
     });
     for (let k = 0; k < poses; k++) {
       const here = k === i && standing, p = vector(points, k), r = (here ? 3.2 : 1.8) * thin;
