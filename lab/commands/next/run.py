@@ -344,7 +344,8 @@ def _document(result: NextPoseResult) -> Document:
     shown = "The arm at the poses measured so far." if last.joints is None else _SHOWN
     scene = Scene("next-scene", lambda: _page_scene(result), shown, shown_in=PAGE)
     seen = last.joints is not None or bool(result.data.seen.any())
-    joints = ("joint", *(plain(row[0]) for row in (way := _way(result)).rows))
+    way = _way(result)
+    joints = ("joint", *(plain(row[0]) for row in way.rows))
     turned = tuple(zip(way.headings[1:], *(row[1:] for row in way.rows), strict=True)) if way.rows else ()
     return Document(
         title,
