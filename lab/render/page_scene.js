@@ -126,7 +126,7 @@ document.querySelectorAll(".scene").forEach((box) => {
     return share ? (1 - share) * data.times[low] + share * data.times[low + 1] : data.times[low];
   };
   const poseAt = (at) => (data.stops ? Math.max(0, data.stops.findLastIndex((stop) => stop <= at)) : at);
-  const told = (i, standing) => (standing || i + 1 >= poses ? data.texts[i] : `to ${data.texts[i + 1]}`);
+  const told = (i, standing) => (standing ? `, ${data.texts[i]}` : i + 1 < poses ? `, to ${data.texts[i + 1]}` : "");
   const shown = (name) => box.querySelector(`[name="${name}"]`)?.checked ?? false;
   let written = []; // places of the labels
   const labels = box.querySelector(".labels"), slider = box.querySelector("input[type=range]");
@@ -178,7 +178,7 @@ document.querySelectorAll(".scene").forEach((box) => {
     const named = data.times && poses <= 12 ? data.names.map((_, k) => k) : standing ? [i] : [];
     named.forEach((k) => label(data.names[k], vector(points, k)));
     slider.value = Math.round(show.at);
-    box.querySelector("output").textContent = data.times ? `${timeAt(show.at).toFixed(2)} s, ${told(i, standing)}` : data.texts[i];
+    box.querySelector("output").textContent = data.times ? `${timeAt(show.at).toFixed(2)} s${told(i, standing)}` : data.texts[i];
   };
   const row = (i) => {
     const rows = box.querySelectorAll("tbody tr");

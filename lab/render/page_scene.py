@@ -199,7 +199,7 @@ def moving_arm(
     moving = posed_arm(model, arm, values, joints[shown], names)
     path = Line("path", moving.points, rgb(PREDICTED))
     at = np.searchsorted(shown, stops)
-    return replace(moving, points=moving.points[at], times=times[shown], stops=at, lines=(path,))
+    return replace(moving, points=moving.points[at], times=times[shown], stops=at, lines=(path,), all_text="points")
 
 
 def moments(count: int, stops: Sequence[int] | NDArray[np.int_]) -> NDArray[np.int_]:

@@ -156,7 +156,7 @@ def _page_scene(result: TrajectoryResult) -> ArmScene:
         T = model.T_world_frame0 @ se3.inverse(tracked.arm.rigid.T_tracker_frame0(tracked.nominal))
         missed = found.wanted[shown, :3, 3] + _error_factor(result) * found.total[shown, :3]
         lines.append(Line(f"path with errors × {_error_factor(result):,g}", moved(T, missed), rgb(BEFORE)))
-    return replace(moving, lines=lines, kind="point", all_text="points")
+    return replace(moving, lines=lines, kind="point")
 
 
 def _speed_figure(result: TrajectoryResult) -> doc.Figure:
