@@ -95,7 +95,9 @@ document.querySelectorAll(".scene").forEach((box) => {
     gl.drawElements(gl.TRIANGLES, what.count, what.kind, 0);
   };
   const along = (what, from, to, thick, rgb, alpha) => {
-    const z = minus(to, from), side = unit(cross(z, Math.abs(z[2]) < 0.9 * size(z) ? [0, 0, 1] : [1, 0, 0]));
+    const z = minus(to, from);
+    if (Number.isNaN(z[0])) return; // a line is parted here
+    const side = unit(cross(z, Math.abs(z[2]) < 0.9 * size(z) ? [0, 0, 1] : [1, 0, 0]));
     draw(what, frame(scaled(side, thick), scaled(cross(unit(z), side), thick), z, from), rgb, alpha);
   };
   const arrow = (from, by, thick, rgb, alpha) => {
@@ -112,7 +114,7 @@ document.querySelectorAll(".scene").forEach((box) => {
   const still = frame([1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]);
   const seeThrough = (paint) => {
     gl.enable(gl.BLEND);
-    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.depthMask(false);
     paint();
     gl.depthMask(true);
@@ -175,10 +177,10 @@ document.querySelectorAll(".scene").forEach((box) => {
         shells.forEach((shell, b) => draw(shell.mesh, between(places, 16, shells.length, momentOf(k), b), shell.rgb, data.opacity));
       surfaces.filter((each) => shown(each.name)).forEach((each) => draw(each.mesh, still, each.rgb, 2 * data.opacity));
     });
-    const named = data.times && poses <= 12 ? data.names.map((_, k) => k) : standing ? [i] : [];
+    const named = moments < 2 ? [] : data.times && poses <= 12 ? data.names.map((_, k) => k) : standing ? [i] : [];
     named.forEach((k) => label(data.names[k], vector(points, k)));
     slider.value = Math.round(show.at);
-    box.querySelector("output").textContent = data.times ? `${timeAt(show.at).toFixed(2)} s${told(i, standing)}` : data.texts[i];
+    box.querySelector("output").textContent = moments < 2 ? "" : data.times ? `${timeAt(show.at).toFixed(2)} s${told(i, standing)}` : data.texts[i];
   };
   const row = (i) => {
     const rows = box.querySelectorAll("tbody tr");
@@ -246,7 +248,7 @@ document.querySelectorAll(".scene").forEach((box) => {
   });
   const button = box.querySelector("button");
   let playing = null;
-  button.hidden = moments < 2;
+  button.hidden = slider.closest("label").hidden = moments < 2;
   const stop = () => {
     clearInterval(playing);
     playing = null;
@@ -268,7 +270,6 @@ document.querySelectorAll(".scene").forEach((box) => {
     button.textContent = "stop";
   });
   const fill = () => { // the distance from which everything just fits
-    look();
     const all = [...Array(poses).keys()].map((k) => vector(points, k));
     lines.forEach((each) => each.rgb.forEach((_, k) => all.push(vector(each.points, k))));
     for (let k = 0; k < places.length / 16; k++) all.push([...places.subarray(16 * k + 12, 16 * k + 15)]);
@@ -277,10 +278,12 @@ document.querySelectorAll(".scene").forEach((box) => {
       for (let k = 0; k < corners.length; k += 3)
         all.push([0, 1, 2].map((n) => T[n] * corners[k] + T[4 + n] * corners[k + 1] + T[8 + n] * corners[k + 2] + T[12 + n]));
     });
-    const wide = canvas.clientWidth / 2, high = canvas.clientHeight / 2;
-    if (!wide) return; // on paper
-    const beyond = all.map((p) => screen(p)).map(([x, y]) => Math.max(Math.abs(x / wide - 1), Math.abs(y / high - 1)));
-    show.distance *= Math.max(0.4, Math.min(1, 1.12 * beyond.reduce((a, b) => Math.max(a, b), 0)));
+    const drawn = all.filter((p) => !Number.isNaN(p[0])), wide = canvas.clientWidth / 2, high = canvas.clientHeight / 2;
+    for (let round = 0; wide && round < 4; round++) { // on paper the canvas has no width
+      look();
+      const beyond = drawn.map(screen).map(([x, y]) => Math.max(Math.abs(x / wide - 1), Math.abs(y / high - 1)));
+      show.distance *= Math.max(0.4, Math.min(1.5, 1.1 * beyond.reduce((a, b) => Math.max(a, b), 0)));
+    }
     start = { ...show };
   };
   new ResizeObserver(paint).observe(canvas);

@@ -62,7 +62,7 @@ class Line:
 
     Attributes:
         name: in a few words, by which its switch is known.
-        points: ``(p, 3)`` m.
+        points: ``(p, 3)`` m; NaN parts the line.
         rgb: ``(p, 3)`` colours of the points, or ``(3,)`` of all, 0 to 255.
         at_first: whether it is shown before a reader switches it on.
     """
@@ -219,6 +219,7 @@ def scene_json(scene: ArmScene) -> Markup:
     ends = [transform(places[:, i], pair).reshape(-1, 3) for i, pair in enumerate(corners)]
     drawn_lines = [np.asarray(each.points, float) for each in scene.lines]
     around = np.concatenate([*ends, scene.points[shown], *drawn_lines, *(each.vertices for each in scene.surfaces)])
+    around = around[np.isfinite(around).all(axis=1)]
     middle = (around.min(axis=0) + around.max(axis=0)) / 2
     lengths = list(scene.columns.values())
     data: dict[str, Any] = {
