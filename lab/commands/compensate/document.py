@@ -23,7 +23,7 @@ from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps
 from lab.render.scene import drawn_rows, magnification, magnified, moved, reach_of
 from lab.render.style import BEFORE, rgb
 
-__all__ = ["compensation_document", "corrections_picture"]
+__all__ = ["compensation_document", "corrections_picture", "page_scene"]
 
 _ARROW = 0.15  # of the reach: how long the mean error is to be drawn
 _SCENE = (
@@ -54,7 +54,7 @@ def compensation_document(result: CompensationResult) -> doc.Document:
             doc.Section(
                 "Results of the targets",
                 (
-                    *(doc.Scene("targets-scene", lambda: _page_scene(result), _SCENE) for _ in range(drawn)),
+                    *(doc.Scene("targets-scene", lambda: page_scene(result), _SCENE) for _ in range(drawn)),
                     doc.Paragraph(_lead(result), shown_in=doc.PAGE),
                     *_totals(result),
                     doc.Table(("target", "why it is not reached"), failed, most_rows=_MOST_LISTED),
@@ -116,7 +116,7 @@ def _next(result: CompensationResult) -> doc.Text:
     return f"{steps}, slowly at first; then measure one target to confirm the error."
 
 
-def _page_scene(result: CompensationResult) -> ArmScene:
+def page_scene(result: CompensationResult) -> ArmScene:
     """The arm at the corrected targets: errors without the correction as arrows, expected ones as ellipsoids."""
     estimate, reached = result.run.estimate, result.reached
     rows = reached[drawn_rows(len(reached))]

@@ -53,7 +53,15 @@ from lab.render.style import (
 )
 from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_body_poses
 
-__all__ = ["PlanScene", "check_document", "design_document", "main_picture", "plan_scene", "pose_pictures"]
+__all__ = [
+    "PlanScene",
+    "check_document",
+    "design_document",
+    "main_picture",
+    "page_scene",
+    "plan_scene",
+    "pose_pictures",
+]
 
 _STEP_S = 0.1  # between two pictures of the moving arm
 _POINTS_PER_PATH = 16  # points drawn of the path between two stops
@@ -380,7 +388,7 @@ def design_document(result: DesignResult) -> doc.Document:
             doc.Section(
                 "Poses and tour",
                 (
-                    doc.Scene("plan-scene", lambda: _page_scene(result), _PLAN),
+                    doc.Scene("plan-scene", lambda: page_scene(result), _PLAN),
                     doc.Paragraph(f"{_chosen(values)} {_predicted(values)}{_worst(values)}", shown_in=doc.PAGE),
                     doc.Paragraph(_tour(result)),
                     *_files(result),
@@ -450,7 +458,7 @@ def _region_text(result: DesignResult) -> str:
     }[region.kind]
 
 
-def _page_scene(result: DesignResult) -> ArmScene:
+def page_scene(result: DesignResult) -> ArmScene:
     """The tour: its moves, the poses to measure, and the predicted uncertainty of the first target there."""
     shown = plan_scene(result)
     stops = np.flatnonzero(shown.measured)[:MOST_POSES]

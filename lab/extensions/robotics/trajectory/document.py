@@ -19,7 +19,7 @@ from lab.render.page_scene import ArmScene, Line, moments, moving_arm
 from lab.render.scene import magnification, moved
 from lab.render.style import BEFORE, COLOUR_SCALE, GATE, GRID, SERIES, rgb
 
-__all__ = ["main_picture", "trajectory_document"]
+__all__ = ["main_picture", "page_scene", "tool_speeds", "trajectory_document"]
 
 _STILL = 1e-9  # rad/s or m/s
 _LEAST_MM = 1e-4
@@ -58,7 +58,7 @@ def trajectory_document(result: TrajectoryResult) -> doc.Document:
             doc.Section(
                 "Moves",
                 (
-                    doc.Scene("motion-scene", lambda: _page_scene(result), _scene_caption(result)),
+                    doc.Scene("motion-scene", lambda: page_scene(result), _scene_caption(result)),
                     _legs(result),
                     doc.Paragraph(_files(result), shown_in=doc.PAGE),
                 ),
@@ -100,7 +100,7 @@ def _card(result: TrajectoryResult) -> doc.Card:
         worst = int(share.argmax())
         if share[worst] > 0:
             numbers.append((f"{name}, of the limit of {result.chain.joint_names[worst]}", f"{share[worst]:.0f} %", ""))
-    about = f"The tool's speed is {short(1e3 * float(_tool_speeds(result).max()))} mm/s at most."
+    about = f"The tool's speed is {short(1e3 * float(tool_speeds(result).max()))} mm/s at most."
     if result.tracking is not None:
         about += " The errors are means along the way, by the model."
     return doc.Card(("Motion: ", badge), tuple(numbers), about, _next(result), (_speed_figure(result),))
@@ -121,12 +121,12 @@ def _next(result: TrajectoryResult) -> str:
 
 
 def _scene_caption(result: TrajectoryResult) -> str:
-    speeds = 1e3 * _tool_speeds(result)
+    speeds = 1e3 * tool_speeds(result)
     text = _MOTION.format(low=f"{speeds.min():.0f}", high=f"{speeds.max():.0f}")
     return text if result.tracking is None else text + _MISSED.format(factor=f"{_error_factor(result):,g}")
 
 
-def _tool_speeds(result: TrajectoryResult) -> Array:
+def tool_speeds(result: TrajectoryResult) -> Array:
     """Return the speeds ``(k,)`` m/s of the tool's point at the sampled times."""
     arm, sampled = result.robot.arm(("p1",)), result.sampled
     _, jacobian = arm.tool(sampled.joints, arm.nominal({"p1": result.options.tool_m}))
@@ -140,14 +140,14 @@ def _error_factor(result: TrajectoryResult) -> float:
     return max(magnification(1e-3 * float(lengths_mm(result.tracking.total).mean()), _ARROW * reach), 1.0)
 
 
-def _page_scene(result: TrajectoryResult) -> ArmScene:
+def page_scene(result: TrajectoryResult) -> ArmScene:
     """The robot on its way, the tool's path coloured by its speed, and the path as missed."""
     sampled, model, arm = result.sampled, result.robot.model, result.robot.arm(("p1",))
     values = arm.nominal({"p1": result.options.tool_m})
     names, rows = result.passed
     moving = moving_arm(model, arm, values, sampled.joints, sampled.times, rows, names)
     shown = moments(len(sampled.times), rows)
-    speeds = _tool_speeds(result)[shown]
+    speeds = tool_speeds(result)[shown]
     share = (speeds - speeds.min()) / (float(np.ptp(speeds)) or 1.0)
     (path,) = moving.lines
     lines = [replace(path, rgb=np.round(255 * shades(share, COLOUR_SCALE)).astype(int))]
@@ -160,7 +160,7 @@ def _page_scene(result: TrajectoryResult) -> ArmScene:
 
 
 def _speed_figure(result: TrajectoryResult) -> doc.Figure:
-    speeds = 1e3 * _tool_speeds(result)
+    speeds = 1e3 * tool_speeds(result)
 
     def draw(axes: Axes) -> None:
         axes.plot(result.sampled.times, speeds, "-", color=SERIES[2][0], linewidth=1.6)
