@@ -187,4 +187,4 @@ def region_of_points(
         raise LabError(
             f"{name}: the arm reaches none of its {len(points)} points near the measured poses; name another"
         )
-    return Region(kind, found[reached], reached=reached)
+    return Region(kind, found[reached], reached=np.asarray(reached))

@@ -269,7 +269,7 @@ def _extrapolated(result: CompensationResult) -> doc.Table:
     )
 
 
-def _histograms(result: CompensationResult) -> tuple[doc.Block, ...]:
+def _histograms(result: CompensationResult) -> tuple[doc.Figure, ...]:
     if not len(result.reached):
         return ()
     caption = (

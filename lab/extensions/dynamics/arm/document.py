@@ -6,7 +6,7 @@ from lab.core.limits import called
 from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.extensions.dynamics.arm.identify import DynamicsEstimate
 from lab.extensions.dynamics.arm.result import DynamicsResult
-from lab.extensions.dynamics.payload.document import FIT_BADGES, fit_figures, share_figure, true_values
+from lab.extensions.dynamics.payload.document import FIT_BADGES, IMPLAUSIBLE, fit_figures, share_figure, true_values
 from lab.extensions.dynamics.payload.result import parameter_rows
 from lab.extensions.dynamics.phrases import phrase
 from lab.render import document as doc
@@ -70,7 +70,8 @@ def _card(result: DynamicsResult) -> doc.Card:
         named.append(("payload", _interval_text(found.load.mass_kg, found.load.mass_half_width_kg) + " kg", ""))
     about = f"{sentence(phrase(found.verdict))} {_noise(result, found)}"
     figures = (share_figure(_drives(result), found.measured, found.residual, "torque"),)
-    return doc.Card(("Fit: ", FIT_BADGES[found.adequate]), tuple(named), about, _next(result, found), figures)
+    badge = IMPLAUSIBLE if result.implausible else FIT_BADGES[found.adequate]
+    return doc.Card(("Fit: ", badge), tuple(named), about, _next(result, found), figures)
 
 
 def _next(result: DynamicsResult, found: DynamicsEstimate) -> str:

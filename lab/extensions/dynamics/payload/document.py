@@ -22,7 +22,15 @@ from lab.render.scene import drawn_rows
 from lab.render.style import GRID, MEASURED, PREDICTED, REFERENCE, RGB_PAYLOAD
 from lab.simulation.meshes import Shell
 
-__all__ = ["FIT_BADGES", "fit_figures", "main_picture", "payload_document", "share_figure", "true_values"]
+__all__ = [
+    "FIT_BADGES",
+    "IMPLAUSIBLE",
+    "fit_figures",
+    "main_picture",
+    "payload_document",
+    "share_figure",
+    "true_values",
+]
 
 _ROUNDING = 1e-9  # of true values, kg cm^2 or mm
 
@@ -33,6 +41,7 @@ FIT_BADGES = {
     False: doc.Badge("lack of fit", "bad"),
     None: doc.Badge("not judged"),
 }
+IMPLAUSIBLE = doc.Badge("implausible", "bad")
 
 
 def main_picture(result: PayloadResult) -> doc.Picture:
@@ -90,9 +99,16 @@ def _card(result: PayloadResult) -> doc.Card:
         widest = float(MM.of(found.com_half_width.max()))
         centre = ", ".join(fixed(value, digits_of(widest, 3)) for value in MM.of(found.com_m))
         numbers.append((f"centre of mass (± {short(widest)}), mm", centre, ""))
+    if not numbers:
+        numbers.append(("parameters identified", f"{found.rank} of {found.columns}", ""))
+    badge = FIT_BADGES[found.adequate]
+    if result.implausible:
+        badge = IMPLAUSIBLE
+    elif found.adequate is not False and not np.isfinite(found.com_m).all():
+        badge = doc.Badge("incomplete", "doubtful")
     about = f"With 95 % intervals, in the frame of the {found.frame}, by {found.method}. {_cost(result)}".rstrip()
     share = share_figure(channels_of(result), found.measured, found.residual, "signal")
-    return doc.Card(("Fit: ", FIT_BADGES[found.adequate]), tuple(numbers), about, _next(result), (share,))
+    return doc.Card(("Fit: ", badge), tuple(numbers), about, _next(result), (share,))
 
 
 def _next(result: PayloadResult) -> str:
