@@ -59,11 +59,13 @@ class Region:
     Attributes:
         inputs: ``(n, joints + conditions)`` its poses.
         factors: ``(n,)`` how many times the parameters' covariance is larger at each, as it was fitted; None for once.
+        reached: ``(m,)`` whether there is a pose for each of the points that name the region; None without points.
     """
 
     kind: RegionKind
     inputs: Array
     factors: Array | None = None
+    reached: NDArray[np.bool_] | None = None
 
 
 def measured_region(found: Identification, observed: Observations, turning: NDArray[np.bool_]) -> Region:
@@ -185,4 +187,4 @@ def region_of_points(
         raise LabError(
             f"{name}: the arm reaches none of its {len(points)} points near the measured poses; name another"
         )
-    return Region(kind, found[reached])
+    return Region(kind, found[reached], reached=np.asarray(reached))

@@ -318,7 +318,7 @@ def pose_problem(
     )
     payloads = np.array(options.payload_kg)
     inputs = _carrying(_assigned(options, model, device, candidates.joints), payloads)
-    task = _task(options, region, points, robot, arm, values, candidates.joints)
+    task, missed = _task(options, region, points, robot, arm, values, candidates.joints)
     test_inputs = _inputs(model, task)
     if len(payloads):
         test_inputs = np.column_stack([test_inputs, np.resize(payloads, len(task))])
@@ -342,7 +342,7 @@ def pose_problem(
         scaling=scaling,
         access=reachability(model, home, candidates.joints, _feasible(model, options.targets, device)),
         already=already,
-        warnings=(*robot.warnings, *warnings, *_unchecked(options)),
+        warnings=(*robot.warnings, *warnings, *_unchecked(options), *missed),
     )
 
 
@@ -465,8 +465,8 @@ def _task(
     arm: RigidArm,
     values: Array,
     candidates: Array,
-) -> Array:
-    """Return joint positions ``(t, joints)`` at which the error is predicted.
+) -> tuple[Array, tuple[str, ...]]:
+    """Return joint positions ``(t, joints)`` at which the error is predicted, and warnings on points without any.
 
     In a box or at targets these are some configurations for each point, found from candidates ``(m, joints)`` of which
     the target is near, or from the joint positions of the file.
@@ -479,25 +479,48 @@ def _task(
     """
     chain = robot.chain
     if region.kind == "workspace":
-        return random_poses(robot.model, _TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
+        return random_poses(robot.model, _TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh")), ()
     given = region.joints(chain.joint_names, chain.prismatic)
     starts = [given] if len(given) else [candidates[i::_BRANCHES] for i in range(min(_BRANCHES, len(candidates)))]
-    found, missed = [], None
+    found, reached = [], np.zeros(len(points), bool)
     for start in starts:
         try:
-            found.append(
-                region_of_points(
-                    region.kind, points, model=arm, values=values, inputs=start, joints=chain, name=_option(region)
-                ).inputs
+            task = region_of_points(
+                region.kind, points, model=arm, values=values, inputs=start, joints=chain, name=_option(region)
             )
-        except LabError as error:
-            missed = error
-    if not found and missed is not None:
-        raise missed
-    return np.concatenate(found)
+        except LabError:  # none of them from these configurations
+            continue
+        found.append(task.inputs)
+        reached |= task.reached if task.reached is not None else False
+    frame = _frame_of_points(region, arm, values)
+    if not found:
+        raise LabError(f"{_option(region)}: the arm reaches none of its {len(points)} points, {frame}; name another")
+    return np.concatenate(found), _missed(region, region.names(chain.joint_names, chain.prismatic), reached, frame)
 
 
 _BRANCHES = 4  # configurations of each point of a task, where the arm has so many
+_MOST_NAMED = 5  # targets that are not reached
+
+
+def _frame_of_points(region: TaskRegion, arm: RigidArm, values: Array) -> str:
+    """Describe the frame of a region's coordinates, and of targets where the arm stands in it."""
+    if region.file is None:
+        return "whose coordinates are in the robot's frame 0"
+    base = ", ".join(f"{MM.of(part):.0f}".replace("-", "−") for part in arm.T_tracker_frame0(values)[:3, 3] + 0.0)
+    return f"whose coordinates are in the instrument's frame (the robot's base is at {base} mm there)"
+
+
+def _missed(region: TaskRegion, names: Sequence[str], reached: NDArray[np.bool_], frame: str) -> tuple[str, ...]:
+    """Warn of the points of a task that no pose reaches."""
+    count = int((~reached).sum())
+    if not count:
+        return ()
+    what = f"{count} of the {len(reached)} points drawn from the box"
+    if names:
+        missed = [name for name, there in zip(names, reached, strict=True) if not there]
+        more = f" and {count - _MOST_NAMED} more" if count > _MOST_NAMED else ""
+        what = f"target{'s' * (count > 1)} {', '.join(missed[:_MOST_NAMED])}{more} ({count} of {len(reached)})"
+    return (f"{_option(region)}: no pose reaches {what}, {frame}; the error is predicted at the others alone",)
 
 
 def _option(region: TaskRegion) -> str:

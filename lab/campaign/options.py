@@ -140,7 +140,7 @@ _MODELS_HELP = (
 )
 _DESIGN_REGION_HELP = (
     "Where the error is predicted: workspace (within the joints' limits), a box x0,x1,y0,y1,z0,z1 in mm in the robot's "
-    "frame 0, or a CSV file of targets, as lab compensate takes"
+    "frame 0, or a CSV file of targets in the instrument's frame, as lab compensate takes"
 )
 
 

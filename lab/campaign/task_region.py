@@ -70,6 +70,17 @@ class TaskRegion:
         given = self._targets(joint_names, prismatic).joints
         return given[np.isfinite(given).all(axis=1)]
 
+    def names(self, joint_names: Sequence[str], prismatic: Sequence[bool]) -> tuple[str, ...]:
+        """Return the names of the points: the ids of a file's targets; none of another kind.
+
+        Args:
+            joint_names, prismatic: of the robot.
+
+        Raises:
+            LabError: the file cannot be read.
+        """
+        return () if self.file is None else self._targets(joint_names, prismatic).ids
+
     def _targets(self, joint_names: Sequence[str], prismatic: Sequence[bool]) -> Targets:
         assert self.file is not None
         with error_context("--region"):

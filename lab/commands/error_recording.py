@@ -223,11 +223,7 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
     which = result.waypoints.which[waypoints]
     at_target = np.flatnonzero(which >= 0)
     aimed = rows[which[at_target]]
-    wanted, found = result.wanted.positions[aimed], result.found
-    conditions = result.arm_inputs[:, joints.shape[1] :]
-    uncorrected = np.concatenate([found.uncorrected, conditions], axis=1)[aimed]
-    before = run.estimate.arm.points(uncorrected, run.estimate.values)
-    before = before[np.arange(len(aimed)), result.target if result.points is None else result.points[aimed]]
+    wanted = result.wanted.positions[aimed]
     rigid, values = run.estimate.geometry
     scene = ErrorScene(
         run.robot.model,
@@ -243,7 +239,7 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
                 "from the target to the arm's position with the nominal joint positions",
                 RGB_BEFORE,
                 "vermilion",
-                _at_waypoints(before - wanted, at_target, len(waypoints))[:, None],
+                _at_waypoints(result.uncorrected_errors[aimed], at_target, len(waypoints))[:, None],
             )
         ],
         _at_waypoints(result.predicted_m[aimed], at_target, len(waypoints)),

@@ -349,11 +349,12 @@ class Scene(Block):
 
 @dataclass(frozen=True)
 class Section(Block):
-    """Blocks under a heading."""
+    """Blocks under a heading; where ``folded``, a page shows the heading alone until a reader opens it."""
 
     kind: ClassVar[str] = "section"
     title: str
     blocks: tuple[Block, ...]
+    folded: bool = False
 
     def _reduced(self, medium: _Medium) -> Iterable[Block]:
         blocks = tuple(shown(self.blocks, medium))

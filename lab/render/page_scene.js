@@ -1,4 +1,5 @@
-// Draws the arm in 3D: turned by dragging, zoomed by wheel or pinch, one pose at a time. The page reads without it.
+// Draws the arm in 3D: turned by dragging, zoomed by wheel or pinch, at one pose or moment at a time. The page reads
+// without it.
 document.querySelectorAll(".scene").forEach((box) => {
   const data = JSON.parse(box.querySelector("script").textContent);
   const canvas = box.querySelector("canvas"), gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
@@ -64,11 +65,15 @@ document.querySelectorAll(".scene").forEach((box) => {
   const shells = data.shells.map((shell) => ({ ...shell, mesh: mesh(floats(shell.vertices), new Uint16Array(bytes(shell.faces))) }));
   const arrows = data.arrows.map((kind) => ({ ...kind, vectors: floats(kind.vectors) }));
   const axes = data.axes && { ...data.axes, halves: floats(data.axes.halves) };
-  const lines = floats(data.lines), lineCount = poses ? lines.length / poses / 6 : 0;
+  const legs = floats(data.legs), moments = data.times ? data.times.length : poses;
+  const legCount = moments ? legs.length / moments / 6 : 0;
+  const lines = data.lines.map((each) => ({ ...each, points: floats(each.points) }));
+  const surfaces = data.surfaces.map((each) => ({ ...each, mesh: mesh(floats(each.vertices), new Uint16Array(bytes(each.faces))) }));
+  const momentOf = (pose) => (data.stops ? data.stops[pose] : pose);
 
-  const show = { pose: data.first, turn: 0.6, raise: 0.35, distance: 2.6 * data.radius, middle: data.middle };
-  const start = { ...show };
-  let view, eye;
+  // show.at is a moment of the motion, which may lie between two; without a motion, the number of the pose.
+  const show = { at: momentOf(data.first), turn: 0.6, raise: 0.35, distance: 2.6 * data.radius, middle: data.middle };
+  let view, eye, start = { ...show };
   const look = () => {
     const ratio = window.devicePixelRatio || 1, wide = canvas.clientWidth, high = canvas.clientHeight;
     canvas.width = wide * ratio;
@@ -90,7 +95,9 @@ document.querySelectorAll(".scene").forEach((box) => {
     gl.drawElements(gl.TRIANGLES, what.count, what.kind, 0);
   };
   const along = (what, from, to, thick, rgb, alpha) => {
-    const z = minus(to, from), side = unit(cross(z, Math.abs(z[2]) < 0.9 * size(z) ? [0, 0, 1] : [1, 0, 0]));
+    const z = minus(to, from);
+    if (Number.isNaN(z[0])) return; // a line is parted here
+    const side = unit(cross(z, Math.abs(z[2]) < 0.9 * size(z) ? [0, 0, 1] : [1, 0, 0]));
     draw(what, frame(scaled(side, thick), scaled(cross(unit(z), side), thick), z, from), rgb, alpha);
   };
   const arrow = (from, by, thick, rgb, alpha) => {
@@ -104,6 +111,24 @@ document.querySelectorAll(".scene").forEach((box) => {
     const w = [0, 1, 2, 3].map((i) => view[i] * p[0] + view[4 + i] * p[1] + view[8 + i] * p[2] + view[12 + i]);
     return [((w[0] / w[3] + 1) / 2) * canvas.clientWidth, ((1 - w[1] / w[3]) / 2) * canvas.clientHeight];
   };
+  const still = frame([1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]);
+  const seeThrough = (paint) => {
+    gl.enable(gl.BLEND);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.depthMask(false);
+    paint();
+    gl.depthMask(true);
+  };
+  const between = (values, width, count, at, k) => { // the k-th of count parts, interpolated between two moments
+    const low = Math.floor(at), share = at - low, part = (j) => values.subarray(width * (j * count + k), width * (j * count + k + 1));
+    return share ? part(low).map((value, n) => (1 - share) * value + share * part(low + 1)[n]) : part(low);
+  };
+  const timeAt = (at) => {
+    const low = Math.floor(at), share = at - low;
+    return share ? (1 - share) * data.times[low] + share * data.times[low + 1] : data.times[low];
+  };
+  const poseAt = (at) => (data.stops ? Math.max(0, data.stops.findLastIndex((stop) => stop <= at)) : at);
+  const told = (i, standing) => (standing ? `, ${data.texts[i]}` : i + 1 < poses ? `, to ${data.texts[i + 1]}` : "");
   const shown = (name) => box.querySelector(`[name="${name}"]`)?.checked ?? false;
   let written = []; // places of the labels
   const labels = box.querySelector(".labels"), slider = box.querySelector("input[type=range]");
@@ -124,43 +149,50 @@ document.querySelectorAll(".scene").forEach((box) => {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     labels.replaceChildren();
     written = [];
-    const i = show.pose, thin = 0.004 * data.radius;
-    const still = shown("arm") ? shells : [];
-    still.forEach((shell, b) => draw(shell.mesh, places.subarray(16 * (i * shells.length + b), 16 * (i * shells.length + b + 1)), shell.rgb));
-    for (let k = 0; k < lineCount; k++) {
-      const at = 2 * (i * lineCount + k);
-      along(rod, vector(lines, at), vector(lines, at + 1), 2 * thin, [242, 97, 15]);
+    const i = poseAt(show.at), standing = momentOf(i) === show.at, thin = 0.004 * data.radius;
+    if (shown("arm")) shells.forEach((shell, b) => draw(shell.mesh, between(places, 16, shells.length, show.at, b), shell.rgb));
+    for (let k = 0; k < legCount; k++) {
+      const ends = between(legs, 6, legCount, show.at, k);
+      along(rod, vector(ends, 0), vector(ends, 1), 2 * thin, [242, 97, 15]);
     }
+    lines.filter((each) => shown(each.name)).forEach((each) => {
+      for (let k = 1; k < each.rgb.length; k++) along(rod, vector(each.points, k - 1), vector(each.points, k), 0.9 * thin, each.rgb[k]);
+    });
     for (let k = 0; k < poses; k++) {
-      const here = k === i, p = vector(points, k), r = (here ? 3.2 : 1.8) * thin;
+      const here = k === i && standing, p = vector(points, k), r = (here ? 3.2 : 1.8) * thin;
       if (here || shown("others")) draw(ball, frame([r, 0, 0], [0, r, 0], [0, 0, r], p), data.colours[k]);
       arrows.forEach((kind) => (here || shown("others")) && shown(kind.name) &&
         arrow(p, scaled(vector(kind.vectors, k), kind.factor), (here ? 1.6 : 0.8) * thin, kind.rgb));
     }
-    if (axes && shown("axes")) {
+    if (axes && standing && shown("axes")) {
       const centre = vector(points, i), halves = [0, 1, 2].map((k) => vector(axes.halves, 3 * i + k));
       halves.forEach((half, k) => {
         along(rod, minus(centre, half), plus(centre, half), thin, axes.rgb);
         label(axes.lengths[i][k], plus(centre, half));
       });
-      gl.enable(gl.BLEND);
-      gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
-      draw(ball, frame(...halves, centre), axes.rgb, 0.3);
+      seeThrough(() => draw(ball, frame(...halves, centre), axes.rgb, 0.3));
     }
-    label(data.names[i], vector(points, i));
-    slider.value = i;
-    box.querySelector("output").textContent = data.texts[i];
+    seeThrough(() => {
+      for (let k = 0; k < poses; k++) if (k !== i && shown("ghosts"))
+        shells.forEach((shell, b) => draw(shell.mesh, between(places, 16, shells.length, momentOf(k), b), shell.rgb, data.opacity));
+      surfaces.filter((each) => shown(each.name)).forEach((each) => draw(each.mesh, still, each.rgb, 2 * data.opacity));
+    });
+    const named = moments < 2 ? [] : data.times && poses <= 12 ? data.names.map((_, k) => k) : standing ? [i] : [];
+    named.forEach((k) => label(data.names[k], vector(points, k)));
+    slider.value = Math.round(show.at);
+    box.querySelector("output").textContent = moments < 2 ? "" : data.times ? `${timeAt(show.at).toFixed(2)} s${told(i, standing)}` : data.texts[i];
   };
   const row = (i) => {
     const rows = box.querySelectorAll("tbody tr");
     rows.forEach((each) => each.classList.toggle("chosen", each.dataset.pose === String(i)));
   };
-  const choose = (i) => {
-    show.pose = i;
-    row(i);
+  const go = (at) => {
+    show.at = at;
+    row(poseAt(at));
     paint();
   };
-  slider.addEventListener("input", () => choose(Number(slider.value)));
+  const choose = (i) => go(momentOf(i));
+  slider.addEventListener("input", () => go(Number(slider.value)));
   box.querySelectorAll("input[type=checkbox]").forEach((each) => each.addEventListener("change", paint));
   box.querySelectorAll("tbody tr").forEach((each) => each.addEventListener("click", () => choose(Number(each.dataset.pose))));
   const held = new Map();
@@ -203,7 +235,7 @@ document.querySelectorAll(".scene").forEach((box) => {
     paint();
   }, { passive: false });
   canvas.addEventListener("dblclick", () => {
-    Object.assign(show, start, { pose: show.pose });
+    Object.assign(show, start, { at: show.at });
     paint();
   });
   canvas.addEventListener("keydown", (event) => {
@@ -216,11 +248,45 @@ document.querySelectorAll(".scene").forEach((box) => {
   });
   const button = box.querySelector("button");
   let playing = null;
-  button.hidden = poses < 2;
+  button.hidden = slider.closest("label").hidden = moments < 2;
+  const stop = () => {
+    clearInterval(playing);
+    playing = null;
+    button.textContent = "play";
+  };
+  const follow = (begun) => { // the motion in its own time, to its end
+    const time = (performance.now() - begun) / 1e3, next = data.times.findIndex((each) => each > time);
+    if (next < 0) {
+      stop();
+      return go(moments - 1);
+    }
+    const low = Math.max(next - 1, 0), step = data.times[next] - data.times[low];
+    go(low + (step > 0 ? Math.max(0, time - data.times[low]) / step : 0));
+  };
   button.addEventListener("click", () => {
-    playing = playing ? clearInterval(playing) : setInterval(() => choose((show.pose + 1) % poses), 600);
-    button.textContent = playing ? "stop" : "play";
+    if (playing) return stop();
+    const first = data.times && show.at < moments - 1 ? timeAt(show.at) : 0, begun = performance.now() - 1e3 * first;
+    playing = data.times ? setInterval(() => follow(begun), 33) : setInterval(() => choose((show.at + 1) % poses), 600);
+    button.textContent = "stop";
   });
+  const fill = () => { // the distance from which everything just fits
+    const all = [...Array(poses).keys()].map((k) => vector(points, k));
+    lines.forEach((each) => each.rgb.forEach((_, k) => all.push(vector(each.points, k))));
+    for (let k = 0; k < places.length / 16; k++) all.push([...places.subarray(16 * k + 12, 16 * k + 15)]);
+    [...shells, ...surfaces].forEach((shell, b) => {
+      const corners = floats(shell.vertices), T = b < shells.length ? between(places, 16, shells.length, show.at, b) : still;
+      for (let k = 0; k < corners.length; k += 3)
+        all.push([0, 1, 2].map((n) => T[n] * corners[k] + T[4 + n] * corners[k + 1] + T[8 + n] * corners[k + 2] + T[12 + n]));
+    });
+    const drawn = all.filter((p) => !Number.isNaN(p[0])), wide = canvas.clientWidth / 2, high = canvas.clientHeight / 2;
+    for (let round = 0; wide && round < 4; round++) { // on paper the canvas has no width
+      look();
+      const beyond = drawn.map(screen).map(([x, y]) => Math.max(Math.abs(x / wide - 1), Math.abs(y / high - 1)));
+      show.distance *= Math.max(0.4, Math.min(1.5, 1.1 * beyond.reduce((a, b) => Math.max(a, b), 0)));
+    }
+    start = { ...show };
+  };
   new ResizeObserver(paint).observe(canvas);
+  fill();
   paint();
 });

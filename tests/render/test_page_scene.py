@@ -12,7 +12,7 @@ import lab
 from lab.core.se3 import transform
 from lab.render.document import Document, Scene
 from lab.render.page import to_html
-from lab.render.page_scene import ArmScene, Arrows, posed_arm, scene_json
+from lab.render.page_scene import ArmScene, Arrows, Line, Surface, moments, moving_arm, posed_arm, scene_json
 from lab.render.scene import MagnifiedEllipsoids
 from lab.render.surfaces import coarse
 
@@ -92,3 +92,40 @@ def test_a_point_of_a_shell_is_where_the_arm_has_it(scene: ArmScene) -> None:
     homogeneous = np.column_stack([vertices, np.ones(len(vertices))]) @ places[2, last]
     expected = transform(scene.bodies[scene.shells[last].body][2], vertices.astype(float))
     np.testing.assert_allclose(homogeneous[:, :3], expected, atol=1e-5)
+
+
+def test_a_motion_stops_where_the_arm_is_at_its_poses(scene: ArmScene) -> None:
+    """Of more moments than a page shows some are left out, but for the stops."""
+    model = lab.load_robot("irb120").model
+    arm = lab.load_robot("irb120").arm(("p1",))
+    values, times = arm.nominal({"p1": np.array([0.03, 0.02, 0.1])}), np.linspace(0, 5, 1001)
+    joints = np.sin(times[:, None] * np.arange(1, 7) / 3)
+    stops = (0, 333, 1000)
+    moving = moving_arm(model, arm, values, joints, times, stops, ["a", "b", "c"])
+    shown = moments(1001, stops)
+    assert 400 <= len(shown) <= 402 and set(stops) <= set(shown.tolist())
+    np.testing.assert_array_equal(times[shown][moving.stops], times[list(stops)])
+    there = posed_arm(model, arm, values, joints[list(stops)], ["a", "b", "c"])
+    np.testing.assert_allclose(moving.points, there.points, atol=1e-12)
+    for body, poses in there.bodies.items():
+        np.testing.assert_allclose(moving.bodies[body][moving.stops], poses, atol=1e-12)
+    data = json.loads(scene_json(moving))
+    assert data["stops"] == moving.stops.tolist() and len(data["times"]) == len(shown) and moving.slider[0] == "time"
+    (path,) = data["lines"]
+    np.testing.assert_allclose(floats(path["points"]).reshape(-1, 3)[moving.stops], there.points, atol=1e-6)
+    assert scene.slider == ("pose", 2)
+
+
+def test_lines_and_surfaces_have_switches_and_their_places(scene: ArmScene) -> None:
+    line = Line("edge", np.array([[0, 0, 0], [np.nan] * 3, [3, 0, 0]]), np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9]]))
+    wall = Surface("wall", np.array([[0, 0, 0], [1, 0, 0], [0, 5, 0.0]]), np.array([[0, 1, 2]]), (9, 9, 9))
+    drawn = replace(scene, lines=(line,), surfaces=(wall,), all_text="", ghosts_text="all poses at a time")
+    assert [name for name, *_ in drawn.switches] == ["arm", "ghosts", "edge", "wall"]
+    data = json.loads(scene_json(drawn))
+    assert data["lines"][0]["rgb"] == [[1, 2, 3], [4, 5, 6], [7, 8, 9]]
+    assert np.isnan(floats(data["lines"][0]["points"])).tolist() == [False] * 3 + [True] * 3 + [False] * 3
+    corners = floats(data["surfaces"][0]["vertices"]).reshape(-1, 3)
+    np.testing.assert_allclose(np.unique(corners, axis=0), np.unique(wall.vertices, axis=0), atol=1e-6)
+    assert data["radius"] > json.loads(scene_json(scene))["radius"]  # they are in view
+    plain = [name for name, *_ in scene.switches]
+    assert plain == ["arm", "others"]

@@ -1,22 +1,35 @@
 """Document of a compensation: the corrected targets, their corrections, and the targets that are not reached."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from lab.calibration.identify import ellipsoids
 from lab.commands.compensate.program import stated_positions_note
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.result import joint_values
 from lab.commands.run_folder import VIA
+from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import evenly
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.formats.programs.registry import path_file, refusal
 from lab.render import document as doc
 from lab.render.charts.chart import cube
 from lab.render.document import capital, fixed, short
+from lab.render.page_scene import ArmScene, Arrows, posed_arm
 from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
+from lab.render.scene import drawn_rows, magnification, magnified, moved, reach_of
+from lab.render.style import BEFORE, rgb
 
-__all__ = ["compensation_document", "corrections_picture"]
+__all__ = ["compensation_document", "corrections_picture", "page_scene"]
 
+_ARROW = 0.15  # of the reach: how long the mean error is to be drawn
+_SCENE = (
+    "The arm at the corrected targets. Orange arrows lead from each target to where the arm goes without correction; "
+    "ellipsoids show the error to expect with it. The darker a point, the larger that error."
+)
 _NEAR = 2.0  # times half the edge of the targets' cube: what is farther off is not drawn
 _SHAPED = 4  # targets: fewer are brought onto each other by a rigid motion, whatever their errors are, or nearly
 _MOST_LISTED = 100  # targets, in each table
@@ -25,21 +38,24 @@ _MOST_LISTED = 100  # targets, in each table
 def compensation_document(result: CompensationResult) -> doc.Document:
     """The totals, the targets that are not reached and why, how far the others were moved, and every target."""
     lost = len(result.failed)
-    verdict = doc.Badge(f"{lost:,} not reached" if lost else "all reached", result.verdict)
     failed = result.failed if result.program is None else ()  # those of a program are listed by line
     count = f"{len(result.reached):,} of {len(result.targets):,}"
+    verdict = doc.Badge(f"{lost:,} not reached" if lost else "all reached", result.verdict)
+    standing = f" ({'doubtful; ' if result.reasons else ''}the run is {result.run.result.description})"
+    drawn = len(result.reached) > 0
     return doc.Document(
         f"{result.run.called}: {count} targets of {result.targets.tool} corrected",
         (
-            doc.Paragraph(
-                (verdict, f" ({'doubtful; ' if result.reasons else ''}the run is {result.run.result.description})")
-            ),
+            _card(result, ("Targets: ", verdict, standing)),
+            doc.Paragraph((verdict, standing), shown_in=doc.NARROW),
             doc.Bullets(tuple(map(capital, result.reasons))),
-            doc.Paragraph(_lead(result), "lead"),
+            doc.Paragraph(_lead(result), "lead", shown_in=doc.NARROW),
             doc.Warnings(result.warnings),
             doc.Section(
                 "Results of the targets",
                 (
+                    *(doc.Scene("targets-scene", lambda: page_scene(result), _SCENE) for _ in range(drawn)),
+                    doc.Paragraph(_lead(result), shown_in=doc.PAGE),
                     *_totals(result),
                     doc.Table(("target", "why it is not reached"), failed, most_rows=_MOST_LISTED),
                     doc.Table(
@@ -53,9 +69,77 @@ def compensation_document(result: CompensationResult) -> doc.Document:
                 ),
             ),
             *_program(result),
-            doc.Section("Corrections of the targets", (*_histograms(result), *_map(result))),
+            doc.Section("Where the targets are", _map(result)),
             doc.Section("Every target", _every_target(result), shown_in=doc.PAGE),
         ),
+    )
+
+
+def _card(result: CompensationResult, verdict: doc.Text) -> doc.Card:
+    """Summarise the correction: targets reached, errors without and with it, and the next step."""
+    reached, numbers = result.reached, list[tuple[str, str, str]]()
+    if len(reached):
+        before = float(MM.of(np.linalg.norm(result.uncorrected_errors[reached], axis=1).mean()))
+        after, _ = result.mean_and_max_mm(result.predicted_m)
+        numbers.append(("error without correction", short(before, "mm"), "before"))
+        if after is not None:
+            numbers.append(("expected with it", short(after, "mm"), "after"))
+            if before > after > 0:
+                numbers.append(("smaller by a factor of", short(before / after), ""))
+    about = (
+        "Means over the targets that are reached, by the identified model: where the arm goes with the nominal joint "
+        "positions, and the error to expect with the corrected ones (1σ)."
+        if len(reached)
+        else "The arm reaches none of the targets."
+    )
+    return doc.Card(verdict, tuple(numbers), about, _next(result), _histograms(result))
+
+
+def _next(result: CompensationResult) -> doc.Text:
+    """Return what to do after a correction."""
+    if len(result.far_away) == len(result.failed) > 0:
+        return (
+            "Check the frame of the targets that are out of reach, or move them (see the warning); then correct again."
+        )
+    if result.failed:
+        (name, reason), *others = result.failed
+        more = f", and {len(others)} more," if others else ""
+        return f"Move or leave out target {name}{more} ({reason}); then correct again."
+    if result.reasons:
+        return "Mend the first reason below; then correct again."
+    file = path_file(result.run.robot.chain, result.options.controller)
+    if result.program is not None:
+        file = result.program.name
+    elif refusal(result.run.robot.chain, result.options.controller, len(result.targets)) is not None:
+        file = None
+    steps = "Bring the arm to the joint positions of joints.csv" if file is None else f"Run {file}"
+    return f"{steps}, slowly at first; then measure one target to confirm the error."
+
+
+def page_scene(result: CompensationResult) -> ArmScene:
+    """The arm at the corrected targets: errors without the correction as arrows, expected ones as ellipsoids."""
+    estimate, reached = result.run.estimate, result.reached
+    rows = reached[drawn_rows(len(reached))]
+    arm, values = estimate.geometry
+    aimed = np.full(len(rows), result.target) if result.points is None else result.points[rows]
+    names = [result.targets.ids[i] for i in rows]
+    posed = posed_arm(result.run.robot.model, arm, values, result.found.joints[rows], names)
+    T = result.run.robot.model.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values))
+    points, vectors = moved(T, result.wanted.positions[rows]), result.uncorrected_errors[rows] @ T[:3, :3].T
+    reach = reach_of(result.run.robot.model.T_world_frame0, points, posed.legs)
+    lengths = np.linalg.norm(vectors, axis=1)
+    factor = max(magnification(float(lengths.mean()), _ARROW * reach), 1.0)
+    covariance = estimate.predict(result.arm_inputs[rows], aimed).covariance[:, 0]
+    known = bool(np.isfinite(covariance).all()) and covariance.any()
+    return replace(
+        posed,
+        points=points,
+        arrows=(Arrows("without correction", vectors, factor, rgb(BEFORE)),),
+        columns={"without correction": lengths, "expected with it": result.predicted_m[rows]},
+        ellipsoids=magnified(ellipsoids(covariance), points, T, reach) if known else None,
+        ellipsoid_text="expected error with it (1σ half-axes)",
+        kind="target",
+        all_text="all targets",
     )
 
 
@@ -185,12 +269,12 @@ def _extrapolated(result: CompensationResult) -> doc.Table:
     )
 
 
-def _histograms(result: CompensationResult) -> tuple[doc.Block, ...]:
+def _histograms(result: CompensationResult) -> tuple[doc.Figure, ...]:
     if not len(result.reached):
         return ()
     caption = (
-        "Corrections of the targets (vermilion, hatched), about the error without correction. Blue: the expected "
-        "error with it."
+        "How far each target is moved (orange), which is about its error without correction, and the error to expect "
+        "with it (blue). Dashed: the means."
     )
     return (doc.Figure("moved-figure", (corrections_picture(result),), caption),)
 
@@ -213,7 +297,10 @@ def _map(result: CompensationResult) -> tuple[doc.Block, ...]:
     shown = SizeMap(
         positions[rows], result.correction_m[rows], "correction of a target", crosses, "not reached", "targets"
     )
-    caption = "The targets in the frame of their file. The darker a target, the farther it is moved."
+    frame = "The targets in the frame of the instrument that measured the arm, as in their file."
+    if result.program is not None:
+        frame = "The targets in the frame of the instrument that measured the arm."
+    caption = f"{frame} The darker a target, the farther it is moved."
     if beyond := int((~near).sum()):
         caption += f" Not reached, and too far away to be drawn: {beyond}."
     return (doc.Figure("where", size_maps(shown), caption),)

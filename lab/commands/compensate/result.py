@@ -25,6 +25,7 @@ from lab.compensation.compensator import NEAR_RAD, Compensation
 from lab.compensation.flange import point_rows
 from lab.core import se3
 from lab.core.linear_model import covariance_root
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD, Unit
 from lab.formats.calibrated_module import MODULE_FILE
@@ -39,6 +40,9 @@ from lab.render.phrases.registry import phrases
 __all__ = ["CompensationResult"]
 
 _JOINTS, _CARTESIAN, _NOMINAL = "joints.csv", "cartesian.csv", "nominal.toml"
+_FAR_M = 0.01  # from a target: where the arm comes no nearer, its frame is in doubt
+_MOST_NAMED = 5
+_TRIED = 500  # random joint positions that show how far the arm reaches
 _BLOCK = 2_000  # targets whose derivatives are held at a time
 
 
@@ -118,7 +122,37 @@ class CompensationResult(Result):
         else:
             of_program = self.program.warnings
         tools = tuple(each.description for each in self.tools if each.disagrees)
-        return (*tools, *self.notes, *far, *self._beyond, *self._unchecked, *of_program)
+        return (*tools, *self._frame, *self.notes, *far, *self._beyond, *self._unchecked, *of_program)
+
+    @cached_property
+    def far_away(self) -> tuple[str, ...]:
+        """Ids of the targets of a file that the arm comes nowhere near: their coordinates may be in another frame."""
+        if self.program is not None:
+            return ()
+        arm, values = self.run.estimate.geometry
+        nearest = arm.points(self.found.joints, values)[:, self.target]
+        far = ~self.found.converged & (np.linalg.norm(nearest - self.targets.positions, axis=1) > _FAR_M)
+        return tuple(self.targets.ids[i] for i in np.flatnonzero(far))
+
+    @property
+    def _frame(self) -> tuple[str, ...]:
+        """Warn of targets that are far away, with the frame that their coordinates are taken to be in."""
+        if not self.far_away:
+            return ()
+        arm, values = self.run.estimate.geometry
+        T = arm.T_tracker_frame0(values)
+        base = ", ".join(f"{MM.of(part):.0f}".replace("-", "−") for part in T[:3, 3] + 0.0)
+        more = [f"and {len(self.far_away) - _MOST_NAMED} more"] * (len(self.far_away) > _MOST_NAMED)
+        text = (
+            f"out of reach: {', '.join([*self.far_away[:_MOST_NAMED], *more])}. Targets are in the frame of the "
+            f"instrument that measured the arm; the robot's base is at {base} mm there"
+        )
+        tried = arm.chain.random_joints(_TRIED, rng_for(0, "poses"))
+        reach = np.linalg.norm(arm.points(tried, values)[:, self.target] - T[:3, 3], axis=1).max()
+        rows = [self.targets.ids.index(name) for name in self.far_away]
+        if (np.linalg.norm(self.targets.positions[rows], axis=1) < reach).all():
+            text += ". Their coordinates look like ones in the robot's base"
+        return (text,)
 
     @property
     def _beyond(self) -> tuple[str, ...]:
@@ -407,6 +441,21 @@ class CompensationResult(Result):
     def correction_m(self) -> Array:
         """Correction ``(n,)``: how far each target is moved for the controller (m); NaN where it is not reached."""
         return np.asarray(np.linalg.norm(self.found.positions - self.wanted.positions, axis=1))
+
+    @cached_property
+    def uncorrected_errors(self) -> Array:
+        """Error ``(n, 3)`` (m, instrument's frame) of the calibrated arm with the joint positions of the nominal model.
+
+        NaN where a target is not reached.
+        """
+        rows, found = self.reached, self.found
+        conditions = self.arm_inputs[rows, found.joints.shape[1] :]
+        inputs = np.concatenate([found.uncorrected[rows], conditions], axis=1)
+        points = self.run.estimate.arm.points(inputs, self.run.estimate.values)
+        aimed = np.full(len(rows), self.target) if self.points is None else self.points[rows]
+        errors = np.full(self.wanted.positions.shape, np.nan)
+        errors[rows] = points[np.arange(len(rows)), aimed] - self.wanted.positions[rows]
+        return errors
 
     @cached_property
     def predicted_m(self) -> Array:

@@ -1,7 +1,7 @@
 """Document and scene of a plan: the predicted error, the tour, and the quality of the pose selection."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.identify import ellipsoids
+from lab.campaign.task_region import task_region
 from lab.commands.design.run import DesignResult, DesignStep, PlanCheckResult, SessionDuration, visit_ids
 from lab.core.se3 import Array
 from lab.core.units import MICRONS
@@ -21,7 +22,7 @@ from lab.render import document as doc
 from lab.render.charts.chart import axes_picture, cube, shades, view
 from lab.render.charts.marks import Axes, colour
 from lab.render.document import fixed, sentence, short
-from lab.render.page_scene import ArmScene, posed_arm
+from lab.render.page_scene import ArmScene, Line, moments
 from lab.render.plots import SQUARE, VIEWS
 from lab.render.scene import (
     MOST_POSES,
@@ -48,10 +49,19 @@ from lab.render.style import (
     TICK,
     WORST,
     luminance,
+    rgb,
 )
-from lab.simulation.meshes import Shell, body_poses, shells
+from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_body_poses
 
-__all__ = ["PlanScene", "check_document", "design_document", "main_picture", "plan_scene", "pose_pictures"]
+__all__ = [
+    "PlanScene",
+    "check_document",
+    "design_document",
+    "main_picture",
+    "page_scene",
+    "plan_scene",
+    "pose_pictures",
+]
 
 _STEP_S = 0.1  # between two pictures of the moving arm
 _POINTS_PER_PATH = 16  # points drawn of the path between two stops
@@ -169,7 +179,7 @@ def _shapes(plan: DesignResult) -> tuple[Array, Array]:
     return here / size, here @ factor
 
 
-_HALF, _WIDE = (4.8, 3.6), (8.0, 2.6)  # inches
+_HALF, _WIDE = (4.8, 2.9), (8.0, 2.6)  # inches
 _ROOM = 0.2  # around the poses, of their width: for the legend
 _ERROR_POWER = {"A": 0.5, "G": 0.5, "I": 0.5}  # from an efficiency, a ratio of variances, to a ratio of errors
 _EDGE = 0.94  # of the half of a picture
@@ -346,8 +356,8 @@ _INDICES = {
     "g": "G, worst predicted variance",
     "i": "I, mean predicted variance",
 }
-_CURVE = "Predicted error against the number of poses: RMS over simulated calibrations. The line marks this plan."
-_O1 = " The second plot shows the index O1, information per pose: it flattens while the error still falls."
+_CURVE = "Predicted error against the number of poses. The line marks this plan."
+_O1 = "The index O1, information per pose: it flattens while the error still falls."
 _POSES = (
     "The upper plots show the targets at the poses, numbered in the order of the tour from first (dark) to last "
     "(light). The lower plot shows the position of each joint in its range."
@@ -359,8 +369,8 @@ _OF = {
     "--curve designs each.",
 }
 _PLAN = (
-    "The arm at the poses to measure, in the order of the tour. Ellipsoids show the predicted uncertainty of the first "
-    "target after calibration."
+    "The tour at full speed, without the waits at the poses. Points are the poses to measure; ellipsoids show the "
+    "predicted uncertainty of the first target after calibration."
 )
 _BOUND = "With 95 % confidence, 95 % of the validation poses have an error below the 95 %/95 % tolerance bound."
 
@@ -368,29 +378,41 @@ _BOUND = "With 95 % confidence, 95 % of the validation poses have an error below
 def design_document(result: DesignResult) -> doc.Document:
     """The predicted error, the tour, the certificate and the indices of the choice."""
     values = result.to_dict()
+    session = SessionDuration.of(result.tour)
+    curves = _curve_pictures(result)
+    lead = doc.Paragraph(f"{_chosen(values)} {_predicted(values)}{_worst(values)}", "lead", shown_in=doc.NARROW)
     return doc.Document(
         f"{values['robot']}: {values['poses']} poses to measure",
         (
-            doc.Paragraph(f"{_chosen(values)} {_predicted(values)}{_worst(values)}", "lead"),
+            _card(result, values, session, curves[0]),
+            lead,
             doc.Warnings(result.warnings),
             doc.Section(
                 "Poses and tour",
                 (
-                    doc.Scene("plan-scene", lambda: _page_scene(result), _PLAN),
+                    doc.Scene("plan-scene", lambda: page_scene(result), _PLAN),
+                    doc.Paragraph(f"{_chosen(values)} {_predicted(values)}{_worst(values)}", shown_in=doc.PAGE),
                     doc.Paragraph(_tour(result)),
-                    doc.Paragraph(SessionDuration.of(result.tour).description),
-                    doc.Paragraph(_candidates(values)),
+                    *_files(result),
                     *_reflector(values),
                     *_stations(values),
                     *_payloads(values),
-                    *_files(result),
+                    doc.Section(
+                        "The session, and what was checked",
+                        (
+                            doc.Paragraph(session.description),
+                            doc.Paragraph(_checked(result)),
+                            doc.Paragraph(_candidates(values)),
+                        ),
+                        folded=True,
+                    ),
                     doc.Figure("poses-figure", pose_pictures(result), _POSES),
                 ),
             ),
             doc.Section(
                 "Number of poses",
                 (
-                    doc.Figure("curve-figure", _curve_pictures(result), _CURVE + _O1 * result.options.curve),
+                    doc.Figure("information-figure", curves[1:], _O1),
                     _steps(values),
                     doc.Paragraph(f"{_BOUND} {_OF[values['curve_of']]}", "note"),
                 ),
@@ -403,21 +425,79 @@ def design_document(result: DesignResult) -> doc.Document:
     )
 
 
-def _page_scene(result: DesignResult) -> ArmScene:
-    """The poses to measure, in the order of the tour, with the predicted uncertainty of the first target."""
-    shown = plan_scene(result)
-    rows = np.flatnonzero(shown.measured)[:MOST_POSES]
-    drawn = shown.uncertainty
-    ellipsoids_ = replace(drawn, centers=drawn.centers[rows], axes=drawn.axes[rows], half_sizes=drawn.half_sizes[rows])
-    arm = posed_arm(
-        result.problem.robot.model,
-        result.problem.arm,
-        result.problem.values,
-        result.tour.waypoints[rows],
-        shown.ids[: len(rows)],
+def _card(result: DesignResult, values: dict[str, Any], session: SessionDuration, curve: doc.Picture) -> doc.Card:
+    """Summarise the plan: whether it can be run, how many poses, what error to expect, and the next step."""
+    predicted, options, chain = values["predicted_mm"], result.options, result.problem.robot.chain
+    badge = doc.Badge("free of collisions", "good")
+    if options.no_check:
+        badge = doc.Badge("not checked for collisions", "doubtful")
+    asked = "" if options.accuracy_mm is None else f", within the {short(options.accuracy_mm)} mm asked for"
+    names = plan_or_refusal(chain, options.controller, result.problem.robot.model.stations).values()
+    programs = " and ".join(name for name in names if name.startswith((f"{PLAN}.", f"{PLAN}_")))
+    how = f"slowly at first: {programs} moves the arm" if programs else "pose by pose"
+    return doc.Card(
+        ("Plan: ", badge, asked),
+        (
+            ("poses", f"{values['poses']}", ""),
+            ("predicted error", short(predicted["rms"], "mm"), "after"),
+            ("95 % are below", short(values["promise_mm"], "mm"), ""),
+            ("session", f"{session.seconds / 60:.0f} min", ""),
+        ),
+        f"Predicted after calibration: root mean square over {_region_text(result)}, by the noise of "
+        f"{values['instrument']} alone; the bound that 95 % are below holds in 95 % of such calibrations.",
+        ("Run the plan ", how, "; measure at each pose into ", doc.Code("plan.csv"), "; then give it to lab identify."),
+        (doc.Figure("curve-figure", (curve,), _CURVE),),
     )
-    columns = {"predicted 1σ": ellipsoids_.half_sizes[:, 0] / drawn.factor}
-    return replace(arm, columns=columns, ellipsoids=ellipsoids_, ellipsoid_text="predicted uncertainty (1σ half-axes)")
+
+
+def _region_text(result: DesignResult) -> str:
+    """Name the poses at which the error is predicted, and the frame of their coordinates."""
+    region = task_region(result.options.region)
+    return {
+        "workspace": "validation poses",
+        "box": "poses in the box of --region, given in the robot's frame 0,",
+        "targets": f"poses at the targets of {region.file}, given in the instrument's frame,",
+    }[region.kind]
+
+
+def page_scene(result: DesignResult) -> ArmScene:
+    """The tour: its moves, the poses to measure, and the predicted uncertainty of the first target there."""
+    shown = plan_scene(result)
+    stops = np.flatnonzero(shown.measured)[:MOST_POSES]
+    end = stops[-1] + 1 if len(stops) < shown.measured.sum() else len(shown.arrivals)
+    waits = shown.departures - shown.arrivals
+    moving = shown.times[shown.times < shown.arrivals[end - 1]]
+    arrived = shown.arrivals[:end] - np.append(0.0, np.cumsum(waits[: end - 1]))
+    passed = np.searchsorted(shown.departures[:end], moving, side="right")
+    times = np.concatenate([arrived, moving - np.cumsum(waits)[passed - 1]])
+    order = np.argsort(times, kind="stable")
+    at = np.argsort(order, kind="stable")[stops]  # moments of the stops
+    kept = moments(len(order), at)
+    rows = order[kept]
+
+    def joined(standing: Array, under_way: Array) -> Array:
+        return np.concatenate([standing[:end], under_way[: len(moving)]])[rows]
+
+    drawn = shown.uncertainty
+    uncertainty = MagnifiedEllipsoids(drawn.centers[stops], drawn.axes[stops], drawn.half_sizes[stops], drawn.factor)
+    model = result.problem.robot.model
+    instruments = {
+        instrument_body(model),
+        *station_body_poses(model, dict(zip(shown.stations, shown.Ts_world_station, strict=True))),
+    }
+    return ArmScene(
+        shown.ids[: len(stops)],
+        [shell for shell in shown.shells if shell.body not in instruments],
+        {body: joined(shown.bodies[body], moving_body) for body, moving_body in shown.moving.items()},
+        shown.points[stops, 0],
+        Legs(joined(shown.legs.ends, shown.moving_legs.ends), shown.legs.measured),
+        columns={"predicted 1σ": uncertainty.half_sizes[:, 0] / drawn.factor},
+        ellipsoids=uncertainty,
+        ellipsoid_text="predicted uncertainty (1σ half-axes)",
+        times=times[order][kept],
+        stops=np.searchsorted(kept, at),
+        lines=(Line("path", shown.path[: (end - 1) * _POINTS_PER_PATH + 1], rgb(ARM)),),
+    )
 
 
 def _chosen(values: dict[str, Any]) -> str:
@@ -481,7 +561,7 @@ def _tour(result: DesignResult) -> str:
     moving = f" {PLAN}{language.suffix} moves at {language.speed}, which takes longer." if language else ""
     return (
         f"The tour has {len(tour.waypoints) - 1} moves{via}. It takes {float(tour.seconds):.1f} s from home to home at "
-        f"full speed and acceleration, plus {PAUSE_S} s of waiting at each pose.{moving} {_checked(result)}"
+        f"full speed and acceleration, plus {PAUSE_S} s of waiting at each pose.{moving}"
     )
 
 

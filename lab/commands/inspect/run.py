@@ -1,7 +1,7 @@
 """Inspect a robot: its description, its cell, and its identifiable parameters."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,22 @@ from lab.kinematics.serial.chain import Chain
 from lab.noise.instruments import INSTRUMENTS
 from lab.render.charts.chart import axes_picture, cube, log_ticks, view
 from lab.render.charts.marks import Axes
-from lab.render.document import Block, Bullets, Document, Figure, Paragraph, Picture, Section, Table, Warnings, short
+from lab.render.document import (
+    Badge,
+    Block,
+    Bullets,
+    Card,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Scene,
+    Section,
+    Table,
+    Warnings,
+    short,
+)
+from lab.render.page_scene import ArmScene, posed_arm
 from lab.render.plots import SQUARE, VIEWS
 from lab.render.style import ARM, GATE, INK, INSTRUMENT, PREDICTED, TICK
 from lab.sensors.registry import sensor_named
@@ -235,8 +250,17 @@ def _inspection_document(result: Inspection) -> Document:
     return Document(
         f"{values['robot']}: {values['rank']} of {values['parameters']} parameters are identifiable",
         (
+            _card(result),
             Warnings(result.warnings),
-            Section("Nominal model and shape", tuple(shape)),
+            Section(
+                "Nominal model and shape",
+                (
+                    Scene(
+                        "arm-scene", lambda: _page_scene(result), "The robot at home. Its point is the first target."
+                    ),
+                    *shape,
+                ),
+            ),
             Section("Resolution at the tool", resolution_blocks(values["resolution"])),
             Section("Layout", _layout(result.robot.chain)),
             *((_cell_section(values, result.robot),) if "cell" in values else ()),
@@ -244,6 +268,35 @@ def _inspection_document(result: Inspection) -> Document:
             Section("Conditioning", tuple(_conditioning(result))),
         ),
     )
+
+
+def _card(result: Inspection) -> Card:
+    """Summarise what can be identified, from how many poses, how well, and what to do next."""
+    values = result.values
+    condition = values["condition"]
+    well = condition is not None and condition <= WEAK_CONDITION
+    badge = Badge("well conditioned", "good") if well else Badge("some directions are weakly observable", "doubtful")
+    numbers = (
+        ("identifiable parameters", f"{values['rank']} of {values['parameters']}", "after"),
+        ("poses needed", f"{values['poses_needed']} or more", ""),
+        ("condition number", short(condition), ""),
+    )
+    about = (
+        f"From positions of {', '.join(values['targets'])}. The other parameters stay at nominal: an error of theirs "
+        "looks like errors of others."
+    )
+    step = "Choose the poses to measure with lab design."
+    if not well:
+        step = "Measure more targets or poses, or change what is fixed: the conditioning below says what helps."
+    return Card(("Calibration: ", badge), numbers, about, step)
+
+
+def _page_scene(result: Inspection) -> ArmScene:
+    """The robot at home."""
+    robot = result.robot
+    arm = robot.arm(result.options.targets)
+    values = _nominal(result.options, robot)[: len(arm.names)]
+    return replace(posed_arm(robot.model, arm, values, robot.chain.home[None], ["home"]), all_text="")
 
 
 def _layout(chain: JointSpec) -> tuple[Block, ...]:

@@ -51,6 +51,8 @@ class Proposal:
             planned ahead do not reach it.
         reached: whether the wanted accuracy is reached, by poses enough to validate the calibration.
         from_home: whether no free way leads on from where the arm is, so that the way begins at home.
+        for_validation: whether the wanted accuracy is predicted already, and the further poses are those that a
+            cross-validation needs.
     """
 
     measured: int
@@ -62,6 +64,7 @@ class Proposal:
     remaining: int | None
     reached: bool
     from_home: bool = False
+    for_validation: bool = False
 
 
 class PosePlanner:
@@ -131,7 +134,7 @@ class PosePlanner:
         return np.diag([1.0 if each.group not in ("base", "tool") else _LOOSE for each in parameters])
 
     @cached_property
-    def _fewest(self) -> int:
+    def fewest(self) -> int:
         """Number of poses below which the calibration could not be validated, however good."""
         return poses_to_validate(len(self._prior), 3 * len(self.problem.seen.targets))
 
@@ -166,8 +169,8 @@ class PosePlanner:
         noise = self._noise(data)
         factor = 1.0 if noise is None else noise.factor
         now = self._accuracy(own, factor)
-        reached = now is not None and len(joints) >= self._fewest and now <= (self.accuracy_m or 0.0)
-        if reached:
+        accurate = now is not None and now <= (self.accuracy_m or 0.0)
+        if accurate and len(joints) >= self.fewest:
             return Proposal(len(joints), None, None, now, None, noise, 0, True)
         row, way, from_home = self._nearest(scaled + self._prior, start)
         with_it = own + information(self._per_candidate[row : row + 1])
@@ -175,7 +178,7 @@ class PosePlanner:
         after = self._accuracy(with_it, factor) if now is None else now * self._mean(with_it) / self._mean(own)
         remaining = self._remaining(len(joints), scaled, own, now)
         pose = problem.inputs[row, : self._chain.size]
-        return Proposal(len(joints), pose, way, now, after, noise, remaining, False, from_home)
+        return Proposal(len(joints), pose, way, now, after, noise, remaining, False, from_home, accurate)
 
     def _nearest(self, total: Array, start: Array) -> tuple[int, Array, bool]:
         """The candidate that is reached soonest of those that add nearly the most, a free way, and if from home."""
@@ -216,13 +219,13 @@ class PosePlanner:
             return None
         goal, total = self.problem.goal, scaled + self._prior
         pool, per_candidate = self.problem.pool[::_AHEAD_OF], self._per_candidate[::_AHEAD_OF]
-        known = now if measured >= self._fewest else None
+        known = now if measured >= self.fewest else None
         wanted = None if known is None else self._mean(own) * self.accuracy_m / known
         for count in range(1, _MOST_AHEAD + 1):
             row = int(np.argmax(np.einsum("mrp,mrp->m", pool @ goal.slope(total), pool)))
             total = total + information(pool[row : row + 1])
             own = own + information(per_candidate[row : row + 1])
-            if measured + count < self._fewest or is_singular(own):
+            if measured + count < self.fewest or is_singular(own):
                 continue
             if wanted is None:  # the ratio of fewer poses is another
                 wanted = self._mean(own) * self.accuracy_m / self._predicted(own).coverage_radius

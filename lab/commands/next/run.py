@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,8 +30,28 @@ from lab.formats.csv_table import write_columns
 from lab.formats.measurement_csv import read_measurements
 from lab.formats.structured import read_text
 from lab.kinematics.joints import JointSpec
-from lab.render.document import PAGE, Block, Document, Paragraph, Scene, Section, Table, Warnings, fixed, short
+from lab.render.document import (
+    NARROW,
+    PAGE,
+    Badge,
+    Block,
+    Card,
+    Code,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Scene,
+    Section,
+    Table,
+    Text,
+    Warnings,
+    fixed,
+    plain,
+    short,
+)
 from lab.render.scene import MOST_POSES
+from lab.render.style import GATE, PREDICTED
 from lab.render.terminal import status
 
 __all__ = ["NextPoseResult", "next_pose", "proposal_text"]
@@ -43,6 +63,7 @@ _OF_PLAN = (
 )  # fmt: skip
 _NEXT_FILE = "next.csv"
 _SHOWN = "The arm at the pose to measure next, with the target's place there and at the poses measured so far."
+_PROGRESS = "The predicted error as the session went on, on a logarithmic axis."
 _MEND = "give the folder of a run of lab design, lab identify or lab calibrate"
 
 
@@ -300,58 +321,145 @@ def proposal_text(chain: JointSpec, proposal: Proposal) -> str:
     values = joint_values(chain.prismatic, proposal.joints)
     pose = ", ".join(f"{name} {fixed(value, 3)}" for name, value in zip(chain.joint_names, values, strict=True))
     more = "" if proposal.remaining is None else f"; about {counted(proposal.remaining, 'further pose')} to go"
-    return f"{so_far}; next: {pose}{more}"
+    why = ", for the cross-validation alone" if more and proposal.for_validation else ""
+    return f"{so_far}; next: {pose}{more}{why}"
 
 
 def _page_scene(result: NextPoseResult) -> Any:
-    """The arm at the proposed pose, then at those that were measured."""
+    """The arm at the proposed pose, where there is one, then at those that were measured."""
     from lab.render.page_scene import posed_arm  # which imports MuJoCo
 
     problem, proposed = result.planner.problem, result.proposal.joints
-    assert proposed is not None
     measured = result.data.joints[result.data.seen.any(axis=1)][: MOST_POSES - 1]
-    names = ["next", *(f"measured {row}" for row in range(1, len(measured) + 1))]
-    joints = np.concatenate([proposed[None], measured.reshape(-1, len(proposed))])
+    names = [f"measured {row}" for row in range(1, len(measured) + 1)]
+    joints = measured.reshape(-1, problem.robot.chain.size)
+    if proposed is not None:
+        names, joints = ["next", *names], np.concatenate([proposed[None], joints])
     return posed_arm(problem.robot.model, problem.arm, problem.values, joints, names)
 
 
 def _document(result: NextPoseResult) -> Document:
-    last, chain, wanted = result.proposal, result.planner.problem.robot.chain, result.planner.accuracy_m
-    name = result.planner.problem.robot.name
+    last, name = result.proposal, result.planner.problem.robot.name
+    title = f"{name}: the wanted accuracy is reached" if last.joints is None else f"{name}: measure this pose next"
+    shown = "The arm at the poses measured so far." if last.joints is None else _SHOWN
+    scene = Scene("next-scene", lambda: _page_scene(result), shown, shown_in=PAGE)
+    seen = last.joints is not None or bool(result.data.seen.any())
+    way = _way(result)
+    joints = ("joint", *(plain(row[0]) for row in way.rows))
+    turned = tuple(zip(way.headings[1:], *(row[1:] for row in way.rows), strict=True)) if way.rows else ()
+    return Document(
+        title,
+        (
+            _card(result),
+            Paragraph(_lead(result), "lead", shown_in=NARROW),
+            Warnings(result.warnings),
+            replace(way, shown_in=NARROW),
+            Section("The arm", (*((scene,) * seen), Paragraph(_lead(result)), Table(joints, turned)), shown_in=PAGE),
+            *_progress(result),
+        ),
+    )
+
+
+def _lead(result: NextPoseResult) -> str:
+    """Describe the accuracy so far, after the next pose, and how many more poses there are, and what for."""
+    last, wanted = result.proposal, result.planner.accuracy_m
     so_far = "not all parameters are determined yet" if last.accuracy_m is None else (
         f"95 % of the validation poses are predicted within {MM.text(last.accuracy_m)} in 95 % of the calibrations"
     )  # fmt: skip
     lead = f"{counted(last.measured, 'pose')} measured: {so_far}."
-    blocks: list[Block] = []
     if last.joints is None:
-        title = f"{name}: the wanted accuracy is reached"
-        lead += " Stop measuring, and run lab identify on the file."
-    else:
-        title = f"{name}: measure this pose next"
-        if last.next_m is not None:
-            lead += f" With the next pose: {MM.text(last.next_m)}."
-        if wanted is not None and last.remaining is not None:
-            lead += f" About {counted(last.remaining, 'further pose')} reach {MM.text(wanted)}."
-        assert last.waypoints is not None
-        rows = [
-            ("measure" if i == len(last.waypoints) - 1 else "via", *(fixed(value, 3) for value in row))
-            for i, row in enumerate(joint_values(chain.prismatic, last.waypoints))
-            if i
-        ]
-        units = ["mm" if slides else "°" for slides in chain.prismatic]
-        headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
-        blocks.append(Table(("stop", *headings), tuple(rows)))
-        scene = Scene("next-scene", lambda: _page_scene(result), _SHOWN)
-        blocks.append(Section("The arm at the next pose", (scene,), shown_in=PAGE))
-    blocks[:0] = [Paragraph(lead, "lead"), Warnings(result.warnings)]
-    if len(result.proposals) > 1:
-        table = Table(
-            ("poses measured", "predicted, mm", "after the next pose, mm", "poses to go"),
-            tuple(
-                (str(each.measured), *(short(_mm(size)) if size else "" for size in (each.accuracy_m, each.next_m)),
-                 "" if each.remaining is None else str(each.remaining))
-                for each in result.proposals
-            ),
-        )  # fmt: skip
-        blocks.append(Section("Session so far", (table,), shown_in=PAGE))
-    return Document(title, tuple(blocks))
+        return f"{lead} Stop measuring, and run lab identify on the file."
+    if last.next_m is not None:
+        lead += f" With the next pose: {MM.text(last.next_m)}."
+    if wanted is None or last.remaining is None:
+        return lead
+    further = counted(last.remaining, "further pose")
+    if last.for_validation:
+        return (
+            f"{lead} The wanted {MM.text(wanted)} is predicted already. {further.capitalize()} make the "
+            f"{result.planner.fewest} that a cross-validation needs to show it."
+        )
+    return f"{lead} About {further} reach {MM.text(wanted)}."
+
+
+def _card(result: NextPoseResult) -> Card:
+    """Summarise the session: whether the accuracy is reached, how good it is, and what to do now."""
+    last, wanted, fewest = result.proposal, result.planner.accuracy_m, result.planner.fewest
+    badge = Badge("measure on")
+    if last.joints is None:
+        badge = Badge("accuracy reached", "good")
+    elif last.for_validation:
+        badge = Badge("accurate enough, too few poses to show it", "doubtful")
+    numbers = [("poses measured", str(last.measured), "")]
+    if last.accuracy_m is not None:
+        numbers.append(("predicted now", MM.text(last.accuracy_m), "after"))
+    if wanted is not None:
+        numbers.append(("wanted", MM.text(wanted, 6), ""))
+    if last.joints is not None and last.remaining is not None:
+        why = "to go, for the cross-validation" if last.for_validation else "to go, about"
+        numbers.append((why, counted(last.remaining, "pose"), ""))
+    about = (
+        "The error that 95 % of the validation poses keep in 95 % of such calibrations."
+        if last.accuracy_m is not None
+        else "The error is predicted as soon as the poses determine all parameters. "
+        f"A cross-validation needs {counted(fewest, 'pose')}."
+    )
+    step: Text = "Stop measuring, and run lab identify on the file."
+    if last.joints is not None:
+        step = (
+            "Move the arm by ",
+            Code(_NEXT_FILE),
+            ", measure there, add the row to the file, and run lab next again.",
+        )
+    return Card(("Session: ", badge), tuple(numbers), about, step)
+
+
+def _way(result: NextPoseResult) -> Table:
+    """Tabulate the way to the next pose; no rows where there is none."""
+    chain, waypoints = result.planner.problem.robot.chain, result.proposal.waypoints
+    if waypoints is None:
+        return Table(("stop",), ())
+    rows = tuple(
+        ("measure" if i == len(waypoints) - 1 else "via", *(fixed(value, 3) for value in row))
+        for i, row in enumerate(joint_values(chain.prismatic, waypoints))
+        if i
+    )
+    units = ["mm" if slides else "°" for slides in chain.prismatic]
+    headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
+    return Table(("stop", *headings), rows)
+
+
+def _progress(result: NextPoseResult) -> tuple[Block, ...]:
+    """Tabulate and draw the predicted errors of a session that was followed."""
+    if len(result.proposals) < 2:
+        return ()
+    table = Table(
+        ("poses measured", "predicted, mm", "after the next pose, mm", "poses to go"),
+        tuple(
+            (str(each.measured), *(short(_mm(size)) if size else "" for size in (each.accuracy_m, each.next_m)),
+             "" if each.remaining is None else str(each.remaining))
+            for each in result.proposals
+        ),
+    )  # fmt: skip
+    known = [(each.measured, MM.of(each.accuracy_m)) for each in result.proposals if each.accuracy_m is not None]
+    figure: tuple[Block, ...] = ()
+    if len(known) > 1:
+        figure = (Figure("progress-figure", (_progress_picture(known, result.planner.accuracy_m),), _PROGRESS),)
+    return (Section("Session so far", (table, *figure), shown_in=PAGE),)
+
+
+def _progress_picture(known: Sequence[tuple[int, float]], wanted_m: float | None) -> Picture:
+    from lab.render.charts.chart import axes_picture, log_ticks  # slow to import
+
+    poses, errors = zip(*known, strict=True)
+    ends = [*errors, *([] if wanted_m is None else [MM.of(wanted_m)])]
+
+    def draw(axes: Any) -> None:
+        axes.plot(poses, errors, "o-", color=PREDICTED, markersize=4)
+        log_ticks(axes, "y", min(ends) / 1.3, 1.3 * max(ends))
+        if wanted_m is not None:
+            axes.axhline(MM.of(wanted_m), color=GATE, linewidth=1.2, linestyle="--")
+            axes.annotate("wanted", (poses[0], MM.of(wanted_m)), xytext=(2, 3), textcoords="offset points", color=GATE)
+        axes.set(xlabel="poses measured", ylabel="predicted, mm")
+
+    return axes_picture("progress", "Predicted error by poses measured", (5.6, 2.6), draw, (0.8, 0.5, 0.1, 0.1))

@@ -76,6 +76,15 @@ class Band:
         smooth: Array = scipy.signal.oaconvolve(values, kernel.reshape(-1, *[1] * (values.ndim - 1)), "valid", axes=0)
         return smooth
 
+    def times(self, count: int, cut: int | None = None) -> Array:
+        """Return the times ``(count,)`` s of decimated rows after the run's first sample.
+
+        Args:
+            cut: number of samples left out at the beginning before they were decimated; ``margin`` if not given.
+        """
+        first = (self.margin if cut is None else cut) + (len(self.impulse) - 1) / 2
+        return np.asarray(self.step_s * (first + self.every * np.arange(count)))
+
     def trimmed(self, values: Array) -> Array:
         """Return values ``(n, ...)`` at the rows of ``motion``."""
         return values[self.margin : len(values) - self.margin]

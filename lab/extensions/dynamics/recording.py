@@ -15,16 +15,16 @@ from lab.campaign.robot import Robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.extensions.dynamics.arm.result import DynamicsResult
+from lab.extensions.dynamics.payload.estimate import equivalent_ellipsoid
 from lab.extensions.dynamics.payload.result import PayloadResult, channels_of
 from lab.render.recording import Times, draw_shells, eye_on_arm, layout, log_texts, main_view, recording_to, text_tabs
 from lab.render.scene import drawn_rows, moved, skeleton
 from lab.render.style import RGB_MUTED, RGB_PAYLOAD, RGB_WEIGHT
 from lab.simulation.meshes import arm_shells, body_poses
 
-__all__ = ["equivalent_ellipsoid", "record_dynamics", "record_payload"]
+__all__ = ["record_dynamics", "record_payload"]
 
 _MOST_DRAWN = 300  # rows of a run
-_BALL_KG_M3 = 7850.0  # steel, where the inertia is not known
 _WEIGHT_M_PER_N = 0.01
 
 
@@ -94,21 +94,6 @@ def _draw_load(recording: rr.RecordingStream, at: Times, result: PayloadResult, 
     weight = np.tile(_WEIGHT_M_PER_N * found.mass_kg * down, (len(Ts), 1))
     recording.send_columns("world/weight", at, rr.Arrows3D.columns(origins=centres, vectors=weight))
     recording.log("world/weight", rr.Arrows3D.from_fields(colors=RGB_WEIGHT, radii=0.004), static=True)
-
-
-def equivalent_ellipsoid(mass_kg: float, inertia_kgm2: Array) -> tuple[Array, Array]:
-    """Return half-axes ``(3,)`` m and directions ``(3, 3)`` of the solid ellipsoid with this mass and inertia.
-
-    I_x = m (b^2 + c^2) / 5, and so on; a ball of steel where the inertia is not known or no body has it.
-    """
-    if np.isfinite(inertia_kgm2).all():
-        moments, axes = np.linalg.eigh(inertia_kgm2)
-        squares = 2.5 * (moments.sum() - 2 * moments) / mass_kg
-        if (squares > 0).all():
-            axes[:, 0] *= np.linalg.det(axes)
-            return np.sqrt(squares), axes
-    radius = (0.75 * abs(mass_kg) / np.pi / _BALL_KG_M3) ** (1 / 3)
-    return np.full(3, radius), np.eye(3)
 
 
 def _draw_channels(recording: rr.RecordingStream, result: PayloadResult) -> None:

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from helpers.html_page import Page
 
+import lab
 from lab.cli import main
 from lab.commands.calibrate.load_run import load_run
+from lab.commands.compensate.document import page_scene
 from lab.core import se3
 from lab.render.document import short
 
@@ -33,9 +35,34 @@ def test_corrected_targets_are_listed_and_those_that_fail(seven_run: Path, tmp_p
         main(["compensate", targets, "--run", str(seven_run), "--out", str(out), "--json"])
         seen, result = Page(out / "report.html"), json.loads((out / "result.json").read_text())
         assert result["converged"] == reached and seen.headings[0].startswith(f"irb120: {reached} of ")
-        assert set(seen.figures) == ({"moved-figure", "where"} if reached else set())
+        assert set(seen.figures) == ({"moved-figure", "targets-scene", "where"} if reached else set())
         for each in result["failed"]:
             assert [each["id"], each["reason"]] in seen.table("target", "why it is not reached")
         if reached:
             assert short(result["correction_mm"]["mean"]) in seen.text
             assert len(seen.table("target", "q1, °")) == reached
+
+
+def test_the_scene_has_the_errors_without_and_with_the_correction(seven_run: Path) -> None:
+    """By an own way: the calibrated arm with the nominal joints; ellipsoids whose half-axes give the expected error."""
+    calibrated = load_run(seven_run)
+    arm, values = calibrated.estimate.geometry
+    Ts = arm.tool(0.5 * arm.chain.random_joints(5, np.random.default_rng(2)), values)[0]
+    Ts[4, :3, 3] = 0.001 * np.arange(3)  # as if given in the robot's base, next to its axis
+    names = tuple(f"t{i}" for i in range(5))
+    targets = lab.Targets("p1", names, Ts[:, :3, 3], Ts[:, :3, :3], np.full((5, 6), np.nan))
+    result = lab.compensate(targets, run=seven_run, no_check=True)
+    assert result.far_away == ("t4",) and "look like ones in the robot's base" in " ".join(result.warnings)
+    scene = page_scene(result)
+    rows = result.reached
+    there = arm.points(result.found.uncorrected[rows], values)[:, 0]
+    (arrows,) = scene.arrows
+    lengths = np.linalg.norm(there - Ts[rows, :3, 3], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(arrows.vectors, axis=1), lengths, rtol=1e-9)
+    np.testing.assert_allclose(lengths, result.correction_m[rows], rtol=0.05)
+    T = calibrated.robot.model.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values))
+    np.testing.assert_allclose(scene.points, se3.transform(T, Ts[rows, :3, 3]), atol=1e-9)
+    np.testing.assert_allclose(arrows.vectors, (there - Ts[rows, :3, 3]) @ T[:3, :3].T, atol=1e-12)
+    drawn = scene.ellipsoids
+    half = np.linalg.norm(drawn.half_sizes / drawn.factor, axis=1)
+    np.testing.assert_allclose(half, result.predicted_m[rows], rtol=1e-6)

@@ -193,3 +193,17 @@ def test_measurements_of_another_robot_are_refused() -> None:
     other = lab.simulate("irb120", poses=3, seed=0).measurements
     with pytest.raises(lab.LabError, match="the measurements are of irb120, but the plan is for scara"):
         lab.next_pose(plan, other, candidates=60)
+
+
+def test_poses_for_the_cross_validation_alone_are_called_so() -> None:
+    """An accuracy that few poses predict: the further ones are only to show it; a finer one needs them itself."""
+    plan = lab.design("scara", poses=14, candidates=100, starts=1)
+    day = lab.simulate("scara", poses=10, seed=3).measurements
+    easy, fine = (lab.next_pose(plan, day, candidates=100, accuracy_mm=mm) for mm in (5.0, 0.004))
+    assert easy.proposal.for_validation and not easy.proposal.reached and easy.proposal.accuracy_m < 5e-3
+    left = easy.planner.fewest - easy.proposal.measured
+    assert easy.proposal.remaining == left > 0
+    assert f"{left} further poses make the {easy.planner.fewest} that a cross-validation needs" in " ".join(
+        easy.summary().split()
+    )
+    assert not fine.proposal.for_validation and "cross-validation" not in fine.summary()

@@ -11,10 +11,13 @@ from helpers.robots import ROOT
 import lab
 from lab.campaign.robot import load_virtual
 from lab.cli import main
+from lab.extensions.dynamics.arm.document import dynamics_document
 from lab.extensions.dynamics.load_files import read_motion, write_loads
+from lab.extensions.dynamics.payload.document import payload_document
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
 from lab.formats.drives_toml import Drives, drives_lines, read_drives
+from lab.render.document import Card, plain
 
 
 def test_it_prints_the_base_parameters_and_their_formulas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -280,3 +283,22 @@ def test_bad_rehearsals_are_one_line(arguments: list[str], says: str, capsys: py
     assert main(["dynamics", *arguments]) == 2
     said = capsys.readouterr()
     assert says in said.err and said.err.count("\n") == 1, said.err
+
+
+def test_pages_show_residuals_over_seconds_and_what_to_do() -> None:
+    """Each drive is measured, predicted and left over, on an axis that goes on from run to run."""
+    arm = lab.dynamics(robot="course2r", simulate=True, rounds=0, rate_hz=100, payload_kg=1.0)
+    load = lab.payload(robot="course2r", simulate=True, rounds=0, rate_hz=100, payload_kg=1.0)
+    for document, found in ((dynamics_document(arm), arm.estimate), (payload_document(load), load.estimate)):
+        charts = {each.name: each.chart() for each in document.pictures}
+        names = [name for name in charts if name.endswith("-residuals")]
+        assert len(names) == found.measured.shape[1] and all(charts[name].x.label == "time, s" for name in names)
+        left, seen = charts[names[0]], charts[names[0].removesuffix("-residuals")]
+        times, residuals = left.points[0]
+        assert (np.diff(times) > 0).all() and times[0] == 0
+        every = len(found.residual) // len(residuals)
+        np.testing.assert_allclose(residuals, found.residual[::every, 0][: len(residuals)])
+        (_, measured), (_, predicted) = ((x, y) for x, y in seen.points[:2])
+        assert len(measured) == len(times) and np.abs(measured).max() > np.abs(residuals).max() and len(predicted)
+        (card,) = (each for each in document.blocks if isinstance(each, Card))
+        assert plain(card.next_step) and card.numbers

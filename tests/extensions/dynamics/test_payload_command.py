@@ -13,8 +13,8 @@ from lab.cli import main
 from lab.commands.calibrate.load_run import load_run
 from lab.commands.hand_load import HandLoad
 from lab.extensions.dynamics.load_files import Mounting, write_loads, write_mounting
+from lab.extensions.dynamics.payload.estimate import equivalent_ellipsoid
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
-from lab.extensions.dynamics.recording import equivalent_ellipsoid
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
 from lab.kinematics.dynamics.rigid_body import sag_uncertainty
 from lab.simulation.collisions import random_poses

@@ -570,3 +570,12 @@ def test_an_uncured_bias_is_noticed_and_a_cured_one_is_small(name, seed):
     print(name, seed, "mass %", np.round(masses, 3), "centre mm", np.round(centres, 2).tolist(), "fires", fires)
     assert fires[0] > 0.95
     assert abs(masses[1]) < 0.3
+
+
+def test_rows_have_the_times_of_what_was_decimated_into_them() -> None:
+    """The filters are symmetric: the time itself, decimated as the readings are, is the rows' time."""
+    band = band_of(TIMES)
+    by_filter = band.decimated(band.trimmed(TIMES[:, None]))[:, 0]
+    assert_allclose(band.times(len(by_filter)), by_filter, atol=1e-9)
+    uncut = band.decimated(TIMES[:, None])[:, 0]
+    assert_allclose(band.times(len(uncut), 0), uncut, atol=1e-9)

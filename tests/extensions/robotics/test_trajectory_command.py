@@ -14,6 +14,7 @@ import lab
 from lab.cli import main
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.extensions.robotics.trajectory.document import page_scene, tool_speeds
 from lab.extensions.robotics.trajectory.result import path_moves
 from lab.formats.programs.registry import languages, path_program
 from lab.simulation.elastic import FlexibleArm, JointMotion
@@ -319,3 +320,21 @@ def test_what_cannot_be_is_refused_in_a_line(tmp_path, capsys, text: str, words:
     code, seen, error = run(capsys, tmp_path, text, "--robot", "course2r")
     assert code == 2 and words in error and len(error.splitlines()) == 1 and "points.csv" in seen["error"]["message"]
     assert not (tmp_path / "run").exists()
+
+
+def test_the_scene_passes_the_points_at_their_times(tmp_path) -> None:
+    """The tool is at each point of the file when the scene says so; its speed is the slope of its path."""
+    (tmp_path / "points.csv").write_text(SQUARE)
+    moved = lab.trajectory(tmp_path / "points.csv", step_ms=5)
+    scene, robot = page_scene(moved), lab.load_robot("irb120")
+    given = np.array([[float(part) for part in line.split(",")[2:5]] for line in SQUARE.splitlines()[1:]])
+    assert list(scene.names) == [line.split(",")[0] for line in SQUARE.splitlines()[1:]]
+    world = se3.transform(robot.T_world_frame0, 1e-3 * given)
+    slow = 5e-3 * float(tool_speeds(moved).max())  # how far the tool moves from one sample to the next, at most
+    assert np.linalg.norm(scene.points - world, axis=1).max() < slow
+    starts = [0.0, *np.cumsum([leg["seconds"] for leg in moved.to_dict()["legs"]])]
+    np.testing.assert_allclose(np.delete(scene.times[scene.stops], 2), starts, atol=0.006)  # c is passed on the circle
+    sampled = moved.sampled
+    steps = np.linalg.norm(np.diff(sampled.Ts_base_tool[:, :3, 3], axis=0), axis=1) / np.diff(sampled.times)
+    middle = (tool_speeds(moved)[1:] + tool_speeds(moved)[:-1]) / 2
+    np.testing.assert_allclose(steps, middle, atol=0.01 * middle.max())

@@ -130,9 +130,7 @@ class ThinnedRun:
 
     def times(self) -> Array:
         """Return the times ``(k,)`` s of the retained rows."""
-        band, count = self.band, self.columns.shape[1]
-        middle = band.margin + (len(band.impulse) - 1) / 2 + band.every * np.arange(count)
-        return np.asarray(self.start_s + band.step_s * middle[self.first : self.last])
+        return np.asarray(self.start_s + self.band.times(self.columns.shape[1])[self.first : self.last])
 
     def thinned(self, values: Array) -> Array:
         """Decimate values ``(n, ...)`` at the rows of ``motion``."""

@@ -20,7 +20,9 @@ from lab.kinematics.dynamics.rigid_body import (
 )
 from lab.kinematics.serial.arm import SerialArm
 
-__all__ = ["LoadEstimate", "Nuisance", "estimate_of", "excitation_advice"]
+__all__ = ["LoadEstimate", "Nuisance", "equivalent_ellipsoid", "estimate_of", "excitation_advice"]
+
+_BALL_KG_M3 = 7850.0  # steel, where the inertia is not known
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class LoadEstimate:
         unidentified: sentences on unidentified parameters, and the motion that would show them.
         verdict: the test of the residuals.
         moved: whether ``physical_consistency`` moved the parameters to physical ones.
+        time_s: ``(n,)`` of the rows, from the beginning of each run on; None of static poses.
     """
 
     method: str
@@ -77,6 +80,7 @@ class LoadEstimate:
     nuisance: tuple[Nuisance, ...]
     verdict: Check
     moved: bool = False
+    time_s: Array | None = None
 
     @property
     def identified(self) -> tuple[str, ...]:
@@ -141,12 +145,14 @@ def estimate_of(
     unidentified: tuple[str, ...],
     verdict: Check,
     gain: float,
+    time_s: Array | None = None,
 ) -> LoadEstimate:
     """Return the load whose ten parameters come first in a solution.
 
     Args:
         nuisance: values and units of the other parameters, by name, of which the solution may hold steps only.
         gain: standard deviation of the solution's rows where that of one reading is one.
+        time_s: ``(n,)`` of the solution's rows; None of static poses.
     """
     identifiable = solution.identifiable[:10]
     phi = np.where(identifiable, solution.values[:10], np.nan)
@@ -177,7 +183,23 @@ def estimate_of(
         unidentified=unidentified,
         nuisance=tuple(found),
         verdict=verdict,
+        time_s=time_s,
     )
+
+
+def equivalent_ellipsoid(mass_kg: float, inertia_kgm2: Array) -> tuple[Array, Array]:
+    """Return half-axes ``(3,)`` m and directions ``(3, 3)`` of the solid ellipsoid with this mass and inertia.
+
+    I_x = m (b^2 + c^2) / 5, and so on; a ball of steel where the inertia is not known or no body has it.
+    """
+    if np.isfinite(inertia_kgm2).all():
+        moments, axes = np.linalg.eigh(inertia_kgm2)
+        squares = 2.5 * (moments.sum() - 2 * moments) / mass_kg
+        if (squares > 0).all():
+            axes[:, 0] *= np.linalg.det(axes)
+            return np.sqrt(squares), axes
+    radius = (0.75 * abs(mass_kg) / np.pi / _BALL_KG_M3) ** (1 / 3)
+    return np.full(3, radius), np.eye(3)
 
 
 def _widths_of(solution: ChannelSolution, slopes: Array) -> Array:

@@ -137,9 +137,17 @@ class _SharedFilter:
             values = self.came_through(values - values[0]) + values[0]
         return self._thinned(values, 0.0, order)
 
+    @property
+    def _cut(self) -> int:
+        """Number of samples at each end in which the filter of the recorded torques settles."""
+        return round(SETTLING_S / self.band.step_s) if self.came_through else 0
+
+    def times(self, count: int) -> Array:
+        """Return the times ``(count,)`` s of decimated rows after the first sample of the run."""
+        return self.band.times(count, self.band.margin + self._cut)
+
     def _thinned(self, values: Array, lead_s: float, order: int) -> Array:
-        cut = round(SETTLING_S / self.band.step_s) if self.came_through else 0
-        thin = self.band.decimated(values[cut : len(values) - cut], lead_s, order)
+        thin = self.band.decimated(values[self._cut : len(values) - self._cut], lead_s, order)
         if self.whiten is None:
             return thin
         white: Array = np.tensordot(self.whiten, thin, axes=1)
@@ -322,7 +330,8 @@ def from_torques(
     nuisance |= {"delay": (late, "s")} if delay else {}
     unidentified = excitation_advice(solution, True, arm, values, runs.joints)
     check = check_residuals(solution, candidates, [Series(0, len(runs.own), runs.common.band.hz)])
-    return estimate_of("torque difference, moving", solution, nuisance, unidentified, check, reading)
+    times = runs.common.times(len(runs.own))
+    return estimate_of("torque difference, moving", solution, nuisance, unidentified, check, reading, times)
 
 
 def _fitted(
@@ -451,6 +460,13 @@ class _Readings:
         ends = [(0, k), (k, rows)] if rows > k else [(0, k)]
         return [Series(first, last, self.band.hz) for first, last in ends]
 
+    def times(self, rows: int) -> Array | None:
+        """Return the times ``(rows,)`` s of the two runs' rows, each from its beginning on; None of static poses."""
+        if self.band is None:
+            return None
+        k = self.at_rest.shape[1]
+        return np.concatenate([self.band.times(k), self.band.times(rows - k, 0)])
+
     def seen(self, late_s: float) -> Array:
         """Return the wrench ``(k, 6)``, at this delay after the positions."""
         return self.raw if self.band is None else self.band.decimated(self.raw, late_s)
@@ -506,7 +522,8 @@ def from_wrench(
     ]
     nuisance = {name: (float(value), _unit(name)) for name, value in zip(labels[10:], found, strict=False)}
     unidentified = excitation_advice(solution, moving, arm, values, records.joints[records.loaded])
-    return estimate_of(f"wrench, {'moving' if moving else 'static'}", solution, nuisance, unidentified, check, reading)
+    kind, times = f"wrench, {'moving' if moving else 'static'}", readings.times(len(solution.residual))
+    return estimate_of(kind, solution, nuisance, unidentified, check, reading, times)
 
 
 def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: Mounting, band_hz: float) -> _Readings:

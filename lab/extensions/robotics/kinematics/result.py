@@ -1,9 +1,9 @@
 """Results of ``lab kinematics``: typed, as plain values, and as a document."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,13 +21,19 @@ from lab.formats.formula_program import FILE_ENDS, function_name, programs_text
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.document import (
+    EVERYWHERE,
+    NARROW,
+    PAGE,
+    Badge,
     Block,
     Bullets,
+    Card,
     Document,
     Figure,
     Paragraph,
     Picture,
     Row,
+    Scene,
     Section,
     Table,
     Warnings,
@@ -36,6 +42,9 @@ from lab.render.document import (
     short,
 )
 from lab.render.scene import placement_picture, skeleton
+
+if TYPE_CHECKING:
+    from lab.render.page_scene import ArmScene
 
 __all__ = ["MOST_DRAWN", "KinematicsResult", "Matrices", "frames_of"]
 
@@ -247,13 +256,19 @@ def _main_picture(result: KinematicsResult) -> Picture:
 
 
 def _kinematics_document(result: KinematicsResult) -> Document:
-    first = next(iter(result.placements), None)
+    first, arm = next(iter(result.placements), None), _arm_section(result)
     at = "" if len(result.placements) < 2 else f" at {first.name}" if first is not None else ""
     return Document(
         _title(result),
         (
+            _card(result),
             Warnings(result.warnings),
-            Section("Solutions" if result.reached else "Poses", (*_reached_blocks(result), *_placements(result))),
+            *arm,
+            Section(
+                "Solutions" if result.reached else "Poses",
+                (*_reached_blocks(result), *_placements(result)),
+                shown_in=NARROW if arm else EVERYWHERE,
+            ),
             Section("Assembly modes", (_modes(result),)),
             Section(f"Differential model{at}", () if first is None else _differential(result, first)),
             Section(f"Link matrices{at}", _matrices(result)),
@@ -261,9 +276,80 @@ def _kinematics_document(result: KinematicsResult) -> Document:
                 "Models in letters",
                 () if result.letters is None else result.letters.blocks(result.robot.chain.joint_names),
             ),
-            Section("Placements", (_figure(result),)),
+            Section("The frames of the links", (_figure(result),)),
         ),
     )
+
+
+def _card(result: KinematicsResult) -> Card:
+    """Summarise the placements: how many solutions there are, how far from a singularity, and what to do."""
+    placed, chain = result.placements, result.robot.chain
+    first = next(iter(placed), None)
+    within = sum(not each.beyond for each in placed)
+    if result.reached:
+        lost = [each for each in result.reached if not each.solutions]
+        badge = Badge("in reach", "good")
+        if lost:
+            many = f"{len(lost)} of {len(result.reached)} poses out of reach"
+            badge = Badge("out of reach" if len(result.reached) == 1 else many, "bad")
+        numbers = [("solutions", str(len(placed)), "after"), ("within the limits", str(within), "")]
+        if lost and np.isfinite(lost[0].gap_m):
+            numbers.append(("nearest place", f"{short(MM.of(lost[0].gap_m))} mm away", ""))
+    else:
+        badge = Badge("within the limits", "good") if within == len(placed) else Badge("beyond a limit", "doubtful")
+        numbers = [("poses", str(len(placed)), "after")]
+        if len(placed) == 1 and first is not None and np.isfinite(first.T_base_tool).all():
+            at = ", ".join(fixed(value, 1) for value in MM.of(first.T_base_tool[:3, 3]))
+            numbers = [("the tool is at x, y, z, mm", at, "after")]
+    if first is not None and np.isfinite(first.jacobian).all():
+        most = min(len(_TWIST), len(chain.joint_names))
+        numbers.append((f"rank at {first.name}" if len(placed) > 1 else "rank", f"{first.rank} of {most}", ""))
+        numbers.append(("manipulability", _size(first.manipulability), ""))
+        if first.rank < most:
+            badge = Badge("singular", "doubtful")
+    about = "Rank and manipulability are those of the Jacobian in m and rad."
+    return Card(("Pose: " if result.reached else "Joints: ", badge), tuple(numbers), about, _next(result, first))
+
+
+def _next(result: KinematicsResult, first: Placement | None) -> str:
+    """Return what to do with the solutions."""
+    if result.reached and not all(each.solutions for each in result.reached):
+        return "Move the pose nearer to the robot, or turn it; lab workspace shows what is reached."
+    if first is not None and first.rank < min(len(_TWIST), len(result.robot.chain.joint_names)):
+        return "Keep motions away from here: at a singularity some joints turn however slowly the tool moves."
+    if any(each.beyond for each in result.placements):
+        return "Take a solution within the limits; the remarks name the joints that are beyond them."
+    if len(result.placements) > 1 and result.reached:
+        return "Choose the configuration that the motion keeps, and give its joints to lab trajectory."
+    return "Plan a motion from here with lab trajectory."
+
+
+def _arm_section(result: KinematicsResult) -> tuple[Section, ...]:
+    """Show the arm at its placements, beside the solutions and their configurations; nothing where none closes."""
+    shown = [each for each in result.placements if np.isfinite(each.T_base_tool).all()][:MOST_DRAWN]
+    if not shown:
+        return ()
+    more = f" The first {MOST_DRAWN} are shown." if len(result.placements) > MOST_DRAWN else ""
+    caption = (
+        "The arm in each solution, the others see-through." if len(shown) > 1 else "The arm at this pose."
+    ) + more
+    scene = Scene("placements-scene", lambda: _page_scene(result, shown), caption)
+    title = "The arm in its solutions" if result.reached else "The arm at its poses"
+    blocks = (scene, *_reached_blocks(result), *_placements(result))
+    return (Section(title, blocks, shown_in=PAGE),)
+
+
+def _page_scene(result: KinematicsResult, shown: Sequence[Placement]) -> "ArmScene":
+    """The arm at placements, all of them at a time."""
+    from lab.render.page_scene import posed_arm  # which imports MuJoCo
+
+    arm, model = result.robot.arm(("p1",)), result.robot.whole.model
+    joints = np.array([each.joints for each in shown])
+    values = arm.nominal({"p1": result.options.tool_m})
+    posed = posed_arm(model, arm, values, joints, [each.name or "pose" for each in shown])
+    kind = "solution" if result.reached else "pose"
+    ghosts = f"all {kind}s" if len(shown) > 1 else ""
+    return replace(posed, kind=kind, all_text="", ghosts_text=ghosts)
 
 
 def _configuration_text(configuration: Mapping[str, str]) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.campaign.robot import Robot
 from lab.commands.result import Result, joint_values, number, tidy
@@ -25,13 +26,9 @@ from lab.formats.programs.protocol import MoveKind, PathMoves
 from lab.formats.programs.registry import path_file, path_program, refusal
 from lab.kinematics.effects.effect import AXES
 from lab.kinematics.joints import JointSpec
-from lab.render.charts.chart import axes_picture
-from lab.render.charts.marks import Axes
-from lab.render.document import Document, Figure, Paragraph, Picture, Section, Table, Warnings, fixed, sentence
-from lab.render.style import SERIES
 from lab.simulation.collisions import collides, describe_collisions
 
-__all__ = ["TrajectoryResult", "path_moves", "refuse_collisions"]
+__all__ = ["TrajectoryResult", "angles_deg", "lengths_mm", "mean_and_max", "path_moves", "refuse_collisions"]
 
 
 @dataclass(frozen=True)
@@ -65,8 +62,8 @@ class TrajectoryResult(Result):
     """
 
     command = "trajectory"
-    shown_by = "lab.extensions.robotics.trajectory.result:_trajectory_document"
-    drawn_by = "lab.extensions.robotics.trajectory.result:_main_picture"
+    shown_by = "lab.extensions.robotics.trajectory.document:trajectory_document"
+    drawn_by = "lab.extensions.robotics.trajectory.document:main_picture"
     recorded_by = "lab.extensions.robotics.trajectory.recording:record_trajectory"
 
     options: TrajectoryOptions
@@ -109,6 +106,20 @@ class TrajectoryResult(Result):
         Ts = arm.tool(joints, arm.nominal({"p1": self.options.tool_m}))[0]
         jerks = None if self.chain.jerk is None else self.motion.jerks_at(times)
         return _Sampled(times, joints, speeds, accelerations, Ts, jerks)
+
+    @cached_property
+    def passed(self) -> tuple[tuple[str, ...], NDArray[np.int_]]:
+        """Ids ``(p,)`` of the points, and the sampled time nearest to each, in order."""
+        ids, rows = [self.legs[0].points[0]], [0]
+        ends = np.searchsorted(self.sampled.times, self.motion.starts[1:] - 1e-9).tolist()
+        for leg, end in zip(self.legs, ends, strict=True):
+            for name, there in zip(leg.points[1:-1], leg.waypoints[1:-1], strict=True):
+                part = self.sampled.joints[rows[-1] : end + 1]
+                ids.append(name)
+                rows.append(rows[-1] + int(np.abs(part - there).max(axis=1).argmin()))
+            ids.append(leg.points[-1])
+            rows.append(min(end, len(self.sampled.times) - 1))
+        return tuple(ids), np.array(rows)
 
     @cached_property
     def tracking(self) -> Tracking | None:
@@ -203,11 +214,11 @@ class TrajectoryResult(Result):
         displacing, turning = corrected.directions
         return {
             "payload_kg": number(self.tracked.payload_kg),
-            "error_mm": _mean_and_max(_lengths_mm(self.tracking.total)),
-            "error_deg": _mean_and_max(_angles_deg(self.tracking.total)),
-            "parts_mm": {name: _mean_and_max(_lengths_mm(part)) for name, part in self.tracking.parts.items()},
-            "left_mm": _mean_and_max(_lengths_mm(corrected.left)),
-            "left_deg": _mean_and_max(_angles_deg(corrected.left)),
+            "error_mm": mean_and_max(lengths_mm(self.tracking.total)),
+            "error_deg": mean_and_max(angles_deg(self.tracking.total)),
+            "parts_mm": {name: mean_and_max(lengths_mm(part)) for name, part in self.tracking.parts.items()},
+            "left_mm": mean_and_max(lengths_mm(corrected.left)),
+            "left_deg": mean_and_max(angles_deg(corrected.left)),
             "largest_corrections": _joint_list(self.chain, np.abs(corrected.joints - joints).max(axis=0)),
             "directions": {"position": displacing, "rotation": turning},
             "not_made_up_for": [name for name, made in zip(AXES, self.tracking.movable, strict=True) if not made],
@@ -258,7 +269,7 @@ class TrajectoryResult(Result):
         table: dict[str, Array | Sequence[str]] = {"time_s": self.sampled.times}
         table |= joint_columns(self.robot.chain, found.corrected.joints)
         table |= {f"error_{axis}_mm": MM.of(found.total[:, i]) for i, axis in enumerate("xyz")}
-        table |= {f"{name.replace(' ', '')}_mm": _lengths_mm(part) for name, part in found.parts.items()}
+        table |= {f"{name.replace(' ', '')}_mm": lengths_mm(part) for name, part in found.parts.items()}
         table |= _six_columns([f"left_{axis}" for axis in AXES], found.corrected.left)
         table |= {"incomplete": found.corrected.reasons}
         for link, torsor in found.torsors.items():
@@ -278,217 +289,23 @@ def _steady(quaternions: Array) -> Array:
     return np.asarray(quaternions * np.cumprod(np.append(1.0, turned))[:, None])
 
 
-def _lengths_mm(error: Array) -> Array:
+def lengths_mm(error: Array) -> Array:
     """Return the lengths ``(k,)`` of position errors ``(k, 6)``."""
     return MM.of(np.linalg.norm(error[:, :3], axis=1))
 
 
-def _mean_and_max(lengths: Array) -> dict[str, float | None]:
+def mean_and_max(lengths: Array) -> dict[str, float | None]:
+    """Return the mean and the largest of lengths ``(k,)``; None where they are not finite."""
     return {"mean": number(float(lengths.mean())), "max": number(float(lengths.max()))}
 
 
-def _angles_deg(error: Array) -> Array:
+def angles_deg(error: Array) -> Array:
     """Return the angles ``(k,)`` of rotation errors ``(k, 6)``."""
     return DEGREES.of(np.linalg.norm(error[:, 3:], axis=1))
 
 
 def _joint_list(chain: JointSpec, values: Array) -> list[float | None]:
     return [tidy(value) if np.isfinite(value) else None for value in joint_values(chain.prismatic, values)]
-
-
-_STILL = 1e-9  # rad/s or m/s
-_MAX_LEGS = 40  # rows of the table of moves
-_LAWS = {
-    "common": "In moves of the joints all have their phases in common: from rest to rest they move in a straight line.",
-    "own": "In moves of the joints all start and stop together, each with phases of its own.",
-    "independent": "In moves of the joints all start together, and each stops as soon as it can.",
-}
-
-
-def _main_picture(result: TrajectoryResult) -> Picture:
-    return _curve_pictures(result)[0]
-
-
-def _trajectory_document(result: TrajectoryResult) -> Document:
-    seconds = result.motion.seconds
-    points = sum(len(leg.points) - 1 for leg in result.legs) + 1
-    smooth = "Jerk is limited" if result.chain.jerk is not None else "Jerk is not limited (--jerks)"
-    return Document(
-        f"{result.robot.name}: {fixed(seconds, 5)} s through {points} points",
-        (
-            Warnings(result.warnings),
-            Section("Moves", (_legs(result), *_own_times(result))),
-            Section("Joints", (_joints(result), Paragraph(f"{_LAWS[result.options.law]} {smooth}.", "note"))),
-            *_errors(result),
-            Section("Over time", (_figure(result),)),
-            Section("Files", (_files(result),)),
-        ),
-    )
-
-
-def _files(result: TrajectoryResult) -> Paragraph:
-    """Report the checks, the program, and the decisions it leaves to the controller."""
-    checked = (
-        "The whole motion was checked for collisions, with the arm itself and with the surroundings that are known."
-        if result.checked
-        else f"Nothing was checked for collisions: {result.unchecked_reason}."
-    )
-    if result.program is None:
-        return Paragraph(f"{checked} {sentence(result.no_program or '')}")
-    text = f"{checked} {result.program} has the moves; the controller stops at each point and finds the way between."
-    ends = [leg.move.at(np.array([leg.move.seconds]))[1] for leg in result.legs[:-1] if leg.kind == "joint"]
-    passed = result.options.blend(result.chain) is not None or any(np.abs(speeds).max() > _STILL for speeds in ends)
-    return Paragraph(f"{text} Points that are passed without a stop here are stopped at there." if passed else text)
-
-
-def _errors(result: TrajectoryResult) -> tuple[Section, ...]:
-    if result.tracked is None or result.tracking is None:
-        return ()
-    found, values = result.tracking, result.to_dict()["tracking"]
-    errors = {"in all": found.total, **found.parts, "left after the correction, by the model": found.corrected.left}
-    cells = tuple(
-        (
-            name,
-            *map(_um, _mean_and_max(_lengths_mm(each)).values()),
-            *map(_um, _mean_and_max(_angles_deg(each)).values()),
-        )
-        for name, each in errors.items()
-    )
-    chain, largest = result.chain, values["largest_corrections"]
-    joints = ", ".join(
-        f"{name} {size:.3g}{' mm' if slides else '°'}"
-        for name, size, slides in zip(chain.joint_names, largest, chain.prismatic, strict=True)
-    )
-    text = (
-        f"With {values['payload_kg']:.4g} kg, under gravity and the inertia of the motion, at rest at each instant: "
-        f"vibration is left out. Joint positions that make up for it are in corrected.csv: by up to {joints}."
-    )
-    displacing, turning = found.corrected.directions
-    if displacing + turning < len(AXES):
-        text += (
-            f" The joints correct the position in {displacing} of 3 directions and the rotation in {turning} of 3. "
-            "These change with the pose; the rest of the error remains."
-        )
-    if values["not_made_up_for"]:
-        text += f" No joint moves the tool along {', '.join(values['not_made_up_for'])} at any time."
-    figure = Figure("errors", (_error_picture(result, found),), "What the tool misses its path by, in all and by part.")
-    table = Table(("part", "mean, µm", "max, µm", "mean, m°", "max, m°"), cells)
-    return (Section("Errors along the way", (Paragraph(text), table, figure)),)
-
-
-def _um(length_mm: float | None) -> str:
-    return "–" if length_mm is None else f"{1e3 * length_mm:.3g}" if length_mm >= 1e-6 else "< 0.001"
-
-
-def _error_picture(result: TrajectoryResult, found: Tracking) -> Picture:
-    curves = {"in all": found.total, **found.parts}
-
-    def draw(axes: Axes) -> None:
-        for i, (name, error) in enumerate(curves.items()):
-            axes.plot(
-                result.sampled.times,
-                _lengths_mm(error),
-                "-",
-                color=SERIES[i % len(SERIES)][0],
-                linewidth=1.3,
-                label=name,
-            )
-        axes.set(xlabel="time, s", ylabel="mm", title="errors of the tool")
-        axes.legend(loc="best", fontsize=7)
-
-    return axes_picture("errors", "Errors of the tool over time", (7.5, 2.4), draw, (0.8, 0.5, 0.2, 0.3))
-
-
-def _curve_pictures(result: TrajectoryResult) -> tuple[Picture, ...]:
-    """Draw joint positions over time; then rates as percentages of their limits."""
-    sampled, chain = result.sampled, result.chain
-    units = {"mm" if slides else "°" for slides in chain.prismatic}
-    positions = joint_values(chain.prismatic, sampled.joints)
-    rates = [("speeds", sampled.speeds, chain.speed), ("accelerations", sampled.accelerations, chain.acceleration)]
-    if sampled.jerks is not None and chain.jerk is not None:
-        rates.append(("jerks", sampled.jerks, chain.jerk))
-    return (
-        _curves("positions", result, positions, f"{' or '.join(sorted(units))}", limited=False),
-        *(_curves(name, result, 100 * values / limit, "% of the limit", limited=True) for name, values, limit in rates),
-    )
-
-
-def _curves(name: str, result: TrajectoryResult, shown: Array, unit: str, *, limited: bool) -> Picture:
-    times, steps = result.sampled.times, name == ("accelerations" if result.chain.jerk is None else "jerks")
-
-    def draw(axes: Axes) -> None:
-        for j, (joint, column) in enumerate(zip(result.robot.chain.joint_names, shown.T, strict=True)):
-            colour, style = SERIES[j % len(SERIES)][0], "steps-post" if steps else "default"
-            axes.plot(times, column, "-", color=colour, linewidth=1.3, label=joint, drawstyle=style)
-        for start in result.motion.starts[1:-1]:
-            axes.axvline(start, color="0.85", linewidth=0.8, zorder=0)
-        for limit in (-100, 100) if limited else ():
-            axes.axhline(limit, color="0.4", linewidth=0.9, linestyle="--", zorder=0)
-        axes.set(xlabel="time, s", ylabel=unit, title=name)
-        if limited:
-            axes.set(ylim=(-112, 112), yticks=(-100, -50, 0, 50, 100))
-        else:
-            axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=7)
-
-    return axes_picture(name, f"Joint {name} over time", (7.5, 2.4), draw, (0.8, 0.5, 0.8, 0.3))
-
-
-def _legs(result: TrajectoryResult) -> Table:
-    rows = []
-    for leg, start in zip(result.legs, result.motion.starts, strict=False):
-        along = "" if np.isnan(leg.length_m) else f"{fixed(MM.of(leg.length_m), 2)} mm"
-        along += f", turns {fixed(np.rad2deg(leg.turn_rad), 2)}°" if leg.turn_rad > 1e-9 else ""
-        rows.append((" → ".join(leg.points), leg.kind, fixed(start, 5), fixed(leg.move.seconds, 5), along))
-    columns = ("points", "move", "starts at, s", "takes, s", "path of the tool")
-    return Table(columns, tuple(rows), most_rows=_MAX_LEGS)
-
-
-def _own_times(result: TrajectoryResult) -> tuple[Table, ...]:
-    """Tabulate the shortest time of each joint alone, and the joint that constrains the move."""
-    rows = []
-    for leg, values in zip(result.legs, result.to_dict()["legs"], strict=True):
-        if values["constrained_by"] is not None:
-            times = (fixed(sum(phases), 5) for phases in values["own_phases"])
-            by_phase = ", ".join(name or "–" for name in values["phases_constrained_by"])
-            rows.append((" → ".join(leg.points), *times, f"{values['constrained_by']} ({by_phase})"))
-    names = (f"{name}, s" for name in result.robot.chain.joint_names)
-    caption = (
-        "Shortest time of each joint alone, not synchronised, and the joint that constrains the move (and each of its "
-        "phases: change of speed, cruise, change of speed)."
-    )
-    heads = ("points", *names, "constrained by")
-    return (Table(heads, tuple(rows), caption, most_rows=_MAX_LEGS, rest_in="--json"),) if rows else ()
-
-
-def _joints(result: TrajectoryResult) -> Table:
-    chain, sampled = result.chain, result.sampled
-    low, high = (joint_values(chain.prismatic, each(sampled.joints, axis=0)) for each in (np.min, np.max))
-    speeds, accelerations = result.motion.peaks
-    rates = {"speed, per s": (speeds, chain.speed), "acceleration, per s²": (accelerations, chain.acceleration)}
-    if chain.jerk is not None:
-        rates["jerk, per s³"] = (result.motion.peak_jerk, chain.jerk)
-    columns = [_peaks(result, *each) for each in rates.values()]
-    rows = tuple(
-        (name, "mm" if chain.prismatic[j] else "°", f"{fixed(low[j], 2)} … {fixed(high[j], 2)}",
-         *(column[j] for column in columns))
-        for j, name in enumerate(chain.joint_names)
-    )  # fmt: skip
-    return Table(("joint", "", "from … to", *(f"peak {name}" for name in rates)), rows)
-
-
-def _peaks(result: TrajectoryResult, peaks: Array, limits: Array) -> list[str]:
-    """Format the largest rate of each joint, beside its limit."""
-    shown = (joint_values(result.chain.prismatic, each) for each in (peaks, limits))
-    return [
-        f"{fixed(peak, 2)} of {fixed(most, 1)}" if most < np.inf else "not limited"
-        for peak, most in zip(*shown, strict=True)
-    ]
-
-
-def _figure(result: TrajectoryResult) -> Figure:
-    rates = "speeds and accelerations" if result.chain.jerk is None else "speeds, accelerations and jerks"
-    caption = f"Joint positions; {rates} as shares of each joint's limit (dashed). Grey lines part the moves."
-    return Figure("curves", _curve_pictures(result), caption)
 
 
 _STEP_M = 0.01  # largest motion of a point of the arm between two checks

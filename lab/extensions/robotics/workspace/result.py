@@ -1,8 +1,8 @@
 """Results of ``lab workspace``: typed, as plain values, and as a document."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,12 +21,27 @@ from lab.extensions.robotics.workspace.options import WorkspaceOptions
 from lab.formats.csv_table import write_columns
 from lab.render.charts.chart import axes_picture, figure_picture
 from lab.render.charts.marks import Axes
-from lab.render.document import Bullets, Document, Figure, Picture, Section, Table, Warnings, short
-from lab.render.style import AFTER, COLOUR_SCALE, INK
-from lab.render.surfaces import mesh_of, write_stl
+from lab.render.document import (
+    Badge,
+    Bullets,
+    Card,
+    Document,
+    Figure,
+    Picture,
+    Scene,
+    Section,
+    Table,
+    Warnings,
+    short,
+)
+from lab.render.scene import moved
+from lab.render.style import AFTER, COLOUR_SCALE, INK, MUTED, RGB_MAPPING, rgb
+from lab.render.surfaces import halved, mesh_of, write_stl
 
 if TYPE_CHECKING:
     import matplotlib.axes
+
+    from lab.render.page_scene import ArmScene
 
 __all__ = ["RobotWorkspace", "WorkspaceResult"]
 
@@ -199,17 +214,81 @@ def _workspace_document(result: WorkspaceResult) -> Document:
     return Document(
         f"Workspaces of {len(result.robots)} robots" if several else _title(result.robots[0]),
         (
+            _comparison_card(result) if several else _card(result.robots[0]),
             Warnings(result.warnings),
             *((_comparison(result),) if several else ()),
             *(
                 Section(
                     each.robot.name if several else "Workspace",
-                    (Bullets(_lines(each)), Figure(f"sections-{i + 1}", _section_pictures(each, i), _caption(each))),
+                    (
+                        Scene(f"workspace-scene-{i + 1}", partial(_page_scene, each, mesh), _SCENE[each.plane]),
+                        Bullets(_lines(each)),
+                        Figure(f"sections-{i + 1}", _section_pictures(each, i), _caption(each)),
+                    ),
                 )
-                for i, each in enumerate(result.robots)
+                for i, (each, mesh) in enumerate(zip(result.robots, result.meshes, strict=True))
             ),
         ),
     )
+
+
+_SCENE = {  # of volumes and of areas
+    False: "The robot at home within the boundary of what its tool reaches, cut open at y = 0, with the edges of the "
+    "sections.",
+    True: "The robot at home, with the edge of what its tool reaches.",
+}
+
+
+def _card(each: RobotWorkspace) -> Card:
+    """Summarise one robot's workspace: its size, how far it reaches, in how many orientations, and what to do."""
+    values, found = each.to_dict(), each.space.measured
+    numbers = [("reaches", _size(each, each.size), "after")]
+    if each.reach_m is not None:
+        low, high = (printed(round(MM.of(end))) for end in each.reach_m)
+        numbers.append(("from axis 1", f"{low} … {high} mm", ""))
+    if (turned := values["orientations"]) is not None:
+        numbers.append(("orientations there, in the mean", f"{100 * turned['mean_share']:.0f} %", ""))
+    badge = Badge("no enclosed void", "good")
+    if found.voids:
+        badge = Badge(counted(len(found.voids), "enclosed void"), "doubtful")
+    cell, step = values["cell"], "Give your cell with --cell to see what is left of it among its obstacles."
+    if cell is not None:
+        numbers.append((f"free in {cell['name']}", f"{100 * cell['free_share']:.0f} %", ""))
+        step = "Plan poses in it with lab design, or a motion with lab trajectory."
+    by = "the closed form of the inverse" if each.space.by_place.exact else "a search for an inverse"
+    about = f"What the tool's point reaches, by {by} at each place."
+    return Card(("Workspace: ", badge), tuple(numbers), about, step)
+
+
+def _comparison_card(result: WorkspaceResult) -> Card:
+    """Summarise several workspaces: which robot reaches most."""
+    order = sorted(result.robots, key=lambda each: -each.size)
+    numbers = tuple((each.robot.name, _size(each, each.size), "after" * (not i)) for i, each in enumerate(order[:4]))
+    alike = len({each.plane for each in order}) == 1
+    verdict = ("Largest: ", Badge(order[0].robot.name)) if alike else ("Areas and volumes",)
+    step = "Choose by size, voids and orientations below; then lab workspace of one robot with --cell."
+    figure = Figure("sizes", (_size_picture(result),), "What each robot reaches.")
+    return Card(verdict, numbers, "Sizes of what the tools' points reach.", step, (figure,))
+
+
+def _page_scene(each: RobotWorkspace, mesh: "trimesh.Trimesh") -> "ArmScene":
+    """The robot at home, the boundary of its workspace cut open, and the edges of its sections."""
+    from lab.render.page_scene import Line, Surface, posed_arm
+
+    model, arm = each.robot.model, each.space.arm
+    T = model.T_world_frame0
+    posed = posed_arm(model, arm, each.space.values, arm.chain.home[None], ["home"])
+    half, lines, surfaces = halved(mesh), list[Line](), list[Surface]()
+    if len(half.faces):
+        surfaces.append(Surface("boundary", moved(T, np.asarray(half.vertices)), np.asarray(half.faces), RGB_MAPPING))
+    for section in each.sections:
+        places = np.full((len(section.vertices), 3), section.level_m)
+        places[:, section.axes] = section.vertices
+        ends = moved(T, places)[section.segments]  # (k, 2, 3), parted by a point that is not drawn
+        points = np.concatenate([ends, np.full((len(ends), 1, 3), np.nan)], axis=1).reshape(-1, 3)
+        name = "section " + "".join("xyz"[axis] for axis in section.axes)
+        lines.append(Line(name, points, rgb(MUTED)))
+    return replace(posed, lines=lines, surfaces=surfaces, all_text="")
 
 
 def _title(each: RobotWorkspace) -> str:
@@ -231,8 +310,7 @@ def _comparison(result: WorkspaceResult) -> Section:
             str(len(found.voids)), "–" if share is None else f"{100 * share['mean_share']:.0f} %",
         ))  # fmt: skip
     columns = ("robot", "size", "by Monte Carlo", "from axis 1, mm", "voids", "orientations")
-    figure = Figure("sizes", (_size_picture(result),), "What each robot reaches.")
-    return Section("Comparison", (Table(columns, tuple(rows)), figure))
+    return Section("Comparison", (Table(columns, tuple(rows)),))
 
 
 def _size_picture(result: WorkspaceResult) -> Picture:
