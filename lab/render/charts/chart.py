@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from markupsafe import Markup
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "Chart", "Sheet", "arrow", "axes_picture", "cube", "figure_picture", "inline_svg", "log_ticks", "place",
-    "save_figure", "shades", "view",
+    "Chart", "Sheet", "arrow", "axes_picture", "cube", "figure_picture", "inline_svg", "log_ticks", "name_points",
+    "place", "save_figure", "shades", "view",
 ]  # fmt: skip
 
 _POINTS = 72  # per inch
@@ -61,6 +61,8 @@ class Sheet:
         self.labels: list[_Draw] = []  # which may lie beyond the axes
         self.shown_legend: Legend | None = None
         self.title, self.equal, self.hidden = "", "", False
+        self.named: list[_Named] = []
+        self._insets: list[tuple[tuple[float, float, float, float], Sheet]] = []
         self._marks: list[tuple[float, _Draw]] = []
         self._entries: list[Entry] = []
         self._patterns: dict[str, str] = {}
@@ -99,7 +101,6 @@ class Sheet:
         clip = f"{self.name}-area"
         parts = [
             f'<defs><clipPath id="{clip}"><path d="{area}"/></clipPath>{"".join(self._patterns.values())}</defs>',
-            svg.path(svg.rectangle((0, self.width), (0, self.height)), fill="#ffffff"),
             f'<g font-family="{self.font}">',
         ]
         if not self.hidden:
@@ -119,9 +120,37 @@ class Sheet:
             parts.append(svg.beside(self.y, up, ticks[1], across.start, middle[1]))
         parts.append(svg.heading(self.title, across, up))
         parts += [draw(across, up) for draw in self.labels]
+        parts += [inset.within(bounds, across, up) for bounds, inset in self._insets]
         if self.shown_legend is not None and self._entries:
             parts.append(self.shown_legend.drawn(self._entries, across, up, self._drawn_points(across, up)))
         return "".join([*parts, "</g>"])
+
+    def inset_axes(self, bounds: tuple[float, float, float, float]) -> Self:
+        """Axes beside or in these: left, bottom, width and height as shares of these."""
+        name, size = f"{self.name}-inset{len(self._insets)}", (self.width / _POINTS, self.height / _POINTS)
+        made = type(self)(name, size, (0.0, 0.0, 0.0, 0.0), self.font)
+        self._insets.append((bounds, made))
+        return made
+
+    def within(self, bounds: tuple[float, float, float, float], across: Scale, up: Scale) -> str:
+        """The elements of these axes in a part of those of the scales."""
+        wide, tall = across.end - across.start, up.start - up.end
+        self.left, self.bottom = across.start + bounds[0] * wide, self.height - up.start + bounds[1] * tall
+        self.right, self.top = self.width - self.left - bounds[2] * wide, self.height - self.bottom - bounds[3] * tall
+        return self.svg()
+
+    def named_points(self) -> list[tuple[float, float, str, str, str]]:
+        """Places of the points within the axes that have a name, with thing, name and text of each."""
+        across, up = self.scales()
+        found = []
+        for each in self.named:
+            at = across(np.asarray(each.x, float)), up(np.asarray(each.y, float))
+            inside = (at[0] >= across.start) & (at[0] <= across.end) & (at[1] <= up.start) & (at[1] >= up.end)
+            found += [
+                (float(at[0][i]), float(at[1][i]), each.thing, each.names[i], each.texts[i])
+                for i in np.flatnonzero(inside).tolist()
+            ]
+        return found
 
     def _drawn_points(self, across: Scale, up: Scale) -> Array:
         if not self.points:
@@ -146,6 +175,26 @@ class Sheet:
                 top, bottom = top + per * more[1] / 2, bottom - per * more[1] / 2
         x = Scale(low, high, left, right, self.x.logarithmic)
         return x, Scale(under, over, bottom, top, self.y.logarithmic)
+
+
+class _Named(NamedTuple):
+    thing: str
+    x: ArrayLike
+    y: ArrayLike
+    names: Sequence[str]
+    texts: Sequence[str]
+
+
+def name_points(axes: Axes, thing: str, x: ArrayLike, y: ArrayLike, names: Sequence[str], texts: Sequence[str]) -> None:
+    """Name the points ``(n,)`` of a page's chart for those who point at them; on paper nothing changes.
+
+    Args:
+        thing: what each is, as ``pose``: the heading of the column of a table in which its name stands.
+        names: the name of each.
+        texts: what is known of each, as ``0.031 mm``.
+    """
+    if isinstance(axes, Sheet):
+        axes.named.append(_Named(thing, x, y, names, texts))
 
 
 def place(at: Any, coordinates: _Coordinates, across: Scale, up: Scale) -> tuple[float, float]:
@@ -324,6 +373,32 @@ class Chart(Sheet):
         self.reach(xs, ys)
         self.add(1.0, lambda across, up: svg.path(svg.line(across(xs), up(ys)) + "z", tint, linewidth, tint, alpha))
 
+    def quiver(
+        self, x: ArrayLike, y: ArrayLike, u: ArrayLike, v: ArrayLike, *, color: str = _FIRST, alpha: float = 1.0,
+        width: float = 0.005, angles: str = "xy", scale_units: str = "xy", scale: float = 1.0, zorder: float = 2.0,
+    ) -> None:  # fmt: skip
+        """Arrows at points ``(n,)``; ``u`` and ``v`` are by the axes' scales, ``width`` is a share of their width."""
+        xs, ys, right, over = (np.asarray(each, float).ravel() for each in (x, y, u, v))
+        tint = svg.colour(color)
+        self.reach(xs, ys)
+        self.points.append((xs, ys))
+
+        def draw(across: Scale, up: Scale) -> str:
+            tails = np.stack([across(xs), up(ys)], axis=-1)
+            tips = np.stack([across(xs + right / scale), up(ys + over / scale)], axis=-1)
+            along = tips - tails
+            length = np.linalg.norm(along, axis=1, keepdims=True)
+            thick = max(width * (across.end - across.start), 0.6)
+            head = np.minimum(5 * thick, 0.6 * length) * along / np.maximum(length, 1e-9)
+            aside = 0.45 * head[:, ::-1] * [-1, 1]
+            known = np.isfinite(tips).all(axis=1) & np.isfinite(tails).all(axis=1)
+            steps = np.concatenate([tails, along, aside - head, head - aside, -aside - head], axis=1)[known]
+            text = "M{:.0f} {:.0f}l{:.1f} {:.1f}m{:.1f} {:.1f}l{:.1f} {:.1f} {:.1f} {:.1f}"
+            data = "".join(text.format(*each) for each in steps.tolist())
+            return svg.path(data, tint, thick, alpha=alpha, more=svg.ROUND)
+
+        self.add(zorder, draw)
+
     def imshow(self, colours: ArrayLike) -> None:
         """A matrix of colours ``(m, n, 3)`` from 0 to 1, its first row on top, cells as wide as high."""
         given = np.asarray(colours, float)
@@ -370,7 +445,7 @@ class Chart(Sheet):
         """Limits, ticks, scales, labels and the title, by matplotlib's names."""
         for name, value in values.items():
             if name == "title":
-                self.title = value
+                self._set_title(value)
                 continue
             axis, what = {"x": self.x, "y": self.y}[name[0]], name[1:]
             if what == "lim":
@@ -423,6 +498,12 @@ class Chart(Sheet):
     def axis(self, which: Literal["off"]) -> None:
         """Hides the axes."""
         self.hidden = which == "off"
+
+    def _set_title(self, title: str) -> None:
+        """Break a title that is wider than the axes' room; each line more makes the picture higher."""
+        lines = svg.broken(title, self.width - 2 * max(self.right, svg.LINE))
+        more = svg.LINE * (lines.count("\n") - self.title.count("\n"))
+        self.height, self.top, self.title = self.height + more, self.top + more, lines
 
     def _axes(self, which: str) -> tuple[ChartAxis, ...]:
         return {"x": (self.x,), "y": (self.y,), "both": (self.x, self.y)}[which]
@@ -478,12 +559,12 @@ def _between(x: Array, y: Array) -> tuple[Array, Array]:
 _PROLOGUE = re.compile(r"^.*?(?=<svg\b)|<metadata>.*?</metadata>", re.DOTALL)
 _STYLE = re.compile(r'<defs>\s*<style type="text/css">\*\{(.*?)\}</style>\s*</defs>')  # of every element of a page
 _NAMES = re.compile(r'(\bid="|url\(#|href="#)')
-_POINTS_PER_INCH, _PX_PER_INCH = 72, 96
+_PX_PER_INCH = 96
 _FONT = "DejaVu Sans, Arial, sans-serif"
 _SEEN_FROM = {(0, 1): "from above", (0, 2): "from the side"}
 _MARGINS = (0.7, 0.5, 0.15, 0.3)
 _DOTS_PER_INCH = 130  # of a PNG
-_HALF_PX = 480  # a picture no wider than this has room for another beside it
+_SMALL_PX, _HALF_PX = 240, 480  # the widest of which a phone has room for one, a sheet of paper for two
 
 
 def axes_picture(
@@ -534,20 +615,41 @@ def figure_picture(
     return Picture(name, label, figure)
 
 
+_PAINT = re.compile(r'((?:fill|stroke|stop-color)(?:="|: ?))#([0-9a-f]{6})\b')
+_LETTERS = re.compile(r'font-size(?:="|: ?)([\d.]+)|font: (?:bold )?([\d.]+)px')
+_LEAST_PX = 10.0  # the height of letters on a page, however narrow it is
+
+
 def inline_svg(picture: Picture) -> Markup:
-    """A picture as a part of a page: without prologue and metadata, its ids its own, with a title."""
+    """A picture as a part of a page: without prologue and metadata, its ids its own, with a title.
+
+    Its colours are variables, ``--c-rrggbb``, to which the page gives a light and a dark value. It is not shown so
+    small that a letter is less than 10 px high.
+    """
+    named: list[tuple[float, float, str, str, str]] = []
     if picture.chart is None:
         width, height, drawn = _matplotlib_svg(picture)
     else:
         chart = picture.chart()
-        width, height, drawn = chart.width, chart.height, chart.svg() + "</svg>"
-    pixels = round(width * _PX_PER_INCH / _POINTS_PER_INCH)
+        drawn = chart.svg() + "</svg>"
+        width, height, named = chart.width, chart.height, chart.named_points()
+    smallest = min((float(a or b) for a, b in _LETTERS.findall(drawn)), default=_LEAST_PX) * _PX_PER_INCH / _POINTS
+    narrowest = round(width * _PX_PER_INCH / _POINTS * _LEAST_PX / smallest + 0.5)
+    pixels = max(round(width * _PX_PER_INCH / _POINTS), narrowest)
     form = Markup(
-        '<svg viewBox="0 0 {:g} {:g}" class="{}" role="img" aria-label="{}" style="max-width: {}px"><title>{}</title>{}'
+        '<svg viewBox="0 0 {:g} {:g}" class="{}" role="img" aria-label="{}" style="width: {}px; min-width: {}px"{}>'
+        "<title>{}</title>{}"
     )
-    kind = "half" if pixels <= _HALF_PX else "wide"
-    # both escape what they are given
-    return form.format(width, height, kind, picture.label, pixels, picture.label, Markup(drawn))
+    kind = "small" if pixels <= _SMALL_PX else "half" if pixels <= _HALF_PX else "wide"
+    points = "\n".join("\t".join((f"{x:.0f}", f"{y:.0f}", *map(_in_one_line, rest))) for x, y, *rest in named)
+    data = Markup(' data-points="{}"').format(points) if points else ""
+    drawn = _PAINT.sub(r"\1var(--c-\2)", drawn)
+    # all escape what they are given
+    return form.format(width, height, kind, picture.label, pixels, narrowest, data, picture.label, Markup(drawn))
+
+
+def _in_one_line(text: str) -> str:
+    return " ".join(text.split())
 
 
 def _matplotlib_svg(picture: Picture) -> tuple[float, float, str]:
@@ -559,7 +661,7 @@ def _matplotlib_svg(picture: Picture) -> tuple[float, float, str]:
         figure = picture.draw()
         figure.savefig(text, format="svg", metadata={"Date": None}, dpi=_DOTS_PER_INCH)
     svg = _NAMES.sub(rf"\g<1>{picture.name}-", _PROLOGUE.sub("", text.getvalue()))
-    width, height = (_POINTS_PER_INCH * edge for edge in figure.get_size_inches())
+    width, height = (_POINTS * edge for edge in figure.get_size_inches())
     inside, styles = svg.split(">", 1)[1].rpartition("</svg>")[0], _STYLE.search(svg)
     assert styles is not None
     return float(width), float(height), f'<g style="{styles[1]}">{_STYLE.sub("", inside)}</g></svg>'
