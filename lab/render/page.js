@@ -57,7 +57,7 @@ document.querySelectorAll("table").forEach((table) => {
   const same = (one, other) => one && other.thing === one.thing && other.name === one.name;
   let shown = null;
   const ring = ({ svg }, { x, y }) => {
-    const made = document.createElementNS("http://www.w3.org/2000/svg", "circle");
+    const made = document.createElementNS(svg.namespaceURI, "circle");
     for (const [name, value] of Object.entries({ class: "ring", cx: x, cy: y, r: 6 })) made.setAttribute(name, value);
     svg.append(made);
   };

@@ -317,7 +317,7 @@ def _arrow_scale(axes: Axes, shown: ArrowMap, corner: Array, half: float) -> Non
         [at[0]], [at[1]], [length * shown.factor], [0], color=INK, angles="xy", scale_units="xy", scale=1, width=0.008
     )
     axes.annotate(
-        f"{short(length)} mm", at, xytext=(0, 6), textcoords="offset points", color=INK, fontweight="bold",
+        f"{length:g} mm", at, xytext=(0, 6), textcoords="offset points", color=INK, fontweight="bold",
         bbox={"boxstyle": "round,pad=0.1", "facecolor": "#ffffff", "edgecolor": "none"},
     )  # fmt: skip
 

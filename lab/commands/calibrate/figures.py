@@ -16,6 +16,7 @@ from lab.calibration.stations import in_first_frame
 from lab.calibration.validation import Errors, JudgedBy, configurations, errors_of
 from lab.calibration.workspace_prediction import predicted_errors
 from lab.commands.calibrate.result import CalibrationResult
+from lab.core.errors import LabError
 from lab.core.linear_model import half_width_95
 from lab.core.measurements import Measurements, rows_called
 from lab.core.probability import beta_ppf, normal_ppf
@@ -143,14 +144,17 @@ def error_vectors(result: CalibrationResult) -> ErrorVectors | None:
     """
     found, validation = result.identification, result.validation
     model, positions = found.model, observation_of(found.model).positions
-    data, judged_by = validation.rows, validation.judged_by
     if not positions:
         return None
-    if data is None or judged_by is None or judged_by == "cross-validation":  # whose predictions are of other fits
-        data, judged_by, which = result.fitted, None, _FITTED
-    else:
-        which = _WHICH[judged_by]
-    inputs = data.inputs(model.conditions)
+    data, which, thing = result.fitted, _FITTED, "pose"
+    if validation.rows is not None and validation.judged_by in ("fresh", "holdout", "file"):
+        data, which = validation.rows, _WHICH[validation.judged_by]
+        thing = "pose" if validation.judged_by == "holdout" else "validation pose"
+    try:
+        inputs = data.inputs(model.conditions)
+    except LabError:  # a virtual arm is validated by positions alone, also where orientations are fitted
+        data, which, thing = result.fitted, _FITTED, "pose"
+        inputs = data.inputs(model.conditions)
     predicted = (model.points(inputs, values)[:, :positions] for values in (found.nominal_aligned, found.values))
     T_world_instrument = world_of(result)
     measured, before, after = (
@@ -161,7 +165,6 @@ def error_vectors(result: CalibrationResult) -> ErrorVectors | None:
     if not len(known):
         return None
     names = tuple(data.ids[row // positions] for row in known.tolist())
-    thing = "pose" if judged_by in (None, "holdout") else "validation pose"
     measured, before, after = measured[known], before[known], after[known]
     return ErrorVectors(after, measured - before, measured - after, names, thing, which)
 

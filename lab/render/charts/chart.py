@@ -500,8 +500,9 @@ class Chart(Sheet):
         self.hidden = which == "off"
 
     def _set_title(self, title: str) -> None:
-        """Break a title that is wider than the axes' room; each line more makes the picture higher."""
-        lines = svg.broken(title, self.width - 2 * max(self.right, svg.LINE))
+        """Break a title that the picture would cut; each line more makes the picture higher."""
+        middle = (self.left + self.width - self.right) / 2
+        lines = svg.broken(title, 2 * min(middle, self.width - middle))
         more = svg.LINE * (lines.count("\n") - self.title.count("\n"))
         self.height, self.top, self.title = self.height + more, self.top + more, lines
 
@@ -678,7 +679,7 @@ def save_figure(folder: Path, name: str, figure: "Figure") -> None:
 
 
 def log_ticks(axes: Axes, which: Literal["x", "y"], low: float, high: float) -> None:
-    """A logarithmic axis from ``low`` to ``high``, with plain numbers at up to nine powers of ten."""
+    """A logarithmic axis from ``low`` to ``high``, with plain numbers at up to nine powers of ten, or round ones."""
     axes.set(**{f"{which}scale": "log", f"{which}lim": (low, high)})
     first, last = int(np.ceil(np.log10(low) - 1e-9)), int(np.floor(np.log10(high) + 1e-9))
     step = max(1, -(-(last - first) // 8))
@@ -686,6 +687,8 @@ def log_ticks(axes: Axes, which: Literal["x", "y"], low: float, high: float) -> 
     if len(ticks) < 3:
         ticks = [m * 10.0**power for power in range(first - 1, last + 1) for m in (1, 2, 5)]
         ticks = [tick for tick in ticks if low <= tick <= high]
+    if len(ticks) < 2:
+        ticks = svg.round_numbers(low, high, 4).tolist()
     set_ticks = axes.set_xticks if which == "x" else axes.set_yticks
     set_ticks(ticks, [f"{tick:g}".replace("-", "−") for tick in ticks])
     set_ticks([], minor=True)
