@@ -31,16 +31,19 @@ from lab.render.style import (
 )
 
 __all__ = [
-    "MOST_POINTS", "SMALL", "SQUARE", "VIEWS", "ArrowMap", "SizeMap", "Smooth", "Spread", "Trend", "arrow_maps",
-    "histograms", "size_maps", "smooth", "spread_by_size", "trend_pictures",
+    "MOST_POINTS", "SMALL", "SQUARE", "VIEWS", "WIDTH", "ArrowMap", "SizeMap", "Smooth", "Spread", "Trend",
+    "arrow_maps", "histograms", "size_maps", "smooth", "spread_by_size", "trend_pictures",
 ]  # fmt: skip
 
-MOST_POINTS = 300  # drawn in a picture
-SQUARE = (4.1, 4.1)  # inches: three fit beside each other, two on a sheet of paper, one on a phone
-SMALL = (2.1, 2.0)  # inches: six fit beside each other, three on a sheet of paper, two on a phone
+MOST_POINTS = 200  # drawn in a picture
+SQUARE = (3.2, 3.2)  # inches: four fit beside each other, two on a sheet of paper, one on a phone
+WIDTH = 4.1  # inches: three fit beside each other, two on a sheet of paper, one on a phone
+SMALL = (2.1, 2.0)  # inches: six fit beside each other, four on a sheet of paper, two on a phone
+_MAP_MARGINS = (0.78, 0.5, 0.1, 0.3)  # inches: places may have four digits and a sign
+_BOX = {"boxstyle": "round,pad=0.1", "facecolor": "#ffffff", "edgecolor": "none"}  # behind words on a map
 VIEWS = {"above": (0, 1), "side": (0, 2)}  # by name the plane of each, as ``charts.chart.view`` has it
 _SEEN_FROM = {"above": "from above", "side": "from the side"}
-_BAR = 0.65  # inches of a colour bar below axes
+_BAR = 0.85  # inches of a colour bar below axes
 _FEWEST_SMOOTHED = 12  # points
 _FEW = 25  # lengths, which are shown one by one
 _MANY, _HUNDREDS = 30, 200  # crosses, which are drawn smaller: the colours beneath are to be seen
@@ -101,16 +104,17 @@ class ArrowMap:
 
     Attributes:
         means: what the errors are.
+        layers: of each kind of errors its name, colour and vectors ``(m, 3)`` m, the first one undermost.
         factor: magnification of the arrows.
-        thing: what each point is, and the heading of the table that names it.
+        names: of the points.
+        thing: what each point is, and the heading of the column of a table that names it.
     """
 
     name: str  # of its pictures
     points: Array  # (m, 3) m
-    vectors: Array  # (m, 3) m
     means: str
+    layers: tuple[tuple[str, str, Array], ...]
     factor: float
-    colour: str
     names: Sequence[str]
     thing: str = "pose"
     crosses: Array = field(default_factory=lambda: np.empty((0, 3)))  # (o, 3) m, marked beside them
@@ -209,7 +213,7 @@ def size_maps(shown: SizeMap) -> tuple[Picture, ...]:
             f"median, {short(float(MM.of(shown.sizes.max())))} mm at most",
             (SQUARE[0], SQUARE[1] + _BAR),
             lambda axes, plane=plane: _size_map(axes, shown, plane),  # type: ignore[misc]
-            (0.85, 0.5 + _BAR, 0.15, 0.3),  # places may have four digits and a sign
+            (_MAP_MARGINS[0], _MAP_MARGINS[1] + _BAR, *_MAP_MARGINS[2:]),
         )
         for which, plane in views.items()
     )
@@ -252,19 +256,21 @@ def _size_map(axes: Axes, shown: SizeMap, plane: tuple[int, int]) -> None:
         thin = 1 if len(crosses) < _MANY else 2 if len(crosses) < _HUNDREDS else 4
         axes.scatter(crosses[:, 0], crosses[:, 1], marker="x", c=OUTLIER, s=60 / thin**2, linewidths=2 / thin)
         _corner(axes, f"× {shown.cross_means}", OUTLIER)
-    view(axes, plane, middle, half, shown.frame, shown.size_means)
+    view(axes, plane, middle, half, shown.frame)
     _colour_bar(axes, shown)
 
 
-def _corner(axes: Axes, text: str, colour: str) -> None:
-    """Words in the upper right corner of the axes."""
-    box = {"boxstyle": "round,pad=0.2", "facecolor": "#ffffff", "edgecolor": "none"}
-    axes.annotate(text, (0.98, 0.98), xycoords="axes fraction", ha="right", va="top", color=colour, bbox=box)
+def _corner(axes: Axes, text: str, colour: str, line: int = 0) -> None:
+    """Words in the upper right corner of the axes, on lines from 0."""
+    axes.annotate(
+        text, (0.99, 0.99 - 0.075 * line), xycoords="axes fraction", ha="right", va="top", color=colour, bbox=_BOX,
+        fontweight="bold",
+    )  # fmt: skip
 
 
 def _colour_bar(axes: Axes, shown: SizeMap) -> None:
     """Draw the scale of the lengths below the axes."""
-    bar = axes.inset_axes((0.0, -0.27, 1.0, 0.05))
+    bar = axes.inset_axes((0.0, -0.36, 1.0, 0.06))
     ends = _ends(shown)
     edges = np.geomspace(*ends, 49)
     bar.pcolormesh(edges, [0, 1], _colours(shown, np.sqrt(edges[1:] * edges[:-1]))[None], rasterized=True)
@@ -276,37 +282,42 @@ def _colour_bar(axes: Axes, shown: SizeMap) -> None:
 def arrow_maps(maps: Sequence[ArrowMap]) -> tuple[Picture, ...]:
     """Errors as arrows from above and from the side: the maps of one view beside each other, at one scale of space."""
     points = [each for shown in maps for each in (shown.points, shown.crosses)]
-    tips = [shown.points + shown.factor * shown.vectors for shown in maps]
+    tips = [shown.points + shown.factor * vectors for shown in maps for *_, vectors in shown.layers]
     middle, half = cube([MM.of(each) for each in (*points, *tips)])
     pictures = []
     for which, plane in _views(points).items():
         for shown in maps:
-            sizes = MM.of(np.linalg.norm(shown.vectors, axis=1))
-            label = (
-                f"{shown.means}, as arrows seen {_SEEN_FROM[which]}: {short(float(np.median(sizes)))} mm in the "
-                f"median, {short(float(sizes.max()))} mm at most"
-            )
+            sizes = [(name, MM.of(np.linalg.norm(vectors, axis=1))) for name, _, vectors in shown.layers]
+            said = (f"{name} {short(float(np.median(each)))} mm in the median" for name, each in sizes)
+            label = f"{shown.means} as arrows, seen {_SEEN_FROM[which]}: {', '.join(said)}"
 
-            def draw(axes: Axes, shown: ArrowMap = shown, plane: tuple[int, int] = plane, sizes: Array = sizes) -> None:
-                _arrow_map(axes, shown, plane, sizes)
+            def draw(axes: Axes, shown: ArrowMap = shown, plane: tuple[int, int] = plane) -> None:
+                _arrows(axes, shown, plane)
                 _arrow_scale(axes, shown, middle[list(plane)] - half, half)
-                what = f"{shown.means} {format_magnification(shown.factor)}"
-                view(axes, plane, middle, half, shown.frame, what)
+                view(axes, plane, middle, half, shown.frame, format_magnification(shown.factor))
 
-            pictures.append(axes_picture(f"{shown.name}-{which}", label, SQUARE, draw, (0.85, 0.5, 0.15, 0.3)))
+            pictures.append(axes_picture(f"{shown.name}-{which}", label, SQUARE, draw, _MAP_MARGINS))
     return tuple(pictures)
 
 
-def _arrow_map(axes: Axes, shown: ArrowMap, plane: tuple[int, int], sizes: Array) -> None:
-    at, along = MM.of(shown.points[:, plane]).T, MM.of(shown.vectors[:, plane]).T * shown.factor
+def _arrows(axes: Axes, shown: ArrowMap, plane: tuple[int, int]) -> None:
+    at, crosses = MM.of(shown.points[:, plane]).T, MM.of(shown.crosses[:, plane]).T
     axes.scatter(*at, s=4, c=ARM, linewidths=0)
-    axes.quiver(*at, *along, color=shown.colour, angles="xy", scale_units="xy", scale=1, width=0.004)
-    name_points(axes, shown.thing, *at, shown.names, [f"{short(size)} mm" for size in sizes.tolist()])
-    crosses = MM.of(shown.crosses[:, plane]).T
+    for _, colour, vectors in shown.layers:
+        along = MM.of(vectors[:, plane]).T * shown.factor
+        axes.quiver(*at, *along, color=colour, angles="xy", scale_units="xy", scale=1, width=0.005)
+    sizes = [[short(MM.of(size)) for size in np.linalg.norm(each, axis=1).tolist()] for *_, each in shown.layers]
+    kinds = [name for name, *_ in shown.layers]
+    texts = [
+        ", ".join(f"{kind} {size} mm" for kind, size in zip(kinds, of, strict=True)) for of in zip(*sizes, strict=True)
+    ]
+    name_points(axes, shown.thing, *at, shown.names, texts)
     if len(shown.crosses):
         axes.scatter(*crosses, marker="x", c=OUTLIER, s=50, linewidths=1.5)
-        _corner(axes, "× outlier", OUTLIER)
         name_points(axes, shown.thing, *crosses, shown.cross_names, ["outlier"] * len(shown.crosses))
+    words = [(name, colour) for name, colour, _ in shown.layers] + [("× outlier", OUTLIER)] * bool(len(shown.crosses))
+    for line, (text, colour) in enumerate(words):
+        _corner(axes, text, colour, line)
 
 
 def _arrow_scale(axes: Axes, shown: ArrowMap, corner: Array, half: float) -> None:
@@ -317,9 +328,8 @@ def _arrow_scale(axes: Axes, shown: ArrowMap, corner: Array, half: float) -> Non
         [at[0]], [at[1]], [length * shown.factor], [0], color=INK, angles="xy", scale_units="xy", scale=1, width=0.008
     )
     axes.annotate(
-        f"{length:g} mm", at, xytext=(0, 6), textcoords="offset points", color=INK, fontweight="bold",
-        bbox={"boxstyle": "round,pad=0.1", "facecolor": "#ffffff", "edgecolor": "none"},
-    )  # fmt: skip
+        f"{length:g} mm", at, xytext=(0, 6), textcoords="offset points", color=INK, fontweight="bold", bbox=_BOX
+    )
 
 
 def _round_below(length: float) -> float:

@@ -25,12 +25,13 @@ from lab.core.units import MM, Unit
 from lab.kinematics.parameter import Parameter
 from lab.render.charts.chart import axes_picture, cube, log_ticks, name_points, shades, view
 from lab.render.charts.marks import Axes
-from lab.render.document import Block, Figure, Picture, format_magnification, short
+from lab.render.document import Block, Figure, Picture, short
 from lab.render.plots import (
     MOST_POINTS,
     SMALL,
     SQUARE,
     VIEWS,
+    WIDTH,
     ArrowMap,
     SizeMap,
     Spread,
@@ -293,7 +294,7 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, limit: float, n
 
     label = f"Corrections of the nominal values with 95 % intervals, {unit.name}"
     height = 0.95 + 0.2 * len(rows)
-    return axes_picture(f"corrections-{number}", label, (SQUARE[0], height), draw, (1.35, 0.5, 0.15, 0.15))
+    return axes_picture(f"corrections-{number}", label, (WIDTH, height), draw, (1.35, 0.5, 0.15, 0.15))
 
 
 def singular_value_picture(values: Array) -> tuple[Picture, ...]:
@@ -314,7 +315,7 @@ def singular_value_picture(values: Array) -> tuple[Picture, ...]:
         axes.grid(visible=False, axis="x")
 
     label = "Singular values of the scaled Jacobian"
-    return (axes_picture("singular-values", label, (SQUARE[0], 2.8), draw, (0.8, 0.5, 0.2, 0.15)),)
+    return (axes_picture("singular-values", label, (WIDTH, 2.8), draw, (0.8, 0.5, 0.2, 0.15)),)
 
 
 def _arm_views(arm: _ArmPoses) -> tuple[Picture, ...]:
@@ -326,7 +327,7 @@ def _arm_views(arm: _ArmPoses) -> tuple[Picture, ...]:
         middle, half = cube([MM.of(arm.joints), MM.of(arm.points), MM.of(arm.head)])
 
     def draw(axes: Axes, plane: tuple[int, int]) -> None:
-        _sticks(axes, arm, plane)
+        _sticks(axes, arm, plane, middle[plane[0]])
         if arm.head is not None:
             _instrument(axes, MM.of(arm.head), middle, half, plane)
         view(axes, plane, middle, half, "base")
@@ -337,13 +338,13 @@ def _arm_views(arm: _ArmPoses) -> tuple[Picture, ...]:
             f"The arm at its poses, {'from above' if which == 'above' else 'from the side'}",
             SQUARE,
             lambda axes, plane=plane: draw(axes, plane),  # type: ignore[misc]
-            (0.85, 0.5, 0.15, 0.3),  # places may have four digits and a sign
+            (0.78, 0.5, 0.1, 0.3),  # places may have four digits and a sign
         )
         for which, plane in VIEWS.items()
     )
 
 
-def _sticks(axes: Axes, arm: _ArmPoses, plane: tuple[int, int]) -> None:
+def _sticks(axes: Axes, arm: _ArmPoses, plane: tuple[int, int], middle: float) -> None:
     size = 9 if len(arm.points) <= 200 else 4
     points = MM.of(arm.points[:: max(1, len(arm.points) // 1000)][:, plane])
     axes.scatter(points[:, 0], points[:, 1], s=size, c=MEASURED, zorder=3, linewidths=0)
@@ -366,17 +367,18 @@ def _sticks(axes: Axes, arm: _ArmPoses, plane: tuple[int, int]) -> None:
             solid_capstyle="round",
         )
         if first:
-            _at_point(axes, tips[0, 0], f"pose {arm.first}", HIGHLIGHT)
+            _at_point(axes, tips[0, 0], f"pose {arm.first}", HIGHLIGHT, left=tips[0, 0, 0] > middle)
         dot = 3.5 if first else 1.8
         axes.plot(*joints.reshape(-1, 2).T, "o", color=colour, markersize=dot, zorder=4 if first else 1)
 
 
-def _at_point(axes: Axes, at: Array, text: str, colour: str) -> None:
+def _at_point(axes: Axes, at: Array, text: str, colour: str, *, left: bool) -> None:
     """Words beside a point, on an area of their own."""
     box = {"boxstyle": "round,pad=0.1", "facecolor": "#ffffff", "edgecolor": "none"}
     axes.annotate(
-        text, at, xytext=(5, 4), textcoords="offset points", color=colour, fontweight="bold", bbox=box, zorder=6
-    )
+        text, at, xytext=(-5 if left else 5, 6), textcoords="offset points", color=colour, fontweight="bold",
+        ha="right" if left else "left", bbox=box, zorder=6,
+    )  # fmt: skip
 
 
 def _parted(lines: Array) -> Array:
@@ -389,7 +391,7 @@ def _instrument(axes: Axes, head: Array, middle: Array, half: float, plane: tupl
     away = position - centre
     if np.abs(head - middle).max() < half:
         axes.plot(*position, "P", color=INSTRUMENT, markersize=9, linestyle="", zorder=5)
-        _at_point(axes, position, "instrument", INSTRUMENT)
+        _at_point(axes, position, "instrument", INSTRUMENT, left=away[0] > 0)
         return
     edge = away * half / np.abs(away).max()
     arrow = {"arrowstyle": "-|>", "color": INSTRUMENT, "linewidth": 2.0}
@@ -531,7 +533,7 @@ def correlation_picture(result: CalibrationResult) -> tuple[Picture, ...]:
 
     i, j = np.unravel_index(int(upper.argmax()), upper.shape)
     label = f"Correlations of the parameters: the strongest, {matrix[i, j]:.2f}, is of {names[i]} and {names[j]}"
-    wide = min(max(2.4, _LINK * len(names)), SQUARE[0] - 0.9)
+    wide = min(max(2.4, _LINK * len(names)), WIDTH - 0.9)
     cell = wide / len(names)
     margins = (0.75, 1.45, 0.15, 0.1)
     return (axes_picture("correlations", label, (wide + 0.9, wide + 1.55), draw, margins),)
@@ -563,7 +565,7 @@ def selection_picture(result: CalibrationResult) -> tuple[Picture, ...]:
         axes.grid(visible=False, axis="y")
 
     label = f"Model selection: the hold-out error falls from {short(errors[0])} to {short(errors[-1])} mm"
-    return (axes_picture("selection", label, (SQUARE[0], 0.8 + 0.24 * len(tried)), draw, (1.6, 0.5, 0.1, 0.1)),)
+    return (axes_picture("selection", label, (WIDTH, 0.8 + 0.24 * len(tried)), draw, (1.6, 0.5, 0.1, 0.1)),)
 
 
 def uncertainty_map(result: CalibrationResult) -> SizeMap | None:
@@ -598,7 +600,7 @@ def where_figures(result: CalibrationResult) -> tuple[Block, ...]:
 
 
 def _arrow_figure(result: CalibrationResult, found: ErrorVectors) -> Figure:
-    """Draw the errors before calibration, and after it at the same magnification and, where that is small, larger."""
+    """Draw the errors before and after calibration at one magnification, and those after it at a larger one."""
     rows = spread_by_size(np.linalg.norm(found.after, axis=1))
     points, names = found.points[rows], [found.names[row] for row in rows.tolist()]
     edge = 2 * cube([points])[1]
@@ -606,23 +608,18 @@ def _arrow_figure(result: CalibrationResult, found: ErrorVectors) -> Figure:
         min(magnification(float(np.linalg.norm(each, axis=1).mean()), _ARROW * edge), LARGEST_FACTOR)
         for each in (found.before, found.after)
     )
-    error, crosses = result.kind.terms.error, _outliers(result)
-    start = ArrowMap("before", points, found.before[rows], f"{error} before", before, BEFORE, names, found.thing)
-    end = replace(start, name="after", vectors=found.after[rows], means=f"{error} after", colour=AFTER)
-    larger = replace(end, name="larger", factor=after, crosses=crosses[0], cross_names=crosses[1])
+    crosses, cross_names = _outliers(result)
+    layers = ("before", BEFORE, found.before[rows]), ("after", AFTER, found.after[rows])
+    both = ArrowMap("before", points, result.kind.terms.error, layers, before, names, found.thing)
+    alone = replace(both, name="after", layers=layers[1:], factor=after)
+    maps = [both, alone] if after > before else [both]
+    maps[-1] = replace(maps[-1], crosses=crosses, cross_names=cross_names)
     part = "" if len(rows) == len(found.names) else f"; {_SOME}"
-    caption = (
-        f"Arrows show measured less predicted position at {found.which}{part}. Before and after calibration they are "
-        f"{format_magnification(before)} their length"
-    )
-    maps = [start, end]
+    caption = f"Arrows show the {result.kind.terms.error}, measured less predicted, at {found.which}{part}."
     if after > before:
-        maps.append(larger)
-        caption += f", in the last map of a row {format_magnification(after)}"
-    else:
-        maps[1] = replace(end, crosses=crosses[0], cross_names=crosses[1])
-    caption += ". Arrows that point the same way where the arm is near show an error that the model lacks."
-    if len(crosses[0]):
+        caption += " The second map of each view shows the errors after calibration alone, magnified more."
+    caption += " Neighbouring arrows that point the same way show an error that the model lacks."
+    if len(crosses):
         caption += " Crosses mark the predicted positions of the outliers."
     return Figure("where", arrow_maps(maps), caption)
 

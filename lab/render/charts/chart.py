@@ -719,8 +719,9 @@ def view(axes: Axes, plane: tuple[int, int], middle: Array, half: float, frame: 
         shown: what is seen, for the title.
     """
     i, j = plane
-    title = f"{shown}, {_SEEN_FROM[plane]}" if shown else _SEEN_FROM[plane]
+    title = f"{_SEEN_FROM[plane]}, {shown}" if shown else _SEEN_FROM[plane]
     axes.set(xlim=(middle[i] - half, middle[i] + half), ylim=(middle[j] - half, middle[j] + half))
     axes.set(xlabel=f"{'xyz'[i]} of the {frame}, mm", ylabel=f"{'xyz'[j]}, mm", title=title)
     axes.set_aspect("equal")
-    axes.locator_params(nbins=6)
+    axes.locator_params(axis="x", nbins=4)
+    axes.locator_params(axis="y", nbins=6)
