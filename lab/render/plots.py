@@ -31,12 +31,13 @@ from lab.render.style import (
 )
 
 __all__ = [
-    "MOST_POINTS", "SMALL", "SQUARE", "VIEWS", "WIDTH", "ArrowMap", "SizeMap", "Smooth", "Spread", "Trend",
+    "MAP", "MOST_POINTS", "SMALL", "SQUARE", "VIEWS", "WIDTH", "ArrowMap", "SizeMap", "Smooth", "Spread", "Trend",
     "arrow_maps", "histograms", "size_maps", "smooth", "spread_by_size", "trend_pictures",
 ]  # fmt: skip
 
 MOST_POINTS = 200  # drawn in a picture
-SQUARE = (3.2, 3.2)  # inches: four fit beside each other, two on a sheet of paper, one on a phone
+SQUARE = (4.5, 4.5)  # inches
+MAP = (3.2, 3.2)  # inches: four fit beside each other, two on a sheet of paper, one on a phone
 WIDTH = 4.1  # inches: three fit beside each other, two on a sheet of paper, one on a phone
 SMALL = (2.1, 2.0)  # inches: six fit beside each other, four on a sheet of paper, two on a phone
 _MAP_MARGINS = (0.78, 0.5, 0.1, 0.3)  # inches: places may have four digits and a sign
@@ -211,7 +212,7 @@ def size_maps(shown: SizeMap) -> tuple[Picture, ...]:
             f"{shown.name}-{which}",
             f"{shown.size_means}, seen {_SEEN_FROM[which]}: {short(float(MM.of(np.median(shown.sizes))))} mm in the "
             f"median, {short(float(MM.of(shown.sizes.max())))} mm at most",
-            (SQUARE[0], SQUARE[1] + _BAR),
+            (MAP[0], MAP[1] + _BAR),
             lambda axes, plane=plane: _size_map(axes, shown, plane),  # type: ignore[misc]
             (_MAP_MARGINS[0], _MAP_MARGINS[1] + _BAR, *_MAP_MARGINS[2:]),
         )
@@ -296,7 +297,7 @@ def arrow_maps(maps: Sequence[ArrowMap]) -> tuple[Picture, ...]:
                 _arrow_scale(axes, shown, middle[list(plane)] - half, half)
                 view(axes, plane, middle, half, shown.frame, format_magnification(shown.factor))
 
-            pictures.append(axes_picture(f"{shown.name}-{which}", label, SQUARE, draw, _MAP_MARGINS))
+            pictures.append(axes_picture(f"{shown.name}-{which}", label, MAP, draw, _MAP_MARGINS))
     return tuple(pictures)
 
 

@@ -168,7 +168,7 @@ FIGURE_STYLE: Final[Any] = {  # matplotlib's rcParams
     "xtick.color": TICK,
     "ytick.color": TICK,
     "legend.frameon": False,
-    "legend.fontsize": 9,
+    "legend.fontsize": 8,
     "text.parse_math": False,  # names are a user's: a dollar sign is one
     "svg.hashsalt": "lab",  # the same picture, the same bytes
     "svg.fonttype": "none",

@@ -27,9 +27,9 @@ from lab.render.charts.chart import axes_picture, cube, log_ticks, name_points, 
 from lab.render.charts.marks import Axes
 from lab.render.document import Block, Figure, Picture, short
 from lab.render.plots import (
+    MAP,
     MOST_POINTS,
     SMALL,
-    SQUARE,
     VIEWS,
     WIDTH,
     ArrowMap,
@@ -336,7 +336,7 @@ def _arm_views(arm: _ArmPoses) -> tuple[Picture, ...]:
         axes_picture(
             f"arm-{which}",
             f"The arm at its poses, {'from above' if which == 'above' else 'from the side'}",
-            SQUARE,
+            MAP,
             lambda axes, plane=plane: draw(axes, plane),  # type: ignore[misc]
             (0.78, 0.5, 0.1, 0.3),  # places may have four digits and a sign
         )

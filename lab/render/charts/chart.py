@@ -221,6 +221,7 @@ def arrow(across: Scale, up: Scale, tail: Any, tip: Any, *, color: str, linewidt
 
 _MARKS = ".os^vDP|x"
 _FIRST = "#1f77b4"  # where no colour is given
+_WHITE = "#ffffff"  # that of the paper, except on a dark page
 
 
 class Chart(Sheet):
@@ -263,6 +264,8 @@ class Chart(Sheet):
         given = c if c is not None else color if color is not None else _FIRST
         tints = [svg.colour(given)] if isinstance(given, str) else [svg.colour(each) for each in given]
         xs, ys, size = np.asarray(x, float), np.asarray(y, float), float(np.sqrt(s))
+        if edgecolors and svg.colour(edgecolors) == _WHITE:  # which parts them from each other, on any paper
+            edgecolors, tints = _kept(_WHITE), list(map(_kept, tints))
         self.reach(xs, ys)
         self.points.append((xs, ys))
 
@@ -426,13 +429,14 @@ class Chart(Sheet):
             self.add(zorder, lambda across, up: arrow(across, up, xytext, xy, **arrowprops))
             return
         right, over = (0.0, 0.0) if textcoords is None else xytext
+        behind_colour = _WHITE if bbox is None else svg.colour(bbox["facecolor"])
+        if behind_colour != _WHITE:  # words on a coloured area are not read on the paper
+            tint, behind_colour = _kept(tint), _kept(behind_colour)
 
         def draw(across: Scale, up: Scale) -> str:
             x, y = place(xy, xycoords, across, up)
             at = x + right, y - over
-            behind = (
-                "" if bbox is None else svg.backdrop(text, *at, fontsize, ha, va, bbox["facecolor"], bbox["boxstyle"])
-            )
+            behind = "" if bbox is None else svg.backdrop(text, *at, fontsize, ha, va, behind_colour, bbox["boxstyle"])
             return behind + svg.words(text, *at, fontsize, tint, ha, va, bold=fontweight == "bold")
 
         self.labels.append(draw)
@@ -542,6 +546,11 @@ class Chart(Sheet):
         self.add(0.0, lambda across, up: svg.cells(across(x), up(y), colours))
 
 
+def _kept(colour: str) -> str:
+    """A colour that a dark page keeps: ``inline_svg`` makes variables of those in small letters."""
+    return colour.upper() if colour.startswith("#") else colour
+
+
 def _parsed(style: str) -> tuple[str | None, str]:
     """The dashes and the mark of matplotlib's short form, as ``"o-"``."""
     mark = "" if style in ("-", "--", "-.", ":") else style[:1]
@@ -635,7 +644,7 @@ def inline_svg(picture: Picture) -> Markup:
         drawn = chart.svg() + "</svg>"
         width, height, named = chart.width, chart.height, chart.named_points()
     smallest = min((float(a or b) for a, b in _LETTERS.findall(drawn)), default=_LEAST_PX) * _PX_PER_INCH / _POINTS
-    narrowest = round(width * _PX_PER_INCH / _POINTS * _LEAST_PX / smallest + 0.5)
+    narrowest = int(width * _PX_PER_INCH / _POINTS * _LEAST_PX / smallest) + 1
     pixels = max(round(width * _PX_PER_INCH / _POINTS), narrowest)
     form = Markup(
         '<svg viewBox="0 0 {:g} {:g}" class="{}" role="img" aria-label="{}" style="width: {}px; min-width: {}px"{}>'

@@ -83,14 +83,16 @@ def shown_number(value: float) -> str:
 
 
 def colour(given: Any) -> str:
-    """A colour as SVG has it: words and ``#rrggbb`` as they are, ``"0.85"`` a grey, parts from 0 to 1 as ``(3,)``.
+    """A colour as SVG has it: ``#rrggbb`` and most words as they are, ``"0.85"`` a grey, parts from 0 to 1 ``(3,)``.
 
     Parts are rounded to 32 steps: shades of a scale are few colours, each of which the page gives its dark one.
     """
     if not isinstance(given, str):
         steps = (round(_SHADES * min(max(float(part), 0.0), 1.0)) for part in given[:3])
         return "#{:02x}{:02x}{:02x}".format(*(round(255 * step / _SHADES) for step in steps))
-    return "#" + 3 * f"{round(255 * float(given)):02x}" if given[0].isdigit() else given
+    if given[0].isdigit():
+        return "#" + 3 * f"{round(255 * float(given)):02x}"
+    return {"white": "#ffffff", "black": "#000000"}.get(given, given)  # which change places on a dark page
 
 
 def dashes(style: Any, width: float) -> str:
