@@ -93,7 +93,13 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"inlines": inlines, "svg": _svg, "dates": _dates, "scene_json": _scene_json}
+    environment.filters |= {
+        "inlines": inlines,
+        "svg": _svg,
+        "dates": _dates,
+        "scene_json": _scene_json,
+        "chart_colours": _chart_colours,
+    }
     environment.tests |= {
         "badge": lambda part: isinstance(part, doc.Badge),
         "code": lambda part: isinstance(part, doc.Code),
@@ -102,6 +108,7 @@ def _environment() -> Environment:
     environment.globals |= {
         "light": style.PAGE_LIGHT,
         "dark": style.PAGE_DARK,
+        "dark_charts": style.DARK_CHARTS,
         "sans": Markup(style.FONT_SANS),
         "mono": Markup(style.FONT_MONO),
     }
@@ -112,6 +119,11 @@ def _environment() -> Environment:
 def _dates(text: str) -> Markup:
     """Text with its dates marked as such, which no line breaks in."""
     return Markup(re.sub(r"\b\d{4}-\d\d-\d\d\b", r"<time>\g<0></time>", str(escape(text))))
+
+
+def _chart_colours(body: str) -> list[str]:
+    """The colours ``#rrggbb`` of a page's charts, which are variables of its style."""
+    return [f"#{found}" for found in sorted(set(re.findall(r"var\(--c-([0-9a-f]{6})\)", body)))]
 
 
 def _svg(picture: doc.Picture) -> Markup:

@@ -194,6 +194,10 @@ document.querySelectorAll(".scene").forEach((box) => {
   const choose = (i) => go(momentOf(i));
   slider.addEventListener("input", () => go(Number(slider.value)));
   box.querySelectorAll("input[type=checkbox]").forEach((each) => each.addEventListener("change", paint));
+  document.addEventListener("chosen", ({ detail }) => { // a point of a chart
+    const i = detail.thing === "pose" ? data.names.indexOf(detail.name) : -1;
+    if (i >= 0) choose(i);
+  });
   box.querySelectorAll("tbody tr").forEach((each) => each.addEventListener("click", () => choose(Number(each.dataset.pose))));
   const held = new Map();
   let moved = 0;

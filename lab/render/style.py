@@ -1,7 +1,8 @@
 """Colours and fonts of pages, charts and recordings, named by their meaning, and the glossary of symbols.
 
-A page and its figures stand on white (in a dark page the figures stay on white cards); a recording stands on near
-black, so what is ``BEFORE`` in one is ``RGB_BEFORE``, a brighter shade of the same hue, in the other.
+A page and its figures stand on white, or on near black where a reader prefers it: ``DARK_CHARTS`` and the page's own
+style give the colours of charts there. A recording stands on near black, so what is ``BEFORE`` on a page is
+``RGB_BEFORE``, a brighter shade of the same hue, in a recording.
 """
 
 import re
@@ -9,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 __all__ = [
-    "AFTER", "ARM", "ARROW_AFTER", "AXIS", "BEFORE", "BETTER", "BOUND", "COLOUR_SCALE", "EQUAL_CONTRAST",
+    "AFTER", "ARM", "ARROW_AFTER", "AXIS", "BEFORE", "BETTER", "BOUND", "COLOUR_SCALE", "DARK_CHARTS", "EQUAL_CONTRAST",
     "FIGURE_STYLE", "FONT_MONO", "FONT_SANS", "FRAME_AXES", "GATE", "GRID", "HATCH_AFTER", "HATCH_BEFORE",
     "HIGHLIGHT", "INDEX", "INK", "INSTRUMENT", "MARK_AFTER", "MARK_BEFORE", "MARK_EDGE", "MEASURED", "MUTED",
     "ORDER_SCALE", "OUTLIER", "PAGE_DARK", "PAGE_LIGHT", "PREDICTED", "REFERENCE", "RGB_AFTER", "RGB_ARROW",
@@ -143,6 +144,14 @@ PAGE_DARK: Final = {
     "warning": "#2e2613",
     "warning-line": "#6b5320",
     "warning-bar": "#d97706",
+}
+DARK_CHARTS: Final = {  # a chart's colours on a dark page that are the page's; the others become light or dark there
+    "#ffffff": PAGE_DARK["paper"],
+    "#000000": PAGE_DARK["ink"],
+    INK: PAGE_DARK["ink"],
+    GRID: PAGE_DARK["line"],
+    BEFORE: PAGE_DARK["before"],
+    AFTER: PAGE_DARK["after"],
 }
 
 FIGURE_STYLE: Final[Any] = {  # matplotlib's rcParams

@@ -90,7 +90,8 @@ def test_a_browser_shows_and_prints_every_page(pages: dict[str, Path], browser: 
             browser.show(width, scheme, media)
             told = browser.run(LOOK)
             assert told["texts"] > 40 and told["figures"] == figures
-            small = [size for size in told["sizes"] if size[0] < 0.6 * min(width, 480) or min(size[1:]) < 4]
+            least = 0.6 * min(width, 480), 160  # of one of many small charts
+            small = [size for *size, one_of_many in told["sizes"] if size[0] < least[one_of_many] or min(size[1:]) < 3]
             if found := told["wrong"] + small:
                 wrong[name, width, scheme, media] = found
         pdf = browser.pdf()
@@ -98,6 +99,143 @@ def test_a_browser_shows_and_prints_every_page(pages: dict[str, Path], browser: 
         assert pdf.startswith(b"%PDF") and 1 <= sheets <= MOST_SHEETS.get(name, 8), (name, sheets)
         assert not browser.complaints
     assert not wrong, "\n".join(f"{where}: {what}" for where, found in wrong.items() for what in found)
+
+
+def pointer(browser: Browser, kind: str, x: float, y: float) -> None:
+    browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+
+LETTERS = """
+[...document.querySelectorAll("figure svg text")].filter((each) => each.textContent.trim()).map((each) => {
+  const to = each.getScreenCTM();
+  return [parseFloat(getComputedStyle(each).fontSize) * Math.hypot(to.a, to.b), each.textContent];
+})
+"""
+BOXES = """
+[...document.querySelectorAll(".panels, .table")].filter((each) => each.scrollWidth > each.clientWidth + 1 &&
+  (each.tabIndex !== 0 || getComputedStyle(each).overflowX !== "auto")).map((each) => each.outerHTML.slice(0, 80))
+"""
+
+
+def test_letters_of_charts_are_never_small(pages: dict[str, Path], browser: Browser) -> None:
+    """At least 10 px at every width; what does not fit is scrolled in its own box, also by a keyboard."""
+    count, small = 0, {}
+    for name, path in pages.items():
+        browser.open(path)
+        for width, media in ((1400, "screen"), (768, "screen"), (390, "screen"), (320, "screen"), (PAPER_PX, "print")):
+            browser.show(width, media=media)
+            letters = browser.run(LETTERS)
+            count += len(letters)
+            on_paper = media == "print" and name != "run"  # where a wide chart does not scroll
+            if not on_paper and (found := [each for each in letters if each[0] < 9.99]):
+                small[name, width] = found[:3]
+            browser.run("new Promise((then) => requestAnimationFrame(() => requestAnimationFrame(then)))")
+            if media == "screen" and (stuck := browser.run(BOXES)):
+                small[name, width, "scrolled"] = stuck
+    assert count > 1000 and not small, small
+
+
+PIXELS = """
+(() => {
+  const canvas = document.querySelector(".scene canvas");
+  const copy = document.createElement("canvas").getContext("2d");
+  [copy.canvas.width, copy.canvas.height] = [canvas.width, canvas.height];
+  copy.drawImage(canvas, 0, 0);
+  const bytes = copy.getImageData(0, 0, canvas.width, canvas.height).data;
+  let painted = 0, sum = 0;
+  for (let i = 0; i < bytes.length; i += 4) if (bytes[i + 3]) { painted += 1; sum += (i % 9973) * bytes[i]; }
+  return [painted, sum, document.querySelector(".scene output").textContent];
+})()
+"""
+POINTED = """
+[document.querySelector(".tip").hidden, document.querySelector(".tip").textContent,
+ document.querySelectorAll(".ring").length,
+ [...document.querySelectorAll("tr.pointed")].map((row) => row.cells[0].textContent)]
+"""
+TARGET = """
+(() => {
+  const svg = document.querySelector("#residuals svg"), line = svg.dataset.points.split("\\n")[7].split("\\t");
+  const at = new DOMPoint(Number(line[0]), Number(line[1])).matrixTransform(svg.getScreenCTM());
+  return [at.x, at.y, ...line.slice(2)];
+})()
+"""
+
+
+def test_a_point_of_a_chart_says_its_pose_and_marks_its_row(pages: dict[str, Path], browser: Browser) -> None:
+    """By mouse, finger and keyboard: one point is ringed in every chart that has it, and chosen in the scene."""
+    browser.open(pages["run"])
+    browser.show(1400)
+    x, y, thing, _, text = browser.run(TARGET)
+    assert browser.run(POINTED)[0] is True and thing == "pose" and text.endswith(" mm")
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + 2, y=y + 1)
+    hidden, told, rings, rows = browser.run(POINTED)
+    assert hidden is False and told.startswith("pose ") and rows == [told.split(":")[0].removeprefix("pose ")]
+    assert rings >= 9  # six joints, three axes
+    pointer(browser, "mousePressed", x, y)
+    pointer(browser, "mouseReleased", x, y)
+    told = browser.run(POINTED)[1]
+    assert browser.run(PIXELS)[2].startswith(told.split(":")[0] + ",")  # the scene shows it
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=2, y=2)
+    assert browser.run(POINTED) == [True, told, 0, []]
+    browser.run("document.activeElement.blur()")
+    browser.run("document.querySelector('#residuals svg').focus({ focusVisible: true })")
+    first = browser.run(POINTED)[1]
+    for key, changes in (("ArrowRight", True), ("End", True), ("End", False), ("Home", True)):
+        before = browser.run(POINTED)[1]
+        browser.call("Input.dispatchKeyEvent", type="keyDown", key=key)
+        assert (browser.run(POINTED)[1] != before) is changes, key
+    assert browser.run(POINTED)[:2] == [False, first]
+    browser.call("Input.dispatchKeyEvent", type="keyDown", key="Escape")
+    assert browser.run(POINTED)[0] is True and not browser.complaints
+    browser.call("Emulation.setTouchEmulationEnabled", enabled=True)
+    try:
+        browser.run("scrollTo(0, 0)")
+        x, y, *_ = browser.run(TARGET)
+        for kind, points in (("touchStart", [{"x": x, "y": y}]), ("touchEnd", [])):
+            browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+        browser.run("new Promise((then) => setTimeout(then, 100))")
+        assert browser.run(POINTED)[0] is False
+    finally:
+        browser.call("Emulation.setTouchEmulationEnabled", enabled=False)
+
+
+STRUCTURE = """
+(() => {
+  const wrong = [], all = (what) => [...document.querySelectorAll(what)];
+  const name = (each) => (each.getAttribute("aria-label") ?? each.labels?.[0]?.textContent ?? each.textContent).trim();
+  all("details").forEach((each) => { each.open = true; });
+  const levels = all("h1, h2, h3, h4").map((each) => Number(each.tagName[1]));
+  levels.forEach((level, i) => level > (levels[i - 1] ?? 0) + 1 && wrong.push(`${level} after ${levels[i - 1]}`));
+  if (levels.filter((each) => each === 1).length !== 1) wrong.push("not one h1");
+  if (all("main").length !== 1 || !document.documentElement.lang || !document.title) wrong.push("main, lang, title");
+  all("nav, section[aria-label], [role=group], a, button, input, canvas, svg, summary").forEach((each) => {
+    if (!name(each)) wrong.push(`no name: ${each.outerHTML.slice(0, 80)}`);
+  });
+  all("svg").forEach((each) => each.getAttribute("role") === "img" || wrong.push("svg without a role"));
+  all("table").forEach((table) => {
+    const head = table.tHead?.rows[0];
+    if (head && ![...head.cells].some((cell) => cell.tagName === "TH")) wrong.push("a head without headings");
+    all("th").forEach((th) => th.textContent.trim() || wrong.push("an empty heading"));
+    const width = head?.cells.length ?? table.rows[0].cells.length;
+    if ([...table.rows].some((row) => row.cells.length !== width)) wrong.push("rows of other widths");
+  });
+  const ids = all("[id]").map((each) => each.id);
+  if (new Set(ids).size !== ids.length) wrong.push("two of one id");
+  if (all("[tabindex]").some((each) => each.tabIndex > 0)) wrong.push("an order of its own");
+  return [...new Set(wrong)];
+})()
+"""
+
+
+def test_who_does_not_see_a_page_can_read_it(pages: dict[str, Path], browser: Browser) -> None:
+    """Names, headings in order, landmarks, roles and heads of tables; that text is no paler than 4.5 to 1: above."""
+    wrong = {}
+    for name, path in pages.items():
+        browser.open(path)
+        browser.show(1400)
+        if found := browser.run(STRUCTURE):
+            wrong[name] = found
+    assert not wrong, wrong
 
 
 PLACES = """
@@ -116,24 +254,6 @@ def test_the_first_screens_say_how_good_and_what_next(pages: dict[str, Path], br
         assert any("irb120" in text for text in shown) and any("good" in text for text in shown)
         assert {text.split()[0] for text in shown} >= {"before", "after", "Next:"}
         assert max(shown.values()) < room, shown
-
-
-PIXELS = """
-(() => {
-  const canvas = document.querySelector(".scene canvas");
-  const copy = document.createElement("canvas").getContext("2d");
-  [copy.canvas.width, copy.canvas.height] = [canvas.width, canvas.height];
-  copy.drawImage(canvas, 0, 0);
-  const bytes = copy.getImageData(0, 0, canvas.width, canvas.height).data;
-  let painted = 0, sum = 0;
-  for (let i = 0; i < bytes.length; i += 4) if (bytes[i + 3]) { painted += 1; sum += (i % 9973) * bytes[i]; }
-  return [painted, sum, document.querySelector(".scene output").textContent];
-})()
-"""
-
-
-def pointer(browser: Browser, kind: str, x: float, y: float) -> None:
-    browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
 
 @pytest.mark.parametrize("name", ["run", "plan"])
@@ -172,10 +292,15 @@ def test_a_page_reads_without_its_script(pages: dict[str, Path], browser: Browse
         browser.call("Emulation.setScriptExecutionDisabled", value=True)
         browser.open(pages["run"])
         browser.show(1400)
+        seen, shown = Page(pages["run"]), browser.run("document.documentElement.innerText")
+        charts = browser.run("[...document.querySelectorAll('figure svg')].map((each) => each.clientWidth)")
     finally:
         browser.call("Emulation.setScriptExecutionDisabled", value=False)
-    seen = Page(pages["run"])
     assert "arm" in seen.figures and pages["run"].stat().st_size < 2e6
+    assert len(charts) == seen.source.count("<svg") and min(charts) > 150
+    for heading in seen.headings:
+        assert heading in shown
+    assert "play" not in shown.split("\n")  # no controls of what is not there
 
 
 def test_every_eye_tells_before_from_after(pages: dict[str, Path], browser: Browser) -> None:

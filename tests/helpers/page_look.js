@@ -64,7 +64,7 @@
       const held = getComputedStyle(each);
       const inner = each.getBoundingClientRect();
       if (held.overflowX === "auto" || held.overflowX === "scroll") break; // a finger moves what is in it
-      if (held.display === "inline") continue;
+      if (held.display === "inline" || held.display === "contents") continue;
       if (box.right > inner.right + 1 || box.left < inner.left - 1) {
         wrong.push(`sticks out of its ${each.tagName}: ${told}`);
         break;
@@ -84,7 +84,7 @@
   const sizes = [...document.querySelectorAll("figure svg")].map((svg) => {
     const box = svg.getBoundingClientRect();
     const many = (what) => svg.querySelectorAll(what).length;
-    return [box.width, box.height, many("path"), many("text")];
+    return [box.width, box.height, many("path"), many("text"), Number(svg.classList.contains("small"))];
   });
   return { wrong: [...new Set(wrong)], texts, figures, sizes };
 })()

@@ -25,6 +25,7 @@ from lab.commands.calibrate.figures import (
 )
 from lab.commands.calibrate.result import CalibrationResult, correlated_pairs, errors_without_outliers, outliers_found
 from lab.commands.calibrate.scene import page_scene
+from lab.commands.result import ErrorStatistics
 from lab.core.checks import Check
 from lab.core.errors import counted
 from lab.core.limits import called
@@ -108,20 +109,24 @@ def document_of(result: CalibrationResult) -> doc.Document:
 
 def _title(result: CalibrationResult) -> str:
     """Robot, errors before and after, verdict."""
-    name, before, after = called(result.robot.name, result.options.serial), result.before, result.after
+    name, before, after = called(result.robot.name, result.options.serial), result.before, _reached(result)
     if before is None or after is None:
         return f"{name}: identified, {result.verdict.word}"
     return f"{name}: {short(before.mean)} → {short(after.mean)} mm, {result.verdict.word}"
 
 
+def _reached(result: CalibrationResult) -> ErrorStatistics | None:
+    """Return the errors after calibration: of the poses that are no outliers, where some are."""
+    return errors_without_outliers(result) or result.after
+
+
 def _card(result: CalibrationResult) -> doc.Card:
     """Summarise on the page's first screen: the verdict, the errors before and after, the next step."""
-    before, after, verdict = result.before, result.after, result.verdict
+    before, reached, verdict = result.before, _reached(result), result.verdict
     numbers: tuple[tuple[str, str, str], ...] = ()
     about = "The accuracy at other poses was not validated."
-    if before is not None and after is not None:
-        robust = errors_without_outliers(result)
-        caption, reached = ("after", after) if robust is None else ("after, without outliers", robust)
+    if before is not None and reached is not None:
+        caption = "after" if errors_without_outliers(result) is None else "after, without outliers"
         numbers = (("before", short(before.mean, "mm"), "before"), (caption, short(reached.mean, "mm"), "after"))
         if before.mean > reached.mean > 0:
             numbers += (("smaller by a factor of", short(before.mean / reached.mean), ""),)
@@ -143,7 +148,7 @@ def _card(result: CalibrationResult) -> doc.Card:
 
 def _lead(result: CalibrationResult) -> doc.Paragraph:
     terms = result.kind.terms
-    fit, before, after, targets = result.identification.fit, result.before, result.after, result.fitted.targets
+    fit, before, after, targets = result.identification.fit, result.before, _reached(result), result.fitted.targets
     of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if terms.names_targets else ""
     status = "stalled after" if fit.status == "in a valley" else f"{fit.status} in"
     how = f"{status} {counted(fit.iterations, 'step')}"
@@ -155,9 +160,10 @@ def _lead(result: CalibrationResult) -> doc.Paragraph:
     )
     if before is None or after is None:
         return doc.Paragraph(f"{begun} The accuracy at other poses was not validated.", "lead")
+    without = "" if errors_without_outliers(result) is None else ", without the outliers"
     text = (
         f"{begun} The mean {_judged_error(result)} {_validated_on(result)} was {short(before.mean)} mm with "
-        f"the nominal model and is {short(after.mean)} mm with the calibrated one."
+        f"the nominal model and is {short(after.mean)} mm with the calibrated one{without}."
     )
     return doc.Paragraph(text, "lead")
 

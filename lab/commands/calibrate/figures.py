@@ -5,28 +5,44 @@ Positions are in the world of the model; for a robot given as a table that is fr
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.calibration.estimate import EstimatedParameter
 from lab.calibration.observation import observation_of
 from lab.calibration.stations import in_first_frame
-from lab.calibration.validation import Errors, JudgedBy, errors_of
+from lab.calibration.validation import Errors, JudgedBy, configurations, errors_of
 from lab.calibration.workspace_prediction import predicted_errors
 from lab.commands.calibrate.result import CalibrationResult
+from lab.core.errors import LabError
 from lab.core.linear_model import half_width_95
-from lab.core.measurements import Measurements, evenly, rows_called
+from lab.core.measurements import Measurements, rows_called
 from lab.core.probability import beta_ppf, normal_ppf
 from lab.core.se3 import Array, inverse, transform
 from lab.core.units import MM, Unit
 from lab.kinematics.parameter import Parameter
-from lab.render.charts.chart import axes_picture, cube, log_ticks, shades, view
+from lab.render.charts.chart import axes_picture, cube, log_ticks, name_points, shades, view
 from lab.render.charts.marks import Axes
 from lab.render.document import Block, Figure, Picture, short
-from lab.render.plots import MOST_POINTS, VIEWS, SizeMap, Spread, histograms, size_maps, spread_by_size
-from lab.render.scene import moved, skeleton
+from lab.render.plots import (
+    MAP,
+    MOST_POINTS,
+    SMALL,
+    VIEWS,
+    WIDTH,
+    ArrowMap,
+    SizeMap,
+    Spread,
+    Trend,
+    arrow_maps,
+    histograms,
+    size_maps,
+    spread_by_size,
+    trend_pictures,
+)
+from lab.render.scene import LARGEST_FACTOR, magnification, moved, skeleton
 from lab.render.style import (
     AFTER,
     ARM,
@@ -38,16 +54,17 @@ from lab.render.style import (
     MEASURED,
     MUTED,
     PREDICTED,
-    SERIES,
 )
 
 __all__ = [
-    "arm_figures", "correction_pictures", "correlation_picture", "error_histograms", "error_maps", "has_correction",
+    "ErrorVectors", "arm_figures", "correction_pictures", "correlation_picture", "error_histograms", "error_maps",
+    "error_vectors", "has_correction",
     "main_picture", "residual_figures", "residual_pictures", "selection_picture", "singular_value_picture",
     "uncertainty_map", "where_figures", "world_of",
 ]  # fmt: skip
 
 _MOST_ARMS = 12  # drawn in a picture
+_MOST_CORRECTIONS = 30  # drawn in a picture
 _WHICH: dict[JudgedBy, str] = {
     "fresh": "the validation poses, without noise",
     "holdout": "the poses of the hold-out set",
@@ -55,12 +72,25 @@ _WHICH: dict[JudgedBy, str] = {
     "file": "the poses of the validation file",
 }
 _FITTED = "the fitted poses, with the residuals of the fit"
+_SOME = f"{MOST_POINTS} of them, evenly from the smallest error to the largest"
+_ARROW = 0.06  # of the map's edge: how long the mean error is drawn
 
 
 class _ErrorMap(NamedTuple):
     sizes: tuple[SizeMap, SizeMap]  # before calibration and after it, by one scale
     which: str  # the poses of the errors, in words
     all_shown: bool
+
+
+class ErrorVectors(NamedTuple):
+    """Errors before and after calibration as vectors in the world, at ``m`` measured points."""
+
+    points: Array  # (m, 3) m, predicted by the calibrated model
+    before: Array  # (m, 3) m, measured less predicted
+    after: Array
+    names: tuple[str, ...]  # of the pose of each
+    thing: str  # what the names are of
+    which: str  # the poses, in words
 
 
 @dataclass(frozen=True)
@@ -97,16 +127,47 @@ def error_maps(result: CalibrationResult, error: str) -> _ErrorMap | None:
     if not len(known):
         return None
     rows = known[spread_by_size(after[known])]
-    outliers = rows_called(result.measurements, [pose.id for pose in result.fit.outliers])
-    crosses = _predicted(result, result.measurements.take(outliers)).reshape(-1, 3) if outliers else np.empty((0, 3))
+    crosses, _ = _outliers(result)
     both = np.concatenate([before[rows], after[rows]])
     largest = max(float(np.percentile(both, 99)), 1e-12)
     scale = max(float(np.percentile(both, 1)), 1e-5 * largest), 1.001 * largest
     shown = SizeMap(points[rows], after[rows], f"{error} after calibration", crosses, range_m=scale, from_one_side=True)
     earlier = f"{error} before calibration"
     no_crosses = np.empty((0, 3))
-    start = replace(shown, sizes=before[rows], size_means=earlier, crosses=no_crosses, name="before", with_scale=False)
+    start = replace(shown, sizes=before[rows], size_means=earlier, crosses=no_crosses, name="before")
     return _ErrorMap((start, shown), which, len(rows) == len(known))
+
+
+def error_vectors(result: CalibrationResult) -> ErrorVectors | None:
+    """Return the errors of the validation, or the residuals of the fit where it does not have its poses.
+
+    None where no positions were measured in the instrument's frame.
+    """
+    found, validation = result.identification, result.validation
+    model, positions = found.model, observation_of(found.model).positions
+    if not positions:
+        return None
+    data, which, thing = result.fitted, _FITTED, "pose"
+    if validation.rows is not None and validation.judged_by in ("fresh", "holdout", "file"):
+        data, which = validation.rows, _WHICH[validation.judged_by]
+        thing = "pose" if validation.judged_by == "holdout" else "validation pose"
+    try:
+        inputs = data.inputs(model.conditions)
+    except LabError:  # a virtual arm is validated by positions alone, also where orientations are fitted
+        data, which, thing = result.fitted, _FITTED, "pose"
+        inputs = data.inputs(model.conditions)
+    predicted = (model.points(inputs, values)[:, :positions] for values in (found.nominal_aligned, found.values))
+    T_world_instrument = world_of(result)
+    measured, before, after = (
+        moved(T_world_instrument, in_first_frame(model, found.values, inputs, each)).reshape(-1, 3)
+        for each in (data.points[:, :positions], *predicted)
+    )
+    known = np.flatnonzero(np.isfinite(measured - before + after).all(axis=1))
+    if not len(known):
+        return None
+    names = tuple(data.ids[row // positions] for row in known.tolist())
+    measured, before, after = measured[known], before[known], after[known]
+    return ErrorVectors(after, measured - before, measured - after, names, thing, which)
 
 
 def _validated(result: CalibrationResult) -> tuple[Measurements, Errors, str]:
@@ -122,6 +183,16 @@ def _predicted(result: CalibrationResult, data: Measurements) -> Array:
     """Targets ``(n, k, 3)`` in the world, of the calibrated geometry."""
     arm, values = result.rigid(result.identification.values)
     return moved(world_of(result), arm.points(data.joints, values))
+
+
+def _outliers(result: CalibrationResult) -> tuple[Array, tuple[str, ...]]:
+    """Where the calibrated geometry predicts the targets ``(o, 3)`` of the outliers, and the names of their poses."""
+    rows = rows_called(result.measurements, [pose.id for pose in result.fit.outliers])
+    if not rows:
+        return np.empty((0, 3)), ()
+    found = _predicted(result, result.measurements.take(rows))
+    names = tuple(result.measurements.ids[row] for row in rows for _ in range(found.shape[1]))
+    return found.reshape(-1, 3), names
 
 
 def _arm_poses(result: CalibrationResult) -> _ArmPoses:
@@ -180,16 +251,22 @@ def correction_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
     for parameter, row in zip(result.identification.model.parameters, result.parameters, strict=True):
         if has_correction(parameter, row):
             by_unit.setdefault(parameter.unit, []).append(row)
-    shown = [(unit, rows) for unit, rows in by_unit.items() if rows]
-    return tuple(_corrections(rows, unit, number) for number, (unit, rows) in enumerate(shown))
+    parts: list[tuple[Unit, list[EstimatedParameter], float]] = []
+    for unit, rows in by_unit.items():
+        reach = [abs(row.estimate - row.nominal) + np.nan_to_num(row.half_width_95) for row in rows]
+        known = [size for size, row in zip(reach, rows, strict=True) if not row.weakly_observable]
+        # a weak parameter does not stretch the picture
+        limit = _WIDER * unit.of(max(known)) if known and max(known) > 0 else np.inf
+        count = -(-len(rows) // max(1, -(-len(rows) // _MOST_CORRECTIONS)))
+        parts += [(unit, rows[i : i + count], limit) for i in range(0, len(rows), count or 1)]
+    return tuple(_corrections(rows, unit, limit, number) for number, (unit, rows, limit) in enumerate(parts))
 
 
-def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, number: int) -> Picture:
+def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, limit: float, number: int) -> Picture:
+    """Draw corrections of one unit, up to ``limit``."""
     offsets = unit.of(np.array([row.estimate - row.nominal for row in rows]))
     halves = unit.of(np.array([row.half_width_95 for row in rows]))
     reach = np.abs(offsets) + np.nan_to_num(halves)
-    known = [size for size, row in zip(reach, rows, strict=True) if not row.weakly_observable]
-    limit = _WIDER * max(known) if known and max(known) > 0 else np.inf  # a weak parameter does not stretch the picture
 
     def draw(axes: Axes) -> None:
         at = np.arange(len(rows))[::-1]
@@ -202,9 +279,13 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, number: int) ->
         axes.scatter(inside, at, c=colours, s=13)
         for i in np.flatnonzero(reach > limit):
             text = f"{short(offsets[i])} ± {short(halves[i])}"
-            axes.annotate(text, (limit, at[i]), xytext=(-3, 2), textcoords="offset points", ha="right", fontsize=7)
+            axes.annotate(text, (limit, at[i]), xytext=(-3, 2), textcoords="offset points", ha="right")
         axes.axvline(0, color=INK, linewidth=1)
         axes.set_yticks(at, [row.name for row in rows])
+        texts = [f"{short(a)} ± {short(b)} {unit.name}" for a, b in zip(offsets.tolist(), halves.tolist(), strict=True)]
+        name_points(axes, "parameter", inside, at, [row.name for row in rows], texts)
+        if np.isfinite(limit):
+            axes.set(xlim=(-1.06 * limit, 1.06 * limit))
         axes.locator_params(axis="x", nbins=5)
         axes.set(ylim=(-0.7, len(rows) - 0.3), xlabel=f"correction of the nominal value, {unit.name}")
         axes.tick_params(axis="y", length=0)
@@ -213,7 +294,7 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, number: int) ->
 
     label = f"Corrections of the nominal values with 95 % intervals, {unit.name}"
     height = 0.95 + 0.2 * len(rows)
-    return axes_picture(f"corrections-{number}", label, (4.5, height), draw, (1.35, 0.5, 0.15, 0.15))
+    return axes_picture(f"corrections-{number}", label, (WIDTH, height), draw, (1.35, 0.5, 0.15, 0.15))
 
 
 def singular_value_picture(values: Array) -> tuple[Picture, ...]:
@@ -234,7 +315,7 @@ def singular_value_picture(values: Array) -> tuple[Picture, ...]:
         axes.grid(visible=False, axis="x")
 
     label = "Singular values of the scaled Jacobian"
-    return (axes_picture("singular-values", label, (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15)),)
+    return (axes_picture("singular-values", label, (WIDTH, 2.8), draw, (0.8, 0.5, 0.2, 0.15)),)
 
 
 def _arm_views(arm: _ArmPoses) -> tuple[Picture, ...]:
@@ -246,29 +327,27 @@ def _arm_views(arm: _ArmPoses) -> tuple[Picture, ...]:
         middle, half = cube([MM.of(arm.joints), MM.of(arm.points), MM.of(arm.head)])
 
     def draw(axes: Axes, plane: tuple[int, int]) -> None:
-        _sticks(axes, arm, plane)
+        _sticks(axes, arm, plane, middle[plane[0]])
         if arm.head is not None:
             _instrument(axes, MM.of(arm.head), middle, half, plane)
         view(axes, plane, middle, half, "base")
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
 
     return tuple(
         axes_picture(
             f"arm-{which}",
             f"The arm at its poses, {'from above' if which == 'above' else 'from the side'}",
-            (4.5, 4.85),
+            MAP,
             lambda axes, plane=plane: draw(axes, plane),  # type: ignore[misc]
-            (0.85, 0.85, 0.15, 0.3),  # places may have four digits and a sign
+            (0.78, 0.5, 0.1, 0.3),  # places may have four digits and a sign
         )
         for which, plane in VIEWS.items()
     )
 
 
-def _sticks(axes: Axes, arm: _ArmPoses, plane: tuple[int, int]) -> None:
+def _sticks(axes: Axes, arm: _ArmPoses, plane: tuple[int, int], middle: float) -> None:
     size = 9 if len(arm.points) <= 200 else 4
-    word = "measured point" if arm.measured else "tool point"
     points = MM.of(arm.points[:: max(1, len(arm.points) // 1000)][:, plane])
-    axes.scatter(points[:, 0], points[:, 1], s=size, c=MEASURED, label=word, zorder=3, linewidths=0)
+    axes.scatter(points[:, 0], points[:, 1], s=size, c=MEASURED, zorder=3, linewidths=0)
     shown = [slice(0, 1), slice(1, None)] if len(arm.tips) > 1 else [slice(0, 1)]
     for rows in reversed(shown):  # the others first: few artists, since each takes its time
         first = rows.start == 0
@@ -284,12 +363,22 @@ def _sticks(axes: Axes, arm: _ArmPoses, plane: tuple[int, int]) -> None:
             color=colour,
             linewidth=wide,
             alpha=1.0 if first else 0.75,
-            label=f"arm at pose {arm.first}" if first else f"arm at {len(arm.tips) - 1} other poses",
             zorder=4 if first else 1,
             solid_capstyle="round",
         )
+        if first:
+            _at_point(axes, tips[0, 0], f"pose {arm.first}", HIGHLIGHT, left=tips[0, 0, 0] > middle)
         dot = 3.5 if first else 1.8
         axes.plot(*joints.reshape(-1, 2).T, "o", color=colour, markersize=dot, zorder=4 if first else 1)
+
+
+def _at_point(axes: Axes, at: Array, text: str, colour: str, *, left: bool) -> None:
+    """Words beside a point, on an area of their own."""
+    box = {"boxstyle": "round,pad=0.1", "facecolor": "#ffffff", "edgecolor": "none"}
+    axes.annotate(
+        text, at, xytext=(-5 if left else 5, 6), textcoords="offset points", color=colour, fontweight="bold",
+        ha="right" if left else "left", bbox=box, zorder=6,
+    )  # fmt: skip
 
 
 def _parted(lines: Array) -> Array:
@@ -301,111 +390,87 @@ def _instrument(axes: Axes, head: Array, middle: Array, half: float, plane: tupl
     position, centre = head[list(plane)], middle[list(plane)]
     away = position - centre
     if np.abs(head - middle).max() < half:
-        axes.plot(*position, "P", color=INSTRUMENT, markersize=9, linestyle="", label="instrument", zorder=5)
+        axes.plot(*position, "P", color=INSTRUMENT, markersize=9, linestyle="", zorder=5)
+        _at_point(axes, position, "instrument", INSTRUMENT, left=away[0] > 0)
         return
     edge = away * half / np.abs(away).max()
     arrow = {"arrowstyle": "-|>", "color": INSTRUMENT, "linewidth": 2.0}
     axes.annotate("", centre + 0.98 * edge, centre + 0.78 * edge, arrowprops=arrow, zorder=5)
-    far = f"to the instrument, {np.linalg.norm(head - middle) / 1e3:.1f} m"
-    axes.plot([], [], color=INSTRUMENT, linewidth=2.0, label=far)
+    far = f"instrument, {np.linalg.norm(head - middle) / 1e3:.1f} m"
+    inward = 0.74 * edge
+    box = {"boxstyle": "round,pad=0.1", "facecolor": "#ffffff", "edgecolor": "none"}
+    side, over = ("right" if inward[0] > 0 else "left"), ("top" if inward[1] > 0 else "bottom")
+    axes.annotate(far, centre + inward, color=INSTRUMENT, fontweight="bold", ha=side, va=over, bbox=box, zorder=6)
 
 
-_MOST_POSES = 2000  # whose residuals are drawn
-_WIDE, _SQUARE = (5.6, 2.6), (3.4, 3.2)  # inches
 _QUANTILES = 120
 _FEWEST = 8  # residuals that are drawn
 _LINK = 0.13  # inches of a parameter
+_CORRELATION_SCALE = (BEFORE, "#ffffff", AFTER)  # from −1 to 1
+_STRONG = 0.5  # a correlation from which a reader can ask its names
+_STEP = 1e-6  # rad or m, by which a joint is moved
+_LEAST_LEVER = 1e-3  # of the largest: how far a joint must move the targets, to be seen in their errors
 
 
 def residual_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
-    """The residuals per axis, mm: in the order of the poses, against each joint, and against a normal distribution."""
+    """The residuals of the poses, mm: along each joint's motion, in time, and against a normal distribution."""
     found, data = result.identification, result.fitted
     positions = observation_of(found.model).positions
     if not positions:
         return ()
-    predicted = found.model.points(data.inputs(found.model.conditions), found.values)[:, :positions]
-    residuals = MM.of(data.points[:, :positions] - predicted)
-    seen = residuals[np.isfinite(residuals)]
+    inputs = data.inputs(found.model.conditions)
+    residuals = data.points[:, :positions] - found.model.points(inputs, found.values)[:, :positions]
+    seen = MM.of(residuals[np.isfinite(residuals)])
     if len(seen) < _FEWEST:
         return ()
-    band = float(half_width_95(np.inf)) * 1e3 * found.sigma_m
-    return (_in_order(result, residuals, band), _by_joint(result, residuals, band), _quantiles(seen))
+    band = float(half_width_95(np.inf)) * MM.of(found.sigma_m)
+    joints = trend_pictures("residuals-joint", _by_joint(result, inputs, residuals), band)
+    return (*joints, *trend_pictures("residuals-time", _in_order(result, residuals), band), _quantiles(seen))
 
 
-def _drawn(residuals: Array) -> NDArray[np.int_]:
-    """The poses of residuals ``(n, ...)`` that are drawn: all, or some evenly spaced."""
-    some = evenly(len(residuals), _MOST_POSES)
-    return np.arange(len(residuals)) if some is None else some
+def _by_joint(result: CalibrationResult, inputs: Array, residuals: Array) -> list[Trend]:
+    """Residuals of configurations along the direction in which each joint moves the targets, against that joint.
+
+    The residual ``r`` of all targets of a pose, and their motion ``d`` by the joint, give ``r·d/|d|``, whose noise is
+    that of a coordinate. Poses that repeat a configuration are one point, their mean.
+    """
+    found, data, chain = result.identification, result.fitted, result.robot.chain
+    positions = residuals.shape[1]
+    labels = configurations(data.joints)
+    _, firsts, which = np.unique(labels, return_index=True, return_inverse=True)
+    trends = []
+    for joint, name in enumerate(chain.joint_names):
+        step = _STEP * np.eye(inputs.shape[1])[joint]
+        ahead, back = (found.model.points(inputs + side * step, found.values)[:, :positions] for side in (1, -1))
+        motion = np.where(np.isfinite(residuals), (ahead - back) / (2 * _STEP), 0.0).reshape(len(data), -1)
+        lever = np.linalg.norm(motion, axis=1)
+        moves = lever > _LEAST_LEVER * lever.max()
+        along = np.sum(np.nan_to_num(residuals).reshape(len(data), -1) * motion, axis=1) / np.where(moves, lever, 1.0)
+        sums, counts = (np.bincount(which, each * moves) for each in (along, np.ones(len(data))))
+        unit, shown = chain.unit(joint), np.flatnonzero(counts)
+        trends.append(
+            Trend(
+                name,
+                f"{name}, {unit.name}",
+                unit.of(data.joints[firsts[shown], joint]),
+                MM.of(sums[shown] / counts[shown]),
+                [data.ids[row] for row in firsts[shown].tolist()],
+            )
+        )
+    return trends
 
 
-def _in_order(result: CalibrationResult, residuals: Array, band: float) -> Picture:
-    time = result.fitted.conditions.get("time_s")
+def _in_order(result: CalibrationResult, residuals: Array) -> list[Trend]:
+    """Residuals of poses along each axis of the instrument, in time or in the order of the file."""
+    data, time = result.fitted, result.fitted.conditions.get("time_s")
     timed = time is not None and bool(np.isfinite(time).all())
-    at = (time - time.min()) / 60 if timed and time is not None else np.arange(1.0, len(residuals) + 1)
-    drawn = _drawn(residuals)
-
-    def draw(axes: Axes) -> None:
-        for axis, (colour, mark, _) in zip(range(3), SERIES[:3], strict=True):
-            values = residuals[drawn, :, axis]
-            axes.plot(
-                np.repeat(at[drawn], values.shape[1]), values.ravel(), mark, color=colour, markersize=3,
-                label="xyz"[axis], rasterized=True,
-            )  # fmt: skip
-        _band(axes, band)
-        axes.set(xlabel="time, min" if timed else "pose, in the order of the file", ylabel="residual per axis, mm")
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
-
-    outside = 100 * float(np.mean(np.abs(residuals[np.isfinite(residuals)]) > band)) if np.isfinite(band) else 0.0
-    label = f"Residuals per axis {'in time' if timed else 'by pose'}: {outside:.0f} % outside the band of 95 % of noise"
-    return axes_picture("residuals-time", label, _WIDE, draw, (0.8, 0.5, 0.15, 0.3))
-
-
-def _by_joint(result: CalibrationResult, residuals: Array, band: float) -> Picture:
-    joints, chain = result.fitted.joints, result.robot.chain
-    low, high = joints.min(axis=0), joints.max(axis=0)
-    share = (joints - low) / np.where(high > low, high - low, 1.0)
-    per_pose = residuals.reshape(len(residuals), -1)
-    per_pose = per_pose[:, : max(1, _MOST_POSES // max(1, len(per_pose)))]
-    drawn = _drawn(residuals)
-
-    def draw(axes: Axes) -> None:
-        for joint, name in enumerate(chain.joint_names):
-            at = joint + 0.06 + 0.88 * share[drawn, joint]
-            axes.plot(
-                np.repeat(at, per_pose.shape[1]), per_pose[drawn].ravel(), "o", color=AFTER, markersize=2, alpha=0.6,
-                rasterized=True,
-            )  # fmt: skip
-            if joint:
-                axes.axvline(joint, color=ARM, linewidth=0.8)
-            unit = chain.unit(joint)
-            ends = f"{unit.of(low[joint]):.0f} to {unit.of(high[joint]):.0f} {unit.name}".replace("-", "−")
-            axes.annotate(
-                f"{name}\n{ends}", (joint + 0.5, -0.05), xycoords=("data", "axes fraction"), ha="center", va="top",
-                fontsize=7,
-            )  # fmt: skip
-        _band(axes, band)
-        axes.set(xlim=(0, chain.size), xticks=[], ylabel="residual per axis, mm")
-        axes.grid(visible=False, axis="x")
-
-    known = np.isfinite(per_pose)
-    sums, counts = np.where(known, np.abs(per_pose), 0.0).sum(axis=1), known.sum(axis=1)
-    seen = counts > 0
-    sizes = sums[seen] / counts[seen]
-    correlations = [abs(_rank_correlation(share[seen, j], sizes)) for j in range(chain.size)]
-    label = f"Residuals against each joint: the largest rank correlation of their sizes is {max(correlations):.2f}"
-    return axes_picture("residuals-joints", label, _WIDE, draw, (0.8, 0.55, 0.15, 0.15))
-
-
-def _rank_correlation(at: Array, sizes: Array) -> float:
-    if np.ptp(at) == 0 or np.ptp(sizes) == 0:
-        return 0.0
-    return float(np.corrcoef(_ranks(at), _ranks(sizes))[0, 1])
-
-
-def _ranks(values: Array) -> Array:
-    """Return the rank of each value in ascending order; ties share their mean rank."""
-    _, which, count = np.unique(values, return_inverse=True, return_counts=True)
-    return np.asarray((np.cumsum(count) - (count - 1) / 2)[which])
+    at = (time - time.min()) / 60 if timed and time is not None else np.arange(1.0, len(data) + 1)
+    seen = np.isfinite(residuals).all(axis=2)
+    rows = np.flatnonzero(seen.any(axis=1))
+    sums = np.where(seen[..., None], residuals, 0.0)[rows].sum(axis=1) / np.sqrt(seen[rows].sum(axis=1))[:, None]
+    axis = "time, min" if timed else "pose, in order"
+    names = [data.ids[row] for row in rows.tolist()]
+    return [Trend(name, axis, at[rows], MM.of(sums[:, k]), names) for k, name in enumerate("xyz")]
 
 
 def _quantiles(residuals: Array) -> Picture:
@@ -421,16 +486,11 @@ def _quantiles(residuals: Array) -> Picture:
         axes.fill_between(expected, low, high, color=PREDICTED, alpha=0.18, linewidth=0)
         axes.plot(expected, expected, color=INK, linewidth=0.8)
         axes.plot(expected, found, "o", color=AFTER, markersize=3, rasterized=True)
-        axes.set(xlabel="normal distribution, σ", ylabel="residuals over their RMS")
+        axes.set(xlabel="normal distribution, σ", title=f"Q-Q: {100 * outside:.0f} % outside")
+        axes.locator_params(axis="x", nbins=4)
 
     label = f"Q-Q: {100 * outside:.0f} % of the quantiles lie outside the 95 % band of a normal distribution"
-    return axes_picture("residuals-normal", label, _SQUARE, draw, (0.6, 0.5, 0.15, 0.15))
-
-
-def _band(axes: Axes, band: float) -> None:
-    axes.axhline(0, color=INK, linewidth=0.8)
-    if np.isfinite(band):
-        axes.axhspan(-band, band, color=PREDICTED, alpha=0.13, linewidth=0)
+    return axes_picture("residuals-normal", label, SMALL, draw, (0.55, 0.5, 0.1, 0.35))
 
 
 def correlation_picture(result: CalibrationResult) -> tuple[Picture, ...]:
@@ -438,29 +498,45 @@ def correlation_picture(result: CalibrationResult) -> tuple[Picture, ...]:
     found, std = result.identification, result.identification.std
     if len(std) < 2 or not (np.isfinite(std).all() and (std > 0).all()):
         return ()
-    matrix = found.covariance / np.outer(std, std)
     names = [found.model.names[i] for i in found.fit.free]
-    owners = [name.rpartition(".")[0] for name in names]
-    edges = [i for i in range(1, len(owners)) if owners[i].split(".")[0] != owners[i - 1].split(".")[0]]
+    links = [name.split(".")[0] for name in names]
+    order = sorted(range(len(names)), key=lambda i: links.index(links[i]))  # of each link or joint one block
+    matrix = (found.covariance / np.outer(std, std))[np.ix_(order, order)]
+    names, links = [names[i] for i in order], [links[i] for i in order]
+    edges = [i for i in range(1, len(links)) if links[i] != links[i - 1]]
     firsts = [0, *edges]
+    upper = np.abs(np.triu(matrix, 1))
 
     def draw(axes: Axes) -> None:
-        axes.imshow(shades((matrix + 1) / 2, (BEFORE, "#ffffff", AFTER)))
+        axes.imshow(shades((matrix + 1) / 2, _CORRELATION_SCALE))
         for edge in edges:
             axes.axhline(edge - 0.5, color=ARM, linewidth=0.8)
             axes.axvline(edge - 0.5, color=ARM, linewidth=0.8)
         middles = [(a + b - 1) / 2 for a, b in zip(firsts, [*edges, len(names)], strict=True)]
-        labels = [owners[i].split(".")[0] for i in firsts]
-        axes.set_yticks(middles, labels)
-        axes.set_xticks(middles, labels, rotation=90)
+        room = [True, *(b - a > 0.16 / cell for a, b in pairwise(middles))]  # a word needs 0.16 inches
+        shown = [(at, links[i]) for at, i, fits in zip(middles, firsts, room, strict=True) if fits]
+        axes.set_yticks(*zip(*shown, strict=True))
+        axes.set_xticks(*zip(*shown, strict=True), rotation=90)
         axes.tick_params(length=0)
         axes.grid(visible=False)
+        rows, columns = np.nonzero(upper > _STRONG)
+        named = [f"{names[i]} and {names[j]}" for i, j in zip(rows.tolist(), columns.tolist(), strict=True)]
+        texts = [f"{value:.2f}".replace("-", "−") for value in matrix[rows, columns].tolist()]
+        for across, up in ((columns, rows), (rows, columns)):
+            name_points(axes, "correlation of", across, up, named, texts)
+        bar = axes.inset_axes((0.0, -0.32 * 3.0 / wide, 1.0, 0.15 / wide))
+        values = np.linspace(-1, 1, 65)
+        colours = shades(((values[1:] + values[:-1]) / 2 + 1) / 2, _CORRELATION_SCALE)
+        bar.pcolormesh(values, [0, 1], colours[None], rasterized=True)
+        bar.set(xlim=(-1, 1), ylim=(0, 1), xticks=[-1, -0.5, 0, 0.5, 1], yticks=[], xlabel="correlation")
+        bar.grid(visible=False)
 
-    upper = np.abs(np.triu(matrix, 1))
     i, j = np.unravel_index(int(upper.argmax()), upper.shape)
     label = f"Correlations of the parameters: the strongest, {matrix[i, j]:.2f}, is of {names[i]} and {names[j]}"
-    size = min(max(3.4, 1.3 + _LINK * len(names)), 5.6)
-    return (axes_picture("correlations", label, (size, size - 0.4), draw, (0.75, 0.7, 0.3, 0.1)),)
+    wide = min(max(2.4, _LINK * len(names)), WIDTH - 0.9)
+    cell = wide / len(names)
+    margins = (0.75, 1.45, 0.15, 0.1)
+    return (axes_picture("correlations", label, (wide + 0.9, wide + 1.55), draw, margins),)
 
 
 def selection_picture(result: CalibrationResult) -> tuple[Picture, ...]:
@@ -480,21 +556,20 @@ def selection_picture(result: CalibrationResult) -> tuple[Picture, ...]:
         for place, error, end in zip(at, errors, np.maximum(errors, np.roll(errors, 1)), strict=True):
             right = error if place == at[0] else end
             falls_to = "" if place == at[0] else "→ "
-            axes.annotate(f"\u00a0{falls_to}{short(error)}", (right, place), va="center", ha="left", fontsize=8)
+            axes.annotate(f"\u00a0{falls_to}{short(error)}", (right, place), va="center", ha="left")
         axes.set_yticks(at, [each.name for each in tried])
-        axes.set(xlabel="hold-out error, mm", xlim=(0, 1.18 * errors.max()))
+        names = [each.name for each in tried]
+        name_points(axes, "group", errors, at, names, [f"{short(error)} mm" for error in errors.tolist()])
+        axes.set(xlabel="hold-out error, mm", xlim=(0, 1.3 * errors.max()))
+        axes.locator_params(axis="x", nbins=5)
         axes.grid(visible=False, axis="y")
 
     label = f"Model selection: the hold-out error falls from {short(errors[0])} to {short(errors[-1])} mm"
-    return (axes_picture("selection", label, (5.6, 1.0 + 0.28 * len(tried)), draw, (1.6, 0.5, 0.2, 0.1)),)
+    return (axes_picture("selection", label, (WIDTH, 0.8 + 0.24 * len(tried)), draw, (1.6, 0.5, 0.1, 0.1)),)
 
 
-def uncertainty_map(result: CalibrationResult, range_m: tuple[float, float] | None) -> SizeMap | None:
-    """The predicted position error over random poses of the workspace; crosses: beyond the measured joints.
-
-    Args:
-        range_m: ends of the scale that it shares with maps of errors; None where there are none.
-    """
+def uncertainty_map(result: CalibrationResult) -> SizeMap | None:
+    """The predicted position error over random poses of the workspace; crosses: beyond the measured joints."""
     found = predicted_errors(result.identification, result.fit.measured)
     if found is None:
         return None
@@ -504,57 +579,88 @@ def uncertainty_map(result: CalibrationResult, range_m: tuple[float, float] | No
     beyond = ((joints < measured.min(axis=0)) | (joints > measured.max(axis=0))).any(axis=1)
     arm, values = result.rigid(result.identification.values)
     points = moved(world_of(result), arm.points(joints, values))[:, 0]
-    return SizeMap(
-        points,
-        sizes,
-        "predicted error (RMS)",
-        points[beyond],
-        "outside the measured joint range",
-        name="uncertainty",
-        range_m=range_m,
-        with_scale=range_m is None,
-        from_one_side=True,
-    )
+    return SizeMap(points, sizes, "predicted error (RMS)", name="uncertainty", extrapolated=beyond)
 
 
 def where_figures(result: CalibrationResult) -> tuple[Block, ...]:
     """Errors before and after calibration where they are, and the predicted ones over the workspace."""
-    found = error_maps(result, result.kind.terms.error)
-    predicted = _predicted_map(result, None if found is None else found.sizes[0].range_m)
+    arrows = error_vectors(result)
+    found = None if arrows is not None else error_maps(result, result.kind.terms.error)
+    predicted = _predicted_map(result)
+    if arrows is not None:
+        return (_arrow_figure(result, arrows), *predicted)
     if found is None:
         return predicted
-    part = "" if found.all_shown else f"; {MOST_POINTS} of them, evenly from the smallest error to the largest"
+    part = "" if found.all_shown else f"; {_SOME}"
     before, after = found.sizes
-    caption = (
-        f"The maps show {found.which}{part}: first before calibration, then after it. Darker points have larger "
-        "errors; all maps share one logarithmic scale."
-    )
+    caption = f"The maps show {found.which}{part}: first before calibration, then after it, by the same scale."
     if len(after.crosses):
         caption += " Crosses mark the predicted positions of the outliers."
     return (Figure("where", (*size_maps(before), *size_maps(after)), caption), *predicted)
 
 
-def _predicted_map(result: CalibrationResult, range_m: tuple[float, float] | None) -> tuple[Block, ...]:
-    found = uncertainty_map(result, range_m)
+def _arrow_figure(result: CalibrationResult, found: ErrorVectors) -> Figure:
+    """Draw the errors before and after calibration at one magnification, and those after it at a larger one."""
+    rows = spread_by_size(np.linalg.norm(found.after, axis=1))
+    points, names = found.points[rows], [found.names[row] for row in rows.tolist()]
+    edge = 2 * cube([points])[1]
+    before, after = (
+        min(magnification(float(np.linalg.norm(each, axis=1).mean()), _ARROW * edge), LARGEST_FACTOR)
+        for each in (found.before, found.after)
+    )
+    crosses, cross_names = _outliers(result)
+    layers = ("before", BEFORE, found.before[rows]), ("after", AFTER, found.after[rows])
+    both = ArrowMap("before", points, result.kind.terms.error, layers, before, names, found.thing)
+    alone = replace(both, name="after", layers=layers[1:], factor=after)
+    maps = [both, alone] if after > before else [both]
+    maps[-1] = replace(maps[-1], crosses=crosses, cross_names=cross_names)
+    part = "" if len(rows) == len(found.names) else f"; {_SOME}"
+    caption = f"Arrows show the {result.kind.terms.error}, measured less predicted, at {found.which}{part}."
+    if after > before:
+        caption += " The second map of each view shows the errors after calibration alone, magnified more."
+    caption += " Neighbouring arrows that point the same way show an error that the model lacks."
+    if len(crosses):
+        caption += " Crosses mark the predicted positions of the outliers."
+    return Figure("where", arrow_maps(maps), caption)
+
+
+def _predicted_map(result: CalibrationResult) -> tuple[Block, ...]:
+    found = uncertainty_map(result)
     if found is None:
         return ()
-    caption = (
-        "The map shows the predicted error (RMS) at random poses of the workspace. Crosses mark poses outside the "
-        "measured joint range: the model is extrapolated there, and its discrepancy may be larger."
-    )
+    assert found.extrapolated is not None
+    share = float(found.extrapolated.mean())
+    caption = "The map shows the predicted error (RMS) at random poses of the workspace."
+    if share:
+        many = "All poses are" if share == 1 else f"Crosses ({100 * share:.0f} % of the poses) are"
+        caption += (
+            f" {many} outside the measured joint range: the model is extrapolated there, and its discrepancy may be "
+            "larger."
+        )
     return (Figure("uncertainty", size_maps(found), caption),)
 
 
 def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
-    """Residuals in time, against each joint, and against a normal distribution."""
-    caption = (
-        "The plots show the residuals of the fit per axis; the band contains 95 % of the noise. Bends or steps against "
-        "a joint show effects that the model lacks. In the last plot, normal noise lies on the line, within the band."
+    """Residuals against each joint, in time, and against a normal distribution."""
+    pictures = residual_pictures(result)
+    joints = result.robot.chain.size
+    trends = [each.label for each in pictures[:-1] if not each.label.endswith("no trend")]
+    count = len(np.unique(configurations(result.fitted.joints))) if pictures else 0
+    some = f" ({MOST_POINTS} of {count:,} are drawn)" if count > MOST_POINTS else ""
+    common = "The line is their smooth mean with its 95 % band; green: 95 % of the noise."
+    found = f" Trends: {'; '.join(trends)}." if trends else " None has a trend (F tests, 1 % over all)."
+    by_joint = (
+        f"Errors against each joint. A dot is a configuration{some}: its residual, mm, along the direction in which "
+        f"that joint moves the tool. {common} A wave or a slope shows an effect of the joint that the model lacks."
     )
-    if len(result.fitted) > _MOST_POSES:
-        drawn = f"{_MOST_POSES:,} of the {len(result.fitted):,} poses are drawn, evenly spaced"
-        caption += f" {drawn}; the titles refer to all poses."
-    return (Figure("residuals", residual_pictures(result), caption),)
+    in_time = (
+        "Errors in time, mm, along each axis of the instrument, and the residuals over their RMS against a normal "
+        "distribution: normal noise lies on the line, within its band."
+    )
+    return (
+        Figure("residuals", pictures[:joints], by_joint + found),
+        Figure("residuals-in-time", pictures[joints:], in_time),
+    )
 
 
 def arm_figures(result: CalibrationResult) -> tuple[Block, ...]:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from markupsafe import Markup
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "Chart", "Sheet", "arrow", "axes_picture", "cube", "figure_picture", "inline_svg", "log_ticks", "place",
-    "save_figure", "shades", "view",
+    "Chart", "Sheet", "arrow", "axes_picture", "cube", "figure_picture", "inline_svg", "log_ticks", "name_points",
+    "place", "save_figure", "shades", "view",
 ]  # fmt: skip
 
 _POINTS = 72  # per inch
@@ -61,6 +61,8 @@ class Sheet:
         self.labels: list[_Draw] = []  # which may lie beyond the axes
         self.shown_legend: Legend | None = None
         self.title, self.equal, self.hidden = "", "", False
+        self.named: list[_Named] = []
+        self._insets: list[tuple[tuple[float, float, float, float], Sheet]] = []
         self._marks: list[tuple[float, _Draw]] = []
         self._entries: list[Entry] = []
         self._patterns: dict[str, str] = {}
@@ -99,7 +101,6 @@ class Sheet:
         clip = f"{self.name}-area"
         parts = [
             f'<defs><clipPath id="{clip}"><path d="{area}"/></clipPath>{"".join(self._patterns.values())}</defs>',
-            svg.path(svg.rectangle((0, self.width), (0, self.height)), fill="#ffffff"),
             f'<g font-family="{self.font}">',
         ]
         if not self.hidden:
@@ -119,9 +120,37 @@ class Sheet:
             parts.append(svg.beside(self.y, up, ticks[1], across.start, middle[1]))
         parts.append(svg.heading(self.title, across, up))
         parts += [draw(across, up) for draw in self.labels]
+        parts += [inset.within(bounds, across, up) for bounds, inset in self._insets]
         if self.shown_legend is not None and self._entries:
             parts.append(self.shown_legend.drawn(self._entries, across, up, self._drawn_points(across, up)))
         return "".join([*parts, "</g>"])
+
+    def inset_axes(self, bounds: tuple[float, float, float, float]) -> Self:
+        """Axes beside or in these: left, bottom, width and height as shares of these."""
+        name, size = f"{self.name}-inset{len(self._insets)}", (self.width / _POINTS, self.height / _POINTS)
+        made = type(self)(name, size, (0.0, 0.0, 0.0, 0.0), self.font)
+        self._insets.append((bounds, made))
+        return made
+
+    def within(self, bounds: tuple[float, float, float, float], across: Scale, up: Scale) -> str:
+        """The elements of these axes in a part of those of the scales."""
+        wide, tall = across.end - across.start, up.start - up.end
+        self.left, self.bottom = across.start + bounds[0] * wide, self.height - up.start + bounds[1] * tall
+        self.right, self.top = self.width - self.left - bounds[2] * wide, self.height - self.bottom - bounds[3] * tall
+        return self.svg()
+
+    def named_points(self) -> list[tuple[float, float, str, str, str]]:
+        """Places of the points within the axes that have a name, with thing, name and text of each."""
+        across, up = self.scales()
+        found = []
+        for each in self.named:
+            at = across(np.asarray(each.x, float)), up(np.asarray(each.y, float))
+            inside = (at[0] >= across.start) & (at[0] <= across.end) & (at[1] <= up.start) & (at[1] >= up.end)
+            found += [
+                (float(at[0][i]), float(at[1][i]), each.thing, each.names[i], each.texts[i])
+                for i in np.flatnonzero(inside).tolist()
+            ]
+        return found
 
     def _drawn_points(self, across: Scale, up: Scale) -> Array:
         if not self.points:
@@ -148,6 +177,26 @@ class Sheet:
         return x, Scale(under, over, bottom, top, self.y.logarithmic)
 
 
+class _Named(NamedTuple):
+    thing: str
+    x: ArrayLike
+    y: ArrayLike
+    names: Sequence[str]
+    texts: Sequence[str]
+
+
+def name_points(axes: Axes, thing: str, x: ArrayLike, y: ArrayLike, names: Sequence[str], texts: Sequence[str]) -> None:
+    """Name the points ``(n,)`` of a page's chart for those who point at them; on paper nothing changes.
+
+    Args:
+        thing: what each is, as ``pose``: the heading of the column of a table in which its name stands.
+        names: the name of each.
+        texts: what is known of each, as ``0.031 mm``.
+    """
+    if isinstance(axes, Sheet):
+        axes.named.append(_Named(thing, x, y, names, texts))
+
+
 def place(at: Any, coordinates: _Coordinates, across: Scale, up: Scale) -> tuple[float, float]:
     """A place whose parts are values of the axes (``data``), or shares of them (``axes fraction``)."""
     kinds = (coordinates, coordinates) if isinstance(coordinates, str) else coordinates
@@ -172,6 +221,7 @@ def arrow(across: Scale, up: Scale, tail: Any, tip: Any, *, color: str, linewidt
 
 _MARKS = ".os^vDP|x"
 _FIRST = "#1f77b4"  # where no colour is given
+_WHITE = "#ffffff"  # that of the paper, except on a dark page
 
 
 class Chart(Sheet):
@@ -214,6 +264,8 @@ class Chart(Sheet):
         given = c if c is not None else color if color is not None else _FIRST
         tints = [svg.colour(given)] if isinstance(given, str) else [svg.colour(each) for each in given]
         xs, ys, size = np.asarray(x, float), np.asarray(y, float), float(np.sqrt(s))
+        if edgecolors and svg.colour(edgecolors) == _WHITE:  # which parts them from each other, on any paper
+            edgecolors, tints = _kept(_WHITE), list(map(_kept, tints))
         self.reach(xs, ys)
         self.points.append((xs, ys))
 
@@ -324,6 +376,32 @@ class Chart(Sheet):
         self.reach(xs, ys)
         self.add(1.0, lambda across, up: svg.path(svg.line(across(xs), up(ys)) + "z", tint, linewidth, tint, alpha))
 
+    def quiver(
+        self, x: ArrayLike, y: ArrayLike, u: ArrayLike, v: ArrayLike, *, color: str = _FIRST, alpha: float = 1.0,
+        width: float = 0.005, angles: str = "xy", scale_units: str = "xy", scale: float = 1.0, zorder: float = 2.0,
+    ) -> None:  # fmt: skip
+        """Arrows at points ``(n,)``; ``u`` and ``v`` are by the axes' scales, ``width`` is a share of their width."""
+        xs, ys, right, over = (np.asarray(each, float).ravel() for each in (x, y, u, v))
+        tint = svg.colour(color)
+        self.reach(xs, ys)
+        self.points.append((xs, ys))
+
+        def draw(across: Scale, up: Scale) -> str:
+            tails = np.stack([across(xs), up(ys)], axis=-1)
+            tips = np.stack([across(xs + right / scale), up(ys + over / scale)], axis=-1)
+            along = tips - tails
+            length = np.linalg.norm(along, axis=1, keepdims=True)
+            thick = max(width * (across.end - across.start), 0.6)
+            head = np.minimum(5 * thick, 0.6 * length) * along / np.maximum(length, 1e-9)
+            aside = 0.45 * head[:, ::-1] * [-1, 1]
+            known = np.isfinite(tips).all(axis=1) & np.isfinite(tails).all(axis=1)
+            steps = np.concatenate([tails, along, aside - head, head - aside, -aside - head], axis=1)[known]
+            text = "M{:.0f} {:.0f}l{:.1f} {:.1f}m{:.1f} {:.1f}l{:.1f} {:.1f} {:.1f} {:.1f}"
+            data = "".join(text.format(*each) for each in steps.tolist())
+            return svg.path(data, tint, thick, alpha=alpha, more=svg.ROUND)
+
+        self.add(zorder, draw)
+
     def imshow(self, colours: ArrayLike) -> None:
         """A matrix of colours ``(m, n, 3)`` from 0 to 1, its first row on top, cells as wide as high."""
         given = np.asarray(colours, float)
@@ -351,13 +429,14 @@ class Chart(Sheet):
             self.add(zorder, lambda across, up: arrow(across, up, xytext, xy, **arrowprops))
             return
         right, over = (0.0, 0.0) if textcoords is None else xytext
+        behind_colour = _WHITE if bbox is None else svg.colour(bbox["facecolor"])
+        if behind_colour != _WHITE:  # words on a coloured area are not read on the paper
+            tint, behind_colour = _kept(tint), _kept(behind_colour)
 
         def draw(across: Scale, up: Scale) -> str:
             x, y = place(xy, xycoords, across, up)
             at = x + right, y - over
-            behind = (
-                "" if bbox is None else svg.backdrop(text, *at, fontsize, ha, va, bbox["facecolor"], bbox["boxstyle"])
-            )
+            behind = "" if bbox is None else svg.backdrop(text, *at, fontsize, ha, va, behind_colour, bbox["boxstyle"])
             return behind + svg.words(text, *at, fontsize, tint, ha, va, bold=fontweight == "bold")
 
         self.labels.append(draw)
@@ -370,7 +449,7 @@ class Chart(Sheet):
         """Limits, ticks, scales, labels and the title, by matplotlib's names."""
         for name, value in values.items():
             if name == "title":
-                self.title = value
+                self._set_title(value)
                 continue
             axis, what = {"x": self.x, "y": self.y}[name[0]], name[1:]
             if what == "lim":
@@ -424,6 +503,13 @@ class Chart(Sheet):
         """Hides the axes."""
         self.hidden = which == "off"
 
+    def _set_title(self, title: str) -> None:
+        """Break a title that the picture would cut; each line more makes the picture higher."""
+        middle = (self.left + self.width - self.right) / 2
+        lines = svg.broken(title, 2 * min(middle, self.width - middle))
+        more = svg.LINE * (lines.count("\n") - self.title.count("\n"))
+        self.height, self.top, self.title = self.height + more, self.top + more, lines
+
     def _axes(self, which: str) -> tuple[ChartAxis, ...]:
         return {"x": (self.x,), "y": (self.y,), "both": (self.x, self.y)}[which]
 
@@ -460,6 +546,11 @@ class Chart(Sheet):
         self.add(0.0, lambda across, up: svg.cells(across(x), up(y), colours))
 
 
+def _kept(colour: str) -> str:
+    """A colour that a dark page keeps: ``inline_svg`` makes variables of those in small letters."""
+    return colour.upper() if colour.startswith("#") else colour
+
+
 def _parsed(style: str) -> tuple[str | None, str]:
     """The dashes and the mark of matplotlib's short form, as ``"o-"``."""
     mark = "" if style in ("-", "--", "-.", ":") else style[:1]
@@ -478,12 +569,12 @@ def _between(x: Array, y: Array) -> tuple[Array, Array]:
 _PROLOGUE = re.compile(r"^.*?(?=<svg\b)|<metadata>.*?</metadata>", re.DOTALL)
 _STYLE = re.compile(r'<defs>\s*<style type="text/css">\*\{(.*?)\}</style>\s*</defs>')  # of every element of a page
 _NAMES = re.compile(r'(\bid="|url\(#|href="#)')
-_POINTS_PER_INCH, _PX_PER_INCH = 72, 96
+_PX_PER_INCH = 96
 _FONT = "DejaVu Sans, Arial, sans-serif"
 _SEEN_FROM = {(0, 1): "from above", (0, 2): "from the side"}
 _MARGINS = (0.7, 0.5, 0.15, 0.3)
 _DOTS_PER_INCH = 130  # of a PNG
-_HALF_PX = 480  # a picture no wider than this has room for another beside it
+_SMALL_PX, _HALF_PX = 240, 480  # the widest of which a phone has room for one, a sheet of paper for two
 
 
 def axes_picture(
@@ -534,20 +625,41 @@ def figure_picture(
     return Picture(name, label, figure)
 
 
+_PAINT = re.compile(r'((?:fill|stroke|stop-color)(?:="|: ?))#([0-9a-f]{6})\b')
+_LETTERS = re.compile(r'font-size(?:="|: ?)([\d.]+)|font: (?:bold )?([\d.]+)px')
+_LEAST_PX = 10.0  # the height of letters on a page, however narrow it is
+
+
 def inline_svg(picture: Picture) -> Markup:
-    """A picture as a part of a page: without prologue and metadata, its ids its own, with a title."""
+    """A picture as a part of a page: without prologue and metadata, its ids its own, with a title.
+
+    Its colours are variables, ``--c-rrggbb``, to which the page gives a light and a dark value. It is not shown so
+    small that a letter is less than 10 px high.
+    """
+    named: list[tuple[float, float, str, str, str]] = []
     if picture.chart is None:
         width, height, drawn = _matplotlib_svg(picture)
     else:
         chart = picture.chart()
-        width, height, drawn = chart.width, chart.height, chart.svg() + "</svg>"
-    pixels = round(width * _PX_PER_INCH / _POINTS_PER_INCH)
+        drawn = chart.svg() + "</svg>"
+        width, height, named = chart.width, chart.height, chart.named_points()
+    smallest = min((float(a or b) for a, b in _LETTERS.findall(drawn)), default=_LEAST_PX) * _PX_PER_INCH / _POINTS
+    narrowest = int(width * _PX_PER_INCH / _POINTS * _LEAST_PX / smallest) + 1
+    pixels = max(round(width * _PX_PER_INCH / _POINTS), narrowest)
     form = Markup(
-        '<svg viewBox="0 0 {:g} {:g}" class="{}" role="img" aria-label="{}" style="max-width: {}px"><title>{}</title>{}'
+        '<svg viewBox="0 0 {:g} {:g}" class="{}" role="img" aria-label="{}" style="width: {}px; min-width: {}px"{}>'
+        "<title>{}</title>{}"
     )
-    kind = "half" if pixels <= _HALF_PX else "wide"
-    # both escape what they are given
-    return form.format(width, height, kind, picture.label, pixels, picture.label, Markup(drawn))
+    kind = "small" if pixels <= _SMALL_PX else "half" if pixels <= _HALF_PX else "wide"
+    points = "\n".join("\t".join((f"{x:.0f}", f"{y:.0f}", *map(_in_one_line, rest))) for x, y, *rest in named)
+    data = Markup(' data-points="{}"').format(points) if points else ""
+    drawn = _PAINT.sub(r"\1var(--c-\2)", drawn)
+    # all escape what they are given
+    return form.format(width, height, kind, picture.label, pixels, narrowest, data, picture.label, Markup(drawn))
+
+
+def _in_one_line(text: str) -> str:
+    return " ".join(text.split())
 
 
 def _matplotlib_svg(picture: Picture) -> tuple[float, float, str]:
@@ -559,7 +671,7 @@ def _matplotlib_svg(picture: Picture) -> tuple[float, float, str]:
         figure = picture.draw()
         figure.savefig(text, format="svg", metadata={"Date": None}, dpi=_DOTS_PER_INCH)
     svg = _NAMES.sub(rf"\g<1>{picture.name}-", _PROLOGUE.sub("", text.getvalue()))
-    width, height = (_POINTS_PER_INCH * edge for edge in figure.get_size_inches())
+    width, height = (_POINTS * edge for edge in figure.get_size_inches())
     inside, styles = svg.split(">", 1)[1].rpartition("</svg>")[0], _STYLE.search(svg)
     assert styles is not None
     return float(width), float(height), f'<g style="{styles[1]}">{_STYLE.sub("", inside)}</g></svg>'
@@ -576,7 +688,7 @@ def save_figure(folder: Path, name: str, figure: "Figure") -> None:
 
 
 def log_ticks(axes: Axes, which: Literal["x", "y"], low: float, high: float) -> None:
-    """A logarithmic axis from ``low`` to ``high``, with plain numbers at up to nine powers of ten."""
+    """A logarithmic axis from ``low`` to ``high``, with plain numbers at up to nine powers of ten, or round ones."""
     axes.set(**{f"{which}scale": "log", f"{which}lim": (low, high)})
     first, last = int(np.ceil(np.log10(low) - 1e-9)), int(np.floor(np.log10(high) + 1e-9))
     step = max(1, -(-(last - first) // 8))
@@ -584,6 +696,8 @@ def log_ticks(axes: Axes, which: Literal["x", "y"], low: float, high: float) -> 
     if len(ticks) < 3:
         ticks = [m * 10.0**power for power in range(first - 1, last + 1) for m in (1, 2, 5)]
         ticks = [tick for tick in ticks if low <= tick <= high]
+    if len(ticks) < 2:
+        ticks = svg.round_numbers(low, high, 4).tolist()
     set_ticks = axes.set_xticks if which == "x" else axes.set_yticks
     set_ticks(ticks, [f"{tick:g}".replace("-", "−") for tick in ticks])
     set_ticks([], minor=True)
@@ -614,8 +728,9 @@ def view(axes: Axes, plane: tuple[int, int], middle: Array, half: float, frame: 
         shown: what is seen, for the title.
     """
     i, j = plane
-    title = f"{shown}, {_SEEN_FROM[plane]}" if shown else _SEEN_FROM[plane]
+    title = f"{_SEEN_FROM[plane]}, {shown}" if shown else _SEEN_FROM[plane]
     axes.set(xlim=(middle[i] - half, middle[i] + half), ylim=(middle[j] - half, middle[j] + half))
     axes.set(xlabel=f"{'xyz'[i]} of the {frame}, mm", ylabel=f"{'xyz'[j]}, mm", title=title)
     axes.set_aspect("equal")
-    axes.locator_params(nbins=6)
+    axes.locator_params(axis="x", nbins=4)
+    axes.locator_params(axis="y", nbins=6)

@@ -8,6 +8,7 @@ matplotlib makes the figures that are saved as PNG or shown in a notebook.
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
+from textwrap import wrap
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -16,9 +17,9 @@ from lab.core.se3 import Array
 from lab.render.style import FIGURE_STYLE, TICK
 
 __all__ = [
-    "FONT_SIZE", "ROUND", "Axes", "ChartAxis", "Entry", "Legend", "Scale", "axis_lines", "backdrop", "below", "beside",
-    "cells", "colour", "dashes", "grid_lines", "heading", "line", "line_sample", "marks", "path", "rectangle",
-    "round_numbers", "shown_number", "text_width", "tick_labels", "words",
+    "FONT_SIZE", "LINE", "ROUND", "Axes", "ChartAxis", "Entry", "Legend", "Scale", "axis_lines", "backdrop", "below",
+    "beside", "broken", "cells", "colour", "dashes", "grid_lines", "heading", "line", "line_sample", "marks", "path",
+    "rectangle", "round_numbers", "shown_number", "text_width", "tick_labels", "words",
 ]  # fmt: skip
 
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
@@ -68,6 +69,7 @@ def tick_labels(values: Sequence[float] | Array) -> list[str]:
 
 
 ROUND: Final = ' style="stroke-linecap:round;stroke-linejoin:round"'  # a style: matplotlib's apply to the whole page
+_SHADES = 31  # the largest of the steps of a colour's part
 _FARTHEST = 2e4  # a picture's edge is nearer
 _MOST_PATHS = 300  # of marks that one sees through: more share a path, where they do not darken each other
 _DASHES: Final = {"--": (3.7, 1.6), ":": (1.0, 1.65), "-.": (6.4, 1.6, 1.0, 1.6)}  # of the line's width
@@ -81,10 +83,16 @@ def shown_number(value: float) -> str:
 
 
 def colour(given: Any) -> str:
-    """A colour as SVG has it: words and ``#rrggbb`` as they are, ``"0.85"`` a grey, parts from 0 to 1 as ``(3,)``."""
+    """A colour as SVG has it: ``#rrggbb`` and most words as they are, ``"0.85"`` a grey, parts from 0 to 1 ``(3,)``.
+
+    Parts are rounded to 32 steps: shades of a scale are few colours, each of which the page gives its dark one.
+    """
     if not isinstance(given, str):
-        return "#{:02x}{:02x}{:02x}".format(*(round(255 * float(part)) for part in given[:3]))
-    return colour(3 * (float(given),)) if given[0].isdigit() else given
+        steps = (round(_SHADES * min(max(float(part), 0.0), 1.0)) for part in given[:3])
+        return "#{:02x}{:02x}{:02x}".format(*(round(255 * step / _SHADES) for step in steps))
+    if given[0].isdigit():
+        return "#" + 3 * f"{round(255 * float(given)):02x}"
+    return {"white": "#ffffff", "black": "#000000"}.get(given, given)  # which change places on a dark page
 
 
 def dashes(style: Any, width: float) -> str:
@@ -257,6 +265,7 @@ def backdrop(text: str, x: float, y: float, size: float, across: str, up: str, f
 
 FONT_SIZE: Final[float] = FIGURE_STYLE["font.size"]
 _TITLE: Final[float] = FIGURE_STYLE["axes.titlesize"]
+LINE: Final[float] = 1.2 * _TITLE  # from a line of a title to the next
 _EDGE, _GRID, _LABEL = (FIGURE_STYLE[f"{of}color"] for of in ("axes.edge", "grid.", "axes.label"))
 _THIN, _TICK, _PAD = 0.8, 3.5, 3.5  # points
 _MOST_STEPS = 9
@@ -368,8 +377,15 @@ def beside(axis: ChartAxis, scale: Scale, ticks: tuple[Array, list[str]], left: 
 
 
 def heading(title: str, x: Scale, y: Scale) -> str:
-    """The words above the axes."""
-    return words(title, (x.start + x.end) / 2, y.end - 6, _TITLE, "#000000", "center") if title else ""
+    """The words above the axes, line above line."""
+    above = y.end - 6 - (title.count("\n")) * LINE
+    return words(title, (x.start + x.end) / 2, above, _TITLE, "#000000", "center") if title else ""
+
+
+def broken(title: str, width: float) -> str:
+    """A title in lines that are not wider than ``width`` (points)."""
+    letters = max(8, int(len(title) * width / max(text_width(title, _TITLE), 1e-9)))
+    return "\n".join(wrap(title, letters)) if text_width(title, _TITLE) > width else title
 
 
 @dataclass(frozen=True)
@@ -455,6 +471,8 @@ class Axes(Protocol):
     def pcolormesh(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
     def annotate(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
     def legend(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def quiver(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
+    def inset_axes(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
     def set(self, **keywords: Any) -> Any: ...  # noqa: D102
     def set_xticks(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
     def set_yticks(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102

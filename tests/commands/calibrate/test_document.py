@@ -15,21 +15,22 @@ from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.verdict import Verdict
 from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import VirtualCampaign
-from lab.commands.calibrate.document import _model_selection
-from lab.commands.calibrate.figures import error_maps, has_correction, world_of
+from lab.commands.calibrate.document import _model_selection, document_of
+from lab.commands.calibrate.figures import error_vectors, has_correction, residual_pictures, world_of
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.run import calibrate, identify
+from lab.commands.calibrate.result import errors_without_outliers
+from lab.commands.calibrate.run import calibrate, identify, simulate
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.render.document import Document, Table, capital, digits_of, sentence, short, shown
+from lab.render.document import Card, Document, Table, capital, digits_of, sentence, short, shown
 from lab.render.phrases.registry import in_one_line, phrases
 from lab.render.terminal import to_text
 
 SECTIONS = ["Errors and reasons", "Before and after calibration", "Errors over the workspace",
             "Uncertainty and goodness of fit", "Parameters", "Identifiability and conditioning",
             "The arm at its poses", "What was done", "Glossary"]  # fmt: skip
-FIGURES = ["errors-figure", "arm-scene", "where", "uncertainty", "residuals", "corrections", "singular-values-figure",
-           "correlations-figure", "arm"]  # fmt: skip
+FIGURES = ["errors-figure", "arm-scene", "where", "uncertainty", "residuals", "residuals-in-time", "corrections",
+           "singular-values-figure", "correlations-figure", "arm"]  # fmt: skip
 NASTY = """<script>alert("$x_1$")</script>&'<b>"""
 
 
@@ -59,7 +60,12 @@ def test_a_run_has_its_sections_and_figures(drawn_run: Path) -> None:
     for figure in seen.figures.values():
         assert len(figure["caption"]) > 40
     assert [name for name, figure in seen.figures.items() if not figure["svg"]] == ["arm-scene"]
-    assert seen.source.count("<svg") == 14 and seen.tags.count("h1") == 1 and 'lang="en"' in seen.source
+    # one spread; three maps in two views; two maps; six joints; three axes in time and quantiles; two units; …
+    assert (
+        seen.source.count("<svg") == 1 + 6 + 2 + 6 + 4 + 2 + 1 + 1 + 2
+        and seen.tags.count("h1") == 1
+        and 'lang="en"' in seen.source
+    )
     assert "lab calibrate --seed 7" in seen.text and "numpy" in seen.text and "seconds" not in seen.text
     config = json.loads((drawn_run / "config.json").read_text())
     assert config["model_sha256"] in seen.text and config["versions"]["mujoco"] in seen.text
@@ -128,7 +134,7 @@ def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
     seen = written(tmp_path / "report.html", found)
     assert seen.headings[0].startswith(NASTY) and seen.items[-1:] == [f"{NASTY} of a warning"]
     assert found.fit.outliers[0].id in [row[0] for row in seen.table("pose", "line")]
-    assert f"arm at pose {NASTY}" in seen.text  # in a picture, where dollars might begin a formula
+    assert f"pose {NASTY}" in seen.text  # in a picture, where dollars might begin a formula
     assert f"tool.{target}.x" in [row[0] for row in seen.table("parameter")]
     assert "<i>" not in seen.source and "alert(" in seen.text
 
@@ -183,18 +189,42 @@ def test_held_out_poses_are_drawn_where_they_are(seven, tmp_path: Path) -> None:
     options = MeasuredCampaign(file, holdout=0.3, instrument="uniform-8um")
     found = identify(options)
     seen = written(tmp_path / "report.html", found)
-    assert "The maps show the poses of the hold-out set" in seen.figures["where"]["caption"]
+    assert "at the poses of the hold-out set." in seen.figures["where"]["caption"]
     held = found.measurements.without(found.fitted.ids)
-    shown = error_maps(found, "position error")
-    before, places = shown.sizes
-    assert (before.points == places.points).all() and before.range_m == places.range_m
-    assert before.sizes.mean() > 10 * places.sizes.mean()
-    assert len(held) == 15 and sorted(places.sizes) == list(places.sizes) and shown.all_shown
-    np.testing.assert_allclose(places.sizes, np.sort(found.validation.errors.after[:, 0]), rtol=1e-12)
-    expected = se3.transform(world_of(found), held.points[:, 0])
-    apart = np.linalg.norm(places.points[:, None] - expected, axis=2)
-    assert sorted(apart.argmin(axis=1)) == list(range(15))
-    np.testing.assert_allclose(apart.min(axis=1), places.sizes, rtol=1e-6)  # its error, measured less predicted
+    shown = error_vectors(found)
+    assert len(held) == 15 and shown.names == held.ids and shown.thing == "pose"
+    lengths = np.linalg.norm(shown.after, axis=1)
+    np.testing.assert_allclose(lengths, found.validation.errors.after[:, 0], rtol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(shown.before, axis=1), found.validation.errors.before[:, 0], rtol=1e-9)
+    measured = se3.transform(world_of(found), held.points[:, 0])
+    np.testing.assert_allclose(shown.points + shown.after, measured, atol=1e-12)  # each error is that of its pose
+    assert np.linalg.norm(shown.before, axis=1).mean() > 10 * lengths.mean()
+
+
+def test_the_title_counts_no_outliers_where_the_card_does_not() -> None:
+    """One number for one thing, in the title, the card and the sentence below."""
+    errors = VirtualCampaign(poses=30, seed=2, effects=Effects(bad_share=0.2, bad_mm=(5.0, 50.0)))
+    measured = calibrate(errors)
+    found = identify(measured.measurements, robot="irb120", holdout=0.3, robust=True)
+    without = errors_without_outliers(found)
+    assert without is not None and without.mean < 0.1 * found.after.mean
+    said = document_of(found)
+    card = next(block for block in said.blocks if isinstance(block, Card))
+    assert f" → {short(without.mean)} mm," in said.title and card.numbers[1][1] == short(without.mean, "mm")
+    assert f"is {short(without.mean)} mm with the calibrated one, without the outliers." in to_text(said)
+
+
+def test_a_joint_that_errs_like_a_sine_is_seen_in_its_picture_alone() -> None:
+    """The residual along a joint's motion is its lever times its error: a wave against it, nothing against others."""
+    day = simulate("irb120", poses=150, seed=7).measurements
+    joints = day.joints.copy()
+    joints[:, 2] += 2e-4 * np.sin(3 * joints[:, 2])  # what the controller says; 60 µm at 0.3 m
+    found = identify(replace(day, joints=joints), robot="irb120", instrument="uniform-8um")
+    trends = [each.label for each in residual_pictures(found)[: found.robot.chain.size]]
+    assert [label.split(": ")[0] for label in trends] == list(found.robot.chain.joint_names)
+    assert "trend" in trends[2] and "no trend" not in trends[2] and sum("no trend" in each for each in trends) >= 4
+    plain = residual_pictures(identify(day, robot="irb120", instrument="uniform-8um"))
+    assert all("no trend" in each.label for each in plain[: found.robot.chain.size])
 
 
 @pytest.mark.thorough
@@ -217,7 +247,9 @@ def test_whatever_was_observed_gives_a_report(name: str, rows, options, tmp_path
     asked = MeasuredCampaign(file, **options)
     found = identify(asked)
     seen = written(tmp_path / "report.html", found)
-    assert set(seen.figures) == set(FIGURES) - (set() if asked.observe == "pose" else {"uncertainty", "residuals"})
+    assert set(seen.figures) == set(FIGURES) - (
+        set() if asked.observe == "pose" else {"uncertainty", "residuals", "residuals-in-time"}
+    )
     words = {"cable": "error of the cable's length", "socket": "distance from the socket", "pose": "position error"}
     assert words[asked.observe] in seen.text and found.verdict.word in seen.text
     assert len(seen.table("parameter")) == len(found.parameters)
