@@ -30,7 +30,7 @@ from lab.kinematics.parameter import (
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm, target_positions
 from lab.kinematics.serial.chain import COLUMNS, Chain
 
-__all__ = ["TreeArm", "TreeChain", "point_of", "tip_of", "tree_chain"]
+__all__ = ["TreeArm", "TreeChain", "first_of_tips", "point_of", "tip_of", "tree_chain"]
 
 _BASE = len(BASE_PARAMETERS)
 _AFTER_JOINT = {"distal": COLUMNS, "craig": ("theta", "d")}  # columns that place the next joint beside the row's own
@@ -44,6 +44,14 @@ def tip_of(target: str) -> str:
 def point_of(target: str) -> str:
     """Return a target's name on its tip, ``p1`` of ``left.p1``."""
     return target.rpartition(".")[2]
+
+
+def first_of_tips(targets: Sequence[str]) -> tuple[int, ...]:
+    """Return the index of the first target, and of the first of each further tip."""
+    first: dict[str, int] = {}
+    for i, target in enumerate(targets):
+        first.setdefault(tip_of(target), i)
+    return tuple(first.values())
 
 
 @dataclass(frozen=True, kw_only=True)
