@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from lab.core.errors import LabError, option_name
-from lab.core.limits import PAYLOAD_KG, ROWS, SIGMA_MM, TARGETS, Limit, checked_name
+from lab.core.limits import PAYLOAD_KG, ROWS, SIGMA_MM, TARGETS, Limit, checked_target
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable, name_cell, text_cell
@@ -262,7 +262,7 @@ class PoseReader(CsvTable):
                 targets.append(name)
         TARGETS(f"{self.path}: line 1", targets)
         for name in targets:
-            checked_name(f"{self.path}: line 1", name)
+            checked_target(f"{self.path}: line 1", name)
         plain = any(re.fullmatch(r"[xyz]_(mm|m)", column) for column in self.unread)
         if plain and (len(targets) > 1 or any(column.startswith("p1_") for column in self.unread)):
             raise LabError(

@@ -23,7 +23,7 @@ from lab.core.measurements import FIXTURE, Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
-from lab.kinematics.gauge import STRUCTURE_POSES
+from lab.kinematics.gauge import STRUCTURE_POSES, independent_columns
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups
 from lab.kinematics.serial.axes_to_dh import Truth
@@ -123,10 +123,34 @@ class SelfContact:
         rows = np.arange(len(each))
         return np.asarray(each[rows, which[:, 0]] - each[rows, which[:, 1]])[:, None]
 
+    @property
+    def contact(self) -> bool:
+        """Check whether contacts alone are observed, which determine the robot's shape and not its size."""
+        return not self.positions
+
+    @cached_property
+    def scale_link(self) -> int:
+        """Index of the longest length that contacts depend on: it stays nominal where no point is measured."""
+        order = self._without_base
+        inputs = self.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+        jacobian = self.observe(inputs, self.rank_point(self.nominal_arm))[1][:, -1]
+        seen = independent_columns(jacobian.reshape(-1, len(self.names)), order)
+        lengths = [i for i in seen if self.parameters[i].is_link and self.parameters[i].kind == "length"]
+        return max(lengths, key=lambda i: abs(self.nominal_arm[i]))
+
+    @property
+    def _without_base(self) -> list[int]:
+        base = indices_of_groups(self.parameters, ["base"])
+        return [i for i in self.arm.column_priority() if i not in base]
+
     def column_priority(self) -> tuple[int, ...]:
-        """Return the robot's order; the base last where no point is measured."""
-        order, base = self.arm.column_priority(), indices_of_groups(self.parameters, ["base"])
-        return order if self.positions else (*(i for i in order if i not in base), *base)
+        """Return the robot's order; where no point is measured, the longest link after the targets, the base last."""
+        if self.positions:
+            return self.arm.column_priority()
+        order, parameters = self._without_base, self.parameters
+        after_tool = 1 + max(order.index(i) for i in indices_of_groups(parameters, ["tool"]))
+        order.insert(after_tool - 1, order.pop(order.index(self.scale_link)))
+        return (*order, *indices_of_groups(parameters, ["base"]))
 
     def rank_point(self, values: Array) -> Array:
         """Return the nominal robot's ``(p,)``, which touches itself in the poses of ``structure_joints``."""
