@@ -36,7 +36,7 @@ from lab.kinematics.effects.sessions import stations
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
-from lab.kinematics.tree import TreeArm
+from lab.kinematics.tree import TreeArm, point_of
 from lab.simulation.build_serial import table_model
 from lab.simulation.cell import implausible, in_cell
 from lab.simulation.closed_robot import (
@@ -256,6 +256,10 @@ class Robot(Value, ArmOnArrays):
         placed = replace(self, model=model, warnings=warnings)
         return placed if self.loads is None else replace(placed, loads=placed._simulated_loads())
 
+    def on_tips(self, targets: tuple[str, ...]) -> tuple[str, ...]:
+        """Return targets, of which one without a tip stands for that of every tip: ``p1`` for left.p1 and right.p1."""
+        return targets
+
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
         """Refuse a target that the robot (or the default tool, if it has none) does not have, with a LabError."""
         known = self.tool or DEFAULT_TOOL
@@ -375,6 +379,11 @@ class TreeRobot(Robot):
             f"robot {self.name} has several tips ({', '.join(self.model.chain.tips)}): this is for serial arms alone; "
             f"choose one by {option_name('tip')}"
         )
+
+    def on_tips(self, targets: tuple[str, ...]) -> tuple[str, ...]:
+        """Return targets, of which one without a tip stands for that of every tip that has it."""
+        every = {target: [name for name in self.tool if point_of(name) == target] or [target] for target in targets}
+        return tuple(dict.fromkeys(name for target in targets for name in every[target]))
 
     def arm(self, targets: tuple[str, ...]) -> TreeArm:
         """Return the kinematic model with these targets on its tips."""

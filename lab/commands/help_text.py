@@ -17,13 +17,18 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from lab.commands.registry import Command, OptionGroup
 from lab.commands.run_folder import positional
 
-__all__ = ["HELP_FLAGS", "Option", "grouped", "help_text", "options_of_command"]
+__all__ = ["HELP_FLAGS", "ROBOT", "Option", "grouped", "help_text", "options_of_command"]
 
 HELP_FLAGS = ("-h", "--help", "--help-all")
 _COLUMN = 32  # the widest column of flags; longer ones have a line of their own
 _NARROWEST = 40
 _METAVARS = {str: "STR", int: "INT", float: "FLOAT", Path: "PATH"}
 _REST = "more options"
+ROBOT = "robot"  # the option beside which a base and tips are taken
+_TIP = (
+    "A body, link or site of an MJCF or a URDF that is the end of a chain; give it again for a robot with several tips."
+)
+_BASE = "The body or link below the first joint; joints that move it are held at zero."
 _OUTPUT = OptionGroup("output", ("out", "overwrite", "json", "resume", "config"), ("no_recording",))
 
 
@@ -76,6 +81,8 @@ def options_of_command(command: Command, defaults: Any = None) -> tuple[Option, 
     common.append(Option("json", "", "Print the result as one JSON object."))
     if command.resumed and "resume" not in names:
         common.append(Option("resume", "", "Go on with the run in --out that was interrupted or killed."))
+    if ROBOT in names:
+        common += [Option("tip", "NAME", _TIP), Option("base", "NAME", _BASE)]
     if command.folder:
         common.append(Option("config", "FILE", "An earlier run's config.json gives the defaults."))
     return (*own, *common)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
+from lab.core.limits import checked_name
 from lab.core.se3 import Array, exp, inverse, left_jacobian, log, pose
 from lab.kinematics.gauge import preferred_cells
 from lab.kinematics.joints import JointSpec
@@ -38,12 +39,12 @@ _AFTER_JOINT = {"distal": COLUMNS, "craig": ("theta", "d")}  # columns that plac
 
 def tip_of(target: str) -> str:
     """Return the tip of a target, ``left`` of ``left.p1``; "" if its name has none."""
-    return target.rpartition(".")[0]
+    return target.partition(".")[0] if "." in target else ""
 
 
 def point_of(target: str) -> str:
     """Return a target's name on its tip, ``p1`` of ``left.p1``."""
-    return target.rpartition(".")[2]
+    return target.partition(".")[2] or target
 
 
 def first_of_tips(targets: Sequence[str]) -> tuple[int, ...]:
@@ -73,6 +74,8 @@ class TreeChain(JointSpec):
         assert len(self.tips) == len(self.chains) == len(self.mounts) > 1
         if len(set(self.tips)) < len(self.tips):
             raise LabError(f"robot '{self.name}': two tips have one name; name each tip once")
+        for tip in self.tips:
+            checked_name(f"robot '{self.name}': tip", tip)
 
     @cached_property
     def members(self) -> tuple[list[int], ...]:
@@ -357,14 +360,21 @@ class TreeArm:
         return Skeleton(lines, frames, every, every, np.empty((len(joints), 0, 2, 3)), ())
 
     def column_priority(self) -> tuple[int, ...]:
-        """Return the base, the mounts, each chain's links as in a serial arm's canonical gauge, the targets, the rest."""
+        """Return the base, the mounts, the links as in a serial arm's canonical gauge, the targets, then all others.
+
+        The links are those of chains with measured targets, the first of which places the joints that it shares.
+        """
         chain, order = self.chain, [*range(_BASE)]
         order += [i for i, each in enumerate(self.names) if each.startswith("mount.")]
         index = {name: i for i, name in enumerate(self.names)}
-        for c, branch in enumerate(chain.chains):
+        measured = [chain.tips.index(tip) for tip in dict.fromkeys(tip_of(target) for target in self.targets)]
+        placed = set[int]()
+        for c in sorted(measured):
+            branch = chain.chains[c]
             for row in range(branch.size):
-                cells = preferred_cells(branch, row, on_base=chain.roots[c] == c)
+                cells = preferred_cells(branch, row, on_base=chain.roots[c] not in placed)
                 order += [index[f"{chain.owner(c, row, cell)}.{cell}"] for cell in cells]
+            placed.add(chain.roots[c])
         order += [i for i, each in enumerate(self.parameters) if each.group == "tool"]
         return tuple(dict.fromkeys([*order, *range(len(self.names))]))
 

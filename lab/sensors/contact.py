@@ -18,9 +18,10 @@ from lab.simulation.collisions import collides, random_poses
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueOpenRobot
 
-__all__ = ["POINT", "FixtureSimulation", "without_gaps"]
+__all__ = ["POINT", "TOUCHING", "FixtureSimulation", "without_gaps"]
 
 POINT = "p1"  # of a tool, that touches or is tied
+TOUCHING = "target"  # column of that point, of a robot with several tips
 _DRAWN = 200  # poses, among whose points fixtures are chosen
 _NEAR, _FAR = 0.4, 0.8  # shares of those by distance from the base, between which a fixture is placed: within reach
 _TOUCHING_M = 1e-12
@@ -163,6 +164,8 @@ class FixtureSimulation:
         """Return measurements without points: joint positions, conditions and the texts that name the fixtures."""
         names = self.robot.robot.chain.joint_names
         data = measured(names, self.robot.effects.shown(joints), (), np.empty((len(joints), 0, 3)))
+        if len(self.targets) == 1 and self.targets != (POINT,):
+            texts = {**texts, TOUCHING: self.targets * len(joints)}
         return replace(data, conditions=dict(self.conditions), other=dict(texts))
 
 

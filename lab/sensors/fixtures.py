@@ -29,14 +29,13 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
-from lab.sensors.contact import POINT
+from lab.sensors.contact import POINT, TOUCHING
 from lab.sensors.options import FitInputs, SensorOptions
 from lab.sensors.virtual_sensor import VirtualSensor
 from lab.simulation.true_robot import TrueRobot
 
-__all__ = ["TOUCHING", "FixtureRows", "FixtureSensor", "Fixtures", "refuse_blank"]
+__all__ = ["FixtureRows", "FixtureSensor", "Fixtures", "refuse_blank"]
 
-TOUCHING = "target"  # column of the point that touches or is tied, of a robot with several tips
 _IN_CONTACT = 1e-11  # m
 _SETTLED_M = 1e-9  # of a residual before the last step
 _VALIDATING_ROWS = 2  # times the rows that a fixture takes, and a fixture is placed by rows that were not fitted

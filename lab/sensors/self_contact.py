@@ -19,6 +19,7 @@ from lab.calibration.initial_guess import initial_guess
 from lab.calibration.observation import no_extra_residuals, placed_in_instrument_frame
 from lab.calibration.sensor import SensorTerms
 from lab.core.errors import LabError, option_name
+from lab.core.linear_model import triangle, unit_columns
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -130,13 +131,20 @@ class SelfContact:
 
     @cached_property
     def scale_link(self) -> int:
-        """Index of the longest length that contacts depend on: it stays nominal where no point is measured."""
+        """Index of the length that stays nominal where no point is measured: the one that best gives the size."""
         order = self._without_base
+        links = [i for i, each in enumerate(self.parameters) if each.is_link and each.kind == "length"]
+        if self.positions:  # which give the size
+            return max(links, key=lambda i: abs(self.nominal_arm[i]))
         inputs = self.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
-        jacobian = self.observe(inputs, self.rank_point(self.nominal_arm))[1][:, -1]
-        seen = independent_columns(jacobian.reshape(-1, len(self.names)), order)
-        lengths = [i for i in seen if self.parameters[i].is_link and self.parameters[i].kind == "length"]
-        return max(lengths, key=lambda i: abs(self.nominal_arm[i]))
+        jacobian = triangle(self.observe(inputs, self.rank_point(self.nominal_arm))[1].reshape(-1, len(self.names)))
+        conditions = dict[int, float]()
+        for i in independent_columns(jacobian, order):
+            if i in links and self.nominal_arm[i]:
+                seen = independent_columns(jacobian, [*(other for other in order if other != i), i])
+                if i not in seen:
+                    conditions[i] = float(np.linalg.cond(unit_columns(jacobian)[0][:, list(seen)]))
+        return min(conditions, key=lambda i: conditions[i])
 
     @property
     def _without_base(self) -> list[int]:

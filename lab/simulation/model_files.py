@@ -315,18 +315,18 @@ class _End:
         bodies: the jointed bodies that move it, base outward.
         carrier: the body that carries its last frame.
         T_world_flange: pose ``(4, 4)`` (m), joint positions zero.
-        named: whether it was named.
+        name: by which it was named; "" for the only one.
     """
 
     bodies: tuple[str, ...]
     carrier: str
     T_world_flange: Array
-    named: bool = True
+    name: str
 
 
 def _only_end(path: Path, model: mujoco.MjModel) -> _End:
     bodies = _serial_bodies(path, model)
-    return _End(bodies, flange_body(model, bodies), _flange_pose(model, at_zero(model), bodies), named=False)
+    return _End(bodies, flange_body(model, bodies), _flange_pose(model, at_zero(model), bodies), "")
 
 
 def _named_end(path: Path, model: mujoco.MjModel, name: str) -> _End:
@@ -350,7 +350,7 @@ def _named_end(path: Path, model: mujoco.MjModel, name: str) -> _End:
     moving = [b for b in reversed(_ancestors(model, body)) if model.body_jntnum[b] > 0]
     if not moving:
         raise LabError(f"{path}: no joint moves tip '{name}'; name a body beyond a joint")
-    return _End(tuple(model.body(b).name for b in moving), str(model.body(body).name), T)
+    return _End(tuple(model.body(b).name for b in moving), str(model.body(body).name), T, name)
 
 
 def _hold(
@@ -397,6 +397,8 @@ def _serial_model(
     parent = int(model.body(end.bodies[0]).parentid[0])
     base_body = str(model.body(parent).name) if parent else ""
     T_world_last = last_frame(chain, T_world_frame0)
+    _rename_targets(spec, model, end)
+    model = compiled(path, spec)
     tool = _own_targets(model, data, end.bodies, T_world_last)
     sites = {model.site(site).name for site in range(model.nsite)}
     spare = {name: np.array(place) for name, place in DEFAULT_TOOL.items() if name not in sites}
@@ -413,8 +415,18 @@ def _serial_model(
     return SerialModel(
         path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=end.bodies,
         base_body=base_body, tool=tool | spare, shapes_assumed=shapeless, masses_assumed=weighted, missing=missing,
-        overlapping=overlapping, fixed_joints=held, named_carrier=end.carrier if end.named else "",
+        overlapping=overlapping, fixed_joints=held, named_carrier=end.carrier if end.name else "",
     )  # fmt: skip
+
+
+def _rename_targets(spec: mujoco.MjSpec, model: mujoco.MjModel, end: _End) -> None:
+    """Leave out the tip in the names of a named tip's targets, as it is the only one."""
+    beyond, taken = _beyond(model, end.bodies[-1]), {site.name for site in spec.sites}
+    for i in range(model.nsite):
+        name = str(model.site(i).name)
+        point = name.removeprefix(f"{end.name}.")
+        if int(model.site_bodyid[i]) in beyond and point not in (name, FLANGE, *taken):
+            spec.site(name).name = point
 
 
 def _tree_model(
@@ -442,7 +454,9 @@ def _tree_model(
                 continue
             if not owned and (shared or name in tips):
                 continue
-            target = name if owned else f"{tip}.{name}"
+            target = name if owned else f"{tip}.{name.rpartition('.')[2]}"
+            if target in tool:
+                continue
             spec.site(name).name = target
             tool[target] = se3.transform(se3.inverse(T_world_last), data.site_xpos[site : site + 1])[0]
         spare = {
@@ -627,7 +641,9 @@ def _own_targets(
     return {
         model.site(site).name: se3.transform(T_last_world, data.site_xpos[site : site + 1])[0]
         for site in range(model.nsite)
-        if model.site(site).name not in (FLANGE, TRACKER) and int(model.site_bodyid[site]) in beyond
+        if not str(model.site(site).name).endswith(f".{FLANGE}")
+        and model.site(site).name not in (FLANGE, TRACKER)
+        and int(model.site_bodyid[site]) in beyond
     }
 
 

@@ -138,6 +138,7 @@ def measurement_session(
     """
     options.check()
     robot, _ = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
+    options = replace(options, targets=robot.on_tips(options.targets))
     robot.refuse_unknown(options.targets)
     sensor = options.kind()
     device = observing(named_instrument(options.instrument), sensor.read_by or options.observe)

@@ -1,7 +1,7 @@
 """Inspect a robot: its description, its cell, and its identifiable parameters."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from pathlib import Path
 from typing import Any
@@ -368,7 +368,7 @@ def inspect(robot: str | Path | Robot | InspectOptions = "irb120", **options: An
 
 
 def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
-    groups = options.groups
+    groups, options = options.groups, replace(options, targets=robot.on_tips(options.targets))
     nominal = _nominal(options, robot)
     arm = robot.arm_with(options.targets, groups)
     structure = base_set(arm, nominal, fix=options.fix, free=options.free)
