@@ -1,4 +1,4 @@
-"""Simulate readings at fixtures or in contact with itself: random errors of each row, and joint positions in contact, by Newton's method."""
+"""Simulate readings in contact: random errors of each row, and joint positions in contact, by Newton's method."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -135,6 +135,31 @@ class FixtureSimulation:
         Raises:
             LabError: the arm cannot touch some fixture in other poses.
         """
+
+        def starts(number: int, missing: NDArray[np.int_]) -> Array:
+            start = random_poses(self.robot.robot, len(missing), self.rng)
+            if number % 2:
+                start = near[missing] + _AROUND * self.rng.standard_normal(start.shape)
+            return start
+
+        return self.joints_from(gap, starts, f"take another {option_name('seed')}, or fewer {option_name('fixtures')}")
+
+    def joints_from(
+        self,
+        gap: Callable[[Array, NDArray[np.int_]], Array],
+        starts: Callable[[int, NDArray[np.int_]], Array],
+        mend: str,
+    ) -> Array:
+        """Return joint positions ``(n, joints)`` in contact, within the limits and without a collision.
+
+        Args:
+            gap: as in ``joints_in_contact``.
+            starts: from the number of the round and the missing rows ``(m,)`` to joint positions ``(m, joints)``.
+            mend: what to do where some are not found.
+
+        Raises:
+            LabError: after all rounds some are not found.
+        """
         robot, count = self.robot.robot, len(self.scatter)
         found, missing = np.empty_like(self.scatter), np.arange(count)
 
@@ -144,10 +169,7 @@ class FixtureSimulation:
             return np.nan_to_num(gap(points, rows), nan=1.0)
 
         for number in range(_ROUNDS):
-            start = random_poses(robot, len(missing), self.rng)
-            if number % 2:
-                start = near[missing] + _AROUND * self.rng.standard_normal(start.shape)
-            moved = without_gaps(gaps, start, missing)
+            moved = without_gaps(gaps, starts(number, missing), missing)
             far = np.abs(gaps(moved, missing)).max(axis=1)
             good = (far < _TOUCHING_M) & ~robot.chain.beyond_limits(moved, 0.0).any(axis=1)
             good[good] = ~collides(robot, moved[good])
@@ -155,10 +177,7 @@ class FixtureSimulation:
             missing = missing[~good]
             if not len(missing):
                 return found
-        raise LabError(
-            f"robot {robot.chain.name} cannot touch its fixtures in {len(missing)} of {count} poses: take another "
-            f"{option_name('seed')}, or fewer {option_name('fixtures')}"
-        )
+        raise LabError(f"robot {robot.chain.name} cannot touch in {len(missing)} of {count} poses: {mend}")
 
     def measurements(self, joints: Array, texts: Mapping[str, tuple[str, ...]] = _NO_TEXTS) -> Measurements:
         """Return measurements without points: joint positions, conditions and the texts that name the fixtures."""

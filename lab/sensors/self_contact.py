@@ -28,10 +28,12 @@ from lab.kinematics.gauge import STRUCTURE_POSES, independent_columns
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups
 from lab.kinematics.serial.axes_to_dh import Truth
-from lab.kinematics.tree import point_of, tip_of
+from lab.kinematics.tree import TreeArm, point_of, tip_of
 from lab.sensors.contact import FixtureSimulation, without_gaps
 from lab.sensors.options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
+from lab.simulation.collisions import collides
+from lab.simulation.model import TreeModel
 from lab.simulation.tracking import VirtualMeasurement, track_with_errors
 from lab.simulation.true_robot import TrueRobot
 
@@ -39,7 +41,7 @@ __all__ = ["SelfContact", "SelfContactSensor"]
 
 _COLUMN, _BETWEEN = "contact", "="  # the column of pairs, and what is between two names in a cell
 _IN_CONTACT_M = 1e-11
-_ROUNDS = 20
+_ROUNDS, _DRAWN = 20, 8
 _TRUE_M = 1e-9  # largest misfit of true parameters in another gauge
 
 
@@ -327,14 +329,10 @@ class SelfContactSensor(VirtualSensor):
                 f"{option_name('observe')} {self.name} takes targets on two tips: give "
                 f"{option_name('targets')} such as left.{point_of(first)},right.{point_of(first)}"
             )
-        measured, _ = _split(poses, count - touching)
+        measured, meeting = _split(poses, count - touching)
         data, bad, _ = track_with_errors(measured)
-        arm = FixtureSimulation.drawn(self.name, replace(_split(poses, count - touching)[1], targets=(first, other)), 3)
-
-        def gap(points: Array, rows: NDArray[np.int_]) -> Array:
-            return np.asarray(points[:, 0] - points[:, 1] - arm.noise[rows] - arm.displaced[rows])
-
-        contacts = arm.measurements(arm.joints_in_contact(gap, poses.joints[count - touching :]))
+        arm = FixtureSimulation.drawn(self.name, replace(meeting, targets=(first, other)), 3)
+        contacts = arm.measurements(_joints_touching(arm))
         cells = ("",) * len(data) + (f"{first}{_BETWEEN}{other}",) * touching
         unseen = np.full((touching, *data.points.shape[1:]), np.nan)
         joined = replace(
@@ -368,6 +366,38 @@ class SelfContactSensor(VirtualSensor):
         values = fit(model, Observations(inputs, exact, np.ones(exact.shape[:2])), free, start, tolerance_m=1e-12).values
         missed = np.abs(model.points(inputs, values) - exact).max()
         return replace(truth, values=values, base_set=found.base_set) if missed < _TRUE_M else None
+
+
+def _joints_touching(arm: FixtureSimulation) -> Array:
+    """Return joint positions ``(n, joints)`` at which the points touch, near those of the nominal robot.
+
+    Raises:
+        LabError: the points hardly ever meet without a collision.
+    """
+    robot = arm.robot.robot
+    nominal = TreeArm(robot.chain, arm.targets) if isinstance(robot, TreeModel) else None
+    if nominal is None:
+        raise LabError(f"robot {robot.chain.name} has one tip, which touches no other; name several as its tips")
+    values = nominal.nominal(robot.tool)
+
+    def nominal_gaps(joints: Array, _: NDArray[np.int_]) -> Array:
+        points = nominal.points(joints, values)
+        return np.asarray(points[:, 0] - points[:, 1])
+
+    def gap(points: Array, rows: NDArray[np.int_]) -> Array:
+        return np.asarray(points[:, 0] - points[:, 1] - arm.noise[rows] - arm.displaced[rows])
+
+    def starts(_: int, missing: NDArray[np.int_]) -> Array:
+        """Poses of the nominal robot in contact; the free ones first, as often as there are rows."""
+        drawn = robot.chain.random_joints(_DRAWN * len(missing), arm.rng)
+        met = without_gaps(nominal_gaps, drawn, np.arange(len(drawn)))
+        met = met[(np.abs(nominal_gaps(met, np.arange(len(met)))).max(axis=1) < _IN_CONTACT_M)]
+        met = met[~robot.chain.beyond_limits(met, 0.0).any(axis=1)]
+        free = met[~collides(robot, met)]
+        return np.resize(free, drawn[: len(missing)].shape) if len(free) else drawn[: len(missing)]
+
+    first, second = arm.targets
+    return arm.joints_from(gap, starts, f"{first} and {second} hardly meet within the limits and without a collision")
 
 
 def _split(poses: VirtualMeasurement, count: int) -> tuple[VirtualMeasurement, VirtualMeasurement]:
