@@ -268,7 +268,8 @@ def predict_elsewhere(
 def own_tolerance(identification: Identification, tolerance: Tolerance, region: Region) -> Tolerance:
     """Estimate an arm's own tolerances, at least those of manufacture.
 
-    They are as much larger as calibration moved the first target (of each tip) over the measured region farther than tolerances do.
+    They are as much larger as calibration moved the first target (of each tip) over the measured region farther than
+    tolerances do.
     """
     model = identification.model
     if not observation_of(model).positions:
@@ -322,8 +323,8 @@ def predicted_errors(
 ) -> tuple[Array, Array] | None:
     """Return random poses ``(n, joints + conditions)`` and the predicted RMS error ``(n,)`` (m) at each.
 
-    It is that of the first target (of each tip, root mean square), by the parameters' covariance and what the model may lack beyond the measured joint
-    positions. None where the covariance is not known, or no position is measured.
+    It is that of the first target (of each tip, root mean square), by the parameters' covariance and what the model may
+    lack beyond the measured joint positions. None where the covariance is not known, or no position is measured.
     """
     model = identification.model
     if not observation_of(model).positions:

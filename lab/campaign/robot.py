@@ -60,8 +60,8 @@ from lab.simulation.true_robot import (
 )
 
 __all__ = [
-    "CLOSED_FORMATS", "SERIAL_FORMATS", "TREE_FORMATS", "ClosedRobot", "Robot", "SerialRobot", "TreeRobot", "load_robot", "load_virtual",
-    "robot_of_call",
+    "CLOSED_FORMATS", "SERIAL_FORMATS", "TREE_FORMATS", "ClosedRobot", "Robot", "SerialRobot", "TreeRobot",
+    "load_robot", "load_virtual", "robot_of_call",
 ]  # fmt: skip
 
 

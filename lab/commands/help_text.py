@@ -8,7 +8,7 @@ import inspect
 import shutil
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType, UnionType
@@ -24,7 +24,7 @@ _COLUMN = 32  # the widest column of flags; longer ones have a line of their own
 _NARROWEST = 40
 _METAVARS = {str: "STR", int: "INT", float: "FLOAT", Path: "PATH"}
 _REST = "more options"
-ROBOT = "robot"  # the option beside which a base and tips are taken
+ROBOT, _ENDS = "robot", ("tip", "base")  # the option beside which tips and a base are taken
 _TIP = (
     "A body, link or site of an MJCF or a URDF that is the end of a chain; give it again for a robot with several tips."
 )
@@ -194,7 +194,7 @@ def grouped(command: Command, options: Sequence[Option], *, every: bool) -> dict
     """
     left = {each.name: each for each in options if not each.positional}
     found = dict[str, tuple[Option, ...]]()
-    groups = (*command.groups, _OUTPUT)
+    groups = (*_with_ends(command.groups), _OUTPUT)
     if not command.groups:
         own = tuple(name for name in left if name not in (*_OUTPUT.common, *_OUTPUT.more))
         groups = (OptionGroup("options", own), OptionGroup(_OUTPUT.title, (*_OUTPUT.common, *_OUTPUT.more)))
@@ -206,6 +206,12 @@ def grouped(command: Command, options: Sequence[Option], *, every: bool) -> dict
     if left and every:
         found[_REST] = tuple(left.values())
     return found
+
+
+def _with_ends(groups: Sequence[OptionGroup]) -> list[OptionGroup]:
+    """Return groups of options, of which the robot's, or else the first, has its tips and base."""
+    at = next((i for i, group in enumerate(groups) if ROBOT in group.common), 0)
+    return [replace(group, more=(*group.more, *_ENDS)) if i == at else group for i, group in enumerate(groups)]
 
 
 def _members(left: dict[str, Option], names: Sequence[str]) -> list[str]:

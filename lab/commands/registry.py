@@ -81,7 +81,7 @@ _SENSOR = ("orientation", "noise_mrad", "method", "socket_distance_mm")
 _FIT = OptionGroup("model and fit", ("model", "robust", "prior", "fix"), ("fitting",))
 _VERDICT = OptionGroup("verdict", ("gate_mm", "require"), ("region", "date", "serial"))
 _VIRTUAL_GROUPS = (
-    OptionGroup("robot and poses", ("robot", "poses", "plan", "seed"), ("cell", "targets", "tip", "base")),
+    OptionGroup("robot and poses", ("robot", "poses", "plan", "seed"), ("cell", "targets")),
     OptionGroup(
         "errors and effects of the virtual arm, each off unless a default is named",
         ("position_sigma_mm", "rotation_sigma_mrad", "stiffness_nm_per_rad", "payload_kg", "backlash_mrad"),
@@ -96,14 +96,14 @@ _VIRTUAL_GROUPS = (
     _VERDICT,
 )
 _MEASURED_GROUPS = (
-    OptionGroup("robot", ("robot",), ("cell", "tip", "base")),
+    OptionGroup("robot", ("robot",), ("cell",)),
     OptionGroup("measurement", ("instrument", "noise_mm", "observe"), _SENSOR),
     _FIT,
     OptionGroup("validation", ("holdout", "holdout_last", "validate"), ("refit", "seed")),
     _VERDICT,
 )
 _DESIGN_GROUPS = (
-    OptionGroup("robot and cell", ("robot", "cell"), ("home", "clearance_mm", "self_clearance_mm", "no_check", "tip", "base")),
+    OptionGroup("robot and cell", ("robot", "cell"), ("home", "clearance_mm", "self_clearance_mm", "no_check")),
     OptionGroup(
         "poses",
         ("poses", "accuracy_mm", "extend", "check", "controller"),

@@ -28,8 +28,8 @@ __all__ = [
     "PROGRAM_BYTES", "PROGRAM_FRAMES", "PROGRAM_MOVES", "PROGRAM_TARGETS", "QUATERNION_NORM", "RANGES", "READINGS",
     "REFLECTOR_DEG", "ROBOTS", "ROOM_C", "ROTATION_ERROR", "ROUNDED_NORM", "ROUNDS", "ROWS", "SEED", "SIGMA_MM",
     "SIMULATION_S", "SIMULATION_SIZE", "STARTS", "TABLE_BYTES", "TARGETS", "TEXT_BYTES", "TOML_BYTES", "UNCERTAINTY",
-    "VALUES", "WAYPOINTS", "WORKERS", "Limit", "Range", "called", "check_serial", "checked_name", "checked_target", "day", "one_serial",
-    "positive", "whole",
+    "VALUES", "WAYPOINTS", "WORKERS", "Limit", "Range", "called", "check_serial", "checked_name", "checked_target",
+    "day", "one_serial", "positive", "whole",
 ]  # fmt: skip
 
 _MIB: Final = 1 << 20

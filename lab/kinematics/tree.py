@@ -203,9 +203,7 @@ class TreeArm:
                 arm.parameters[_BASE:], arm.table_rows.tolist(), arm.table_columns.tolist(), strict=False
             ):
                 owner = chain.owner(c, row, COLUMNS[column])
-                links.setdefault(
-                    f"{owner}.{cell.symbol}", link_parameter(owner, cell.symbol, cell.kind, cell.nominal)
-                )
+                links.setdefault(f"{owner}.{cell.symbol}", link_parameter(owner, cell.symbol, cell.kind, cell.nominal))
         ordered = sorted(links.values(), key=lambda each: int(each.owner.split(".")[0].removeprefix("link")))
         return (*BASE_PARAMETERS, *mounts, *ordered, *tool_parameters(_positions(self.targets, {})))
 

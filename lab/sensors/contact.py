@@ -101,9 +101,7 @@ class FixtureSimulation:
 
     def points(self, joints: Array) -> Array:
         """Return places ``(n, 3)`` m of the point at the joint positions of all rows, displaced if an outlier."""
-        return np.asarray(
-            self.robot.points(joints, self.targets, self.conditions, self.scatter)[:, 0] + self.displaced
-        )
+        return np.asarray(self.robot.points(joints, self.targets, self.conditions, self.scatter)[:, 0] + self.displaced)
 
     def reachable_points(self, count: int) -> tuple[Array, Array]:
         """Draw places that the tool's point reaches, neither folded nor stretched.

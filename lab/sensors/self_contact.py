@@ -363,7 +363,9 @@ class SelfContactSensor(VirtualSensor):
         exact = model.points(inputs, truth.values)
         start = found.values.copy()
         free = found.base_set.identifiable
-        values = fit(model, Observations(inputs, exact, np.ones(exact.shape[:2])), free, start, tolerance_m=1e-12).values
+        values = fit(
+            model, Observations(inputs, exact, np.ones(exact.shape[:2])), free, start, tolerance_m=1e-12
+        ).values
         missed = np.abs(model.points(inputs, values) - exact).max()
         return replace(truth, values=values, base_set=found.base_set) if missed < _TRUE_M else None
 
@@ -379,6 +381,7 @@ def _joints_touching(arm: FixtureSimulation) -> Array:
     if nominal is None:
         raise LabError(f"robot {robot.chain.name} has one tip, which touches no other; name several as its tips")
     values = nominal.nominal(robot.tool)
+    hardly = f"{' and '.join(arm.targets)} hardly meet within the limits and without a collision"
 
     def nominal_gaps(joints: Array, _: NDArray[np.int_]) -> Array:
         points = nominal.points(joints, values)
@@ -388,16 +391,19 @@ def _joints_touching(arm: FixtureSimulation) -> Array:
         return np.asarray(points[:, 0] - points[:, 1] - arm.noise[rows] - arm.displaced[rows])
 
     def starts(_: int, missing: NDArray[np.int_]) -> Array:
-        """Poses of the nominal robot in contact; the free ones first, as often as there are rows."""
-        drawn = robot.chain.random_joints(_DRAWN * len(missing), arm.rng)
-        met = without_gaps(nominal_gaps, drawn, np.arange(len(drawn)))
-        met = met[(np.abs(nominal_gaps(met, np.arange(len(met)))).max(axis=1) < _IN_CONTACT_M)]
-        met = met[~robot.chain.beyond_limits(met, 0.0).any(axis=1)]
-        free = met[~collides(robot, met)]
-        return np.resize(free, drawn[: len(missing)].shape) if len(free) else drawn[: len(missing)]
+        """Poses of the nominal robot in contact and free of collisions, all different."""
+        free = np.empty((0, robot.chain.size))
+        for _round in range(_ROUNDS):
+            drawn = robot.chain.random_joints(_DRAWN * len(missing), arm.rng)
+            met = without_gaps(nominal_gaps, drawn, np.arange(len(drawn)))
+            met = met[np.abs(nominal_gaps(met, np.arange(len(met)))).max(axis=1) < _IN_CONTACT_M]
+            met = met[~robot.chain.beyond_limits(met, 0.0).any(axis=1)]
+            free = np.concatenate([free, met[~collides(robot, met)]])
+            if len(free) >= len(missing):
+                return free[: len(missing)]
+        raise LabError(f"robot {robot.chain.name}: {hardly}")
 
-    first, second = arm.targets
-    return arm.joints_from(gap, starts, f"{first} and {second} hardly meet within the limits and without a collision")
+    return arm.joints_from(gap, starts, hardly)
 
 
 def _split(poses: VirtualMeasurement, count: int) -> tuple[VirtualMeasurement, VirtualMeasurement]:

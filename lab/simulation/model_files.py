@@ -602,9 +602,9 @@ def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
             chains.append([b for b in reversed(path_up) if b in jointed])
     if len(chains) > 1:
         listed = "; ".join(", ".join(str(joint_of(model, model.body(b).name).name) for b in chain) for chain in chains)
-        ends = " ".join(f"{option_name('tip')} {model.body(chain[-1]).name}" for chain in chains)
+        ends = [f"{option_name('tip')} {model.body(chain[-1]).name}" for chain in chains]
         raise LabError(
-            f"{path}: {len(chains)} candidate chains ({listed}); name one as the robot, or all as one robot: {ends}"
+            f"{path}: {len(chains)} candidate chains ({listed}); keep one ({ends[0]}), or name all ({' '.join(ends)})"
         )
     return tuple(model.body(b).name for b in chains[0])
 

@@ -1,4 +1,4 @@
-"""The nominal model and the shape of a robot, as plain values: a serial arm, several tips, or a mechanism with loops."""
+"""The nominal model and the shape of a robot, as plain values: an arm, several tips, or a mechanism with loops."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -231,7 +231,9 @@ def tree_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
             ),
             Table(
                 ("link", "θ", "d", "a", "α", "limits", "speed per s"),
-                tuple((joint["link"], *row[1:]) for joint, row in zip(tip["joints"], _rows(tip["joints"]), strict=True)),
+                tuple(
+                    (joint["link"], *row[1:]) for joint, row in zip(tip["joints"], _rows(tip["joints"]), strict=True)
+                ),
             ),
         ]
     return tuple(blocks)
