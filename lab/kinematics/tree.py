@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import checked_name
 from lab.core.se3 import Array, exp, inverse, left_jacobian, log, pose
 from lab.kinematics.gauge import preferred_cells
@@ -76,6 +76,11 @@ class TreeChain(JointSpec):
             raise LabError(f"robot '{self.name}': two tips have one name; name each tip once")
         for tip in self.tips:
             checked_name(f"robot '{self.name}': tip", tip)
+
+    @property
+    def beside_serial(self) -> str:
+        """Several tips."""
+        return "several tips"
 
     @cached_property
     def members(self) -> tuple[list[int], ...]:
@@ -183,8 +188,9 @@ class TreeArm:
             if tip_of(target) not in self.chain.tips:
                 tips = ", ".join(self.chain.tips)
                 raise LabError(
-                    f"target '{target}' names no tip of robot {self.chain.name} ({tips}); "
-                    f"give {self.chain.tips[0]}.{point_of(target)}"
+                    f"target '{target}' names no tip of robot {self.chain.name} ({tips}); give "
+                    f"{self.chain.tips[0]}.{point_of(target)}, or one tip alone by "
+                    f"{option_name('tip')} {self.chain.tips[0]}"
                 )
 
     @cached_property
