@@ -44,6 +44,7 @@ from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.tree import TreeArm
 from lab.noise.instruments import Instrument, is_isotropic
 
 __all__ = [
@@ -111,10 +112,11 @@ def changes(
         name: value + _OFFSET_M for name, value in known.items() if name.endswith(".x") and "tool." in name
     }
     away = np.array([moved[name] for name in arm.names])
-    more = robot.arm_with((*targets, "another"), groups, session)
+    another = f"{targets[0].rpartition('.')[0]}.another".removeprefix(".")  # on the same tip, where tips have names
+    more = robot.arm_with((*targets, another), groups, session)
     first = [known[f"tool.{targets[0]}.{axis}"] for axis in "xyz"]
     second = dict(zip("xyz", np.array(first) + np.array([_OFFSET_M, _OFFSET_M, 0.0]), strict=True))
-    both = known | {f"tool.another.{axis}": value for axis, value in second.items()}
+    both = known | {f"tool.{another}.{axis}": value for axis, value in second.items()}
     found = [
         _SetupSuggestion(
             f"the target {MM.text(_OFFSET_M, 6)} elsewhere on what carries it", condition_of(arm, away, inputs)
@@ -544,7 +546,7 @@ def doubted(word: Verdict, checks: Sequence[Check]) -> Verdict:
 
 def check_joint_signs(fitter: Fitter, rows: Measurements) -> list[Check]:
     """Report the joint with which negated the geometry fits near the nominal model, as it does not as it is."""
-    if not fitter.kind.in_instrument_frame or not isinstance(fitter.robot.arm(fitter.targets), SerialArm):
+    if not fitter.kind.in_instrument_frame or not isinstance(fitter.robot.arm(fitter.targets), SerialArm | TreeArm):
         return []
     rows = thinned(rows, _SIGN_ROWS)
     tolerance, given = fitter.options.tolerance, _identified(fitter, rows)

@@ -214,7 +214,11 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
     files = read_estimate_files(folder)
     rows = tuple(row for row in files.rows if row.status != _CONVERTED)
     found, names = files.content, [row.name for row in rows]
-    targets = tuple(name.split(".")[1] for name in names if name.startswith("tool.") and name.endswith(".x"))
+    targets = tuple(
+        name.removeprefix("tool.").removesuffix(".x")
+        for name in names
+        if name.startswith("tool.") and name.endswith(".x")
+    )
     if not targets:
         raise LabError(f"{folder}/{PARAMETERS_FILE}: has no tool (tool.p1.x…); identify again")
     groups = [name for name in found.model.split("+") if name != "geometric"]

@@ -32,7 +32,6 @@ from lab.kinematics.effects.effect import CHANGING_WITH_TIME, ArmFacts, SessionI
 from lab.kinematics.effects.registry import CANDIDATES, expected_terms, searched_terms
 from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.model import Model, RigidArm
-from lab.kinematics.serial.arm import SerialArm
 from lab.noise.error_model import ErrorModel
 
 __all__ = ["MOST_CHOSEN_BY", "FitOptions", "Fitter", "NominalRobot"]
@@ -161,7 +160,8 @@ class Fitter:
         if not self.options.residual:
             return
         instead = "" if self.kind.name == "points" else f"{option_name('observe')} {self.kind.name}"
-        instead = instead if isinstance(self.robot.arm(self.targets), SerialArm) else "a mechanism with loops"
+        if beside := self.robot.chain.beside_serial:
+            instead = "a mechanism with loops" if self.robot.chain.has_loops else f"a robot with {beside}"
         if instead:
             raise LabError(
                 f"{option_name('model')} residual: it takes measured points of a serial arm, not {instead}; "

@@ -50,7 +50,7 @@ def _of_one_station(model: Model, observed: Observations, values: Array, groups:
     placed, offsets = values.copy(), values[tool].reshape(-1, 3)  # (k, 3)
     placed[base] = 0.0
     pose, target = np.nonzero(observed.seen)
-    origins, rotations = (each[pose] for each in _flange_poses(model, observed.inputs, placed, tool))
+    origins, rotations = (each[pose, target] for each in _flange_poses(model, observed.inputs, placed, tool))
     measured = observed.points[pose, target]
     columns = _columns(rotations, target, len(offsets))
     if "base" not in groups:
@@ -100,13 +100,15 @@ def _of_stations(
 
 
 def _flange_poses(model: Model, joints: Array, values: Array, tool: list[int]) -> tuple[Array, Array]:
-    """Return the last frame's origins ``(n, 3)`` and rotations ``(n, 3, 3)`` in the base.
+    """Return origins ``(n, k, 3)`` and rotations ``(n, k, 3, 3)`` in the base of the last frame of each target.
 
     The derivatives of a target by its position in that frame are the frame's axes.
     """
     points, jacobian = model.observe(joints, values)
-    rotations = jacobian[:, 0, :, tool[:3]].transpose(1, 2, 0)
-    origins: Array = points[:, 0] - rotations @ values[tool[:3]]
+    offsets = values[tool].reshape(-1, 3)
+    rotations = np.stack([jacobian[:, k, :, tool[3 * k : 3 * k + 3]] for k in range(len(offsets))])  # (k, 3, n, 3)
+    rotations = rotations.transpose(2, 0, 3, 1)
+    origins: Array = points - (rotations @ offsets[:, :, None])[..., 0]
     return origins, rotations
 
 

@@ -26,6 +26,7 @@ from lab.core.se3 import Array
 from lab.kinematics.effects.sessions import at_first_station
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import Model
+from lab.kinematics.tree import first_of_tips
 
 __all__ = ["Region", "RegionKind", "TaskRegion", "measured_region", "region_of_points", "workspace_region"]
 
@@ -90,7 +91,9 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals).by_cluster(labels)
     whole = linear.everywhere()
     own = linear.jacobian[some] @ whole.directions  # (n, m, rank) Q_i
-    slopes = found.model.observe(inputs, found.values)[1][:, 0][..., list(found.fit.free)]
+    first = list(first_of_tips(found.model.targets[: observation_of(found.model).positions]))
+    slopes = found.model.observe(inputs, found.values)[1][:, first][..., list(found.fit.free)]
+    slopes = slopes.reshape(len(inputs), -1, slopes.shape[-1])
     there = slopes / linear.scale @ whole.directions
     left = np.eye(own.shape[1]) - own @ np.swapaxes(own, 1, 2)
     spread, axes = np.linalg.eigh(left)

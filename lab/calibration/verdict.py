@@ -19,7 +19,7 @@ import numpy as np
 from lab.calibration.extrapolation import MOST_UNCOVERED, MeasuredRange
 from lab.calibration.identify import Identification
 from lab.calibration.noise.plausibility import COMMON_NOISE_M
-from lab.calibration.observation import observation_of
+from lab.calibration.observation import ROTATION_PARAMETERS, observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.regions import Region, workspace_region
 from lab.calibration.residual_spread import ResidualSpread, residual_spread
@@ -285,7 +285,8 @@ def verdict(
 def rotation_noise_rad(identification: Identification) -> float:
     """Noise (rad) of a measured rotation where ``sigma_m`` is a position's; NaN where no orientation is observed."""
     observation = observation_of(identification.model)
-    rotations = observation.units[observation.positions :] if observation.positions else np.empty(0)
+    turns = ROTATION_PARAMETERS[0] in identification.model.parameters
+    rotations = observation.units[observation.positions :] if turns else np.empty(0)
     return float(identification.sigma_m * rotations[0]) if len(rotations) else float("nan")
 
 

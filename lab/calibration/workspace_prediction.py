@@ -39,6 +39,7 @@ from lab.core.significance import PREDICTION_EXCEEDED
 from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import indices_of_groups
+from lab.kinematics.tree import first_of_tips
 
 __all__ = [
     "MEAN_OF_RMS",
@@ -167,7 +168,7 @@ def predict_over_workspace(
     lack_of_fit: bool = False,
     measured: MeasuredRange | None = None,
 ) -> WorkspacePrediction:
-    """Predict the errors of the first target over the workspace.
+    """Predict the errors of the first target, or of the first of each tip, over the workspace.
 
     Args:
         lack_of_fit: whether the residuals are more than the noise that was given.
@@ -179,7 +180,7 @@ def predict_over_workspace(
     inputs, jacobian = _target_jacobian(model, identification.values)
     placed = indices_of_groups(model.parameters, ("base", "tool"))
     of_tolerances = float(np.sqrt(np.mean(tolerance_rms(model, jacobian, tolerance, placed) ** 2)))
-    squares = position_covariances(identification, measured, inputs, 1)[:, 0]
+    squares = _of_first(model, position_covariances(identification, measured, inputs, _last_first(model)))
     if not np.isfinite(squares).all():
         return WorkspacePrediction(nothing, nothing, nothing, of_tolerances)
     beyond = uncovered = 0.0
@@ -207,7 +208,7 @@ def predict_over_region(
     *,
     measured: MeasuredRange | None = None,
 ) -> RegionPrediction:
-    """Predict the errors of the first target over a region.
+    """Predict the errors of the first target, or of the first of each tip, over a region.
 
     Args:
         tolerance: the arm's own (``own_tolerance``).
@@ -220,14 +221,14 @@ def predict_over_region(
     inputs, jacobian, reached = _reached(model, identification.values, region.inputs)
     if not len(inputs):
         return unknown
-    factors = None if region.factors is None else region.factors[reached]
+    factors = None if region.factors is None else np.repeat(region.factors[reached], len(jacobian) // len(inputs))
     squares = tolerance_rms(model, jacobian, tolerance, indices_of_groups(model.parameters, ("base", "tool"))) ** 2
     known = replace(unknown, poses=len(inputs), uncalibrated_rms_m=float(np.sqrt(squares.mean())))
     if measured is not None and measured.cover is not None:
         share = float(measured.uncovered(inputs[:, : len(measured.lower)]).mean())
         lacks = measured.is_worse_beyond or identification.process is not None
         known = replace(known, extrapolated_share=share, lacks=lacks)
-    of_model = model_covariances(identification, measured, inputs, left)[:, 0]
+    of_model = _of_first(model, model_covariances(identification, measured, inputs, left))
     if factors is not None:
         of_model = of_model * factors[:, None, None]
     if not np.isfinite(of_model).all():
@@ -267,14 +268,16 @@ def predict_elsewhere(
 def own_tolerance(identification: Identification, tolerance: Tolerance, region: Region) -> Tolerance:
     """Estimate an arm's own tolerances, at least those of manufacture.
 
-    They are as much larger as calibration moved the first target over the measured region farther than tolerances do.
+    They are as much larger as calibration moved the first target (of each tip) over the measured region farther than
+    tolerances do.
     """
     model = identification.model
     if not observation_of(model).positions:
         return tolerance
     inputs, jacobian, _ = _reached(model, identification.values, region.inputs)
     nominal, calibrated = (
-        model.points(inputs, values)[:, 0] for values in (identification.nominal_aligned, identification.values)
+        _of_first(model, model.points(inputs, values))
+        for values in (identification.nominal_aligned, identification.values)
     )
     expected = tolerance_rms(model, jacobian, tolerance, indices_of_groups(model.parameters, ("base", "tool"))) ** 2
     moved = ((calibrated - nominal) ** 2).sum(axis=1)
@@ -320,14 +323,16 @@ def predicted_errors(
 ) -> tuple[Array, Array] | None:
     """Return random poses ``(n, joints + conditions)`` and the predicted RMS error ``(n,)`` (m) at each.
 
-    It is that of the first target, by the parameters' covariance and what the model may lack beyond the measured joint
-    positions. None where the covariance is not known, or no position is measured.
+    It is that of the first target (of each tip, root mean square), by the parameters' covariance and what the model may
+    lack beyond the measured joint positions. None where the covariance is not known, or no position is measured.
     """
     model = identification.model
     if not observation_of(model).positions:
         return None
     inputs, _ = _target_jacobian(model, identification.values)
-    squares = np.trace(position_covariances(identification, measured, inputs, 1)[:, 0], axis1=1, axis2=2)
+    first = _first(model)
+    each = position_covariances(identification, measured, inputs, _last_first(model))[:, first]
+    squares = np.trace(each, axis1=2, axis2=3).mean(axis=1)
     known = np.isfinite(squares)
     return (inputs[known], np.sqrt(np.maximum(squares[known], 0.0))) if known.any() else None
 
@@ -391,16 +396,31 @@ def _spread_of_retained(model: Model, structure: BaseSet, tolerance: Tolerance) 
 
 
 def _target_jacobian(model: Model, values: Array) -> tuple[Array, Array]:
-    """Random poses of the workspace, and derivatives ``(n, 3, p)`` of the first target's positions there."""
+    """Random poses of the workspace, and derivatives ``(n t, 3, p)`` of the first target (of each of t tips) there."""
     inputs, jacobian, _ = _reached(model, values, workspace_region(model, values).inputs)
     return inputs, jacobian
 
 
 def _reached(model: Model, values: Array, inputs: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return the poses that the arm takes, derivatives ``(n, 3, p)`` of the first target there, and a mask."""
-    jacobian: Array = model.observe(inputs, values)[1][:, 0]
-    reached = np.asarray(np.isfinite(jacobian).all(axis=(1, 2)))
-    return inputs[reached], jacobian[reached], reached
+    """Return the poses that the arm takes, derivatives ``(n t, 3, p)`` of the first target of each tip, and a mask."""
+    jacobian: Array = model.observe(inputs, values)[1][:, _first(model)]
+    reached = np.asarray(np.isfinite(jacobian).all(axis=(1, 2, 3)))
+    return inputs[reached], jacobian[reached].reshape(-1, *jacobian.shape[2:]), reached
+
+
+def _first(model: Model) -> list[int]:
+    """Return the first measured target, and the first of each further tip."""
+    return list(first_of_tips(model.targets[: observation_of(model).positions]))
+
+
+def _of_first(model: Model, each: Array) -> Array:
+    """Return what ``(n, k, ...)`` holds of the first target of each of t tips, ``(n t, ...)``."""
+    return each[:, _first(model)].reshape(-1, *each.shape[2:])
+
+
+def _last_first(model: Model) -> int:
+    """Number of targets up to the last one that is the first of its tip."""
+    return _first(model)[-1] + 1
 
 
 def length_not_exceeded(squares: Array, dof: float | None, share: float = _SHARE) -> float:

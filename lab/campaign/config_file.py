@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
+from lab.campaign.model_files import parted
 from lab.core.errors import LabError
 from lab.core.limits import TEXT_BYTES
 from lab.core.whole_folder import CHECKSUMS, edited_files, file_digest
@@ -62,9 +63,10 @@ class RunInputs:
 
     def copy(self, given: object) -> Path | None:
         """Return the copy of an input in the run's folder; None without one."""
-        kept = self.config.inputs.get(str(given))
+        file, ends = parted(str(given))
+        kept = self.config.inputs.get(file)
         copy = None if kept is None else self.folder / kept
-        return copy if copy is not None and copy.exists() else None
+        return Path(f"{copy}{ends}") if copy is not None and copy.exists() else None
 
     def path(self, given: object) -> Path:
         """Return the copy of an input, or the input itself if it is the run's; names of the lab's own are unchanged.
@@ -72,15 +74,16 @@ class RunInputs:
         Raises:
             LabError: the run keeps no copy, and the file is missing, is another one, or has no checksum in the run.
         """
-        path, valid = Path(str(given)), self.config.inputs_sha256.get(str(given))
+        file, ends = parted(str(given))
+        path, valid = Path(file), self.config.inputs_sha256.get(file)
         if (copy := self.copy(given)) is not None:
             return copy
         if valid is None and path.suffix not in _FILES:
-            return path
+            return Path(f"{path}{ends}")
         what = "config.json has no checksum of it"
         if valid is not None:
             if path.is_file() and file_digest(path) == valid:
-                return path
+                return Path(f"{path}{ends}")
             what = f"the file of that name is {'another one' if path.is_file() else 'not there'}"
         raise LabError(
             f"{self.folder}: keeps no copy of its input {given}, and {what}; put the run's own file there, or make the "

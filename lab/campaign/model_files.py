@@ -4,18 +4,50 @@ import hashlib
 import io
 import os
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 
-__all__ = ["description_of", "is_own", "models_folder", "own_models", "sha256_of"]
+__all__ = ["description_of", "ends_of", "is_own", "joined", "models_folder", "own_models", "parted", "sha256_of"]
 
 _MAIN = ("mechanism.toml", "scene.xml", "robot.xml", "robot.toml")  # a folder's own description: the first there is
 _DRIVES = "drives.toml"  # beside a description, for ``lab dynamics --drives``: no robot, and no part of its model
+
+
+def parted(robot: str) -> tuple[str, str]:
+    """Split the reference of a robot into its name or path, and the rest from ``#`` on, as ``joined`` wrote it."""
+    if "#" not in robot or Path(robot).exists():
+        return robot, ""
+    name, _, rest = robot.rpartition("#")
+    return name, f"#{rest}"
+
+
+def joined(robot: str, base: str, tips: Sequence[str]) -> str:
+    """Return the reference of a robot whose chains run from a base to tips: ``torso.urdf#pelvis:left,right``.
+
+    Raises:
+        LabError: the robot is a reference with a base or tips already, or a name cannot be part of one.
+    """
+    if not base and not tips:
+        return robot
+    if parted(robot)[1]:
+        raise LabError(f"robot '{robot}' names its tips already; give them once")
+    for name in (base, *tips):
+        if set(name) & set("#:,") or (not name and name is not base):
+            raise LabError(f"'{name}' cannot name a base or a tip: it has one of # : , in it, or is empty")
+    if len(set(tips)) < len(tips):
+        raise LabError(f"{option_name('tip')}: {', '.join(tips)}: name each tip once")
+    return f"{robot}#{f'{base}:' if base else ''}{','.join(tips)}"
+
+
+def ends_of(reference: str) -> tuple[str, tuple[str, ...]]:
+    """Return base ("" for the world) and tips of the second part of a reference."""
+    base, _, tips = reference.removeprefix("#").rpartition(":")
+    return base, tuple(tip for tip in tips.split(",") if tip)
 
 
 def models_folder() -> Path:

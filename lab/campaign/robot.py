@@ -17,8 +17,8 @@ import numpy as np
 
 from lab.calibration.on_arrays import ArmOnArrays, target_names
 from lab.campaign.config_file import CONFIG_FILE
-from lab.campaign.model_files import description_of, is_own, sha256_of
-from lab.core.errors import LabError, error_context
+from lab.campaign.model_files import description_of, ends_of, is_own, joined, parted, sha256_of
+from lab.core.errors import LabError, error_context, option_name
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.core.values import Value
@@ -36,6 +36,7 @@ from lab.kinematics.effects.sessions import stations
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
+from lab.kinematics.tree import TreeArm, point_of
 from lab.simulation.build_serial import table_model
 from lab.simulation.cell import implausible, in_cell
 from lab.simulation.closed_robot import (
@@ -46,12 +47,12 @@ from lab.simulation.closed_robot import (
     random_values,
     true_mechanism,
 )
-from lab.simulation.model import Origin, RobotModel, SerialModel
-from lab.simulation.model_files import MJCF, URDF, XACRO, load_model, loads_of
+from lab.simulation.model import OpenModel, Origin, RobotModel, SerialModel, TreeModel
+from lab.simulation.model_files import MJCF, TREE_MJCF, URDF, XACRO, load_model, loads_of
 from lab.simulation.true_robot import (
     GeometryErrors,
+    TrueOpenRobot,
     TrueRobot,
-    TrueSerialRobot,
     random_perturbation,
     random_table,
     true_robot,
@@ -59,8 +60,8 @@ from lab.simulation.true_robot import (
 )
 
 __all__ = [
-    "CLOSED_FORMATS", "SERIAL_FORMATS", "ClosedRobot", "Robot", "SerialRobot", "load_robot", "load_virtual",
-    "robot_of_call",
+    "CLOSED_FORMATS", "SERIAL_FORMATS", "TREE_FORMATS", "ClosedRobot", "Robot", "SerialRobot", "TreeRobot",
+    "load_robot", "load_virtual", "robot_of_call",
 ]  # fmt: skip
 
 
@@ -68,6 +69,7 @@ _Model = TypeVar("_Model", bound=RobotModel)
 _MAKER_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (UR_KINEMATICS, UR_CORRECTIONS)
 SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (MJCF, URDF, XACRO, *_MAKER_FORMATS, TABLE_TOML)
 CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_MJCF, MECHANISM_TOML)
+TREE_FORMATS: tuple[DescriptionFormat[TreeArm, TreeModel], ...] = (TREE_MJCF,)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -254,6 +256,10 @@ class Robot(Value, ArmOnArrays):
         placed = replace(self, model=model, warnings=warnings)
         return placed if self.loads is None else replace(placed, loads=placed._simulated_loads())
 
+    def on_tips(self, targets: tuple[str, ...]) -> tuple[str, ...]:
+        """Return targets, of which one without a tip stands for that of every tip: ``p1`` for left.p1 and right.p1."""
+        return targets
+
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
         """Refuse a target that the robot (or the default tool, if it has none) does not have, with a LabError."""
         known = self.tool or DEFAULT_TOOL
@@ -302,18 +308,10 @@ class SerialRobot(Robot):
     def _simulated_loads(self) -> Loads | None:
         return _some(loads_of(self.model))
 
-    def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueSerialRobot:
+    def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueOpenRobot:
         """Draw errors of every body and joint, or of the entries of the Denavit-Hartenberg table alone."""
         if not errors.table_alone:
-            perturbation = random_perturbation(
-                self.model,
-                errors.position_sigma_m,
-                errors.rotation_sigma_rad,
-                rng,
-                errors.joint_offset_sigma,
-                errors.sampler,
-            )
-            return true_robot(self.model, perturbation, T_world_tracker)
+            return _perturbed_bodies(self.model, errors, T_world_tracker, rng)
         arm = self.arm(tuple(self.tool))
         sigmas = errors.position_sigma_m, errors.rotation_sigma_rad
         base, table, _ = arm.split(random_table(arm, *sigmas, rng, errors.sampler))
@@ -363,7 +361,59 @@ class ClosedRobot(Robot):
         return true_mechanism(self.model, values, T_world_tracker)
 
 
-def load_robot(robot: str | PathLike[str] | Robot, cell: Path | None = None) -> Robot:
+@dataclass(frozen=True, eq=False, repr=False)
+class TreeRobot(Robot):
+    """A robot with several tips, such as a torso with two arms."""
+
+    formats: ClassVar[tuple[DescriptionFormat[Any, Any], ...]] = TREE_FORMATS
+    model: TreeModel
+
+    @property
+    def serial_model(self) -> SerialModel:
+        """Raise an error: a robot with several tips is no serial arm.
+
+        Raises:
+            LabError: always.
+        """
+        raise LabError(
+            f"robot {self.name} has several tips ({', '.join(self.model.chain.tips)}): this is for serial arms alone; "
+            f"choose one by {option_name('tip')}"
+        )
+
+    def on_tips(self, targets: tuple[str, ...]) -> tuple[str, ...]:
+        """Return targets, of which one without a tip stands for that of every tip that has it."""
+        every = {target: [name for name in self.tool if point_of(name) == target] or [target] for target in targets}
+        return tuple(dict.fromkeys(name for target in targets for name in every[target]))
+
+    def arm(self, targets: tuple[str, ...]) -> TreeArm:
+        """Return the kinematic model with these targets on its tips."""
+        return TreeArm(self.model.chain, targets)
+
+    def _simulated_loads(self) -> None:
+        """Return None: a robot with several tips is rigid here."""
+
+    def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueOpenRobot:
+        """Draw errors of every body and joint.
+
+        Raises:
+            LabError: errors of the table alone are requested.
+        """
+        if errors.table_alone:
+            raise LabError(f"{option_name('dh_only')} is of serial arms; of {self.name} every body is off")
+        return _perturbed_bodies(self.model, errors, T_world_tracker, rng)
+
+
+def _perturbed_bodies(
+    model: OpenModel, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator
+) -> TrueOpenRobot:
+    sigmas = errors.position_sigma_m, errors.rotation_sigma_rad
+    perturbation = random_perturbation(model, *sigmas, rng, errors.joint_offset_sigma, errors.sampler)
+    return true_robot(model, perturbation, T_world_tracker)
+
+
+def load_robot(
+    robot: str | PathLike[str] | Robot, cell: Path | None = None, *, tips: Sequence[str] = (), base: str = ""
+) -> Robot:
     """Load a robot: its nominal model, masses and warnings.
 
     Args:
@@ -371,6 +421,10 @@ def load_robot(robot: str | PathLike[str] | Robot, cell: Path | None = None) -> 
             of a run of ``lab identify`` or ``lab calibrate``, or what ``lab.load_run`` made of it, for its calibrated
             robot (geometry alone). A loaded robot is unchanged.
         cell: the file that describes its cell, if any.
+        tips: of an MJCF or a URDF: the bodies, links or sites that are the ends of its chains. One makes a serial arm,
+            several a robot with several tips, whose targets are ``<tip>.p1`` and so on. By default the only chain, or
+            every site ``<tip>.flange``.
+        base: the body or link below the first joint; joints that move it are held at zero.
 
     Raises:
         LabError: there is no such robot (the message lists all), or it or its cell cannot be read.
@@ -382,10 +436,12 @@ def load_robot(robot: str | PathLike[str] | Robot, cell: Path | None = None) -> 
         ('irb120', 6)
     """
     if isinstance(robot, Robot):
+        if tips or base:
+            raise LabError(f"robot {robot.name} is loaded already; name its tips where it is loaded")
         return robot.placed_in(cell)
     if not isinstance(robot, str | PathLike):
         raise LabError(f"a robot is given as {type(robot).__name__}; give a name, a path, or a loaded robot")
-    source = fspath(robot)
+    source = joined(fspath(robot), base, tips)
     if (Path(source) / CONFIG_FILE).is_file():
         source = _calibrated(Path(source))
     loaded = _loaded(source)
@@ -425,11 +481,19 @@ def _in_cell(model: _Model, cell: Cell) -> _Model:
 
 
 def _loaded(robot: str) -> Robot:
-    path = description_of(robot)
-    return (_read_once if is_own(path) else _read)(path, sha256_of(path))
+    name, ends = parted(robot)
+    path = description_of(name)
+    digest = sha256_of(path)
+    if ends:
+        digest = hashlib.sha256(f"{digest} {ends}".encode()).hexdigest()
+    return (_read_once if is_own(path) else _read)(path, digest, ends)
 
 
-def _read(path: Path, sha256: str) -> Robot:
+def _read(path: Path, sha256: str, ends: str = "") -> Robot:
+    if ends and path.suffix == ".toml":
+        raise LabError(
+            f"{path}: is a table, whose tips are its own; leave out {option_name('tip')} and {option_name('base')}"
+        )
     if path.suffix == ".toml" and (links := described_links(path)) is not None:
         return _with_links(path, sha256, *links)
     if path.suffix == ".toml" and is_mechanism(path):
@@ -440,13 +504,18 @@ def _read(path: Path, sha256: str) -> Robot:
         table = read_table(path)
         model, warnings = table_model(path, table), table.warnings
     else:
-        model = load_model(path)
-        warnings = (f"{model.missing}, so no shape is shown",) if model.missing else ()
-    if model.overlapping:
-        pairs = ", ".join(f"{first} and {second}" for first, second in model.overlapping)
-        warnings = (*warnings, f"{pairs} touch by construction: their contacts are not checked")
-    if model.fixed_joints:
-        warnings = (*warnings, f"{', '.join(model.fixed_joints)} are taken for a gripper's, and held at zero")
+        base, tips = ends_of(ends)
+        loaded = load_model(path, tips, base)
+        warnings = (f"{loaded.missing}, so no shape is shown",) if loaded.missing else ()
+        if loaded.overlapping:
+            pairs = ", ".join(f"{first} and {second}" for first, second in loaded.overlapping)
+            warnings = (*warnings, f"{pairs} touch by construction: their contacts are not checked")
+        if loaded.fixed_joints:
+            why = "move no tip, or the base: they are" if ends else "are taken for a gripper's, and"
+            warnings = (*warnings, f"{', '.join(loaded.fixed_joints)} {why} held at zero")
+        if isinstance(loaded, TreeModel):
+            return TreeRobot(replace(loaded, origin=Origin(str(path), sha256, load=_load_again)), warnings)
+        model = loaded
     loads = None if model.masses_assumed else _some(loads_of(model))
     if model.links is not None:
         with error_context(path):

@@ -8,7 +8,7 @@ alone; without it, or for an unknown event, tyro's box is shown.
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, make_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, make_dataclass, replace
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, signature
@@ -21,8 +21,9 @@ import tyro
 from threadpoolctl import threadpool_limits
 
 from lab.campaign.config_file import read_options
+from lab.campaign.model_files import joined
 from lab.campaign.option_types import Flag, number, whole_number
-from lab.commands.help_text import HELP_FLAGS, help_text
+from lab.commands.help_text import HELP_FLAGS, ROBOT, help_text
 from lab.commands.registry import Command
 from lab.commands.run_folder import positional
 from lab.core.errors import LabError
@@ -137,13 +138,26 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
         common = [("out", Path | None, field(default=None)), ("overwrite", Flag, field(default=False)), *common]
     if command.resumed:
         common = [*common, ("resume", Flag, field(default=False))]
+    if ROBOT in _names(kind):
+        tips = tyro.conf.UseAppendAction[tuple[str, ...]]
+        common = [*common, ("tip", tips, field(default=())), ("base", str, field(default=""))]
     made: Any = make_dataclass("Arguments", [options, *common])
     program = f"lab {command.name}"
     flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each[0] for each in common))]
     with _one_line_errors(program, flags, [f"--{name}" for name in positional(kind)]):
         found = tyro.cli(made, prog=program, description="", args=rest, registry=_numbers(), add_help=False)
     given_flags = (getattr(found, name, False) for name in ("overwrite", "json", "resume"))
-    return Arguments(found.options, getattr(found, "out", None), *given_flags)
+    return Arguments(_with_ends(found), getattr(found, "out", None), *given_flags)
+
+
+def _with_ends(found: Any) -> Any:
+    """Return the command's options, whose robot has the base and the tips that are given beside it."""
+    base, tips = getattr(found, "base", ""), tuple(getattr(found, "tip", ()))
+    if not (base or tips):
+        return found.options
+    if found.options.robot is None:
+        raise LabError(f"--{'tip' if tips else 'base'}: give --robot too, whose chains it ends")
+    return replace(found.options, robot=joined(found.options.robot, base, tips))
 
 
 def _configured(command: Command, kind: type[Any], arguments: Sequence[str]) -> tuple[list[str], Any]:

@@ -8,7 +8,7 @@ import inspect
 import shutil
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType, UnionType
@@ -17,13 +17,18 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from lab.commands.registry import Command, OptionGroup
 from lab.commands.run_folder import positional
 
-__all__ = ["HELP_FLAGS", "Option", "grouped", "help_text", "options_of_command"]
+__all__ = ["HELP_FLAGS", "ROBOT", "Option", "grouped", "help_text", "options_of_command"]
 
 HELP_FLAGS = ("-h", "--help", "--help-all")
 _COLUMN = 32  # the widest column of flags; longer ones have a line of their own
 _NARROWEST = 40
 _METAVARS = {str: "STR", int: "INT", float: "FLOAT", Path: "PATH"}
 _REST = "more options"
+ROBOT, _ENDS = "robot", ("tip", "base")  # the option beside which tips and a base are taken
+_TIP = (
+    "A body, link or site of an MJCF or a URDF that is the end of a chain; give it again for a robot with several tips."
+)
+_BASE = "The body or link below the first joint; joints that move it are held at zero."
 _OUTPUT = OptionGroup("output", ("out", "overwrite", "json", "resume", "config"), ("no_recording",))
 
 
@@ -76,6 +81,8 @@ def options_of_command(command: Command, defaults: Any = None) -> tuple[Option, 
     common.append(Option("json", "", "Print the result as one JSON object."))
     if command.resumed and "resume" not in names:
         common.append(Option("resume", "", "Go on with the run in --out that was interrupted or killed."))
+    if ROBOT in names:
+        common += [Option("tip", "NAME", _TIP), Option("base", "NAME", _BASE)]
     if command.folder:
         common.append(Option("config", "FILE", "An earlier run's config.json gives the defaults."))
     return (*own, *common)
@@ -187,7 +194,7 @@ def grouped(command: Command, options: Sequence[Option], *, every: bool) -> dict
     """
     left = {each.name: each for each in options if not each.positional}
     found = dict[str, tuple[Option, ...]]()
-    groups = (*command.groups, _OUTPUT)
+    groups = (*_with_ends(command.groups), _OUTPUT)
     if not command.groups:
         own = tuple(name for name in left if name not in (*_OUTPUT.common, *_OUTPUT.more))
         groups = (OptionGroup("options", own), OptionGroup(_OUTPUT.title, (*_OUTPUT.common, *_OUTPUT.more)))
@@ -199,6 +206,12 @@ def grouped(command: Command, options: Sequence[Option], *, every: bool) -> dict
     if left and every:
         found[_REST] = tuple(left.values())
     return found
+
+
+def _with_ends(groups: Sequence[OptionGroup]) -> list[OptionGroup]:
+    """Return groups of options, of which the robot's, or else the first, has its tips and base."""
+    at = next((i for i, group in enumerate(groups) if ROBOT in group.common), 0)
+    return [replace(group, more=(*group.more, *_ENDS)) if i == at else group for i, group in enumerate(groups)]
 
 
 def _members(left: dict[str, Option], names: Sequence[str]) -> list[str]:

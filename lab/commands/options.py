@@ -18,6 +18,7 @@ from lab.core.limits import (
     TARGETS,
     check_serial,
     checked_name,
+    checked_target,
     day,
     positive,
     whole,
@@ -87,7 +88,7 @@ class ImportOptions:
             raise LabError("--targets: give one name or more, each once, e.g. p1,p2,p3")
         TARGETS("--targets", self.targets)
         for name in self.targets:
-            checked_name("--targets", name)
+            checked_target("--targets", name)
         if self.station is not None:
             checked_name("--station", self.station)
         if self.clock_offset_s is not None and abs(self.clock_offset_s) not in CLOCKS_S:

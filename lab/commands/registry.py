@@ -90,7 +90,7 @@ _VIRTUAL_GROUPS = (
     OptionGroup(
         "measurement",
         ("instrument", "observe"),
-        ("readings", "noise_mm", "occlusion", "orientation_share", "fixtures", *_SENSOR),
+        ("readings", "noise_mm", "occlusion", "orientation_share", "fixtures", "contact_share", *_SENSOR),
     ),
     _FIT,
     _VERDICT,

@@ -20,7 +20,7 @@ import tyro
 from numpy.typing import NDArray
 
 from lab.campaign.config_file import CONFIG_FILE, INPUTS, input_names, read_config
-from lab.campaign.model_files import is_own
+from lab.campaign.model_files import is_own, parted
 from lab.commands.program import was_interrupted
 from lab.commands.registry import command_named
 from lab.core.errors import LabError
@@ -62,7 +62,8 @@ def input_files(options: Any) -> tuple[Path, ...]:
     values = [getattr(options, field.name) for field in fields(options) if field.name != _OUTPUT]
     listed = [each for value in values for each in (value if isinstance(value, tuple) else (value,))]
     own = [each for each in listed if isinstance(each, Path)]
-    own += [Path(value) for value in values if isinstance(value, str) and Path(value).suffix and Path(value).is_file()]
+    named = [Path(parted(value)[0]) for value in values if isinstance(value, str)]
+    own += [path for path in named if path.suffix and path.is_file()]
     return tuple(own) + tuple(path for value in values if is_dataclass(value) for path in input_files(value))
 
 

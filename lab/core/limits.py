@@ -28,8 +28,8 @@ __all__ = [
     "PROGRAM_BYTES", "PROGRAM_FRAMES", "PROGRAM_MOVES", "PROGRAM_TARGETS", "QUATERNION_NORM", "RANGES", "READINGS",
     "REFLECTOR_DEG", "ROBOTS", "ROOM_C", "ROTATION_ERROR", "ROUNDED_NORM", "ROUNDS", "ROWS", "SEED", "SIGMA_MM",
     "SIMULATION_S", "SIMULATION_SIZE", "STARTS", "TABLE_BYTES", "TARGETS", "TEXT_BYTES", "TOML_BYTES", "UNCERTAINTY",
-    "VALUES", "WAYPOINTS", "WORKERS", "Limit", "Range", "called", "check_serial", "checked_name", "day", "one_serial",
-    "positive", "whole",
+    "VALUES", "WAYPOINTS", "WORKERS", "Limit", "Range", "called", "check_serial", "checked_name", "checked_target",
+    "day", "one_serial", "positive", "whole",
 ]  # fmt: skip
 
 _MIB: Final = 1 << 20
@@ -133,6 +133,15 @@ def checked_name(where: object, name: str) -> str:
         raise LabError(f"{where}: the name {name!r} has a {wrong!r}; use letters, digits and '_'")
     if name[0] in _NOT_FIRST:
         raise LabError(f"{where}: the name {name!r} begins with {name[0]!r}; begin it with a letter")
+    return name
+
+
+def checked_target(where: object, name: str) -> str:
+    """Return a target's name, which may begin with its tip's and a dot: ``left.p1``; refuse it as ``checked_name``."""
+    tip, dot, point = name.partition(".")
+    if dot:
+        checked_name(where, tip)
+    checked_name(where, point if dot else name)
     return name
 
 

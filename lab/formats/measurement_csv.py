@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from lab.core.errors import LabError, option_name
-from lab.core.limits import PAYLOAD_KG, ROWS, SIGMA_MM, TARGETS, Limit, checked_name
+from lab.core.limits import PAYLOAD_KG, ROWS, SIGMA_MM, TARGETS, Limit, checked_target
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable, name_cell, text_cell
@@ -27,7 +27,7 @@ _ANGLE_UNITS = ("rad", "deg")
 _LENGTH_EXPONENT = {"m": 0, "mm": -3}
 _TEXT_COLUMNS = ("id", "session", "use")
 _NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
-_OTHER_RESERVED = ("station", "location", "socket", "stop", "checked", "pressure_hPa", "humidity_percent")
+_OTHER_RESERVED = ("station", "location", "socket", "target", "stop", "checked", "pressure_hPa", "humidity_percent")
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
 _BLOCK = 10_000  # rows at a time
 
@@ -37,7 +37,8 @@ class ObservedColumns:
     """Columns with observations, beside those of every file.
 
     Attributes:
-        positions: points are observed, and required; otherwise ignored with a warning.
+        positions: points are observed; otherwise ignored with a warning.
+        required: a file without points is refused, if points are observed.
         orientations: orientations are observed; otherwise ignored with a warning.
         numbers: columns of numbers that become conditions, NaN if empty.
         texts: columns of texts that are kept unchanged.
@@ -49,6 +50,7 @@ class ObservedColumns:
     numbers: tuple[str, ...] = ()
     texts: tuple[str, ...] = ()
     observed: str = ""
+    required: bool = True
 
 
 def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]) -> None:
@@ -126,7 +128,7 @@ def read_measurements(
         most: largest number of rows.
     """
     reader = PoseReader(path, list(joint_names), list(prismatic), columns or ObservedColumns(), most)
-    return reader.read(points and reader.observed.positions)
+    return reader.read(points and reader.observed.positions and reader.observed.required)
 
 
 class PoseReader(CsvTable):
@@ -260,7 +262,7 @@ class PoseReader(CsvTable):
                 targets.append(name)
         TARGETS(f"{self.path}: line 1", targets)
         for name in targets:
-            checked_name(f"{self.path}: line 1", name)
+            checked_target(f"{self.path}: line 1", name)
         plain = any(re.fullmatch(r"[xyz]_(mm|m)", column) for column in self.unread)
         if plain and (len(targets) > 1 or any(column.startswith("p1_") for column in self.unread)):
             raise LabError(

@@ -14,7 +14,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.limits import JOINTS, TARGETS, checked_name
+from lab.core.limits import JOINTS, TARGETS, checked_name, checked_target
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.description import DescriptionFormat, IdentifiedRobot
@@ -200,7 +200,7 @@ def read_tool(path: Path, section: Any) -> dict[str, Array]:
     tool = {}
     TARGETS(f"{path}: [tool]", section)
     for name, point in section.items():
-        checked_name(f"{path}: [tool]", name)
+        checked_target(f"{path}: [tool]", name)
         if not isinstance(point, list) or len(point) != 3 or not all(is_number(v) for v in point):
             raise LabError(f"{path}: [tool] {name} is {point!r}; give three numbers in metres, [x, y, z]")
         tool[str(name)] = np.array(point, dtype=np.float64)

@@ -196,11 +196,14 @@ def is_urdf(path: Path) -> bool:
     return path.suffix == ".urdf" or b"<robot" in read_bytes(path, TEXT_BYTES)[:4096]
 
 
-def read_urdf(path: Path) -> UrdfSource:
+def read_urdf(path: Path, *, gripper: bool = True) -> UrdfSource:
     """Read a URDF and its meshes.
 
-    Visual shapes are used only if no link has collision shapes. If an arm forks into branches that all have fewer
-    joints, these are a gripper, fixed at zero.
+    Visual shapes are used only if no link has collision shapes.
+
+    Args:
+        gripper: whether branches into which an arm forks, if all have fewer joints than the arm, are a gripper, fixed
+            at zero.
     """
     text = read_text(path, TEXT_BYTES)
     if "<!ENTITY" in text or "<!DOCTYPE" in text:
@@ -213,7 +216,7 @@ def read_urdf(path: Path) -> UrdfSource:
         raise LabError(f"{path}: is a xacro that is not expanded; run 'xacro {path.name} > robot.urdf', and give that")
     _refuse_loose_joints(path, root)
     _keep_solid_shapes(root)
-    held = _hold_gripper(root)
+    held = _hold_gripper(root) if gripper else ()
     _add_world(root)
     assets, missing = dict[str, bytes](), ""
     for mesh in root.iter("mesh"):

@@ -28,6 +28,7 @@ __all__ = [
     "base_set_of",
     "independent_columns",
     "named",
+    "preferred_cells",
     "preferred_columns",
     "structure_jacobian",
 ]
@@ -188,18 +189,28 @@ def preferred_columns(chain: Chain, parameters: Sequence[Parameter]) -> tuple[in
     instead of d between parallel axes; neither d nor, in a Craig table, a of a slide); then the tool, which moves the
     last link; then all others.
     """
-    rule = _preferred_distal if chain.convention == "distal" else _preferred_craig
     at = {parameter.name: i for i, parameter in enumerate(parameters)}
-    links = [at[f"link{i + 1}.{column}"] for i in range(chain.size) for column in rule(chain, i)]
+    links = [at[f"link{i + 1}.{column}"] for i in range(chain.size) for column in preferred_cells(chain, i)]
     order = [*indices_of_groups(parameters, ["base"]), *links, *indices_of_groups(parameters, ["tool"])]
     return (*order, *(i for i in range(len(parameters)) if i not in order))
 
 
-def _preferred_distal(chain: Chain, i: int) -> list[str]:
+def preferred_cells(chain: Chain, i: int, *, on_base: bool = True) -> list[str]:
+    """Return the columns of row ``i`` (from 0) of a chain's table that its neighbours do not move.
+
+    Args:
+        on_base: whether the base moves the first link; False for a chain that shares its first joint with another one,
+            by which the base is placed.
+    """
+    rule = _preferred_distal if chain.convention == "distal" else _preferred_craig
+    return rule(chain, i, on_base and i == 0)
+
+
+def _preferred_distal(chain: Chain, i: int, on_base: bool) -> list[str]:
     if i == chain.size - 1:
         return []
     drop = {"d"} if chain.joins_parallel_axes(i) else {"beta"}
-    if i == 0:
+    if on_base:
         drop |= {"theta", "d"}
     if chain.prismatic[i]:
         drop |= {"d", "theta"} if chain.joins_parallel_axes(i) else {"d"}
@@ -208,8 +219,8 @@ def _preferred_distal(chain: Chain, i: int) -> list[str]:
     return [column for column in ("theta", "d", "a", "alpha", "beta") if column not in drop]
 
 
-def _preferred_craig(chain: Chain, i: int) -> list[str]:
-    if i == 0:
+def _preferred_craig(chain: Chain, i: int, on_base: bool) -> list[str]:
+    if on_base:
         return []
     drop = set()
     if not chain.joins_parallel_axes(i - 1):

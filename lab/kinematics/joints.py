@@ -116,6 +116,11 @@ class JointSpec:
         return False
 
     @property
+    def beside_serial(self) -> str:
+        """What a robot has that a serial arm has not, by which nothing bends it here; "" for a serial arm."""
+        return "loops" if self.has_loops else ""
+
+    @property
     def offset_lengths(self) -> tuple[str, ...]:
         """Lengths of legs that add to joint positions; none for a chain."""
         return ()

@@ -17,10 +17,10 @@ __all__ = ["Model", "RigidArm", "Skeleton"]
 class Model(Protocol):
     """Joints and parameters in, observations and their derivatives out.
 
-    A chain (``serial.SerialArm``), a mechanism with loops (``closed.ClosedArm``), or either with effects
-    (``effects.arm.ArmWithEffects``). Loops that do not close give NaN. Parameters of the groups ``base`` (position and
-    rotation vector in the tracker's frame) and ``tool`` (positions in the last frame) have no initial values; all
-    others start at nominal.
+    A chain (``serial.SerialArm``), several (``tree.TreeArm``), a mechanism with loops (``closed.ClosedArm``), or any of
+    these with effects (``effects.arm.ArmWithEffects``). Loops that do not close give NaN. Parameters of the groups
+    ``base`` (position and rotation vector in the tracker's frame) and ``tool`` (positions in the last frame) have no
+    initial values; all others start at nominal.
     """
 
     @property

@@ -1,7 +1,7 @@
 """Parameters of a model: name, owner, unit, typical size, and nominal value."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -21,6 +21,7 @@ __all__ = [
     "joint_parameter",
     "link_end_parameter",
     "link_parameter",
+    "mount_parameters",
     "names_of",
     "placed_parameters",
     "section_parameter",
@@ -132,6 +133,12 @@ def link_parameter(owner: str, symbol: str, kind: Kind, nominal: float) -> Param
     """Return a dimension of the nominal model."""
     scale = TOLERANCE_RAD if kind == "angle" else TOLERANCE_M
     return Parameter(owner, symbol, "link", kind, _UNITS[kind], scale, nominal)
+
+
+def mount_parameters(name: str, nominal: Array) -> tuple[Parameter, ...]:
+    """Return the pose of a chain's frame 0 in that of a robot's first chain: position (m) and rotation vector (rad)."""
+    placed = placed_parameters(f"mount.{name}", "link", ("x", "y", "z", "rx", "ry", "rz"))
+    return tuple(replace(each, nominal=float(value)) for each, value in zip(placed, nominal, strict=True))
 
 
 def tool_parameters(positions: Mapping[str, Array]) -> tuple[Parameter, ...]:

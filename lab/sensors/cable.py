@@ -26,7 +26,7 @@ from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, placed_parameters
-from lab.sensors.contact import POINT, FixtureSimulation
+from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
 from lab.sensors.options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
@@ -148,8 +148,8 @@ class CableSensor(FixtureSensor):
 
     def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
         """Measure lengths to one anchor after the other, in as many poses each as can be; the cable stays straight."""
-        arm = FixtureSimulation.drawn("cable", poses, 1)
-        points = arm.robot.points(poses.joints, POINT, arm.conditions, arm.scatter)[:, 0] + arm.displaced
+        arm = FixtureSimulation.of_one_point("cable", poses, 1)
+        points = arm.points(poses.joints)
         anchors = _anchors(arm, points, setup.fixtures)
         offset_m = _OFFSET_M * float(arm.rng.standard_normal())
         number = np.arange(len(points)) * setup.fixtures // len(points)

@@ -1,4 +1,4 @@
-"""Simulate readings at fixtures: random errors of each row, and joint positions in contact, by Newton's method."""
+"""Simulate readings in contact: random errors of each row, and joint positions in contact, by Newton's method."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -13,13 +13,15 @@ from lab.core.measurements import Measurements, measured
 from lab.core.newton import newton
 from lab.core.se3 import Array, inverse, transform
 from lab.kinematics.effects.effect import BUMPED, ShapesNoise, TrackerMotion
+from lab.kinematics.tree import point_of
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.tracking import VirtualMeasurement
-from lab.simulation.true_robot import TrueSerialRobot
+from lab.simulation.true_robot import TrueOpenRobot
 
-__all__ = ["POINT", "FixtureSimulation"]
+__all__ = ["POINT", "TOUCHING", "FixtureSimulation", "without_gaps"]
 
-POINT = ("p1",)  # of the tool, that touches or is tied
+POINT = "p1"  # of a tool, that touches or is tied
+TOUCHING = "target"  # column of that point, of a robot with several tips
 _DRAWN = 200  # poses, among whose points fixtures are chosen
 _NEAR, _FAR = 0.4, 0.8  # shares of those by distance from the base, between which a fixture is placed: within reach
 _TOUCHING_M = 1e-12
@@ -38,6 +40,7 @@ class FixtureSimulation:
 
     Attributes:
         robot: the arm.
+        targets: that touch or are tied.
         conditions: set at each row, ``(n,)`` each, without sessions: there is no tracker to be bumped.
         noise: ``(n, d)`` m, the instrument's.
         displaced: ``(n, 3)`` m, displacement of the point of an outlier.
@@ -46,7 +49,8 @@ class FixtureSimulation:
         rng: of the fixtures.
     """
 
-    robot: TrueSerialRobot
+    robot: TrueOpenRobot
+    targets: tuple[str, ...]
     conditions: Mapping[str, Array]
     noise: Array
     displaced: Array
@@ -59,15 +63,10 @@ class FixtureSimulation:
         """Draw the errors of an arm that is measured without a tracker, by so many ``numbers`` a row.
 
         Raises:
-            LabError: the robot has loops, its effects move a tracker, or other targets than ``p1`` are to be measured.
+            LabError: the robot has loops, or its effects move a tracker.
         """
-        if poses.targets != POINT:
-            raise LabError(
-                f"{option_name('observe')} {sensor} is of one point of the tool, p1: leave out "
-                f"{option_name('targets')} {','.join(poses.targets)}"
-            )
         robot, rng, count = poses.robot, poses.rng, len(poses.joints)
-        if not isinstance(robot, TrueSerialRobot):
+        if not isinstance(robot, TrueOpenRobot):
             raise LabError(
                 f"robot {robot.robot.chain.name} has loops: a virtual one is measured by "
                 f"{option_name('observe')} points or pose"
@@ -84,7 +83,25 @@ class FixtureSimulation:
         noise = poses.instrument.sample(np.zeros((count, 1, numbers)), rng, poses.readings)
         noise = effects.shaped_noise(noise, shaping)[:, 0]
         conditions = {name: column for name, column in poses.conditions.items() if name != BUMPED}
-        return cls(robot, conditions, noise, displaced, bad, scatter, rng.spawn(1)[0])
+        return cls(robot, poses.targets, conditions, noise, displaced, bad, scatter, rng.spawn(1)[0])
+
+    @classmethod
+    def of_one_point(cls, sensor: str, poses: VirtualMeasurement, numbers: int) -> Self:
+        """Draw them for an arm that touches by one point.
+
+        Raises:
+            LabError: as ``drawn``, or other targets than one ``p1`` are to be measured.
+        """
+        if len(poses.targets) != 1 or point_of(poses.targets[0]) != POINT:
+            raise LabError(
+                f"{option_name('observe')} {sensor} is of one point of the tool, p1: leave out "
+                f"{option_name('targets')} {','.join(poses.targets)}"
+            )
+        return cls.drawn(sensor, poses, numbers)
+
+    def points(self, joints: Array) -> Array:
+        """Return places ``(n, 3)`` m of the point at the joint positions of all rows, displaced if an outlier."""
+        return np.asarray(self.robot.points(joints, self.targets, self.conditions, self.scatter)[:, 0] + self.displaced)
 
     def reachable_points(self, count: int) -> tuple[Array, Array]:
         """Draw places that the tool's point reaches, neither folded nor stretched.
@@ -93,7 +110,7 @@ class FixtureSimulation:
             Places ``(count, 3)`` m in the instrument's frame, and joint positions ``(count, joints)`` that lead there.
         """
         poses = random_poses(self.robot.robot, _DRAWN, self.rng)
-        points = self.robot.points(poses, POINT)[:, 0]
+        points = self.robot.points(poses, self.targets)[:, 0]
         order = np.argsort(np.linalg.norm(transform(inverse(self.T_tracker_base), points), axis=1))
         within = order[int(_NEAR * _DRAWN) : int(_FAR * _DRAWN)]
         chosen = self.rng.permutation(within)[:count]
@@ -110,25 +127,47 @@ class FixtureSimulation:
         They are searched from random poses, and every other time around those that lead near.
 
         Args:
-            gap: distances ``(m, d)`` m of points ``(m, 3)`` of some rows ``(m,)`` from their fixtures.
+            gap: distances ``(m, d)`` m of points ``(m, k, 3)`` of some rows ``(m,)`` from their fixtures.
             near: ``(n, joints)`` that lead near each row's fixture.
 
         Raises:
             LabError: the arm cannot touch some fixture in other poses.
+        """
+
+        def starts(number: int, missing: NDArray[np.int_]) -> Array:
+            start = random_poses(self.robot.robot, len(missing), self.rng)
+            if number % 2:
+                start = near[missing] + _AROUND * self.rng.standard_normal(start.shape)
+            return start
+
+        return self.joints_from(gap, starts, f"take another {option_name('seed')}, or fewer {option_name('fixtures')}")
+
+    def joints_from(
+        self,
+        gap: Callable[[Array, NDArray[np.int_]], Array],
+        starts: Callable[[int, NDArray[np.int_]], Array],
+        mend: str,
+    ) -> Array:
+        """Return joint positions ``(n, joints)`` in contact, within the limits and without a collision.
+
+        Args:
+            gap: as in ``joints_in_contact``.
+            starts: from the number of the round and the missing rows ``(m,)`` to joint positions ``(m, joints)``.
+            mend: what to do where some are not found.
+
+        Raises:
+            LabError: after all rounds some are not found.
         """
         robot, count = self.robot.robot, len(self.scatter)
         found, missing = np.empty_like(self.scatter), np.arange(count)
 
         def gaps(joints: Array, rows: NDArray[np.int_]) -> Array:
             conditions = {name: column[rows] for name, column in self.conditions.items()}
-            points = self.robot.points(joints, POINT, conditions, self.scatter[rows])[:, 0]
+            points = self.robot.points(joints, self.targets, conditions, self.scatter[rows])
             return np.nan_to_num(gap(points, rows), nan=1.0)
 
         for number in range(_ROUNDS):
-            start = random_poses(robot, len(missing), self.rng)
-            if number % 2:
-                start = near[missing] + _AROUND * self.rng.standard_normal(start.shape)
-            moved = _without_gaps(gaps, start, missing)
+            moved = without_gaps(gaps, starts(number, missing), missing)
             far = np.abs(gaps(moved, missing)).max(axis=1)
             good = (far < _TOUCHING_M) & ~robot.chain.beyond_limits(moved, 0.0).any(axis=1)
             good[good] = ~collides(robot, moved[good])
@@ -136,20 +175,25 @@ class FixtureSimulation:
             missing = missing[~good]
             if not len(missing):
                 return found
-        raise LabError(
-            f"robot {robot.chain.name} cannot touch its fixtures in {len(missing)} of {count} poses: take another "
-            f"{option_name('seed')}, or fewer {option_name('fixtures')}"
-        )
+        raise LabError(f"robot {robot.chain.name} cannot touch in {len(missing)} of {count} poses: {mend}")
 
     def measurements(self, joints: Array, texts: Mapping[str, tuple[str, ...]] = _NO_TEXTS) -> Measurements:
         """Return measurements without points: joint positions, conditions and the texts that name the fixtures."""
         names = self.robot.robot.chain.joint_names
         data = measured(names, self.robot.effects.shown(joints), (), np.empty((len(joints), 0, 3)))
+        if len(self.targets) == 1 and self.targets != (POINT,):
+            texts = {**texts, TOUCHING: self.targets * len(joints)}
         return replace(data, conditions=dict(self.conditions), other=dict(texts))
 
 
-def _without_gaps(gaps: Callable[[Array, NDArray[np.int_]], Array], start: Array, rows: NDArray[np.int_]) -> Array:
-    """Return the joint positions where Newton's steps, the shortest ones, end."""
+def without_gaps(gaps: Callable[[Array, NDArray[np.int_]], Array], start: Array, rows: NDArray[np.int_]) -> Array:
+    """Return the joint positions where Newton's steps, the shortest ones, end.
+
+    Args:
+        gaps: distances ``(m, d)`` m at joint positions ``(m, joints)`` of some rows.
+        start: ``(n, joints)``.
+        rows: ``(n,)`` their numbers.
+    """
 
     def step(joints: Array, going: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
         near, some = joints[going], rows[going]

@@ -29,6 +29,7 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
+from lab.sensors.contact import POINT, TOUCHING
 from lab.sensors.options import FitInputs, SensorOptions
 from lab.sensors.virtual_sensor import VirtualSensor
 from lab.simulation.true_robot import TrueRobot
@@ -347,8 +348,18 @@ class FixtureSensor(VirtualSensor, ABC):
         return cls()
 
     def targets(self, data: Measurements) -> tuple[str, ...]:
-        """Return the target that touches or is tied, whatever points the file has."""
-        return ("p1",)
+        """Return the target that touches or is tied, whatever points the file has: that of the column ``target``.
+
+        Raises:
+            LabError: rows name several.
+        """
+        named = tuple(dict.fromkeys(name for name in data.other.get(TOUCHING, ()) if name))
+        if len(named) > 1:
+            raise LabError(
+                f"column {TOUCHING} names {', '.join(named)}: {option_name('observe')} {self.name} is of one point; "
+                f"give each a file"
+            )
+        return named or (POINT,)
 
     def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
         """Return the fixtures that have enough rows, and these rows; a warning for each of the others.

@@ -32,6 +32,7 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
+from lab.kinematics.tree import TreeArm
 from lab.noise.instruments import Instrument, PoseInstrument
 from lab.sensors.options import FitInputs, PoseOptions, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
@@ -105,6 +106,11 @@ class Poses:
         """Number of observed quantities that are positions: all but the orientation."""
         return len(self.arm.targets)
 
+    @property
+    def _which(self) -> int:
+        """Number of the oriented target."""
+        return self.arm.targets.index(self.oriented)
+
     def within(self, data: Measurements) -> Self:
         """Return the model: no parameter is of some rows alone."""
         return self
@@ -134,7 +140,7 @@ class Poses:
     def _points(self, inputs: Array, values: Array) -> Array:
         arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points = self.arm.points(arm_inputs, values[:-3])
-        flange = _flange_rotation(self.arm, arm_inputs, values[:-3], points)
+        flange = _flange_rotation(self.arm, arm_inputs, values[:-3], points, self._which)
         rotation = se3.log(np.swapaxes(measured, 1, 2) @ flange @ se3.exp(values[-3:]))
         return np.concatenate([points, rotation[:, None]], 1)
 
@@ -151,7 +157,7 @@ class Poses:
         """
         arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points, jacobian = self.arm.observe(arm_inputs, values[:-3])
-        flange, rates = _flange_rates(self.arm, arm_inputs, values[:-3], jacobian)
+        flange, rates = _flange_rates(self.arm, arm_inputs, values[:-3], jacobian, self._which)
         inverse = np.swapaxes(measured, 1, 2)
         rotation = se3.log(inverse @ flange @ se3.exp(values[-3:]))  # (n, 3)
         rates = np.concatenate([rates, flange @ se3.left_jacobian(values[-3:])], axis=2)  # (n, 3, p)
@@ -177,7 +183,7 @@ class Poses:
         arm = initial_guess(self.arm, positions, values[:n])
         rows = np.isfinite(observed.points[:, -1]).all(axis=1)
         inputs = positions.inputs[rows]
-        flange = _flange_rotation(self.arm, inputs, arm, self.arm.points(inputs, arm))
+        flange = _flange_rotation(self.arm, inputs, arm, self.arm.points(inputs, arm), self._which)
         measured = se3.rotation_from_quaternion(observed.inputs[rows, -4:])
         mean = se3.nearest_rotation((np.swapaxes(flange, 1, 2) @ measured).sum(axis=0))
         return np.concatenate([arm, se3.log(mean)])
@@ -195,8 +201,8 @@ class Poses:
         """Return None: repeats of a configuration are held out together."""
 
 
-def _flange_rotation(arm: Model, inputs: Array, values: Array, points: Array) -> Array:
-    """Return the last frame's rotations ``(n, 3, 3)`` in the instrument's frame.
+def _flange_rotation(arm: Model, inputs: Array, values: Array, points: Array, target: int) -> Array:
+    """Return rotations ``(n, 3, 3)`` of a target's last frame in the instrument's frame.
 
     A target's position t in the last frame enters its measured position as o + R t: it moves by the frame's axes where
     t is moved by one.
@@ -207,19 +213,23 @@ def _flange_rotation(arm: Model, inputs: Array, values: Array, points: Array) ->
         values: ``(p,)``.
         points: ``(n, k, 3)`` of the arm at ``values``.
     """
-    moved = [arm.points(inputs, there)[:, 0] - points[:, 0] for there in _moved_tools(arm, values)]
+    moved = [arm.points(inputs, there)[:, target] - points[:, target] for there in _moved_tools(arm, values, target)]
     stretched = np.stack(moved, axis=2)
     return np.asarray(stretched / np.sqrt((stretched**2).sum(axis=1, keepdims=True)))
 
 
-def _moved_tools(arm: Model, values: Array) -> list[Array]:
-    """Return the parameters with the first target moved by one along each axis of the last frame."""
-    tool = list(indices_of_groups(arm.parameters, ["tool"]))[:3]
+def _tool_columns(arm: Model, target: int) -> list[int]:
+    return list(indices_of_groups(arm.parameters, ["tool"]))[3 * target : 3 * target + 3]
+
+
+def _moved_tools(arm: Model, values: Array, target: int) -> list[Array]:
+    """Return the parameters with a target moved by one along each axis of its last frame."""
+    tool = _tool_columns(arm, target)
     return [values + np.eye(len(values))[column] for column in tool]
 
 
-def _flange_rates(arm: Model, inputs: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
-    """Return the last frame's rotations ``(n, 3, 3)`` and their rates ``(n, 3, p)``, in the instrument's frame.
+def _flange_rates(arm: Model, inputs: Array, values: Array, jacobian: Array, target: int) -> tuple[Array, Array]:
+    """Return rotations ``(n, 3, 3)`` of a target's last frame and their rates ``(n, 3, p)``, in the instrument's frame.
 
     A target's position t in the last frame enters its measured position as o + R t: the derivatives by t are the
     frame's axes r, and where t is moved by one axis's unit, every other derivative changes by dr. A rotation w makes
@@ -231,13 +241,12 @@ def _flange_rates(arm: Model, inputs: Array, values: Array, jacobian: Array) -> 
         values: ``(p,)``.
         jacobian: ``(n, k, 3, p)`` of the arm at ``values``.
     """
-    tool = list(indices_of_groups(arm.parameters, ["tool"]))[:3]
-    stretched = jacobian[:, 0][..., tool]
+    stretched = jacobian[:, target][..., _tool_columns(arm, target)]
     size = np.sqrt((stretched**2).sum(axis=1, keepdims=True))  # 1, but in a frame that grows
     rotation = stretched / size
     rates = np.zeros((len(inputs), 3, len(values)), dtype=jacobian.dtype)
-    for axis, moved in enumerate(_moved_tools(arm, values)):
-        change = arm.observe(inputs, moved)[1][:, 0] - jacobian[:, 0]
+    for axis, moved in enumerate(_moved_tools(arm, values, target)):
+        change = arm.observe(inputs, moved)[1][:, target] - jacobian[:, target]
         r = 0.5 * rotation[..., axis] / size[..., axis]
         for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
             rates[:, i] += r[:, j, None] * change[:, k] - r[:, k, None] * change[:, j]
@@ -402,10 +411,10 @@ class PoseSensor(VirtualSensor):
         """Return the truth with the rotation of the measured frame in the arm's last one; None for a mechanism."""
         model = found.model
         assert isinstance(model, Poses)
-        if not isinstance(truth.arm, SerialArm):
+        if not isinstance(truth.arm, SerialArm | TreeArm):
             return None
         rest = np.zeros((1, real.robot.chain.size))
         measured = target_rotations(real.with_effects(Effects.none(real.robot.chain.size)), rest, model.oriented)[0]
-        last = truth.arm.flange(rest, truth.values)[0, :3, :3]
+        last = truth.arm.tool(rest, truth.values, model._which)[0][0, :3, :3]
         rotation = dict(zip(("tool.rx", "tool.ry", "tool.rz"), se3.log(last.T @ measured).tolist(), strict=True))
         return replace(truth, effects={**truth.effects, **rotation})

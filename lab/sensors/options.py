@@ -46,6 +46,8 @@ class VirtualSetup:
     """Share of the poses whose orientation is measured, by chance; of the others the position alone."""
     fixtures: int = 4
     """How many anchors of a cable, locations of two sockets each, or planes."""
+    contact_share: float = 0.5
+    """Share of the poses in which two tips of the robot touch each other; in the others points are measured."""
 
 
 @dataclass(frozen=True)

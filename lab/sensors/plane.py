@@ -94,7 +94,7 @@ class PlaneSensor(FixtureSensor):
 
     def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
         """Touch one plane after the other, in as many poses as are given, which are new ones."""
-        arm = FixtureSimulation.drawn("plane", poses, 1)
+        arm = FixtureSimulation.of_one_point("plane", poses, 1)
         on, near = arm.reachable_points(setup.fixtures)
         normals = arm.rng.standard_normal(on.shape)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -102,7 +102,7 @@ class PlaneSensor(FixtureSensor):
 
         def gap(points: Array, rows: NDArray[np.int_]) -> Array:
             plane = number[rows]
-            along = (normals[plane] * (points - arm.displaced[rows])).sum(axis=1)
+            along = (normals[plane] * (points[:, 0] - arm.displaced[rows])).sum(axis=1)
             return np.asarray(along - heights[plane] - arm.noise[rows, 0])[:, None]
 
         touching = arm.joints_in_contact(gap, near[number])

@@ -27,6 +27,7 @@ SENSORS: Mapping[str, str] = {  # in the order of --help
     "cable": "lab.sensors.cable:CableSensor",
     "socket": "lab.sensors.socket:SocketSensor",
     "plane": "lab.sensors.plane:PlaneSensor",
+    "self-contact": "lab.sensors.self_contact:SelfContactSensor",
 }
 """The class of each sensor, as ``module:name``."""
 

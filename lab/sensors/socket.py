@@ -162,7 +162,7 @@ class SocketSensor(FixtureSensor):
 
     def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
         """Put the ball into one socket after the other, in as many poses as are given, which are new ones."""
-        arm = FixtureSimulation.drawn("socket", poses, 3)
+        arm = FixtureSimulation.of_one_point("socket", poses, 3)
         apart_m = _APART_M if self.distance_m is None else self.distance_m
         first, near = arm.reachable_points(setup.fixtures)
         around = np.cross(arm.T_tracker_base[:3, 2], first - arm.T_tracker_base[:3, 3])  # the base's axis: within reach
@@ -172,7 +172,7 @@ class SocketSensor(FixtureSensor):
         number = np.arange(len(poses.joints)) % len(centres)
 
         def gap(points: Array, rows: NDArray[np.int_]) -> Array:
-            return np.asarray(points - centres[number[rows]] - arm.noise[rows] - arm.displaced[rows])
+            return np.asarray(points[:, 0] - centres[number[rows]] - arm.noise[rows] - arm.displaced[rows])
 
         touching = arm.joints_in_contact(gap, near[number // 2])
         names = [(f"l{1 + i // 2}", _NAMES[i % 2]) for i in number.tolist()]

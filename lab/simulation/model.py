@@ -23,13 +23,16 @@ from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.tree import TreeArm, TreeChain, tip_of
 
 __all__ = [
     "FLANGE",
     "TRACKER",
+    "OpenModel",
     "Origin",
     "RobotModel",
     "SerialModel",
+    "TreeModel",
     "add_targets",
     "add_tracker",
     "allow_massless",
@@ -44,6 +47,7 @@ __all__ = [
     "site_pose",
     "station_suffixed",
     "update_constants",
+    "world_axes",
 ]
 
 FLANGE, TRACKER = "flange", "tracker"
@@ -278,24 +282,49 @@ def joint_of(model: mujoco.MjModel, body: str) -> "mujoco._structs._MjModelJoint
     return model.joint(int(model.body(body).jntadr[0]))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class SerialModel(RobotModel):
-    """A serial arm.
+@dataclass(frozen=True)
+class _Tip:
+    """An end of a robot, with its targets.
 
     Attributes:
-        chain: its distal Denavit-Hartenberg table.
-        bodies: the jointed bodies, base outward.
-        links: sections of elastic links from its description; None without any.
+        carrier: the body that carries its last frame.
+        T_world_last: pose ``(4, 4)`` (m) of its last frame, joint positions zero.
+        T_world_nominal: the same of the nominal model.
+        targets: ``(3,)`` m in the last frame.
     """
 
-    chain: Chain
+    carrier: str
+    T_world_last: Array
+    T_world_nominal: Array
+    targets: Mapping[str, Array]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class OpenModel(RobotModel):
+    """A robot without loops: one chain, or several.
+
+    Attributes:
+        bodies: the jointed bodies, in the order of the joints.
+    """
+
     bodies: tuple[str, ...]
-    links: LinkSections | None = None
 
     @property
-    def carrier(self) -> str:
-        """The body that carries the flange's site, else the last jointed one."""
-        return flange_body(self.model, self.bodies)
+    @abstractmethod
+    def carriers(self) -> tuple[str, ...]:
+        """The bodies that carry the last frames."""
+
+    @abstractmethod
+    def carrier_of(self, target: str) -> str:
+        """Return the body that carries a target."""
+
+    @abstractmethod
+    def _axes(self, arm: RigidArm, values: Array) -> Mapping[str, tuple[Array, Array | None]]:
+        """Return direction and point ``(3,)`` (m; None of a slide) of each body's joint axis, in the world."""
+
+    @abstractmethod
+    def _tips(self, arm: RigidArm, values: Array) -> list[_Tip]:
+        """Return the robot's ends."""
 
     def qpos(self, joints: Array) -> Array:
         """Return MuJoCo's coordinates ``(n, nq)``: joint positions, and zero for all others."""
@@ -320,71 +349,178 @@ class SerialModel(RobotModel):
         moved = [ball[joint.bodyid[0]] + np.linalg.norm(joint.pos) for joint in joints]
         return np.where(self.chain.prismatic, 1.0, moved)
 
-    def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
-        """Return a copy with its bodies moved onto the joint axes of the parameters, and its coordinates."""
-        model = copy.deepcopy(self.model)
-        self.place_bodies(model, SerialArm(self.chain, targets), values)
-        return model, self.qpos(joints)
-
-    def place_bodies(self, model: mujoco.MjModel, arm: SerialArm, values: Array) -> None:
-        """Move the bodies and target sites of a copy of the model so that it has the chain's axes and targets.
+    def place_bodies(self, model: mujoco.MjModel, arm: RigidArm, values: Array) -> None:
+        """Move the bodies and target sites of a copy of the model so that it has the arm's axes and targets.
 
         Each jointed body turns by the smallest rotation that aligns its axis and shifts across it;
         a body without a joint keeps its pose on its parent. The base in ``values`` is not used:
         frame 0 is the model's.
         """
         moved = self.moved_bodies(arm, values)
-        carrier = self.carrier
-        still = _without_base(values)
-        T_world_last = self.T_world_frame0 @ arm.flange(np.zeros((1, arm.chain.size)), still)[0]
-        for name in dict.fromkeys([*self.bodies, carrier]):
+        for name in dict.fromkeys([*self.bodies, *self.carriers]):
             body = model.body(name).id
             local = se3.inverse(moved[int(model.body_parentid[body])]) @ moved[body]
             model.body_pos[body], model.body_quat[body] = local[:3, 3], se3.quaternion_from_rotation(local[:3, :3])
-        targets = arm.split(still)[2]
         sites = {model.site(i).name: i for i in range(model.nsite)}
-        for target, point in zip(arm.targets, targets, strict=True):
-            if target not in sites:  # a measured target without a site
-                continue
-            site = sites[target]
-            T_body_last = se3.inverse(moved[int(model.site_bodyid[site])]) @ T_world_last
-            model.site_pos[site] = se3.transform(T_body_last, point[None])[0]
+        for tip in self._tips(arm, _without_base(values)):
+            for target, point in tip.targets.items():
+                if target not in sites:  # a measured target without a site
+                    continue
+                site = sites[target]
+                T_body_last = se3.inverse(moved[int(model.site_bodyid[site])]) @ tip.T_world_last
+                model.site_pos[site] = se3.transform(T_body_last, point[None])[0]
 
-    def moved_bodies(self, arm: SerialArm, values: Array) -> list[Array]:
+    def moved_bodies(self, arm: RigidArm, values: Array) -> list[Array]:
         """Return the world poses ``(4, 4)`` (m) of all bodies that ``place_bodies`` sets, joint positions zero."""
         still, data = _without_base(values), at_zero(self.model)
         moved = self._moved_poses(arm, still, data)
-        if self.carrier not in self.bodies:
-            T_world_last = self.T_world_frame0 @ arm.flange(np.zeros((1, arm.chain.size)), still)[0]
-            body = self.model.body(self.carrier).id
-            moved[body] = (
-                T_world_last @ se3.inverse(last_frame(self.chain, self.T_world_frame0)) @ body_pose(data, body)
-            )
+        for tip in self._tips(arm, still):
+            if tip.carrier not in self.bodies:
+                body = self.model.body(tip.carrier).id
+                moved[body] = tip.T_world_last @ se3.inverse(tip.T_world_nominal) @ body_pose(data, body)
         return moved
 
-    def _moved_poses(self, arm: SerialArm, values: Array, data: mujoco.MjData) -> list[Array]:
-        """Return world poses of all bodies, at joint positions zero, with the chain's axes."""
-        model, T = self.model, self.T_world_frame0
+    def _moved_poses(self, arm: RigidArm, values: Array, data: mujoco.MjData) -> list[Array]:
+        """Return world poses of all bodies, at joint positions zero, with the arm's axes."""
+        model = self.model
         poses: list[Array] = [np.eye(4)]
-        motions = {motion.joint: motion for motion in arm.motions(values) if motion.joint is not None}
+        axes = self._axes(arm, values)
         for body in range(1, model.nbody):
             nominal = body_pose(data, body)
             parent = int(model.body_parentid[body])
             name = model.body(body).name
-            if name not in self.bodies:
+            if name not in axes:
                 poses.append(poses[parent] @ se3.inverse(body_pose(data, parent)) @ nominal)
                 continue
-            motion = motions[self.bodies.index(name)]
+            axis, origin = axes[name]
             joint = int(model.body(body).jntadr[0])
-            axis = T[:3, :3] @ motion.axis[:3, 0] * arm.chain.sign[self.bodies.index(name)]
             turn = se3.rotation_between(data.xaxis[joint], axis)
             anchor = data.xanchor[joint]
             moved_anchor = anchor
-            if motion.origin is not None:
-                origin = se3.transform(T, motion.origin[:3].T)[0]
+            if origin is not None:
                 moved_anchor = origin + axis * np.dot(anchor - origin, axis)
             poses.append(se3.pose(turn @ nominal[:3, :3], moved_anchor + turn @ (nominal[:3, 3] - anchor)))
         return poses
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SerialModel(OpenModel):
+    """A serial arm.
+
+    Attributes:
+        chain: its distal Denavit-Hartenberg table.
+        bodies: the jointed bodies, base outward.
+        links: sections of elastic links from its description; None without any.
+        named_carrier: the body that carries the flange, where a tip was named; "" for the usual one.
+    """
+
+    chain: Chain
+    links: LinkSections | None = None
+    named_carrier: str = ""
+
+    @property
+    def carrier(self) -> str:
+        """The body of the named tip, else that of the flange's site, else the last jointed one."""
+        return self.named_carrier or flange_body(self.model, self.bodies)
+
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """The body that carries the last frame."""
+        return (self.carrier,)
+
+    def carrier_of(self, target: str) -> str:
+        """Return the body that carries the last frame."""
+        return self.carrier
+
+    def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
+        """Return a copy with its bodies moved onto the joint axes of the parameters, and its coordinates."""
+        model = copy.deepcopy(self.model)
+        self.place_bodies(model, SerialArm(self.chain, targets), values)
+        return model, self.qpos(joints)
+
+    def _axes(self, arm: RigidArm, values: Array) -> Mapping[str, tuple[Array, Array | None]]:
+        assert isinstance(arm, SerialArm)
+        return world_axes(arm, values, self.T_world_frame0, self.bodies)
+
+    def _tips(self, arm: RigidArm, values: Array) -> list[_Tip]:
+        assert isinstance(arm, SerialArm)
+        T_world_last = self.T_world_frame0 @ arm.flange(np.zeros((1, arm.chain.size)), values)[0]
+        targets = dict(zip(arm.targets, arm.split(values)[2], strict=True))
+        return [_Tip(self.carrier, T_world_last, last_frame(self.chain, self.T_world_frame0), targets)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class TreeModel(OpenModel):
+    """A robot with several tips.
+
+    Attributes:
+        tip_carriers: the bodies that carry the last frames, by tip.
+    """
+
+    chain: TreeChain
+    tip_carriers: tuple[str, ...]
+
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """The bodies that carry the last frames, by tip."""
+        return self.tip_carriers
+
+    def carrier_of(self, target: str) -> str:
+        """Return the body that carries the target's tip."""
+        return self.tip_carriers[self.chain.tips.index(tip_of(target))]
+
+    @property
+    def last_frames(self) -> list[Array]:
+        """Poses ``(4, 4)`` of the tips' last frames in the world, joint positions zero."""
+        arm = TreeArm(self.chain, (f"{self.chain.tips[0]}.p1",))
+        return [tip.T_world_last for tip in self._tips(arm, arm.nominal())]
+
+    def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
+        """Return a copy with its bodies moved onto the joint axes of the parameters, and its coordinates."""
+        model = copy.deepcopy(self.model)
+        self.place_bodies(model, TreeArm(self.chain, targets), values)
+        return model, self.qpos(joints)
+
+    def _axes(self, arm: RigidArm, values: Array) -> Mapping[str, tuple[Array, Array | None]]:
+        assert isinstance(arm, TreeArm)
+        found: dict[str, tuple[Array, Array | None]] = {}
+        for branch in arm.tips:
+            bodies = [self.bodies[joint] for joint in branch.joints]
+            found |= world_axes(branch.arm, arm.serial_values(branch, values), self.T_world_frame0, bodies)
+        return found
+
+    def _tips(self, arm: RigidArm, values: Array) -> list[_Tip]:
+        assert isinstance(arm, TreeArm)
+        nominal, found = arm.nominal(), list[_Tip]()
+        points = dict(zip(arm.targets, values[len(values) - 3 * len(arm.targets) :].reshape(-1, 3), strict=True))
+        for tip, branch, carrier in zip(self.chain.tips, arm.tips, self.tip_carriers, strict=True):
+            still = np.zeros((1, branch.arm.chain.size))
+            now, before = (
+                self.T_world_frame0 @ branch.arm.flange(still, arm.serial_values(branch, each))[0]
+                for each in (values, nominal)
+            )
+            own = {target: point for target, point in points.items() if tip_of(target) == tip}
+            found.append(_Tip(carrier, now, before, own))
+        return found
+
+
+def world_axes(
+    arm: SerialArm, values: Array, T_world: Array, bodies: Sequence[str]
+) -> dict[str, tuple[Array, Array | None]]:
+    """Return direction and point ``(3,)`` (m; None of a slide) of each body's joint axis, joint positions zero.
+
+    Args:
+        T_world: pose ``(4, 4)`` of the frame of ``values`` in the world.
+        bodies: of the joints.
+    """
+    found: dict[str, tuple[Array, Array | None]] = {}
+    for motion in arm.motions(values):
+        if motion.joint is None:
+            continue
+        axis = T_world[:3, :3] @ motion.axis[:3, 0] * arm.chain.sign[motion.joint]
+        origin = None if motion.origin is None else se3.transform(T_world, motion.origin[:3].T)[0]
+        found[bodies[motion.joint]] = axis, origin
+    return found
 
 
 def _without_base(values: Array) -> Array:

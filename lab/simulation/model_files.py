@@ -7,8 +7,8 @@ field and of replicated parts, and writes a log into the working folder if a num
 import itertools
 import stat
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 
@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import COPIES, JOINTS, MESH_BYTES, NESTED_ELEMENTS, PIXELS, TEXT_BYTES
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -38,12 +38,16 @@ from lab.kinematics.dynamics.rigid_body import khalil_chain, load_in_frame, load
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
 from lab.kinematics.serial.axes_to_dh import chain_from_axes
+from lab.kinematics.serial.chain import Chain
+from lab.kinematics.tree import TreeArm, tip_of, tree_chain
 from lab.simulation.build_serial import add_rods
 from lab.simulation.collisions import contacts_at
 from lab.simulation.model import (
     FLANGE,
     TRACKER,
+    OpenModel,
     SerialModel,
+    TreeModel,
     add_targets,
     add_tracker,
     allow_massless,
@@ -60,6 +64,7 @@ from lab.simulation.model import (
 
 __all__ = [
     "MJCF",
+    "TREE_MJCF",
     "URDF",
     "XACRO",
     "bodies_of_links",
@@ -242,65 +247,257 @@ def _urdf_speeds(path: Path, names: Sequence[str]) -> Array:
     return np.where(speeds > 0, speeds, np.nan)
 
 
+_LISTED = 12  # bodies in a message
 _POSES = 200  # at which overlaps by construction are searched
 
 
-def load_model(path: Path) -> SerialModel:
-    """Load an MJCF or a URDF with exactly one serial chain of hinges and slides.
+def load_model(path: Path, tips: Sequence[str] = (), base: str = "") -> SerialModel | TreeModel:
+    """Load an MJCF or a URDF of hinges and slides: one serial chain, or the chains to several tips.
 
     Sites on the last body or beyond it are its targets, except one named ``flange``, which
     places the last frame (of a URDF a link ``tool0`` or ``flange``). Missing targets of the default tool are added,
     a tracker if there is no site ``tracker``, and rods for links if there are no shapes.
     Meshes that cannot be read are left out, with a message.
 
+    Args:
+        tips: bodies or sites that are the last frames; a tip ``left`` is also the site ``left.flange``. Joints that
+            move none of them are held at zero. By default the end of the only chain, or every site named so.
+        base: the body below the first joint; joints that move it are held at zero. By default the world.
+
     Raises:
-        LabError: the file is malformed, or has no chain, several, or one that is not serial.
+        LabError: the file is malformed, has no such tip or base, or no chain, several without tips, or loops.
     """
     if not path.is_file():
         raise LabError(f"{path}: no such file; give a robot's MJCF, URDF or TOML table")
     refuse_unbounded_model(path)
-    urdf = read_urdf(path) if is_urdf(path) else None
+    urdf = read_urdf(path, gripper=not tips) if is_urdf(path) else None
     spec, model, missing = _built(path, urdf)
-    bodies = _serial_bodies(path, model)
-    data = at_zero(model)
-    flange = _flange_pose(model, data, bodies)
-    parent = int(model.body(bodies[0]).parentid[0])
-    base_body = str(model.body(parent).name) if parent else ""
-    joints = [joint_of(model, body) for body in bodies]
-    names = [str(joint.name) for joint in joints]
-    base = body_pose(data, model.body(base_body).id) if base_body else np.eye(4)
-    chain, T_world_frame0 = chain_from_axes(
-        path.resolve().parent.name if path.stem in ("robot", "scene") else path.stem,
-        tuple(names),
-        tuple(bool(joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE) for joint in joints),
-        joint_axes(model, data, names, ()),
-        base,
-        flange,
-        _joint_limits(path, model, names),
+    named = tips or tuple(
+        site.name.removesuffix(f".{FLANGE}") for site in spec.sites if site.name.endswith(f".{FLANGE}")
     )
+    held = () if urdf is None else urdf.fixed_joints
+    if tips or base:
+        held, model = _hold(path, spec, model, named, base)
+    _refuse_unserial(path, model)
+    if len(named) > 1:
+        ends = [_named_end(path, model, name) for name in named]
+    else:
+        ends = [_named_end(path, model, named[0]) if named else _only_end(path, model)]
+    data, name = at_zero(model), _robot_name(path)
+    chains, frames = list[Chain](), list[Array]()
+    for end in ends:
+        names = [str(joint_of(model, body).name) for body in end.bodies]
+        chain, T_world_frame0 = chain_from_axes(
+            name,
+            tuple(names),
+            tuple(bool(joint_of(model, body).type[0] == mujoco.mjtJoint.mjJNT_SLIDE) for body in end.bodies),
+            joint_axes(model, data, names, ()),
+            _base_pose(model, data, end.bodies),
+            end.T_world_flange,
+            _joint_limits(path, model, names),
+        )
+        chains.append(chain)
+        frames.append(T_world_frame0)
+    if len(ends) == 1:
+        return _serial_model(path, spec, ends[0], chains[0], frames[0], missing, held)
+    return _tree_model(path, spec, named, ends, chains, frames, missing, held)
+
+
+def _robot_name(path: Path) -> str:
+    return path.resolve().parent.name if path.stem in ("robot", "scene") else path.stem
+
+
+@dataclass(frozen=True)
+class _End:
+    """The end of a chain.
+
+    Attributes:
+        bodies: the jointed bodies that move it, base outward.
+        carrier: the body that carries its last frame.
+        T_world_flange: pose ``(4, 4)`` (m), joint positions zero.
+        name: by which it was named; "" for the only one.
+    """
+
+    bodies: tuple[str, ...]
+    carrier: str
+    T_world_flange: Array
+    name: str
+
+
+def _only_end(path: Path, model: mujoco.MjModel) -> _End:
+    bodies = _serial_bodies(path, model)
+    return _End(bodies, flange_body(model, bodies), _flange_pose(model, at_zero(model), bodies), "")
+
+
+def _named_end(path: Path, model: mujoco.MjModel, name: str) -> _End:
+    """Return the end at a site ``<name>.flange``, a body or a site of this name.
+
+    Raises:
+        LabError: there is none, or no joint moves it.
+    """
+    sites = {model.site(i).name: i for i in range(model.nsite)}
+    bodies = {model.body(i).name: i for i in range(1, model.nbody)}
+    data = at_zero(model)
+    if (site := sites.get(f"{name}.{FLANGE}", sites.get(name))) is not None and (
+        f"{name}.{FLANGE}" in sites or name not in bodies
+    ):
+        body, T = int(model.site_bodyid[site]), site_pose(model, data, model.site(site).name)
+    elif name in bodies:
+        body, T = bodies[name], body_pose(data, bodies[name])
+    else:
+        there = ", ".join(list(bodies)[-_LISTED:])
+        raise LabError(f"{path}: tip '{name}' is no body, link or site of it; the last of its bodies are {there}")
+    moving = [b for b in reversed(_ancestors(model, body)) if model.body_jntnum[b] > 0]
+    if not moving:
+        raise LabError(f"{path}: no joint moves tip '{name}'; name a body beyond a joint")
+    return _End(tuple(model.body(b).name for b in moving), str(model.body(body).name), T, name)
+
+
+def _hold(
+    path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel, tips: Sequence[str], base: str
+) -> tuple[tuple[str, ...], mujoco.MjModel]:
+    """Hold the joints at zero that move the base, or no tip; return their names, and the model without them."""
+    names = {model.body(i).name: i for i in range(1, model.nbody)}
+    if base and base not in names:
+        raise LabError(f"{path}: base '{base}' is no body or link of it; it has {', '.join(list(names)[:_LISTED])}")
+    below = set(_ancestors(model, names[base])) if base else set[int]()
+    used = {names[body] for tip in tips for body in _named_end(path, model, tip).bodies}
+    if base and (beside := [tip for tip in tips if not _is_beyond(model, names, tip, names[base], path)]):
+        raise LabError(f"{path}: base '{base}' does not carry tip '{beside[0]}'; name a body below it")
+    kept = (used if tips else set(names.values())) - below
+    held = [joint for joint in spec.joints if model.joint(joint.name).bodyid[0] not in kept] if model.njnt else []
+    gone = {joint.name for joint in held}
+    for equality in [each for each in spec.equalities if {each.name1, each.name2} & gone]:
+        spec.delete(equality)
+    for joint in held:
+        spec.delete(joint)
+    return tuple(sorted(gone)), compiled(path, spec) if gone else model
+
+
+def _is_beyond(model: mujoco.MjModel, names: Mapping[str, int], tip: str, base: int, path: Path) -> bool:
+    return base in _ancestors(model, names[_named_end(path, model, tip).carrier])
+
+
+def _base_pose(model: mujoco.MjModel, data: mujoco.MjData, bodies: Sequence[str]) -> Array:
+    parent = int(model.body(bodies[0]).parentid[0])
+    return body_pose(data, parent) if parent else np.eye(4)
+
+
+def _serial_model(
+    path: Path,
+    spec: mujoco.MjSpec,
+    end: _End,
+    chain: Chain,
+    T_world_frame0: Array,
+    missing: str,
+    held: tuple[str, ...],
+) -> SerialModel:
+    model = compiled(path, spec)
+    data = at_zero(model)
+    parent = int(model.body(end.bodies[0]).parentid[0])
+    base_body = str(model.body(parent).name) if parent else ""
     T_world_last = last_frame(chain, T_world_frame0)
-    tool = _own_targets(model, data, bodies, T_world_last)
+    _rename_targets(spec, model, end)
+    model = compiled(path, spec)
+    tool = _own_targets(model, data, end.bodies, T_world_last)
     sites = {model.site(site).name for site in range(model.nsite)}
     spare = {name: np.array(place) for name, place in DEFAULT_TOOL.items() if name not in sites}
-    carrier = model.body(flange_body(model, bodies))
+    carrier = model.body(end.carrier)
     add_targets(spec.body(carrier.name), se3.inverse(body_pose(data, carrier.id)) @ T_world_last, spare)
     if TRACKER not in sites:
         add_tracker(spec)
     solid = model.geom_bodyid[(model.geom_contype | model.geom_conaffinity) != 0]
-    shapeless = not missing and not np.isin(solid, _beyond(model, bodies[0])).any()
-    weighted = shapeless and add_rods(path, spec, chain, T_world_frame0, bodies, tool | spare)
+    shapeless = not missing and not np.isin(solid, _beyond(model, end.bodies[0])).any()
+    weighted = shapeless and add_rods(path, spec, chain, T_world_frame0, end.bodies, tool | spare)
     model = compiled(path, spec)
-    overlapping = _exclude_overlaps(spec, model, chain, (base_body, bodies[0]))
+    overlapping = _exclude_overlaps(spec, model, chain, {(base_body, end.bodies[0])})
     model = compiled(path, spec) if overlapping else model
     return SerialModel(
-        path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=bodies,
+        path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=end.bodies,
         base_body=base_body, tool=tool | spare, shapes_assumed=shapeless, masses_assumed=weighted, missing=missing,
-        overlapping=overlapping, fixed_joints=() if urdf is None else urdf.fixed_joints,
+        overlapping=overlapping, fixed_joints=held, named_carrier=end.carrier if end.name else "",
     )  # fmt: skip
 
 
+def _rename_targets(spec: mujoco.MjSpec, model: mujoco.MjModel, end: _End) -> None:
+    """Leave out the tip in the names of a named tip's targets, as it is the only one."""
+    beyond, taken = _beyond(model, end.bodies[-1]), {site.name for site in spec.sites}
+    for i in range(model.nsite):
+        name = str(model.site(i).name)
+        point = name.removeprefix(f"{end.name}.")
+        if int(model.site_bodyid[i]) in beyond and point not in (name, FLANGE, *taken):
+            spec.site(name).name = point
+
+
+def _tree_model(
+    path: Path,
+    spec: mujoco.MjSpec,
+    tips: Sequence[str],
+    ends: Sequence[_End],
+    chains: Sequence[Chain],
+    frames: Sequence[Array],
+    missing: str,
+    held: tuple[str, ...],
+) -> TreeModel:
+    """Build the model of a robot with several tips, whose targets are ``<tip>.<point>``."""
+    model = compiled(path, spec)
+    data, tool = at_zero(model), dict[str, Array]()
+    tree = tree_chain(_robot_name(path), tips, chains, frames)
+    for tip, end, chain, T_world_frame0 in zip(tips, ends, chains, frames, strict=True):
+        T_world_last = last_frame(chain, T_world_frame0)
+        shared = sum(each.bodies[-1] == end.bodies[-1] for each in ends) > 1
+        moved = _moving_with(model, end.bodies[-1])
+        for site in range(model.nsite):
+            name = str(model.site(site).name)
+            owned = name.startswith(f"{tip}.")
+            if int(model.site_bodyid[site]) not in moved or name.rpartition(".")[2] in (FLANGE, TRACKER):
+                continue
+            if not owned and (shared or name in tips):
+                continue
+            target = name if owned else f"{tip}.{name.rpartition('.')[2]}"
+            if target in tool:
+                continue
+            spec.site(name).name = target
+            tool[target] = se3.transform(se3.inverse(T_world_last), data.site_xpos[site : site + 1])[0]
+        spare = {
+            f"{tip}.{name}": np.array(place)
+            for name, place in DEFAULT_TOOL.items()
+            if not any(each.startswith(f"{tip}.") for each in tool)
+        }
+        carrier = model.body(end.carrier)
+        add_targets(spec.body(carrier.name), se3.inverse(body_pose(data, carrier.id)) @ T_world_last, spare)
+        tool |= spare
+    if TRACKER not in {site.name for site in spec.sites}:
+        add_tracker(spec)
+    solid = model.geom_bodyid[(model.geom_contype | model.geom_conaffinity) != 0]
+    moving = [body for end in ends for body in _beyond(model, end.bodies[0])]
+    shapeless, weighted = not missing and not np.isin(solid, moving).any(), False
+    for tip, end, chain, T_world_frame0 in zip(tips, ends, chains, frames, strict=True):
+        own = {name: place for name, place in tool.items() if tip_of(name) == tip}
+        weighted |= shapeless and add_rods(path, spec, chain, T_world_frame0, end.bodies, own)
+    model = compiled(path, spec)
+    bodies = {body: None for end in ends for body in end.bodies}
+    first = {end.bodies[0]: int(model.body(end.bodies[0]).parentid[0]) for end in ends}
+    pairs = {(str(model.body(parent).name) if parent else "", body) for body, parent in first.items()}
+    overlapping = _exclude_overlaps(spec, model, tree, pairs)
+    model = compiled(path, spec) if overlapping else model
+    parents = set(first.values())
+    base_body = str(model.body(parents.pop()).name) if len(parents) == 1 and parents != {0} else ""
+    return TreeModel(
+        path=path, spec=spec, model=model, chain=tree, T_world_frame0=frames[0], bodies=tuple(bodies),
+        base_body=base_body, tool=tool, shapes_assumed=shapeless, masses_assumed=weighted, missing=missing,
+        overlapping=overlapping, fixed_joints=held, tip_carriers=tuple(end.carrier for end in ends),
+    )  # fmt: skip
+
+
+def _moving_with(model: mujoco.MjModel, body: str) -> set[int]:
+    """Return the bodies that the joint of a body moves, and no joint beyond it."""
+    at = model.body(body).id
+    return {b for b in _beyond(model, body) if next(a for a in _ancestors(model, b) if model.body_jntnum[a]) == at}
+
+
 def _exclude_overlaps(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, chain: JointSpec, base: tuple[str, str]
+    spec: mujoco.MjSpec, model: mujoco.MjModel, chain: JointSpec, bases: set[tuple[str, str]]
 ) -> tuple[tuple[str, str], ...]:
     """Exclude the contact of bodies that touch in all of many random poses; return their names.
 
@@ -314,7 +511,8 @@ def _exclude_overlaps(
         pairs = {(int(min(pair)), int(max(pair))) for pair in model.geom_bodyid[data.contact.geom]}
         touching = {(str(model.body(a).name), str(model.body(b).name)) for a, b in pairs if a}  # a = 0: the world
         always, sometimes = touching if i == 0 else always & touching, sometimes | touching
-    names = sorted(pair for pair in always | ({base} & sometimes) if stand in base or stand not in pair)
+    stands = {body for base in bases for body in base}
+    names = sorted(pair for pair in always | (bases & sometimes) if stand in stands or stand not in pair)
     for first, second in names:
         spec.add_exclude(bodyname1=first, bodyname2=second)
     return tuple(names)
@@ -370,8 +568,9 @@ def _read(path: Path, urdf: UrdfSource | None) -> mujoco.MjSpec:
     return spec
 
 
-def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
-    jointed = [b for b in range(1, model.nbody) if model.body_jntnum[b] > 0]
+def _refuse_unserial(path: Path, model: mujoco.MjModel) -> None:
+    """Refuse a model without joints, or with joints that no chain has."""
+    jointed = _jointed(model)
     if not jointed:
         raise LabError(f"{path}: no joints, so no chain; give a model with hinge or slide joints")
     for b in jointed:
@@ -388,14 +587,25 @@ def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
             f"{path}: it has {model.neq} equality constraints (loops or mimic joints); remove "
             "them, or describe its loops in a mechanism's TOML"
         )
-    chains = []
+
+
+def _jointed(model: mujoco.MjModel) -> list[int]:
+    return [b for b in range(1, model.nbody) if model.body_jntnum[b] > 0]
+
+
+def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
+    """Return the jointed bodies of the only chain, base outward."""
+    jointed, chains = _jointed(model), []
     for tip in jointed:
         path_up = _ancestors(model, tip)
         if not any(tip in _ancestors(model, b)[1:] for b in jointed):
             chains.append([b for b in reversed(path_up) if b in jointed])
     if len(chains) > 1:
         listed = "; ".join(", ".join(str(joint_of(model, model.body(b).name).name) for b in chain) for chain in chains)
-        raise LabError(f"{path}: {len(chains)} candidate chains ({listed}); keep one")
+        ends = [f"{option_name('tip')} {model.body(chain[-1]).name}" for chain in chains]
+        raise LabError(
+            f"{path}: {len(chains)} candidate chains ({listed}); keep one ({ends[0]}), or name all ({' '.join(ends)})"
+        )
     return tuple(model.body(b).name for b in chains[0])
 
 
@@ -431,11 +641,13 @@ def _own_targets(
     return {
         model.site(site).name: se3.transform(T_last_world, data.site_xpos[site : site + 1])[0]
         for site in range(model.nsite)
-        if model.site(site).name not in (FLANGE, TRACKER) and int(model.site_bodyid[site]) in beyond
+        if not str(model.site(site).name).endswith(f".{FLANGE}")
+        and model.site(site).name not in (FLANGE, TRACKER)
+        and int(model.site_bodyid[site]) in beyond
     }
 
 
-def calibrated_mjcf(robot: SerialModel, arm: SerialArm, values: Array) -> str:
+def calibrated_mjcf(robot: OpenModel, arm: SerialArm | TreeArm, values: Array) -> str:
     """Return the identified arm as MJCF, whose sites in the tracker's frame are the identified ones to rounding.
 
     Shells are left out, so that the file is complete; masses and collision shapes are kept.
@@ -446,7 +658,9 @@ def calibrated_mjcf(robot: SerialModel, arm: SerialArm, values: Array) -> str:
     placed = replace(arm, targets=tuple(f"{name} as measured" if name in taken else name for name in arm.targets))
     for target in placed.targets:
         if target not in robot.tool:
-            spec.body(robot.carrier).add_site(name=target)
+            spec.body(robot.carrier_of(target)).add_site(name=target)
+    if isinstance(robot, TreeModel):
+        _add_flanges(spec, robot)
     model = compiled(robot.path, spec)
     robot.place_bodies(model, placed, values)
     robot.place_tracker(model, robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values)))
@@ -466,7 +680,23 @@ MJCF: DescriptionFormat[SerialArm, SerialModel] = DescriptionFormat(
 )
 
 
-def _without_shells(robot: SerialModel) -> mujoco.MjSpec:
+TREE_MJCF: DescriptionFormat[TreeArm, TreeModel] = DescriptionFormat(
+    "calibrated.xml", lambda identified: calibrated_mjcf(identified.model, identified.arm, identified.values)
+)
+
+
+def _add_flanges(spec: mujoco.MjSpec, robot: TreeModel) -> None:
+    """Add the sites that name the tips of a robot, where they have other names."""
+    there = {site.name for site in spec.sites}
+    data = at_zero(robot.model)
+    for tip, T_world_last, carrier in zip(robot.chain.tips, robot.last_frames, robot.carriers, strict=True):
+        if f"{tip}.{FLANGE}" not in there:
+            T = se3.inverse(body_pose(data, robot.model.body(carrier).id)) @ T_world_last
+            quat = se3.quaternion_from_rotation(T[:3, :3])
+            spec.body(carrier).add_site(name=f"{tip}.{FLANGE}", pos=T[:3, 3], quat=quat)
+
+
+def _without_shells(robot: OpenModel) -> mujoco.MjSpec:
     """Return a copy without meshes; a body whose mass came from one keeps it."""
     spec = robot.spec.copy()
     for geom in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]:

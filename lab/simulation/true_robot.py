@@ -17,16 +17,18 @@ from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.compliance import HardeningSprings, JointSprings
 from lab.kinematics.effects.effect import PAYLOAD, PoseConditions
 from lab.kinematics.effects.sessions import StationPoses
+from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
 from lab.simulation.effects import NOTHING_SET, Effects
 from lab.simulation.elastic import FlexibleArm
-from lab.simulation.model import RobotModel, SerialModel, coordinates, joint_axes, update_constants
+from lab.simulation.model import OpenModel, RobotModel, SerialModel, coordinates, joint_axes, update_constants
 from lab.simulation.sampler import NORMAL, Sampler, drawn
 
 __all__ = [
     "GeometryErrors",
     "Perturbation",
+    "TrueOpenRobot",
     "TrueRobot",
     "TrueSerialRobot",
     "before_stations",
@@ -84,14 +86,14 @@ class Perturbation:
             raise LabError(f"a perturbation of {b} bodies: give position_m and rotation_rad of shape ({b}, 3)")
 
 
-def perturbed_bodies(robot: SerialModel) -> tuple[str, ...]:
-    """Return the bodies that get errors: base, every link, and the flange if it is a body of its own."""
+def perturbed_bodies(robot: OpenModel) -> tuple[str, ...]:
+    """Return the bodies that get errors: base, every link, and each flange if it is a body of its own."""
     base = [robot.base_body] if robot.base_body else []
-    return tuple(dict.fromkeys([*base, *robot.bodies, robot.carrier]))
+    return tuple(dict.fromkeys([*base, *robot.bodies, *robot.carriers]))
 
 
 def random_perturbation(
-    robot: SerialModel,
+    robot: OpenModel,
     position_sigma_m: float,
     rotation_sigma_rad: float,
     rng: np.random.Generator,
@@ -175,7 +177,7 @@ class TrueRobot(Value, ABC):
     def truth(self, targets: tuple[str, ...]) -> Truth | None:
         """Return the parameters of the geometry, without effects, with these targets, read off the joint axes.
 
-        None for a mechanism with loops, which axes do not determine.
+        None for a mechanism with loops, which axes do not determine, and for a robot with several tips.
         """
 
     def _site_positions(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
@@ -195,15 +197,39 @@ class TrueRobot(Value, ABC):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class TrueSerialRobot(TrueRobot):
-    """A perturbed serial arm.
+class TrueOpenRobot(TrueRobot):
+    """A perturbed robot without loops, of one chain or several.
 
     Attributes:
         joint_offset: ``(n,)`` rad or m.
     """
 
-    robot: SerialModel
+    robot: OpenModel
     joint_offset: Array
+
+    def _qpos(self, driven: Array) -> Array:
+        return coordinates(self.model, self.robot.chain.joint_names, driven + self.joint_offset)
+
+    def truth(self, targets: tuple[str, ...]) -> Truth | None:
+        """Return None: the axes of several chains are read off one at a time; the fit to exact points gives all."""
+        return None
+
+    def with_effects(self, effects: Effects) -> Self:
+        """Return this robot with these effects alone.
+
+        Raises:
+            LabError: they bend its links or joints, or are for other joints.
+        """
+        if effects.is_elastic and not isinstance(self, TrueSerialRobot):
+            raise LabError(f"robot {self.robot.chain.name} has {self.robot.chain.beside_serial}, and nothing bends it here")
+        return super().with_effects(effects)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class TrueSerialRobot(TrueOpenRobot):
+    """A perturbed serial arm."""
+
+    robot: SerialModel
 
     def _site_positions(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
         if not self.effects.is_elastic:
@@ -213,9 +239,6 @@ class TrueSerialRobot(TrueRobot):
         hard = self.effects.part(HardeningSprings).cubic_rad_per_nm3
         settled = arm.settled(driven + self.joint_offset, springs.compliance_rad_per_nm, payload_kg, cubic=hard)
         return arm.positions(settled, sites)
-
-    def _qpos(self, driven: Array) -> Array:
-        return coordinates(self.model, self.robot.chain.joint_names, driven + self.joint_offset)
 
     def truth(self, targets: tuple[str, ...]) -> Truth:
         """Return the canonical parameters of the geometry, without effects, read off the joint axes."""
@@ -233,8 +256,8 @@ class TrueSerialRobot(TrueRobot):
         return parameters_from_axes(arm, axes, self.robot.values_before(arm, self.T_world_tracker))
 
 
-def true_robot(robot: SerialModel, perturbation: Perturbation, T_world_tracker: Array) -> TrueSerialRobot:
-    """Return the robot with these errors, before a tracker.
+def true_robot(robot: OpenModel, perturbation: Perturbation, T_world_tracker: Array) -> TrueOpenRobot:
+    """Return the robot with these errors, before a tracker; a serial one as a ``TrueSerialRobot``.
 
     Raises:
         LabError: a body is unknown, or there is not one offset for each joint.
@@ -255,8 +278,8 @@ def true_robot(robot: SerialModel, perturbation: Perturbation, T_world_tracker: 
     return _before_tracker(robot, model, T_world_tracker, perturbation.joint_offset)
 
 
-def true_robot_from_table(robot: SerialModel, arm: SerialArm, values: Array, T_world_tracker: Array) -> TrueSerialRobot:
-    """Return the robot with its bodies on the axes of a Denavit-Hartenberg chain; the base stays."""
+def true_robot_from_table(robot: OpenModel, arm: RigidArm, values: Array, T_world_tracker: Array) -> TrueOpenRobot:
+    """Return the robot with its bodies on the axes of Denavit-Hartenberg chains; the base stays."""
     model = copy.deepcopy(robot.model)
     robot.place_bodies(model, arm, values)
     return _before_tracker(robot, model, T_world_tracker, np.zeros(robot.chain.size))
@@ -289,11 +312,10 @@ def put_before_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker
     update_constants(model)
 
 
-def _before_tracker(
-    robot: SerialModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array
-) -> TrueSerialRobot:
+def _before_tracker(robot: OpenModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array) -> TrueOpenRobot:
     put_before_tracker(model, robot, T_world_tracker)
-    return TrueSerialRobot(
+    kind = TrueSerialRobot if isinstance(robot, SerialModel) else TrueOpenRobot
+    return kind(
         robot=robot,
         model=model,
         T_world_tracker=T_world_tracker,

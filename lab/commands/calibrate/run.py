@@ -51,7 +51,7 @@ from lab.sensors.registry import sensor_named
 from lab.simulation.effects import true_parameters
 from lab.simulation.sampler import Sampler, own_sampler
 from lab.simulation.tracking import VirtualMeasurement
-from lab.simulation.true_robot import TrueRobot, TrueSerialRobot
+from lab.simulation.true_robot import TrueOpenRobot, TrueRobot
 
 __all__ = [
     "CalibrationResult", "MeasurementSession", "calibrate", "checked", "identify", "measurement_session", "robot_of",
@@ -138,6 +138,7 @@ def measurement_session(
     """
     options.check()
     robot, _ = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
+    options = replace(options, targets=robot.on_tips(options.targets))
     robot.refuse_unknown(options.targets)
     sensor = options.kind()
     device = observing(named_instrument(options.instrument), sensor.read_by or options.observe)
@@ -364,7 +365,7 @@ def _judged_by_fresh(session: MeasurementSession, state: Fitted) -> Fitted:
     fresh, found, fitter = session.validation, state.identification, state.fitter
     checks = _impossible("validation poses", fresh)
     if fitter.kind.in_instrument_frame:
-        if not (session.options.occlusion or isinstance(session.true_robot, TrueSerialRobot)):  # it reaches all poses
+        if not (session.options.occlusion or isinstance(session.true_robot, TrueOpenRobot)):  # it reaches all poses
             checks = _impossible("poses", session.measurements) + checks
         validation = Validation("fresh", errors_of(found, fresh), rows=fresh)
     else:

@@ -541,6 +541,7 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         known = load_virtual(robot)
         requested = options_of("lab.design", DesignOptions, {"robot": known.source, **options})
         known = known.placed_in(requested.cell)
+    requested = replace(requested, targets=known.on_tips(requested.targets))
     requested.refuse_nonsense()
     return _check_plan(requested, known) if requested.check is not None else planned_session(requested, known, own)
 
@@ -554,6 +555,7 @@ def planned_session(options: DesignOptions, robot: Robot | None = None, own: Cri
     with status("planning") as progress:
         loaded = load_virtual(options.robot, options.cell) if robot is None else robot
         started = time.perf_counter()
+        options = replace(options, targets=loaded.on_tips(options.targets))
         problem = pose_problem(options, loaded, partial(progress, "1 of 5, candidates"), own)
         return _planned(options, problem, started, progress)
 

@@ -1,4 +1,4 @@
-"""The nominal model and the shape of a robot, as plain values: a serial arm, or a mechanism with loops."""
+"""The nominal model and the shape of a robot, as plain values: an arm, several tips, or a mechanism with loops."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,11 +25,12 @@ from lab.kinematics.reach import extents, reach_from_axis
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import COLUMNS, Chain
 from lab.kinematics.serial.khalil_frames import ANGULAR, khalil_frame
+from lab.kinematics.tree import TreeChain
 from lab.render.document import Block, Bullets, Paragraph, Table
 
 __all__ = [
     "ClosedShape", "closed_blocks", "closed_nominal", "closed_shape", "closed_shape_of", "serial_blocks",
-    "serial_frames", "serial_nominal", "serial_shape", "shape_of",
+    "serial_frames", "serial_nominal", "serial_shape", "shape_of", "tree_blocks", "tree_nominal", "tree_shape",
 ]  # fmt: skip
 
 _TRIES = 200  # poses from which a singular one is sought
@@ -178,6 +179,64 @@ def _table_row(chain: Chain, i: int) -> dict[str, Any]:
     units = [MM if column in "da" else DEGREES for column in COLUMNS]
     cells = {f"{c}_{u.key}": tidy(u.of(chain.table[i, j])) for j, (c, u) in enumerate(zip(COLUMNS, units, strict=True))}
     return {**_joint_kind(chain, i), **cells, **_joint_limits(chain, i)}
+
+
+def tree_nominal(tree: TreeChain) -> dict[str, Any]:
+    """The table of each tip's chain, its convention, and limits; and the mounts of chains that share no joint."""
+    return {
+        "joints": [{**_joint_kind(tree, i), **_joint_limits(tree, i)} for i in range(tree.size)],
+        "tips": [
+            {
+                "name": tip,
+                "convention": chain.convention,
+                "joints": [
+                    {**_table_row(chain, i), **_joint_limits(tree, member), "link": tree.owner(c, i, "theta")}
+                    for i, member in enumerate(tree.members[c])
+                ],
+                "mount": None if not tree.roots[c] else _placed(tree.mounts[c]),
+            }
+            for c, (tip, chain) in enumerate(zip(tree.tips, tree.chains, strict=True))
+        ],
+    }
+
+
+def _placed(T: Array) -> dict[str, Any]:
+    """A pose as position (mm) and rotation vector (degrees)."""
+    turn = DEGREES.of(se3.log(T[:3, :3]))
+    return {
+        "position_mm": [tidy(x) for x in MM.of(T[:3, 3])],
+        "rotation_vector_deg": [tidy(x) for x in turn],
+    }
+
+
+def tree_shape(tree: TreeChain) -> dict[str, Any]:
+    """Each tip's reach from the first axis of its chain."""
+    return {"reach_mm": {tip: tidy(MM.of(reach_from_axis(c))) for tip, c in zip(tree.tips, tree.chains, strict=True)}}
+
+
+def tree_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
+    """The Denavit-Hartenberg table of each tip's chain, with limits, and its reach."""
+    blocks = list[Block]()
+    for tip in values["tips"]:
+        mount = tip["mount"]
+        stands = ""
+        if mount is not None:
+            at, turn = (", ".join(printed(x) for x in mount[key]) for key in ("position_mm", "rotation_vector_deg"))
+            stands = f"; its frame 0 stands at ({at}) mm, turned by ({turn})°, in that of {values['tips'][0]['name']}"
+        reach = printed(values["reach_mm"][tip["name"]])
+        blocks += [
+            Paragraph(
+                f"{values['robot']} to {tip['name']}: Denavit-Hartenberg, {tip['convention']}, "
+                f"{_ORDERS[tip['convention']]}; mm and °; reach {reach} mm from axis 1 to the last frame{stands}"
+            ),
+            Table(
+                ("link", "θ", "d", "a", "α", "limits", "speed per s"),
+                tuple(
+                    (joint["link"], *row[1:]) for joint, row in zip(tip["joints"], _rows(tip["joints"]), strict=True)
+                ),
+            ),
+        ]
+    return tuple(blocks)
 
 
 _NEAREST = "a pose is met in its place, and in its rotation as near as these can"

@@ -31,6 +31,9 @@ from lab.commands.inspect.nominal import (
     serial_frames,
     serial_nominal,
     serial_shape,
+    tree_blocks,
+    tree_nominal,
+    tree_shape,
 )
 from lab.commands.inspect.resolution import encoders_of, resolution, resolution_blocks
 from lab.commands.options import InspectOptions
@@ -46,6 +49,7 @@ from lab.kinematics.gauge import base_set, named
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.tree import TreeChain
 from lab.noise.instruments import INSTRUMENTS
 from lab.render.charts.chart import axes_picture, cube, log_ticks, view
 from lab.render.charts.marks import Axes
@@ -246,7 +250,8 @@ class Inspection(Result):
 def _inspection_document(result: Inspection) -> Document:
     """The nominal model and the shape, then what can be identified, what is fixed, and what is weakly observable."""
     values = result.values
-    shape = closed_blocks(values) if "mobility" in values else serial_blocks(values)
+    blocks = closed_blocks if "mobility" in values else tree_blocks if "tips" in values else serial_blocks
+    shape = blocks(values)
     return Document(
         f"{values['robot']}: {values['rank']} of {values['parameters']} parameters are identifiable",
         (
@@ -416,7 +421,7 @@ def inspect(robot: str | Path | Robot | InspectOptions = "irb120", **options: An
 
 
 def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
-    groups = options.groups
+    groups, options = options.groups, replace(options, targets=robot.on_tips(options.targets))
     nominal = _nominal(options, robot)
     arm = robot.arm_with(options.targets, groups)
     structure = base_set(arm, nominal, fix=options.fix, free=options.free)
@@ -456,7 +461,7 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
         "poses_needed": poses_needed(arm, nominal, structure),
         **shape,
     }
-    if not robot.chain.has_loops:
+    if isinstance(robot.chain, Chain):
         tool = {target: nominal[[arm.names.index(f"tool.{target}.{axis}") for axis in "xyz"]] for target in arm.targets}
         values |= serial_frames(robot.T_world_frame0, tool)
     encoders = encoders_of(robot.chain, options.joint_steps)
@@ -494,3 +499,8 @@ def _(chain: Chain) -> tuple[dict[str, Any], dict[str, Any]]:
 @_described.register
 def _(mechanism: Mechanism) -> tuple[dict[str, Any], dict[str, Any]]:
     return closed_nominal(mechanism), closed_shape(mechanism)
+
+
+@_described.register
+def _(tree: TreeChain) -> tuple[dict[str, Any], dict[str, Any]]:
+    return tree_nominal(tree), tree_shape(tree)

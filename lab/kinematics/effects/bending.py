@@ -84,9 +84,9 @@ def _elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Eff
 
 
 def _fitted(group: str, arm: ArmFacts) -> Effect:
-    if arm.chain.has_loops:
+    if beside := arm.chain.beside_serial:
         raise LabError(
-            f"{option_name('model')} {group}: robot {arm.chain.name} has loops, and nothing bends such a robot here"
+            f"{option_name('model')} {group}: robot {arm.chain.name} has {beside}, and nothing bends such a robot here"
         )
     if arm.loads is None:
         raise LabError(
@@ -170,8 +170,8 @@ class Bending(VirtualEffect):
 
 def _of_each(flag: str, given: tuple[float, ...], arm: ArmFacts) -> Array:
     size, name = arm.chain.size, arm.chain.name
-    if arm.chain.has_loops or arm.loads is None:
-        why = "has loops" if arm.chain.has_loops else "has no masses"
+    if arm.chain.beside_serial or arm.loads is None:
+        why = f"has {arm.chain.beside_serial}" if arm.chain.beside_serial else "has no masses"
         raise LabError(f"{flag}: robot {name} {why}, so nothing bends it")
     if len(given) not in (1, size):
         raise LabError(f"{flag}: {len(given)} numbers for the {size} links of robot {name}; give one, or one for each")

@@ -160,9 +160,9 @@ def _compliance(loads: Loads, payload: bool = False, *, moving: bool = False) ->
 
 
 def _fitted(name: str, arm: ArmFacts) -> Effect:
-    if arm.chain.has_loops:
+    if beside := arm.chain.beside_serial:
         raise LabError(
-            f"{option_name('model')} {name}: robot {arm.chain.name} has loops, and nothing bends such a robot here"
+            f"{option_name('model')} {name}: robot {arm.chain.name} has {beside}, and nothing bends such a robot here"
         )
     if arm.loads is None:
         raise LabError(
@@ -248,7 +248,7 @@ class Compliance(VirtualEffect):
             return JointSprings(np.zeros(arm.chain.size), at)
         if arm.loads is None:
             raise LabError(
-                f"{option_name('stiffness_nm_per_rad')}: robot {arm.chain.name} has no masses, so nothing bends it"
+                f"{option_name('stiffness_nm_per_rad')}: robot {arm.chain.name} has {arm.chain.beside_serial or 'no masses'}, so nothing bends it"
             )
         bearing = arm.loads.bearing(rng_for(0, "structure"))
         stiffness = {joint + 1: self.stiffness_nm_per_rad for joint in bearing}
@@ -279,8 +279,8 @@ def _hardening(loads: Loads) -> Effect:
 
 
 def _fitted_hardening(arm: ArmFacts) -> Effect:
-    if arm.chain.has_loops or arm.loads is None:
-        why = "has loops" if arm.chain.has_loops else "is a table without masses"
+    if arm.chain.beside_serial or arm.loads is None:
+        why = f"has {arm.chain.beside_serial}" if arm.chain.beside_serial else "is a table without masses"
         raise LabError(
             f"{option_name('model')} hardening: robot {arm.chain.name} {why}, so nothing is known to load its joints"
         )
@@ -328,7 +328,7 @@ class Hardening(VirtualEffect):
         if self.hardening_mrad:
             if arm.loads is None:
                 raise LabError(
-                    f"{option_name('hardening_mrad')}: robot {arm.chain.name} has no masses, so nothing bends it"
+                    f"{option_name('hardening_mrad')}: robot {arm.chain.name} has {arm.chain.beside_serial or 'no masses'}, so nothing bends it"
                 )
             bearing = list(arm.loads.bearing(rng_for(0, "structure")))
             cubic[bearing] = MRAD.to_si(-self.hardening_mrad) / _TORQUE_NM**3

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign.model_files import description_of, sha256_of
+from lab.campaign.model_files import description_of, parted, sha256_of
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -94,7 +94,7 @@ def nominal_robot(robot: "str | Path | Robot") -> NominalRobot:
     Raises:
         LabError: there is no such robot, or it cannot be read.
     """
-    if isinstance(robot, str | Path):
+    if isinstance(robot, str | Path) and not parted(str(robot))[1]:
         path = description_of(str(robot))
         if path.suffix == ".toml" and described_links(path) is None and not is_mechanism(path):
             table = read_table(path)
