@@ -77,7 +77,7 @@ class Command:
 
 
 _GROUP = "lab.commands"  # of entry points
-_SENSOR = ("orientation", "noise_mrad", "method", "socket_distance_mm")
+_SENSOR = ("orientation", "noise_mrad", "method", "socket_distance_mm", "artefact_u_mm", "tip_radius_mm")
 _FIT = OptionGroup("model and fit", ("model", "robust", "prior", "fix"), ("fitting",))
 _VERDICT = OptionGroup("verdict", ("gate_mm", "require"), ("region", "date", "serial"))
 _VIRTUAL_GROUPS = (
@@ -90,7 +90,7 @@ _VIRTUAL_GROUPS = (
     OptionGroup(
         "measurement",
         ("instrument", "observe"),
-        ("readings", "noise_mm", "occlusion", "orientation_share", "fixtures", *_SENSOR),
+        ("readings", "noise_mm", "occlusion", "orientation_share", "fixtures", "artefact_mm", *_SENSOR),
     ),
     _FIT,
     _VERDICT,

@@ -26,8 +26,11 @@ USES = ("calibrate", "reference", "test", "skip")
 _ANGLE_UNITS = ("rad", "deg")
 _LENGTH_EXPONENT = {"m": 0, "mm": -3}
 _TEXT_COLUMNS = ("id", "session", "use")
-_NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
-_OTHER_RESERVED = ("station", "location", "socket", "stop", "checked", "pressure_hPa", "humidity_percent")
+_NUMBER_COLUMNS = (
+    *("sigma_mm", "temp_C", "time_s", "payload_kg"),
+    *("cable_mm", "edge_mm", "sphere_x_mm", "sphere_y_mm", "sphere_z_mm", "radius_mm", "bar_mm", "dial_mm"),
+)
+_OTHER_RESERVED = ("station", "location", "socket", "face", "sphere", "stop", "checked", "pressure_hPa", "humidity_percent")
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
 _BLOCK = 10_000  # rows at a time
 
@@ -256,7 +259,7 @@ class PoseReader(CsvTable):
         targets: list[str] = []
         for column in self.unread:
             match = re.fullmatch(r"(?:(.+)_)?([xyz])_(mm|m)", column)
-            if match and (name := match[1] or "p1") not in targets:
+            if column not in (*_NUMBER_COLUMNS, *self.observed.numbers) and match and (name := match[1] or "p1") not in targets:
                 targets.append(name)
         TARGETS(f"{self.path}: line 1", targets)
         for name in targets:
