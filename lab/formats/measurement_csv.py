@@ -30,7 +30,10 @@ _NUMBER_COLUMNS = (
     *("sigma_mm", "temp_C", "time_s", "payload_kg"),
     *("cable_mm", "edge_mm", "sphere_x_mm", "sphere_y_mm", "sphere_z_mm", "radius_mm", "bar_mm", "dial_mm"),
 )
-_OTHER_RESERVED = ("station", "location", "socket", "face", "sphere", "stop", "checked", "pressure_hPa", "humidity_percent")
+_OTHER_RESERVED = (
+    *("station", "location", "socket", "face", "sphere"),
+    *("stop", "checked", "pressure_hPa", "humidity_percent"),
+)
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
 _BLOCK = 10_000  # rows at a time
 
@@ -155,6 +158,7 @@ class PoseReader(CsvTable):
         joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
         self._refuse_further_joints()
         self._warn_of_degrees(joints)
+        conditions = self._conditions()
         targets = self._targets()
         self._refuse_unknown_axes(targets)
         if need_points and not targets:
@@ -169,7 +173,6 @@ class PoseReader(CsvTable):
         use = self._uses(texts["use"])
         ids = self._ids(texts["id"])
         sigma = self._optional_numbers("sigma_mm", -3, positive=True)
-        conditions = self._conditions()
         other = self._rest(targets)
         return Measurements(
             tuple(self.joint_names),
@@ -259,7 +262,7 @@ class PoseReader(CsvTable):
         targets: list[str] = []
         for column in self.unread:
             match = re.fullmatch(r"(?:(.+)_)?([xyz])_(mm|m)", column)
-            if column not in (*_NUMBER_COLUMNS, *self.observed.numbers) and match and (name := match[1] or "p1") not in targets:
+            if match and (name := match[1] or "p1") not in targets:
                 targets.append(name)
         TARGETS(f"{self.path}: line 1", targets)
         for name in targets:

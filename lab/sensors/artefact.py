@@ -12,6 +12,7 @@ no contact tells it from the size of the arm, so that the uncertainty goes into 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
@@ -22,6 +23,7 @@ from lab.calibration.weights import Noise
 from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
 from lab.core.measurements import FIXTURE, Measurements
+from lab.core.random import rng_for
 from lab.core.se3 import Array, exp, left_jacobian, log, skew, transform
 from lab.core.units import MM
 from lab.kinematics.model import Model
@@ -41,6 +43,8 @@ _ROTATIONS = np.einsum("aij,bjk,ckl->abcil", _STARTS, _THIRDS, _QUARTERS).reshap
 _PLACING_STEPS = 15
 _DAMPING = 1e-4  # of the mean square slope
 _LONGEST_TURN = 0.7  # rad
+_NEAR_M = 0.05  # spread of random artefacts about points of the arm
+_PLACINGS, _TRIES = 50, 6  # of a random artefact, and of each of its features there
 
 
 @dataclass(frozen=True)
@@ -127,8 +131,9 @@ class Artefact(Fixtures):
         """Return where features are in the artefact's frame, ``(n, 3)`` m, from what is known of them ``(n, k)``."""
 
     def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
-        """Draw poses ``(k, 6)`` of artefacts at the points ``(k, 3)``."""
-        return np.concatenate([points, rng.uniform(-1.5, 1.5, points.shape)], axis=1)
+        """Draw poses ``(k, 6)`` of artefacts near the points ``(k, 3)``."""
+        near = points + rng.normal(0, _NEAR_M, points.shape)
+        return np.concatenate([near, rng.uniform(-1.5, 1.5, points.shape)], axis=1)
 
     def at_base(self, placed: Array, T_base_instrument: Array, scale: float) -> Array:
         """Return poses ``(k, 6)`` in the base's frame from those in the instrument's."""
@@ -139,6 +144,33 @@ class Artefact(Fixtures):
         """Return the model with the artefacts and features of these rows."""
         seen = data.take(np.flatnonzero(data.seen.any(axis=1)))
         return replace(super().within(data), touched=_pairs(seen))
+
+    def rank_point(self, values: Array) -> Array:
+        """Return the nominal arm's, with artefacts of which it reaches every touched feature.
+
+        Raises:
+            LabError: no such place was found.
+        """
+        return np.concatenate([self.arm.rank_point(self.nominal_arm), np.zeros(len(self.shared)), self._reached])
+
+    @cached_property
+    def _reached(self) -> Array:
+        """Parameters ``(k m,)`` of artefacts that are drawn until the nominal arm reaches all of each."""
+        arm, rng = self.arm.rank_point(self.nominal_arm), rng_for(1, "structure")
+        placed, missing = np.zeros((len(self.numbers), len(self.axes))), list(range(len(self.numbers)))
+        for _ in range(_PLACINGS):
+            points = self.arm.points(self.arm.structure_joints(len(missing), rng), arm)[:, 0]
+            placed[missing] = self.random_fixtures(points, rng)
+            wanted = {pair for pair in self.touched if self.numbers.index(pair[0]) in missing}
+            rows = np.tile([(feature, number) for number, feature in sorted(wanted)], (_TRIES, 1)).astype(float)
+            inputs = np.column_stack([self.arm.structure_joints(len(rows), rng), rows])
+            found = self.inputs_in_contact(inputs, np.concatenate([arm, np.zeros(len(self.shared)), placed.ravel()]))
+            never = wanted - {(int(number), int(feature)) for feature, number in found[:, -2:]}
+            if not (missing := sorted({self.numbers.index(number) for number, _ in never})):
+                return placed.ravel()
+        raise LabError(
+            f"the nominal arm reaches no place where it can touch all of {self.group} {self.labels[missing[0]]}"
+        )
 
     def structure_rows(self, count: int) -> Array:
         """Return row conditions ``(count, 2)`` for decisions on rank: each touched feature in turn."""
@@ -277,7 +309,7 @@ def true_scale(arm: FixtureSimulation, u_m: float | None, size_m: float) -> floa
 
 
 def placed_truth(group: str, labels: Sequence[str], poses: Array, scale: float) -> Mapping[str, Array]:
-    """Return the true poses of simulated artefacts, and the factor of their dimensions, as the assessment takes them."""
+    """Return the true poses of simulated artefacts and the factor of their dimensions, by owner."""
     vectors = np.concatenate([poses[:, :3, 3], log(poses[:, :3, :3])], axis=1)
     owners = [f"{group}.{label}" for label in labels]
     return {**dict(zip(owners, vectors, strict=True)), group: np.array([scale])}

@@ -28,7 +28,7 @@ _LONGEST_STEP = 0.3  # rad or m of a joint
 _SETTLED_M = 1e-8  # of a gap before the last step
 _AROUND = 0.5  # rad or m of a joint: spread of the starts near a fixture
 _STEPS, _ROUNDS = 12, 60
-_PLACES, _PLACING_ROUNDS = 8, 16  # candidates for each frame, and how often each of its features is tried
+_PLACES, _PLACING_ROUNDS = 6, 12  # candidates for each frame, and how often each of its features is tried
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ class FixtureSimulation:
             upright: whether a frame is only turned about the base's z axis, as what stands on a table.
 
         Returns:
-            Poses ``(count, 4, 4)`` m in the instrument's frame, and joint positions ``(count, joints)`` that lead there.
+            Poses ``(count, 4, 4)`` m in the instrument's frame, and joint positions ``(count, joints)`` at them.
 
         Raises:
             LabError: there are not as many places.

@@ -22,7 +22,9 @@ from lab.simulation.tracking import VirtualMeasurement
 
 __all__ = ["Cube", "CubeSensor"]
 
-_FACES = {f"{axis}{sign}": sense * np.eye(3)[i] for i, axis in enumerate("xyz") for sign, sense in (("+", 1), ("-", -1))}
+_FACES = {
+    f"{axis}{sign}": sense * np.eye(3)[i] for i, axis in enumerate("xyz") for sign, sense in (("+", 1), ("-", -1))
+}
 _ON_A_TABLE = ("x+", "x-", "y+", "y-", "z+")  # the faces that can be touched
 _VERTICES = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1)), axis=-1).reshape(-1, 3)
 _WITHIN = 0.8  # of a face, where it is touched

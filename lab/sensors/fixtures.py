@@ -34,7 +34,16 @@ from lab.sensors.options import FitInputs, SensorOptions
 from lab.sensors.virtual_sensor import VirtualSensor
 from lab.simulation.true_robot import TrueRobot
 
-__all__ = ["NONE", "FixtureRows", "FixtureSensor", "Fixtures", "Prediction", "known_lengths", "labels_by_location", "refuse_blank"]
+__all__ = [
+    "NONE",
+    "FixtureRows",
+    "FixtureSensor",
+    "Fixtures",
+    "Prediction",
+    "known_lengths",
+    "labels_by_location",
+    "refuse_blank",
+]
 
 NONE = np.empty(0)  # nothing else is known of a row, or shared
 
@@ -474,9 +483,7 @@ def refuse_blank(
             raise LabError(f"{data.where(row)}, column {column}: empty; say which {group} the row is of, or use = skip")
 
 
-def labels_by_location(
-    data: Measurements, group: str, rows: NDArray[np.bool_] | None = None
-) -> tuple[str, ...]:
+def labels_by_location(data: Measurements, group: str, rows: NDArray[np.bool_] | None = None) -> tuple[str, ...]:
     """Return the fixtures ``(n,)`` by location, else by session; empty where nothing names any.
 
     Raises:

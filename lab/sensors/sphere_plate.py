@@ -108,8 +108,8 @@ class SpherePlateSensor(ArtefactSensor):
             distance = known_lengths(data, "radius_mm", "plate", there) + self.tip_m
         elif self.tip_m:
             raise LabError(
-                f"{option_name('tip_radius_mm')} is of touched surfaces, and without a column radius_mm the spheres are "
-                "centred: add the column, or leave the option out"
+                f"{option_name('tip_radius_mm')} is of touched surfaces, and without a column radius_mm the spheres "
+                "are centred: add the column, or leave the option out"
             )
         else:
             distance = np.zeros(len(data))
