@@ -19,6 +19,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.linear_model import half_width_95
 from lab.core.probability import chi2_isf, f_isf, f_sf, t_isf
@@ -51,6 +52,7 @@ _CHECKS = 3  # after a change, in which it is to be named
 _SAME = 0.05  # share of a pattern that another cause does not explain, below which the two are the same
 _NOISES = ((0.0, 0.0), *((share, rho) for share in (0.3, 0.6, 0.9, 1.0) for rho in (0.5, 0.7, 0.85, 0.95)))
 _AS_LIKELY = 2.0  # of log likelihoods: a noise this much less likely than the likeliest is not ruled out
+_RENEWED = 5  # checks, after which the noise is estimated anew
 _RANK = 1e-6
 _SEARCHED = 300  # choices of configurations
 
@@ -170,7 +172,7 @@ class Distinction:
 
 def best_configurations(
     joints: Sequence[str], by_joint: Array, by_tool: Array, points: Array, count: int, rng: np.random.Generator
-) -> list[int]:
+) -> tuple[list[int], float]:
     """Choose configurations at one socket in which the causes are told apart best, by a random search.
 
     The choice is the one whose least distinct pair of causes is the most distinct; pairs that are the same in all
@@ -179,6 +181,9 @@ def best_configurations(
     Args:
         joints, by_joint, by_tool, points: as in ``causes_of``, of all configurations to choose from.
         count: how many to choose.
+
+    Returns:
+        Their indices, and the share of the least distinct cause's pattern that no other cause explains.
     """
 
     def distinct(rows: Sequence[int]) -> Array:
@@ -196,20 +201,39 @@ def best_configurations(
         )
 
     every = range(len(points))
-    counted = distinct(every) > _SAME
+    counted = distinct(every) > _RANK
     tried = [np.sort(rng.permutation(len(points))[:count]).tolist() for _ in range(_SEARCHED)]
-    return max(tried, key=lambda rows: float(distinct(rows)[counted].min()))
+    shares = [float(distinct(rows)[counted].min()) for rows in tried]
+    best = int(np.argmax(shares))
+    return tried[best], shares[best]
 
 
 class _Noise(NamedTuple):
-    models: tuple[tuple[tuple[float, float], float], ...]  # the likeliest, each with its variance
+    """Noise of some coordinates: the models that are not ruled out, and the likeliest.
+
+    Attributes:
+        models: ``(k,)`` indices in ``_NOISES``, of which ``best`` is the likeliest.
+        largest: ``(k,)`` variance by each, of the direction that varies most; ``typical`` is the mean by the best.
+    """
+
+    models: NDArray[np.int_]
+    largest: Array
+    best: int
+    typical: float
     dof: float
 
-    def of_change(self, before: int, after: int) -> tuple[Array, float]:
-        """Return the weights of the days in a change of the mean, and its variance: the largest of all models."""
-        found = [(weights, variance * size) for model, variance in self.models
-                 for weights, size in (_weights(model, before, after),)]  # fmt: skip
-        return max(found, key=lambda each: each[1])
+    def of_change(self, before: int, after: int, *, likeliest: bool) -> tuple[Array, float]:
+        """Return the weights of the days in a change of the mean, and its variance.
+
+        Args:
+            likeliest: by the likeliest model; else by the one of the largest variance.
+        """
+        weights, sizes = _weights(before, after)
+        if likeliest:
+            return weights[self.best], float(self.typical * sizes[self.best])
+        variances = self.largest * sizes[self.models]
+        worst = int(np.argmax(variances))
+        return weights[self.models[worst]], float(variances[worst])
 
 
 class _Compared(NamedTuple):
@@ -247,7 +271,7 @@ class SocketChecks:
         """
         z = errors.reshape(len(errors), -1) @ self._basis
         kept, bad, alarm, tested = list(range(min(self.reference, len(z)))), list[int](), None, 0
-        noises: dict[int, list[_Noise]] = {}  # by the number of days before
+        noises: dict[int, list[_Noise]] = {}  # by the number of days that they are estimated from
         for day in range(self.reference, len(z)):
             if alarm is not None:
                 if not (alarm[0] == alarm[1] == day - 1 and self._was_bad_touch(z, kept, day)):
@@ -255,7 +279,8 @@ class SocketChecks:
                 bad.append(day - 1)
                 alarm = None
             tested += 1
-            noises[len(kept)] = self._noises(z[kept][-_BEFORE:])
+            if (estimated := self._estimated(len(kept))) not in noises:
+                noises[estimated] = self._noises(z[kept[:estimated]][-_BEFORE:])
             n, p = self._smallest(z, kept, day, noises)
             if p < self.level:
                 alarm = ([*kept, day][-n], day, p)
@@ -274,7 +299,9 @@ class SocketChecks:
             errors: ``(days, m, 3)`` m, of unchanged checks.
         """
         z = (errors.reshape(len(errors), -1) @ self._basis)[-_BEFORE:]
-        one, three = (self._comparable(self._noises(z), len(z), n) for n in (1, _CHECKS))
+        noises = self._noises(z)
+        one = self._comparable(noises, len(z), 1, likeliest=False)
+        three = self._comparable(noises, len(z), _CHECKS, likeliest=True)
         needed = float(t_isf(self.level / 2, one.dof) + t_isf(1 - POWER, one.dof))
         found = []
         for i, cause in enumerate(self.causes):
@@ -303,13 +330,15 @@ class SocketChecks:
         """Return the number of days that differ most from those before, and the p-value of that.
 
         Args:
-            noises: by the number of the days before.
+            noises: by ``_estimated`` of the number of days before.
         """
         best, days = (1, 1.0), [*kept, day]
         for n in _AFTER:
             if len(days) - n < self.reference:
                 break
-            compared = self._compare(z[days[:-n]], z[days[-n:]], noises[len(days) - n])
+            compared = self._compare(
+                z[days[:-n]], z[days[-n:]], noises[self._estimated(len(days) - n)], likeliest=False
+            )
             if float(compared.whitened @ compared.whitened) < _least_square(self.level, compared.dof):
                 continue  # no cause explains more than all there is
             squares = self._explained(compared, touches=n == 1)[0]
@@ -317,15 +346,19 @@ class SocketChecks:
             best = min(best, (n, p), key=lambda each: each[1])
         return best
 
+    def _estimated(self, days: int) -> int:
+        """Return from how many of the days before a test the noise is estimated: anew after every few checks."""
+        return days - (days - self.reference) % _RENEWED
+
     def _was_bad_touch(self, z: Array, kept: list[int], day: int) -> bool:
         """Decide whether the alarm of the day before was one bad touch: this day is as the days before that."""
-        compared = self._compare(z[kept], z[[day]])
+        compared = self._compare(z[kept], z[[day]], self._noises(z[kept][-_BEFORE:]), likeliest=False)
         whole = float(compared.whitened @ compared.whitened)
         return _p(whole, len(compared.whitened), compared.dof) > _AS_BEFORE
 
     def _described(self, z: Array, kept: list[int], first: int, found_at: int, p: float) -> Change:
         after = z[first:][-_BEFORE:]
-        compared = self._compare(z[kept], after)
+        compared = self._compare(z[kept], after, self._noises(z[kept][-_BEFORE:]), likeliest=True)
         squares, sizes, halves = self._explained(compared, touches=len(after) == 1)
         whole, n = float(compared.whitened @ compared.whitened), len(compared.whitened)
         chances = {i: _p(whole - square, n - self._columns[i].shape[1], compared.dof) for i, square in squares.items()}
@@ -358,20 +391,19 @@ class SocketChecks:
             halves[i] = float(half_width_95(compared.dof) / abs(r[0, 0])) if one and r[0, 0] else float("nan")
         return squares, sizes, halves
 
-    def _compare(self, before: Array, after: Array, noises: Sequence[_Noise] | None = None) -> _Compared:
+    def _compare(self, before: Array, after: Array, noises: Sequence[_Noise], *, likeliest: bool) -> _Compared:
         before = before[-_BEFORE:]
-        noises = self._noises(before) if noises is None else noises
-        known = self._comparable(noises, len(before), len(after))
+        known = self._comparable(noises, len(before), len(after), likeliest=likeliest)
         change, series = np.empty(before.shape[1]), np.concatenate([before, after])
         for part, noise in zip(self._parts, noises, strict=True):
-            change[part] = noise.of_change(len(before), len(after))[0] @ series[:, part]
+            change[part] = noise.of_change(len(before), len(after), likeliest=likeliest)[0] @ series[:, part]
         return known._replace(whitened=change / known.scales)
 
-    def _comparable(self, noises: Sequence[_Noise], before: int, after: int) -> _Compared:
+    def _comparable(self, noises: Sequence[_Noise], before: int, after: int, *, likeliest: bool) -> _Compared:
         """Return the standard deviations of a change between so many days and the next; the change itself is zero."""
         scales = np.empty(len(self._basis))
         for part, noise in zip(self._parts, noises, strict=True):
-            scales[part] = np.sqrt(noise.of_change(before, after)[1])
+            scales[part] = np.sqrt(noise.of_change(before, after, likeliest=likeliest)[1])
         dof = min(noise.dof for part, noise in zip(self._parts, noises, strict=True) if part.start < part.stop)
         return _Compared(np.zeros(len(scales)), scales, dof)
 
@@ -422,37 +454,40 @@ def _noise(days: Array, *, alike: bool) -> _Noise:
     """
     n, d = days.shape
     if d == 0:
-        return _Noise(((_NOISES[0], 1.0),), np.inf)
-    found = []
-    for model in _NOISES:
-        inverse, log_size = _restricted(model, n)
-        squares = days.T @ inverse @ days / (n - 1)
-        variance = max(float(np.trace(squares)) / d, np.finfo(float).tiny)
-        largest = variance if alike else max(float(np.linalg.eigvalsh(squares)[-1]), variance)
-        found.append((-0.5 * d * ((n - 1) * np.log(variance) + log_size), model, largest))
-    best = max(likelihood for likelihood, _, _ in found)
-    return _Noise(tuple((model, v) for likelihood, model, v in found if likelihood >= best - _AS_LIKELY), d * (n - 1))
+        return _Noise(np.zeros(1, np.int_), np.ones(1), 0, 1.0, np.inf)
+    inverses, log_sizes = _restricted(n)
+    squares = days.T @ (inverses @ days) / (n - 1)  # (models, d, d)
+    variances = np.maximum(np.trace(squares, axis1=1, axis2=2) / d, np.finfo(float).tiny)
+    likelihoods = -0.5 * d * ((n - 1) * np.log(variances) + log_sizes)
+    models, best = np.flatnonzero(likelihoods >= likelihoods.max() - _AS_LIKELY), int(np.argmax(likelihoods))
+    largest = variances if alike else np.maximum(np.linalg.eigvalsh(squares)[:, -1], variances)
+    return _Noise(models, largest[models], best, float(variances[best]), d * (n - 1))
 
 
-def _correlation(model: tuple[float, float], n: int) -> Array:
-    share, rho = model
+def _correlations(n: int) -> Array:
+    """Return the correlation of n days ``(models, n, n)`` by each noise."""
     apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    return np.asarray((1 - share) * np.eye(n) + share * rho**apart)
+    return np.stack([(1 - share) * np.eye(n) + share * rho**apart for share, rho in _NOISES])
 
 
-@lru_cache(maxsize=4096)
-def _restricted(model: tuple[float, float], n: int) -> tuple[Array, float]:
-    """Return the inverse correlation ``(n, n)`` without the constant, and log |R| + log 1'R^-1 1."""
-    R = _correlation(model, n)
-    inverse = np.linalg.inv(R)
-    ones = inverse.sum(axis=1)
-    return inverse - np.outer(ones, ones) / ones.sum(), float(np.linalg.slogdet(R)[1] + np.log(ones.sum()))
+@lru_cache(maxsize=128)
+def _restricted(n: int) -> tuple[Array, Array]:
+    """Return the inverse correlations ``(models, n, n)`` without a constant, and ``(models,)`` log |R| |1'R^-1 1|."""
+    R = _correlations(n)
+    inverses = np.linalg.inv(R)
+    ones = inverses.sum(axis=2)
+    whole = ones.sum(axis=1)
+    restricted = inverses - ones[:, :, None] * ones[:, None] / whole[:, None, None]
+    return restricted, np.linalg.slogdet(R)[1] + np.log(whole)
 
 
-@lru_cache(maxsize=8192)
-def _weights(model: tuple[float, float], before: int, after: int) -> tuple[Array, float]:
-    """Return the weights ``(before + after,)`` of the days in the change of the mean, and its variance for noise 1."""
+@lru_cache(maxsize=2048)
+def _weights(before: int, after: int) -> tuple[Array, Array]:
+    """Return the weights of the days in the change of the mean ``(models, before + after)``, and its variance by each.
+
+    The variance ``(models,)`` is that for noise of variance one.
+    """
     design = np.column_stack([np.ones(before + after), np.arange(before + after) >= before])
-    inverse = np.linalg.inv(_correlation(model, before + after))
-    covariance = np.linalg.inv(design.T @ inverse @ design)
-    return (covariance @ design.T @ inverse)[1], float(covariance[1, 1])
+    inverses = np.linalg.inv(_correlations(before + after))
+    covariances = np.linalg.inv(design.T @ inverses @ design)
+    return (covariances @ design.T @ inverses)[:, 1], covariances[:, 1, 1]
