@@ -210,6 +210,14 @@ COMMANDS = (
         examples=("runs/day check.csv", "runs/day check.csv --refit base --require good"),
     ),
     Command(
+        "check",
+        "Test daily touches of one socket against a calibrated arm, and name the joint whose zero moved.",
+        "lab.commands.options:CheckOptions",
+        "lab.commands.check:check",
+        "check-{file}",
+        examples=("runs/day daily.csv", "runs/day daily.csv --since 2026-05-04 --require good"),
+    ),
+    Command(
         "certify",
         "Write a calibration's certificate: uncertainty budget, ISO 9283, statement of conformity, traceability.",
         "lab.commands.options:CertifyOptions",

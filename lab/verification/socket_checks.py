@@ -28,6 +28,7 @@ from lab.core.significance import TREND_YEAR
 
 __all__ = [
     "LEAST_CONFIGURATIONS",
+    "MOST_CONFIGURATIONS",
     "REFERENCE",
     "Candidate",
     "Cause",
@@ -38,7 +39,7 @@ __all__ = [
     "causes_of",
 ]
 
-LEAST_CONFIGURATIONS = 4  # of a check
+LEAST_CONFIGURATIONS, MOST_CONFIGURATIONS = 4, 50  # of a check
 REFERENCE = 10  # checks, before the first that is tested
 POWER = 0.95
 _AFTER = (1, 2, 3, 5, 8, 13, 20)  # days that are compared with those before
