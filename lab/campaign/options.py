@@ -128,6 +128,7 @@ class VirtualCampaign(SensorOptions, VirtualSetup, _VirtualSession):
         if not 0 < self.orientation_share <= 1:
             raise LabError(f"--orientation-share {self.orientation_share:g}: give a share above 0, up to 1")
         whole("--fixtures", self.fixtures, 1, FIXTURES)
+        positive("--artefact-mm", self.artefact_mm)
         for each in fields(VirtualSetup):
             if each.name not in sensor_named(self.observe).setup and getattr(self, each.name) != each.default:
                 flag, able = "--" + each.name.replace("_", "-"), sensors_with(each.name)

@@ -156,6 +156,35 @@ class VerifyOptions:
 
 
 @dataclass(frozen=True)
+class CheckOptions:
+    """Daily touches of a socket by a calibrated arm."""
+
+    run: tyro.conf.Positional[Path]
+    """The folder of the run that calibrated the arm."""
+    file: tyro.conf.Positional[Path]
+    """All checks so far, CSV: joint positions with the ball in the socket, the day in session (YYYY-MM-DD)."""
+    reference: int = 10
+    """How many checks, from the first, show how touches repeat; the next one is the first that is tested."""
+    since: str | None = None
+    """Leave out checks before this day, YYYY-MM-DD: when something was repaired or set up anew."""
+    serial: str | None = None
+    """The serial number of the arm that was checked; refused where the run is of another one."""
+    require: Literal["good"] | None = None
+    """Exit with 3 unless the verdict is good: where several causes explain a change, or nothing is tested yet."""
+    force: Flag = False
+    """Check against a run too whose verdict is bad or not judged."""
+    accept_edited: Flag = False
+    """Build on a run too whose files were changed since it was written."""
+
+    def check(self) -> None:
+        """Refuse options that make no sense, with a LabError that names them."""
+        whole("--reference", self.reference, 5, DAYS)
+        check_serial(self.serial)
+        if self.since is not None:
+            day("--since", self.since)
+
+
+@dataclass(frozen=True)
 class CertifyOptions:
     """A calibration to certify."""
 

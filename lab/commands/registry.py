@@ -77,7 +77,7 @@ class Command:
 
 
 _GROUP = "lab.commands"  # of entry points
-_SENSOR = ("orientation", "noise_mrad", "method", "socket_distance_mm")
+_SENSOR = ("orientation", "noise_mrad", "method", "socket_distance_mm", "artefact_u_mm", "tip_radius_mm")
 _FIT = OptionGroup("model and fit", ("model", "robust", "prior", "fix"), ("fitting",))
 _VERDICT = OptionGroup("verdict", ("gate_mm", "require"), ("region", "date", "serial"))
 _VIRTUAL_GROUPS = (
@@ -90,7 +90,16 @@ _VIRTUAL_GROUPS = (
     OptionGroup(
         "measurement",
         ("instrument", "observe"),
-        ("readings", "noise_mm", "occlusion", "orientation_share", "fixtures", "contact_share", *_SENSOR),
+        (
+            "readings",
+            "noise_mm",
+            "occlusion",
+            "orientation_share",
+            "fixtures",
+            "contact_share",
+            "artefact_mm",
+            *_SENSOR,
+        ),
     ),
     _FIT,
     _VERDICT,
@@ -215,6 +224,14 @@ COMMANDS = (
         "lab.commands.verify:verify",
         "verify-{file}",
         examples=("runs/day check.csv", "runs/day check.csv --refit base --require good"),
+    ),
+    Command(
+        "check",
+        "Test daily touches of one socket against a calibrated arm, and name the joint whose zero moved.",
+        "lab.commands.options:CheckOptions",
+        "lab.commands.check:check",
+        "check-{file}",
+        examples=("runs/day daily.csv", "runs/day daily.csv --since 2026-05-04 --require good"),
     ),
     Command(
         "certify",

@@ -26,8 +26,14 @@ USES = ("calibrate", "reference", "test", "skip")
 _ANGLE_UNITS = ("rad", "deg")
 _LENGTH_EXPONENT = {"m": 0, "mm": -3}
 _TEXT_COLUMNS = ("id", "session", "use")
-_NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
-_OTHER_RESERVED = ("station", "location", "socket", "target", "stop", "checked", "pressure_hPa", "humidity_percent")
+_NUMBER_COLUMNS = (
+    *("sigma_mm", "temp_C", "time_s", "payload_kg"),
+    *("cable_mm", "edge_mm", "sphere_x_mm", "sphere_y_mm", "sphere_z_mm", "radius_mm", "bar_mm", "dial_mm"),
+)
+_OTHER_RESERVED = (
+    *("station", "location", "socket", "target", "face", "sphere"),
+    *("stop", "checked", "pressure_hPa", "humidity_percent"),
+)
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
 _BLOCK = 10_000  # rows at a time
 
@@ -154,6 +160,7 @@ class PoseReader(CsvTable):
         joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
         self._refuse_further_joints()
         self._warn_of_degrees(joints)
+        conditions = self._conditions()
         targets = self._targets()
         self._refuse_unknown_axes(targets)
         if need_points and not targets:
@@ -168,7 +175,6 @@ class PoseReader(CsvTable):
         use = self._uses(texts["use"])
         ids = self._ids(texts["id"])
         sigma = self._optional_numbers("sigma_mm", -3, positive=True)
-        conditions = self._conditions()
         other = self._rest(targets)
         return Measurements(
             tuple(self.joint_names),

@@ -53,7 +53,10 @@ _EFFECT_SCALES: Final[Mapping[Kind, float]] = {  # large, so that a prior only b
     "angle rate": 1e-2,
     "ratio rate": 1e-3,
 }
-_OWNERS = ("base", "tool", "drift", "session", "station", "payload", "anchor", "socket", "plane", "cable")  # no links
+_OWNERS = (  # no links
+    *("base", "tool", "drift", "session", "station", "payload"),
+    *("anchor", "socket", "plane", "cable", "cube", "plate", "bar", "dial"),
+)
 
 
 @dataclass(frozen=True)

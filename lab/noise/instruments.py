@@ -555,6 +555,7 @@ INSTRUMENTS = {
         Instrument("draw-wire", "gaussian", radial_m=50 * _MICRON),
         Instrument("ball-in-socket", "gaussian", radial_m=20 * _MICRON),
         Instrument("touch-probe", "gaussian", radial_m=10 * _MICRON),
+        Instrument("dial-indicator", "gaussian", radial_m=5 * _MICRON),
     )
 }
 _POINTS = ("points",)
@@ -562,8 +563,9 @@ _IDEAL = ("exact", "uniform-8um")  # read every sensor
 _OBSERVES = {
     **{name: ("points", "pose") for name, device in INSTRUMENTS.items() if isinstance(device, PoseInstrument)},
     "draw-wire": ("cable",),
-    "ball-in-socket": ("socket",),
-    "touch-probe": ("plane",),
+    "ball-in-socket": ("socket", "sphere-plate", "ball-bar"),
+    "touch-probe": ("plane", "cube"),
+    "dial-indicator": ("dial",),
 }
 
 

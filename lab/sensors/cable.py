@@ -27,12 +27,12 @@ from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, placed_parameters
 from lab.sensors.contact import FixtureSimulation
-from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
+from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, refuse_blank
 from lab.sensors.options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
 
-__all__ = ["Cable", "CableSensor", "found_sessions", "with_sessions"]
+__all__ = ["Cable", "CableSensor", "found_sessions", "trilaterated", "with_sessions"]
 
 _MIN_ROWS = 15  # of a session: a few outliers are not one
 _MAX_SESSIONS = 10
@@ -58,22 +58,34 @@ class Cable(Fixtures):
     group: ClassVar[str] = "anchor"
     least_rows: ClassVar[int] = 4
     contact: ClassVar[bool] = False
-    offset: ClassVar[tuple[Parameter, ...]] = placed_parameters("cable", "cable", ("offset",), scaled=True)
 
-    def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
+    @property
+    def shared(self) -> tuple[Parameter, ...]:
+        """The offset."""
+        return placed_parameters("cable", "cable", ("offset",), scaled=True)
+
+    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> Prediction:
         """Return lengths ``(n, 1)``; they grow along the cable."""
         cable = points - fixtures
         length = np.sqrt((cable * cable).sum(axis=1, keepdims=True))
         along = (cable / length)[:, None]
-        return length, along, -along
+        return Prediction(length + shared.sum(), along, -along, np.ones((len(points), 1, len(shared))))
 
-    def located(self, points: Array, observed: Array) -> Array:
-        """Return the anchor ``(3,)``: about the mean, |p|^2 - L^2 = 2 p'a - a'a is linear in a and a'a."""
-        centre = points.mean(axis=0)
-        near = points - centre
-        system = np.column_stack([2 * near, -np.ones(len(near))]) / observed
-        right = ((near**2).sum(axis=1) - observed[:, 0] ** 2) / observed[:, 0]
-        return np.asarray(centre + np.linalg.lstsq(system, right)[0][:3])
+    def located(self, points: Array, observed: Array, rows: Array = NONE) -> Array:
+        """Return the anchor ``(3,)`` by trilateration."""
+        return trilaterated(points, observed[:, 0])
+
+
+def trilaterated(points: Array, lengths: Array) -> Array:
+    """Return the anchor ``(3,)`` at these distances ``(n,)`` from points ``(n, 3)``, all m.
+
+    About the mean, |p|^2 - L^2 = 2 p'a - a'a is linear in a and a'a.
+    """
+    centre = points.mean(axis=0)
+    near = points - centre
+    system = np.column_stack([2 * near, -np.ones(len(near))]) / lengths[:, None]
+    right = ((near**2).sum(axis=1) - lengths**2) / lengths
+    return np.asarray(centre + np.linalg.lstsq(system, right)[0][:3])
 
 
 @dataclass(frozen=True)

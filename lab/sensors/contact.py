@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements, measured
 from lab.core.newton import newton
-from lab.core.se3 import Array, inverse, transform
+from lab.core.se3 import Array, exp, inverse, transform
 from lab.kinematics.effects.effect import BUMPED, ShapesNoise, TrackerMotion
 from lab.kinematics.tree import point_of
 from lab.simulation.collisions import collides, random_poses
@@ -30,8 +30,7 @@ _LONGEST_STEP = 0.3  # rad or m of a joint
 _SETTLED_M = 1e-8  # of a gap before the last step
 _AROUND = 0.5  # rad or m of a joint: spread of the starts near a fixture
 _STEPS, _ROUNDS = 12, 60
-
-_NO_TEXTS: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+_PLACES, _PLACING_ROUNDS = 6, 12  # candidates for each frame, and how often each of its features is tried
 
 
 @dataclass(frozen=True)
@@ -135,10 +134,7 @@ class FixtureSimulation:
         """
 
         def starts(number: int, missing: NDArray[np.int_]) -> Array:
-            start = random_poses(self.robot.robot, len(missing), self.rng)
-            if number % 2:
-                start = near[missing] + _AROUND * self.rng.standard_normal(start.shape)
-            return start
+            return self._starts(number, near[missing])
 
         return self.joints_from(gap, starts, f"take another {option_name('seed')}, or fewer {option_name('fixtures')}")
 
@@ -158,15 +154,44 @@ class FixtureSimulation:
         Raises:
             LabError: after all rounds some are not found.
         """
-        robot, count = self.robot.robot, len(self.scatter)
-        found, missing = np.empty_like(self.scatter), np.arange(count)
+        found, missing = self._touching(gap, starts, np.arange(len(self.scatter)), _ROUNDS)
+        if not len(missing):
+            return found
+        name = self.robot.robot.chain.name
+        raise LabError(f"robot {name} cannot touch in {len(missing)} of {len(found)} poses: {mend}")
 
-        def gaps(joints: Array, rows: NDArray[np.int_]) -> Array:
-            conditions = {name: column[rows] for name, column in self.conditions.items()}
-            points = self.robot.points(joints, self.targets, conditions, self.scatter[rows])
-            return np.nan_to_num(gap(points, rows), nan=1.0)
+    def _starts(self, number: int, near: Array) -> Array:
+        """Return joint positions ``(m, joints)`` to start from: random ones, and every other time around ``near``."""
+        start = random_poses(self.robot.robot, len(near), self.rng)
+        if number % 2:
+            start = near + _AROUND * self.rng.standard_normal(start.shape)
+        return start
 
-        for number in range(_ROUNDS):
+    def _touching(
+        self,
+        gap: Callable[[Array, NDArray[np.int_]], Array],
+        starts: Callable[[int, NDArray[np.int_]], Array],
+        rows: NDArray[np.int_],
+        rounds: int,
+    ) -> tuple[Array, NDArray[np.int_]]:
+        """Return joint positions ``(m, joints)`` in contact, and those of ``m`` without any.
+
+        Args:
+            gap: of points ``(k, targets, 3)`` at some of the ``m``, by their indices.
+            starts: from the number of the round and indices of the ``m``.
+            rows: ``(m,)`` of the measurements, whose conditions and random errors hold.
+            rounds: how often each is tried.
+        """
+        robot = self.robot.robot
+        found, missing = np.empty((len(rows), self.scatter.shape[1])), np.arange(len(rows))
+
+        def gaps(joints: Array, some: NDArray[np.int_]) -> Array:
+            at = rows[some]
+            conditions = {name: column[at] for name, column in self.conditions.items()}
+            points = self.robot.points(joints, self.targets, conditions, self.scatter[at])
+            return np.nan_to_num(gap(points, some), nan=1.0)
+
+        for number in range(rounds):
             moved = without_gaps(gaps, starts(number, missing), missing)
             far = np.abs(gaps(moved, missing)).max(axis=1)
             good = (far < _TOUCHING_M) & ~robot.chain.beyond_limits(moved, 0.0).any(axis=1)
@@ -174,16 +199,62 @@ class FixtureSimulation:
             found[missing[good]] = moved[good]
             missing = missing[~good]
             if not len(missing):
-                return found
-        raise LabError(f"robot {robot.chain.name} cannot touch in {len(missing)} of {count} poses: {mend}")
+                break
+        return found, missing
 
-    def measurements(self, joints: Array, texts: Mapping[str, tuple[str, ...]] = _NO_TEXTS) -> Measurements:
-        """Return measurements without points: joint positions, conditions and the texts that name the fixtures."""
+    def frames_within_reach(self, count: int, features: Array, *, upright: bool) -> tuple[Array, Array]:
+        """Place frames at random where the tool's point reaches all of their features.
+
+        Args:
+            features: ``(f, 3)`` m, in a frame.
+            upright: whether a frame is only turned about the base's z axis, as what stands on a table.
+
+        Returns:
+            Poses ``(count, 4, 4)`` m in the instrument's frame, and joint positions ``(count, joints)`` at them.
+
+        Raises:
+            LabError: there are not as many places.
+        """
+        at, near = self.reachable_points(_PLACES * count)
+        axis = np.array([0.0, 0.0, 1.0]) if upright else _unit(self.rng.standard_normal(at.shape))
+        poses = np.tile(np.eye(4), (len(at), 1, 1))
+        poses[:, :3, :3] = self.T_tracker_base[:3, :3] @ exp(self.rng.uniform(-np.pi, np.pi, (len(at), 1)) * axis)
+        poses[:, :3, 3] = at
+        there = transform(poses, features[None]).reshape(-1, 3)
+
+        def gap(points: Array, some: NDArray[np.int_]) -> Array:
+            return np.asarray(points[:, 0] - there[some])
+
+        rows, near_features = np.arange(len(there)) % len(self.scatter), np.repeat(near, len(features), axis=0)
+
+        def starts(number: int, some: NDArray[np.int_]) -> Array:
+            return self._starts(number, near_features[some])
+
+        _, missing = self._touching(gap, starts, rows, _PLACING_ROUNDS)
+        reached = np.setdiff1d(np.arange(len(at)), missing // len(features))[:count]
+        if len(reached) < count:
+            raise LabError(
+                f"robot {self.robot.robot.chain.name} reaches all of what it is to touch at {len(reached)} of {count} "
+                f"places: take another {option_name('seed')}, fewer {option_name('fixtures')}, or a smaller artefact"
+            )
+        return poses[reached], near[reached]
+
+    def measurements(
+        self,
+        joints: Array,
+        texts: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
+        numbers: Mapping[str, Array] = MappingProxyType({}),
+    ) -> Measurements:
+        """Return measurements without points: joint positions, conditions, and the columns of the fixtures."""
         names = self.robot.robot.chain.joint_names
         data = measured(names, self.robot.effects.shown(joints), (), np.empty((len(joints), 0, 3)))
         if len(self.targets) == 1 and self.targets != (POINT,):
             texts = {**texts, TOUCHING: self.targets * len(joints)}
-        return replace(data, conditions=dict(self.conditions), other=dict(texts))
+        return replace(data, conditions={**self.conditions, **numbers}, other=dict(texts))
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def without_gaps(gaps: Callable[[Array, NDArray[np.int_]], Array], start: Array, rows: NDArray[np.int_]) -> Array:

@@ -1,17 +1,17 @@
-"""Model arms that are measured against fixtures of unknown positions: anchors of a cable, sockets, planes.
+"""Model arms that are measured against fixtures of unknown positions: anchors of a cable, sockets, planes, artefacts.
 
-Each fixture adds three parameters, and has the role of a base: the base stays at the origin. A residual that is zero
+Each fixture adds a few parameters, and has the role of a base: the base stays at the origin. A residual that is zero
 where the arm touches its fixture is zero too when arm and fixture shrink together; which parameters are identifiable
-is therefore decided at poses in contact, and the longest link is the scale unless a distance is given.
+is therefore decided at poses in contact, and the longest link is the scale unless a length is known.
 
 A ``FixtureSensor`` finds in a file the fixture of each row and the reading there; its ``Fixtures`` predict that
-reading. The sensors of this family are ``cable``, ``socket`` and ``plane``.
+reading. The sensors of this family are ``cable``, ``socket``, ``plane``, ``dial`` and those of ``artefact``.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from lab.core.measurements import FIXTURE, Measurements
 from lab.core.newton import newton
 from lab.core.random import rng_for
 from lab.core.se3 import Array, transform
+from lab.core.units import MM
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.kinematics.serial.arm import SerialArm
@@ -34,7 +35,18 @@ from lab.sensors.options import FitInputs, SensorOptions
 from lab.sensors.virtual_sensor import VirtualSensor
 from lab.simulation.true_robot import TrueRobot
 
-__all__ = ["FixtureRows", "FixtureSensor", "Fixtures", "refuse_blank"]
+__all__ = [
+    "NONE",
+    "FixtureRows",
+    "FixtureSensor",
+    "Fixtures",
+    "Prediction",
+    "known_lengths",
+    "labels_by_location",
+    "refuse_blank",
+]
+
+NONE = np.empty(0)  # nothing else is known of a row, or shared
 
 _IN_CONTACT = 1e-11  # m
 _SETTLED_M = 1e-9  # of a residual before the last step
@@ -43,6 +55,20 @@ _NEWTON_STEPS = 12
 _LONGEST_STEP = 0.5  # rad or m of a joint
 _DIFFERENCE = 1e-7
 _ROUNDS = 20
+
+
+class Prediction(NamedTuple):
+    """Readings predicted at fixtures.
+
+    Attributes:
+        observed: ``(n, d)`` m.
+        by_point, by_fixture, by_shared: its derivatives ``(n, d, 3)``, ``(n, d, m)`` and ``(n, d, s)``.
+    """
+
+    observed: Array
+    by_point: Array
+    by_fixture: Array
+    by_shared: Array
 
 
 @dataclass(frozen=True)
@@ -54,7 +80,7 @@ class Fixtures(ABC):
         nominal_arm: ``(arm's p,)`` its nominal parameters, base at the origin.
         numbers: of the fixtures, as in the condition ``fixture``, ascending.
         labels: of the fixtures, as in the names of their parameters: ``anchor.<label>.x``; "" if it has no name.
-        parameters: the arm's, the offset, then three of each fixture.
+        parameters: the arm's, those that all fixtures share, then those of each fixture.
         names: of the parameters.
     """
 
@@ -65,48 +91,52 @@ class Fixtures(ABC):
     parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     names: tuple[str, ...] = field(init=False)
     group: ClassVar[str]  # name of a fixture
-    axes: ClassVar[tuple[str, str, str]] = ("x", "y", "z")
+    axes: ClassVar[tuple[str, ...]] = ("x", "y", "z")  # its parameters
     least_rows: ClassVar[int]  # of a fixture, from which on they depend on the arm too
     contact: ClassVar[bool]  # whether the residual is zero at the fixture
-    offset: ClassVar[tuple[Parameter, ...]] = ()  # a parameter that adds to all observations, if there is one
+    row_conditions: ClassVar[tuple[str, ...]] = (FIXTURE,)  # of each row, after the arm's own
 
     def __post_init__(self) -> None:
         assert len(self.arm.targets) == 1 and len(self.nominal_arm) == len(self.arm.names)
         owners = [f"{self.group}.{label}" if label else self.group for label in self.labels]
         added = [parameter for owner in owners for parameter in placed_parameters(owner, self.group, self.axes)]
-        object.__setattr__(self, "parameters", (*self.arm.parameters, *self.offset, *added))
+        object.__setattr__(self, "parameters", (*self.arm.parameters, *self.shared, *added))
         object.__setattr__(self, "names", names_of(self.parameters))
 
+    @property
+    def shared(self) -> tuple[Parameter, ...]:
+        """Parameters that all fixtures share: here, none."""
+        return ()
+
     @abstractmethod
-    def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
+    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> Prediction:
         """Predict the observed quantity of the target at a fixture.
 
         Args:
             points: ``(n, 3)`` the target, m in the instrument's frame.
-            fixtures: ``(n, 3)`` the three parameters of each row's fixture.
-
-        Returns:
-            Observed ``(n, d)`` in m, and its derivatives ``(n, d, 3)`` by the points and by the fixtures.
+            fixtures: ``(n, m)`` the parameters of each row's fixture.
+            rows: ``(n, r)`` what else is known of each row: ``row_conditions`` before the fixture.
+            shared: ``(s,)`` values of ``shared``.
         """
 
     @abstractmethod
-    def located(self, points: Array, observed: Array) -> Array:
-        """Return the fixture ``(3,)`` from predicted points ``(m, 3)`` and observations there ``(m, d)``."""
+    def located(self, points: Array, observed: Array, rows: Array) -> Array:
+        """Return the fixture ``(m,)`` from predicted points ``(k, 3)`` and observations ``(k, d)`` at its rows."""
 
     def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
-        """Draw fixtures ``(m, 3)`` that the points ``(m, 3)`` touch: here, the points themselves."""
+        """Draw fixtures ``(k, m)`` that the points ``(k, 3)`` touch: here, the points themselves."""
         return points
 
     def at_base(self, placed: Array, T_base_instrument: Array, scale: float) -> Array:
         """Return fixtures in the base's frame, where the base is at the origin and lengths may be scaled.
 
         Args:
-            placed: ``(m, 3)`` m, places in the instrument's frame.
+            placed: ``(k, 3)`` m, places in the instrument's frame.
             T_base_instrument: ``(4, 4)``, of lengths that are scaled already.
             scale: of all lengths.
 
         Returns:
-            ``(m, 3)``, the fixtures' parameters.
+            ``(k, m)``, the fixtures' parameters.
         """
         return transform(T_base_instrument, scale * placed)
 
@@ -122,7 +152,7 @@ class Fixtures(ABC):
     @property
     def first(self) -> int:
         """Index of the first fixture's first parameter."""
-        return len(self.arm.names) + len(self.offset)
+        return len(self.arm.names) + len(self.shared)
 
     @property
     def model(self) -> Self:
@@ -136,13 +166,13 @@ class Fixtures(ABC):
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """The arm's, then the number of the fixture."""
-        return (*self.arm.conditions, FIXTURE)
+        """The arm's, then those of each row, the number of its fixture last."""
+        return (*self.arm.conditions, *self.row_conditions)
 
     @property
     def placed(self) -> tuple[str, ...]:
-        """The fixtures, the target, and the offset."""
-        return (self.group, "tool", *(parameter.group for parameter in self.offset))
+        """The fixtures, the target, and what these share."""
+        return (self.group, "tool", *(parameter.group for parameter in self.shared))
 
     @property
     def units(self) -> Array:
@@ -168,24 +198,31 @@ class Fixtures(ABC):
 
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """Return observations ``(n, 1, d)`` in m and their derivatives ``(n, 1, d, p)``."""
-        size, index = len(self.arm.names), self._index(inputs[:, -1])
-        points, jacobian = self.arm.observe(inputs[:, :-1], values[:size])
-        observed, by_point, by_fixture = self.predict(points[:, 0], values[self.first :].reshape(-1, 3)[index])
-        n, d = observed.shape
-        observed = observed + values[size : self.first].sum()
-        derivative = np.zeros((n, 1, d, len(self.names)), dtype=observed.dtype)
-        derivative[:, 0, :, :size] = by_point @ jacobian[:, 0]
-        derivative[..., size : self.first] = 1.0
-        columns = self.first + 3 * index[:, None] + np.arange(3)
-        derivative[np.arange(n)[:, None, None], 0, np.arange(d)[:, None], columns[:, None]] = by_fixture
-        return observed[:, None], derivative
+        size, index, m = len(self.arm.names), self._index(inputs[:, -1]), len(self.axes)
+        points, jacobian = self.arm.observe(self._of_arm(inputs), values[:size])
+        found = self._predicted(points[:, 0], inputs, values, index)
+        n, d = found.observed.shape
+        derivative = np.zeros((n, 1, d, len(self.names)), dtype=found.observed.dtype)
+        derivative[:, 0, :, :size] = found.by_point @ jacobian[:, 0]
+        derivative[:, 0, :, size : self.first] = found.by_shared
+        columns = self.first + m * index[:, None] + np.arange(m)
+        derivative[np.arange(n)[:, None, None], 0, np.arange(d)[:, None], columns[:, None]] = found.by_fixture
+        return found.observed[:, None], derivative
 
     def points(self, inputs: Array, values: Array) -> Array:
         """Return observations ``(n, 1, d)`` in m."""
-        size, index = len(self.arm.names), self._index(inputs[:, -1])
-        points = self.arm.points(inputs[:, :-1], values[:size])[:, 0]
-        observed = self.predict(points, values[self.first :].reshape(-1, 3)[index])[0]
-        return np.asarray(observed[:, None] + values[size : self.first].sum())
+        points = self.arm.points(self._of_arm(inputs), values[: len(self.arm.names)])[:, 0]
+        return self._predicted(points, inputs, values, self._index(inputs[:, -1])).observed[:, None]
+
+    def _predicted(self, points: Array, inputs: Array, values: Array, index: NDArray[np.int_]) -> Prediction:
+        fixtures = values[self.first :].reshape(-1, len(self.axes))[index]
+        return self.predict(points, fixtures, self._of_rows(inputs), values[len(self.arm.names) : self.first])
+
+    def _of_arm(self, inputs: Array) -> Array:
+        return inputs[:, : inputs.shape[1] - len(self.row_conditions)]
+
+    def _of_rows(self, inputs: Array) -> Array:
+        return inputs[:, inputs.shape[1] - len(self.row_conditions) : -1]
 
     def column_priority(self) -> tuple[int, ...]:
         """Return fixtures, then the arm's order, its longest link after the target if it is the scale, then base."""
@@ -202,11 +239,15 @@ class Fixtures(ABC):
         size = len(self.arm.names)
         if not self.contact:
             return np.concatenate([self.arm.rank_point(values[:size]), values[size:]])
-        assert not self.offset
         arm = self.arm.rank_point(self.nominal_arm)
         joints = self.arm.structure_joints(len(self.numbers), rng_for(0, "structure"))
         points = self.arm.points(joints, arm)[:, 0]
-        return np.concatenate([arm, self.random_fixtures(points, rng_for(1, "structure")).ravel()])
+        placed = self.random_fixtures(points, rng_for(1, "structure")).ravel()
+        return np.concatenate([arm, np.zeros(len(self.shared)), placed])
+
+    def structure_rows(self, count: int) -> Array:
+        """Return row conditions ``(count, r + 1)`` for decisions on rank: each fixture in turn."""
+        return np.resize(np.array(self.numbers, dtype=np.float64), count)[:, None]
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
         """Return the arm's, with each fixture in turn; for contacts, poses near them that touch.
@@ -214,12 +255,12 @@ class Fixtures(ABC):
         Raises:
             LabError: the nominal arm cannot touch every fixture of ``rank_point`` in other poses.
         """
-        numbers = np.resize(np.array(self.numbers, dtype=np.float64), count)
+        rows = self.structure_rows(count)
         if not self.contact:
-            return np.column_stack([self.arm.structure_joints(count, rng), numbers])
+            return np.column_stack([self.arm.structure_joints(count, rng), rows])
         values, found = self.rank_point(self.nominal(self.nominal_arm)), np.empty((0, 0))
         for _ in range(_ROUNDS):
-            near = np.column_stack([self.arm.structure_joints(count, rng), numbers])
+            near = np.column_stack([self.arm.structure_joints(count, rng), rows])
             inputs = self.inputs_in_contact(near, values)
             found = np.concatenate([found, inputs]) if found.size else inputs
             if len(found) >= count:
@@ -257,12 +298,12 @@ class Fixtures(ABC):
 
     def initial_guess(self, observed: Observations, values: Array) -> Array:
         """Estimate each fixture from the arm at ``values``."""
-        number = observed.inputs[:, -1]
-        points = self.arm.points(observed.inputs[:, :-1], values[: len(self.arm.names)])[:, 0]
+        inputs = observed.inputs
+        points = self.arm.points(self._of_arm(inputs), values[: len(self.arm.names)])[:, 0]
         rows = np.isfinite(observed.points).all(axis=(1, 2))
-        measured = observed.points[:, 0] - values[len(self.arm.names) : self.first].sum()
-        chosen = [rows & (number == i) for i in self.numbers]
-        return np.concatenate([values[: self.first], *(self.located(points[i], measured[i]) for i in chosen)])
+        chosen = [rows & (inputs[:, -1] == i) for i in self.numbers]
+        found = [self.located(points[i], observed.points[i, 0], self._of_rows(inputs[i])) for i in chosen]
+        return np.concatenate([values[: self.first], *found])
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
         """Return no further residuals."""
@@ -294,9 +335,9 @@ class Fixtures(ABC):
         """Return ``values``, which end before the ``new`` fixtures, with these as the rows of ``data`` place them."""
         observed = Observations(data.inputs(self.conditions), data.points, np.ones(data.points.shape[:2]))
         alone = replace(self, numbers=tuple(new), labels=tuple(map(str, new)))
-        at_origin = np.concatenate([values[: self.first], np.zeros(3 * len(new))])
+        at_origin = np.concatenate([values[: self.first], np.zeros(len(self.axes) * len(new))])
         start = alone.initial_guess(observed, at_origin)[self.first :]
-        columns = range(len(values), len(values) + 3 * len(new))
+        columns = range(len(values), len(values) + len(self.axes) * len(new))
         return fit(self, observed, columns, np.concatenate([values, start])).values
 
     def _index(self, numbers: Array) -> NDArray[np.int_]:
@@ -329,13 +370,19 @@ class FixtureSensor(VirtualSensor, ABC):
         """Return warnings of rows whose other readings contradict their joint positions: here, none."""
         return ()
 
-    def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
+    def model_of(self, data: Measurements) -> type[Fixtures]:
+        """Return the model of what a file holds: mostly the only one."""
+        return self.model
+
+    def fixtures(
+        self, kind: type[Fixtures], arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]
+    ) -> Fixtures:
         """Return the model of these fixtures.
 
         Raises:
             LabError: an option of the sensor does not hold for them.
         """
-        return self.model(arm, nominal, numbers, labels)
+        return kind(arm, nominal, numbers, labels)
 
     @classmethod
     def configured(cls, options: SensorOptions, fit: FitInputs) -> Self:
@@ -371,7 +418,7 @@ class FixtureSensor(VirtualSensor, ABC):
             raise LabError(
                 f"{option_name('observe')} {self.name} takes one target, not {', '.join(arm.targets)}: name one"
             )
-        (names, observed), kind = self.fixture_rows(data), self.model
+        (names, observed), kind = self.fixture_rows(data), self.model_of(data)
         measured = np.asarray(np.isfinite(observed).all(axis=1))
         labels = list(dict.fromkeys(name for name, there in zip(names, measured.tolist(), strict=True) if there))
         number = np.array([labels.index(name) if name in labels else -1 for name in names])
@@ -389,7 +436,7 @@ class FixtureSensor(VirtualSensor, ABC):
             for i in few
         )
         numbers = tuple(i for i in range(len(labels)) if i not in few)
-        model = self.fixtures(arm, np.asarray(nominal), numbers, tuple(labels[i] for i in numbers))
+        model = self.fixtures(kind, arm, np.asarray(nominal), numbers, tuple(labels[i] for i in numbers))
         full = replace(
             data,
             targets=model.targets,
@@ -422,7 +469,7 @@ class FixtureSensor(VirtualSensor, ABC):
         owners = [f"{model.group}.{label}" for label in model.labels]
         there = model.at_base(np.stack([placed[owner] for owner in owners]), T_base_instrument, scale)
         known = dict(zip(model.names[model.first :], there.ravel().tolist(), strict=True))
-        for each in model.offset:
+        for each in model.shared:
             known[each.name] = float(placed[each.owner][0])
         return replace(truth, values=values, effects={**truth.effects, **known})
 
@@ -445,6 +492,36 @@ def refuse_blank(
     for row, label in enumerate(labels):
         if not label and data.use[row] != "skip" and (rows is None or rows[row]):
             raise LabError(f"{data.where(row)}, column {column}: empty; say which {group} the row is of, or use = skip")
+
+
+def labels_by_location(data: Measurements, group: str, rows: NDArray[np.bool_] | None = None) -> tuple[str, ...]:
+    """Return the fixtures ``(n,)`` by location, else by session; empty where nothing names any.
+
+    Raises:
+        LabError: some of these rows name their fixture, and another does not.
+    """
+    column, labels = ("location", data.other["location"]) if "location" in data.other else ("session", data.sessions)
+    if any(labels):
+        refuse_blank(data, column, labels, group, rows)
+    return labels
+
+
+def known_lengths(
+    data: Measurements, column: str, group: str, rows: NDArray[np.bool_], *, positive: bool = True
+) -> Array:
+    """Return the known lengths ``(n,)`` (m) of a column in mm, 0 in other rows than these.
+
+    Raises:
+        LabError: the column is missing, or a cell of these rows is empty or not above zero (where it has to be).
+    """
+    if column not in data.conditions:
+        raise LabError(f"column {column} is missing: {option_name('observe')} needs this length of each {group}")
+    lengths = np.where(rows, data.conditions[column], 1.0)
+    bad = np.flatnonzero(~np.isfinite(lengths) | (positive & (lengths <= 0)))
+    for row in (i for i in bad.tolist() if data.use[i] != "skip"):
+        what = "give a length above zero" if positive else "give a coordinate"
+        raise LabError(f"{data.where(row)}, column {column}: {what}, or use = skip")
+    return np.where(rows & np.isfinite(lengths), MM.to_si(lengths), 0.0)
 
 
 def _scaled(truth: Truth, scale: float) -> Truth:

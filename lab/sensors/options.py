@@ -8,7 +8,15 @@ import tyro
 from lab.core.errors import LabError, option_name
 from lab.core.orientation import AngleConvention
 
-__all__ = ["FitInputs", "PoseOptions", "SensorOptions", "SocketOptions", "VirtualSetup"]
+__all__ = [
+    "ArtefactOptions",
+    "FitInputs",
+    "PoseOptions",
+    "ProbeOptions",
+    "SensorOptions",
+    "SocketOptions",
+    "VirtualSetup",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +40,23 @@ class SocketOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorOptions(SocketOptions, PoseOptions):
+class ArtefactOptions:
+    """Options of an artefact."""
+
+    artefact_u_mm: float | None = None
+    """Standard uncertainty of the longest known length of a cube, a sphere plate or a ball bar; exact without."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProbeOptions(ArtefactOptions):
+    """Options of an artefact whose surfaces are touched."""
+
+    tip_radius_mm: float | None = None
+    """Known radius of the ball that touches the faces of a cube or the surfaces of spheres; a point without."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorOptions(ProbeOptions, SocketOptions, PoseOptions):
     """The options of all sensors."""
 
 
@@ -45,9 +69,11 @@ class VirtualSetup:
     orientation_share: float = 1.0
     """Share of the poses whose orientation is measured, by chance; of the others the position alone."""
     fixtures: int = 4
-    """How many anchors of a cable, locations of two sockets each, or planes."""
+    """How many anchors of a cable, locations of two sockets each, planes, indicators, or places of an artefact."""
     contact_share: float = 0.5
     """Share of the poses in which two tips of the robot touch each other; in the others points are measured."""
+    artefact_mm: float = 200.0
+    """Size of a simulated artefact: a cube's edges, the sides of a square of spheres, a ball bar's length."""
 
 
 @dataclass(frozen=True)

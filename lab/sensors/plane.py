@@ -11,12 +11,12 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array, exp, left_jacobian, transform
 from lab.formats.measurement_csv import ObservedColumns
 from lab.sensors.contact import FixtureSimulation
-from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
+from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, labels_by_location
 from lab.sensors.options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
 
-__all__ = ["PlaneSensor", "Planes"]
+__all__ = ["PlaneSensor", "Planes", "plane_through"]
 
 
 @dataclass(frozen=True)
@@ -27,37 +27,37 @@ class Planes(Fixtures):
     """
 
     group: ClassVar[str] = "plane"
-    axes: ClassVar[tuple[str, str, str]] = ("rx", "ry", "z")
+    axes: ClassVar[tuple[str, ...]] = ("rx", "ry", "z")
     least_rows: ClassVar[int] = 4
     contact: ClassVar[bool] = True
 
-    def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
+    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> Prediction:
         """Return distances ``(n, 1)`` from the planes: a rotation w of a normal changes them by w'(n x p)."""
         rotation = fixtures * np.array([1.0, 1.0, 0.0])
         normal = exp(rotation)[..., 2]
         observed = (normal * points).sum(axis=1, keepdims=True) - fixtures[:, 2:]
         by_rotation = np.cross(normal, points)[:, None] @ left_jacobian(rotation)[..., :2]
-        return observed, normal[:, None], np.concatenate([by_rotation, -np.ones((len(points), 1, 1))], axis=2)
+        by_plane = np.concatenate([by_rotation, -np.ones((len(points), 1, 1))], axis=2)
+        return Prediction(observed, normal[:, None], by_plane, np.empty((len(points), 1, 0)))
 
-    def located(self, points: Array, observed: Array) -> Array:
+    def located(self, points: Array, observed: Array, rows: Array = NONE) -> Array:
         """Return the plane ``(3,)`` of least squares: the normal is the direction of least spread."""
         centre = points.mean(axis=0)
         normal = np.linalg.svd(points - centre)[2][-1]
-        return _plane(normal if normal[2] >= 0 else -normal, centre)
+        return plane_through(_upper(normal), centre)
 
     def at_base(self, placed: Array, T_base_instrument: Array, scale: float) -> Array:
         """Return planes ``(m, 3)`` from normals and distances ``(m, 4)`` in the instrument's frame."""
         normals = placed[:, :3] @ T_base_instrument[:3, :3].T
         points = transform(T_base_instrument, scale * placed[:, :3] * placed[:, 3:])
-        upper = normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
-        return np.array([_plane(normal, point) for normal, point in zip(upper, points, strict=True)])
+        return np.array([plane_through(_upper(n), point) for n, point in zip(normals, points, strict=True)])
 
     def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
         """Return planes ``(m, 3)`` through the points, with random normals in the upper half."""
         normals = rng.normal(size=(len(points), 3))
         normals[:, 2] = np.abs(normals[:, 2])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return np.array([_plane(normal, point) for normal, point in zip(normals, points, strict=True)])
+        return np.array([plane_through(normal, point) for normal, point in zip(normals, points, strict=True)])
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,7 @@ class PlaneSensor(FixtureSensor):
         Raises:
             LabError: some rows name their plane, and another does not.
         """
-        column = "location" if "location" in data.other else "session"
-        labels = data.other.get("location", data.sessions)
-        if any(labels):
-            refuse_blank(data, column, labels, Planes.group)
-        return labels, np.zeros((len(data), 1))
+        return labels_by_location(data, Planes.group), np.zeros((len(data), 1))
 
     def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
         """Touch one plane after the other, in as many poses as are given, which are new ones."""
@@ -114,9 +110,13 @@ class PlaneSensor(FixtureSensor):
         return SimulatedReadings(data, arm.bad, placed)
 
 
-def _plane(normal: Array, point: Array) -> Array:
+def plane_through(normal: Array, point: Array) -> Array:
     """Return ``(rx, ry, z)`` of the plane through a point: e_z rotates into the normal ``(3,)`` about e_z x n."""
     level = float(np.hypot(normal[0], normal[1]))
     angle = float(np.arctan2(level, normal[2]))
     ratio = angle / level if level > 1e-12 else 1.0
     return np.array([-ratio * normal[1], ratio * normal[0], float(normal @ point)])
+
+
+def _upper(normal: Array) -> Array:
+    return -normal if normal[2] < 0 else normal

@@ -28,6 +28,10 @@ SENSORS: Mapping[str, str] = {  # in the order of --help
     "socket": "lab.sensors.socket:SocketSensor",
     "plane": "lab.sensors.plane:PlaneSensor",
     "self-contact": "lab.sensors.self_contact:SelfContactSensor",
+    "cube": "lab.sensors.cube:CubeSensor",
+    "sphere-plate": "lab.sensors.sphere_plate:SpherePlateSensor",
+    "ball-bar": "lab.sensors.ball_bar:BallBarSensor",
+    "dial": "lab.sensors.dial:DialSensor",
 }
 """The class of each sensor, as ``module:name``."""
 
@@ -85,17 +89,26 @@ def configured_sensor(name: str, options: SensorOptions, fit: FitInputs) -> "Vir
     """
     chosen = sensor_named(name)
     sensor = chosen.configured(options, fit)
+    own = _names_of(chosen.flags)
     for other in (sensor_named(each) for each in SENSORS):
-        if other is not chosen and (given := _flags_given(options, other.flags)):
+        if given := _flags_given(options, other.flags, own):
             raise LabError(f"{given[0]} is of {option_name('observe')} {other.name}; give that too, or leave it out")
     return sensor
 
 
-def _flags_given(options: object, flags: type[Any] | None) -> list[str]:
-    """Return the flags of one sensor that differ from their defaults, as typed; none without ``flags``."""
+def _names_of(flags: type[Any] | None) -> set[str]:
+    return {field.name for field in fields(flags)} if flags is not None else set()
+
+
+def _flags_given(options: object, flags: type[Any] | None, own: set[str]) -> list[str]:
+    """Return the flags of one sensor that differ from their defaults, as typed; none without ``flags``.
+
+    Args:
+        own: names of those that the chosen sensor takes too.
+    """
     given = []
     for field in fields(flags) if flags is not None else ():
-        if (value := getattr(options, field.name)) != field.default:
+        if field.name not in own and (value := getattr(options, field.name)) != field.default:
             name = "--" + field.name.replace("_", "-")
             given.append(name if field.default is None else f"{name} {value}")
     return given

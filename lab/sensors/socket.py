@@ -15,7 +15,7 @@ from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.sensors.contact import FixtureSimulation
-from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
+from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, refuse_blank
 from lab.sensors.options import FitInputs, SocketOptions, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
@@ -44,12 +44,12 @@ class Sockets(Fixtures):
     least_rows: ClassVar[int] = 2
     contact: ClassVar[bool] = True
 
-    def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
+    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> Prediction:
         """Return vectors ``(n, 3)`` from the centres."""
         one = np.broadcast_to(np.eye(3), (len(points), 3, 3))
-        return points - fixtures, one, -one
+        return Prediction(points - fixtures, one, -one, np.empty((len(points), 3, 0)))
 
-    def located(self, points: Array, observed: Array) -> Array:
+    def located(self, points: Array, observed: Array, rows: Array = NONE) -> Array:
         """Return the centre ``(3,)``: the mean of the points."""
         return np.asarray(points.mean(axis=0))
 
@@ -141,7 +141,9 @@ class SocketSensor(FixtureSensor):
         labels = [f"{location}.{socket}" for location, socket in zip(*(data.other[c] for c in _COLUMNS), strict=True)]
         return labels, np.zeros((len(data), 3))
 
-    def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
+    def fixtures(
+        self, kind: type[Fixtures], arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]
+    ) -> Fixtures:
         """Return the sockets, with the distance between the two of a location.
 
         Raises:

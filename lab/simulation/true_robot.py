@@ -221,7 +221,9 @@ class TrueOpenRobot(TrueRobot):
             LabError: they bend its links or joints, or are for other joints.
         """
         if effects.is_elastic and not isinstance(self, TrueSerialRobot):
-            raise LabError(f"robot {self.robot.chain.name} has {self.robot.chain.beside_serial}, and nothing bends it here")
+            raise LabError(
+                f"robot {self.robot.chain.name} has {self.robot.chain.beside_serial}, and nothing bends it here"
+            )
         return super().with_effects(effects)
 
 

@@ -118,7 +118,7 @@ def test_places_are_known_by_nothing_and_an_offset_by_its_size() -> None:
         assert names_of(model.parameters) == model.names
         assert columns_of(model, [kind.group]) == tuple(range(model.first, len(model.names)))
         assert [each.scale for each in added if each.group == kind.group] == [np.inf] * 6
-        assert [each.scale for each in added if each.group == "cable"] == [1e-2] * len(kind.offset)
+        assert [each.scale for each in added if each.group == "cable"] == [1e-2] * len(model.shared)
     plane = Planes(arm, arm.nominal(), (0,), ("",))
     assert names_of(plane.parameters[-3:]) == ("plane.rx", "plane.ry", "plane.z")
     assert [each.unit.si for each in plane.parameters[-3:]] == ["rad", "rad", "m"]

@@ -24,6 +24,10 @@ CASES = {  # of each kind, how many poses show all of an arm
     "socket": {"poses": 40, "socket_distance_mm": 80.0, "fixtures": 3},
     "socket of unknown distance": {"poses": 40, "fixtures": 3},
     "plane": {"poses": 60},
+    "cube": {"poses": 80, "fixtures": 3},
+    "sphere-plate": {"poses": 40, "fixtures": 2},
+    "ball-bar": {"poses": 60},
+    "dial": {"poses": 60},
 }
 
 
@@ -55,16 +59,20 @@ NOISY = {
     "cable": {"instrument": "draw-wire"},
     "socket": {"instrument": "ball-in-socket"},
     "plane": {"instrument": "touch-probe"},
+    "cube": {"instrument": "touch-probe"},
+    "sphere-plate": {"instrument": "ball-in-socket"},
+    "ball-bar": {"instrument": "ball-in-socket"},
+    "dial": {"instrument": "dial-indicator"},
 }
 
 
-SLOW_NOISY = ("pose", "socket", "plane")
+SLOW_NOISY = ("pose", "socket", "plane", "cube", "dial")
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SLOW_NOISY)) for n in NOISY])
 def test_with_noise_an_arm_is_found_within_it(name: str) -> None:
     found = campaign(name, **NOISY[name])
-    at_fixtures = name in ("cable", "socket", "plane")
+    at_fixtures = not name.startswith("pose")
     assert ("position error, the base placed anew, on 666 points" in found.summary()) == at_fixtures
     result = found.to_dict()
     assert result["adequate"] and result["rank"] == result["identifiable"]
@@ -129,7 +137,7 @@ def test_contacts_touch_within_limits_and_sockets_are_apart() -> None:
 
 def test_a_file_of_each_kind_reads_back(tmp_path) -> None:
     """What a virtual day writes is what ``lab identify`` reads: the same numbers, and the same fit."""
-    for name in ("pose, mixed", "pose as angles", "cable", "socket"):
+    for name in ("pose, mixed", "pose as angles", "cable", "sphere-plate", "ball-bar", "socket"):
         options = {"observe": name.replace(",", "").split()[0], "seed": SEED, **CASES[name]}
         options.pop("method", None)  # of the fit
         day = lab.simulate("irb120", **options)
@@ -137,8 +145,9 @@ def test_a_file_of_each_kind_reads_back(tmp_path) -> None:
         read = lab.read_measurements(tmp_path / "day.csv", "irb120", observe=options["observe"])
         np.testing.assert_array_equal(read.joints, day.measurements.joints)
         assert {key: read.other[key] for key in day.measurements.other} == day.measurements.other
-        if name == "cable":
-            np.testing.assert_array_equal(read.conditions["cable_mm"], day.measurements.conditions["cable_mm"])
+        for column, numbers in day.measurements.conditions.items():
+            np.testing.assert_array_equal(read.conditions[column], numbers)
+        assert ("cable_mm" in read.conditions) == (name == "cable")
     kind = SocketSensor()
     assert kind.rows(read).all()
 
@@ -165,7 +174,10 @@ def test_a_plane_is_the_same_seen_from_another_frame() -> None:
 REFUSED = {
     "another kind's instrument": ({"observe": "cable", "instrument": "leica-at960"}, "leica-at960 measures points, po"),
     "no orientations": ({"observe": "pose", "instrument": "faro-vantage"}, "faro-vantage measures points, not pose"),
-    "fixtures of points": ({"fixtures": 2}, "--fixtures is of --observe cable, socket, plane"),
+    "fixtures of points": (
+        {"fixtures": 2},
+        "--fixtures is of --observe cable, socket, plane, cube, sphere-plate, ball-bar, dial",
+    ),
     "occlusion of a cable": ({"observe": "cable", "occlusion": True}, "--occlusion is of --observe points, pose"),
     "no share": ({"observe": "pose", "orientation_share": 0.0}, "--orientation-share 0: give a share above 0"),
     "no fixtures": ({"observe": "cable", "fixtures": 0}, "--fixtures 0"),
@@ -185,7 +197,7 @@ def test_what_makes_no_sense_is_refused(options: dict, what: str) -> None:
 def test_each_kind_at_fixtures_is_measured_by_one_point() -> None:
     day = lab.simulate("irb120", poses=2, seed=SEED)
     rng, joints = np.random.default_rng(0), day.measurements.joints
-    for name in ("cable", "plane", "socket"):
+    for name in ("cable", "plane", "socket", "cube", "sphere-plate", "ball-bar", "dial"):
         with pytest.raises(LabError, match="leave out --targets p2"):
             poses = VirtualMeasurement(day.true_robot, joints, ("p2",), INSTRUMENTS["exact"], rng)
             sensor_named(name)().simulate(poses, VirtualSetup())

@@ -45,6 +45,10 @@ _UNCERTIFIED = {
     "cable": f"lengths of a cable do not {_NOWHERE}",
     "socket": f"contacts with sockets do not {_NOWHERE}",
     "plane": f"contacts with planes do not {_NOWHERE}",
+    "cube": f"contacts with a cube do not {_NOWHERE}",
+    "sphere-plate": f"contacts with a plate of spheres do not {_NOWHERE}",
+    "ball-bar": f"poses of a ball bar do not {_NOWHERE}",
+    "dial": f"readings of indicators do not {_NOWHERE}",
 }  # why a run that observed this has no certificate, and what to do
 
 

@@ -1,0 +1,315 @@
+"""Measure on artefacts of known dimensions: an artefact is placed near the arm, and its features are touched.
+
+A cube has faces, a plate has spheres, a bar has one end in a socket. What is known of a feature in the artefact's own
+frame is a row of numbers; the pose of the artefact is fitted. As its dimensions are known, contacts determine the size
+of the arm too, where the touched features are a known distance apart.
+
+All dimensions of an artefact are larger than stated by one factor: the temperature and the calibration of an artefact
+are errors of that kind. Where its standard uncertainty is given, the factor is a parameter with a prior of that size;
+no contact tells it from the size of the arm, so that the uncertainty goes into the arm's lengths as it is.
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.weights import Noise
+from lab.core.errors import LabError, option_name
+from lab.core.limits import positive
+from lab.core.measurements import FIXTURE, Measurements
+from lab.core.random import rng_for
+from lab.core.se3 import Array, exp, left_jacobian, log, skew, transform
+from lab.core.units import MM
+from lab.kinematics.model import Model
+from lab.kinematics.parameter import Parameter, placed_parameters
+from lab.sensors.contact import FixtureSimulation
+from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, labels_by_location
+from lab.sensors.options import ArtefactOptions, FitInputs
+
+__all__ = ["FEATURE", "Artefact", "ArtefactSensor", "placed_truth", "true_scale"]
+
+FEATURE = f"{FIXTURE}'s feature"  # condition: number of the touched feature, in ``Artefact.features``
+_EXACT_M = 1e-9  # residuals below this are those of the arithmetic
+_STARTS = np.array([exp(np.array(v)) for v in ((0, 0, 0), (np.pi, 0, 0), (0, np.pi, 0), (0, 0, np.pi))])
+_THIRDS = np.array([exp(k * 2 * np.pi / 3 / np.sqrt(3) * np.ones(3)) for k in range(3)])
+_QUARTERS = np.array([np.eye(3), exp(np.array([0.0, 0.0, np.pi / 2]))])
+_ROTATIONS = np.einsum("aij,bjk,ckl->abcil", _STARTS, _THIRDS, _QUARTERS).reshape(-1, 3, 3)  # the 24 of a cube
+_PLACING_STEPS = 15
+_DAMPING = 1e-4  # of the mean square slope
+_LONGEST_TURN = 0.7  # rad
+_NEAR_M = 0.05  # spread of random artefacts about points of the arm
+_PLACINGS, _TRIES = 50, 6  # of a random artefact, and of each of its features there
+
+
+@dataclass(frozen=True)
+class Artefact(Fixtures):
+    """An arm at artefacts of known dimensions: the gap between the target and the touched feature is zero.
+
+    Attributes:
+        features: what is known of each feature in the artefact's frame, by its number: m, and components of normals.
+        touched: pairs of an artefact's number and a feature's, as touched.
+        prior_m: weight of the knowledge that the dimensions are as stated: the noise times the artefact's size over the
+            standard uncertainty of that size. 0 where the dimensions are exact.
+    """
+
+    features: tuple[tuple[float, ...], ...] = ()
+    touched: tuple[tuple[int, int], ...] = ()
+    prior_m: float = 0.0
+    axes: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
+    row_conditions: ClassVar[tuple[str, ...]] = (FEATURE, FIXTURE)
+    contact: ClassVar[bool] = True
+
+    @property
+    def shared(self) -> tuple[Parameter, ...]:
+        """The factor of all dimensions less one, where it is uncertain."""
+        return placed_parameters(self.group, "artefact", ("scale",), scaled=True) if self.prior_m else ()
+
+    @property
+    def placed(self) -> tuple[str, ...]:
+        """The artefacts and the target; the factor of the dimensions has a nominal value."""
+        return (self.group, "tool")
+
+    @property
+    @abstractmethod
+    def size_m(self) -> float:
+        """The longest known dimension (m), of which the standard uncertainty is given."""
+
+    @abstractmethod
+    def gap(self, near: Array, known: Array, scale: float) -> tuple[Array, Array, Array]:
+        """Return the gap between points and features in the artefact's frame.
+
+        Args:
+            near: ``(n, 3)`` m, points in the artefact's frame.
+            known: ``(n, k)`` of the feature of each.
+            scale: factor of all dimensions.
+
+        Returns:
+            Gaps ``(n, d)`` m, and their derivatives ``(n, d, 3)`` by the point and ``(n, d)`` by the factor.
+        """
+
+    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> Prediction:
+        """Return gaps ``(n, d)``: a rotation w of the artefact moves a point in its frame by R'(p - t) x w."""
+        turns = fixtures.shape[1] > 3
+        rotation = fixtures[:, 3:] if turns else np.zeros_like(fixtures)
+        R, away = exp(rotation), points - fixtures[:, :3]
+        inverse = np.swapaxes(R, -1, -2)
+        known = np.array(self.features)[rows[:, 0].astype(np.int_)]
+        observed, by_near, by_scale = self.gap((inverse @ away[..., None])[..., 0], known, 1.0 + shared.sum())
+        by_point = by_near @ inverse
+        by_fixture = -by_point
+        if turns:
+            by_fixture = np.concatenate([by_fixture, by_point @ skew(away) @ left_jacobian(rotation)], axis=2)
+        return Prediction(observed, by_point, by_fixture, by_scale[..., None][..., : len(shared)])
+
+    def located(self, points: Array, observed: Array, rows: Array = NONE) -> Array:
+        """Return the pose ``(6,)`` of least squares, by damped Gauss-Newton steps from the 24 rotations of a cube."""
+        count, n = len(_ROTATIONS), len(points)
+        centre = self.centres(np.array(self.features)[rows[:, 0].astype(np.int_)]).mean(axis=0)
+        poses = np.concatenate([points.mean(axis=0) - _ROTATIONS @ centre, log(_ROTATIONS)], axis=1)
+        many, these = np.tile(points, (count, 1)), np.tile(rows, (count, 1))
+        for _ in range(_PLACING_STEPS):
+            found = self.predict(many, np.repeat(poses, n, axis=0), these)
+            slopes = found.by_fixture.reshape(count, -1, poses.shape[1])
+            normal = np.swapaxes(slopes, 1, 2) @ slopes
+            damping = _DAMPING * np.trace(normal, axis1=1, axis2=2)[:, None, None] / poses.shape[1]
+            pull = np.swapaxes(slopes, 1, 2) @ found.observed.reshape(count, -1, 1)
+            step = -np.linalg.solve(normal + damping * np.eye(poses.shape[1]), pull)[..., 0]
+            step[:, 3:] = np.clip(step[:, 3:], -_LONGEST_TURN, _LONGEST_TURN)
+            poses = poses + step
+        gaps = self.predict(many, np.repeat(poses, n, axis=0), these).observed.reshape(count, -1)
+        best = poses[int(np.argmin((gaps**2).sum(axis=1)))]
+        return np.concatenate([best[:3], log(exp(best[3:]))])
+
+    @abstractmethod
+    def centres(self, known: Array) -> Array:
+        """Return where features are in the artefact's frame, ``(n, 3)`` m, from what is known of them ``(n, k)``."""
+
+    def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
+        """Draw poses ``(k, 6)`` of artefacts near the points ``(k, 3)``."""
+        near = points + rng.normal(0, _NEAR_M, points.shape)
+        return np.concatenate([near, rng.uniform(-1.5, 1.5, points.shape)], axis=1)
+
+    def at_base(self, placed: Array, T_base_instrument: Array, scale: float) -> Array:
+        """Return poses ``(k, 6)`` in the base's frame from those in the instrument's."""
+        rotations = T_base_instrument[:3, :3] @ exp(placed[:, 3:])
+        return np.concatenate([transform(T_base_instrument, scale * placed[:, :3]), log(rotations)], axis=1)
+
+    def within(self, data: Measurements) -> Self:
+        """Return the model with the artefacts and features of these rows."""
+        seen = data.take(np.flatnonzero(data.seen.any(axis=1)))
+        return replace(super().within(data), touched=_pairs(seen))
+
+    def rank_point(self, values: Array) -> Array:
+        """Return the nominal arm's, with artefacts of which it reaches every touched feature.
+
+        Raises:
+            LabError: no such place was found.
+        """
+        return np.concatenate([self.arm.rank_point(self.nominal_arm), np.zeros(len(self.shared)), self._reached])
+
+    @cached_property
+    def _reached(self) -> Array:
+        """Parameters ``(k m,)`` of artefacts that are drawn until the nominal arm reaches all of each."""
+        arm, rng = self.arm.rank_point(self.nominal_arm), rng_for(1, "structure")
+        placed, missing = np.zeros((len(self.numbers), len(self.axes))), list(range(len(self.numbers)))
+        for _ in range(_PLACINGS):
+            points = self.arm.points(self.arm.structure_joints(len(missing), rng), arm)[:, 0]
+            placed[missing] = self.random_fixtures(points, rng)
+            wanted = {pair for pair in self.touched if self.numbers.index(pair[0]) in missing}
+            rows = np.tile([(feature, number) for number, feature in sorted(wanted)], (_TRIES, 1)).astype(float)
+            inputs = np.column_stack([self.arm.structure_joints(len(rows), rng), rows])
+            found = self.inputs_in_contact(inputs, np.concatenate([arm, np.zeros(len(self.shared)), placed.ravel()]))
+            never = wanted - {(int(number), int(feature)) for feature, number in found[:, -2:]}
+            if not (missing := sorted({self.numbers.index(number) for number, _ in never})):
+                return placed.ravel()
+        raise LabError(
+            f"the nominal arm reaches no place where it can touch all of {self.group} {self.labels[missing[0]]}"
+        )
+
+    def structure_rows(self, count: int) -> Array:
+        """Return row conditions ``(count, 2)`` for decisions on rank: each touched feature in turn."""
+        return np.resize(np.array([(feature, number) for number, feature in self.touched], float), (count, 2))
+
+    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
+        """Return that the factor of the dimensions is one, as surely as they are known."""
+        residuals, rows = np.zeros(len(self.shared)), np.zeros((len(self.shared), len(self.names)))
+        for row, column in enumerate(range(len(self.arm.names), self.first)):
+            residuals[row], rows[row, column] = -self.prior_m * values[column], self.prior_m
+        return residuals, rows
+
+
+def _pairs(data: Measurements) -> tuple[tuple[int, int], ...]:
+    columns = [data.conditions[name].astype(np.int_).tolist() for name in (FIXTURE, FEATURE)]
+    return tuple(sorted(set(zip(*columns, strict=True))))
+
+
+@dataclass(frozen=True)
+class ArtefactSensor(FixtureSensor):
+    """Contacts with the features of an artefact.
+
+    Attributes:
+        u_m: standard uncertainty (m) of the artefact's longest dimension; None where its dimensions are exact.
+        tip_m: known radius (m) of the ball that touches; 0 for a point.
+        noise_m: assumed noise of a contact (m); None where it is estimated.
+    """
+
+    flags: ClassVar[type[ArtefactOptions]] = ArtefactOptions
+    setup: ClassVar[tuple[str, ...]] = ("fixtures", "artefact_mm")
+    finds_poses: ClassVar[bool] = True
+
+    u_m: float | None = None
+    tip_m: float = 0.0
+    noise_m: float | None = None
+
+    @classmethod
+    def configured(cls, options: ArtefactOptions, fit: FitInputs) -> Self:
+        """Return the sensor with the uncertainty of its artefact, and the radius of the ball that touches.
+
+        Raises:
+            LabError: an instrument or a validation file is given, or a length is not above zero.
+        """
+        fit.refuse_those_of_points(cls.name)
+        given = {"artefact_u_mm": options.artefact_u_mm, "tip_radius_mm": getattr(options, "tip_radius_mm", None)}
+        lengths: dict[str, float | None] = {"artefact_u_mm": None, "tip_radius_mm": None}
+        for name in (name for name in given if hasattr(cls.flags, name)):
+            if (value := given[name]) is not None:
+                positive(option_name(name), value)
+                lengths[name] = MM.to_si(value)
+        u_m, tip_m = lengths.values()
+        noise_m = None if u_m is None or fit.noise_mm is None else MM.to_si(fit.noise_mm)
+        return cls(u_m, tip_m or 0.0, noise_m)
+
+    @abstractmethod
+    def known(self, data: Measurements) -> tuple[Sequence[str], Array]:
+        """Read what each row touched.
+
+        Returns:
+            Name ``(n,)`` of the feature, "" where the row has none; and what is known of it ``(n, k)``, in SI units.
+
+        Raises:
+            LabError: a column is missing, or a cell has an impossible value.
+        """
+
+    @abstractmethod
+    def undetermined(self, known: Array) -> str:
+        """Return what the pose of an artefact lacks that was touched on these features ``(f, k)``; "" if nothing."""
+
+    def rows(self, data: Measurements) -> NDArray[np.bool_]:
+        """Return the rows ``(n,)`` that name a feature."""
+        return np.array([bool(name) for name in self.known(data)[0]], dtype=np.bool_)
+
+    def fixture_rows(self, data: Measurements) -> FixtureRows:
+        """Return the artefacts by location or session, and gaps of zero where a row names a feature.
+
+        Raises:
+            LabError: a column is missing, a row does not name its artefact, or a dimension contradicts another one.
+        """
+        there = self.rows(data)
+        labels = labels_by_location(data, self.model.group, there)
+        return labels, np.where(there[:, None], np.zeros((len(data), self.numbers_a_row(data))), np.nan)
+
+    def numbers_a_row(self, data: Measurements) -> int:
+        """Return how many numbers a contact is: here one, a distance."""
+        return 1
+
+    def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
+        """Return the artefacts that have enough rows, and these rows; a warning for each of the others.
+
+        Raises:
+            LabError: as for every fixture; a feature has two dimensions; or the touched features do not place one.
+        """
+        names, known = self.known(data)
+        labels = labels_by_location(data, self.model.group, self.rows(data))
+        stated: dict[tuple[str, str], tuple[float, ...]] = {}
+        for row, (label, name) in enumerate(zip(labels, names, strict=True)):
+            own = tuple(known[row].tolist())
+            if name and data.use[row] != "skip" and stated.setdefault((label, name), own) != own:
+                raise LabError(
+                    f"{data.where(row)}: {self.model.group} {label} has other dimensions at {name} than in a row "
+                    "before; mend it, or name another location"
+                )
+        features = tuple(dict.fromkeys(stated.values()))
+        number = np.array([features.index(f) if (f := tuple(row)) in features else 0 for row in known.tolist()], float)
+        data = replace(data, conditions={**data.conditions, FEATURE: number})
+        model, seen = super().observation(arm, data, nominal)
+        assert isinstance(model, Artefact)
+        model = replace(model, features=features, touched=_pairs(seen))
+        for fixture, label in zip(model.numbers, model.labels, strict=True):
+            own = np.array([features[feature] for at, feature in model.touched if at == fixture])
+            if lacks := self.undetermined(own):
+                raise LabError(f"{self.model.group} {label or 'of the file'}: {lacks}")
+        if self.u_m is not None:
+            model = replace(model, prior_m=(self.noise_m or _EXACT_M) * model.size_m / self.u_m)
+        return model, seen
+
+    def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
+        """Return the model with the artefact's uncertainty weighed against the residuals, where no noise was given."""
+        assert isinstance(model, Artefact)
+        if self.u_m is None or self.noise_m is not None:
+            return model
+        certain = replace(model, prior_m=0.0)
+        exact = identify(certain, data, nominal, Noise(), request.of(certain.names))
+        if not (sigma_m := exact.residual_sigma_m) > _EXACT_M:
+            raise LabError(
+                f"{option_name('artefact_u_mm')} is weighed against the noise of contacts, and these have none to "
+                f"estimate it by: give {option_name('noise_mm')}, or measure more"
+            )
+        return replace(model, prior_m=sigma_m * model.size_m / self.u_m)
+
+
+def true_scale(arm: FixtureSimulation, u_m: float | None, size_m: float) -> float:
+    """Draw the true factor of the dimensions of a simulated artefact, less one."""
+    return 0.0 if u_m is None else float(arm.rng.standard_normal()) * u_m / size_m
+
+
+def placed_truth(group: str, labels: Sequence[str], poses: Array, scale: float) -> Mapping[str, Array]:
+    """Return the true poses of simulated artefacts and the factor of their dimensions, by owner."""
+    vectors = np.concatenate([poses[:, :3, 3], log(poses[:, :3, :3])], axis=1)
+    owners = [f"{group}.{label}" for label in labels]
+    return {**dict(zip(owners, vectors, strict=True)), group: np.array([scale])}
