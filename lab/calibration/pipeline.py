@@ -146,7 +146,7 @@ def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> 
         targets,
         data,
         kind,
-        Noise(device, options.noise_m, error_terms=options.fit.error_terms),
+        kind.noise(Noise(device, options.noise_m, error_terms=options.fit.error_terms)),
         options.fit,
         options.seed,
     )

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from lab.calibration.identify import IdentifyOptions, Solve
 from lab.calibration.observation import Observation
+from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.core.units import MM, Unit
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.noise.instruments import Instrument
@@ -31,6 +33,7 @@ class SensorTerms:
         error: what is left of one after the fit: ``error of the cable's length``.
         placed: what has no nominal value and is fitted even before the links are: ``tool and anchors``.
         names_targets: whether the names of the targets are informative.
+        unit: of the noise of an observed number.
     """
 
     measured: str
@@ -38,6 +41,7 @@ class SensorTerms:
     error: str
     placed: str
     names_targets: bool
+    unit: Unit = MM
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,10 @@ class Sensor(ABC):
             The model as it is, where all observed numbers are lengths.
         """
         return model
+
+    def noise(self, given: Noise) -> Noise:
+        """Return the noise by which the readings are weighted: here, the one that is given."""
+        return given
 
     def weighted_by(self, instrument: Instrument, data: Measurements) -> Self:
         """Return the sensor with the weights that an instrument's noise gives: itself where all are lengths."""

@@ -34,6 +34,7 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.noise.instruments import Instrument, PoseInstrument
 from lab.sensors.options import FitInputs, PoseOptions, VirtualSetup
+from lab.sensors.tip import tip_rates, tip_rotations
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.effects import Effects
 from lab.simulation.tracking import VirtualMeasurement, target_rotations, track_with_errors, visible_targets
@@ -134,7 +135,7 @@ class Poses:
     def _points(self, inputs: Array, values: Array) -> Array:
         arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points = self.arm.points(arm_inputs, values[:-3])
-        flange = _flange_rotation(self.arm, arm_inputs, values[:-3], points)
+        flange = tip_rotations(self.arm, arm_inputs, values[:-3], points)
         rotation = se3.log(np.swapaxes(measured, 1, 2) @ flange @ se3.exp(values[-3:]))
         return np.concatenate([points, rotation[:, None]], 1)
 
@@ -151,7 +152,7 @@ class Poses:
         """
         arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points, jacobian = self.arm.observe(arm_inputs, values[:-3])
-        flange, rates = _flange_rates(self.arm, arm_inputs, values[:-3], jacobian)
+        flange, rates = tip_rates(self.arm, arm_inputs, values[:-3], jacobian)
         inverse = np.swapaxes(measured, 1, 2)
         rotation = se3.log(inverse @ flange @ se3.exp(values[-3:]))  # (n, 3)
         rates = np.concatenate([rates, flange @ se3.left_jacobian(values[-3:])], axis=2)  # (n, 3, p)
@@ -177,7 +178,7 @@ class Poses:
         arm = initial_guess(self.arm, positions, values[:n])
         rows = np.isfinite(observed.points[:, -1]).all(axis=1)
         inputs = positions.inputs[rows]
-        flange = _flange_rotation(self.arm, inputs, arm, self.arm.points(inputs, arm))
+        flange = tip_rotations(self.arm, inputs, arm, self.arm.points(inputs, arm))
         measured = se3.rotation_from_quaternion(observed.inputs[rows, -4:])
         mean = se3.nearest_rotation((np.swapaxes(flange, 1, 2) @ measured).sum(axis=0))
         return np.concatenate([arm, se3.log(mean)])
@@ -193,55 +194,6 @@ class Poses:
 
     def cv_groups(self, data: Measurements) -> None:
         """Return None: repeats of a configuration are held out together."""
-
-
-def _flange_rotation(arm: Model, inputs: Array, values: Array, points: Array) -> Array:
-    """Return the last frame's rotations ``(n, 3, 3)`` in the instrument's frame.
-
-    A target's position t in the last frame enters its measured position as o + R t: it moves by the frame's axes where
-    t is moved by one.
-
-    Args:
-        arm: the arm, measured by points.
-        inputs: ``(n, joints + conditions)``.
-        values: ``(p,)``.
-        points: ``(n, k, 3)`` of the arm at ``values``.
-    """
-    moved = [arm.points(inputs, there)[:, 0] - points[:, 0] for there in _moved_tools(arm, values)]
-    stretched = np.stack(moved, axis=2)
-    return np.asarray(stretched / np.sqrt((stretched**2).sum(axis=1, keepdims=True)))
-
-
-def _moved_tools(arm: Model, values: Array) -> list[Array]:
-    """Return the parameters with the first target moved by one along each axis of the last frame."""
-    tool = list(indices_of_groups(arm.parameters, ["tool"]))[:3]
-    return [values + np.eye(len(values))[column] for column in tool]
-
-
-def _flange_rates(arm: Model, inputs: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
-    """Return the last frame's rotations ``(n, 3, 3)`` and their rates ``(n, 3, p)``, in the instrument's frame.
-
-    A target's position t in the last frame enters its measured position as o + R t: the derivatives by t are the
-    frame's axes r, and where t is moved by one axis's unit, every other derivative changes by dr. A rotation w makes
-    dr = w x r, so w = (1/2) sum r x dr over the three axes.
-
-    Args:
-        arm: the arm, measured by points.
-        inputs: ``(n, joints + conditions)``.
-        values: ``(p,)``.
-        jacobian: ``(n, k, 3, p)`` of the arm at ``values``.
-    """
-    tool = list(indices_of_groups(arm.parameters, ["tool"]))[:3]
-    stretched = jacobian[:, 0][..., tool]
-    size = np.sqrt((stretched**2).sum(axis=1, keepdims=True))  # 1, but in a frame that grows
-    rotation = stretched / size
-    rates = np.zeros((len(inputs), 3, len(values)), dtype=jacobian.dtype)
-    for axis, moved in enumerate(_moved_tools(arm, values)):
-        change = arm.observe(inputs, moved)[1][:, 0] - jacobian[:, 0]
-        r = 0.5 * rotation[..., axis] / size[..., axis]
-        for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
-            rates[:, i] += r[:, j, None] * change[:, k] - r[:, k, None] * change[:, j]
-    return rotation, rates
 
 
 def balanced(observation: Poses, data: Measurements, nominal: Array, request: IdentifyOptions | None = None) -> Poses:

@@ -1,6 +1,7 @@
 """Options of sensors, of their simulation, and the options of a fit that a sensor checks beside its own."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
@@ -8,7 +9,7 @@ import tyro
 from lab.core.errors import LabError, option_name
 from lab.core.orientation import AngleConvention
 
-__all__ = ["FitInputs", "PoseOptions", "SensorOptions", "SocketOptions", "VirtualSetup"]
+__all__ = ["CameraOptions", "FitInputs", "PoseOptions", "SensorOptions", "SocketOptions", "VirtualSetup"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,18 @@ class SocketOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorOptions(SocketOptions, PoseOptions):
+class CameraOptions:
+    """Options of corners of boards in pictures."""
+
+    cameras: Path | None = None
+    """Cameras and boards (intrinsic parameters, corners, what they are fixed to): TOML. By default a camera in the
+    hand, and a board of 9 by 6 corners."""
+    noise_px: float | None = None
+    """The noise of a corner that the identifier assumes (1σ per axis); by default it is estimated."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorOptions(CameraOptions, SocketOptions, PoseOptions):
     """The options of all sensors."""
 
 

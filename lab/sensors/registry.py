@@ -27,6 +27,7 @@ SENSORS: Mapping[str, str] = {  # in the order of --help
     "cable": "lab.sensors.cable:CableSensor",
     "socket": "lab.sensors.socket:SocketSensor",
     "plane": "lab.sensors.plane:PlaneSensor",
+    "pixels": "lab.sensors.pixels:PixelSensor",
 }
 """The class of each sensor, as ``module:name``."""
 

@@ -117,7 +117,7 @@ class _Campaigns:
         data = found.measurements
         kind = sensor.weighted_by(self._device, data)
         fitter = Fitter(
-            self._robot, options.targets, data, kind, Noise(self._device), options.fitting.of_fit, options.seed
+            self._robot, options.targets, data, kind, kind.noise(Noise(self._device)), options.fitting.of_fit, options.seed
         )
         return run_steps(Fitted(fitter, fitter.observed().with_points()), FITTING), found.placed
 

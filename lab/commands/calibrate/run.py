@@ -148,7 +148,8 @@ def measurement_session(
     requested = requested_conditions(robot, options)
     conditions = draw_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), requested) | set_there
     noise = rng_for(options.seed, "noise")
-    poses = VirtualMeasurement(real, joints, options.targets, device, noise, options.readings, conditions)
+    planned = options.plan is not None
+    poses = VirtualMeasurement(real, joints, options.targets, device, noise, options.readings, conditions, planned)
     found = sensor.simulate(poses, options)
     named = frozenset(np.array(found.measurements.ids)[found.bad].tolist())
     session = MeasurementSession(
@@ -330,7 +331,7 @@ def _of_a_virtual_robot(
         noise = Noise(None, MM.to_si(options.noise_mm), error_terms=fit.error_terms)
     else:
         kind = kind.weighted_by(device, data)
-    fitter = Fitter(robot, options.targets, data, kind, noise, fit, options.seed)
+    fitter = Fitter(robot, options.targets, data, kind, kind.noise(noise), fit, options.seed)
     state = Fitted(
         fitter, fitter.observed().with_points(), judging=_judging(options), checks=tuple(map(note, robot.warnings))
     )
