@@ -408,12 +408,25 @@ class FixtureSensor(VirtualSensor, ABC):
         assert isinstance(arm, SerialArm)
         T_base_instrument = se3.inverse(arm.T_tracker_frame0(values))
         values[:6] = 0.0
-        owners = [f"{model.group}.{label}" for label in model.labels]
-        there = model.at_base(np.stack([placed[owner] for owner in owners]), T_base_instrument, scale)
-        known = dict(zip(model.names[model.first :], there.ravel().tolist(), strict=True))
-        for each in model.offset:
-            known[each.name] = float(placed[each.owner][0])
+        known = _placed_at(model, placed, T_base_instrument, scale)
         return replace(truth, values=values, effects={**truth.effects, **known})
+
+    def placed_truth(
+        self, model: Model, truth: Truth, real: TrueRobot, placed: Mapping[str, Array], T_frame_instrument: Array
+    ) -> dict[str, float]:
+        """Return the fixtures in the frame of the parameters."""
+        assert isinstance(model, Fixtures)
+        return _placed_at(model, placed, T_frame_instrument, 1.0)
+
+
+def _placed_at(
+    model: Fixtures, placed: Mapping[str, Array], T_frame_instrument: Array, scale: float
+) -> dict[str, float]:
+    """Return the parameters of placed fixtures by their names, in a frame of lengths that may be scaled."""
+    owners = [f"{model.group}.{label}" for label in model.labels]
+    there = model.at_base(np.stack([placed[owner] for owner in owners]), T_frame_instrument, scale)
+    known = dict(zip(model.names[model.first :], there.ravel().tolist(), strict=True))
+    return known | {each.name: float(placed[each.owner][0]) for each in model.offset}
 
 
 def refuse_blank(

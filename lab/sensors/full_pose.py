@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification, IdentifyOptions, Solve, identify
+from lab.calibration.identify import Identification, IdentifyOptions, Solve, component_variances, identify
 from lab.calibration.initial_guess import initial_guess
 from lab.calibration.observation import ROTATION_PARAMETERS, no_extra_residuals, placed_in_instrument_frame
 from lab.calibration.sensor import SensorTerms
@@ -22,7 +22,7 @@ from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
-from lab.core.measurements import Measurements, seen_mask
+from lab.core.measurements import Measurements
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
@@ -211,8 +211,9 @@ def balanced(observation: Poses, data: Measurements, nominal: Array, request: Id
         The observation as it is where residuals or a noise are zero.
     """
     request = replace(request or IdentifyOptions(), solve=None)
+    groups = [0] * observation.positions + [1]
     for _ in range(_ROUNDS):
-        sums = np.array(_variances(observation, identify(observation, data, nominal, Noise(), request), data))
+        sums = component_variances(observation, identify(observation, data, nominal, Noise(), request), data, groups)
         if not np.isfinite(sums).all() or (np.sqrt(sums) < _EXACT).any():
             return observation
         change = float(np.sqrt(sums[1] / sums[0]))
@@ -220,20 +221,6 @@ def balanced(observation: Poses, data: Measurements, nominal: Array, request: Id
         if abs(change - 1) < _SETTLED:
             break
     return observation
-
-
-def _variances(observation: Poses, found: Identification, data: Measurements) -> tuple[float, float]:
-    """Return variances (m^2) of positions and rotations: sums of squares over their degrees of freedom."""
-    _, jacobian = observation.observe(data.inputs(observation.conditions), found.values)
-    rows = jacobian[..., list(found.fit.free)] / observation.units[:, None, None]
-    leverage = ((rows @ found.fit.unit_covariance()) * rows).sum(axis=-1)  # (n, k, 3)
-    measured = seen_mask(data.points)
-    result = []
-    for part in (slice(None, observation.positions), slice(observation.positions, None)):
-        squares = (found.residuals[:, part] / observation.units[part, None])[measured[:, part]] ** 2
-        dof = float((1 - leverage[:, part][measured[:, part]]).sum())
-        result.append(float(squares.sum()) / dof if dof > 0.5 else float("nan"))
-    return result[0], result[1]
 
 
 @dataclass(frozen=True)
@@ -352,12 +339,17 @@ class PoseSensor(VirtualSensor):
         self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]
     ) -> Truth | None:
         """Return the truth with the rotation of the measured frame in the arm's last one; None for a mechanism."""
-        model = found.model
-        assert isinstance(model, Poses)
         if not isinstance(truth.arm, SerialArm):
             return None
+        rotation = self.placed_truth(found.model, truth, real, placed, np.eye(4))
+        return replace(truth, effects={**truth.effects, **rotation})
+
+    def placed_truth(
+        self, model: Model, truth: Truth, real: TrueRobot, placed: Mapping[str, Array], T_frame_instrument: Array
+    ) -> dict[str, float]:
+        """Return the rotation of the measured frame in the arm's last one."""
+        assert isinstance(model, Poses) and isinstance(truth.arm, SerialArm)
         rest = np.zeros((1, real.robot.chain.size))
         measured = target_rotations(real.with_effects(Effects.none(real.robot.chain.size)), rest, model.oriented)[0]
         last = truth.arm.flange(rest, truth.values)[0, :3, :3]
-        rotation = dict(zip(("tool.rx", "tool.ry", "tool.rz"), se3.log(last.T @ measured).tolist(), strict=True))
-        return replace(truth, effects={**truth.effects, **rotation})
+        return dict(zip(("tool.rx", "tool.ry", "tool.rz"), se3.log(last.T @ measured).tolist(), strict=True))

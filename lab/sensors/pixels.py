@@ -29,7 +29,7 @@ from lab.simulation.effects import Effects
 from lab.simulation.tracking import VirtualMeasurement, target_rotations
 from lab.simulation.true_robot import TrueRobot
 
-__all__ = ["PixelSensor", "placed_truth"]
+__all__ = ["PixelSensor"]
 
 _TEXTS = ("camera", "board", "corner")
 _NUMBERS = ("u_px", "v_px", "sigma_px")
@@ -196,41 +196,32 @@ class PixelSensor(VirtualSensor):
         if not isinstance(truth.arm, SerialArm) or any(part.more for part in model.boards):
             return None
         T_base_world = se3.inverse(truth.arm.T_tracker_frame0(truth.values))
+        known = self.placed_truth(model, truth, real, placed, T_base_world)
         values = truth.values.copy()
         values[:6] = 0.0
-        return replace(
-            truth, values=values, effects={**truth.effects, **placed_truth(model, placed, truth, real, T_base_world)}
-        )
+        return replace(truth, values=values, effects={**truth.effects, **known})
 
-
-def placed_truth(
-    model: Pixels, placed: Mapping[str, Array], truth: Truth, real: TrueRobot, T_base_world: Array
-) -> dict[str, float]:
-    """Return the true parameters of cameras and boards by their names.
-
-    Args:
-        placed: of ``simulated_corners``.
-        truth: of the arm, measured by points.
-        T_base_world: ``(4, 4)`` of the frame in which the cameras and boards of the world are wanted.
-    """
-    known = dict[str, float]()
-    arm, rest = truth.arm, np.zeros((1, real.robot.chain.size))
-    assert isinstance(arm, SerialArm)
-    still = real.with_effects(Effects.none(real.robot.chain.size))
-    last = arm.flange(rest, truth.values)[0]
-    for kind, parts in (("camera", model.cameras), ("board", model.boards)):
-        for part in parts:
-            own = placed[f"{kind}.{part.what.name}"].copy()
-            T_reference = T_base_world
-            if part.mount is not None:
-                target = model.arm.targets[part.mount]
-                turn = target_rotations(still, rest, target)[0]
-                T_reference = se3.inverse(last) @ se3.pose(turn, still.points(rest, (target,))[0, 0])
-            T = T_reference @ se3.pose(se3.exp(own[3:6]), own[:3])
-            own[:6] = [*T[:3, 3], *se3.log(T[:3, :3])]
-            names = model.names[part.first : part.first + 6 + part.more]
-            known |= dict(zip(names, own[: len(names)].tolist(), strict=True))
-    return known
+    def placed_truth(
+        self, model: Model, truth: Truth, real: TrueRobot, placed: Mapping[str, Array], T_frame_instrument: Array
+    ) -> dict[str, float]:
+        """Return cameras and boards: of the world in the frame of the parameters, of a tip in the arm's last frame."""
+        assert isinstance(model, Pixels) and isinstance(truth.arm, SerialArm)
+        known, rest = dict[str, float](), np.zeros((1, real.robot.chain.size))
+        still = real.with_effects(Effects.none(real.robot.chain.size))
+        last = truth.arm.flange(rest, truth.values)[0]
+        for kind, parts in (("camera", model.cameras), ("board", model.boards)):
+            for part in parts:
+                own = placed[f"{kind}.{part.what.name}"].copy()
+                T_reference = T_frame_instrument
+                if part.mount is not None:
+                    target = model.arm.targets[part.mount]
+                    turn = target_rotations(still, rest, target)[0]
+                    T_reference = se3.inverse(last) @ se3.pose(turn, still.points(rest, (target,))[0, 0])
+                T = T_reference @ se3.pose(se3.exp(own[3:6]), own[:3])
+                own[:6] = [*T[:3, 3], *se3.log(T[:3, :3])]
+                names = model.names[part.first : part.first + 6 + part.more]
+                known |= dict(zip(names, own[: len(names)].tolist(), strict=True))
+        return known
 
 
 def _named(data: Measurements, column: str, names: list[str]) -> NDArray[np.int_]:

@@ -164,8 +164,9 @@ def _lead(result: CalibrationResult) -> doc.Paragraph:
 
 def _judged_error(result: CalibrationResult) -> str:
     """Name the validation's errors; a virtual arm placed by fixtures is validated by positions."""
-    judged_by_points = result.validation.judged_by == "fresh" and not result.kind.in_instrument_frame
-    return "position error, the base placed anew," if judged_by_points else result.kind.terms.error
+    if result.validation.judged_by == "fresh" and not result.kind.in_instrument_frame:
+        return f"position error, the {' and '.join(result.identification.unplaced)} placed anew,"
+    return result.kind.terms.error
 
 
 def _validated_on(result: CalibrationResult) -> str:

@@ -361,7 +361,10 @@ def _against_truth(
 
 
 def _judged_by_fresh(session: MeasurementSession, state: Fitted) -> Fitted:
-    """Validate on exact points at poses that were not measured; the base of an arm at fixtures is fitted first."""
+    """Validate on exact points at poses that were not measured.
+
+    The base of an arm at fixtures is fitted first, with the tool where no reading shows it.
+    """
     fresh, found, fitter = session.validation, state.identification, state.fitter
     checks = _impossible("validation poses", fresh)
     if fitter.kind.in_instrument_frame:
@@ -372,7 +375,7 @@ def _judged_by_fresh(session: MeasurementSession, state: Fitted) -> Fitted:
         groups = [group for group in state.groups if group not in CAMPAIGN_SPECIFIC]
         arm = session.robot.arm_with(fresh.targets, groups)
         model = arm if state.process is None else state.process.added_to(arm)
-        validation = replace(validate_file(found, model, fresh, ("base",)), judged_by="fresh", checks=())
+        validation = replace(validate_file(found, model, fresh, found.unplaced), judged_by="fresh", checks=())
     return replace(state, validation=validation).with_checks(checks)
 
 

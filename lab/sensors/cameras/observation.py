@@ -4,7 +4,6 @@ Each row is one corner as one camera sees it at one pose of the arm. Cameras and
 is the frame of the instrument beside measured points and that of the base without, or in the frame of a tip of the arm.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -154,8 +153,10 @@ class Pixels:
     def column_priority(self) -> tuple[int, ...]:
         """Return what is fixed in the world, then the arm's order with the tip's cameras and boards, then the base."""
         base = indices_of_groups(self.arm.parameters, ["base"])
-        order = [i for i in self.with_tip([*self.arm.column_priority()]) if i not in base]
-        return (*self.in_world, *order, *base)
+        order = self.arm.column_priority()
+        after = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
+        order = (*order[:after], *self.carried, *order[after:])
+        return (*self.in_world, *(i for i in order if i not in base), *base)
 
     @property
     def in_world(self) -> tuple[int, ...]:
@@ -164,12 +165,11 @@ class Pixels:
         poses = [i for part in parts if part.mount is None for i in range(part.pose.start, part.pose.stop)]
         return (*poses, *(i for part in parts for i in range(part.rest.start, part.rest.stop)))
 
-    def with_tip(self, order: Sequence[int]) -> list[int]:
-        """Return an order of the arm's parameters with what a tip carries after its target."""
+    @property
+    def carried(self) -> tuple[int, ...]:
+        """Indices of the poses of what the arm's tips carry."""
         parts = (*self.cameras, *self.boards)
-        carried = [i for part in parts if part.mount is not None for i in range(part.pose.start, part.pose.stop)]
-        after = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
-        return [*order[:after], *carried, *order[after:]]
+        return tuple(i for part in parts if part.mount is not None for i in range(part.pose.start, part.pose.stop))
 
     def rank_point(self, values: Array) -> Array:
         """Return the arm's ``(p,)``; cameras and boards as they are in ``values``."""
