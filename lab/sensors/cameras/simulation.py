@@ -13,7 +13,7 @@ from lab.core.units import MM
 from lab.kinematics.effects.effect import BUMPED, ShapesNoise, TrackerMotion
 from lab.kinematics.serial.arm import SerialArm
 from lab.sensors.cameras.geometry import projected
-from lab.sensors.cameras.rig import PX, WORLD, Board, Camera, Rig, Simulated
+from lab.sensors.cameras.rig import PX, Board, Camera, Rig, Simulated
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.collisions import collides, kinematics_at, random_poses
 from lab.simulation.model import SerialModel, site_pose
@@ -313,7 +313,7 @@ def _seeing_poses(placed: Scene, arm: _NominalArm, count: int, rng: np.random.Ge
         (i, j)
         for i, camera in enumerate(rig.cameras)
         for j, board in enumerate(rig.boards)
-        if (camera.fixed_to, board.fixed_to) != (WORLD, WORLD)
+        if rig.mount(camera, arm.targets) != rig.mount(board, arm.targets)
     ]
     found = [list[Array]() for _ in pairs]
     wanted = [len(range(i, count, len(pairs))) for i in range(len(pairs))]
