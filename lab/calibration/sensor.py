@@ -4,6 +4,7 @@
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -130,6 +131,15 @@ class Sensor(ABC):
     def noise(self, given: Noise) -> Noise:
         """Return the noise by which the readings are weighted: here, the one that is given."""
         return given
+
+    def noises(self, model: Model, sigma_m: float) -> Mapping[Unit, float]:
+        """Return the noise of one observed number (1 sigma) by its unit, in the units' SI units.
+
+        Args:
+            model: as fitted.
+            sigma_m: its noise where the unit of a number is one.
+        """
+        return {self.terms.unit: sigma_m}
 
     def weighted_by(self, instrument: Instrument, data: Measurements) -> Self:
         """Return the sensor with the weights that an instrument's noise gives: itself where all are lengths."""

@@ -22,7 +22,7 @@ from lab.core import se3
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.se3 import Array
-from lab.core.units import MM
+from lab.core.units import MM, Unit
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
@@ -367,6 +367,14 @@ class CombinedSensor(VirtualSensor):
     def noise(self, given: Noise) -> Noise:
         """Return the noise of the first sensor's unit where all are given; else none, so that it is estimated."""
         return replace(given, instrument=None, sigma_m=self.sigma_m if self.ratios is not None else None)
+
+    def noises(self, model: Model, sigma_m: float) -> Mapping[Unit, float]:
+        """Return the noise of each unit: of several sensors with the same one, that of the first."""
+        assert isinstance(model, Combined)
+        found = dict[Unit, float]()
+        for part, ratio in zip(self.parts, model.ratios, strict=True):
+            found.setdefault(part.terms.unit, ratio * sigma_m)
+        return found
 
     def weighted_by(self, instrument: Instrument, data: Measurements) -> Self:
         """Return the sensors with an instrument's noise for the first, where the others' noises are given."""
