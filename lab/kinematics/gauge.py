@@ -29,6 +29,7 @@ __all__ = [
     "independent_columns",
     "named",
     "preferred_columns",
+    "scale_link",
     "structure_jacobian",
 ]
 
@@ -193,6 +194,19 @@ def preferred_columns(chain: Chain, parameters: Sequence[Parameter]) -> tuple[in
     links = [at[f"link{i + 1}.{column}"] for i in range(chain.size) for column in rule(chain, i)]
     order = [*indices_of_groups(parameters, ["base"]), *links, *indices_of_groups(parameters, ["tool"])]
     return (*order, *(i for i in range(len(parameters)) if i not in order))
+
+
+def scale_link(model: Model, lengths: Array) -> int:
+    """Return the index of the longest identifiable length of an arm's links: what sets its size where nothing shows it.
+
+    Args:
+        model: the arm, measured by points.
+        lengths: ``(p,)`` its nominal parameters.
+    """
+    order = [i for i in model.column_priority() if model.parameters[i].group != "base"]
+    after_tool = 1 + max(order.index(i) for i in indices_of_groups(model.parameters, ["tool"]))
+    near = [(i, model.parameters[i]) for i in order[:after_tool]]
+    return max((i for i, each in near if each.is_link and each.kind == "length"), key=lambda i: abs(lengths[i]))
 
 
 def _preferred_distal(chain: Chain, i: int) -> list[str]:

@@ -29,7 +29,7 @@ from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.noise.instruments import Instrument
-from lab.sensors.cameras.observation import Pixels
+from lab.sensors.cameras.observation import Pixels, with_tip
 from lab.sensors.fixtures import Fixtures
 from lab.sensors.full_pose import Poses
 from lab.sensors.options import FitInputs, SensorOptions, VirtualSetup
@@ -227,21 +227,20 @@ class Combined:
 
         Beside positions in the instrument's frame the base is identified first, as it is with these alone.
         """
-        order, base = list(self.arm.column_priority()), indices_of_groups(self.arm.parameters, ["base"])
+        base, size, sized = indices_of_groups(self.arm.parameters, ["base"]), len(self.arm.names), True
         before, carried = list[int](), list[int]()
-        size = len(self.arm.names)
         for share in self.shares:
             own = share.observation.model
             shift = share.own.start - size
             if isinstance(own, Pixels):
                 before += [i + shift for i in own.in_world]
                 carried += [i + shift for i in own.carried]
+                sized = own.sized
             elif isinstance(own, Poses):
                 carried += range(share.own.start, share.own.stop)
             else:
                 before += range(share.own.start, share.own.stop)
-        after = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
-        order[after:after] = carried
+        order = with_tip(self.arm, carried, sized=sized)
         if self.in_frame:
             return (*before, *order)
         return (*before, *(i for i in order if i not in base), *base)

@@ -25,6 +25,7 @@ from lab.core.measurements import FIXTURE, Measurements
 from lab.core.newton import newton
 from lab.core.random import rng_for
 from lab.core.se3 import Array, transform
+from lab.kinematics.gauge import scale_link
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.kinematics.serial.arm import SerialArm
@@ -112,11 +113,7 @@ class Fixtures(ABC):
     @property
     def scale_link(self) -> int:
         """Index of the link length that sets the scale of contacts, if no distance is given."""
-        order = [i for i in self.arm.column_priority() if self.arm.parameters[i].group != "base"]
-        after_tool = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
-        near = [self.arm.parameters[i] for i in order[:after_tool]]
-        links = [i for i, each in zip(order, near, strict=False) if each.is_link and each.kind == "length"]
-        return max(links, key=lambda i: abs(self.nominal_arm[i]))
+        return scale_link(self.arm, self.nominal_arm)
 
     @property
     def first(self) -> int:

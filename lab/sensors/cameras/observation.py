@@ -4,6 +4,7 @@ Each row is one corner as one camera sees it at one pose of the arm. Cameras and
 is the frame of the instrument beside measured points and that of the base without, or in the frame of a tip of the arm.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -15,6 +16,7 @@ from lab.core import se3
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.se3 import Array
 from lab.core.units import Unit
+from lab.kinematics.gauge import scale_link
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.sensors.cameras.closed_forms import board_poses, hand_eye, mean_pose, robot_world
@@ -22,7 +24,7 @@ from lab.sensors.cameras.geometry import INTRINSICS, projected, sight_lines
 from lab.sensors.cameras.rig import PX, Board, Camera, Rig
 from lab.sensors.tip import tip_frames, tip_origins, tip_rotations
 
-__all__ = ["GROUPS", "Pixels"]
+__all__ = ["GROUPS", "Pixels", "with_tip"]
 
 GROUPS = ("camera", "board", "intrinsics")
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -153,10 +155,13 @@ class Pixels:
     def column_priority(self) -> tuple[int, ...]:
         """Return what is fixed in the world, then the arm's order with the tip's cameras and boards, then the base."""
         base = indices_of_groups(self.arm.parameters, ["base"])
-        order = self.arm.column_priority()
-        after = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
-        order = (*order[:after], *self.carried, *order[after:])
+        order = with_tip(self.arm, self.carried, sized=self.sized)
         return (*self.in_world, *(i for i in order if i not in base), *base)
+
+    @property
+    def sized(self) -> bool:
+        """Check whether the size of every board is known: else it may be that nothing shows the arm's."""
+        return not any(part.more for part in self.boards)
 
     @property
     def in_world(self) -> tuple[int, ...]:
@@ -217,6 +222,23 @@ class Pixels:
     def initial_guess(self, observed: Observations, values: Array) -> Array:
         """Place cameras and boards in closed form, with the arm at ``values``."""
         return _Start(self, observed, values).found()
+
+
+def with_tip(arm: Model, carried: Sequence[int], *, sized: bool) -> tuple[int, ...]:
+    """Return an arm's order of preference with what its tips carry after the target.
+
+    Args:
+        carried: indices of parameters that tips carry.
+        sized: whether the arm's size is shown; else its longest link comes after these, so that it stays nominal.
+    """
+    order = list(arm.column_priority())
+    after = 1 + max(order.index(i) for i in indices_of_groups(arm.parameters, ["tool"]))
+    order[after:after] = carried
+    if not sized:
+        longest = scale_link(arm, np.array([each.nominal for each in arm.parameters]))
+        order.remove(longest)
+        order.insert(after + len(carried) - 1, longest)
+    return tuple(order)
 
 
 def _further(part: Camera | Board) -> tuple[Parameter, ...]:
