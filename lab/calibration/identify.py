@@ -19,7 +19,7 @@ from lab.calibration.estimator import EstimationProblem, Estimator, estimated
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit, settled
 from lab.calibration.identifiability import poses_needed, scaled_condition
 from lab.calibration.initial_guess import columns_of
-from lab.calibration.observation import FixtureObservation, Observation, observation_of
+from lab.calibration.observation import Observation, UnsizedObservation, observation_of
 from lab.calibration.prior import (
     ActingPrior,
     Prior,
@@ -199,11 +199,11 @@ class Identification:
 
     @property
     def lacks_size(self) -> bool:
-        """True if contacts determine the arm's shape, but not its size: one length stays nominal."""
+        """True if the readings determine the arm's shape, but not its size: one length stays nominal."""
         model = self.model
         return (
-            isinstance(model, FixtureObservation)
-            and model.contact
+            isinstance(model, UnsizedObservation)
+            and model.unsized
             and model.scale_link not in self.base_set.identifiable
         )
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, component_variances, identify
-from lab.calibration.observation import Observation, observation_of
+from lab.calibration.observation import Observation, UnsizedObservation, observation_of
 from lab.calibration.sensor import SensorTerms
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -24,6 +24,7 @@ from lab.core.measurements import FIXTURE, Measurements
 from lab.core.se3 import Array
 from lab.core.units import MM, Unit
 from lab.formats.measurement_csv import ObservedColumns
+from lab.kinematics.gauge import scale_link
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
 from lab.kinematics.serial.arm import SerialArm
@@ -227,7 +228,7 @@ class Combined:
 
         Beside positions in the instrument's frame the base is identified first, as it is with these alone.
         """
-        base, size, sized = indices_of_groups(self.arm.parameters, ["base"]), len(self.arm.names), True
+        base, size = indices_of_groups(self.arm.parameters, ["base"]), len(self.arm.names)
         before, carried = list[int](), list[int]()
         for share in self.shares:
             own = share.observation.model
@@ -235,15 +236,25 @@ class Combined:
             if isinstance(own, Pixels):
                 before += [i + shift for i in own.in_world]
                 carried += [i + shift for i in own.carried]
-                sized = own.sized
             elif isinstance(own, Poses):
                 carried += range(share.own.start, share.own.stop)
             else:
                 before += range(share.own.start, share.own.stop)
-        order = with_tip(self.arm, carried, sized=sized)
+        order = with_tip(self.arm, carried, unsized=self.unsized)
         if self.in_frame:
             return (*before, *order)
         return (*before, *(i for i in order if i not in base), *base)
+
+    @property
+    def unsized(self) -> bool:
+        """Check whether no sensor shows the arm's size."""
+        parts = [share.observation for share in self.shares]
+        return all(isinstance(part, UnsizedObservation) and part.unsized for part in parts)
+
+    @property
+    def scale_link(self) -> int:
+        """Index of the link that stays nominal where nothing shows the arm's size."""
+        return scale_link(self.arm, np.array([each.nominal for each in self.arm.parameters]))
 
     def rank_point(self, values: Array) -> Array:
         """Return ``values`` for decisions on rank; of an arm in contact its own choice of poses and fixtures."""

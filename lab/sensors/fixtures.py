@@ -111,6 +111,11 @@ class Fixtures(ABC):
         return transform(T_base_instrument, scale * placed)
 
     @property
+    def unsized(self) -> bool:
+        """Check whether the arm touches the fixtures: contacts determine its shape and not its size."""
+        return self.contact
+
+    @property
     def scale_link(self) -> int:
         """Index of the link length that sets the scale of contacts, if no distance is given."""
         return scale_link(self.arm, self.nominal_arm)

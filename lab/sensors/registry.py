@@ -19,7 +19,7 @@ from lab.sensors.options import FitInputs, SensorOptions
 if TYPE_CHECKING:
     from lab.sensors.virtual_sensor import VirtualSensor
 
-__all__ = ["SENSORS", "SensorName", "configured_sensor", "sensor_named", "sensors_with"]
+__all__ = ["JOINED", "SENSORS", "SensorName", "configured_sensor", "sensor_named", "sensors_with"]
 
 SENSORS: Mapping[str, str] = {  # in the order of --help
     "points": "lab.sensors.points:PointSensor",

@@ -202,3 +202,10 @@ def test_cameras_see_each_other_s_rows_alone(tmp_path: Path) -> None:
     found = identify(model, observed, nominal)
     T = se3.exp(found.values[model.cameras[0].pose][3:])
     assert found.status == "converged" and np.isfinite(T).all()
+
+
+def test_an_arm_without_size_is_not_called_determined(tmp_path: Path) -> None:
+    rig = Rig((Camera(),), (replace(SMALL, size="free"),))
+    result = lab.calibrate("irb120", observe="pixels", cameras=written(rig, tmp_path), poses=16, seed=1)
+    assert result.identification.lacks_size and result.to_dict()["verdict"] != "good"
+    assert any("do not determine the arm's size" in text for text in result.warnings)

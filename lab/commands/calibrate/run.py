@@ -88,7 +88,7 @@ class MeasurementSession(Value):
 
 _OF_THE_FIT = (  # options that a simulated session has no use for
     *(each.name for each in fields(Fitting) if each.name not in ("load", "accept_edited")),
-    "noise_mm", "noise_mrad", "method", "gate_mm", "region", "require", "date", "serial", "no_recording",
+    "noise_mm", "noise_mrad", "noise_px", "method", "gate_mm", "region", "require", "date", "serial", "no_recording",
 )  # fmt: skip
 
 

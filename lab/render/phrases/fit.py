@@ -182,9 +182,9 @@ PHRASES: Mapping[str, Phrase] = {
         "--tolerance-mm and --tolerance-mrad, or --prior auto"
     ),
     "nominal.far": _far_from_nominal,
-    "contact.size": (
-        "contacts do not determine the arm's size: {parameter} is fixed at nominal, and all lengths are relative to "
-        "it; give a measured distance of sockets (--socket-distance-mm) or measure a cable's length"
+    "size.nominal": (
+        "these readings do not determine the arm's size: {parameter} is fixed at nominal, and all lengths are relative "
+        "to it; give a measured distance of sockets (--socket-distance-mm), a board of known size, or a cable's length"
     ),
     "instrument.uneven": (
         "{source} states {best_m:µm 2} in one direction and {worst_m:µm 2} in another, so errors of the reflector's "

@@ -155,13 +155,18 @@ class Pixels:
     def column_priority(self) -> tuple[int, ...]:
         """Return what is fixed in the world, then the arm's order with the tip's cameras and boards, then the base."""
         base = indices_of_groups(self.arm.parameters, ["base"])
-        order = with_tip(self.arm, self.carried, sized=self.sized)
+        order = with_tip(self.arm, self.carried, unsized=self.unsized)
         return (*self.in_world, *(i for i in order if i not in base), *base)
 
     @property
-    def sized(self) -> bool:
-        """Check whether the size of every board is known: else it may be that nothing shows the arm's."""
-        return not any(part.more for part in self.boards)
+    def unsized(self) -> bool:
+        """Check whether no board has a known size, so that nothing shows the arm's."""
+        return all(part.more for part in self.boards)
+
+    @property
+    def scale_link(self) -> int:
+        """Index of the link that stays nominal where nothing shows the arm's size."""
+        return _longest(self.arm)
 
     @property
     def in_world(self) -> tuple[int, ...]:
@@ -224,21 +229,25 @@ class Pixels:
         return _Start(self, observed, values).found()
 
 
-def with_tip(arm: Model, carried: Sequence[int], *, sized: bool) -> tuple[int, ...]:
+def with_tip(arm: Model, carried: Sequence[int], *, unsized: bool) -> tuple[int, ...]:
     """Return an arm's order of preference with what its tips carry after the target.
 
     Args:
         carried: indices of parameters that tips carry.
-        sized: whether the arm's size is shown; else its longest link comes after these, so that it stays nominal.
+        unsized: whether nothing shows the arm's size: its longest link comes after these, so that it stays nominal.
     """
     order = list(arm.column_priority())
     after = 1 + max(order.index(i) for i in indices_of_groups(arm.parameters, ["tool"]))
     order[after:after] = carried
-    if not sized:
-        longest = scale_link(arm, np.array([each.nominal for each in arm.parameters]))
+    if unsized:
+        longest = _longest(arm)
         order.remove(longest)
         order.insert(after + len(carried) - 1, longest)
     return tuple(order)
+
+
+def _longest(arm: Model) -> int:
+    return scale_link(arm, np.array([each.nominal for each in arm.parameters]))
 
 
 def _further(part: Camera | Board) -> tuple[Parameter, ...]:
