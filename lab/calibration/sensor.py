@@ -6,6 +6,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar, Self
 
 import numpy as np
@@ -79,6 +80,14 @@ class Sensor(ABC):
     def rows(self, data: Measurements) -> NDArray[np.bool_]:
         """Return ``(n,)``: which rows of a file hold a reading of this sensor: here, a measured position."""
         return np.asarray(data.seen.any(axis=1))
+
+    def with_files(self, data: Measurements, folder: Path) -> Measurements:
+        """Return a file's measurements with the readings that it has in other files: here, none.
+
+        Args:
+            folder: of the file, from which paths in it lead.
+        """
+        return data
 
     def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
         """Return the file's measurements, with sessions detected in the readings where the file names none.

@@ -8,6 +8,7 @@ components, one for each sensor and kind of number (Foerstner 1979).
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -373,6 +374,12 @@ class CombinedSensor(VirtualSensor):
     def targets(self, data: Measurements) -> tuple[str, ...]:
         """Return the targets that some sensor needs."""
         return tuple(dict.fromkeys(target for part in self.parts for target in part.targets(data)))
+
+    def with_files(self, data: Measurements, folder: Path) -> Measurements:
+        """Return the measurements with what each sensor finds in other files."""
+        for part in self.parts:
+            data = part.with_files(data, folder)
+        return data
 
     def noise(self, given: Noise) -> Noise:
         """Return the noise of the first sensor's unit where all are given; else none, so that it is estimated."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -20,6 +21,7 @@ from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
+from lab.sensors.cameras.detection import detected, picture_of
 from lab.sensors.cameras.observation import Pixels
 from lab.sensors.cameras.rig import PX, Rig, read_rig, usual_rig
 from lab.sensors.cameras.simulation import simulated_corners
@@ -31,10 +33,10 @@ from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["PixelSensor"]
 
-_TEXTS = ("camera", "board", "corner")
+_TEXTS = ("camera", "board", "corner", "image")
 _NUMBERS = ("u_px", "v_px", "sigma_px")
-_LEAST_CORNERS = 4  # of a board in a picture
 _NEAR_ROWS = 400
+_MOST_NAMED = 5  # pictures in a warning
 _ROUNDS, _SETTLED = 4, 0.01  # of the noise by which priors of intrinsic parameters weigh
 
 
@@ -85,6 +87,41 @@ class PixelSensor(VirtualSensor):
     def targets(self, data: Measurements) -> tuple[str, ...]:
         """Return the targets of the tips that carry cameras and boards."""
         return self.rig.on_targets or ("p1",)
+
+    def with_files(self, data: Measurements, folder: Path) -> Measurements:
+        """Return the corners that OpenCV finds in the pictures of a column ``image``, a row each.
+
+        Raises:
+            LabError: a picture cannot be read, no board is found in any, or OpenCV is not installed.
+        """
+        if "image" not in data.other or "u_px" in data.conditions:
+            return data
+        pictures = data.other["image"]
+        wanted = [i for i, name in enumerate(pictures) if name and data.use[i] != "skip"]
+        rows, texts, places, lost = list[int](), list[tuple[str, str]](), list[Array](), list[int]()
+        for row in wanted:
+            picture, before = picture_of(folder / pictures[row]), len(rows)
+            for board in self.rig.boards:
+                numbers, found = detected(picture, board)
+                rows += [row] * len(numbers)
+                texts += [(board.name, str(number)) for number in numbers.tolist()]
+                places += list(found)
+            if len(rows) == before:
+                lost.append(row)
+        if not rows:
+            raise LabError(f"no board is found in any of {counted(len(wanted), 'picture')}: check the boards' kinds")
+        part, found = data.take(rows), np.array(places)
+        warnings = part.warnings
+        if lost:
+            named = ", ".join(pictures[row] for row in lost[:_MOST_NAMED])
+            warnings = (*warnings, f"no board is found in {len(lost)} of {len(wanted)} pictures ({named})")
+        return replace(
+            part,
+            ids=tuple(f"{name}:{board}:{corner}" for name, (board, corner) in zip(part.ids, texts, strict=True)),
+            other={**part.other, "board": tuple(b for b, _ in texts), "corner": tuple(c for _, c in texts)},
+            conditions={**part.conditions, "u_px": found[:, 0], "v_px": found[:, 1]},
+            warnings=warnings,
+        )
 
     def noise(self, given: Noise) -> Noise:
         """Return the noise of a corner: the given one, else none, so that it is estimated."""

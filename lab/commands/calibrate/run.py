@@ -216,7 +216,7 @@ def _read_rows(
     positions = sensor.in_instrument_frame
     if given is None:
         read = read_measurements(path, chain.joint_names, chain.prismatic, columns=sensor.columns)
-        read = replace(read, robot=robot.source)
+        read = options.kind().with_files(replace(read, robot=robot.source), path.parent)
     else:
         read = checked(path, given, robot, points=positions)
     robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
