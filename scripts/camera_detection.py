@@ -46,7 +46,7 @@ class Options:
 
     sets: int = 20
     """Sets, of each kind of board in turn."""
-    poses: int = 10
+    poses: int = 16
     """Pictures of a set."""
     noise_grey: float = 5.0
     """Noise of the grey levels, of 256 (1 sigma)."""
