@@ -60,6 +60,7 @@ class Sensor(ABC):
         in_instrument_frame: whether positions in the instrument's frame are observed: only then does a run give the
             pose of the base, and the noise of a measured point.
         read_by: name of the sensor whose instruments it takes; "" for its own name.
+        several_a_pose: whether consecutive rows with equal joint positions are readings of one pose.
     """
 
     name: ClassVar[str]
@@ -67,6 +68,7 @@ class Sensor(ABC):
     columns: ClassVar[ObservedColumns]
     in_instrument_frame: ClassVar[bool]
     read_by: ClassVar[str] = ""
+    several_a_pose: ClassVar[bool] = False
 
     @property
     def solve(self) -> Solve | None:

@@ -64,6 +64,7 @@ class PixelSensor(VirtualSensor):
     )
     flags: ClassVar[type[Any] | None] = CameraOptions
     in_instrument_frame: ClassVar[bool] = False
+    several_a_pose: ClassVar[bool] = True
 
     rig: Rig = field(default_factory=usual_rig)
     noise_px: float | None = None

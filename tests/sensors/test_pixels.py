@@ -209,3 +209,21 @@ def test_an_arm_without_size_is_not_called_determined(tmp_path: Path) -> None:
     result = lab.calibrate("irb120", observe="pixels", cameras=written(rig, tmp_path), poses=16, seed=1)
     assert result.identification.lacks_size and result.to_dict()["verdict"] != "good"
     assert any("do not determine the arm's size" in text for text in result.warnings)
+
+
+def test_readings_of_one_picture_that_err_together_are_noticed() -> None:
+    """A joint's scatter moves all corners of a picture: intervals are then those of whole poses."""
+    options = {"observe": "pixels", "poses": 45, "seed": 1, "prior": "off"}
+    scattered = lab.calibrate("irb120", effects=lab.Effects(repeatability_mrad=0.1), **options)
+    plain = lab.calibrate("irb120", **options)
+    said = [any("readings of one pose share" in text for text in each.warnings) for each in (scattered, plain)]
+    assert said == [True, False]
+    assert scattered.identification.dof_each is not None and scattered.to_dict()["cluster_robust"]
+    assert scattered.comparison is not None and plain.comparison is not None
+    assert scattered.comparison.coverage_95 > 0.75 and plain.comparison.coverage_95 > 0.75
+
+
+def test_joints_that_lag_behind_the_pictures_are_told() -> None:
+    found = lab.calibrate("irb120", observe="pixels", poses=40, seed=2, effects=lab.Effects(lag=0.02))
+    assert any("lag" in text for text in found.warnings)
+    assert not any("lag" in text for text in lab.calibrate("irb120", observe="pixels", poses=40, seed=2).warnings)

@@ -230,8 +230,7 @@ class CalibrationResult(Result):
     @property
     def poses(self) -> int:
         """Number of fitted poses: of a sensor that reads several things in a pose, rows of one pose count once."""
-        unit = self.kind.terms.unit
-        return len(self.fitted) if unit == MM and not self.kind.combines else len(np.unique(self.fitted.joints, axis=0))
+        return len(np.unique(self.fitted.joints, axis=0)) if self.kind.several_a_pose else len(self.fitted)
 
     def rigid(self, values: Array) -> tuple[RigidArm, Array]:
         """The rigid arm and its part of parameters ``(p,)``: effects and what else was observed are left out."""
