@@ -224,6 +224,6 @@ def test_readings_of_one_picture_that_err_together_are_noticed() -> None:
 
 
 def test_joints_that_lag_behind_the_pictures_are_told() -> None:
-    found = lab.calibrate("irb120", observe="pixels", poses=40, seed=2, effects=lab.Effects(lag=0.02))
+    found = lab.calibrate("irb120", observe="pixels", poses=40, seed=2, effects=lab.Effects(lag=0.002))
     assert any("lag" in text for text in found.warnings)
     assert not any("lag" in text for text in lab.calibrate("irb120", observe="pixels", poses=40, seed=2).warnings)
