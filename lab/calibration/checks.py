@@ -19,7 +19,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION, condition_of
 from lab.calibration.identify import Identification, spread
 from lab.calibration.noise.search import NOTABLE
-from lab.calibration.observation import FixtureObservation, observation_of
+from lab.calibration.observation import UnsizedObservation, observation_of
 from lab.calibration.other_numbers import PLACED, in_other_numbers, trimmed_error
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.residual.process import PredictedBy
@@ -294,11 +294,11 @@ def check_nominal(found: Identification, nominal: Array) -> list[Check]:
 
 
 def check_size(found: Identification) -> list[Check]:
-    """Note where contacts show the arm's shape, but not its size: one length stays nominal."""
+    """Note where readings show the arm's shape, but not its size: one length stays nominal."""
     model = found.model
-    if not (found.lacks_size and isinstance(model, FixtureObservation)):
+    if not (found.lacks_size and isinstance(model, UnsizedObservation)):
         return []
-    return [_noted("contact.size", parameter=model.names[model.scale_link])]
+    return [_noted("size.nominal", parameter=model.names[model.scale_link])]
 
 
 def check_joints(

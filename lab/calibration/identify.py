@@ -19,7 +19,7 @@ from lab.calibration.estimator import EstimationProblem, Estimator, estimated
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit, settled
 from lab.calibration.identifiability import poses_needed, scaled_condition
 from lab.calibration.initial_guess import columns_of
-from lab.calibration.observation import FixtureObservation, Observation, observation_of
+from lab.calibration.observation import Observation, UnsizedObservation, observation_of
 from lab.calibration.prior import (
     ActingPrior,
     Prior,
@@ -52,6 +52,7 @@ __all__ = [
     "Identification",
     "IdentifyOptions",
     "Solve",
+    "component_variances",
     "ellipsoids",
     "fit_base_and_tool",
     "identify",
@@ -191,12 +192,18 @@ class Identification:
         return tuple(i for i in self.base_set.identifiable if i not in self.fit.free)
 
     @property
+    def unplaced(self) -> tuple[str, ...]:
+        """Groups that points place anew where no instrument's frame was observed: the base, and an unseen tool."""
+        identified = any(self.model.parameters[i].group == "tool" for i in self.fit.free)
+        return ("base",) if identified else ("base", "tool")
+
+    @property
     def lacks_size(self) -> bool:
-        """True if contacts determine the arm's shape, but not its size: one length stays nominal."""
+        """True if the readings determine the arm's shape, but not its size: one length stays nominal."""
         model = self.model
         return (
-            isinstance(model, FixtureObservation)
-            and model.contact
+            isinstance(model, UnsizedObservation)
+            and model.unsized
             and model.scale_link not in self.base_set.identifiable
         )
 
@@ -275,7 +282,7 @@ def identify(
             acting, solution, dof, estimated = found.prior, found.fit, found.dof, found.sigma
             extra_residuals = joined(extra_residuals, acting.rows(found.weight))
             residuals = data.points - model.points(observed.inputs, solution.values)
-    given = root_mean_square_sigma(observed, observation.positions) if sigma_given else 1.0
+    given = root_mean_square_sigma(observed, observation.positions, observation.units) if sigma_given else 1.0
     identified = Identification(
         model,
         aligned,
@@ -294,6 +301,33 @@ def identify(
         prior=acting,
     )
     return replace(identified, checks=(*identified.checks, *_checks(identified)))
+
+
+def component_variances(
+    observation: Observation, found: Identification, data: Measurements, groups: Sequence[int]
+) -> Array:
+    """Return the variance ``(g,)`` (m^2) of each group of observed quantities (Foerstner 1979).
+
+    It is the sum of squares of a group's residuals over its own share of the degrees of freedom.
+
+    Args:
+        found: of ``observation``, with its units as weights, from ``data``.
+        groups: ``(k,)`` the group of each observed quantity, from 0.
+
+    Returns:
+        NaN where a group has no degrees of freedom.
+    """
+    _, jacobian = observation.model.observe(data.inputs(observation.model.conditions), found.values)
+    rows = jacobian[..., list(found.fit.free)] / observation.units[:, None, None]
+    leverage = ((rows @ found.fit.unit_covariance()) * rows).sum(axis=-1)  # (n, k, d)
+    measured, result = seen_mask(data.points), np.full(max(groups) + 1, np.nan)
+    for group in range(len(result)):
+        part = np.flatnonzero(np.array(groups) == group)
+        squares = (found.residuals[:, part] / observation.units[part, None])[measured[:, part]] ** 2
+        dof = float((1 - leverage[:, part][measured[:, part]]).sum())
+        if dof > 0.5:
+            result[group] = squares.sum() / dof
+    return result
 
 
 def _estimated(
@@ -330,7 +364,7 @@ def _estimated(
         tuple(model.names[i] for i in free),
         start[free],
         information[np.ix_(free, free)],
-        root_mean_square_sigma(scaled, observation.positions),
+        root_mean_square_sigma(scaled, observation.positions, observation.units),
         observed.inputs,
         observed.points,
         model,

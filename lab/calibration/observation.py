@@ -16,9 +16,9 @@ from lab.kinematics.parameter import placed_parameters
 
 __all__ = [
     "ROTATION_PARAMETERS",
-    "FixtureObservation",
     "Observation",
     "Points",
+    "UnsizedObservation",
     "no_extra_residuals",
     "observation_of",
     "only_positions",
@@ -77,12 +77,12 @@ class Observation(Protocol):
 
 
 @runtime_checkable
-class FixtureObservation(Observation, Protocol):
-    """Observation of an arm that touches fixtures or is tied to them."""
+class UnsizedObservation(Observation, Protocol):
+    """Observation that may not show an arm's size: contacts with fixtures, pictures of boards of unknown size."""
 
     @property
-    def contact(self) -> bool:
-        """Check whether the arm touches the fixtures, whose contacts determine its shape and not its size."""
+    def unsized(self) -> bool:
+        """Check whether the readings alone determine the arm's shape and not its size."""
 
     @property
     def scale_link(self) -> int:

@@ -14,7 +14,7 @@ import scipy  # its parts are loaded at their first use, which not every process
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.noise.search import NoiseSearch, counted, in_stretches, search_noise
-from lab.calibration.observation import observation_of, only_positions
+from lab.calibration.observation import Observation, observation_of, only_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, held_out_outliers
 from lab.calibration.weights import Noise, joined, weigh, weighted_constraints
@@ -57,12 +57,23 @@ def outliers_among_fitted(
         extra = joined(beside, start.prior.rows(sigma))
     search = partial(searched, extra_residuals=extra)
     found = search(rng=rng_for(seed, "null"), shape=shape)
-    if not len(found.rows) or not only_positions(observation):
+    if not len(found.rows):
+        return found
+    if not observation.positions:
+        return _sized(found, observation, rows)
+    if not only_positions(observation):
         return found
     tail = tail_dof(linearized(start.model, alone, found.fit.values, start.fit.free, extra))
     if np.isinf(tail):
         return found
     return search(rng=rng_for(seed, "null"), shape=NoiseDistribution("student", dof=tail))
+
+
+def _sized(found: Outliers, observation: Observation, rows: Measurements) -> Outliers:
+    """Return the outliers with the lengths of their errors, as the observation counts them, the largest first."""
+    sizes = np.nan_to_num(observation.errors(rows.take(found.rows), found.fit.values)).max(axis=1)
+    order = np.argsort(-sizes, kind="stable")
+    return replace(found, rows=found.rows[order], sizes_m=sizes[order], p_values=found.p_values[order])
 
 
 def _sigma_without(found: Outliers, observations: Observations) -> float:

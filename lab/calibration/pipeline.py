@@ -55,6 +55,7 @@ from lab.calibration.statistics.goodness_of_fit import (
     adequacy_of,
     lack_of_fit_not_tested,
     repeats,
+    with_intervals_between_poses,
     with_intervals_of_poses,
     with_own_intervals,
 )
@@ -146,7 +147,7 @@ def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> 
         targets,
         data,
         kind,
-        Noise(device, options.noise_m, error_terms=options.fit.error_terms),
+        kind.noise(Noise(device, options.noise_m, error_terms=options.fit.error_terms)),
         options.fit,
         options.seed,
     )
@@ -258,6 +259,8 @@ def _choose_intervals(state: Fitted) -> Fitted:
         trusted, checks = with_own_intervals(
             found, state.observations, fitter.noise, searched=searched, plausible=plausible
         )
+    elif not observation.positions:
+        trusted, checks = with_intervals_between_poses(trusted, state.observations)
     return replace(state, identification=trusted).with_checks(checks)
 
 
@@ -289,7 +292,7 @@ def _check_fit(state: Fitted) -> Fitted:
         checks += check_instrument(fitter.noise.instrument, state.rows.points)
         inputs = state.observations.inputs
         checks += check_setup(robot, fitter.kind, fitter.targets, state.groups, found, inputs, fitter.session)
-    moves = moves_before(fitter.data, state.rows.ids)
+    moves = moves_before(fitter.data, state.rows.ids, several_a_pose=fitter.kind.several_a_pose)
     omitted = partial(fitter.derivatives_by_others, found, state.groups)
     checks += check_joints(found, state.observations, state.rows, moves, robot.chain.encoders, omitted)
     return state.with_checks(checks + check_twist(robot.chain, found))

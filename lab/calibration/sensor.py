@@ -4,7 +4,9 @@
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar, Self
 
 import numpy as np
@@ -12,8 +14,10 @@ from numpy.typing import NDArray
 
 from lab.calibration.identify import IdentifyOptions, Solve
 from lab.calibration.observation import Observation
+from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.core.units import MM, Unit
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.noise.instruments import Instrument
@@ -31,6 +35,7 @@ class SensorTerms:
         error: what is left of one after the fit: ``error of the cable's length``.
         placed: what has no nominal value and is fitted even before the links are: ``tool and anchors``.
         names_targets: whether the names of the targets are informative.
+        unit: of the noise of an observed number.
     """
 
     measured: str
@@ -38,6 +43,7 @@ class SensorTerms:
     error: str
     placed: str
     names_targets: bool
+    unit: Unit = MM
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,7 @@ class Sensor(ABC):
         in_instrument_frame: whether positions in the instrument's frame are observed: only then does a run give the
             pose of the base, and the noise of a measured point.
         read_by: name of the sensor whose instruments it takes; "" for its own name.
+        several_a_pose: whether consecutive rows with equal joint positions are readings of one pose.
     """
 
     name: ClassVar[str]
@@ -61,6 +68,7 @@ class Sensor(ABC):
     columns: ClassVar[ObservedColumns]
     in_instrument_frame: ClassVar[bool]
     read_by: ClassVar[str] = ""
+    several_a_pose: ClassVar[bool] = False
 
     @property
     def solve(self) -> Solve | None:
@@ -74,6 +82,14 @@ class Sensor(ABC):
     def rows(self, data: Measurements) -> NDArray[np.bool_]:
         """Return ``(n,)``: which rows of a file hold a reading of this sensor: here, a measured position."""
         return np.asarray(data.seen.any(axis=1))
+
+    def with_files(self, data: Measurements, folder: Path) -> Measurements:
+        """Return a file's measurements with the readings that it has in other files: here, none.
+
+        Args:
+            folder: of the file, from which paths in it lead.
+        """
+        return data
 
     def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
         """Return the file's measurements, with sessions detected in the readings where the file names none.
@@ -122,6 +138,19 @@ class Sensor(ABC):
             The model as it is, where all observed numbers are lengths.
         """
         return model
+
+    def noise(self, given: Noise) -> Noise:
+        """Return the noise by which the readings are weighted: here, the one that is given."""
+        return given
+
+    def noises(self, model: Model, sigma_m: float) -> Mapping[Unit, float]:
+        """Return the noise of one observed number (1 sigma) by its unit, in the units' SI units.
+
+        Args:
+            model: as fitted.
+            sigma_m: its noise where the unit of a number is one.
+        """
+        return {self.terms.unit: sigma_m}
 
     def weighted_by(self, instrument: Instrument, data: Measurements) -> Self:
         """Return the sensor with the weights that an instrument's noise gives: itself where all are lengths."""

@@ -93,15 +93,19 @@ def _instrument_covariance(observation: Observation, device: Instrument, points:
     return np.concatenate([covariance, np.broadcast_to(extra_residuals, (len(points), *extra_residuals.shape))], axis=1)
 
 
-def root_mean_square_sigma(observed: Observations, positions: int) -> float:
-    """Return the sigma of an observed number, as it is weighted.
+def root_mean_square_sigma(observed: Observations, positions: int, units: Array | float = 1.0) -> float:
+    """Return the sigma of an observed number, as it is weighted, where its unit is one.
 
     Of the first ``positions`` things; of all where there are none.
+
+    Args:
+        units: ``(k,)`` of each thing.
     """
     things = positions or observed.points.shape[1]
-    whiten = observed.whiten[:, :things][seen_mask(observed.points[:, :things])]
-    if whiten.ndim == 1:
-        return float(np.sqrt(np.mean(1 / whiten**2)))
+    seen = seen_mask(observed.points[:, :things])
+    if observed.whiten.ndim == 2:
+        return float(np.sqrt(np.mean(1 / (observed.whiten * units)[:, :things][seen] ** 2)))
+    whiten = observed.whiten[:, :things][seen]
     return float(np.sqrt(np.mean(np.sum(np.linalg.inv(whiten) ** 2, axis=(1, 2))) / 3))
 
 

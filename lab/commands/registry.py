@@ -77,7 +77,10 @@ class Command:
 
 
 _GROUP = "lab.commands"  # of entry points
-_SENSOR = ("orientation", "noise_mrad", "method", "socket_distance_mm", "artefact_u_mm", "tip_radius_mm")
+_SENSOR = (
+    *("cameras", "noise_px", "orientation", "noise_mrad", "method", "socket_distance_mm"),
+    *("artefact_u_mm", "tip_radius_mm"),
+)
 _FIT = OptionGroup("model and fit", ("model", "robust", "prior", "fix"), ("fitting",))
 _VERDICT = OptionGroup("verdict", ("gate_mm", "require"), ("region", "date", "serial"))
 _VIRTUAL_GROUPS = (

@@ -19,8 +19,9 @@ from lab.core.se3 import Array
 
 __all__ = [
     "BRACKETS", "CAMPAIGNS", "CANDIDATES", "CANDIDATE_POINTS", "CELLS", "CLOCKS_S", "CLOCK_DRIFT_PPM", "COLUMNS",
-    "COORDINATE_SIZE", "COPIES", "CORRECTION_A_M", "CORRECTION_D_M", "CORRECTION_RAD", "COUNTS", "COUPLING_SIZE",
-    "DAYS", "DEPTH", "DESIGN_POINTS", "DIGITS", "DISTANCE_MM", "DRAWN_POINTS", "DRAWS", "EARTH_GRAVITY",
+    "COORDINATE_SIZE", "COPIES", "CORNERS", "CORRECTION_A_M", "CORRECTION_D_M", "CORRECTION_RAD", "COUNTS",
+    "COUPLING_SIZE", "DAYS", "DEPTH", "DESIGN_POINTS", "DIGITS", "DISTANCE_MM", "DRAWN_POINTS", "DRAWS",
+    "EARTH_GRAVITY",
     "ELEVATION_DEG", "FIXTURES", "FRAMES", "FRICTION_PERCENT", "GEAR", "HOLDOUT", "HUMIDITY_PERCENT", "JOINTS",
     "JOINT_SPAN", "LENGTH_M", "LIMITS", "LINE", "LINE_OF_TEXT", "MESH_BYTES", "MOMENTS", "MOTOR_ZERO_DEG", "NAME",
     "NESTED_ELEMENTS", "NUMBER_SIZE", "OPTION_SIZE", "ORIENTATIONS", "PASSED", "PATIENCE_S", "PAYLOAD_KG",
@@ -95,6 +96,7 @@ PASSED = Limit("points of a motion", 2_000, "the path between them is planned an
 MOMENTS = Limit("times of a motion", 100_000, "each is a row; --step-ms sets how far they are apart")
 PLACED = Limit("poses of a robot's models", 10_000, "each is reported in full, with every solution")
 FIXTURES = Limit("anchors, locations or planes", 100, "each needs poses of its own")
+CORNERS = Limit("corners of a board", 10_000, "printed boards have some hundred")
 READINGS = Limit("readings of a point", 1_000_000, "the noise of their mean is negligible")
 CANDIDATES = Limit("candidates of a plan", 100_000, "2,000 give an equally good plan")
 CANDIDATE_POINTS = Limit("points of all candidates of a plan", 170_000, "memory must hold their derivatives")

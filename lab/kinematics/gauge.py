@@ -30,6 +30,7 @@ __all__ = [
     "named",
     "preferred_cells",
     "preferred_columns",
+    "scale_link",
     "structure_jacobian",
 ]
 
@@ -204,6 +205,19 @@ def preferred_cells(chain: Chain, i: int, *, on_base: bool = True) -> list[str]:
     """
     rule = _preferred_distal if chain.convention == "distal" else _preferred_craig
     return rule(chain, i, on_base and i == 0)
+
+
+def scale_link(model: Model, lengths: Array) -> int:
+    """Return the index of the longest identifiable length of an arm's links: what sets its size where nothing shows it.
+
+    Args:
+        model: the arm, measured by points.
+        lengths: ``(p,)`` its nominal parameters.
+    """
+    order = [i for i in model.column_priority() if model.parameters[i].group != "base"]
+    after_tool = 1 + max(order.index(i) for i in indices_of_groups(model.parameters, ["tool"]))
+    near = [(i, model.parameters[i]) for i in order[:after_tool]]
+    return max((i for i, each in near if each.is_link and each.kind == "length"), key=lambda i: abs(lengths[i]))
 
 
 def _preferred_distal(chain: Chain, i: int, on_base: bool) -> list[str]:

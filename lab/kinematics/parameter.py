@@ -55,7 +55,7 @@ _EFFECT_SCALES: Final[Mapping[Kind, float]] = {  # large, so that a prior only b
 }
 _OWNERS = (  # no links
     *("base", "tool", "drift", "session", "station", "payload"),
-    *("anchor", "socket", "plane", "cable", "cube", "plate", "bar", "dial"),
+    *("anchor", "socket", "plane", "cable", "cube", "plate", "bar", "dial", "camera", "board"),
 )
 
 
@@ -127,8 +127,9 @@ def indices_of_groups(parameters: Iterable[Parameter], groups: Sequence[str]) ->
 
 
 def frame_rotations(parameters: Sequence[Parameter]) -> tuple[list[int], ...]:
-    """Return the indices of rotation vectors (rx, ry, rz) of the base and of instrument stations."""
-    owners = dict.fromkeys(each.owner for each in parameters if each.group in ("base", "stations"))
+    """Return the indices of rotation vectors (rx, ry, rz) of the base, of instrument stations, cameras and boards."""
+    frames = ("base", "stations", "camera", "board")
+    owners = dict.fromkeys(each.owner for each in parameters if each.group in frames)
     return tuple([i for i, each in enumerate(parameters) if each.owner == owner and each.is_angle] for owner in owners)
 
 

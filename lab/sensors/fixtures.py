@@ -26,6 +26,7 @@ from lab.core.newton import newton
 from lab.core.random import rng_for
 from lab.core.se3 import Array, transform
 from lab.core.units import MM
+from lab.kinematics.gauge import scale_link
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.kinematics.serial.arm import SerialArm
@@ -141,13 +142,14 @@ class Fixtures(ABC):
         return transform(T_base_instrument, scale * placed)
 
     @property
+    def unsized(self) -> bool:
+        """Check whether the arm touches the fixtures: contacts determine its shape and not its size."""
+        return self.contact
+
+    @property
     def scale_link(self) -> int:
         """Index of the link length that sets the scale of contacts, if no distance is given."""
-        order = [i for i in self.arm.column_priority() if self.arm.parameters[i].group != "base"]
-        after_tool = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
-        near = [self.arm.parameters[i] for i in order[:after_tool]]
-        links = [i for i, each in zip(order, near, strict=False) if each.is_link and each.kind == "length"]
-        return max(links, key=lambda i: abs(self.nominal_arm[i]))
+        return scale_link(self.arm, self.nominal_arm)
 
     @property
     def first(self) -> int:
@@ -466,12 +468,25 @@ class FixtureSensor(VirtualSensor, ABC):
         assert isinstance(arm, SerialArm)
         T_base_instrument = se3.inverse(arm.T_tracker_frame0(values))
         values[:6] = 0.0
-        owners = [f"{model.group}.{label}" for label in model.labels]
-        there = model.at_base(np.stack([placed[owner] for owner in owners]), T_base_instrument, scale)
-        known = dict(zip(model.names[model.first :], there.ravel().tolist(), strict=True))
-        for each in model.shared:
-            known[each.name] = float(placed[each.owner][0])
+        known = _placed_at(model, placed, T_base_instrument, scale)
         return replace(truth, values=values, effects={**truth.effects, **known})
+
+    def placed_truth(
+        self, model: Model, truth: Truth, real: TrueRobot, placed: Mapping[str, Array], T_frame_instrument: Array
+    ) -> dict[str, float]:
+        """Return the fixtures in the frame of the parameters."""
+        assert isinstance(model, Fixtures)
+        return _placed_at(model, placed, T_frame_instrument, 1.0)
+
+
+def _placed_at(
+    model: Fixtures, placed: Mapping[str, Array], T_frame_instrument: Array, scale: float
+) -> dict[str, float]:
+    """Return the parameters of placed fixtures by their names, in a frame of lengths that may be scaled."""
+    owners = [f"{model.group}.{label}" for label in model.labels]
+    there = model.at_base(np.stack([placed[owner] for owner in owners]), T_frame_instrument, scale)
+    known = dict(zip(model.names[model.first :], there.ravel().tolist(), strict=True))
+    return known | {each.name: float(placed[each.owner][0]) for each in model.shared}
 
 
 def refuse_blank(

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification, IdentifyOptions, Solve, identify
+from lab.calibration.identify import Identification, IdentifyOptions, Solve, component_variances, identify
 from lab.calibration.initial_guess import initial_guess
 from lab.calibration.observation import ROTATION_PARAMETERS, no_extra_residuals, placed_in_instrument_frame
 from lab.calibration.sensor import SensorTerms
@@ -22,7 +22,7 @@ from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
-from lab.core.measurements import Measurements, seen_mask
+from lab.core.measurements import Measurements
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
@@ -35,6 +35,7 @@ from lab.kinematics.serial.axes_to_dh import Truth
 from lab.kinematics.tree import TreeArm
 from lab.noise.instruments import Instrument, PoseInstrument
 from lab.sensors.options import FitInputs, PoseOptions, VirtualSetup
+from lab.sensors.tip import tip_rates, tip_rotations
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.effects import Effects
 from lab.simulation.tracking import VirtualMeasurement, target_rotations, track_with_errors, visible_targets
@@ -140,7 +141,7 @@ class Poses:
     def _points(self, inputs: Array, values: Array) -> Array:
         arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points = self.arm.points(arm_inputs, values[:-3])
-        flange = _flange_rotation(self.arm, arm_inputs, values[:-3], points, self._which)
+        flange = tip_rotations(self.arm, arm_inputs, values[:-3], points, self._which)
         rotation = se3.log(np.swapaxes(measured, 1, 2) @ flange @ se3.exp(values[-3:]))
         return np.concatenate([points, rotation[:, None]], 1)
 
@@ -157,7 +158,7 @@ class Poses:
         """
         arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points, jacobian = self.arm.observe(arm_inputs, values[:-3])
-        flange, rates = _flange_rates(self.arm, arm_inputs, values[:-3], jacobian, self._which)
+        flange, rates = tip_rates(self.arm, arm_inputs, values[:-3], jacobian, self._which)
         inverse = np.swapaxes(measured, 1, 2)
         rotation = se3.log(inverse @ flange @ se3.exp(values[-3:]))  # (n, 3)
         rates = np.concatenate([rates, flange @ se3.left_jacobian(values[-3:])], axis=2)  # (n, 3, p)
@@ -183,7 +184,7 @@ class Poses:
         arm = initial_guess(self.arm, positions, values[:n])
         rows = np.isfinite(observed.points[:, -1]).all(axis=1)
         inputs = positions.inputs[rows]
-        flange = _flange_rotation(self.arm, inputs, arm, self.arm.points(inputs, arm), self._which)
+        flange = tip_rotations(self.arm, inputs, arm, self.arm.points(inputs, arm), self._which)
         measured = se3.rotation_from_quaternion(observed.inputs[rows, -4:])
         mean = se3.nearest_rotation((np.swapaxes(flange, 1, 2) @ measured).sum(axis=0))
         return np.concatenate([arm, se3.log(mean)])
@@ -201,58 +202,6 @@ class Poses:
         """Return None: repeats of a configuration are held out together."""
 
 
-def _flange_rotation(arm: Model, inputs: Array, values: Array, points: Array, target: int) -> Array:
-    """Return rotations ``(n, 3, 3)`` of a target's last frame in the instrument's frame.
-
-    A target's position t in the last frame enters its measured position as o + R t: it moves by the frame's axes where
-    t is moved by one.
-
-    Args:
-        arm: the arm, measured by points.
-        inputs: ``(n, joints + conditions)``.
-        values: ``(p,)``.
-        points: ``(n, k, 3)`` of the arm at ``values``.
-    """
-    moved = [arm.points(inputs, there)[:, target] - points[:, target] for there in _moved_tools(arm, values, target)]
-    stretched = np.stack(moved, axis=2)
-    return np.asarray(stretched / np.sqrt((stretched**2).sum(axis=1, keepdims=True)))
-
-
-def _tool_columns(arm: Model, target: int) -> list[int]:
-    return list(indices_of_groups(arm.parameters, ["tool"]))[3 * target : 3 * target + 3]
-
-
-def _moved_tools(arm: Model, values: Array, target: int) -> list[Array]:
-    """Return the parameters with a target moved by one along each axis of its last frame."""
-    tool = _tool_columns(arm, target)
-    return [values + np.eye(len(values))[column] for column in tool]
-
-
-def _flange_rates(arm: Model, inputs: Array, values: Array, jacobian: Array, target: int) -> tuple[Array, Array]:
-    """Return rotations ``(n, 3, 3)`` of a target's last frame and their rates ``(n, 3, p)``, in the instrument's frame.
-
-    A target's position t in the last frame enters its measured position as o + R t: the derivatives by t are the
-    frame's axes r, and where t is moved by one axis's unit, every other derivative changes by dr. A rotation w makes
-    dr = w x r, so w = (1/2) sum r x dr over the three axes.
-
-    Args:
-        arm: the arm, measured by points.
-        inputs: ``(n, joints + conditions)``.
-        values: ``(p,)``.
-        jacobian: ``(n, k, 3, p)`` of the arm at ``values``.
-    """
-    stretched = jacobian[:, target][..., _tool_columns(arm, target)]
-    size = np.sqrt((stretched**2).sum(axis=1, keepdims=True))  # 1, but in a frame that grows
-    rotation = stretched / size
-    rates = np.zeros((len(inputs), 3, len(values)), dtype=jacobian.dtype)
-    for axis, moved in enumerate(_moved_tools(arm, values, target)):
-        change = arm.observe(inputs, moved)[1][:, target] - jacobian[:, target]
-        r = 0.5 * rotation[..., axis] / size[..., axis]
-        for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
-            rates[:, i] += r[:, j, None] * change[:, k] - r[:, k, None] * change[:, j]
-    return rotation, rates
-
-
 def balanced(observation: Poses, data: Measurements, nominal: Array, request: IdentifyOptions | None = None) -> Poses:
     """Return the observation with the ratio of the two noises estimated from its residuals (Foerstner 1979).
 
@@ -268,8 +217,9 @@ def balanced(observation: Poses, data: Measurements, nominal: Array, request: Id
         The observation as it is where residuals or a noise are zero.
     """
     request = replace(request or IdentifyOptions(), solve=None)
+    groups = [0] * observation.positions + [1]
     for _ in range(_ROUNDS):
-        sums = np.array(_variances(observation, identify(observation, data, nominal, Noise(), request), data))
+        sums = component_variances(observation, identify(observation, data, nominal, Noise(), request), data, groups)
         if not np.isfinite(sums).all() or (np.sqrt(sums) < _EXACT).any():
             return observation
         change = float(np.sqrt(sums[1] / sums[0]))
@@ -277,20 +227,6 @@ def balanced(observation: Poses, data: Measurements, nominal: Array, request: Id
         if abs(change - 1) < _SETTLED:
             break
     return observation
-
-
-def _variances(observation: Poses, found: Identification, data: Measurements) -> tuple[float, float]:
-    """Return variances (m^2) of positions and rotations: sums of squares over their degrees of freedom."""
-    _, jacobian = observation.observe(data.inputs(observation.conditions), found.values)
-    rows = jacobian[..., list(found.fit.free)] / observation.units[:, None, None]
-    leverage = ((rows @ found.fit.unit_covariance()) * rows).sum(axis=-1)  # (n, k, 3)
-    measured = seen_mask(data.points)
-    result = []
-    for part in (slice(None, observation.positions), slice(observation.positions, None)):
-        squares = (found.residuals[:, part] / observation.units[part, None])[measured[:, part]] ** 2
-        dof = float((1 - leverage[:, part][measured[:, part]]).sum())
-        result.append(float(squares.sum()) / dof if dof > 0.5 else float("nan"))
-    return result[0], result[1]
 
 
 @dataclass(frozen=True)
@@ -409,12 +345,17 @@ class PoseSensor(VirtualSensor):
         self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]
     ) -> Truth | None:
         """Return the truth with the rotation of the measured frame in the arm's last one; None for a mechanism."""
-        model = found.model
-        assert isinstance(model, Poses)
         if not isinstance(truth.arm, SerialArm | TreeArm):
             return None
+        rotation = self.placed_truth(found.model, truth, real, placed, np.eye(4))
+        return replace(truth, effects={**truth.effects, **rotation})
+
+    def placed_truth(
+        self, model: Model, truth: Truth, real: TrueRobot, placed: Mapping[str, Array], T_frame_instrument: Array
+    ) -> dict[str, float]:
+        """Return the rotation of the measured frame in the arm's last one."""
+        assert isinstance(model, Poses) and isinstance(truth.arm, SerialArm | TreeArm)
         rest = np.zeros((1, real.robot.chain.size))
         measured = target_rotations(real.with_effects(Effects.none(real.robot.chain.size)), rest, model.oriented)[0]
         last = truth.arm.tool(rest, truth.values, model._which)[0][0, :3, :3]
-        rotation = dict(zip(("tool.rx", "tool.ry", "tool.rz"), se3.log(last.T @ measured).tolist(), strict=True))
-        return replace(truth, effects={**truth.effects, **rotation})
+        return dict(zip(("tool.rx", "tool.ry", "tool.rz"), se3.log(last.T @ measured).tolist(), strict=True))

@@ -1,6 +1,7 @@
 """Options of sensors, of their simulation, and the options of a fit that a sensor checks beside its own."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
@@ -10,6 +11,7 @@ from lab.core.orientation import AngleConvention
 
 __all__ = [
     "ArtefactOptions",
+    "CameraOptions",
     "FitInputs",
     "PoseOptions",
     "ProbeOptions",
@@ -56,7 +58,18 @@ class ProbeOptions(ArtefactOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorOptions(ProbeOptions, SocketOptions, PoseOptions):
+class CameraOptions:
+    """Options of corners of boards in pictures."""
+
+    cameras: Path | None = None
+    """Cameras and boards (intrinsic parameters, corners, what they are fixed to): TOML. By default a camera in the
+    hand, and a board of 9 by 6 corners."""
+    noise_px: float | None = None
+    """The noise of a corner that the identifier assumes (1σ per axis); by default it is estimated."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorOptions(CameraOptions, ProbeOptions, SocketOptions, PoseOptions):
     """The options of all sensors."""
 
 

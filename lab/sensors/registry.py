@@ -19,7 +19,7 @@ from lab.sensors.options import FitInputs, SensorOptions
 if TYPE_CHECKING:
     from lab.sensors.virtual_sensor import VirtualSensor
 
-__all__ = ["SENSORS", "SensorName", "configured_sensor", "sensor_named", "sensors_with"]
+__all__ = ["JOINED", "SENSORS", "SensorName", "configured_sensor", "sensor_named", "sensors_with"]
 
 SENSORS: Mapping[str, str] = {  # in the order of --help
     "points": "lab.sensors.points:PointSensor",
@@ -32,32 +32,45 @@ SENSORS: Mapping[str, str] = {  # in the order of --help
     "sphere-plate": "lab.sensors.sphere_plate:SpherePlateSensor",
     "ball-bar": "lab.sensors.ball_bar:BallBarSensor",
     "dial": "lab.sensors.dial:DialSensor",
+    "pixels": "lab.sensors.pixels:PixelSensor",
 }
 """The class of each sensor, as ``module:name``."""
 
+JOINED = "+"  # between the names of sensors that measure together
 _GROUP = "lab.sensors"
 _NAMES = (*SENSORS, *added(_GROUP, SENSORS))  # that a command line takes
+
+
+def _name(given: list[str]) -> str:
+    if unknown := [name for name in given[0].split(JOINED) if name not in _NAMES]:
+        raise ValueError(f"{unknown[0]!r} is unknown; give {', '.join(_NAMES)}, or several joined by {JOINED}")
+    return given[0]
+
 
 SensorName = Annotated[
     str,
     tyro.constructors.PrimitiveConstructorSpec(
         nargs=1,
-        metavar="{" + ",".join(_NAMES) + "}",
-        instance_from_str=lambda given: given[0],
+        metavar="{" + ",".join(_NAMES) + "}[+...]",
+        instance_from_str=_name,
         is_instance=lambda instance: isinstance(instance, str),
         str_from_instance=lambda name: [name],
-        choices=_NAMES,
     ),
 ]
-"""A sensor's name, as a command line takes it."""
+"""A sensor's name, or several joined by +, as a command line takes it."""
 
 
 def sensor_named(name: str) -> "type[VirtualSensor]":
-    """Return the sensor of this name.
+    """Return the sensor of this name, or of several joined by +.
 
     Raises:
-        LabError: there is none, or its package cannot be imported or gives something else.
+        LabError: there is none, they do not measure together, or its package cannot be imported or gives something
+            else.
     """
+    if JOINED in name:
+        from lab.sensors.combined import combined_sensor  # which imports numpy
+
+        return combined_sensor(tuple(name.split(JOINED)))
     if name in SENSORS:
         sensor: type[VirtualSensor] = resolve_name(SENSORS[name])
         return sensor
@@ -91,7 +104,7 @@ def configured_sensor(name: str, options: SensorOptions, fit: FitInputs) -> "Vir
     sensor = chosen.configured(options, fit)
     own = _names_of(chosen.flags)
     for other in (sensor_named(each) for each in SENSORS):
-        if given := _flags_given(options, other.flags, own):
+        if other not in chosen.combines and (given := _flags_given(options, other.flags, own)):
             raise LabError(f"{given[0]} is of {option_name('observe')} {other.name}; give that too, or leave it out")
     return sensor
 

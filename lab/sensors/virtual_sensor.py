@@ -12,6 +12,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.sensor import Sensor
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.kinematics.model import Model
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.sensors.options import FitInputs, SensorOptions, VirtualSetup
 from lab.simulation.tracking import VirtualMeasurement
@@ -28,7 +29,8 @@ class SimulatedReadings:
         measurements: in the columns that the sensor reads.
         bad: ``(n,)`` which poses' readings are outliers.
         placed: true values of what is identified beside the arm, by the owner of its parameters (``anchor.1``,
-            ``plane.2``, ``tool``, ``cable``): three each (one of a cable), m and rad, in the instrument's frame.
+            ``plane.2``, ``tool``, ``cable``): three each (one of a cable), m and rad, in the instrument's frame; of a
+            camera or board six and more, in the frame of its tip where it has one.
     """
 
     measurements: Measurements
@@ -44,11 +46,13 @@ class VirtualSensor(Sensor, ABC):
         flags: the dataclass of its own options; None without any.
         setup: the fields of ``VirtualSetup`` that its simulation reads.
         finds_poses: whether its simulation searches the joint positions in contact, near the given ones.
+        combines: the sensors that it combines; none of a single one.
     """
 
     flags: ClassVar[type[Any] | None] = None
     setup: ClassVar[tuple[str, ...]] = ()
     finds_poses: ClassVar[bool] = False
+    combines: ClassVar[tuple[type["VirtualSensor"], ...]] = ()
 
     @classmethod
     def configured(cls, options: SensorOptions, fit: FitInputs) -> Self:
@@ -86,3 +90,16 @@ class VirtualSensor(Sensor, ABC):
             None where a mechanism is measured in another gauge than its own.
         """
         return truth
+
+    def placed_truth(
+        self, model: Model, truth: Truth, real: TrueRobot, placed: Mapping[str, Array], T_frame_instrument: Array
+    ) -> dict[str, float]:
+        """Return the true values of the parameters that the sensor adds to an arm, by their names: here, none.
+
+        Args:
+            model: of ``observation``.
+            truth: of the arm, measured by points.
+            placed: of ``SimulatedReadings``.
+            T_frame_instrument: ``(4, 4)`` pose (m) of the instrument in the frame of the parameters.
+        """
+        return {}

@@ -43,6 +43,7 @@ class VirtualMeasurement:
         rng: of the noise, the scatter, the outliers, the systematic errors and the fixtures.
         readings: number of readings that each measurement is the mean of.
         conditions: set at each pose, ``(m,)`` each.
+        planned: whether ``joints`` are those of a plan: then they are measured as they are.
     """
 
     robot: TrueRobot
@@ -52,6 +53,7 @@ class VirtualMeasurement:
     rng: np.random.Generator
     readings: int = 1
     conditions: Mapping[str, Array] = field(default_factory=dict)
+    planned: bool = False
 
 
 def visible_targets(poses: VirtualMeasurement) -> NDArray[np.bool_]:

@@ -117,7 +117,13 @@ class _Campaigns:
         data = found.measurements
         kind = sensor.weighted_by(self._device, data)
         fitter = Fitter(
-            self._robot, options.targets, data, kind, Noise(self._device), options.fitting.of_fit, options.seed
+            self._robot,
+            options.targets,
+            data,
+            kind,
+            kind.noise(Noise(self._device)),
+            options.fitting.of_fit,
+            options.seed,
         )
         return run_steps(Fitted(fitter, fitter.observed().with_points()), FITTING), found.placed
 
@@ -154,7 +160,7 @@ class _Campaigns:
             groups = [group for group in state.groups if group not in CAMPAIGN_SPECIFIC]
             arm = self._robot.arm_with(fresh.targets, groups)
             model = arm if state.process is None else state.process.added_to(arm)
-            validation = validate_file(found, model, fresh, ("base",))
+            validation = validate_file(found, model, fresh, found.unplaced)
             assert validation.errors is not None
             both = validation.errors.before, validation.errors.after
         before, after = (each[np.isfinite(each)] for each in both)

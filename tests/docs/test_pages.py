@@ -33,6 +33,7 @@ from lab.formats.instrument_toml import read_instrument
 from lab.formats.loose_table import read_column_map
 from lab.formats.mechanism_toml import read_mechanism
 from lab.formats.robot_toml import read_table
+from lab.sensors.cameras.rig import read_rig
 from lab.simulation.collisions import random_poses
 from lab.studies.grid import read_study
 
@@ -70,6 +71,8 @@ def write_files(page: Page, folder: Path) -> None:
             (folder / ("soft2r.toml" if "course2r" in block else "soft.toml")).write_text(block)
         if "[systematic]" in block:
             (folder / "tracker.toml").write_text(block)
+        if "[[camera]]" in block:
+            (folder / "cameras.toml").write_text(block)
         if "[sensor]" in block:
             (folder / "sensor.toml").write_text(block)
             write_load(folder / "load.csv", read_mounting(folder / "sensor.toml"))
@@ -142,6 +145,8 @@ def test_a_toml_file_is_read_by_the_lab(page: Page, block: str, tmp_path) -> Non
         assert read_study(path).robots == content["robots"] >= 10
     elif "sensor" in content:
         read_mounting(path)
+    elif "camera" in content:
+        assert [each.name for each in read_rig(path).cameras] == ["wrist"]
     elif "obstacle" in content:
         assert [each.name for each in read_cell(path).obstacle] == ["table"]
     elif "drive" in content:

@@ -26,7 +26,7 @@ from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares
 from lab.core.measurements import FIXTURE, Measurements, evenly, seen_mask
 from lab.core.probability import binomial_cdf, f_cdf, f_isf, f_sf, normal_ppf
 from lab.core.se3 import Array
-from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING, VERDICT_LACK_OF_FIT
+from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING, VARIANCE_COMPONENTS, VERDICT_LACK_OF_FIT
 from lab.kinematics.model import Model
 from lab.noise.error_model import ErrorModel
 from lab.noise.instruments import is_isotropic
@@ -41,6 +41,7 @@ __all__ = [
     "repeats",
     "sandwich",
     "upper_tolerance_bound",
+    "with_intervals_between_poses",
     "with_intervals_of_poses",
     "with_own_intervals",
 ]
@@ -322,6 +323,8 @@ def repeats(rows: Measurements) -> NDArray[np.int_]:
 
 _SHARE = _CONFIDENCE = 0.95
 _FEWEST = 3
+_READINGS = 3  # of a pose, on average, from which on it is tested whether they err together
+_FOLLOWED = 1e-7  # of the largest singular value: what a pose's readings follow
 
 
 def upper_tolerance_bound(lengths: Array) -> float:
@@ -421,6 +424,46 @@ def with_intervals_of_poses(
     if len(np.unique(_clusters(found, observations))) <= len(found.fit.free):
         return found, []
     return _of_whole_poses(found, observations), [Check("intervals.undecided", "failed", data={"searched": searched})]
+
+
+def with_intervals_between_poses(
+    found: Identification, observations: Observations
+) -> tuple[Identification, list[Check]]:
+    """Return the identification with the variance between poses, and why, where readings of one pose err together.
+
+    Of many readings of one pose only so many combinations follow the parameters as the pose has degrees of freedom. If
+    errors were independent, these would vary as the others do (F test). Where they vary more, because the joints are
+    in error or a picture is, intervals are cluster-robust by pose; of fewer poses than parameters the covariance is
+    scaled by the variance of the former, with their degrees of freedom, which is too small where they are uneven.
+    """
+    labels = _clusters(found, observations)
+    count = int(labels.max(initial=-1)) + 1
+    if len(labels) < _READINGS * count or found.sigma_m < LEAST_SIGMA_M:
+        return found, []
+    linear = linearized(found.model, observations, found.values, found.fit.free, found.extra_residuals)
+    between, combinations = 0.0, 0
+    order = np.argsort(labels, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
+        seen = linear.mask[rows]
+        basis, sizes, _ = np.linalg.svd(linear.jacobian[rows][seen], full_matrices=False)
+        basis = basis[:, sizes > _FOLLOWED * sizes[0]]
+        between += float(((basis.T @ linear.residual[rows][seen]) ** 2).sum())
+        combinations += basis.shape[1]
+    total, numbers = float((linear.residual[: linear.poses] ** 2).sum()), int(linear.mask[: linear.poses].sum())
+    dof, within = combinations - len(found.fit.free), numbers - combinations
+    if dof < _FEWEST or within < _FEWEST:
+        return found, []
+    ratio = (between / dof) / max((total - between) / within, 1e-300)
+    p = float(f_sf(ratio, dof, within))
+    if p >= VARIANCE_COMPONENTS:
+        return found, []
+    clustered = count > len(found.fit.free)
+    data = {"poses": count, "clustered": clustered}
+    check = Check("intervals.between_poses", "failed", float(np.sqrt(ratio)), p, VARIANCE_COMPONENTS, data)
+    if clustered:
+        return _of_whole_poses(found, observations), [check]
+    factor = max(between / dof / (1.0 if found.sigma_given else found.sigma_m**2), 1.0)
+    return replace(found, covariance=factor * found.covariance, dof_each=np.full(len(found.fit.free), dof)), [check]
 
 
 def _of_whole_poses(found: Identification, observations: Observations) -> Identification:

@@ -46,18 +46,22 @@ class Lag:
         return bool(self.p < UNSOLICITED_WARNING and self.significant.sum() >= _SEVERAL)
 
 
-def moves_before(data: Measurements, ids: Sequence[str]) -> Array:
+def moves_before(data: Measurements, ids: Sequence[str], *, several_a_pose: bool = False) -> Array:
     """Return the joints' moves ``(n, joints)`` from the pose before in its session and station; zeros first.
 
     Args:
         data: all that was measured, in its order.
         ids: n of its rows.
+        several_a_pose: whether consecutive rows with equal joint positions are readings of one pose.
     """
     moves = np.zeros_like(data.joints)
     together = setups(data)
     for setup in dict.fromkeys(together):
         here = np.flatnonzero([each == setup for each in together])
         moves[here[1:]] = np.diff(data.joints[here], axis=0)
+        if several_a_pose:
+            first = np.append(True, moves[here[1:]].any(axis=1))
+            moves[here] = moves[here[np.maximum.accumulate(np.where(first, np.arange(len(here)), 0))]]
     if tuple(ids) == data.ids:
         return moves
     row_of = {name: i for i, name in enumerate(data.ids)}

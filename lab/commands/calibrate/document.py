@@ -155,7 +155,7 @@ def _lead(result: CalibrationResult) -> doc.Paragraph:
     if (estimator := result.options.fitting.estimator) != LEAST_SQUARES:
         how = f"estimator {estimator}"
     begun = (
-        f"From {terms.measured}{of} measured in {len(result.fitted):,} poses, {fit.rank} of "
+        f"From {terms.measured}{of} measured in {result.poses:,} poses, {fit.rank} of "
         f"{len(result.parameters)} parameters were identified ({how})."
     )
     if before is None or after is None:
@@ -170,8 +170,9 @@ def _lead(result: CalibrationResult) -> doc.Paragraph:
 
 def _judged_error(result: CalibrationResult) -> str:
     """Name the validation's errors; a virtual arm placed by fixtures is validated by positions."""
-    judged_by_points = result.validation.judged_by == "fresh" and not result.kind.in_instrument_frame
-    return "position error, the base placed anew," if judged_by_points else result.kind.terms.error
+    if result.validation.judged_by == "fresh" and not result.kind.in_instrument_frame:
+        return f"position error, the {' and '.join(result.identification.unplaced)} placed anew,"
+    return result.kind.terms.error
 
 
 def _validated_on(result: CalibrationResult) -> str:
@@ -279,7 +280,10 @@ def _noise(result: CalibrationResult) -> str:
         return "The noise is unknown, so the parameters have no uncertainty."
     rotations = f" and {short(MRAD.of(rotation))} mrad" if np.isfinite(rotation) else ""
     how = "given" if found.sigma_given else "estimated from the residuals"
-    text = f"The noise per axis is {short(MM.of(sigma_m))} mm{rotations} (1σ, {how})."
+    sizes = " and ".join(
+        f"{short(unit.of(size))} {unit.name}" for unit, size in result.kind.noises(found.model, sigma_m).items()
+    )
+    text = f"The noise per axis is {sizes}{rotations} (1σ, {how})."
     if (shared := result.fit.noise.shared) is not None:
         found_by = f"by restricted likelihood, level {100 * VARIANCE_COMPONENTS:g} %"
         found_by = "given in the robot's table" if shared.is_given else found_by

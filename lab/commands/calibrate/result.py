@@ -227,6 +227,11 @@ class CalibrationResult(Result):
         """Stiffnesses of the joints whose compliance was identified."""
         return stiffnesses(self.identification, self.robot.chain)
 
+    @property
+    def poses(self) -> int:
+        """Number of fitted poses: of a sensor that reads several things in a pose, rows of one pose count once."""
+        return len(np.unique(self.fitted.joints, axis=0)) if self.kind.several_a_pose else len(self.fitted)
+
     def rigid(self, values: Array) -> tuple[RigidArm, Array]:
         """The rigid arm and its part of parameters ``(p,)``: effects and what else was observed are left out."""
         arm = self.robot.arm(targets_of(self.identification.model.parameters))
@@ -236,12 +241,16 @@ class CalibrationResult(Result):
         """Return the values that ``result.json`` holds and ``--json`` prints. Lengths in mm."""
         from lab.commands.run_folder import SCHEMA
 
-        identification = self.identification
+        identification, nothing = self.identification, {MM: float("nan")}
+        noises, residuals = (
+            nothing | dict(self.kind.noises(identification.model, sigma))
+            for sigma in (identification.sigma_m, identification.residual_sigma_m)
+        )
         result: dict[str, Any] = {
             "schema": SCHEMA,
             "robot": self.robot.name,
             "serial": self.options.serial,
-            "poses": len(self.fitted),
+            "poses": self.poses,
             "targets": list(self.fitted.targets),
             "parameters": len(identification.model.names),
             "identifiable": len(identification.base_set.identifiable),
@@ -262,7 +271,7 @@ class CalibrationResult(Result):
             "before_mm": _optional(ErrorStatistics.to_dict, self.before),
             "after_mm": _optional(ErrorStatistics.to_dict, self.after),
             "after_without_outliers_mm": _optional(ErrorStatistics.to_dict, errors_without_outliers(self)),
-            "noise_mm": number(MM.of(identification.sigma_m)),
+            **{f"noise_{unit.key}": number(unit.of(size)) for unit, size in noises.items()},
             "noise_mrad": number(MRAD.of(rotation_noise_rad(identification))),
             "noise_known": identification.sigma_given,
             "cluster_robust": identification.dof_each is not None and self.fit.noise.shared is None,
@@ -271,7 +280,7 @@ class CalibrationResult(Result):
             "noise_findings": [_finding_to_dict(each) for each in self.fit.findings],
             "prediction_at_validation": _optional(_prediction_to_dict, self.verdict.prediction),
             "instrument_noise": _optional(_instrument_to_dict, self.fit.instrument),
-            "residual_mm": number(MM.of(identification.residual_sigma_m)),
+            **{f"residual_{unit.key}": number(unit.of(size)) for unit, size in residuals.items()},
             "freedom": identification.dof,
             "predicted_mm": number(MM.of(self.verdict.workspace.rms_m)),
             "predicted_95_mm": number(MM.of(self.verdict.workspace.p95_m)),

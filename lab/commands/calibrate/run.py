@@ -88,7 +88,7 @@ class MeasurementSession(Value):
 
 _OF_THE_FIT = (  # options that a simulated session has no use for
     *(each.name for each in fields(Fitting) if each.name not in ("load", "accept_edited")),
-    "noise_mm", "noise_mrad", "method", "gate_mm", "region", "require", "date", "serial", "no_recording",
+    "noise_mm", "noise_mrad", "noise_px", "method", "gate_mm", "region", "require", "date", "serial", "no_recording",
 )  # fmt: skip
 
 
@@ -149,7 +149,8 @@ def measurement_session(
     requested = requested_conditions(robot, options)
     conditions = draw_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), requested) | set_there
     noise = rng_for(options.seed, "noise")
-    poses = VirtualMeasurement(real, joints, options.targets, device, noise, options.readings, conditions)
+    planned = options.plan is not None
+    poses = VirtualMeasurement(real, joints, options.targets, device, noise, options.readings, conditions, planned)
     found = sensor.simulate(poses, options)
     named = frozenset(np.array(found.measurements.ids)[found.bad].tolist())
     session = MeasurementSession(
@@ -216,7 +217,7 @@ def _read_rows(
     positions = sensor.in_instrument_frame
     if given is None:
         read = read_measurements(path, chain.joint_names, chain.prismatic, columns=sensor.columns)
-        read = replace(read, robot=robot.source)
+        read = options.kind().with_files(replace(read, robot=robot.source), path.parent)
     else:
         read = checked(path, given, robot, points=positions)
     robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
@@ -331,7 +332,7 @@ def _of_a_virtual_robot(
         noise = Noise(None, MM.to_si(options.noise_mm), error_terms=fit.error_terms)
     else:
         kind = kind.weighted_by(device, data)
-    fitter = Fitter(robot, options.targets, data, kind, noise, fit, options.seed)
+    fitter = Fitter(robot, options.targets, data, kind, kind.noise(noise), fit, options.seed)
     state = Fitted(
         fitter, fitter.observed().with_points(), judging=_judging(options), checks=tuple(map(note, robot.warnings))
     )
@@ -361,7 +362,10 @@ def _against_truth(
 
 
 def _judged_by_fresh(session: MeasurementSession, state: Fitted) -> Fitted:
-    """Validate on exact points at poses that were not measured; the base of an arm at fixtures is fitted first."""
+    """Validate on exact points at poses that were not measured.
+
+    The base of an arm at fixtures is fitted first, with the tool where no reading shows it.
+    """
     fresh, found, fitter = session.validation, state.identification, state.fitter
     checks = _impossible("validation poses", fresh)
     if fitter.kind.in_instrument_frame:
@@ -372,7 +376,7 @@ def _judged_by_fresh(session: MeasurementSession, state: Fitted) -> Fitted:
         groups = [group for group in state.groups if group not in CAMPAIGN_SPECIFIC]
         arm = session.robot.arm_with(fresh.targets, groups)
         model = arm if state.process is None else state.process.added_to(arm)
-        validation = replace(validate_file(found, model, fresh, ("base",)), judged_by="fresh", checks=())
+        validation = replace(validate_file(found, model, fresh, found.unplaced), judged_by="fresh", checks=())
     return replace(state, validation=validation).with_checks(checks)
 
 

@@ -68,6 +68,17 @@ def _undecided(check: Check) -> str:
     ) + _search_advice(check, "; ")
 
 
+def _between_poses(check: Check) -> str:
+    shared = f"what readings of one pose share varies {check.statistic:.3g} times as much as the rest"
+    text = f"{shared} (F test, p = {check.p:.1g}): joints or pictures are in error"
+    if check.data["clustered"]:
+        return f"{text}, so the intervals are cluster-robust by pose"
+    poses = check.data["poses"]
+    return (
+        f"{text}; {poses} poses are too few for cluster-robust intervals, which may be too narrow: measure more poses"
+    )
+
+
 def _uneven(check: Check) -> str:
     ratio = f"residuals across the line of sight are {check.statistic:.2g} times those along it"
     if check.data["of_instrument"]:
@@ -169,6 +180,7 @@ PHRASES: Mapping[str, Phrase] = {
         "--prior on helps if parameters are weakly observable"
     ),
     "outliers.excluded": _excluded_outliers,
+    "intervals.between_poses": _between_poses,
     "intervals.undecided": _undecided,
     "intervals.uneven": _uneven,
     "payload.assumed": "no column payload_kg: the flange is assumed to carry nothing in any pose",
@@ -182,9 +194,9 @@ PHRASES: Mapping[str, Phrase] = {
         "--tolerance-mm and --tolerance-mrad, or --prior auto"
     ),
     "nominal.far": _far_from_nominal,
-    "contact.size": (
-        "contacts do not determine the arm's size: {parameter} is fixed at nominal, and all lengths are relative to "
-        "it; give a measured distance of sockets (--socket-distance-mm) or measure a cable's length"
+    "size.nominal": (
+        "these readings do not determine the arm's size: {parameter} is fixed at nominal, and all lengths are relative "
+        "to it; give a measured distance of sockets (--socket-distance-mm), a board of known size, or a cable's length"
     ),
     "instrument.uneven": (
         "{source} states {best_m:µm 2} in one direction and {worst_m:µm 2} in another, so errors of the reflector's "

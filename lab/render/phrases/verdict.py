@@ -41,7 +41,8 @@ _NOT_TESTED = {
     "too few": ("lack of fit cannot be tested", ": there are no more measurements than parameters; measure more poses"),
     "unknown noise": (
         "lack of fit cannot be tested",
-        ": sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice",
+        ": sigma is estimated from the same residuals; give --instrument, --noise-mm or --noise-px, or measure some "
+        "poses twice",
     ),
 }
 _TESTS = {

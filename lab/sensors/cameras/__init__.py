@@ -1,0 +1,1 @@
+"""Cameras and boards: geometry, files, closed forms, the observation, its simulation, pictures and detection."""

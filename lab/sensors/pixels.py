@@ -1,0 +1,285 @@
+"""Measure with cameras: places of corners of boards in pictures, taken by the arm or of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.sensor import SensorTerms
+from lab.calibration.weights import Noise
+from lab.core import se3
+from lab.core.errors import LabError, counted, option_name
+from lab.core.limits import positive
+from lab.core.measurements import FIXTURE, Measurements, evenly
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.formats.measurement_csv import ObservedColumns
+from lab.kinematics.model import Model
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.axes_to_dh import Truth
+from lab.sensors.cameras.detection import detected, picture_of
+from lab.sensors.cameras.observation import Pixels
+from lab.sensors.cameras.rig import PX, Rig, read_rig, usual_rig
+from lab.sensors.cameras.simulation import simulated_corners
+from lab.sensors.options import CameraOptions, FitInputs, VirtualSetup
+from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
+from lab.simulation.effects import Effects
+from lab.simulation.tracking import VirtualMeasurement, target_rotations
+from lab.simulation.true_robot import TrueRobot
+
+__all__ = ["PixelSensor"]
+
+_TEXTS = ("camera", "board", "corner", "image")
+_NUMBERS = ("u_px", "v_px", "sigma_px")
+_NEAR_ROWS = 400
+_MOST_NAMED = 5  # pictures in a warning
+_ROUNDS, _SETTLED = 4, 0.01  # of the noise by which priors of intrinsic parameters weigh
+
+
+@dataclass(frozen=True)
+class PixelSensor(VirtualSensor):
+    """Corners of boards in pictures.
+
+    Attributes:
+        rig: cameras and boards.
+        noise_px: noise of a coordinate (1 sigma); None to estimate it from the residuals.
+        sigma_px: noise by which priors of intrinsic parameters weigh, given or estimated.
+    """
+
+    name: ClassVar[str] = "pixels"
+    terms: ClassVar[SensorTerms] = SensorTerms(
+        measured="corners of boards in pictures",
+        reading="corner in a picture",
+        error="error across the line of sight",
+        placed="cameras and boards",
+        names_targets=False,
+        unit=PX,
+    )
+    columns: ClassVar[ObservedColumns] = ObservedColumns(
+        positions=False, numbers=_NUMBERS, texts=_TEXTS, observed="pixels"
+    )
+    flags: ClassVar[type[Any] | None] = CameraOptions
+    in_instrument_frame: ClassVar[bool] = False
+    several_a_pose: ClassVar[bool] = True
+
+    rig: Rig = field(default_factory=usual_rig)
+    noise_px: float | None = None
+    sigma_px: float | None = None
+
+    @classmethod
+    def configured(cls, options: CameraOptions, fit: FitInputs) -> Self:
+        """Return the sensor of the cameras and boards of a file; without one, of one camera in the hand and one board.
+
+        Raises:
+            LabError: the file makes no sense, the noise is not above zero, or an option of points is given.
+        """
+        fit.refuse_those_of_points(cls.name)
+        if fit.noise_mm is not None:
+            raise LabError(f"{option_name('noise_mm')} is of lengths; give {option_name('noise_px')}, or leave it out")
+        if options.noise_px is not None:
+            positive(option_name("noise_px"), options.noise_px)
+        rig = usual_rig() if options.cameras is None else read_rig(options.cameras)
+        return cls(rig, options.noise_px, options.noise_px)
+
+    def targets(self, data: Measurements) -> tuple[str, ...]:
+        """Return the targets of the tips that carry cameras and boards."""
+        return self.rig.on_targets or ("p1",)
+
+    def with_files(self, data: Measurements, folder: Path) -> Measurements:
+        """Return the corners that OpenCV finds in the pictures of a column ``image``, a row each.
+
+        Raises:
+            LabError: a picture cannot be read, no board is found in any, or OpenCV is not installed.
+        """
+        if "image" not in data.other or "u_px" in data.conditions:
+            return data
+        pictures = data.other["image"]
+        wanted = [i for i, name in enumerate(pictures) if name and data.use[i] != "skip"]
+        rows, texts, places, lost = list[int](), list[tuple[str, str]](), list[Array](), list[int]()
+        for row in wanted:
+            picture, before = picture_of(folder / pictures[row]), len(rows)
+            for board in self.rig.boards:
+                numbers, found = detected(picture, board)
+                rows += [row] * len(numbers)
+                texts += [(board.name, str(number)) for number in numbers.tolist()]
+                places += list(found)
+            if len(rows) == before:
+                lost.append(row)
+        if not rows:
+            raise LabError(f"no board is found in any of {counted(len(wanted), 'picture')}: check the boards' kinds")
+        part, found = data.take(rows), np.array(places)
+        warnings = part.warnings
+        if lost:
+            named = ", ".join(pictures[row] for row in lost[:_MOST_NAMED])
+            warnings = (*warnings, f"no board is found in {len(lost)} of {len(wanted)} pictures ({named})")
+        return replace(
+            part,
+            ids=tuple(f"{name}:{board}:{corner}" for name, (board, corner) in zip(part.ids, texts, strict=True)),
+            other={**part.other, "board": tuple(b for b, _ in texts), "corner": tuple(c for _, c in texts)},
+            conditions={**part.conditions, "u_px": found[:, 0], "v_px": found[:, 1]},
+            warnings=warnings,
+        )
+
+    def noise(self, given: Noise) -> Noise:
+        """Return the noise of a corner: the given one, else none, so that it is estimated."""
+        sigma = None if self.noise_px is None else float(PX.to_si(self.noise_px))
+        return replace(given, instrument=None, sigma_m=sigma)
+
+    def rows(self, data: Measurements) -> NDArray[np.bool_]:
+        """Return the rows ``(n,)`` with a place in a picture."""
+        none = np.full(len(data), np.nan)
+        return np.asarray(
+            np.isfinite(data.conditions.get("u_px", none)) & np.isfinite(data.conditions.get("v_px", none))
+        )
+
+    def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
+        """Return the model of the cameras and boards that the rows see, and these rows.
+
+        Raises:
+            LabError: a column is missing, or a cell names no camera, board or corner.
+        """
+        for column in ("u_px", "v_px"):
+            if column not in data.conditions:
+                raise LabError(f"column {column} is missing: {option_name('observe')} pixels needs u_px and v_px")
+        rows = np.flatnonzero(self.rows(data) & (np.array(data.use) != "skip"))
+        if not len(rows):
+            raise LabError("no row has a place in a picture: fill in u_px and v_px")
+        part = data.take(rows)
+        number = self._numbers(part)
+        places = PX.to_si(np.column_stack([part.conditions["u_px"], part.conditions["v_px"]]))
+        sigma = part.sigma_m
+        if "sigma_px" in part.conditions:
+            sigma = np.asarray(PX.to_si(part.conditions["sigma_px"]))
+            if (bad := np.flatnonzero(sigma <= 0)).size:
+                raise LabError(f"{part.where(int(bad[0]))}, column sigma_px: not above zero; give the noise")
+        order = np.argsort(_pose_numbers(part.joints), kind="stable")
+        some = evenly(len(rows), _NEAR_ROWS)
+        observed = replace(
+            part,
+            targets=("corner",),
+            points=places[:, None],
+            sigma_m=sigma,
+            conditions={**part.conditions, FIXTURE: number.astype(np.float64)},
+        ).take(order)
+        camera, board, _ = self.rig.parts(number)
+        seen = tuple(np.unique(camera).tolist()), tuple(np.unique(board).tolist())
+        whole = Pixels(arm, self.rig, seen, np.empty((0, 0)))
+        inputs = observed.inputs(whole.conditions)
+        near = rng_for(0, "structure").permutation(inputs)
+        near = near if some is None else near[: len(some)]
+        sigma_px = 1.0 if self.sigma_px is None else float(PX.to_si(self.sigma_px))
+        return replace(whole, near=near, sigma=sigma_px), observed
+
+    def _numbers(self, data: Measurements) -> NDArray[np.int_]:
+        """Return the number ``(n,)`` of each row's corner in the rig.
+
+        Raises:
+            LabError: a column is missing where there are several, or a cell names none of them.
+        """
+        names = dict[str, NDArray[np.int_]]()
+        for column, parts in (("camera", self.rig.cameras), ("board", self.rig.boards)):
+            names[column] = _named(data, column, [part.name for part in parts])
+        if "corner" not in data.other:
+            raise LabError(f"column corner is missing: {option_name('observe')} pixels needs the number of each corner")
+        number = np.zeros(len(data), dtype=np.int_)
+        for row, text in enumerate(data.other["corner"]):
+            board = self.rig.boards[names["board"][row]]
+            if not (text.isascii() and text.isdigit() and len(text) < 7 and int(text) < len(board)):
+                raise LabError(
+                    f"{data.where(row)}, column corner: '{text}' is no corner of board {board.name}; give a whole "
+                    f"number from 0 to {len(board) - 1}"
+                )
+            number[row] = self.rig.number(int(names["camera"][row]), int(names["board"][row]), int(text))
+        return number
+
+    def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
+        """Return the model with the noise by which priors of intrinsic parameters weigh, estimated where not given."""
+        assert isinstance(model, Pixels)
+        if self.sigma_px is not None or all(camera.intrinsics != "prior" for camera in self.rig.cameras):
+            return model
+        request = replace(request, solve=None, estimator=None)
+        for _ in range(_ROUNDS):
+            found = identify(model, data, nominal, Noise(), request).sigma_m
+            if not np.isfinite(found) or found <= 0:
+                break
+            change, model = found / model.sigma, replace(model, sigma=found)
+            if abs(change - 1) < _SETTLED:
+                break
+        return model
+
+    def weighted_as(self, model: Model) -> Self:
+        """Return the sensor with the noise of this model for its priors."""
+        assert isinstance(model, Pixels)
+        if all(camera.intrinsics != "prior" for camera in self.rig.cameras):
+            return self
+        return replace(self, sigma_px=float(PX.of(model.sigma)))
+
+    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
+        """Take pictures in as many poses as are given, which are new ones that see a board."""
+        return simulated_corners(self.rig, poses)
+
+    def observed_truth(
+        self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]
+    ) -> Truth | None:
+        """Return the truth with the base at the origin, and cameras and boards there or in the last frame.
+
+        None for a mechanism, and where the size of a board is identified, so that the arm's size is not.
+        """
+        model = found.model
+        assert isinstance(model, Pixels)
+        if not isinstance(truth.arm, SerialArm) or any(part.more for part in model.boards):
+            return None
+        T_base_world = se3.inverse(truth.arm.T_tracker_frame0(truth.values))
+        known = self.placed_truth(model, truth, real, placed, T_base_world)
+        values = truth.values.copy()
+        values[:6] = 0.0
+        return replace(truth, values=values, effects={**truth.effects, **known})
+
+    def placed_truth(
+        self, model: Model, truth: Truth, real: TrueRobot, placed: Mapping[str, Array], T_frame_instrument: Array
+    ) -> dict[str, float]:
+        """Return cameras and boards: of the world in the frame of the parameters, of a tip in the arm's last frame."""
+        assert isinstance(model, Pixels) and isinstance(truth.arm, SerialArm)
+        known, rest = dict[str, float](), np.zeros((1, real.robot.chain.size))
+        still = real.with_effects(Effects.none(real.robot.chain.size))
+        last = truth.arm.flange(rest, truth.values)[0]
+        for kind, parts in (("camera", model.cameras), ("board", model.boards)):
+            for part in parts:
+                own = placed[f"{kind}.{part.what.name}"].copy()
+                T_reference = T_frame_instrument
+                if part.mount is not None:
+                    target = model.arm.targets[part.mount]
+                    turn = target_rotations(still, rest, target)[0]
+                    T_reference = se3.inverse(last) @ se3.pose(turn, still.points(rest, (target,))[0, 0])
+                T = T_reference @ se3.pose(se3.exp(own[3:6]), own[:3])
+                own[:6] = [*T[:3, 3], *se3.log(T[:3, :3])]
+                names = model.names[part.first : part.first + 6 + part.more]
+                known |= dict(zip(names, own[: len(names)].tolist(), strict=True))
+        return known
+
+
+def _named(data: Measurements, column: str, names: list[str]) -> NDArray[np.int_]:
+    """Return which camera or board ``(n,)`` each row names; the only one where the column is missing.
+
+    Raises:
+        LabError: there are several and the column is missing, or a cell names none.
+    """
+    if column not in data.other:
+        if len(names) == 1:
+            return np.zeros(len(data), dtype=np.int_)
+        raise LabError(f"column {column} is missing: there are {counted(len(names), column)}, {', '.join(names)}")
+    at = {name: i for i, name in enumerate(names)}
+    for row, name in enumerate(data.other[column]):
+        if name not in at:
+            raise LabError(f"{data.where(row)}, column {column}: '{name}' is unknown; there are {', '.join(names)}")
+    return np.array([at[name] for name in data.other[column]], dtype=np.int_)
+
+
+def _pose_numbers(joints: Array) -> NDArray[np.int_]:
+    """Return the number ``(n,)`` of each row's pose, in the order of their first rows."""
+    _, first, pose = np.unique(joints, axis=0, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first, kind="stable"), kind="stable")[pose]
