@@ -127,7 +127,7 @@ class SelfContact:
         return np.asarray(each[rows, which[:, 0]] - each[rows, which[:, 1]])[:, None]
 
     @property
-    def contact(self) -> bool:
+    def unsized(self) -> bool:
         """Check whether contacts alone are observed, which determine the robot's shape and not its size."""
         return not self.positions
 

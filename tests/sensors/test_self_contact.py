@@ -65,7 +65,7 @@ def test_contacts_alone_show_the_shape_and_not_the_size() -> None:
     free = {ARM.names[i] for i in structure.identifiable}
     assert len(free) == len(both.identifiable) - 11
     assert not any(name.startswith("base.") for name in free)
-    assert ALONE.contact and ARM.names[ALONE.scale_link] not in free
+    assert ALONE.unsized and ARM.names[ALONE.scale_link] not in free
     data = session_of(poses=120).measurements
     contacts = data.take(np.flatnonzero([bool(cell) for cell in data.other["contact"]]))
     model, rows = SENSOR.observation(ARM, replace(contacts, targets=(), points=np.empty((60, 0, 3))), NOMINAL)
