@@ -290,6 +290,7 @@ _NAMES = {
     "repeatability_mm": "repeatability (RP), as stated, mm",
     "expansion_ppm_per_k": "expansion, ppm/K",
 }
+_TOGETHER = (("Calibration", "Robot", "Environment"), ("Certificate",), ("Instrument", "Reflector"))  # in a table
 _MISSING = {
     "certificate.number": "the number of the certificate",
     "certificate.date": "its date of issue",
@@ -498,7 +499,13 @@ def _details(result: Certificate) -> tuple[doc.Block, ...]:
         parts[part.capitalize()] += [
             (_called(name.partition(".")[2]), "not stated") for name in missing if name.partition(".")[0] == part
         ]
-    return tuple(doc.Table(("", ""), tuple(rows), part) for part, rows in parts.items() if rows)
+    return tuple(
+        doc.Table(
+            ("", "", ""),
+            tuple(("" if i else part, *row) for part in together for i, row in enumerate(parts.get(part, []))),
+        )
+        for together in _TOGETHER
+    )
 
 
 def _called(key: str) -> str:
