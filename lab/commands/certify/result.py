@@ -290,6 +290,7 @@ _NAMES = {
     "repeatability_mm": "repeatability (RP), as stated, mm",
     "expansion_ppm_per_k": "expansion, ppm/K",
 }
+_TOGETHER = (("Calibration", "Robot", "Environment"), ("Certificate",), ("Instrument", "Reflector"))  # in a table
 _MISSING = {
     "certificate.number": "the number of the certificate",
     "certificate.date": "its date of issue",
@@ -332,7 +333,7 @@ def _certificate_document(result: Certificate) -> doc.Document:
         (
             *_card(result).everywhere,
             *_withheld(result),
-            doc.Section("Results", (doc.Paragraph(_lead(result), "lead"), *_results(result))),
+            doc.Section("Results", (doc.Paragraph(_lead(result), "lead", shown_in=doc.NARROW), *_results(result))),
             doc.Section("Statement of conformity", _statement(result)),
             doc.Section("Calibrated robot and measurement", _details(result)),
             doc.Warnings(result.warnings),
@@ -446,14 +447,14 @@ def _contributions_picture(budget: Budget) -> doc.Picture:
         at = np.arange(len(lines))
         axes.barh(at, sizes, color=AFTER, height=0.6)
         axes.set_yticks(at, [line.quantity.name for line in lines])
-        axes.set(ylim=(-0.7, len(lines) - 0.3), xlabel="contribution to the standard uncertainty, µm")
+        axes.set(ylim=(-0.7, len(lines) - 0.3), xlabel="contribution to u, µm")
         axes.grid(visible=False, axis="y")
 
     largest = lines[-1].quantity.label
     label = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}; the largest is of {largest}"
-    return axes_picture(
-        f"budget-{budget.measurand}", label, (6.4, 0.8 + 0.24 * len(lines)), draw, (2.9, 0.5, 0.15, 0.1)
-    )
+    left = 0.3 + 0.078 * max(len(line.quantity.name) for line in lines)
+    size = (4.3, 0.8 + 0.24 * len(lines))
+    return axes_picture(f"budget-{budget.measurand}", label, size, draw, (left, 0.5, 0.15, 0.1))
 
 
 def _withheld(result: Certificate) -> tuple[doc.Block, ...]:
@@ -498,7 +499,13 @@ def _details(result: Certificate) -> tuple[doc.Block, ...]:
         parts[part.capitalize()] += [
             (_called(name.partition(".")[2]), "not stated") for name in missing if name.partition(".")[0] == part
         ]
-    return tuple(doc.Table(("", ""), tuple(rows), part) for part, rows in parts.items() if rows)
+    return tuple(
+        doc.Table(
+            ("", "", ""),
+            tuple(("" if i else part, *row) for part in together for i, row in enumerate(parts.get(part, []))),
+        )
+        for together in _TOGETHER
+    )
 
 
 def _called(key: str) -> str:

@@ -505,9 +505,8 @@ def _card(result: StudyResult) -> doc.Card:
     best, worst = min(means, key=lambda each: each.mean), max(means, key=lambda each: each.mean)
     names = _varying(cells)
     called = circumstances({name: getattr(cells[best.cell], name) for name in names}) or "one cell"
-    numbers = [("lowest mean error", short(best.mean, "mm"), "")]
-    if isfinite(best.lower):
-        numbers.append(("95 % interval", f"{short(best.lower)} to {short(best.upper, 'mm')}", ""))
+    interval = f" (95 %: {short(best.lower)} to {short(best.upper)})" if isfinite(best.lower) else ""
+    numbers = [(f"lowest mean error{interval}", short(best.mean, "mm"), "")]
     if len(means) > 1:
         numbers.append(("highest mean error", short(worst.mean, "mm"), ""))
     picture = _overview_picture(result.analysis, metric, best)

@@ -139,8 +139,9 @@ def test_a_certificate_of_measurements_is_no_example_and_says_what_is_missing(he
     assert "conforms with the tolerance of 0.100 mm" in said and "then sign: the number of the certificate" in said
     assert said.index("Next:") < said.index("Uncertainty budget")
     (session,) = (each for each in document.blocks if getattr(each, "title", "") == "Calibrated robot and measurement")
-    empty = [(table.caption, row[0]) for table in session.blocks for row in table.rows if row[1] == "not stated"]
-    assert len(empty) == len(found.details.missing) + 1 and ("Certificate", "date of issue") in empty
+    empty = [row[:2] for table in session.blocks for row in table.rows if row[2] == "not stated"]
+    assert len(empty) == len(found.details.missing) + 1 and ("", "date of issue") in empty
+    assert ("Reflector", "serial number") in empty
 
 
 @thorough
