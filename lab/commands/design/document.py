@@ -282,7 +282,7 @@ def _draw_targets(axes: Axes, shown: PlanScene, plane: tuple[int, int]) -> None:
     mm = 1e3
     every = mm * shown.points[shown.measured, 0]
     middle, half = cube([mm * shown.path, every, *(mm * line for line in shown.home)], _ROOM)
-    view(axes, plane, middle, half, "world", "Targets")
+    view(axes, plane, middle, half, "world", "targets")
     axes.plot(mm * shown.path[:, i], mm * shown.path[:, j], color=AXIS, linewidth=0.6, alpha=0.8, label="their path")
     for k, line in enumerate(mm * each for each in shown.home):
         label = "" if k else "robot at home"

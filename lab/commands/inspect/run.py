@@ -93,7 +93,7 @@ def _cell_pictures(robot: Robot) -> tuple[Picture, ...]:
 
     def draw(axes: Axes, plane: tuple[int, int]) -> None:
         middle, half = cube([heads, *(points for _, points in shapes)], _ROOM)
-        view(axes, plane, middle, half, "world", "Cell")
+        view(axes, plane, middle, half, "world", "cell")
         for k, points in enumerate(arm):
             line = _outline(points[:, plane])
             axes.plot(line[:, 0], line[:, 1], color=ARM, linewidth=1.2, label="" if k else "robot at home")
