@@ -547,8 +547,8 @@ class Chart(Sheet):
 
 
 def _kept(colour: str) -> str:
-    """A colour that a dark page keeps: ``inline_svg`` makes variables of those in small letters."""
-    return colour.upper() if colour.startswith("#") else colour
+    """A colour that a dark page keeps: ``inline_svg`` makes variables of the others, ``#rrggbb``."""
+    return "rgb({},{},{})".format(*rgb(colour)) if colour.startswith("#") else colour
 
 
 def _parsed(style: str) -> tuple[str | None, str]:

@@ -8,9 +8,9 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes as PaperAxes
 from matplotlib.figure import Figure
 
-from lab.render.charts.chart import Chart, Sheet, log_ticks, shades
+from lab.render.charts.chart import Chart, Sheet, axes_picture, inline_svg, log_ticks, name_points, shades
 from lab.render.charts.marks import ROUND, Axes, Legend, cells, colour, line, marks, text_width
-from lab.render.style import FIGURE_STYLE
+from lab.render.style import FIGURE_STYLE, rgb
 
 SIZE, MARGINS = (4.0, 3.0), (0.5, 0.5, 0.5, 0.5)
 VALUES = np.random.default_rng(3).normal(size=20)
@@ -177,3 +177,94 @@ def test_hidden_axes_have_neither_lines_nor_ticks() -> None:
     shown, hidden = (charted(lambda axes, off=off: (axes.plot([0, 1], [0, 1]), off and axes.axis("off"))).svg()
                      for off in (False, True))  # fmt: skip
     assert "<text" in shown and "<text" not in hidden and len(hidden) < len(shown)
+
+
+def test_arrows_have_the_ends_that_matplotlib_gives_them() -> None:
+    x, y, u, v = np.array([[1.0, 4.0], [2.0, 3.0], [2.0, -1.0], [0.5, np.nan]])
+    options = {"angles": "xy", "scale_units": "xy", "scale": 0.5}
+
+    def draw(axes: Axes) -> None:
+        axes.quiver(x, y, u, v, **options)
+        axes.set(xlim=(0, 10), ylim=(0, 5))
+
+    chart, paper = charted(draw), on_paper(draw)
+    paper.figure.draw_without_rendering()
+    across, up = chart.scales()
+    found = re.findall(r"M([\d.]+) ([\d.]+)l(-?[\d.]+) (-?[\d.]+)m", chart.svg())
+    assert len(found) == 1  # the other has no direction
+    start, along = np.array(found[0][:2], float), np.array(found[0][2:], float)
+    np.testing.assert_allclose(start, [float(across(1.0)), float(up(2.0))], atol=0.6)
+    tip = paper.transData.transform((1 + 2 / 0.5, 2 + 0.5 / 0.5)) * 72 / paper.figure.dpi
+    np.testing.assert_allclose((start + along) * [1, -1] + [0, chart.height], tip, atol=0.6)
+
+
+def test_axes_within_axes_are_where_matplotlib_puts_them() -> None:
+    made: list = []
+
+    def draw(axes: Axes) -> None:
+        axes.set(xlim=(0, 2), ylim=(0, 1))
+        axes.set_aspect("equal")
+        inset = axes.inset_axes((0.1, -0.3, 0.8, 0.05))
+        inset.set(xlim=(1, 3), ylim=(0, 1), xlabel="scale")
+        made.append(inset)
+
+    chart, paper = charted(draw), on_paper(draw)
+    paper.figure.draw_without_rendering()
+    svg = chart.svg()
+    across, up = made[0].scales()
+    for x, y in ((1, 0), (3, 1), (2.5, 0.5)):
+        there = np.array([float(across(x)), chart.height - float(up(y))])
+        np.testing.assert_allclose(there, made[1].transData.transform((x, y)) * 72 / paper.figure.dpi, atol=0.3)
+    assert ">scale<" in svg and len(set(re.findall(r'\bid="([^"]*)"', svg))) == 2
+
+
+def test_a_title_that_is_too_wide_is_broken_and_makes_room() -> None:
+    long = "the distance from the socket before calibration, from the side and from above"
+    short, wide = (charted(lambda axes, title=title: axes.set(title=title)) for title in ("short", long))
+    assert wide.height > short.height and wide.svg().count("<tspan") >= 1
+    middle = (wide.left + wide.width - wide.right) / 2
+    for part in wide.title.split("\n"):
+        assert text_width(part, 10) <= 2 * min(middle, wide.width - middle)
+    assert wide.title.replace("\n", " ") == long
+    area = [chart.scales()[1].start - chart.scales()[1].end for chart in (short, wide)]
+    assert area[0] == pytest.approx(area[1])
+
+
+def test_named_points_say_what_they_are_within_the_axes() -> None:
+    def draw(axes: Axes) -> None:
+        axes.set(xlim=(0, 1), ylim=(0, 1))
+        name_points(axes, "pose", [0.5, 2.0, np.nan], [0.25, 0.5, 0.5], ["a\tb\n<i>", "far", "none"], ["1 mm"] * 3)
+
+    chart = charted(draw)
+    assert [each[2:] for each in chart.named_points()] == [("pose", "a\tb\n<i>", "1 mm")]
+    shown = inline_svg(axes_picture("n", "l", SIZE, draw))
+    assert re.search(r'data-points="(\d+)\t(\d+)\tpose\ta b &lt;i&gt;\t1 mm"', shown)
+    on_paper(draw)  # which has no names
+
+
+def test_colours_of_a_page_are_variables_but_on_areas_of_their_own() -> None:
+    own = {"boxstyle": "round,pad=0.1", "facecolor": "#440154", "edgecolor": "none"}
+
+    def draw(axes: Axes) -> None:
+        axes.plot([0, 1], [0, 1], color="#0b2a6b")
+        axes.scatter([0], [0], c=[[0.5, 0.25, 0.123]])
+        axes.scatter([0], [0], c=["#123456"], edgecolors="white", linewidths=1)
+        axes.annotate("word", (0, 0), color="white", bbox=own)
+        axes.annotate("#abcdef", (0, 0), color="black")
+
+    shown = inline_svg(axes_picture("n", "l", SIZE, draw))
+    assert {"--c-0b2a6b", "--c-000000", "rgb(18,52,86)", "rgb(68,1,84)", "rgb(255,255,255)"} <= set(
+        re.findall(r"--c-\w+|rgb\([\d,]+\)", shown)
+    )
+    assert not re.search(r'="#\w{6}"', shown) and ">#abcdef<" in shown and 'fill="var(--c-ffffff)"' not in shown
+    parts = np.array(rgb(re.search(r"--c-(8\w{5})", shown)[1]))  # type: ignore[index]
+    assert np.abs(parts - 255 * np.array([0.5, 0.25, 0.123])).max() <= 255 / 62 + 1
+
+
+@pytest.mark.parametrize("size", [6.5, 8, 9, 14])
+def test_a_picture_is_not_shown_narrower_than_its_letters_allow(size: float) -> None:
+    shown = inline_svg(axes_picture("n", "l", SIZE, lambda axes: axes.annotate("word", (0, 0), fontsize=size)))
+    width, least = map(int, re.search(r"width: (\d+)px; min-width: (\d+)px", shown).groups())  # type: ignore[union-attr]
+    smallest = min(size, 9)  # that of the ticks
+    assert width >= least and smallest * least / (72 * SIZE[0]) == pytest.approx(10, rel=0.01)
+    assert width == max(96 * SIZE[0], least)
