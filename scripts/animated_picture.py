@@ -218,7 +218,7 @@ def _draw_arm(axes: Any, scene: Scene, joints: Array) -> None:
     axes.add_collection(PolyCollection(list(_seen(floor)), facecolors=GRID, edgecolors=GRID, linewidths=0.6, zorder=0))
     axes.add_collection(
         PolyCollection(
-            _seen(faces[order]), facecolors=shaded[order], edgecolors=shaded[order], linewidths=0.5, zorder=2
+            list(_seen(faces[order])), facecolors=shaded[order], edgecolors=shaded[order], linewidths=0.5, zorder=2
         )
     )
 
