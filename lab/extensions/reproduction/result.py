@@ -272,7 +272,7 @@ def _card(result: ReproductionResult) -> Card:
         badge = Badge("nothing printed to compare")
     if result.wrong:
         badge, next_step = Badge("differs", "bad"), f"look at {result.wrong[0]}, which differs without a listed reason."
-    about = f"Of {sum(counts.values())} printed numbers, formulas and words. The source prints errata wrongly."
+    about = f"Of {sum(counts.values())} printed numbers, formulas and words. An erratum is printed wrongly."
     return Card(badge, numbers, about, next_step)
 
 
