@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import numpy as np
 import trimesh
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from PIL import Image
@@ -116,14 +115,16 @@ def measured_scene() -> Scene:
         ROOT / DATA, robot=words[words.index("--robot") + 1], holdout=0.3, model="auto", no_recording=True
     )
     rows, found = result.validation.rows, result.identification
+    assert rows is not None  # it holds poses out
     model, inputs = found.model, rows.inputs(found.model.conditions)
     arm, values = result.rigid(found.values)
     T_world_tracker = result.robot.model.T_world_frame0 @ np.linalg.inv(arm.T_tracker_frame0(values))
     measured, turn = rows.points[:, 0], T_world_tracker[:3, :3]
-    errors = [(measured - model.points(inputs, each)[:, 0]) @ turn.T for each in (found.nominal_aligned, found.values)]
+    both = (model.points(inputs, each)[:, 0] for each in (found.nominal_aligned, found.values))
+    before, after = ((measured - predicted) @ turn.T for predicted in both)
     stops = _round_trip(rows.joints[np.linspace(0, len(rows) - 1, _STOPS).astype(int)])
     points, headline = moved(T_world_tracker, measured), result.document().title
-    return Scene(result.robot, arm, values, points, *errors, _on_the_way(stops), headline)
+    return Scene(result.robot, arm, values, points, before, after, _on_the_way(stops), headline)
 
 
 def _round_trip(joints: Array) -> Array:
@@ -156,7 +157,7 @@ def drawn(scene: Scene, number: int) -> Image.Image:
     """Draw a frame."""
     figure = frame_figure(scene, number)
     buffer = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer)
+    figure.savefig(buffer, format="png", dpi=figure.dpi)
     return Image.open(buffer).convert("RGB")
 
 
@@ -199,7 +200,9 @@ def _draw_arm(axes: Any, scene: Scene, joints: Array) -> None:
     bodies = body_poses(model, scene.arm, scene.values, joints[None])
     corners, colours = [], []
     for i, shell in enumerate(arm_shells(model)):
-        vertices, triangles = trimesh.remesh.subdivide_to_size(shell.vertices.astype(float), shell.faces, _EDGE_M)
+        vertices, triangles = trimesh.remesh.subdivide_to_size(  # type: ignore[no-untyped-call]
+            shell.vertices.astype(float), shell.faces, _EDGE_M
+        )
         corners.append(transform(bodies[shell.body][0], vertices)[triangles])
         colours.append(np.tile(np.array(rgb(_LINKS[i % 2])) / 255, (len(triangles), 1)))
     faces, tints = np.concatenate(corners), np.concatenate(colours)
@@ -212,10 +215,10 @@ def _draw_arm(axes: Any, scene: Scene, joints: Array) -> None:
     shaded = np.clip(tints * (0.6 + 0.45 * light[:, None]), 0, 1)
     order = np.argsort(faces.mean(axis=1) @ _EYE)
     floor = faces * (1.0, 1.0, 0.0)
-    axes.add_collection(PolyCollection(_seen(floor), facecolors=GRID, edgecolors=GRID, linewidths=0.6, zorder=0))
+    axes.add_collection(PolyCollection(list(_seen(floor)), facecolors=GRID, edgecolors=GRID, linewidths=0.6, zorder=0))
     axes.add_collection(
         PolyCollection(
-            _seen(faces[order]), facecolors=shaded[order], edgecolors=shaded[order], linewidths=0.5, zorder=2
+            list(_seen(faces[order])), facecolors=shaded[order], edgecolors=shaded[order], linewidths=0.5, zorder=2
         )
     )
 

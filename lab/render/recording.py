@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.model import RigidArm
-from lab.render.document import Document, Section, Warnings, format_magnification
+from lab.render.document import Document, Section, Warnings, format_magnification, shown
 from lab.render.markdown import to_markdown
 from lab.render.scene import Legs, MagnifiedEllipsoids, moved, world_legs
 from lab.render.style import (
@@ -277,8 +278,9 @@ def draw_tag(
 
 
 def log_texts(recording: rr.RecordingStream, document: Document, legend: Section | None = None) -> None:
-    """Log a result's document: its beginning and the legend as a short summary, and the whole of it."""
-    beginning = tuple(block for block in document.blocks if not isinstance(block, Section | Warnings))
+    """Log a result's document: what comes before its sections, or the first, with the legend; and the whole of it."""
+    blocks = tuple(block for block in shown(document.blocks, "recording") if not isinstance(block, Warnings))
+    beginning = tuple(takewhile(lambda block: not isinstance(block, Section), blocks)) or blocks[:1]
     short = replace(document, blocks=(*beginning, *([legend] if legend else ())))
     for entity, each in ((SUMMARY, short), (_DETAILS, document)):
         recording.log(entity, markdown(to_markdown(each)), static=True)

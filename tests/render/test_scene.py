@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,9 +13,9 @@ from hypothesis import strategies as st
 from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.kinematics.serial.arm import SerialArm
-from lab.render.document import plain
+from lab.render.document import Document, Paragraph, Section, Warnings, plain
 from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
-from lab.render.recording import draw_legs, eye, eye_on_arm, main_view, recording_to
+from lab.render.recording import draw_legs, eye, eye_on_arm, log_texts, main_view, recording_to
 from lab.render.scene import (
     MOST_POSES,
     Legs,
@@ -141,3 +142,24 @@ def test_a_recording_is_written_where_rerun_is_turned_off(
         assert os.environ["RERUN"] == "0"
     assert (tmp_path / "off.rrd").stat().st_size > 1000  # without content there would be none
     assert capfd.readouterr() == ("", "")
+
+
+class Logged:
+    """A recording that keeps the texts that it is given."""
+
+    def __init__(self) -> None:
+        self.texts: dict[str, str] = {}
+
+    def log(self, entity: str, text: Any, static: bool) -> None:
+        self.texts[entity] = text.text.as_arrow_array().to_pylist()[0]
+
+
+def test_a_summary_is_what_comes_before_the_sections_or_the_first() -> None:
+    first, second = Section("First", (Paragraph("one"),)), Section("Second", (Paragraph("two"),))
+    legend, warnings = Section("Legend", (Paragraph("what"),)), Warnings(("careful",))
+    for blocks, kept in (((Paragraph("lead"), warnings, first, second), "lead"), ((warnings, first, second), "one")):
+        logged = Logged()
+        log_texts(logged, Document("Title", blocks), legend)  # type: ignore[arg-type]
+        summary, details = logged.texts["summary"], logged.texts["details"]
+        assert kept in summary and "what" in summary and "two" not in summary and "careful" not in summary
+        assert all(word in details for word in ("one", "two", "careful")) and "what" not in details

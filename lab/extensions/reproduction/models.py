@@ -59,7 +59,7 @@ class Sampled:
         """Return the lengths that are not zero by the letters of sources: a and d, or a or d and r of Khalil's."""
         chain = self.arm.chain
         along, across = (("r",), ("a", "d")) if chain.convention == "craig" else (("d", "r"), ("a",))
-        found = {}
+        found: dict[str, float] = {}
         for i, (_, d, a, *_) in enumerate(chain.table * self.unit):
             for letters, length in ((along, 0.0 if chain.prismatic[i] else d), (across, a)):
                 found |= {f"{letter}{i + 1}": float(length) for letter in letters if length}

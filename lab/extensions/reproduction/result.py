@@ -37,7 +37,6 @@ from lab.render.document import (
     Table,
     Text,
     Warnings,
-    inlines,
 )
 
 __all__ = ["ReproductionResult", "reproduce"]
@@ -200,7 +199,6 @@ _BADGES: Mapping[State, Badge] = {
 }
 _COMPARED: tuple[State, ...] = ("agrees", "erratum", "differs")
 _CARD_KINDS: Mapping[State, str] = {"agrees": "after", "differs": "before"}  # of the large numbers
-_MARKS = ("right", "wrong", "blank")
 _BLANK = "…"  # an entry that is asked
 _WORST: tuple[State, ...] = ("differs", "erratum", "unreadable", "agrees", "given", "open")
 
@@ -249,44 +247,60 @@ def _asked(computed: Sequence[Computed]) -> list[Answer]:
     return [answer for each in computed for answer in each.answers if answer.in_exercise]
 
 
+_Numbers = tuple[tuple[str, str, str], ...]
+
+
 def _card(result: ReproductionResult) -> Card:
     """Summarise on the page's first screen: how many agree, how many do not, and what to do next."""
-    command = f"lab reproduce {result.source.name}"
+    item = "" if result.options.item is None else f' --item "{result.options.item}"'
+    command = f"lab reproduce {result.source.name}{item}"
     if result.marks is not None:
         return _card_of_marks(result.marks, command)
     if result.options.exercise:
-        badge = Badge("exercise with its solutions" if result.options.solution else "exercise")
-        items = sum(1 for each in result.computed if _asked([each]))
-        numbers = (("answers", str(len(_asked(result.computed))), ""), ("items", str(items), ""))
-        next_step: Text = ("fill in exercise.csv; ", Code(f"{command} --mark exercise.csv"), " says what is right")
-        more: Text = "" if result.options.solution else ("; ", Code("--solution"), " shows the solutions")
-        return Card(badge, numbers, "A formula may use the letters of the source.", (*next_step, *inlines(more), "."))
-    states: tuple[State, ...] = ("agrees", "erratum", "differs")
-    counts = {state: result.count(state) for state in states}
-    numbers = tuple(
+        return _card_of_exercise(result, command)
+    counts = {state: result.count(state) for state in _COMPARED}
+    numbers: _Numbers = tuple(
         (_STATES[state], str(count), _CARD_KINDS.get(state, "") if count else "") for state, count in counts.items()
     )
+    asked = next((each.item.number for each in result.computed if _asked([each])), None)
+    next_step: Text = "choose an item that asks, to work it out yourself."
+    if asked is not None:
+        own = Code(f'lab reproduce {result.source.name} --exercise --item "{asked}"')
+        next_step = ("work it out yourself: ", own, ".")
+    badge = Badge("as printed" if not counts["erratum"] else "as printed but for errata", "good")
+    if not sum(counts.values()):
+        badge = Badge("nothing printed to compare")
     if result.wrong:
         badge, next_step = Badge("differs", "bad"), f"look at {result.wrong[0]}, which differs without a listed reason."
-    else:
-        badge = Badge("as printed but for errata", "good") if result.count("erratum") else Badge("as printed", "good")
-        asked = next((each.item.number for each in result.computed if _asked([each])), "")
-        own = ("work it out yourself: ", Code(f'{command} --exercise --item "{asked}"'), ".")
-        next_step = own if asked else "choose another item, to work out yourself."
-    printed = sum(result.count(state) for state in _COMPARED)
-    about = f"Of {printed} printed numbers, formulas and words. An erratum is a value that the source prints wrongly."
+    about = f"Of {sum(counts.values())} printed numbers, formulas and words. An erratum is printed wrongly."
     return Card(badge, numbers, about, next_step)
+
+
+def _card_of_exercise(result: ReproductionResult, command: str) -> Card:
+    """Summarise an exercise: how much it asks, and how it is marked."""
+    solved = result.options.solution
+    items = sum(1 for each in result.computed if _asked([each]))
+    numbers: _Numbers = (("answers", str(len(_asked(result.computed))), ""), ("items", str(items), ""))
+    mark = (Code(f"{command} --mark exercise.csv"), " says what is right")
+    more = () if solved else ("; ", Code("--solution"), " shows the solutions")
+    badge = Badge("exercise with its solutions" if solved else "exercise")
+    next_step: Text = ("fill in exercise.csv; ", *mark, *more, ".")
+    return Card(badge, numbers, "A formula may use the letters of the source.", next_step)
 
 
 def _card_of_marks(marks: Sequence[Mark], command: str) -> Card:
     """Summarise a marked exercise."""
     found = Counter(mark.state for mark in marks)
-    numbers = tuple((state, str(found[state]), "after" if state == "right" else "") for state in _MARKS)
-    if found["right"] == len(marks):
+    right = found["right"]
+    numbers: _Numbers = (
+        ("right", str(right), "after"), ("wrong", str(found["wrong"]), ""), ("blank", str(found["blank"]), ""),
+    )  # fmt: skip
+    if right == len(marks):
         return Card(Badge("all right", "good"), numbers, "", "take the next chapter.")
     first = next(mark for mark in marks if mark.state != "right")
-    step: Text = (f"try {first.label} again; ", Code(f"{command} --exercise --solution"), " shows every solution.")
-    return Card(Badge(f"{found['right']} of {len(marks)} right", "doubtful"), numbers, "", step)
+    solution = Code(f"{command} --exercise --solution")
+    next_step: Text = (f"try {first.label} again; ", solution, " shows every solution.")
+    return Card(Badge(f"{right} of {len(marks)} right", "doubtful"), numbers, "", next_step)
 
 
 def _overview(result: ReproductionResult) -> tuple[Block, ...]:
