@@ -89,8 +89,8 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals).by_cluster(labels)
     whole = linear.everywhere()
     own = linear.jacobian[some] @ whole.directions  # (n, m, rank) Q_i
-    first = list(first_of_tips(found.model.targets[: observation_of(found.model).positions]))
-    slopes = found.model.observe(inputs, found.values)[1][:, first][..., list(found.fit.free)]
+    targets = list(first_of_tips(found.model.targets[: observation_of(found.model).positions]))
+    slopes = found.model.observe(inputs, found.values)[1][:, targets][..., list(found.fit.free)]
     slopes = slopes.reshape(len(inputs), -1, slopes.shape[-1])
     there = slopes / linear.scale @ whole.directions
     left = np.eye(own.shape[1]) - own @ np.swapaxes(own, 1, 2)

@@ -49,7 +49,9 @@ class ArmWithEffects:
         conditions = dict.fromkeys(name for effect in self.effects for name in effect.conditions)
         links = [link for effect in self.effects for link in effect.links]
         if links and not isinstance(self.arm, SerialArm):
-            raise LabError(f"robot {self.arm.chain.name} has {self.arm.chain.beside_serial}, and its links do not bend here")
+            raise LabError(
+                f"robot {self.arm.chain.name} has {self.arm.chain.beside_serial}, and its links do not bend here"
+            )
         object.__setattr__(self, "links", tuple(sorted(set(links))))
         object.__setattr__(self, "parameters", parameters)
         object.__setattr__(self, "names", names)
