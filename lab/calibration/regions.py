@@ -28,7 +28,16 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import Model
 from lab.kinematics.tree import first_of_tips
 
-__all__ = ["Region", "RegionKind", "TaskRegion", "measured_region", "region_of_points", "workspace_region"]
+__all__ = [
+    "Region",
+    "RegionKind",
+    "TaskRegion",
+    "first_targets",
+    "measured_region",
+    "of_first_targets",
+    "region_of_points",
+    "workspace_region",
+]
 
 _REGION_POSES = 200
 RegionKind = Literal["measured", "workspace", "box", "targets"]
@@ -69,6 +78,17 @@ class Region:
     reached: NDArray[np.bool_] | None = None
 
 
+def first_targets(model: Model) -> tuple[int, ...]:
+    """Return the first measured target, and the first of each further tip."""
+    return first_of_tips(model.targets[: getattr(model, "positions", None)])  # an arm alone has positions only
+
+
+def of_first_targets(model: Model, each: Array) -> Array:
+    """Return what ``(n, k, ...)`` holds of the first target of each of t tips, ``(n, t, ...)``."""
+    first = first_targets(model)
+    return each[:, :1] if first == (0,) else each[:, list(first)]  # a slice is no copy
+
+
 def measured_region(found: Identification, observed: Observations, turning: NDArray[np.bool_]) -> Region:
     """Return poses like the measured ones: some of these, each as if it had not been fitted.
 
@@ -91,8 +111,7 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals).by_cluster(labels)
     whole = linear.everywhere()
     own = linear.jacobian[some] @ whole.directions  # (n, m, rank) Q_i
-    first = list(first_of_tips(found.model.targets[: observation_of(found.model).positions]))
-    slopes = found.model.observe(inputs, found.values)[1][:, first][..., list(found.fit.free)]
+    slopes = of_first_targets(found.model, found.model.observe(inputs, found.values)[1])[..., list(found.fit.free)]
     slopes = slopes.reshape(len(inputs), -1, slopes.shape[-1])
     there = slopes / linear.scale @ whole.directions
     left = np.eye(own.shape[1]) - own @ np.swapaxes(own, 1, 2)

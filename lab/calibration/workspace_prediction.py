@@ -24,7 +24,7 @@ from lab.calibration.extrapolation import MeasuredRange, model_covariances, posi
 from lab.calibration.identify import Identification
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
-from lab.calibration.regions import Region, RegionKind, workspace_region
+from lab.calibration.regions import Region, RegionKind, first_targets, of_first_targets, workspace_region
 from lab.calibration.residual_spread import ResidualSpread
 from lab.calibration.validation import FOLDS, Validation, configurations
 from lab.calibration.weights import Noise, weigh
@@ -39,7 +39,6 @@ from lab.core.significance import PREDICTION_EXCEEDED
 from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import indices_of_groups
-from lab.kinematics.tree import first_of_tips
 
 __all__ = [
     "MEAN_OF_RMS",
@@ -180,7 +179,7 @@ def predict_over_workspace(
     inputs, jacobian = _target_jacobian(model, identification.values)
     placed = indices_of_groups(model.parameters, ("base", "tool"))
     of_tolerances = float(np.sqrt(np.mean(tolerance_rms(model, jacobian, tolerance, placed) ** 2)))
-    squares = _of_first(model, position_covariances(identification, measured, inputs, _last_first(model)))
+    squares = _stacked(model, position_covariances(identification, measured, inputs, 1 + max(first_targets(model))))
     if not np.isfinite(squares).all():
         return WorkspacePrediction(nothing, nothing, nothing, of_tolerances)
     beyond = uncovered = 0.0
@@ -228,7 +227,7 @@ def predict_over_region(
         share = float(measured.uncovered(inputs[:, : len(measured.lower)]).mean())
         lacks = measured.is_worse_beyond or identification.process is not None
         known = replace(known, extrapolated_share=share, lacks=lacks)
-    of_model = _of_first(model, model_covariances(identification, measured, inputs, left))
+    of_model = _stacked(model, model_covariances(identification, measured, inputs, left))
     if factors is not None:
         of_model = of_model * factors[:, None, None]
     if not np.isfinite(of_model).all():
@@ -276,7 +275,7 @@ def own_tolerance(identification: Identification, tolerance: Tolerance, region: 
         return tolerance
     inputs, jacobian, _ = _reached(model, identification.values, region.inputs)
     nominal, calibrated = (
-        _of_first(model, model.points(inputs, values))
+        _stacked(model, model.points(inputs, values))
         for values in (identification.nominal_aligned, identification.values)
     )
     expected = tolerance_rms(model, jacobian, tolerance, indices_of_groups(model.parameters, ("base", "tool"))) ** 2
@@ -330,8 +329,8 @@ def predicted_errors(
     if not observation_of(model).positions:
         return None
     inputs, _ = _target_jacobian(model, identification.values)
-    first = _first(model)
-    each = position_covariances(identification, measured, inputs, _last_first(model))[:, first]
+    whole = position_covariances(identification, measured, inputs, 1 + max(first_targets(model)))
+    each = of_first_targets(model, whole)
     squares = np.trace(each, axis1=2, axis2=3).mean(axis=1)
     known = np.isfinite(squares)
     return (inputs[known], np.sqrt(np.maximum(squares[known], 0.0))) if known.any() else None
@@ -403,24 +402,15 @@ def _target_jacobian(model: Model, values: Array) -> tuple[Array, Array]:
 
 def _reached(model: Model, values: Array, inputs: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the poses that the arm takes, derivatives ``(n t, 3, p)`` of the first target of each tip, and a mask."""
-    jacobian: Array = model.observe(inputs, values)[1][:, _first(model)]
+    jacobian = of_first_targets(model, model.observe(inputs, values)[1])
     reached = np.asarray(np.isfinite(jacobian).all(axis=(1, 2, 3)))
     return inputs[reached], jacobian[reached].reshape(-1, *jacobian.shape[2:]), reached
 
 
-def _first(model: Model) -> list[int]:
-    """Return the first measured target, and the first of each further tip."""
-    return list(first_of_tips(model.targets[: observation_of(model).positions]))
-
-
-def _of_first(model: Model, each: Array) -> Array:
+def _stacked(model: Model, each: Array) -> Array:
     """Return what ``(n, k, ...)`` holds of the first target of each of t tips, ``(n t, ...)``."""
-    return each[:, _first(model)].reshape(-1, *each.shape[2:])
-
-
-def _last_first(model: Model) -> int:
-    """Number of targets up to the last one that is the first of its tip."""
-    return _first(model)[-1] + 1
+    first = of_first_targets(model, each)
+    return first.reshape(-1, *first.shape[2:])
 
 
 def length_not_exceeded(squares: Array, dof: float | None, share: float = _SHARE) -> float:

@@ -37,8 +37,10 @@ def joined(robot: str, base: str, tips: Sequence[str]) -> str:
     if parted(robot)[1]:
         raise LabError(f"robot '{robot}' names its tips already; give them once")
     for name in (base, *tips):
-        if set(name) & set("#:,") or (not name and name is not base):
-            raise LabError(f"'{name}' cannot name a base or a tip: it has one of # : , in it, or is empty")
+        if set(name) & set("#:,"):
+            raise LabError(f"'{name}' cannot name a base or a tip: it has one of # : , in it")
+    if "" in tips:
+        raise LabError(f"{option_name('tip')}: an empty name; name a body, a link or a site")
     if len(set(tips)) < len(tips):
         raise LabError(f"{option_name('tip')}: {', '.join(tips)}: name each tip once")
     return f"{robot}#{f'{base}:' if base else ''}{','.join(tips)}"

@@ -205,7 +205,7 @@ class SelfContact:
         """Estimate the base and measured targets from the positions; others start at nominal."""
         if not self.positions:
             return values
-        rows = np.isfinite(observed.points[:, :-1]).all(axis=2).any(axis=1)
+        rows = observed.seen[:, :-1].any(axis=1)
         points = np.full((int(rows.sum()), len(self.arm.targets), 3), np.nan)
         points[:, : self.positions] = observed.points[rows, :-1]
         positions = Observations(observed.inputs[rows, :-1], points, np.ones(points.shape[:2]))

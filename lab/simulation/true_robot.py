@@ -316,11 +316,11 @@ def put_before_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker
 
 def _before_tracker(robot: OpenModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array) -> TrueOpenRobot:
     put_before_tracker(model, robot, T_world_tracker)
-    kind = TrueSerialRobot if isinstance(robot, SerialModel) else TrueOpenRobot
-    return kind(
-        robot=robot,
-        model=model,
-        T_world_tracker=T_world_tracker,
-        joint_offset=offset,
-        effects=Effects.none(robot.chain.size),
+    nothing = Effects.none(robot.chain.size)
+    if isinstance(robot, SerialModel):
+        return TrueSerialRobot(
+            robot=robot, model=model, T_world_tracker=T_world_tracker, joint_offset=offset, effects=nothing
+        )
+    return TrueOpenRobot(
+        robot=robot, model=model, T_world_tracker=T_world_tracker, joint_offset=offset, effects=nothing
     )

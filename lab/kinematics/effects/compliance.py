@@ -247,8 +247,9 @@ class Compliance(VirtualEffect):
         if self.stiffness_nm_per_rad is None:
             return JointSprings(np.zeros(arm.chain.size), at)
         if arm.loads is None:
+            beside = arm.chain.beside_serial or "no masses"
             raise LabError(
-                f"{option_name('stiffness_nm_per_rad')}: robot {arm.chain.name} has {arm.chain.beside_serial or 'no masses'}, so nothing bends it"
+                f"{option_name('stiffness_nm_per_rad')}: robot {arm.chain.name} has {beside}, so nothing bends it"
             )
         bearing = arm.loads.bearing(rng_for(0, "structure"))
         stiffness = {joint + 1: self.stiffness_nm_per_rad for joint in bearing}
@@ -327,8 +328,9 @@ class Hardening(VirtualEffect):
         cubic = np.zeros(arm.chain.size)
         if self.hardening_mrad:
             if arm.loads is None:
+                beside = arm.chain.beside_serial or "no masses"
                 raise LabError(
-                    f"{option_name('hardening_mrad')}: robot {arm.chain.name} has {arm.chain.beside_serial or 'no masses'}, so nothing bends it"
+                    f"{option_name('hardening_mrad')}: robot {arm.chain.name} has {beside}, so nothing bends it"
                 )
             bearing = list(arm.loads.bearing(rng_for(0, "structure")))
             cubic[bearing] = MRAD.to_si(-self.hardening_mrad) / _TORQUE_NM**3
