@@ -184,7 +184,8 @@ PHRASES: Mapping[str, Phrase] = {
     "nominal.far": _far_from_nominal,
     "contact.size": (
         "contacts do not determine the arm's size: {parameter} is fixed at nominal, and all lengths are relative to "
-        "it; give a measured distance of sockets (--socket-distance-mm) or measure a cable's length"
+        "it; give a measured distance of sockets (--socket-distance-mm), measure a cable's length, or touch opposite "
+        "faces of a cube"
     ),
     "instrument.uneven": (
         "{source} states {best_m:µm 2} in one direction and {worst_m:µm 2} in another, so errors of the reflector's "
