@@ -14,6 +14,7 @@ from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.run import MeasurementSession
 from lab.commands.certify.result import Certificate
+from lab.commands.check import CheckResult
 from lab.commands.compare import ComparisonResult
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
@@ -33,6 +34,7 @@ from lab.commands.next.planner import PosePlanner
 from lab.commands.next.run import NextPoseResult
 from lab.commands.options import (
     CertifyOptions,
+    CheckOptions,
     CompareOptions,
     ExampleOptions,
     ImportOptions,
@@ -99,6 +101,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "certify",
+    "check",
     "compare",
     "compensate",
     "design",
@@ -172,10 +175,13 @@ def calibrate(
     occlusion: bool = False,
     orientation_share: float = 1.0,
     fixtures: int = 4,
+    artefact_mm: float = 200.0,
     orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None,
     noise_mrad: float | None = None,
     method: Literal["global", "sequential"] = "global",
     socket_distance_mm: float | None = None,
+    artefact_u_mm: float | None = None,
+    tip_radius_mm: float | None = None,
 ) -> CalibrationResult: ...
 def certify(
     run: str | Path | CertifyOptions,
@@ -188,6 +194,17 @@ def certify(
     force: bool = False,
     accept_edited: bool = False,
 ) -> Certificate: ...
+def check(
+    run: str | Path | CalibrationResult | CheckOptions,
+    measurements: str | Path | Measurements | None = None,
+    *,
+    reference: int = 10,
+    since: str | None = None,
+    serial: str | None = None,
+    require: Literal["good"] | None = None,
+    force: bool = False,
+    accept_edited: bool = False,
+) -> CheckResult: ...
 def compare(
     runs: Sequence[str | Path | CalibrationResult] | CompareOptions,
     *,
@@ -300,6 +317,8 @@ def identify(
     noise_mrad: float | None = None,
     method: Literal["global", "sequential"] = "global",
     socket_distance_mm: float | None = None,
+    artefact_u_mm: float | None = None,
+    tip_radius_mm: float | None = None,
     model: str = "geometric",
     robust: bool = False,
     fix: Sequence[str] = ...,
@@ -438,8 +457,11 @@ def simulate(
     occlusion: bool = False,
     orientation_share: float = 1.0,
     fixtures: int = 4,
+    artefact_mm: float = 200.0,
     orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None,
     socket_distance_mm: float | None = None,
+    artefact_u_mm: float | None = None,
+    tip_radius_mm: float | None = None,
 ) -> MeasurementSession: ...
 def solve_kinematics(
     robot: str | Path | Robot | KinematicsOptions = "irb120",

@@ -71,6 +71,7 @@ def test_help_shows_what_is_required() -> None:
     }
     assert {name: names for name, names in required.items() if names} == {
         "certify": ["run"],
+        "check": ["run"],
         "compare": ["runs"],
         "identify": ["measurements"],
         "import_measurements": ["points", "joints"],

@@ -214,8 +214,8 @@ def _check_document(result: CheckResult) -> doc.Document:
     badge = doc.Badge(verdict, "good" if kind == "good" else "bad" if kind == "bad" else "doubtful")
     name = called(result.calibrated.robot.name, result.serial)
     blocks: list[doc.Block] = [
-        doc.Paragraph((badge, f" {sentence(result.words())} (an unchanged arm raises an alarm in at most "
-                       f"{100 * TREND_YEAR:g} % of the years)")),
+        doc.Paragraph((badge, f" {sentence(result.words())} An unchanged arm raises an alarm in at most "
+                       f"{100 * TREND_YEAR:g} % of the years.")),
         doc.Paragraph(
             f"{counted(len(result.dates), 'check')} from {result.dates[0]} to {result.dates[-1]}, in "
             f"{counted(result.errors.shape[1], 'configuration')}; a touch repeats to "
@@ -239,7 +239,7 @@ def _told(result: CheckResult) -> tuple[doc.Block, ...]:
         named = "–" if each.confounded else short(unit.of(each.named))
         what = sentence(result.called(each.cause.kind, each.cause.name)).rstrip(".")
         rows.append((what, short(unit.of(each.detected)), named, unit.name, same))
-    columns = ("cause", "found by the next check", "named within three", "unit", "cannot be told from")
+    columns = ("cause", "found by the next check", "told apart within three", "unit", "cannot be told from")
     note = (
         "Smallest changes that are found, and told from every other cause, in 95 of 100 cases. Causes that move the "
         "errors alike are named together; another configuration or a second socket tells some of them apart."

@@ -65,6 +65,7 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
     "compensate with a load": ("load", "compensate day.csv --run irb --load {} --accept-edited --no-check"),
     "certify by a tracker": ("tracker", "certify run --instrument {}"),
     "reproduce": ("answers", "reproduce elastic --mark {}"),
+    "check": ("daily", "check irb {}"),
     "verify by its checksums": ("run's SHA256SUMS", "verify {} day.csv"),
     "migrate by its checksums": ("run's SHA256SUMS", "migrate {}"),
     **{

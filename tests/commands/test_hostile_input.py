@@ -25,6 +25,7 @@ MEASUREMENTS = (
     "design --robot arm.toml --extend {} --out never",
     "payload {} --robot arm.toml --out never",
     "predict run {} --out never",
+    "check run {} --out never",
 )
 ROBOTS = (
     "inspect {}",
@@ -36,6 +37,7 @@ ROBOTS = (
 STUDIES = ("study {} --workers 1 --out never", "study {} --workers 1 --resume --out never")
 RUNS = (
     "verify {} good.csv --out never",
+    "check {} good.csv --out never",
     "predict {} good.csv --out never",
     "compensate good.csv --run {} --out never",
     "payload good.csv --run {} --out never",
@@ -330,6 +332,8 @@ COMMAND_LINES = (
     "status . --every-days 0",
     "status . --on yesterday",
     "verify run good.csv --date yesterday",
+    "check run good.csv --since yesterday",
+    "check run good.csv --reference 1",
     "compare run",
     "migrate run --date 2026-02-30",
     "migrate run --date yesterday",

@@ -57,6 +57,8 @@ def write_files(page: Page, folder: Path) -> None:
         if block.startswith(("id,x_mm", "id,move")):
             name = "square.csv" if "move" in block else "points.csv" if "vx_mm" in block else "targets.csv"
             (folder / name).write_text(block)
+        if block.startswith("session,q1_deg"):
+            (folder / "daily.csv").write_text(block)
         if block.startswith(("// Working", "Pose,J1")):
             (folder / ("tracker.txt" if block.startswith("//") else "poses.csv")).write_text(block)
     for block in page.of("toml"):

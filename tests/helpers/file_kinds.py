@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from helpers.bad_input import ARM_TOML, ARM_URDF, ARM_XML, csv
 from helpers.controller_programs import END, LANGUAGES, PULSES, Written, posed, program
+from helpers.daily_checks import daily
 from helpers.robots import IRB120, ROOT
 from helpers.tracker_files import spatial_analyzer
 from helpers.writing_commands import weighted
@@ -30,7 +31,7 @@ from lab.formats.drives_toml import read_drives
 from lab.formats.instrument_toml import read_instrument
 from lab.formats.joint_log import read_joint_log
 from lab.formats.loose_table import JointColumns, PointColumns, read_column_map
-from lab.formats.measurement_csv import read_measurements
+from lab.formats.measurement_csv import read_measurements, write_measurements
 from lab.formats.mechanism_toml import read_mechanism
 from lab.formats.programs.program_text import Outside
 from lab.formats.programs.registry import read_program
@@ -267,6 +268,12 @@ def weighing() -> dict[str, str]:
         return {path.name: path.read_text() for path in Path(folder).iterdir()}
 
 
+def _daily() -> str:
+    with TemporaryDirectory() as folder:
+        write_measurements(Path(folder) / "daily.csv", daily(12), (False,) * 6)
+        return (Path(folder) / "daily.csv").read_text()
+
+
 def _export() -> str:
     rng = np.random.default_rng(5)
     with TemporaryDirectory() as folder:
@@ -281,6 +288,11 @@ KINDS: dict[str, FileKind] = {
         "d.csv",
         _text_of("measurements.csv"),
         lambda path: read_measurements(path, IRB120.chain.joint_names, IRB120.chain.prismatic),
+    ),
+    "daily": FileKind(
+        "daily.csv",
+        _daily,
+        lambda path: read_measurements(path, IRB120.chain.joint_names, IRB120.chain.prismatic, points=False),
     ),
     "targets": _kind("t.csv", csv(), lambda path: read_targets(path, JOINTS, SLIDES)),
     "runs": _kind("r.csv", RUNS, lambda path: read_loads(path, JOINTS, SLIDES)),

@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from helpers.bad_input import run
+from helpers.daily_checks import daily
 from lab.campaign.robot import load_virtual
 from lab.commands.run_folder import check_edits
 from lab.core.whole_folder import CHECKSUMS
 from lab.extensions.dynamics.load_files import Mounting, write_loads, write_mounting
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
+from lab.formats.measurement_csv import write_measurements
 from lab.simulation.collisions import random_poses
 
 __all__ = ["COMMANDS", "MIGRATE", "ended", "forked", "inputs_of_commands", "older_run", "weighted", "whole"]
@@ -36,6 +38,7 @@ COMMANDS = {
     "predict": "predict day few.csv",
     "trajectory": "trajectory goals.csv --robot irb120",
     "compare": "compare day day2",
+    "check": "check day daily.csv",
     "compensate checked": "compensate few.csv --run day",
     "design": "design --robot irb120 --poses 10 --candidates 100 --starts 1",
     "next": "next day few.csv --instrument uniform-8um --candidates 100",
@@ -82,6 +85,7 @@ def inputs_of_commands(folder: Path) -> Path:
     header = ",".join(f"J{j + 1} (rad)" for j in range(6))
     (folder / "joints.csv").write_text(f"Pose,{header}\n" + "".join(joints))
     weighted(folder)
+    write_measurements(folder / "daily.csv", daily(12), (False,) * 6)
     (folder / "study.toml").write_text(STUDY)
     return folder
 

@@ -196,7 +196,8 @@ PHRASES: Mapping[str, Phrase] = {
     "nominal.far": _far_from_nominal,
     "size.nominal": (
         "these readings do not determine the arm's size: {parameter} is fixed at nominal, and all lengths are relative "
-        "to it; give a measured distance of sockets (--socket-distance-mm), a board of known size, or a cable's length"
+        "to it; give a measured distance of sockets (--socket-distance-mm), touch opposite faces of a cube, or use a "
+        "board of known size, or a cable's length"
     ),
     "instrument.uneven": (
         "{source} states {best_m:µm 2} in one direction and {worst_m:µm 2} in another, so errors of the reflector's "

@@ -1,0 +1,89 @@
+"""``lab check``: daily touches of a socket by a virtual arm that MuJoCo moves."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.bad_input import run
+from helpers.daily_checks import daily
+
+import lab
+from lab.core.errors import LabError
+
+SLIP = np.array([0.0, 0.0, 0.6e-3, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def calibrated() -> lab.CalibrationResult:
+    return lab.calibrate("irb120", poses=40, seed=1)
+
+
+def test_an_unchanged_arm_is_good(calibrated: lab.CalibrationResult) -> None:
+    result = lab.check(calibrated, daily(16))
+    values = result.to_dict()
+    assert values["verdict"] == "good" and result.exit_code == 0 and values["change"] is None
+    assert values["checks"] == 16 and values["tested"] == 6 and values["configurations"] == 4
+    assert values["repeatability_mm"] == pytest.approx(0.02, rel=0.35)
+    assert {each["name"]: each["same_as"] for each in values["causes"]}["q6"] == ["the tool"]
+    assert len(result.columns()["date"]) == 64 and "nothing has moved in 6 tested checks" in result.summary().lower()
+
+
+def test_the_joint_that_slipped_is_named_with_its_size_and_day(calibrated: lab.CalibrationResult) -> None:
+    for seed in range(2):
+        result = lab.check(calibrated, daily(16, slip_rad=SLIP, since=13, seed=seed))
+        change = result.to_dict()["change"]
+        assert result.verdict == "bad" and result.exit_code == 1
+        assert change["first"] == "2026-03-15" and [each["name"] for each in change["causes"]] == ["q3"]
+        assert abs(change["causes"][0]["size"] - 0.6) < 2 * change["causes"][0]["half_width_95"] < 0.2
+        assert "The zero of joint q3 moved by +0." in result.summary()
+
+
+def test_a_joint_that_looks_like_the_tool_is_doubtful(calibrated: lab.CalibrationResult) -> None:
+    result = lab.check(calibrated, daily(14, slip_rad=np.array([0, 0, 0, 0, 0, 6e-3]), since=12))
+    assert result.verdict == "doubtful" and result.exit_code == 0
+    kinds = {(each["kind"], each["name"]) for each in result.to_dict()["change"]["causes"]}
+    assert kinds == {("joint", "q6"), ("tool", "")}
+
+
+def test_few_checks_are_not_judged_and_since_begins_anew(calibrated: lab.CalibrationResult, tmp_path: Path) -> None:
+    few = lab.check(calibrated, daily(4), require="good")
+    assert few.verdict == "not judged" and few.exit_code == 3
+    rows = daily(26, slip_rad=SLIP, since=13)
+    again = lab.check(calibrated, rows, since="2026-03-15")
+    assert again.verdict == "good" and again.to_dict()["checks"] == 13
+    calibrated.save(tmp_path / "run")
+    lab.write_measurements(tmp_path / "daily.csv", rows)
+    assert run(f"check {tmp_path}/run {tmp_path}/daily.csv --out {tmp_path}/out") == 1
+    assert run(f"check {tmp_path}/run {tmp_path}/daily.csv --since 2026-03-15 --out {tmp_path}/out2") == 0
+    assert (tmp_path / "out2" / "report.html").is_file()
+
+
+def changed(days: int = 12, **columns) -> lab.Measurements:
+    data = daily(days)
+    sessions = columns.get("sessions", data.sessions)
+    return lab.measurements(columns.get("joints", data.joints), robot="irb120", sessions=sessions)
+
+
+def test_rows_that_make_no_checks_are_refused(calibrated: lab.CalibrationResult) -> None:
+    good = daily(12)
+    sessions, joints = list(good.sessions), good.joints.copy()
+    far = joints.copy()
+    far[9, 1] += 0.5
+    twice = joints.copy()
+    twice[9] = twice[8]
+    cases = {
+        "a day that is none": (changed(sessions=[*sessions[:-1], "monday"]), "monday"),
+        "no day": (changed(sessions=[*sessions[:-1], ""]), "row 47, column session: empty"),
+        "another configuration": (changed(joints=far), "no configuration of the first check .* within 10°"),
+        "one twice": (changed(joints=twice), "touches the same configuration as row 8"),
+        "one is lacking": (good.take(range(47)), "lacks configuration 4 of the first check"),
+        "too few": (good.take([i for i in range(48) if i % 4 < 3]), "has 3 configurations; touch .* at least 4"),
+        "one day": (good.take(range(4)), "one check has nothing to be compared with"),
+    }
+    for name, (data, what) in cases.items():
+        with pytest.raises(LabError, match=what):
+            pytest.fail(f"{name}: {lab.check(calibrated, data).verdict}")
+    refused = {"--reference 2": {"reference": 2}, "--since": {"since": "May"}, "no check": {"since": "2027-01-01"}}
+    for what, options in refused.items():
+        with pytest.raises(LabError, match=what):
+            lab.check(calibrated, good, **options)
