@@ -173,6 +173,8 @@ def calibrate(
     noise_mrad: float | None = None,
     method: Literal["global", "sequential"] = "global",
     socket_distance_mm: float | None = None,
+    cameras: str | Path | None = None,
+    noise_px: float | None = None,
 ) -> CalibrationResult: ...
 def certify(
     run: str | Path | CertifyOptions,
@@ -292,6 +294,8 @@ def identify(
     noise_mrad: float | None = None,
     method: Literal["global", "sequential"] = "global",
     socket_distance_mm: float | None = None,
+    cameras: str | Path | None = None,
+    noise_px: float | None = None,
     model: str = "geometric",
     robust: bool = False,
     fix: Sequence[str] = ...,
@@ -432,6 +436,7 @@ def simulate(
     fixtures: int = 4,
     orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None,
     socket_distance_mm: float | None = None,
+    cameras: str | Path | None = None,
 ) -> MeasurementSession: ...
 def solve_kinematics(
     robot: str | Path | Robot | KinematicsOptions = "irb120",

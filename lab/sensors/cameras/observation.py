@@ -79,7 +79,8 @@ class Pixels:
 
     def __post_init__(self) -> None:
         added, first, found = list[Parameter](), len(self.arm.names), list[list[_Part]]()
-        for kind, parts, which in zip(GROUPS, (self.rig.cameras, self.rig.boards), self.seen, strict=False):
+        both: tuple[tuple[Camera | Board, ...], ...] = (self.rig.cameras, self.rig.boards)
+        for kind, parts, which in zip(GROUPS, both, self.seen, strict=False):
             found.append([])
             for index in which:
                 part = parts[index]

@@ -81,11 +81,12 @@ class Scene:
     @property
     def placed(self) -> dict[str, Array]:
         """Cameras and boards ``(6,)``, m and rad, with a camera's intrinsic parameters, by the owner's name."""
-        found = {}
-        for kind, parts, Ts in (
+        found = dict[str, Array]()
+        both: tuple[tuple[str, tuple[Camera | Board, ...], tuple[Array, ...]], ...] = (
             ("camera", self.rig.cameras, self.cameras),
             ("board", self.rig.boards, self.boards),
-        ):
+        )
+        for kind, parts, Ts in both:
             for part, T in zip(parts, Ts, strict=True):
                 more = part.intrinsic_values if isinstance(part, Camera) else np.zeros(1)
                 found[f"{kind}.{part.name}"] = np.array([*T[:3, 3], *se3.log(T[:3, :3]), *more])
@@ -142,7 +143,7 @@ def drawn_scene(rig: Rig, arm: _NominalArm, rng: np.random.Generator) -> Scene:
     tips = arm.tips(joints)
     T_frame0 = se3.inverse(arm.T_world_instrument) @ arm.robot.T_world_frame0
     Ts: dict[Camera | Board, Array] = {}
-    parts = (*rig.cameras, *rig.boards)
+    parts: tuple[Camera | Board, ...] = (*rig.cameras, *rig.boards)
     for part in parts:
         mount = rig.mount(part, arm.targets)
         if part.T_mount is not None:
