@@ -2,10 +2,10 @@
 
 The set is ``datasets/robot_arm_w_color_camera_real.zip`` of github.com/ethz-asl/hand_eye_calibration (BSD 3-clause,
 2017; Furrer et al., "Evaluation of Combined Time-Offset Estimation and Hand-Eye Calibration on Robotic Datasets"). It
-holds no pictures and no joint positions: poses over time of the hand, and of the infrared camera in the frame of a target that it sees. So the
-hand is a virtual gantry of three slides and a wrist, which stands wherever it is told to, and the target's pose is told
-by four of its points in the picture, with the intrinsic parameters that the set states. The offset of the two clocks is
-what makes the poses agree best. The publication states no reprojection error; the set's own poses have the stated one.
+holds no pictures and no joint positions: poses over time of the hand, and of the infrared camera in the frame of a
+target that it sees. So the hand is a virtual gantry of three slides and a wrist, which stands wherever it is told to,
+and the target's pose is given by four of its points in the picture, with the intrinsic parameters that the set states.
+The offset of the two clocks is the one with which the poses agree best.
 """
 
 import zipfile

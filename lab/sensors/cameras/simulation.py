@@ -29,7 +29,7 @@ _ASIDE_M, _BACK_M, _BEYOND_M = 0.06, 0.03, 0.03  # a camera is beside the target
 _SPREAD_M, _SPREAD = 0.01, 0.08  # of a drawn place in the hand, m and rad
 _TILT = 0.3  # rad: spread of a board's normal about the line of sight of the pose that it is placed by
 _LOWEST_M, _OFF_AXIS_M = 0.02, 0.25  # of what stands in the world, above the base and away from its axis
-_PLACINGS = 200
+_PLACINGS, _SCENES = 200, 20
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,17 @@ class Scene:
         """Return the places ``(n, 3)`` m of a camera in the instrument's frame."""
         mount = self.rig.mount(self.rig.cameras[camera], targets)
         return _in_world(self.cameras[camera], mount, Ts_tip)[:, :3, 3]
+
+    def shows(self, arm: "_NominalArm") -> bool:
+        """Check whether the poses by which cameras and boards were placed see enough of a board, unhidden."""
+        tips, shown = arm.tips(self.seeing), np.zeros(len(self.seeing), dtype=np.bool_)
+        for camera in range(len(self.cameras)):
+            for board in range(len(self.boards)):
+                _, inside, corners = self.seen(camera, board, tips, arm.targets)
+                origins = self.origins(camera, tips, arm.targets)
+                inside &= ~arm.hidden(self.seeing, origins, np.where(inside[..., None], corners, np.nan))
+                shown |= inside.sum(axis=1) >= self.rig.simulated.corners
+        return bool(shown.all())
 
     @property
     def placed(self) -> dict[str, Array]:
@@ -231,6 +242,10 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     targets = tuple(dict.fromkeys((*poses.targets, *rig.on_targets)))
     nominal = _NominalArm(real.robot, real.T_world_tracker, targets)
     placed = drawn_scene(rig, nominal, placing)
+    for _ in range(_SCENES):
+        if placed.shows(nominal):
+            break
+        placed = drawn_scene(rig, nominal, placing)
     joints = poses.joints if poses.planned else _seeing_poses(placed, nominal, len(poses.joints), placing)
     conditions = {name: column for name, column in poses.conditions.items() if name != BUMPED}
     scatter = real.effects.scatter(len(joints), scattering)
