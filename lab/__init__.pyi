@@ -175,6 +175,7 @@ def calibrate(
     occlusion: bool = False,
     orientation_share: float = 1.0,
     fixtures: int = 4,
+    contact_share: float = 0.5,
     artefact_mm: float = 200.0,
     orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None,
     noise_mrad: float | None = None,
@@ -182,6 +183,8 @@ def calibrate(
     socket_distance_mm: float | None = None,
     artefact_u_mm: float | None = None,
     tip_radius_mm: float | None = None,
+    cameras: str | Path | None = None,
+    noise_px: float | None = None,
 ) -> CalibrationResult: ...
 def certify(
     run: str | Path | CertifyOptions,
@@ -319,6 +322,8 @@ def identify(
     socket_distance_mm: float | None = None,
     artefact_u_mm: float | None = None,
     tip_radius_mm: float | None = None,
+    cameras: str | Path | None = None,
+    noise_px: float | None = None,
     model: str = "geometric",
     robust: bool = False,
     fix: Sequence[str] = ...,
@@ -457,11 +462,13 @@ def simulate(
     occlusion: bool = False,
     orientation_share: float = 1.0,
     fixtures: int = 4,
+    contact_share: float = 0.5,
     artefact_mm: float = 200.0,
     orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None,
     socket_distance_mm: float | None = None,
     artefact_u_mm: float | None = None,
     tip_radius_mm: float | None = None,
+    cameras: str | Path | None = None,
 ) -> MeasurementSession: ...
 def solve_kinematics(
     robot: str | Path | Robot | KinematicsOptions = "irb120",

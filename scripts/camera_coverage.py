@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from numpy.typing import NDArray
 from shared import Answer, Document, Flag, Section, named_values, paragraphs, run_script
 
 from lab.calibration.identify import IdentifyOptions, identify
@@ -20,7 +21,6 @@ from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import truth_of
 from lab.commands.calibrate.run import measurement_session
 from lab.core.errors import LabError
-from lab.core.se3 import Array
 
 _BOARD = "columns = 5\nrows = 4\nsquare_mm = 30.0\n"
 CASES: Mapping[str, tuple[str, str, int]] = {  # of each case: the sensors, the cameras and boards, and how many poses
@@ -71,7 +71,7 @@ class _Campaign:
         inside: ``(f,)`` which intervals hold the truth.
     """
 
-    inside: Array
+    inside: NDArray[np.bool_]
     nees: float
     error: float
     sigma: float

@@ -6,6 +6,7 @@ given. It needs OpenCV (extra ``camera``).
 """
 
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -73,7 +74,7 @@ def one_set(options: Options, seed: int, kind: str, folder: Path) -> dict[str, f
     Raises:
         LabError: OpenCV is not installed, or no board was found.
     """
-    import cv2  # the extra, which not every environment has
+    cv2 = import_module("cv2")  # the extra, which not every environment has
 
     file, text = folder / "cameras.toml", _CAMERA + "[[board]]\n" + BOARDS[kind]
     file.write_text(text, encoding="utf-8")

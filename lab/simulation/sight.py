@@ -25,7 +25,7 @@ def unhidden(robot: RobotModel, joints: Array, origins: Array, points: Array) ->
     """
     model, data = robot.model, mujoco.MjData(robot.model)
     stand = int(model.site(TRACKER).bodyid[0]) or -1
-    free = np.isfinite(points).all(axis=2)
+    free: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=2))
     lines = np.where(free[..., None], points - origins[:, None], 0.0)
     far = np.linalg.norm(lines, axis=2)
     for row, there in enumerate(kinematics_at(robot, joints, data)):

@@ -227,3 +227,10 @@ def test_joints_that_lag_behind_the_pictures_are_told() -> None:
     found = lab.calibrate("irb120", observe="pixels", poses=40, seed=2, effects=lab.Effects(lag=0.002))
     assert any("lag" in text for text in found.warnings)
     assert not any("lag" in text for text in lab.calibrate("irb120", observe="pixels", poses=40, seed=2).warnings)
+
+
+def test_a_camera_and_a_board_that_both_stand_still_do_not_lead_the_start_astray(tmp_path: Path) -> None:
+    """The camera on the wall also sees the board on the table, in every picture alike: that pair comes last."""
+    rig = replace(RIGS["several"], simulated=Simulated(noise_px=0.1))
+    result = lab.calibrate("irb120", observe="pixels", cameras=written(rig, tmp_path), poses=24, seed=181)
+    assert result.to_dict()["noise_px"] == pytest.approx(0.1, rel=0.15)

@@ -30,7 +30,7 @@ def board_poses(corners: Array, flat: Array) -> tuple[Array, Array]:
         ``(v, 4, 4)`` m, and the root mean square residual ``(v,)`` in normalised coordinates. A picture of fewer than
         four corners (six of a board that is not flat), or of corners on a line, gives NaN.
     """
-    seen = np.isfinite(flat).all(axis=2)
+    seen: NDArray[np.bool_] = np.asarray(np.isfinite(flat).all(axis=2))
     centre = corners.mean(axis=0)
     spread, axes = np.linalg.svd(corners - centre)[1:]
     size = float(spread[0]) / np.sqrt(len(corners))
@@ -83,7 +83,7 @@ def _from_projections(local: Array, flat: Array, seen: NDArray[np.bool_]) -> Arr
 
 
 def _poses(matrices: Array, places: Array) -> Array:
-    known = np.isfinite(matrices).all(axis=(1, 2)) & np.isfinite(places).all(axis=1)
+    known = np.asarray(np.isfinite(matrices).all(axis=(1, 2)) & np.isfinite(places).all(axis=1))
     rotations = se3.nearest_rotation(np.where(known[:, None, None], matrices, np.eye(3)))
     return se3.pose(rotations, np.where(known[:, None], places, np.nan))
 
@@ -91,7 +91,7 @@ def _poses(matrices: Array, places: Array) -> Array:
 def _settled(Ts: Array, local: Array, flat: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Return the poses ``(v, 4, 4)`` of least squares on the corners, by Gauss-Newton, and their residuals ``(v,)``."""
     Ts = Ts.copy()
-    going = np.isfinite(Ts).all(axis=(1, 2))
+    going: NDArray[np.bool_] = np.asarray(np.isfinite(Ts).all(axis=(1, 2)))
     count = seen.sum(axis=1)
     residual = np.full(len(Ts), np.nan)
     for _ in range(_STEPS):
@@ -156,7 +156,7 @@ def hand_eye(As: Array, Bs: Array) -> Array:
     rotation = se3.nearest_rotation((alpha[shown, :, None] * beta[shown, None, :]).sum(axis=0))
     rows = (moved_a[:, :3, :3] - np.eye(3)).reshape(-1, 3)
     right = (moved_b[:, :3, 3] @ rotation.T - moved_a[:, :3, 3]).ravel()
-    return se3.pose(rotation, np.linalg.lstsq(rows, right)[0])
+    return se3.pose(rotation, np.asarray(np.linalg.lstsq(rows, right)[0], dtype=np.float64))
 
 
 def mean_pose(Ts: Array) -> Array:

@@ -90,7 +90,7 @@ def sight_lines(places: Array, intrinsics: Array) -> Array:
     """
     bent = (places - intrinsics[2:4]) / intrinsics[:2]
     flat, distortion = bent.copy(), np.broadcast_to(intrinsics[4:], (len(bent), 5))
-    going: NDArray[np.bool_] = np.isfinite(bent).all(axis=1)
+    going: NDArray[np.bool_] = np.asarray(np.isfinite(bent).all(axis=1))
     for _ in range(_STEPS):
         there, slope, _ = distorted(flat[going], distortion[going])
         step = np.linalg.solve(slope, (bent[going] - there)[..., None])[..., 0]

@@ -79,7 +79,8 @@ class Pixels:
 
     def __post_init__(self) -> None:
         added, first, found = list[Parameter](), len(self.arm.names), list[list[_Part]]()
-        for kind, parts, which in zip(GROUPS, (self.rig.cameras, self.rig.boards), self.seen, strict=False):
+        both: tuple[tuple[Camera | Board, ...], ...] = (self.rig.cameras, self.rig.boards)
+        for kind, parts, which in zip(GROUPS, both, self.seen, strict=False):
             found.append([])
             for index in which:
                 part = parts[index]
@@ -439,6 +440,7 @@ class _View:
     board: int
     As: Array
     Bs: Array
+    moves: bool  # against each other: else their pictures show no more than one does
 
 
 class _Start:
@@ -462,7 +464,7 @@ class _Start:
             if (view := self._view(i, j)) is not None
         ]
         while views:
-            view = max(views, key=lambda each: (self._shared(each), len(each.As)))
+            view = max(views, key=lambda each: (self._shared(each), each.moves, len(each.As)))
             views.remove(view)
             self._place(view)
         for kind, parts in (("camera", self.model.cameras), ("board", self.model.boards)):
@@ -489,7 +491,8 @@ class _Start:
             return None
         good &= residual <= _FAR_OFF * max(float(np.median(residual[good])), 1e-9)
         mounts = [self._mounts(part.mount, pose[good]) for part in parts]
-        return _View(camera, board, np.asarray(se3.inverse(mounts[1]) @ mounts[0]), np.asarray(se3.inverse(Ts[good])))
+        As, Bs = np.asarray(se3.inverse(mounts[1]) @ mounts[0]), np.asarray(se3.inverse(Ts[good]))
+        return _View(camera, board, As, Bs, moves=parts[0].mount != parts[1].mount)
 
     def _mounts(self, mount: int | None, poses: NDArray[np.int_]) -> Array:
         """Return the poses ``(m, 4, 4)`` of what carries a camera or board, in the world."""
@@ -516,7 +519,7 @@ def _solved(view: _View) -> tuple[Array, Array]:
     """Return camera and board ``(4, 4)`` by the better of two closed forms, without the pictures that it misses."""
     As, Bs = view.As, view.Bs
     for _ in range(2):
-        if len(As) < _LEAST_VIEWS:
+        if len(As) < _LEAST_VIEWS or not view.moves:
             return np.eye(4), mean_pose(As @ se3.inverse(Bs))
         tried = [robot_world(As, Bs)]
         camera = hand_eye(As, Bs)

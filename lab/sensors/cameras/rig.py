@@ -280,7 +280,8 @@ class Rig:
     @property
     def on_targets(self) -> tuple[str, ...]:
         """Targets that cameras and boards name as what carries them."""
-        named = [part.fixed_to for part in (*self.cameras, *self.boards)]
+        parts: tuple[Camera | Board, ...] = (*self.cameras, *self.boards)
+        named = [part.fixed_to for part in parts]
         return tuple(dict.fromkeys(name for name in named if name not in (WORLD, HAND)))
 
 

@@ -29,7 +29,7 @@ _ASIDE_M, _BACK_M, _BEYOND_M = 0.06, 0.03, 0.03  # a camera is beside the target
 _SPREAD_M, _SPREAD = 0.01, 0.08  # of a drawn place in the hand, m and rad
 _TILT = 0.3  # rad: spread of a board's normal about the line of sight of the pose that it is placed by
 _LOWEST_M, _OFF_AXIS_M = 0.02, 0.25  # of what stands in the world, above the base and away from its axis
-_PLACINGS = 200
+_PLACINGS, _SCENES = 200, 20
 
 
 @dataclass(frozen=True)
@@ -78,14 +78,26 @@ class Scene:
         mount = self.rig.mount(self.rig.cameras[camera], targets)
         return _in_world(self.cameras[camera], mount, Ts_tip)[:, :3, 3]
 
+    def shows(self, arm: "_NominalArm") -> bool:
+        """Check whether the poses by which cameras and boards were placed see enough of a board, unhidden."""
+        tips, shown = arm.tips(self.seeing), np.zeros(len(self.seeing), dtype=np.bool_)
+        for camera in range(len(self.cameras)):
+            for board in range(len(self.boards)):
+                _, inside, corners = self.seen(camera, board, tips, arm.targets)
+                origins = self.origins(camera, tips, arm.targets)
+                inside &= ~arm.hidden(self.seeing, origins, np.where(inside[..., None], corners, np.nan))
+                shown |= inside.sum(axis=1) >= self.rig.simulated.corners
+        return bool(shown.all())
+
     @property
     def placed(self) -> dict[str, Array]:
         """Cameras and boards ``(6,)``, m and rad, with a camera's intrinsic parameters, by the owner's name."""
-        found = {}
-        for kind, parts, Ts in (
+        found = dict[str, Array]()
+        both: tuple[tuple[str, tuple[Camera | Board, ...], tuple[Array, ...]], ...] = (
             ("camera", self.rig.cameras, self.cameras),
             ("board", self.rig.boards, self.boards),
-        ):
+        )
+        for kind, parts, Ts in both:
             for part, T in zip(parts, Ts, strict=True):
                 more = part.intrinsic_values if isinstance(part, Camera) else np.zeros(1)
                 found[f"{kind}.{part.name}"] = np.array([*T[:3, 3], *se3.log(T[:3, :3]), *more])
@@ -142,7 +154,7 @@ def drawn_scene(rig: Rig, arm: _NominalArm, rng: np.random.Generator) -> Scene:
     tips = arm.tips(joints)
     T_frame0 = se3.inverse(arm.T_world_instrument) @ arm.robot.T_world_frame0
     Ts: dict[Camera | Board, Array] = {}
-    parts = (*rig.cameras, *rig.boards)
+    parts: tuple[Camera | Board, ...] = (*rig.cameras, *rig.boards)
     for part in parts:
         mount = rig.mount(part, arm.targets)
         if part.T_mount is not None:
@@ -230,6 +242,10 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     targets = tuple(dict.fromkeys((*poses.targets, *rig.on_targets)))
     nominal = _NominalArm(real.robot, real.T_world_tracker, targets)
     placed = drawn_scene(rig, nominal, placing)
+    for _ in range(_SCENES):
+        if placed.shows(nominal):
+            break
+        placed = drawn_scene(rig, nominal, placing)
     joints = poses.joints if poses.planned else _seeing_poses(placed, nominal, len(poses.joints), placing)
     conditions = {name: column for name, column in poses.conditions.items() if name != BUMPED}
     scatter = real.effects.scatter(len(joints), scattering)
