@@ -286,7 +286,7 @@ def _causes_picture(result: VerificationResult) -> tuple[doc.Picture, ...]:
         axes.grid(visible=False, axis="y")
 
     best = ", ".join(name for name, each in zip(names, explains, strict=True) if each) or "no single change"
-    size = (4.3, 0.75 + 0.24 * len(names))
+    size = (3.8, 0.75 + 0.24 * len(names))
     label = f"Errors left by each single change: {best} explains them"
     return (axes_picture("causes", label, size, draw, (0.3 + 0.078 * max(map(len, names)), 0.5, 0.15, 0.1)),)
 

@@ -589,7 +589,7 @@ def _rows_picture(cells: Sequence[Cell], means: Mapping[int, Mean], metric: str,
         axes.set(ylim=(-0.6, len(order) - 0.4), xlabel=_metric_text(metric))
         axes.grid(visible=False, axis="y")
 
-    size = (4.3, 0.8 + 0.28 * len(order))
+    size = (3.8, 0.8 + 0.28 * len(order))
     return axes_picture("overview", label, size, draw, (0.3 + 0.078 * max(map(len, names)), 0.5, 0.2, 0.1))
 
 
