@@ -198,7 +198,7 @@ def _differences_picture(result: ComparisonResult) -> doc.Picture:
     moved = np.array([name in last.moved for name in names])
     shown = Intervals("", sizes[rows], np.ones(len(rows)), moved)
     label = f"Differences of the last run from the first: {', '.join(last.moved) or 'nothing'} moved"
-    return interval_chart("moved", label, names, [shown], "difference, in halves of its 95 % interval", band=1.0)
+    return interval_chart("moved", label, names, [shown], "in halves of the 95 % interval", band=1.0)
 
 
 def _charts(result: ComparisonResult) -> tuple[doc.Figure, ...]:

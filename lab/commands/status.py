@@ -450,7 +450,7 @@ def _errors_picture(result: StatusResult) -> tuple[doc.Picture, ...]:
         axes.grid(visible=False, axis="y")
 
     label = f"Mean error of {counted(len(known), 'arm')} at the last check, against the gate"
-    size = (4.3, 0.85 + _ROW * len(known))
+    size = (3.8, 0.85 + _ROW * len(known))
     return (axes_picture("errors-now", label, size, draw, (_beside(known), 0.5, 0.15, 0.1)),)
 
 

@@ -205,7 +205,7 @@ def _errors_picture(result: TrendResult) -> tuple[doc.Picture, ...]:
 
     gate = f", gate {gates[-1][1]:g} mm" if gates else ""
     label = f"Validation error of each calibration: mean from {min(means):.3g} to {max(means):.3g} mm{gate}"
-    return (axes_picture("errors", label, (4.6, 2.5), draw, (0.7, 0.35, 0.1, 0.25)),)
+    return (axes_picture("errors", label, (3.8, 2.4), draw, (0.7, 0.35, 0.1, 0.25)),)
 
 
 def _parameters_picture(result: TrendResult) -> doc.Picture:
@@ -253,7 +253,7 @@ def _over_time(result: TrendResult, name: str, called: str) -> doc.Picture:
         date_axis(axes, result.runs[0].date, result.runs[-1].date)
 
     label = f"{name} over time: {shifts[-1]:.3g} {unit.name} from the first calibration"
-    return axes_picture(called, label, (4.3, 2.3), draw, (0.75, 0.35, 0.1, 0.25))
+    return axes_picture(called, label, (3.8, 2.2), draw, (0.75, 0.35, 0.1, 0.25))
 
 
 def _changes(axes: Axes, result: TrendResult, low: float, high: float) -> None:

@@ -229,7 +229,7 @@ def _verification_document(result: VerificationResult) -> doc.Document:
 
 _CAUSES = (
     "What each single change would leave of the errors, as a multiple of the predicted ones. What reaches the dotted "
-    "line (1) explains them."
+    "line (1) explains them. Logarithmic axis."
 )
 _SPREAD = "The errors of the new measurements, with their root mean square and the predicted one. Logarithmic axis."
 _ARM = "The arm at the new poses. Arrows lead from the predicted to the measured position of the first target."
@@ -282,11 +282,11 @@ def _causes_picture(result: VerificationResult) -> tuple[doc.Picture, ...]:
             axes.hlines(at[which], np.ones(which.sum()), sizes[which], colors=colour, linewidth=1.2)
             axes.plot(sizes[which], at[which], mark, color=colour, markersize=7)
         axes.set_yticks(at, names)
-        axes.set(ylim=(-0.6, len(names) - 0.4), xlabel="errors left, times the predicted (logarithmic)")
+        axes.set(ylim=(-0.6, len(names) - 0.4), xlabel="errors left over predicted")
         axes.grid(visible=False, axis="y")
 
     best = ", ".join(name for name, each in zip(names, explains, strict=True) if each) or "no single change"
-    size = (4.3, 0.75 + 0.24 * len(names))
+    size = (3.8, 0.75 + 0.24 * len(names))
     label = f"Errors left by each single change: {best} explains them"
     return (axes_picture("causes", label, size, draw, (0.3 + 0.078 * max(map(len, names)), 0.5, 0.15, 0.1)),)
 

@@ -88,7 +88,7 @@ def interval_chart(
         axes.grid(visible=False, axis="y")
 
     widest = max(map(len, rows))
-    size = (4.3, 0.75 + (0.2 if len(sets) < 3 else 0.3) * len(rows))
+    size = (3.8, 0.75 + (0.2 if len(sets) < 3 else 0.3) * len(rows))
     return axes_picture(name, label, size, draw, (0.25 + 0.078 * widest, 0.5, 0.15, 0.1))
 
 
@@ -133,12 +133,18 @@ def heat_map(
 
     Args:
         shares: ``(rows, columns)`` places on the scale, 0 to 1; NaN for none.
-        texts: written in the cells, by row.
+        texts: written in the cells, by row, where they fit.
         lines: columns before which a line is drawn.
         height: of a row, inches.
         titles: what the rows and the columns are.
     """
     m, n = shares.shape
+    widest = max(map(len, rows))
+    below = (0.8 if max(map(len, columns)) * n > _MOST_ACROSS else 0.3) + 0.22 * bool(titles[1])
+    beside = 0.2 + 0.078 * widest + 0.22 * bool(titles[0])
+    cell = (_MAP_WIDTH - beside - 0.1) / (1.26 * n)  # inches
+    if max((len(text) for line in texts for text in line), default=0) * _LETTER > cell:
+        texts = ()  # the colours alone
     bar = (1.04 * n, 1.09 * n)
 
     def draw(axes: Axes) -> None:
@@ -164,11 +170,9 @@ def heat_map(
         axes.grid(visible=False)
         axes.set(xlim=(0, 1.26 * n), ylim=(0, m), ylabel=titles[0], xlabel=titles[1])
 
-    widest = max(map(len, rows))
-    below = (0.8 if max(map(len, columns)) * n > _MOST_ACROSS else 0.3) + 0.22 * bool(titles[1])
-    beside = 0.2 + 0.078 * widest + 0.22 * bool(titles[0])
-    return axes_picture(name, label, (4.6, below + 0.4 + height * m), draw, (beside, below, 0.1, 0.35))
+    return axes_picture(name, label, (_MAP_WIDTH, below + 0.4 + height * m), draw, (beside, below, 0.1, 0.35))
 
 
+_MAP_WIDTH, _LETTER = 4.6, 0.082  # inches
 _POWERS = 9  # of ten, of the ticks of a signed scale
 _MOST_ACROSS = 36  # letters under a heat map that are not slanted

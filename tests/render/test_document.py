@@ -105,6 +105,43 @@ def test_columns_and_blocks_are_shown_where_they_say() -> None:
         assert {name for name in words if f"only-{name}" in text} == {medium, "every"}
 
 
+def test_a_folded_table_shows_its_caption_first_and_all_rows_elsewhere() -> None:
+    table = Table(("a",), (("first",), ("second",)), "what it is", folded=True)
+    rendered = render(Document("t", (table,)))
+    before, _, after = rendered["page"].partition("<summary>what it is (2 rows)</summary>")
+    assert "<details" in before and "first" in after and "second" in after
+    assert "first" in rendered["terminal"] and "second" in rendered["recording"]
+    assert "<summary>" not in render(Document("t", (replace(table, folded=False),)))["page"]
+
+
+def test_a_sparkline_is_a_picture_on_a_page_and_blocks_elsewhere() -> None:
+    line = Sparkline(((0.0, 0.0), (0.5, 0.5), (1.0, 1.0)), 0.75, "error <1 mm", "bad")
+    rendered = render(Document("t", (Table(("curve",), ((line,),)),)))
+    assert "▁▅█" in rendered["terminal"] and "▁▅█" in rendered["recording"] and "▅" not in rendered["page"]
+    page = rendered["page"].split("</style>")[1]
+    assert 'aria-label="error &lt;1 mm"' in page
+    limit = float(re.search(r'class="limit" d="M0 ([\d.]+)H', page)[1])
+    heights = [float(y) for y in re.findall(r'<circle [^>]*cy="([\d.]+)"', page)]
+    assert len(heights) == 3 and heights[0] > heights[1] > limit > heights[2]  # down the page
+    assert page.count('<circle class="bad"') == 1
+
+
+def test_a_card_is_paragraphs_where_there_is_no_page() -> None:
+    card = Card(("Verdict: ", Badge("bad", "bad")), (("error", "3 mm", ""), ("gate", "1 mm", "")), "about", "do it")
+    rendered = render(Document("t", card.everywhere))
+    assert "Verdict: bad\nError: 3 mm; gate: 1 mm.\nNext: do it" in rendered["terminal"]
+    page = rendered["page"].split("</style>")[1]
+    assert page.count("do it") == 1 and page.count("3 mm") == 1
+
+
+def test_a_mark_is_across_the_page_alone() -> None:
+    rendered = render(Document("t", (Paragraph("words"),), "EXAMPLE"))
+    assert '<div class="mark" aria-hidden="true">EXAMPLE</div>' in rendered["page"]
+    assert (
+        "EXAMPLE" not in rendered["terminal"] and "EXAMPLE" not in render(Document("t", (Paragraph("words"),)))["page"]
+    )
+
+
 def test_numbers_are_aligned_at_the_right_and_words_are_not() -> None:
     table = Table(("", "", "", ""), (("1.5", "x", "", "± 3"), ("−2e−5", "1", "", "∞")))
     assert table.numeric == (True, False, False, True)
@@ -235,40 +272,3 @@ def test_a_hint_is_folded_on_a_page_alone() -> None:
         '<details class="hint"><summary>Hint</summary><p>Square both &lt;sides&gt;.</p></details>' in shown_in["page"]
     )
     assert "Hint: Square both <sides>." in shown_in["terminal"] and "Hint: Square both" in shown_in["recording"]
-
-
-def test_a_folded_table_shows_its_caption_first_and_all_rows_elsewhere() -> None:
-    table = Table(("a",), (("first",), ("second",)), "what it is", folded=True)
-    rendered = render(Document("t", (table,)))
-    before, _, after = rendered["page"].partition("<summary>what it is (2 rows)</summary>")
-    assert "<details" in before and "first" in after and "second" in after
-    assert "first" in rendered["terminal"] and "second" in rendered["recording"]
-    assert "<summary>" not in render(Document("t", (replace(table, folded=False),)))["page"]
-
-
-def test_a_sparkline_is_a_picture_on_a_page_and_blocks_elsewhere() -> None:
-    line = Sparkline(((0.0, 0.0), (0.5, 0.5), (1.0, 1.0)), 0.75, "error <1 mm", "bad")
-    rendered = render(Document("t", (Table(("curve",), ((line,),)),)))
-    assert "▁▅█" in rendered["terminal"] and "▁▅█" in rendered["recording"] and "▅" not in rendered["page"]
-    page = rendered["page"].split("</style>")[1]
-    assert 'aria-label="error &lt;1 mm"' in page
-    limit = float(re.search(r'class="limit" d="M0 ([\d.]+)H', page)[1])
-    heights = [float(y) for y in re.findall(r'<circle [^>]*cy="([\d.]+)"', page)]
-    assert len(heights) == 3 and heights[0] > heights[1] > limit > heights[2]  # down the page
-    assert page.count('<circle class="bad"') == 1
-
-
-def test_a_card_is_paragraphs_where_there_is_no_page() -> None:
-    card = Card(("Verdict: ", Badge("bad", "bad")), (("error", "3 mm", ""), ("gate", "1 mm", "")), "about", "do it")
-    rendered = render(Document("t", card.everywhere))
-    assert "Verdict: bad\nError: 3 mm; gate: 1 mm.\nNext: do it" in rendered["terminal"]
-    page = rendered["page"].split("</style>")[1]
-    assert page.count("do it") == 1 and page.count("3 mm") == 1
-
-
-def test_a_mark_is_across_the_page_alone() -> None:
-    rendered = render(Document("t", (Paragraph("words"),), "EXAMPLE"))
-    assert '<div class="mark" aria-hidden="true">EXAMPLE</div>' in rendered["page"]
-    assert (
-        "EXAMPLE" not in rendered["terminal"] and "EXAMPLE" not in render(Document("t", (Paragraph("words"),)))["page"]
-    )

@@ -436,7 +436,7 @@ def _errors_picture(result: Certificate) -> tuple[doc.Picture, ...]:
 
     stated = ", ".join(f"{name} {short(mean)} mm (mean)" for name, mean, *_ in rows)
     label = f"Position errors: {stated}; U {expanded:.2g} mm"
-    return (axes_picture("errors", label, (4.3, 2.0), draw, (1.45, 0.5, 0.15, 0.3)),)
+    return (axes_picture("errors", label, (3.8, 2.0), draw, (1.45, 0.5, 0.15, 0.3)),)
 
 
 def _contributions_picture(budget: Budget) -> doc.Picture:

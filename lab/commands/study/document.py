@@ -10,12 +10,11 @@ from functools import lru_cache, partial
 from math import ceil, floor, isfinite, log10
 from pathlib import Path
 from textwrap import fill
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure as Drawing
@@ -270,7 +269,7 @@ def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
     figure = _panels(shown, draw, title, (3.6, 3.6), sharey=True)
     drawn = [end for i in {i for group in shown for i in group.cells} for end in (means[i].mean, means[i].lower)]
     if min((end for end in drawn if isfinite(end)), default=0.0) > 0:  # what cannot be negative
-        _logarithmic(figure.axes[0].yaxis)
+        _logarithmic(figure.axes[0], "y")
     figure.supxlabel(_factor_text(factor), fontsize=10)
     figure.supylabel(_metric_text(metric), fontsize=10)
     if line:
@@ -282,9 +281,10 @@ def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
     return figure
 
 
-def _logarithmic(axis: Axis) -> None:
+def _logarithmic(axes: Axes, which: Literal["x", "y"]) -> None:
     """Make an axis logarithmic, with plain numbers at 1, 2 and 5 times powers of ten."""
-    axis._set_axes_scale("log")  # type: ignore[attr-defined]
+    axes.set(**{f"{which}scale": "log"})
+    axis = axes.xaxis if which == "x" else axes.yaxis
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
@@ -365,7 +365,7 @@ def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> D
         axes.text(1.02, 0, "best", transform=axes.get_yaxis_transform(), va="center", fontsize=8)
         _rows(axes, each, cells)
         if kind == "ratio" and most > _FAR:
-            _logarithmic(axes.xaxis)
+            _logarithmic(axes, "x")
 
     text = _metric_text(comparisons[0].metric, unit=False)
     title = f"{text} by {_factor_text(free[0])}, against the best: same robots, same noise"
@@ -510,9 +510,8 @@ def _card(result: StudyResult) -> doc.Card:
     if len(means) > 1:
         numbers.append(("highest mean error", short(worst.mean, "mm"), ""))
     picture = _overview_picture(result.analysis, metric, best)
-    caption = "Means over the robots; the scale is logarithmic." + (
-        f" Other factors: {circumstances(_others(cells, best.cell))}." if _others(cells, best.cell) else ""
-    )
+    others = circumstances(_others(cells, best.cell))
+    caption = f"Means over the robots; the scale is logarithmic.{f' Other factors: {others}.' if others else ''}"
     return doc.Card(
         ("Best: ", doc.Badge(called, "good")),
         tuple(numbers),
@@ -541,8 +540,9 @@ def _plane(cells: Sequence[Cell]) -> tuple[str, str] | None:
 
 
 def _others(cells: Sequence[Cell], best: int) -> dict[str, Any]:
-    plane = _plane(cells) or ()
-    return {name: getattr(cells[best], name) for name in _varying(cells) if name not in plane and plane}
+    """Return the levels of the best cell of the factors that the map does not show; none where there is no map."""
+    plane = _plane(cells)
+    return {} if plane is None else {n: getattr(cells[best], n) for n in _varying(cells) if n not in plane}
 
 
 def _overview_picture(analysis: Analysis, metric: str, best: Mean) -> doc.Picture | None:
@@ -589,7 +589,7 @@ def _rows_picture(cells: Sequence[Cell], means: Mapping[int, Mean], metric: str,
         axes.set(ylim=(-0.6, len(order) - 0.4), xlabel=_metric_text(metric))
         axes.grid(visible=False, axis="y")
 
-    size = (4.3, 0.8 + 0.28 * len(order))
+    size = (3.8, 0.8 + 0.28 * len(order))
     return axes_picture("overview", label, size, draw, (0.3 + 0.078 * max(map(len, names)), 0.5, 0.2, 0.1))
 
 
