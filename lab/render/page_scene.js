@@ -128,7 +128,7 @@ document.querySelectorAll(".scene").forEach((box) => {
     return share ? (1 - share) * data.times[low] + share * data.times[low + 1] : data.times[low];
   };
   const poseAt = (at) => (data.stops ? Math.max(0, data.stops.findLastIndex((stop) => stop <= at)) : at);
-  const told = (i, standing) => (standing ? `, ${data.texts[i]}` : i + 1 < poses ? `, to ${data.texts[i + 1]}` : "");
+  const told = (i, standing) => (standing ? `${data.texts[i]}, at ` : i + 1 < poses ? `to ${data.texts[i + 1]}, at ` : "");
   const shown = (name) => box.querySelector(`[name="${name}"]`)?.checked ?? false;
   let written = []; // places of the labels
   const labels = box.querySelector(".labels"), slider = box.querySelector("input[type=range]");
@@ -180,7 +180,7 @@ document.querySelectorAll(".scene").forEach((box) => {
     const named = moments < 2 ? [] : data.times && poses <= 12 ? data.names.map((_, k) => k) : standing ? [i] : [];
     named.forEach((k) => label(data.names[k], vector(points, k)));
     slider.value = Math.round(show.at);
-    box.querySelector("output").textContent = moments < 2 ? "" : data.times ? `${timeAt(show.at).toFixed(2)} s${told(i, standing)}` : data.texts[i];
+    box.querySelector("output").textContent = moments < 2 ? "" : data.times ? `${told(i, standing)}${timeAt(show.at).toFixed(2)} s` : data.texts[i];
   };
   const row = (i) => {
     const rows = box.querySelectorAll("tbody tr");

@@ -230,7 +230,6 @@ def scene_json(scene: ArmScene) -> Markup:
         "radius": round(float(np.linalg.norm(around - middle, axis=1).max()), 5),
         "times": None if scene.times is None else [round(float(time), 4) for time in scene.times],
         "stops": None if scene.stops is None else scene.stops.tolist(),
-        "kind": scene.kind,
         "shells": [
             {
                 "vertices": _floats(vertices),

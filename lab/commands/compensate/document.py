@@ -42,7 +42,7 @@ def compensation_document(result: CompensationResult) -> doc.Document:
     count = f"{len(result.reached):,} of {len(result.targets):,}"
     verdict = doc.Badge(f"{lost:,} not reached" if lost else "all reached", result.verdict)
     standing = f" ({'doubtful; ' if result.reasons else ''}the run is {result.run.result.description})"
-    drawn = len(result.reached) > 0
+    scene = (doc.Scene("targets-scene", lambda: page_scene(result), _SCENE),) * bool(len(result.reached))
     return doc.Document(
         f"{result.run.called}: {count} targets of {result.targets.tool} corrected",
         (
@@ -54,7 +54,7 @@ def compensation_document(result: CompensationResult) -> doc.Document:
             doc.Section(
                 "Results of the targets",
                 (
-                    *(doc.Scene("targets-scene", lambda: page_scene(result), _SCENE) for _ in range(drawn)),
+                    *scene,
                     doc.Paragraph(_lead(result), shown_in=doc.PAGE),
                     *_totals(result),
                     doc.Table(("target", "why it is not reached"), failed, most_rows=_MOST_LISTED),

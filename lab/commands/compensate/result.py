@@ -124,33 +124,38 @@ class CompensationResult(Result):
         tools = tuple(each.description for each in self.tools if each.disagrees)
         return (*tools, *self._frame, *self.notes, *far, *self._beyond, *self._unchecked, *of_program)
 
-    @cached_property
+    @property
     def far_away(self) -> tuple[str, ...]:
         """Ids of the targets of a file that the arm comes nowhere near: their coordinates may be in another frame."""
+        return tuple(self.targets.ids[i] for i in self._far)
+
+    @cached_property
+    def _far(self) -> NDArray[np.int_]:
+        """The rows of these targets."""
         if self.program is not None:
-            return ()
+            return np.empty(0, np.int_)
         arm, values = self.run.estimate.geometry
         nearest = arm.points(self.found.joints, values)[:, self.target]
         far = ~self.found.converged & (np.linalg.norm(nearest - self.targets.positions, axis=1) > _FAR_M)
-        return tuple(self.targets.ids[i] for i in np.flatnonzero(far))
+        return np.flatnonzero(far)
 
-    @property
+    @cached_property
     def _frame(self) -> tuple[str, ...]:
         """Warn of targets that are far away, with the frame that their coordinates are taken to be in."""
-        if not self.far_away:
+        count = len(self._far)
+        if not count:
             return ()
         arm, values = self.run.estimate.geometry
         T = arm.T_tracker_frame0(values)
         base = ", ".join(f"{MM.of(part):.0f}".replace("-", "−") for part in T[:3, 3] + 0.0)
-        more = [f"and {len(self.far_away) - _MOST_NAMED} more"] * (len(self.far_away) > _MOST_NAMED)
+        more = f" and {count - _MOST_NAMED} more" if count > _MOST_NAMED else ""
         text = (
-            f"out of reach: {', '.join([*self.far_away[:_MOST_NAMED], *more])}. Targets are in the frame of the "
-            f"instrument that measured the arm; the robot's base is at {base} mm there"
+            f"out of reach: {', '.join(self.far_away[:_MOST_NAMED])}{more}. Targets are in the frame of the instrument "
+            f"that measured the arm; the robot's base is at {base} mm there"
         )
         tried = arm.chain.random_joints(_TRIED, rng_for(0, "poses"))
         reach = np.linalg.norm(arm.points(tried, values)[:, self.target] - T[:3, 3], axis=1).max()
-        rows = [self.targets.ids.index(name) for name in self.far_away]
-        if (np.linalg.norm(self.targets.positions[rows], axis=1) < reach).all():
+        if (np.linalg.norm(self.targets.positions[self._far], axis=1) < reach).all():
             text += ". Their coordinates look like ones in the robot's base"
         return (text,)
 

@@ -65,6 +65,7 @@ __all__ = [
 
 _STEP_S = 0.1  # between two pictures of the moving arm
 _POINTS_PER_PATH = 16  # points drawn of the path between two stops
+_MOST_DRAWN = 1_500  # points of the whole path on a page
 
 
 @dataclass(frozen=True)
@@ -480,6 +481,8 @@ def page_scene(result: DesignResult) -> ArmScene:
 
     drawn = shown.uncertainty
     uncertainty = MagnifiedEllipsoids(drawn.centers[stops], drawn.axes[stops], drawn.half_sizes[stops], drawn.factor)
+    path = shown.path[: (end - 1) * _POINTS_PER_PATH + 1]
+    path = path[:: -(-len(path) // _MOST_DRAWN)]
     model = result.problem.robot.model
     instruments = {
         instrument_body(model),
@@ -496,7 +499,7 @@ def page_scene(result: DesignResult) -> ArmScene:
         ellipsoid_text="predicted uncertainty (1σ half-axes)",
         times=times[order][kept],
         stops=np.searchsorted(kept, at),
-        lines=(Line("path", shown.path[: (end - 1) * _POINTS_PER_PATH + 1], rgb(ARM)),),
+        lines=(Line("path", path, rgb(ARM)),),
     )
 
 

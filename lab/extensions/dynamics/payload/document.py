@@ -63,6 +63,7 @@ def payload_document(result: PayloadResult) -> doc.Document:
         else "a payload whose mass is not identifiable"
     )
     shown = result.samples is not None and bool(np.isfinite(found.com_m).all())
+    scene = (doc.Scene("payload-scene", lambda: _page_scene(result), _SCENE),) * shown
     lead = f"{capital(found.method)}: {found.rank} of {found.columns} parameters identified."
     fit = (FIT_BADGES[found.adequate], f" {sentence(phrase(found.verdict))}")
     return doc.Document(
@@ -75,7 +76,7 @@ def payload_document(result: PayloadResult) -> doc.Document:
             doc.Section(
                 "The payload",
                 (
-                    *(doc.Scene("payload-scene", lambda: _page_scene(result), _SCENE) for _ in range(shown)),
+                    *scene,
                     doc.Paragraph(f"{lead} {sentence(phrase(found.verdict))}", shown_in=doc.PAGE),
                     *_payload(result),
                     *_intervals(result),
