@@ -312,10 +312,10 @@ def _arrows(axes: Axes, shown: ArrowMap, plane: tuple[int, int]) -> None:
     texts = [
         ", ".join(f"{kind} {size} mm" for kind, size in zip(kinds, of, strict=True)) for of in zip(*sizes, strict=True)
     ]
-    name_points(axes, shown.thing, *at, shown.names, texts)
+    name_points(axes, shown.thing, at[0], at[1], shown.names, texts)
     if len(shown.crosses):
         axes.scatter(*crosses, marker="x", c=OUTLIER, s=50, linewidths=1.5)
-        name_points(axes, shown.thing, *crosses, shown.cross_names, ["outlier"] * len(shown.crosses))
+        name_points(axes, shown.thing, crosses[0], crosses[1], shown.cross_names, ["outlier"] * len(shown.crosses))
     words = [(name, colour) for name, colour, _ in shown.layers] + [("× outlier", OUTLIER)] * bool(len(shown.crosses))
     for line, (text, colour) in enumerate(words):
         _corner(axes, text, colour, line)

@@ -18,7 +18,7 @@ from lab.calibration.workspace_prediction import predicted_errors
 from lab.commands.calibrate.result import CalibrationResult
 from lab.core.errors import LabError
 from lab.core.linear_model import half_width_95
-from lab.core.measurements import Measurements, rows_called
+from lab.core.measurements import Measurements, rows_called, seen_mask
 from lab.core.probability import beta_ppf, normal_ppf
 from lab.core.se3 import Array, inverse, transform
 from lab.core.units import MM, Unit
@@ -465,7 +465,7 @@ def _in_order(result: CalibrationResult, residuals: Array) -> list[Trend]:
     data, time = result.fitted, result.fitted.conditions.get("time_s")
     timed = time is not None and bool(np.isfinite(time).all())
     at = (time - time.min()) / 60 if timed and time is not None else np.arange(1.0, len(data) + 1)
-    seen = np.isfinite(residuals).all(axis=2)
+    seen = seen_mask(residuals)
     rows = np.flatnonzero(seen.any(axis=1))
     sums = np.where(seen[..., None], residuals, 0.0)[rows].sum(axis=1) / np.sqrt(seen[rows].sum(axis=1))[:, None]
     axis = "time, min" if timed else "pose, in order"
