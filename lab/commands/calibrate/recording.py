@@ -188,12 +188,11 @@ def _arrows(recording: rr.RecordingStream, shown: CampaignScene) -> None:
 
 def _steps(recording: rr.RecordingStream, outcome: CalibrationResult, shown: CampaignScene) -> None:
     """Replay the session as a program: a line for each pose, with its errors."""
-    lines = [
-        f"pose {outcome.fitted.ids[row]}: {MM.text(before)} before, {MM.text(after)} after"
-        for row, before, after in zip(
-            shown.rows, shown.error_before[shown.rows], shown.error_after[shown.rows], strict=True
-        )
-    ]
+    lines = []
+    for row in shown.rows:
+        before, after = (MM.text(float(errors[row])) for errors in (shown.error_before, shown.error_after))
+        found = f"{before} before, {after} after" if np.isfinite(shown.error_before[row]) else "no target was seen"
+        lines.append(f"pose {outcome.fitted.ids[row]}: {found}")
     rec.draw_program(recording, rec.pose_times(shown.at), lines)
 
 

@@ -251,6 +251,7 @@ def test_unseen_targets_are_left_out(tmp_path, home):
         assert [len(row or []) for row in rows] == [2, 2, 2, 2, 0, 1, 1, *[2] * 43]
         assert np.isfinite(np.concatenate([row for row in rows if row])).all()
     assert 4 not in column(path, "/error_mm/after", "Scalars:scalars")[0]
+    assert column(path, "/program", "TextLog:text")[1][4] == [f"pose {fitted.ids[4]}: no target was seen"]
 
 
 @pytest.mark.parametrize("poses", [9, 50])
