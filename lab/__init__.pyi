@@ -169,6 +169,7 @@ def calibrate(
     occlusion: bool = False,
     orientation_share: float = 1.0,
     fixtures: int = 4,
+    contact_share: float = 0.5,
     orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None,
     noise_mrad: float | None = None,
     method: Literal["global", "sequential"] = "global",
@@ -430,6 +431,7 @@ def simulate(
     occlusion: bool = False,
     orientation_share: float = 1.0,
     fixtures: int = 4,
+    contact_share: float = 0.5,
     orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None,
     socket_distance_mm: float | None = None,
 ) -> MeasurementSession: ...
