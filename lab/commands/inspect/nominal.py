@@ -182,13 +182,14 @@ def _table_row(chain: Chain, i: int) -> dict[str, Any]:
 
 
 def tree_nominal(tree: TreeChain) -> dict[str, Any]:
-    """The table of each tip's chain, its convention, and limits; and the mounts of chains that share no joint."""
+    """The table of each tip's chain, its convention, limits and reach; the mounts of chains that share no joint."""
     return {
         "joints": [{**_joint_kind(tree, i), **_joint_limits(tree, i)} for i in range(tree.size)],
         "tips": [
             {
                 "name": tip,
                 "convention": chain.convention,
+                "reach_mm": tidy(MM.of(reach_from_axis(chain))),
                 "joints": [
                     {**_table_row(chain, i), **_joint_limits(tree, member), "link": tree.owner(c, i, "theta")}
                     for i, member in enumerate(tree.members[c])
@@ -209,9 +210,9 @@ def _placed(T: Array) -> dict[str, Any]:
     }
 
 
-def tree_shape(tree: TreeChain) -> dict[str, Any]:
-    """Each tip's reach from the first axis of its chain."""
-    return {"reach_mm": {tip: tidy(MM.of(reach_from_axis(c))) for tip, c in zip(tree.tips, tree.chains, strict=True)}}
+def tree_shape(_: TreeChain) -> dict[str, Any]:
+    """No reach and no singularities: of one chain alone."""
+    return {"reach_mm": None, "singularities": []}
 
 
 def tree_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
@@ -223,7 +224,7 @@ def tree_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
         if mount is not None:
             at, turn = (", ".join(printed(x) for x in mount[key]) for key in ("position_mm", "rotation_vector_deg"))
             stands = f"; its frame 0 stands at ({at}) mm, turned by ({turn})°, in that of {values['tips'][0]['name']}"
-        reach = printed(values["reach_mm"][tip["name"]])
+        reach = printed(tip["reach_mm"])
         blocks += [
             Paragraph(
                 f"{values['robot']} to {tip['name']}: Denavit-Hartenberg, {tip['convention']}, "
