@@ -22,11 +22,13 @@ SPHERES = ((-0.1, -0.1, 0.0, 0.02), (0.1, -0.1, 0.0, 0.02), (0.1, 0.1, 0.0, 0.02
 
 
 def at(kind: type[Fixtures], places: int, **more: object) -> Fixtures:
+    """Return the arm at so many fixtures."""
     labels = tuple(f"{place // 2}.{place % 2}" for place in range(places))
     return kind(ARM, NOMINAL, tuple(range(places)), labels, **more)
 
 
 def touched(kind: type[Artefact], features: tuple[tuple[float, ...], ...]) -> Fixtures:
+    """Return the arm at two places of an artefact, each touched on all of these features."""
     pairs = tuple((place, feature) for place in range(2) for feature in range(len(features)))
     return at(kind, 2, features=features, touched=pairs)
 

@@ -59,7 +59,8 @@ class _VirtualSession:
     """Measured points of the tool."""
     instrument: str = "uniform-8um"
     """The instrument: exact, uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm, krypton-k600,
-    draw-wire, ball-in-socket, touch-probe or dial-indicator; or the TOML file of a tracker, with its systematic errors."""
+    draw-wire, ball-in-socket, touch-probe or dial-indicator; or the TOML file of a tracker, with its systematic
+    errors."""
     observe: SensorName = "points"
     """What is measured."""
     readings: int = 1

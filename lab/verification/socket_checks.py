@@ -90,7 +90,7 @@ def causes_of(
     names = list(dict.fromkeys(sockets))
     for name in names:
         there = np.array([each == name for each in sockets], dtype=np.float64)
-        found.append(Cause("socket", name, np.kron(there[:, None], np.eye(3))))
+        found.append(Cause("socket", name, np.asarray(np.kron(there[:, None], np.eye(3)), dtype=np.float64)))
     if len(names) > 1:
         around = points - points.mean(axis=0)
         found.append(Cause("base", "", np.concatenate([np.tile(np.eye(3), (m, 1, 1)), skew(around)], 2).reshape(-1, 6)))
