@@ -32,6 +32,7 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
     "identify, judged by": ("measurements", "identify good.csv --robot arm.toml --validate {}"),
     "verify": ("measurements", "verify run {} --refit base,tool"),
     "calibrate by a plan": ("day", "calibrate --plan {}"),
+    "calibrate by cameras": ("cameras", "calibrate --observe pixels --cameras {} --poses 12"),
     "calibrate by a tracker": ("tracker", "calibrate --robot arm.toml --instrument {} --poses 20"),
     "calibrate as configured": ("config", "calibrate --robot arm.toml --config {}"),
     "inspect a table": ("table with drives", "inspect {}"),

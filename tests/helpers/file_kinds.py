@@ -39,6 +39,7 @@ from lab.formats.robot_toml import read_table
 from lab.formats.target_csv import read_joints, read_targets
 from lab.formats.tracker_export import read_tracker_points
 from lab.formats.ur_calibration import read_corrections
+from lab.sensors.cameras.rig import read_rig
 from lab.simulation.model_files import load_model
 from lab.studies.grid import read_study
 
@@ -54,6 +55,22 @@ LONG_RUNS = "time_s,q1_rad,q2_rad,rail_m,tau1_nm,tau2_nm,f3_n,run\n" + "".join(
     f"{10 * np.sin(p):.6f},{20 * np.cos(2 * p):.6f},{5 + np.sin(3 * p):.6f},{'loaded' if i < 160 else 'unloaded'}\n"
     for i, p in enumerate(PHASES)
 )
+CAMERAS = """\
+[[camera]]
+name = "wrist"
+focal_px = [1200.0, 1200.0]
+distortion = [-0.2, 0.05, 0.001, -0.001, 0.0]
+intrinsics = "prior"
+prior_px = 5.0
+[[board]]
+kind = "apriltag"
+columns = 4
+rows = 3
+tag_mm = 30.0
+gap_mm = 10.0
+[simulated]
+noise_px = 0.1
+"""
 STUDY = """\
 name = "s"
 robots = 2
@@ -315,6 +332,7 @@ KINDS: dict[str, FileKind] = {
     "certificate": _kind("details.toml", CERTIFICATE, read_certificate_details),
     "drives": _kind("drives.toml", DRIVES + THIRD_DRIVE, lambda path: read_drives(path, 3)),
     "tracker": _kind("tracker.toml", TRACKER, read_instrument),
+    "cameras": _kind("cameras.toml", CAMERAS, read_rig),
     "rigid load": _kind("load.toml", RIGID_LOAD, read_load),
     "path": _kind("p.csv", MOTION, lambda path: read_path(path, JOINTS, SLIDES)),
     "joints": _kind("j.csv", POSITIONS, lambda path: read_joints(path, JOINTS, SLIDES)),

@@ -34,7 +34,7 @@ def test_derivatives_are_those_of_the_prediction() -> None:
     assert_derivatives(lambda v: model.points(inputs, v), model.observe(inputs, values)[1], values)
 
 
-@pytest.mark.parametrize("observe", ["points+pixels", "socket+pixels"])
+@pytest.mark.parametrize("observe", ["points+pixels", pytest.param("socket+pixels", marks=pytest.mark.thorough)])
 def test_without_noise_everything_is_found(observe: str) -> None:
     result = lab.calibrate("irb120", observe=observe, poses=24, seed=2, instrument="exact")
     assert result.comparison is not None and np.abs(result.comparison.error).max() < 1e-9
@@ -49,6 +49,7 @@ def test_a_row_holds_the_numbers_of_its_sensor_alone() -> None:
     assert len(model.units) == 5 and model.conditions[-1] == "fixture sensor"
 
 
+@pytest.mark.thorough
 def test_ratios_of_noises_are_estimated() -> None:
     result = lab.calibrate("irb120", observe="points+pixels", poses=40, seed=3, instrument="optical-cmm")
     values = result.to_dict()

@@ -78,6 +78,7 @@ def test_without_noise_everything_is_found(name: str, tmp_path: Path) -> None:
     assert result.after is not None and result.after.max < 1e-6
 
 
+@pytest.mark.thorough
 def test_a_lens_is_identified_with_the_arm(tmp_path: Path) -> None:
     rig = Rig((LENS,), (SMALL,))
     result = lab.calibrate("irb120", observe="pixels", cameras=written(rig, tmp_path), poses=20, seed=2)
@@ -123,6 +124,7 @@ def test_wrong_corners_are_found_one_by_one(tmp_path: Path) -> None:
     assert result.to_dict()["noise_px"] == pytest.approx(0.1, rel=0.15)
 
 
+@pytest.mark.thorough
 def test_priors_of_a_lens_hold_it_where_few_pictures_do_not(tmp_path: Path) -> None:
     spread = {}
     data = session(Rig((LENS,), (SMALL,)), tmp_path, poses=8, seed=6).measurements
@@ -204,6 +206,7 @@ def test_cameras_see_each_other_s_rows_alone(tmp_path: Path) -> None:
     assert found.status == "converged" and np.isfinite(T).all()
 
 
+@pytest.mark.thorough
 def test_an_arm_without_size_is_not_called_determined(tmp_path: Path) -> None:
     rig = Rig((Camera(),), (replace(SMALL, size="free"),))
     result = lab.calibrate("irb120", observe="pixels", cameras=written(rig, tmp_path), poses=16, seed=1)
@@ -211,6 +214,7 @@ def test_an_arm_without_size_is_not_called_determined(tmp_path: Path) -> None:
     assert any("do not determine the arm's size" in text for text in result.warnings)
 
 
+@pytest.mark.thorough
 def test_readings_of_one_picture_that_err_together_are_noticed() -> None:
     """A joint's scatter moves all corners of a picture: intervals are then those of whole poses."""
     options = {"observe": "pixels", "poses": 45, "seed": 1, "prior": "off"}
@@ -223,12 +227,14 @@ def test_readings_of_one_picture_that_err_together_are_noticed() -> None:
     assert scattered.comparison.coverage_95 > 0.75 and plain.comparison.coverage_95 > 0.75
 
 
+@pytest.mark.thorough
 def test_joints_that_lag_behind_the_pictures_are_told() -> None:
     found = lab.calibrate("irb120", observe="pixels", poses=40, seed=2, effects=lab.Effects(lag=0.002))
     assert any("lag" in text for text in found.warnings)
     assert not any("lag" in text for text in lab.calibrate("irb120", observe="pixels", poses=40, seed=2).warnings)
 
 
+@pytest.mark.thorough
 def test_a_camera_and_a_board_that_both_stand_still_do_not_lead_the_start_astray(tmp_path: Path) -> None:
     """The camera on the wall also sees the board on the table, in every picture alike: that pair comes last."""
     rig = replace(RIGS["several"], simulated=Simulated(noise_px=0.1))
