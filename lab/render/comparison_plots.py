@@ -17,7 +17,7 @@ __all__ = ["ColourScale", "Intervals", "date_axis", "heat_map", "interval_chart"
 
 _MONTHS = (1, 2, 3, 6, 12, 24, 60, 120)  # between ticks
 _DAYS = (1, 2, 7, 14)
-_MOST_DATES = 6  # along an axis
+_MOST_DATES = 4  # along an axis: their labels do not touch
 _FEW_DAYS = 75  # whose ticks name days
 _BESIDE = 0.04  # of the width of a time axis, left free on either side
 
