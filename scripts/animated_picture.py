@@ -94,7 +94,7 @@ def answer(options: Options) -> Answer:
     scene = measured_scene()
     frames = [drawn(scene, number) for number in range(FRAMES)]
     about = Image.Exif()
-    about[DESCRIPTION] = f"{COMMAND}\n{scene.headline}"
+    about[DESCRIPTION] = f"{COMMAND}\n{scene.headline.replace('→', 'to')}"  # EXIF is ASCII
     try:
         frames[0].save(
             options.out, format="WEBP", save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0,

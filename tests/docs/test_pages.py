@@ -258,7 +258,7 @@ def test_the_numbers_of_the_real_example_are_those_of_its_command(tmp_path, monk
     assert f"| {before:.2f} | 0.101 | {after:.3f} |" in text
     with Image.open(ROOT / "docs" / "pictures" / "real_arm.webp") as picture:
         headline = picture.getexif()[DESCRIPTION].splitlines()[1]
-    assert headline == f"{result['robot']}: {before:.3g} → {after:.3g} mm, {result['verdict']}"
+    assert headline == f"{result['robot']}: {before:.3g} to {after:.3g} mm, {result['verdict']}"
 
 
 def test_the_badges_are_true() -> None:
