@@ -27,6 +27,7 @@ from lab.core.orientation import Order
 __all__ = [
     "By",
     "CertifyOptions",
+    "CheckOptions",
     "CompareOptions",
     "ImportOptions",
     "InspectOptions",
