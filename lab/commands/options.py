@@ -28,6 +28,7 @@ from lab.core.orientation import Order
 __all__ = [
     "By",
     "CertifyOptions",
+    "CheckOptions",
     "CompareOptions",
     "ExampleOptions",
     "ImportOptions",

@@ -281,8 +281,8 @@ class ArtefactSensor(FixtureSensor):
         assert isinstance(model, Artefact)
         model = replace(model, features=features, touched=_pairs(seen))
         for fixture, label in zip(model.numbers, model.labels, strict=True):
-            own = np.array([features[feature] for at, feature in model.touched if at == fixture])
-            if lacks := self.undetermined(own):
+            used = np.array([features[feature] for at, feature in model.touched if at == fixture])
+            if lacks := self.undetermined(used):
                 raise LabError(f"{self.model.group} {label or 'of the file'}: {lacks}")
         if self.u_m is not None:
             model = replace(model, prior_m=(self.noise_m or _EXACT_M) * model.size_m / self.u_m)

@@ -55,7 +55,7 @@ class BallBar(Artefact):
     def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
         """Draw sockets ``(k, 3)``, one bar's length from the points."""
         away = rng.standard_normal(points.shape)
-        return points + self.size_m * away / np.linalg.norm(away, axis=1, keepdims=True)
+        return np.asarray(points + self.size_m * away / np.linalg.norm(away, axis=1, keepdims=True))
 
     def at_base(self, placed: Array, T_base_instrument: Array, scale: float) -> Array:
         """Return sockets ``(k, 3)`` in the base's frame."""

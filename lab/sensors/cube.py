@@ -92,7 +92,8 @@ class CubeSensor(ArtefactSensor):
 
     def undetermined(self, known: Array) -> str:
         """Return the axes along which no face was touched."""
-        axes = [axis for axis, along in zip("xyz", np.abs(known[:, :3]).any(axis=0), strict=True) if not along]
+        along = np.abs(known[:, :3]).sum(axis=0)
+        axes = [axis for axis, touched in zip("xyz", along, strict=True) if not touched]
         return f"no face along {' or '.join(axes)} was touched, so its pose is unknown; touch all three" if axes else ""
 
     def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
