@@ -7,6 +7,7 @@ from lab.campaign.model_files import own_models
 from lab.commands.help_text import HELP_FLAGS, Option, options_of_command
 from lab.commands.registry import Command, all_commands
 from lab.core.errors import LabError
+from lab.sensors.registry import SENSORS
 
 __all__ = ["SHELLS", "completion_script"]
 
@@ -48,7 +49,7 @@ def completion_script(shell: str) -> str:
     """
     if shell not in SHELLS:
         raise LabError(f"--completion {shell}".rstrip() + f": give {', '.join(SHELLS[:-1])} or {SHELLS[-1]}")
-    known = {command: [_with_robots(each) for each in options_of_command(command)] for command in all_commands()}
+    known = {command: [_with_words(each) for each in options_of_command(command)] for command in all_commands()}
     if shell == "fish":
         return "\n".join(_fish(known)) + "\n"
     words = [f'    "--completion --completion") words="{" ".join(SHELLS)}" ;;']
@@ -65,8 +66,10 @@ def completion_script(shell: str) -> str:
     return _ZSH + function if shell == "zsh" else function
 
 
-def _with_robots(option: Option) -> Option:
+def _with_words(option: Option) -> Option:
     """Return an option with its words: of a robot the names of the lab's own, beside which a shell proposes files."""
+    if option.name == "observe":  # several names may be joined, so that the option itself has no choices
+        return replace(option, choices=tuple(SENSORS))
     return replace(option, choices=tuple(own_models())) if option.name in _ROBOTS else option
 
 

@@ -27,7 +27,7 @@ _ANGLE_UNITS = ("rad", "deg")
 _LENGTH_EXPONENT = {"m": 0, "mm": -3}
 _TEXT_COLUMNS = ("id", "session", "use")
 _NUMBER_COLUMNS = (
-    *("sigma_mm", "temp_C", "time_s", "payload_kg"),
+    *("temp_C", "time_s", "payload_kg"),
     *("cable_mm", "edge_mm", "sphere_x_mm", "sphere_y_mm", "sphere_z_mm", "radius_mm", "bar_mm", "dial_mm"),
 )
 _OTHER_RESERVED = (

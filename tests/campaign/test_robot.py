@@ -35,7 +35,11 @@ def test_what_serial_arms_alone_have() -> None:
 
 def test_every_model_of_the_folder_is_found() -> None:
     described = {path for path in models_folder().glob("*/*.toml") if path.name != "drives.toml"}
-    assert set(own_models().values()) == described | {models_folder() / "irb120" / "scene.xml"}
+    shaped = {
+        models_folder() / "irb120" / "scene.xml",
+        *(models_folder() / name / "robot.xml" for name in ("rail", "torso")),
+    }
+    assert set(own_models().values()) == described | shaped
     with pytest.raises(LabError) as error:
         load_virtual("no such robot")
     named = {own_models()[name] for name in str(error.value).split("there are ")[1].split(", or give")[0].split(", ")}

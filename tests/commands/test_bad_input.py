@@ -12,9 +12,9 @@ pytestmark = pytest.mark.usefixtures("folder")
 
 
 CASES = [
-    Case("cli: no command", "", ("calibrate, identify, inspect", "--help")),
+    Case("cli: no command", "", ("calibrate, identify, example, inspect", "--help")),
     Case("cli: mistyped command", "callibrate", ("callibrate", "is calibrate meant", "--help")),
-    Case("cli: unknown command", "frobnicate", ("frobnicate", "calibrate, identify, inspect", "--help")),
+    Case("cli: unknown command", "frobnicate", ("frobnicate", "calibrate, identify, example, inspect", "--help")),
     Case("cli: identify nothing", "identify", ("identify", "PATH", "--help")),
     Case("cli: unknown flag", "calibrate --bogus 3", ("--bogus", "--help")),
     Case("cli: frames not whole", "kinematics arm.toml --between a 2", ("--between: not understood; give FIRST LAST",)),

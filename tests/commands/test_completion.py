@@ -48,10 +48,10 @@ def test_bash_completes_commands_flags_and_words(script: Path) -> None:
 
 def test_bash_completes_names_of_robots(script: Path) -> None:
     """By every command that takes one; where none begins so, the shell proposes files."""
-    assert completed(script, "calibrate", "--robot", "irb12") == ["irb120"]
+    assert completed(script, "calibrate", "--robot", "irb14") == ["irb140"]
     assert completed(script, "design", "--robot", "delta/s") == ["delta/six_rods", "delta/small"]
     assert completed(script, "inspect", "tx") == completed(script, "kinematics", "tx") == ["tx40"]
-    assert completed(script, "workspace", "ur") == ["ur10", "ur5"]
+    assert completed(script, "workspace", "ur1") == ["ur10", "ur10e", "ur16e"]
     assert completed(script, "calibrate", "--robot", "arm.x") == []
     robots = set(completed(script, "identify", "day.csv", "--robot", ""))
     assert robots == set(own_models()) and not robots & set(completed(script, "identify", "--instrument", ""))

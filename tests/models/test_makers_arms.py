@@ -15,7 +15,8 @@ from lab.cli import main
 
 POSES = json.loads(Path(__file__).with_name("urdf_poses.json").read_text())
 MAKERS = sorted(
-    path for path in set(own_models().values()) if path.name not in ("robot.toml", "scene.xml", "mechanism.toml")
+    path for path in set(own_models().values())
+    if path.name not in ("robot.toml", "robot.xml", "scene.xml", "mechanism.toml")
     and path.parent.name not in ("carrier", "delta", "rpr3")
 )  # fmt: skip
 DEFAULT, THOROUGH = {"ur5e", "so101"}, {"fr3", "gen3", "gofa", "hc10", "irb2400", "lrmate200id", "xarm7"}

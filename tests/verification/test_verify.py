@@ -317,7 +317,7 @@ def test_the_command_says_good_or_what_has_moved(runs: Path, capsys) -> None:
 
 
 def test_it_prints_for_a_person(runs: Path, capsys) -> None:
-    for file, says in (("good.csv", "the test detects in 95"), ("base.csv", "--refit base estimates")):
+    for file, says in (("good.csv", "the test detects in 95"), ("base.csv", "with --refit base")):
         main(["verify", str(runs / "known"), str(runs / file), "--overwrite", "--out", str(runs / "shown")])
         said = " ".join(capsys.readouterr().out.split())
         assert says in said and "degrees of freedom" in said and "predicted" in said

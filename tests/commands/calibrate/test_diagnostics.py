@@ -14,15 +14,15 @@ from lab.commands.calibrate.result import stiffnesses
 from lab.commands.calibrate.run import calibrate
 
 
-def test_residuals_are_described_by_their_share_outside_the_band(seven) -> None:
-    in_time, by_joint, normal = residual_pictures(seven)
-    assert "Residuals per axis by pose: 0 % outside" in in_time.label  # uniform noise never leaves its 95 % band
-    assert float(by_joint.label.split(" is ")[1].split()[0]) < 0.5
+def test_residuals_show_a_trend_where_there_is_one_and_no_other(seven) -> None:
+    labels = {picture.name: picture.label for picture in residual_pictures(seven)}
+    assert sum(label.endswith("no trend") for label in labels.values()) == len(labels) - 1 == 9  # joints, and x y z
+    assert labels["residuals-normal"].startswith("Q-Q: ")
     off = seven.measurements.points.copy()
-    off[:25] += 0.05e-3 * np.sign(np.random.default_rng(0).normal(size=off[:25].shape))
-    worse = replace(seven, fit=replace(seven.fit, rows=replace(seven.fit.rows, points=off)))
-    assert "50 % outside" in residual_pictures(worse)[0].label
-    assert normal.label.startswith("Q-Q: ")
+    off[25:, :, 0] += 0.05e-3  # the instrument moved along x
+    moved = replace(seven, fit=replace(seven.fit, rows=replace(seven.fit.rows, points=off)))
+    labels = {picture.name: picture.label for picture in residual_pictures(moved)}
+    assert "no trend" not in labels["residuals-time-0"] and labels["residuals-time-2"].endswith("no trend")
 
 
 def test_the_strongest_correlation_is_named(seven) -> None:
@@ -48,12 +48,12 @@ def test_the_path_of_model_selection_is_drawn_where_there_was_one(seven) -> None
 
 
 def test_predicted_errors_are_those_of_the_verdict_and_extrapolation_is_marked(seven) -> None:
-    shown = uncertainty_map(seven, None)
+    shown = uncertainty_map(seven)
     assert np.sqrt(np.mean(shown.sizes**2)) == pytest.approx(seven.verdict.workspace.rms_m, rel=0.02)
     few = replace(seven, fit=replace(seven.fit, rows=seven.fitted.take(range(2))))
-    beyond = uncertainty_map(few, None)
-    assert len(shown.crosses) < len(beyond.crosses) <= len(beyond.points)  # two poses span next to nothing
-    assert len(beyond.crosses) > 0.9 * len(beyond.points)
+    beyond = uncertainty_map(few)
+    assert shown.extrapolated.sum() < 0.5 * len(shown.points)
+    assert beyond.extrapolated.sum() > 0.9 * len(beyond.points)  # two poses span next to nothing
 
 
 def test_stiffness_is_that_of_compliance_and_not_of_its_change_with_torque() -> None:
