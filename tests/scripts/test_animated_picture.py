@@ -74,6 +74,7 @@ def test_the_number_beside_the_arrows_is_the_mean_of_their_errors(scene: Scene) 
     assert np.all(np.diff([shrunk(number) for number in range(FRAMES)]) >= 0)
 
 
+@pytest.mark.thorough
 @pytest.mark.figures
 def test_arrows_shrink_and_a_frame_is_the_same_each_time(scene: Scene) -> None:
     first, again, last = (np.asarray(drawn(scene, number)).astype(int) for number in (0, 0, FRAMES - 1))

@@ -133,6 +133,7 @@ def test_opposite_faces_give_the_size_and_three_faces_do_not(cubes: lab.Measurem
     assert any("do not determine the arm's size" in text for text in three.to_dict()["warnings"])
 
 
+@pytest.mark.thorough
 def test_a_wrong_tip_makes_the_arm_larger_by_its_share(cubes: lab.MeasurementSession) -> None:
     """A ball whose radius is taken for zero: cubes seem 6 mm smaller than their contacts are, as 200 to 206."""
     data = cubes.measurements
@@ -141,6 +142,7 @@ def test_a_wrong_tip_makes_the_arm_larger_by_its_share(cubes: lab.MeasurementSes
     assert wrong.values[link] / right.values[link] == pytest.approx(200 / 206, abs=2e-4)
 
 
+@pytest.mark.thorough
 def test_the_uncertainty_of_an_artefact_goes_into_the_size_of_the_arm(cubes: lab.MeasurementSession) -> None:
     """u = 0.02 mm of 200 mm is 1e-4 of every length; no contact tells more."""
     data = cubes.measurements
@@ -226,6 +228,7 @@ def test_options_of_artefacts(observe, options, what) -> None:
         configured_sensor(observe, SensorOptions(**options), FitInputs())
 
 
+@pytest.mark.thorough
 def test_an_artefact_too_large_for_the_arm_is_refused() -> None:
     with pytest.raises(LabError, match=r"it is to touch at 0 of 4 places.*a smaller artefact"):
         lab.simulate("irb120", observe="cube", poses=20, artefact_mm=1500.0)
