@@ -49,6 +49,7 @@ _FEWEST_SMOOTHED = 12  # points
 _FEW = 25  # lengths, which are shown one by one
 _MANY, _HUNDREDS = 30, 200  # crosses, which are drawn smaller: the colours beneath are to be seen
 _LEAST_MM = 1e-12  # of a logarithmic axis
+_BAR_LETTERS = 32  # that fit below a colour bar
 _LINE = 0.01  # of their width: points that rise less make a line of a view
 
 
@@ -193,7 +194,7 @@ def histograms(name: str, spreads: Sequence[Spread], axis: str, gate_mm: float |
                 f"gate {short(gate_mm)} mm", (gate_mm, 0.84), xytext=(3, 0), textcoords="offset points",
                 xycoords=("data", "axes fraction"), color=GATE,
             )  # fmt: skip
-        axes.set(xlabel=f"{axis}, mm (logarithmic)", ylabel="" if few else "share of the points, %")
+        axes.set(xlabel=f"{axis.partition(',')[0]}, mm (logarithmic)", ylabel="" if few else "share of the points, %")
         if few:
             axes.set(yticks=[], ylim=(0.6 - len(spreads), 0.6))
         axes.grid(visible=False, axis="x")
@@ -276,7 +277,8 @@ def _colour_bar(axes: Axes, shown: SizeMap) -> None:
     edges = np.geomspace(*ends, 49)
     bar.pcolormesh(edges, [0, 1], _colours(shown, np.sqrt(edges[1:] * edges[:-1]))[None], rasterized=True)
     log_ticks(bar, "x", *ends)
-    bar.set(xlim=ends, ylim=(0, 1), yticks=[], xlabel=f"{shown.size_means}, mm")
+    means = shown.size_means if len(shown.size_means) <= _BAR_LETTERS else " ".join(shown.size_means.split()[-2:])
+    bar.set(xlim=ends, ylim=(0, 1), yticks=[], xlabel=f"{means}, mm")
     bar.grid(visible=False)
 
 
