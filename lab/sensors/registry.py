@@ -68,9 +68,9 @@ def sensor_named(name: str) -> "type[VirtualSensor]":
             else.
     """
     if JOINED in name:
-        from lab.sensors.combined import combined_sensor  # which imports numpy
-
-        return combined_sensor(tuple(name.split(JOINED)))
+        combine = resolve_name("lab.sensors.combined:combined_sensor")
+        joined: type[VirtualSensor] = combine(tuple(name.split(JOINED)))
+        return joined
     if name in SENSORS:
         sensor: type[VirtualSensor] = resolve_name(SENSORS[name])
         return sensor
