@@ -166,6 +166,8 @@ def marks(
         edge: its colour where it is not the mark's own.
     """
     known = np.isfinite(x) & np.isfinite(y)
+    if not known.any():
+        return ""
     if edge:
         shown = [each for each, seen in zip(colours, known, strict=True) if seen] if len(colours) > 1 else colours[0]
         return _discs(x[known], y[known], size, shown, edge, edge_width)

@@ -60,9 +60,9 @@ def test_a_run_has_its_sections_and_figures(drawn_run: Path) -> None:
     for figure in seen.figures.values():
         assert len(figure["caption"]) > 40
     assert [name for name, figure in seen.figures.items() if not figure["svg"]] == ["arm-scene"]
-    # one spread; three maps in two views; two maps; six joints; three axes in time and quantiles; two units; …
+    # one spread; two maps in two views; two maps; six joints; three axes in time and quantiles; two units; …
     assert (
-        seen.source.count("<svg") == 1 + 6 + 2 + 6 + 4 + 2 + 1 + 1 + 2
+        seen.source.count("<svg") == 1 + 4 + 2 + 6 + 4 + 2 + 1 + 1 + 2
         and seen.tags.count("h1") == 1
         and 'lang="en"' in seen.source
     )
