@@ -246,6 +246,8 @@ def design(
     position_sigma_mm: float = 0.5,
     rotation_sigma_mrad: float = 1.5,
     scaling: Literal["raw", "unit", "length", "whitened"] = "whitened",
+    observe: Literal["points", "pixels"] = "points",
+    cameras: str | Path | None = None,
     targets: Sequence[str] = ...,
     instrument: str | Path | Instrument = "uniform-8um",
     candidates: int = 2000,

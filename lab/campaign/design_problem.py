@@ -33,7 +33,8 @@ from lab.kinematics.effects.effect import PAYLOAD, SessionInfo
 from lab.kinematics.effects.sessions import station_parameters
 from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.model import RigidArm
+from lab.kinematics.model import Model, RigidArm
+from lab.kinematics.parameter import indices_of_groups
 from lab.noise.instruments import Instrument, is_isotropic, observing
 from lab.pose_selection.criteria import Criterion, Scaling, criterion, is_singular
 from lab.pose_selection.exchange import (
@@ -49,6 +50,9 @@ from lab.pose_selection.exchange import (
 from lab.pose_selection.tour import FreePath, fastest_path
 from lab.pose_selection.worst_case import Case, WorstCase, exchange_worst
 from lab.render.terminal import Stage, no_stage
+from lab.sensors.options import FitInputs, SensorOptions
+from lab.sensors.registry import configured_sensor
+from lab.sensors.virtual_sensor import PlannedReadings
 from lab.simulation.candidate_poses import (
     MARGIN,
     Candidates,
@@ -220,12 +224,13 @@ class PoseProblem:
         payloads: ``(l,)`` kg, of which each pose carries one; none if they are not given.
         cases: for whose worst a design is made, the nominal arm with the first model before all others.
         already: ``(n0, joints + stations - 1 + payload)``, poses measured before.
+        planned: what a sensor reads, whose readings come and go with the poses; None for measured points.
         access: the collision-free paths between the poses; None after pickling or copying, because it is too large.
     """
 
     robot: Robot
     arm: RigidArm
-    seen: Arm
+    seen: Model
     structure: BaseSet
     values: Array
     candidates: Candidates
@@ -236,6 +241,7 @@ class PoseProblem:
     access: ReachabilityGraph = field(compare=False)
     already: Array
     warnings: tuple[str, ...]
+    planned: PlannedReadings | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "access": None}
@@ -300,6 +306,8 @@ def pose_problem(
     robot = load_virtual(options.robot, options.cell) if robot is None else load_virtual(robot)
     if options.no_check:
         robot = replace(robot, model=unchecked(robot.model))
+    if options.observe != "points":
+        return _problem_of_sensor(options, robot, progress, own)
     device, scaling = _noisy(options.instrument), Scaling(options.scaling)
     arm = robot.arm(options.targets)
     robot.refuse_unknown(options.targets)
@@ -344,6 +352,84 @@ def pose_problem(
         already=already,
         warnings=(*robot.warnings, *warnings, *_unchecked(options), *missed),
     )
+
+
+def _problem_of_sensor(options: DesignOptions, robot: Robot, progress: Progress, own: Criterion | None) -> PoseProblem:
+    """Set up a problem of which a sensor says what it reads at a pose, and where it reads anything.
+
+    Raises:
+        LabError: the sensor cannot be used, or hardly a pose is feasible.
+    """
+    if robot.model.stations:
+        raise LabError(f"--observe {options.observe}: stations of a cell are of an instrument; leave them out")
+    sensor = configured_sensor(options.observe, SensorOptions(cameras=options.cameras), FitInputs())
+    arm, model = (
+        robot.arm(options.targets),
+        planning_model(robot.model, (), named_instrument("exact"), options.clearances),
+    )
+    planned = sensor.planned(model)
+    rng = rng_for(options.seed, "candidates")
+    candidates = draw_candidates(
+        model, (), named_instrument("exact"), options.candidates, rng, progress=progress, keep=current_keep(),
+        sees=planned.sees,
+    )  # fmt: skip
+    seen = planned.near(candidates.joints)
+    structure, scaling = base_set(seen, planned.values), Scaling(options.scaling)
+    retained = structure.identifiable
+    readings = partial(planned.readings, retained=retained)
+    pool = readings(candidates.joints)
+    factors = scaling.columns([seen.parameters[i] for i in retained], pool)
+    values = model.values_before(arm, model.T_world_tracker)
+    fresh = random_poses(model, _TEST_POSES, rng_for(options.seed, "fresh"))
+    test = _placed_anew(arm, fresh, values, retained)
+    scored = test[:: -(-len(test) // _TEST_SCORED)] * factors
+    home, warnings = _home(options, robot.chain, model, candidates.joints)
+    case = Case(
+        arm=0,
+        model=options.model,
+        pool=pool * factors,
+        sensitivity=partial(_scaled, readings, factors),
+        goal=criterion(options.criterion, len(retained), scored) if own is None else own,
+        before=np.empty((0, *pool.shape[1:])),
+        whitened=readings,
+        test=test,
+    )
+    return PoseProblem(
+        robot=robot,
+        arm=arm,
+        seen=seen,
+        structure=structure,
+        values=values,
+        candidates=candidates,
+        inputs=candidates.joints,
+        payloads=np.empty(0),
+        cases=(case,),
+        scaling=scaling,
+        access=reachability(model, home, candidates.joints, planned.sees),
+        already=np.empty((0, robot.chain.size)),
+        warnings=(*robot.warnings, *warnings, *_unchecked(options)),
+        planned=planned,
+    )
+
+
+def _placed_anew(arm: RigidArm, joints: Array, values: Array, retained: tuple[int, ...]) -> Array:
+    """Return derivatives ``(t, 3, f)`` m of points, with base and tool placed anew, at poses ``(n, joints)``.
+
+    Args:
+        retained: f parameters, of which those after the arm's move no point.
+    """
+    jacobian = arm.observe(joints, values)[1].reshape(-1, len(arm.names))
+    own = [i for i in retained if i < len(arm.names)]
+    placing, sizes, _ = np.linalg.svd(
+        jacobian[:, indices_of_groups(arm.parameters, ["base", "tool"])], full_matrices=False
+    )
+    placing = placing[:, sizes > _NO_MOTION * sizes[0]]
+    found = np.zeros((len(jacobian), len(retained)))
+    found[:, : len(own)] = jacobian[:, own] - placing @ (placing.T @ jacobian[:, own])
+    return found.reshape(-1, 3, len(retained))
+
+
+_NO_MOTION = 1e-9  # of the largest motion of points
 
 
 @dataclass(frozen=True)
@@ -773,6 +859,8 @@ def _of_one(case: Case) -> OneCriterion:
 
 def _uphill(problem: PoseProblem, design: Design, rounds: int, aim: Aim | None = None) -> Design:
     """Move the poses uphill by an objective: by default the criterion, or the worst of several cases."""
+    if problem.planned is not None:  # a reading that goes out of sight is a step, which has no slope
+        return design
     if aim is None:
         aim = WorstCase(problem.cases) if len(problem.cases) > 1 else _of_one(problem.cases[0])
     chain = problem.robot.chain

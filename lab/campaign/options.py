@@ -172,6 +172,10 @@ class DesignOptions:
     """Rotation error of base, links and flange of the perturbed arms, per axis (1σ)."""
     scaling: Literal["raw", "unit", "length", "whitened"] = "whitened"
     """Units of the indices: mm and rad, unit columns, a characteristic length, or tolerances and noise."""
+    observe: Literal["points", "pixels"] = "points"
+    """What is measured: points of the tool, or corners of boards in pictures, which needs --cameras."""
+    cameras: Path | None = None
+    """Cameras and boards of --observe pixels, each with its place: TOML, as for lab calibrate."""
     targets: Names = ("p1",)
     """Measured points of the tool."""
     instrument: str = "uniform-8um"
@@ -221,6 +225,7 @@ class DesignOptions:
             raise LabError(
                 "--check: leave out --no-check, --extend and --controller beside it; they are of plans that are made"
             )
+        self._refuse_those_of_points()
         whole("--seed", self.seed, 0, SEED)
         whole("--starts", self.starts, 1, STARTS)
         if self.reference_every is not None:
@@ -238,6 +243,22 @@ class DesignOptions:
                 raise LabError("--poses and --accuracy-mm both set the number of poses; give one")
         if self.accuracy_mm is not None:
             positive("--accuracy-mm", self.accuracy_mm)
+
+    def _refuse_those_of_points(self) -> None:
+        """Refuse options that make no sense with what is measured, with a LabError."""
+        if self.observe == "points":
+            if self.cameras is not None:
+                raise LabError("--cameras: is of --observe pixels; give that too, or leave it out")
+            return
+        if self.cameras is None:
+            raise LabError(
+                f"--observe {self.observe}: give --cameras, a file that places each camera and board (position_mm, "
+                "rotation_deg)"
+            )
+        for name in _OF_POINTS:
+            if getattr(self, name) != getattr(DesignOptions, name):
+                flag = "--" + name.replace("_", "-")
+                raise LabError(f"{flag}: is of a design for measured points; leave it out beside --observe pixels")
 
     def _refuse_impossible_cases(self) -> None:
         """Refuse models, payloads, perturbed arms or a region that make no sense, with a LabError."""
@@ -272,6 +293,9 @@ class DesignOptions:
                 raise LabError(f"{flag} {value:g}: give a standard deviation from 0 to {OPTION_SIZE.most:g}")
             if not self.worst_of and value != getattr(DesignOptions, name):
                 raise LabError(f"{flag}: of the perturbed arms of --worst-of; give it too, or leave both out")
+
+
+_OF_POINTS = ("instrument", "targets", "model", "payload_kg", "region", "scaling", "worst_of", "extend", "check")
 
 
 def check_region(region: str, kind: "Sensor") -> None:

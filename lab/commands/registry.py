@@ -126,7 +126,7 @@ _DESIGN_GROUPS = (
         ("criterion", "model"),
         ("region", "scaling", "worst_of", "position_sigma_mm", "rotation_sigma_mrad"),
     ),
-    OptionGroup("measurement", ("instrument", "targets")),
+    OptionGroup("measurement", ("instrument", "targets"), ("observe", "cameras")),
 )
 _COMPENSATION_GROUPS = (
     OptionGroup("targets", ("run", "program", "orientation", "controller"), ("frames", "pulses_per_deg", "digits")),

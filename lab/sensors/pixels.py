@@ -23,11 +23,13 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.sensors.cameras.detection import detected, picture_of
 from lab.sensors.cameras.observation import Pixels
+from lab.sensors.cameras.planning import PlannedPictures
 from lab.sensors.cameras.rig import PX, Rig, read_rig, usual_rig
 from lab.sensors.cameras.simulation import simulated_corners
 from lab.sensors.options import CameraOptions, FitInputs, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.effects import Effects
+from lab.simulation.model import RobotModel
 from lab.simulation.tracking import VirtualMeasurement, target_rotations
 from lab.simulation.true_robot import TrueRobot
 
@@ -221,6 +223,10 @@ class PixelSensor(VirtualSensor):
     def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
         """Take pictures in as many poses as are given, which are new ones that see a board."""
         return simulated_corners(self.rig, poses)
+
+    def planned(self, robot: RobotModel) -> PlannedPictures:
+        """Return the pictures that the nominal arm takes, with cameras and boards where their file places them."""
+        return PlannedPictures.of(self.rig, robot)
 
     def observed_truth(
         self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]

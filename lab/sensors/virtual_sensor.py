@@ -3,22 +3,24 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.identify import Identification
 from lab.calibration.sensor import Sensor
+from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.sensors.options import FitInputs, SensorOptions, VirtualSetup
+from lab.simulation.model import RobotModel
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
 
-__all__ = ["SimulatedReadings", "VirtualSensor"]
+__all__ = ["PlannedReadings", "SimulatedReadings", "VirtualSensor"]
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,30 @@ class SimulatedReadings:
     measurements: Measurements
     bad: NDArray[np.bool_]
     placed: Mapping[str, Array] = field(default_factory=dict)
+
+
+class PlannedReadings(Protocol):
+    """What a sensor will read of the nominal arm at poses that are still to be chosen."""
+
+    def near(self, joints: Array) -> Model:
+        """Return the model of the readings, whose structure is decided near poses ``(n, joints)`` in sight."""
+
+    @property
+    def values(self) -> Array:
+        """Its nominal parameters ``(p,)``."""
+
+    @property
+    def noise(self) -> str:
+        """What the readings' noise is, in words."""
+
+    def sees(self, joints: Array) -> NDArray[np.bool_]:
+        """Return whether the sensor reads anything at poses ``(n, joints)``."""
+
+    def counts(self, joints: Array) -> NDArray[np.int_]:
+        """Return the number of readings ``(n,)`` at poses ``(n, joints)``."""
+
+    def readings(self, joints: Array, retained: tuple[int, ...]) -> Array:
+        """Return derivatives ``(n, r, f)`` of the readings by f parameters, in units of their noise."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +100,14 @@ class VirtualSensor(Sensor, ABC):
         Raises:
             LabError: the sensor cannot measure this arm.
         """
+
+    def planned(self, robot: RobotModel) -> PlannedReadings:
+        """Return what the sensor will read of the nominal arm, for a choice of its poses.
+
+        Raises:
+            LabError: poses cannot be chosen for this sensor, or not for this arm.
+        """
+        raise LabError(f"{option_name('observe')} {self.name}: poses are chosen for points and pixels alone")
 
     def observed_truth(
         self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]

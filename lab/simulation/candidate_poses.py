@@ -45,6 +45,7 @@ _REASONS = ("limits", "singularity", "collision", "visibility")
 _BLOCK = 1024  # a power of two keeps Sobol's points even
 _PATIENCE, _MIN_SHARE = 16 * _BLOCK, 1 / 200  # draws without any candidate; least share of candidates
 _HALF_INCH_BALL_M, _LARGEST_BALL_M, _RIM_M = 0.00635, 0.01905, 0.001  # half-inch and 1.5-inch reflectors
+_MIN_SEEN = 1 / 2000  # least share of candidates where few poses are in sight
 _MAX_DESCRIBED = 500  # colliding draws whose contacts a refusal counts
 _SAME_NOISE = 6  # decimals to which variances are compared
 
@@ -75,6 +76,7 @@ def draw_candidates(
     margin: float = MARGIN,
     progress: Progress = no_progress,
     keep: Keep = at_once,
+    sees: _Feasible | None = None,
 ) -> Candidates:
     """Draw ``count`` feasible poses from a scrambled Sobol sequence over the joints' limits.
 
@@ -83,21 +85,29 @@ def draw_candidates(
     Args:
         progress: called with the number found.
         keep: stores the checked draws.
+        sees: test of joint positions ``(n, joints)`` in place of the instrument's view, which few poses pass: it
+            comes before that of collisions.
 
     Raises:
         LabError: a target is unknown, the tracker stands in the arm, or hardly any pose is feasible.
     """
     if count < 1:
         raise LabError(f"{count} candidate poses: ask for 1 or more")
-    nearest = seeing_station(robot, targets, instrument)
-    first_reason = _judge(robot, lambda joints: nearest(joints) >= 0, margin)
-    for station in range(len(robot.station_sites)):
-        _refuse_station_in_arm(robot, station)
+    if sees is None:
+        nearest = seeing_station(robot, targets, instrument)
+        first_reason = _judge(robot, lambda joints: nearest(joints) >= 0, margin)
+        for station in range(len(robot.station_sites)):
+            _refuse_station_in_arm(robot, station)
+    else:
+        first_reason = _judge(robot, sees, margin, seen_first=True)
     sobol = ScrambledSobol(robot.chain.size, rng)
     draws, reasons = np.empty((0, robot.chain.size)), np.empty(0, dtype=int)
     while (found := int(np.count_nonzero(reasons < 0))) < count:
         progress(found, count)
-        _refuse_hopeless(robot, targets, draws, reasons, count)
+        if sees is None:
+            _refuse_hopeless(robot, targets, draws, reasons, count)
+        else:
+            _refuse_unseen(robot, reasons, count)
         block = robot.chain.lower + sobol.points(_BLOCK) * (robot.chain.upper - robot.chain.lower)
         judged = keep("candidates", [block], lambda block=block: {"reasons": first_reason(block)})  # type: ignore[misc]
         draws, reasons = np.concatenate([draws, block]), np.concatenate([reasons, judged["reasons"]])
@@ -120,22 +130,31 @@ def feasibility(
     return lambda joints: first_reason(joints) < 0
 
 
-def _judge(robot: RobotModel, sees: _Feasible, margin: float) -> Callable[[Array], NDArray[np.int_]]:
-    """Return a function of joint positions ``(n, joints)``: the first of ``_REASONS`` against each, -1 for none."""
+def _judge(
+    robot: RobotModel, sees: _Feasible, margin: float, *, seen_first: bool = False
+) -> Callable[[Array], NDArray[np.int_]]:
+    """Return a function of joint positions ``(n, joints)``: the first of ``_REASONS`` against each, -1 for none.
+
+    Args:
+        seen_first: whether visibility comes before collisions.
+    """
     if not 0 <= margin < 0.5:
         raise LabError(f"margin {margin:g} of the joints' ranges: give 0 or more, below 0.5")
     data = mujoco.MjData(robot.model)
     chain = robot.chain
     keep_off = margin * (chain.upper - chain.lower)
 
+    def touching(joints: Array) -> NDArray[np.bool_]:
+        return np.fromiter(collision_flags(robot, joints, data), bool, len(joints))
+
     def first_reason(joints: Array) -> NDArray[np.int_]:
         reasons = np.where(chain.beyond_limits(joints, -keep_off).any(axis=1), 0, -1)
         left = np.flatnonzero(reasons < 0)
         reasons[left[~chain.is_assemblable(joints[left], well=True)]] = 1
-        left = np.flatnonzero(reasons < 0)
-        reasons[left[np.fromiter(collision_flags(robot, joints[left], data), bool, len(left))]] = 2
-        left = np.flatnonzero(reasons < 0)
-        reasons[left[~sees(joints[left])]] = 3
+        for reason in (3, 2) if seen_first else (2, 3):
+            left = np.flatnonzero(reasons < 0)
+            against = ~sees(joints[left]) if reason == 3 else touching(joints[left])
+            reasons[left[against]] = reason
         return reasons
 
     return first_reason
@@ -306,6 +325,17 @@ def _refuse_hopeless(
         f"{robot.path}: {have or 'no'} feasible poses in {drawn} draws, {count} wanted: {n['limits']} too close to a "
         f"limit, {n['singularity']} to a parallel singularity, {n['collision']} collide{pairs}, in {n['visibility']} "
         f"the tracker at {place} m does not see {', '.join(targets)}; {mend}"
+    )
+
+
+def _refuse_unseen(robot: RobotModel, reasons: NDArray[np.int_], count: int) -> None:
+    drawn, have = len(reasons), int(np.count_nonzero(reasons < 0))
+    if drawn < _PATIENCE or (have and drawn < count / _MIN_SEEN):
+        return
+    n = _counted(reasons)
+    raise LabError(
+        f"{robot.path}: {have or 'no'} feasible poses in {drawn} draws, {count} wanted: in {n['visibility']} no "
+        f"picture shows enough of a board, {n['collision']} of the others collide; place cameras and boards otherwise"
     )
 
 

@@ -74,7 +74,7 @@ def write_files(page: Page, folder: Path) -> None:
         if "[systematic]" in block:
             (folder / "tracker.toml").write_text(block)
         if "[[camera]]" in block:
-            (folder / "cameras.toml").write_text(block)
+            (folder / ("placed.toml" if "position_mm" in block else "cameras.toml")).write_text(block)
         if "[sensor]" in block:
             (folder / "sensor.toml").write_text(block)
             write_load(folder / "load.csv", read_mounting(folder / "sensor.toml"))

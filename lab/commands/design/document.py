@@ -395,6 +395,7 @@ def design_document(result: DesignResult) -> doc.Document:
                     doc.Paragraph(f"{_chosen(values)} {_predicted(values)}{_worst(values)}", shown_in=doc.PAGE),
                     doc.Paragraph(_tour(result)),
                     *_files(result),
+                    *_corners(result),
                     *_reflector(values),
                     *_stations(values),
                     *_payloads(values),
@@ -436,6 +437,9 @@ def _card(result: DesignResult, values: dict[str, Any], session: SessionDuration
     names = plan_or_refusal(chain, options.controller, result.problem.robot.model.stations).values()
     programs = " and ".join(name for name in names if name.startswith((f"{PLAN}.", f"{PLAN}_")))
     how = f"slowly at first: {programs} moves the arm" if programs else "pose by pose"
+    measure: tuple[str | doc.Code, ...] = ("; measure at each pose into ", doc.Code("plan.csv"))
+    if result.corners:
+        measure = ("; take a picture at each pose; write its corners, or its path, into a row of the measurement file",)
     return doc.Card(
         ("Plan: ", badge, asked),
         (
@@ -446,13 +450,15 @@ def _card(result: DesignResult, values: dict[str, Any], session: SessionDuration
         ),
         f"Predicted after calibration: root mean square over {_region_text(result)}, by the noise of "
         f"{values['instrument']} alone; the bound that 95 % are below holds in 95 % of such calibrations.",
-        ("Run the plan ", how, "; measure at each pose into ", doc.Code("plan.csv"), "; then give it to lab identify."),
+        ("Run the plan ", how, *measure, "; then give it to lab identify."),
         (doc.Figure("curve-figure", (curve,), _CURVE),),
     )
 
 
 def _region_text(result: DesignResult) -> str:
     """Name the poses at which the error is predicted, and the frame of their coordinates."""
+    if result.corners:
+        return "validation poses, with base and tool placed anew"
     region = task_region(result.options.region)
     return {
         "workspace": "validation poses",
@@ -505,20 +511,24 @@ def page_scene(result: DesignResult) -> ArmScene:
 
 def _chosen(values: dict[str, Any]) -> str:
     already = f", added to {values['measured_already']} measured already" if values["measured_already"] else ""
+    targets = "" if values["corners"] else f"targets {', '.join(values['targets'])}, "
+    what = f"{targets}{values['instrument']}"
     return (
-        f"{values['poses']} poses{already}, targets {', '.join(values['targets'])}, {values['instrument']}: "
-        f"{values['parameters']} parameters, criterion {values['criterion']}."
+        f"{values['poses']} poses{already}, {what}: {values['parameters']} parameters, criterion {values['criterion']}."
     )
 
 
 def _predicted(values: dict[str, Any]) -> str:
     predicted = values["predicted_mm"]
     where = "validation poses" if values["region"] == "workspace" else "the poses of the task's region"
+    noise = "the instrument's noise"
+    if values["corners"]:
+        where, noise = "validation poses, with base and tool placed anew,", "the corners' noise"
     assumes = "a rigid robot" if values["model"][0] == "geometric" else f"the model {values['model'][0]}"
     return (
         f"The predicted error on {where} is {predicted['rms']:.4f} mm RMS over all poses and "
         f"{predicted['max']:.4f} mm RMS at the worst pose; its 95 %/95 % tolerance bound is "
-        f"{values['promise_mm']:.4f} mm. It includes only the instrument's noise, and assumes {assumes}."
+        f"{values['promise_mm']:.4f} mm. It includes only {noise}, and assumes {assumes}."
     )
 
 
@@ -572,9 +582,10 @@ def _checked(result: DesignResult) -> str:
     if result.options.no_check:
         return "Nothing was checked for collisions."
     options = result.options
+    with_what = "without cameras and boards" if result.corners else "including reflectors and nests"
     return (
         "Every waypoint and every move (a straight line in joint space) was checked for collisions of the arm with "
-        "itself and with the surroundings in the robot's model, including reflectors and nests. The clearance to the "
+        f"itself and with the surroundings in the robot's model, {with_what}. The clearance to the "
         f"surroundings is {options.clearance_mm:g} mm unless an obstacle states another. Links that are not neighbours "
         f"keep {options.self_clearance_mm:g} mm, or their distance at home."
     )
@@ -583,9 +594,22 @@ def _checked(result: DesignResult) -> str:
 def _candidates(values: dict[str, Any]) -> str:
     found, lost = values["candidates"], values["candidates"]["rejected"]
     singular = f"{lost['singularity']:,} near a parallel singularity, " if lost["singularity"] else ""
+    unseen = "without enough corners in a picture" if values["corners"] else "not visible to the tracker"
     return (
         f"{found['feasible']:,} feasible candidates of {found['drawn']:,} drawn; rejected: {lost['limits']:,} near a "
-        f"joint limit, {singular}{lost['collision']:,} in collision, {lost['visibility']:,} not visible to the tracker."
+        f"joint limit, {singular}{lost['collision']:,} in collision, {lost['visibility']:,} {unseen}."
+    )
+
+
+def _corners(result: DesignResult) -> tuple[doc.Block, ...]:
+    """Return how many corners the pictures at each pose show; nothing for measured points."""
+    if not result.corners:
+        return ()
+    least, most = min(result.corners), max(result.corners)
+    rows = tuple((name, str(count)) for name, count in zip(result.pose_ids, result.corners, strict=True))
+    return (
+        doc.Paragraph(f"The pictures at a pose show {least} to {most} corners."),
+        doc.Section("Corners at each pose", (doc.Table(("pose", "corners"), rows),), folded=True),
     )
 
 

@@ -230,7 +230,9 @@ class DesignResult(Result):
 
     @cached_property
     def _reflector(self) -> dict[str, float | int] | None:
-        """Closeness of the waypoints to the reflectors' acceptance angle; None if they take any angle."""
+        """Closeness of the waypoints to the reflectors' acceptance angle; None if they take any angle, or are none."""
+        if self.problem.planned is not None:
+            return None
         robot, targets = self.problem.robot.model, self.options.targets
         acceptance = view_of(robot, named_instrument(self.options.instrument)).acceptance_rad
         if acceptance >= np.pi:
@@ -242,6 +244,12 @@ class DesignResult(Result):
             "near_deg": _NEAR_ACCEPTANCE_DEG,
             "near": int((angles > np.rad2deg(acceptance) - _NEAR_ACCEPTANCE_DEG).sum()),
         }
+
+    @cached_property
+    def corners(self) -> tuple[int, ...] | None:
+        """Number of corners that the pictures at each pose show, in the order of the tour; None for measured points."""
+        planned = self.problem.planned
+        return None if planned is None else tuple(planned.counts(self.joints).tolist())
 
     @property
     def waypoints(self) -> Waypoints:
@@ -308,7 +316,9 @@ class DesignResult(Result):
             "poses": len(self.joints),
             "measured_already": len(self.problem.already),
             "targets": list(options.targets),
-            "instrument": options.instrument,
+            "observe": options.observe,
+            "instrument": options.instrument if self.problem.planned is None else self.problem.planned.noise,
+            "corners": None if self.corners is None else list(self.corners),
             "parameters": len(self.problem.structure.identifiable),
             "criterion": options.criterion,
             "model": list(options.models),

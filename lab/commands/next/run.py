@@ -231,6 +231,8 @@ def _planned(
     config = RunConfig({}, "design") if plan is not None else read_config(folder, _MEND)
     if config.command == "design":
         plan = plan or read_options(folder / CONFIG_FILE, "design", DesignOptions)
+        if plan.observe != "points":
+            raise LabError(f"{folder}: is a plan for {plan.observe}; lab next is for measured points alone; measure it")
         if plan.payload_kg or plan.model != "geometric":
             raise LabError(f"{folder}: is a plan for model {plan.model}; lab next is for geometry alone; measure it")
         known = {name: getattr(plan, name) for name in _OF_PLAN}

@@ -21,7 +21,7 @@ from lab.simulation.sight import unhidden
 from lab.simulation.tracking import VirtualMeasurement, target_rotations
 from lab.simulation.true_robot import TrueRobot, TrueSerialRobot
 
-__all__ = ["Scene", "drawn_scene", "simulated_corners"]
+__all__ = ["NominalArm", "Scene", "corner_noise_px", "drawn_scene", "placed_scene", "simulated_corners"]
 
 _BLOCK, _ROUNDS = 2048, 400  # of drawn joint positions
 _AROUND = 0.5  # rad or m of a joint: spread of every other draw about poses that see the board
@@ -78,14 +78,27 @@ class Scene:
         mount = self.rig.mount(self.rig.cameras[camera], targets)
         return _in_world(self.cameras[camera], mount, Ts_tip)[:, :3, 3]
 
-    def shows(self, arm: "_NominalArm") -> bool:
+    def visible(
+        self, camera: int, board: int, arm: "NominalArm", joints: Array, tips: Array
+    ) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+        """Return ``seen`` with the corners that nothing hides, and the places ``(n, 3)`` m of the camera.
+
+        Args:
+            arm: whose shapes hide corners at poses ``(n, joints)``.
+            tips: ``(n, k, 4, 4)`` poses (m) of its targets there, in the instrument's frame.
+        """
+        places, inside, corners = self.seen(camera, board, tips, arm.targets)
+        origins, some = self.origins(camera, tips, arm.targets), np.flatnonzero(inside.any(axis=1))
+        shown = np.where(inside[some, :, None], corners[some], np.nan)
+        inside[some] &= ~arm.hidden(joints[some], origins[some], shown)
+        return places, inside, corners, origins
+
+    def shows(self, arm: "NominalArm") -> bool:
         """Check whether the poses by which cameras and boards were placed see enough of a board, unhidden."""
         tips, shown = arm.tips(self.seeing), np.zeros(len(self.seeing), dtype=np.bool_)
         for camera in range(len(self.cameras)):
             for board in range(len(self.boards)):
-                _, inside, corners = self.seen(camera, board, tips, arm.targets)
-                origins = self.origins(camera, tips, arm.targets)
-                inside &= ~arm.hidden(self.seeing, origins, np.where(inside[..., None], corners, np.nan))
+                inside = self.visible(camera, board, arm, self.seeing, tips)[1]
                 shown |= inside.sum(axis=1) >= self.rig.simulated.corners
         return bool(shown.all())
 
@@ -109,7 +122,7 @@ def _in_world(T: Array, mount: int | None, Ts_tip: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class _NominalArm:
+class NominalArm:
     """The nominal arm as cameras are placed by it, in the instrument's frame.
 
     Attributes:
@@ -144,7 +157,23 @@ class _NominalArm:
         return ~unhidden(self.robot, joints, se3.transform(T, origins), world)
 
 
-def drawn_scene(rig: Rig, arm: _NominalArm, rng: np.random.Generator) -> Scene:
+def placed_scene(rig: Rig, arm: NominalArm) -> Scene:
+    """Place cameras and boards as their file says, each of them."""
+    T_frame0 = se3.inverse(arm.T_world_instrument) @ arm.robot.T_world_frame0
+    parts: tuple[Camera | Board, ...] = (*rig.cameras, *rig.boards)
+    Ts = {part: _given_place(rig, part, arm, T_frame0) for part in parts}
+    found = [[T for part, T in Ts.items() if isinstance(part, kind) and T is not None] for kind in (Camera, Board)]
+    return Scene(rig, tuple(found[0]), tuple(found[1]), np.empty((0, arm.robot.chain.size)))
+
+
+def _given_place(rig: Rig, part: Camera | Board, arm: NominalArm, T_frame0: Array) -> Array | None:
+    """Return the pose of a camera or board as ``Scene`` holds it; None where the file does not place it."""
+    if part.T_mount is None:
+        return None
+    return part.T_mount if rig.mount(part, arm.targets) is not None else np.asarray(T_frame0 @ part.T_mount)
+
+
+def drawn_scene(rig: Rig, arm: NominalArm, rng: np.random.Generator) -> Scene:
     """Place cameras and boards: as the file says, else by chance, so that the arm sees something.
 
     Raises:
@@ -157,8 +186,8 @@ def drawn_scene(rig: Rig, arm: _NominalArm, rng: np.random.Generator) -> Scene:
     parts: tuple[Camera | Board, ...] = (*rig.cameras, *rig.boards)
     for part in parts:
         mount = rig.mount(part, arm.targets)
-        if part.T_mount is not None:
-            Ts[part] = T_frame0 @ part.T_mount if mount is None else part.T_mount
+        if (given := _given_place(rig, part, arm, T_frame0)) is not None:
+            Ts[part] = given
         elif mount is not None:
             Ts[part] = _in_hand(part, rng)
     seeing = []
@@ -202,7 +231,7 @@ def _before(
     other: Camera | Board,
     T_other: Array,
     rig: Rig,
-    arm: _NominalArm,
+    arm: NominalArm,
     tips: Array,
     T_frame0: Array,
     rng: np.random.Generator,
@@ -240,7 +269,7 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     _refuse_trackers(real)
     scattering, failing, shaping, placing, missing = rng.spawn(5)
     targets = tuple(dict.fromkeys((*poses.targets, *rig.on_targets)))
-    nominal = _NominalArm(real.robot, real.T_world_tracker, targets)
+    nominal = NominalArm(real.robot, real.T_world_tracker, targets)
     placed = drawn_scene(rig, nominal, placing)
     for _ in range(_SCENES):
         if placed.shows(nominal):
@@ -253,10 +282,8 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     there = replace(nominal, robot=replace(real.robot, model=real.model))
     rows, cells, places, depth = list[NDArray[np.int_]](), list[NDArray[np.int_]](), list[Array](), list[Array]()
     for camera in range(len(rig.cameras)):
-        origins = placed.origins(camera, tips, targets)
         for board, plate in enumerate(rig.boards):
-            exact, inside, corners = placed.seen(camera, board, tips, targets)
-            inside &= ~there.hidden(joints, origins, np.where(inside[..., None], corners, np.nan))
+            exact, inside, corners, origins = placed.visible(camera, board, there, joints, tips)
             inside &= missing.random(inside.shape) >= scene.missed
             inside &= (inside.sum(axis=1) >= scene.corners)[:, None]
             row, corner = np.nonzero(inside)
@@ -273,7 +300,7 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     order = np.lexsort((cell[:, 2], cell[:, 1], cell[:, 0], row))
     row, cell = row[order], cell[order]
     distance = np.concatenate(depth)[order]
-    noise = scene.noise_px * np.sqrt(1 + _blur_px(scene, distance) ** 2)
+    noise = corner_noise_px(scene, distance)
     if poses.instrument.kind == "exact":
         noise = np.zeros_like(noise)
     standard = real.effects.shaped_noise(rng.standard_normal((len(row), 1, 2)), shaping)[:, 0]
@@ -294,6 +321,11 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     numbers = {name: column[row] for name, column in conditions.items()}
     numbers |= {"u_px": found[:, 0], "v_px": found[:, 1]}
     return SimulatedReadings(replace(data, other=texts, conditions=numbers), bad | wrong, placed.placed)
+
+
+def corner_noise_px(scene: Simulated, distance_m: Array) -> Array:
+    """Return the noise ``(n,)`` of corners at some distances, in pixels: it grows with their blur."""
+    return np.asarray(scene.noise_px * np.sqrt(1 + _blur_px(scene, distance_m) ** 2))
 
 
 def _blur_px(scene: Simulated, distance_m: Array) -> Array:
@@ -318,7 +350,7 @@ def _true_tips(
     return np.stack([se3.pose(turn, points[:, k]) for k, turn in enumerate(turns)], axis=1)
 
 
-def _seeing_poses(placed: Scene, arm: _NominalArm, count: int, rng: np.random.Generator) -> Array:
+def _seeing_poses(placed: Scene, arm: NominalArm, count: int, rng: np.random.Generator) -> Array:
     """Draw ``(count, joints)`` poses without collision, at which each camera in turn sees enough of a board.
 
     Raises:
@@ -357,7 +389,7 @@ def _seeing_poses(placed: Scene, arm: _NominalArm, count: int, rng: np.random.Ge
 
 
 def _some_seeing(
-    placed: Scene, arm: _NominalArm, camera: int, board: int, joints: Array, tips: Array, most: int
+    placed: Scene, arm: NominalArm, camera: int, board: int, joints: Array, tips: Array, most: int
 ) -> list[Array]:
     """Return up to ``most`` of some poses at which a camera sees enough of a board, and the arm touches nothing."""
     scene = placed.rig.simulated
