@@ -52,7 +52,8 @@ class ImportOptions:
     """Files to merge, and how."""
 
     points: tyro.conf.Positional[Path]
-    """The tracker's export: SpatialAnalyzer, PolyWorks or Leica text, or plain name, x, y, z."""
+    """The tracker's export: SpatialAnalyzer, PolyWorks or Leica text, or plain name, x, y, z; or corners in pictures:
+    time, corner, u, v, camera, board."""
     joints: Path
     """The controller's file: joint positions, a row for each pose, or a log over time."""
     robot: str = "irb120"

@@ -295,6 +295,8 @@ class PointColumns:
         sigma: uncertainties along x, y and z, or one of the whole position.
         time: of the measurement; a date may be in its own column.
         dates: order of day and month.
+        u, v: place of a corner in a picture, pixels, instead of coordinates.
+        corner, camera, board: of the corner.
     """
 
     name: str = ""
@@ -310,6 +312,11 @@ class PointColumns:
     temperature: str = ""
     pressure: str = ""
     humidity: str = ""
+    u: str = ""
+    v: str = ""
+    corner: str = ""
+    camera: str = ""
+    board: str = ""
 
 
 @dataclass(frozen=True)

@@ -18,15 +18,17 @@ import numpy as np
 
 from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
-from lab.formats.loose_table import LeftOut, LooseTable, PointColumns, column_named, read_loose
+from lab.formats.loose_table import LeftOut, LooseTable, PointColumns, column_named
 
-__all__ = ["Clock", "TrackerPoints", "column_times", "read_tracker_points"]
+__all__ = ["Clock", "TrackerPoints", "column_times", "read_tracker_points", "stamp_times"]
 
 Clock = Literal["seconds", "date", "day"]
 _SECONDS = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
 _DAY_TIME = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*([AaPp][Mm])?")
 _DATE = re.compile(r"(\d{1,4})([./-])(\d{1,2})\2(\d{2,4})")
 _DAY = 86400.0
+_NANOSECONDS = 1e17  # larger numbers are nanoseconds since 1970
+_STAMP = re.compile(r"(?:.* )?header stamp(?: (secs?|nsecs|nanosec))?")
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,39 @@ def column_times(table: LooseTable, time: int, day: int | None, dates: str) -> _
     return _read_times(cells, lambda i: f"{table.path}: line {table.lines[i]}, column {table.name(time)}", dates)
 
 
+def stamp_times(table: LooseTable, at: tuple[int, int] | None = None) -> tuple[_Times, str] | None:
+    """Read the stamps of ROS messages, and return them with their columns' names; None where not one topic has them.
+
+    A stamp is seconds and nanoseconds in two columns, or one number: nanoseconds as ``rostopic echo -p`` writes it
+    (``field.header.stamp``), or seconds.
+
+    Args:
+        at: columns of seconds and nanoseconds, of a table without a header.
+    """
+    found: dict[str, int] = {} if at is None else {"s": at[0], "n": at[1]}
+    for column, heading in enumerate(table.headings or ()):
+        words = " ".join(re.findall(r"[^\W_]+", heading.text.lower()))
+        if match := _STAMP.fullmatch(words):
+            part = (match[1] or "")[:1] or ("f" if words.startswith("field ") else "whole")
+            if part in found:
+                return None
+            found[part] = column
+    if {"s", "n"} <= set(found):
+        seconds = table.numbers(found["s"], empty=False) + 1e-9 * table.numbers(found["n"], empty=False)
+        columns = f"{table.name(found['s'])}, {table.name(found['n'])}"
+        return _Times(seconds, "date" if seconds.min() > 1e9 else "seconds"), columns
+    if "f" in found:
+        cells, name = table.texts(found["f"]), table.name(found["f"])
+        for cell, line in zip(cells, table.lines, strict=True):
+            if not _SECONDS.fullmatch(cell):
+                raise LabError(
+                    f"{table.path}: line {line}, column {name}: '{cell}' is no number of nanoseconds; fix it"
+                )
+        seconds = 1e-9 * np.array([float(cell.replace(",", ".")) for cell in cells])
+        return _Times(seconds, "date" if seconds.min() > 1e9 else "seconds"), name
+    return (column_times(table, found["whole"], None, ""), table.name(found["whole"])) if "whole" in found else None
+
+
 def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -> _Times:
     given = [(i, cell.strip()) for i, cell in enumerate(cells) if cell.strip()]
     found = np.full(len(cells), np.nan)
@@ -64,6 +99,8 @@ def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -
     if all(_SECONDS.fullmatch(cell) for _, cell in given):
         for i, cell in given:
             found[i] = float(cell.replace(",", "."))
+        if np.nanmin(found) > _NANOSECONDS:
+            found *= 1e-9
         return _Times(found, "date" if np.nanmin(found) > 1e9 else "seconds")
     order = dates or _order(given, where)
     clocks = set()
@@ -183,15 +220,16 @@ class TrackerPoints:
     left_out: tuple[LeftOut, ...]
 
 
-def read_tracker_points(path: Path, columns: PointColumns, unit: str | None, coverage: float) -> TrackerPoints:
+def read_tracker_points(table: LooseTable, columns: PointColumns, unit: str | None, coverage: float) -> TrackerPoints:
     """Read the points of a tracker's export.
 
     Args:
+        table: of the export.
         columns: map of its columns.
         unit: of lengths, mm, m or in, if the file does not state it.
         coverage: factor of its uncertainties over one standard deviation.
     """
-    return _Reader(read_loose(path, 3), columns, unit, coverage).read()
+    return _Reader(table, columns, unit, coverage).read()
 
 
 class _Reader:

@@ -8,7 +8,7 @@ from day_files import BEGIN, leica
 from helpers.tracker_files import plain, polyworks, spatial_analyzer
 
 from lab.core.errors import LabError
-from lab.formats.loose_table import PointColumns, heading_of, read_column_map
+from lab.formats.loose_table import PointColumns, heading_of, read_column_map, read_loose
 from lab.formats.tracker_export import TrackerPoints, read_tracker_points
 
 NAMES = ("A1", "A2", "B 3", "A4")
@@ -19,7 +19,7 @@ SIGMA = 1e-6 * np.array([[10, 12, 14], [20, 20, 20], [9, 8, 7], [30, 10, 10.0]])
 def read(path: Path, text: str | None = None, *, unit: str | None = None, coverage: float = 1.0) -> TrackerPoints:
     if text is not None:
         path.write_text(text)
-    return read_tracker_points(path, PointColumns(), unit, coverage)
+    return read_tracker_points(read_loose(path, 3), PointColumns(), unit, coverage)
 
 
 def test_every_program_s_form_gives_the_same_points(tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_a_map_names_what_headings_do_not(tmp_path: Path) -> None:
     file, toml = tmp_path / "odd.csv", tmp_path / "map.toml"
     file.write_text("k;a;b;c;e;when\nP;1,5;2,5;3,5;0,02;05/06/2026 10:00:00\nQ;2;3;4;0,03;05/06/2026 10:01:00\n")
     toml.write_text('[points]\nname="k"\nx="2"\ny="b"\nz="c"\nunit="mm"\nsigma=["e"]\ntime="when"\ndates="mdy"\n')
-    found = read_tracker_points(file, read_column_map(toml).points, None, 1.0)
+    found = read_tracker_points(read_loose(file, 3), read_column_map(toml).points, None, 1.0)
     np.testing.assert_allclose(found.positions, 1e-3 * np.array([[1.5, 2.5, 3.5], [2, 3, 4]]))
     np.testing.assert_allclose(found.sigma_m, 1e-3 * np.array([0.02, 0.03]) / np.sqrt(3))
     assert np.diff(found.seconds) == [60.0]

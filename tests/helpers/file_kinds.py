@@ -27,10 +27,11 @@ from lab.extensions.reproduction.item import Computed, Item, marked
 from lab.extensions.robotics.trajectory.motion import read_path
 from lab.formats.cell_toml import read_cell
 from lab.formats.certificate_toml import read_certificate_details
+from lab.formats.corner_export import read_corners
 from lab.formats.drives_toml import read_drives
 from lab.formats.instrument_toml import read_instrument
 from lab.formats.joint_log import read_joint_log
-from lab.formats.loose_table import JointColumns, PointColumns, read_column_map
+from lab.formats.loose_table import JointColumns, PointColumns, read_column_map, read_loose
 from lab.formats.measurement_csv import read_measurements, write_measurements
 from lab.formats.mechanism_toml import read_mechanism
 from lab.formats.programs.program_text import Outside
@@ -161,6 +162,7 @@ MOTION = (
     "d,line,-10,25,65,\ne,via,-5,20,60,\nf,circle,0,25,55,\n"
 )
 POSITIONS = "id,use,q1_deg,q2_rad,rail_mm\na,test,90,1.5,100\nb,skip,0,0,0\nc,test,-90,0,7\n"
+CORNERS = "time,camera,board,corner,u_px,v_px\n12.5,wrist,table,0,100.25,200.5\n12.5,wrist,table,1,150.0,201.0\n"
 LOG = "date,timestamp,q1 [deg],q2 [deg],rail_mm\n" + "".join(
     f"2026-03-31,10:00:{i:02d}.5,{10 * i},{-i},{5 * i}\n" for i in range(3)
 )
@@ -337,7 +339,10 @@ KINDS: dict[str, FileKind] = {
     "path": _kind("p.csv", MOTION, lambda path: read_path(path, JOINTS, SLIDES)),
     "joints": _kind("j.csv", POSITIONS, lambda path: read_joints(path, JOINTS, SLIDES)),
     "log": _kind("l.csv", LOG, lambda path: read_joint_log(path, JOINTS, SLIDES, JointColumns(), None)),
-    "export": FileKind("e.txt", _export, lambda path: read_tracker_points(path, PointColumns(), None, 1.0)),
+    "export": FileKind(
+        "e.txt", _export, lambda path: read_tracker_points(read_loose(path, 3), PointColumns(), None, 1.0)
+    ),
+    "corners": _kind("v.csv", CORNERS, lambda path: read_corners(read_loose(path, 3), PointColumns())),
     "columns": _kind("c.toml", COLUMNS, read_column_map),
     "elastic links": _kind("a.toml", ARM_TOML + LINKS, read_table),
     "answers": _kind("e.csv", ANSWERS, _marked),

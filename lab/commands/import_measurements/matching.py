@@ -131,11 +131,14 @@ def matched(
     log: JointLog,
     prismatic: tuple[bool, ...],
     nominal: NominalFit | None = None,
+    *,
+    times_alone: bool = False,
 ) -> Matching:
     """Find the pose of each point.
 
     Args:
         nominal: the arm by which an offset of the clocks is checked; None to take it as it is given.
+        times_alone: whether an offset is checked by times, without an arm.
 
     Raises:
         LabError: names, counts or times do not go together.
@@ -144,7 +147,9 @@ def matched(
     if by == "name":
         return _by_name(options, points, log)
     found = _poses(options, log, prismatic, as_log=_is_log(log))
-    return _by_order(options, points, log, found) if by == "order" else _by_time(options, points, log, found, nominal)
+    if by == "order":
+        return _by_order(options, points, log, found)
+    return _by_time(options, points, log, found, nominal, times_alone=times_alone)
 
 
 def _choice(options: ImportOptions, points: TrackerPoints, log: JointLog) -> By:
@@ -257,7 +262,13 @@ def _pose_name(points: TrackerPoints, i: int, k: int) -> str:
 
 
 def _by_time(
-    options: ImportOptions, points: TrackerPoints, log: JointLog, waypoints: _Windows, nominal: NominalFit | None
+    options: ImportOptions,
+    points: TrackerPoints,
+    log: JointLog,
+    waypoints: _Windows,
+    nominal: NominalFit | None,
+    *,
+    times_alone: bool,
 ) -> Matching:
     if not np.isfinite(points.seconds).any():
         raise LabError(f"{points.path}: its points have no times; give --by name or --by order, or --columns")
@@ -277,7 +288,7 @@ def _by_time(
         raise LabError(
             f"{points.path}: no point was measured while the arm of {log.path} stood still; {compared.proposal()}"
         )
-    if nominal is not None:
+    if nominal is not None or times_alone:
         try:
             compared.check(offset, given=options.clock_offset_s is not None)
         except LabError as error:

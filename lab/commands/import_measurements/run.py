@@ -15,12 +15,13 @@ from lab.commands.import_measurements.matching import Matching, Timeline, matche
 from lab.commands.options import ImportOptions
 from lab.commands.result import Result, number
 from lab.commands.run_folder import joint_columns
-from lab.core.errors import LabError, counted
+from lab.core.errors import LabError, counted, option_name
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.formats.corner_export import CornerRows, holds_corners, read_corners
 from lab.formats.joint_log import JointLog, read_joint_log
-from lab.formats.loose_table import LeftOut, read_column_map
+from lab.formats.loose_table import LeftOut, read_column_map, read_loose
 from lab.formats.measurement_csv import write_measurements
 from lab.formats.tracker_export import TrackerPoints, read_tracker_points
 from lab.render.charts.chart import axes_picture
@@ -42,11 +43,17 @@ class ImportResult(Result):
 
     options: ImportOptions
     robot: Robot
-    measurements: Measurements  # a row for each pose (m, rad, in the tracker's frame)
-    points: TrackerPoints  # the tracker's file
+    measurements: Measurements  # a row for each pose (m, rad, in the tracker's frame), or for each corner in a picture
+    points: TrackerPoints  # the tracker's file, or the pictures
     log: JointLog  # the controller's file
     matching: Matching  # how points found their poses
     warnings: tuple[str, ...]
+    corners: CornerRows | None = None  # in the pictures; None of a tracker's file
+
+    @property
+    def measured(self) -> int:
+        """Number of measured points or corners."""
+        return len(self.measurements) if self.corners is not None else int(self.measurements.seen.sum())
 
     @property
     def left_out(self) -> tuple[LeftOut, ...]:
@@ -60,8 +67,8 @@ class ImportResult(Result):
         return {
             "robot": self.robot.name,
             "by": self.matching.by,
-            "poses": len(data),
-            "points": int(data.seen.sum()),
+            "poses": len(self.matching.poses),
+            "points": self.measured,
             "targets": list(data.targets),
             "sigma_mm": number(MM.of(float(np.median(sigma)))) if sigma.size else None,
             "conditions": [*data.conditions, *data.other],
@@ -94,13 +101,15 @@ class ImportResult(Result):
         write_measurements(folder / "measurements.csv", self.measurements, self.robot.chain.prismatic)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
-        """A row for each pose: its joints, ° or mm, and its points, mm."""
+        """A row for each pose: its joints, ° or mm, and its points, mm; for each corner: its place, px."""
         data, chain = self.measurements, self.robot.chain
         shown = joint_columns(chain, data.joints)
         table: dict[str, Sequence[Any]] = {"id": data.ids, **{name: each.tolist() for name, each in shown.items()}}
         for k, target in enumerate(data.targets):
             for i, axis in enumerate("xyz"):
                 table[f"{target}_{axis}_mm"] = MM.of(data.points[:, k, i]).tolist()
+        if self.corners is not None:
+            table |= {name: data.conditions[name].tolist() for name in ("u_px", "v_px")}
         return table
 
 
@@ -111,17 +120,25 @@ _WIDE = (7.0, 2.4)  # inches
 
 def _import_document(result: ImportResult) -> Document:
     data = result.measurements
-    caption = "The points in the tracker's frame, seen along its z axis."
+    by_camera = result.corners is not None
+    caption = (
+        "The corners in their pictures." if by_camera else "The points in the tracker's frame, seen along its z axis."
+    )
+    counts = (
+        f"{counted(len(result.matching.poses), 'picture')}, {counted(len(data), 'corner')}"
+        if by_camera
+        else f"{len(data)} poses, {int(data.seen.sum())} points"
+    )
     return Document(
-        f"{result.robot.name}: {len(data)} poses, {int(data.seen.sum())} points",
+        f"{result.robot.name}: {counts}",
         (
             Paragraph(" ".join(result.matching.description), "lead"),
             Warnings(result.warnings),
             *_match(result),
-            Section("Uncertainty", (Paragraph(_uncertainty(result)),)),
+            *(() if by_camera else (Section("Uncertainty", (Paragraph(_uncertainty(result)),)),)),
             Section("Columns", (_columns(result),)),
             Section("Left out", (*_left_out(result),)),
-            Section("Points", (Figure("points", (_points_picture(result),), caption),)),
+            Section("Corners" if by_camera else "Points", (Figure("points", (_points_picture(result),), caption),)),
         ),
     )
 
@@ -132,6 +149,19 @@ def _match(result: ImportResult) -> tuple[Section, ...]:
     if line is None:
         return ()
     placed = line.placed
+    if result.corners is not None:
+        return (
+            Section(
+                "Match in time",
+                (
+                    Paragraph(
+                        f"{placed.description} pictures are placed by times alone, which a wrong clock offset may also "
+                        "allow; lab identify shows by its residuals whether pictures belong to other poses."
+                    ),
+                    Figure("match", (_timeline_picture(line),), "When the arm stood still (grey), and the pictures."),
+                ),
+            ),
+        )
     checked = (
         f"Points are compared with the nominal arm, with base and tool fitted: {placed.description}."
         if placed.rms_m is not None
@@ -165,7 +195,7 @@ def _timeline_picture(line: Timeline) -> Picture:
         axes.set_yticks([], [])
         axes.legend(loc="upper right")
 
-    label = f"{inside.sum()} of {len(inside)} points in {len(line.starts)} stops"
+    label = f"{inside.sum()} of {len(inside)} measured in {len(line.starts)} stops"
     return axes_picture("timeline", label, _WIDE, draw, (0.7, 0.5, 0.15, 0.15))
 
 
@@ -219,6 +249,8 @@ def _left_out(result: ImportResult) -> tuple[Paragraph | Table, ...]:
 
 
 def _points_picture(result: ImportResult) -> Picture:
+    if result.corners is not None:
+        return _corners_picture(result.measurements)
     points = MM.of(result.measurements.points.reshape(-1, 3))
     points = points[np.isfinite(points).all(axis=1)]
 
@@ -228,6 +260,15 @@ def _points_picture(result: ImportResult) -> Picture:
         axes.set_aspect("equal", adjustable="datalim")
 
     return axes_picture("points", f"{len(points)} measured points", (4.5, 3.6), draw)
+
+
+def _corners_picture(data: Measurements) -> Picture:
+    def draw(axes: Axes) -> None:
+        axes.scatter(data.conditions["u_px"], data.conditions["v_px"], s=4, color=AFTER)
+        axes.set(xlabel="u, px", ylabel="v, px")
+        axes.set_aspect("equal", adjustable="datalim")
+
+    return axes_picture("points", f"{counted(len(data), 'corner')} in pictures", (4.5, 3.6), draw)
 
 
 _OTHER_UNIT = 15.0  # times the distances that the nominal arm has: another unit
@@ -240,8 +281,10 @@ def import_measurements(
 ) -> ImportResult:
     """Merge a tracker's export with a controller's joint positions into measurements that ``identify`` reads.
 
+    Corners in pictures, with the time of each picture, take the place of points for ``observe="pixels"``.
+
     Args:
-        points: the tracker's file; or all options in one object.
+        points: the tracker's or the corners' file; or all options in one object.
         robot: whose joints were read, which the files do not name: a name, a path, or a loaded robot.
         options: those of ``lab import``, by name: ``joints``, ``by`` and so on.
 
@@ -260,13 +303,47 @@ def import_measurements(
     points.check()
     chain = loaded.chain
     columns = read_column_map(points.columns)
-    seen = read_tracker_points(points.points, columns.points, points.unit, points.coverage)
     log = read_joint_log(points.joints, chain.joint_names, chain.prismatic, columns.joints, points.joint_unit)
+    table = read_loose(points.points, 3)
+    if holds_corners(table, columns.points):
+        _refuse_those_of_points(points)
+        pictures, corners = read_corners(table, columns.points)
+        found = matched(points, pictures, log, chain.prismatic, times_alone=True)
+        data = _pixel_measurements(loaded, pictures, corners, found)
+        return ImportResult(points, loaded, data, pictures, log, found, loaded.warnings, corners)
+    seen = read_tracker_points(table, columns.points, points.unit, points.coverage)
     nominal = NominalFit(loaded, points.targets, seen.positions)
     found = matched(points, seen, log, chain.prismatic, nominal)
     data = _measurements(points, loaded, seen, found)
     warnings = _doubts(points, loaded, data, nominal)
     return ImportResult(points, loaded, data, seen, log, found, (*loaded.warnings, *seen.notes, *warnings))
+
+
+def _refuse_those_of_points(options: ImportOptions) -> None:
+    for name in ("targets", "unit", "coverage", "station"):
+        if getattr(options, name) != getattr(ImportOptions(options.points, options.joints), name):
+            raise LabError(f"{options.points}: its rows are corners in pictures; leave out {option_name(name)}")
+
+
+def _pixel_measurements(robot: Robot, pictures: TrackerPoints, corners: CornerRows, found: Matching) -> Measurements:
+    """A row for each corner of the pictures that found their poses."""
+    order = [k for pose in found.poses for k in pose.points.values()]
+    rows = np.concatenate([np.flatnonzero(corners.picture == k) for k in order])
+    pose = np.full(len(pictures.lines), -1)
+    pose[order] = np.arange(len(order))
+    joints = np.array([each.joints for each in found.poses])[pose[corners.picture[rows]]]
+    seconds = pictures.seconds - np.nanmin(pictures.seconds)
+    data = measured(robot.chain.joint_names, joints, (), np.empty((len(rows), 0, 3)))
+    return replace(
+        data,
+        robot=robot.source,
+        conditions={
+            "time_s": seconds[corners.picture[rows]],
+            "u_px": corners.places[rows, 0],
+            "v_px": corners.places[rows, 1],
+        },
+        other={name: tuple(texts[i] for i in rows) for name, texts in corners.texts.items()},
+    )
 
 
 def _measurements(options: ImportOptions, robot: Robot, seen: TrackerPoints, found: Matching) -> Measurements:
