@@ -28,6 +28,7 @@ __all__ = [
     "base_set_of",
     "independent_columns",
     "named",
+    "placed_after_tool",
     "preferred_cells",
     "preferred_columns",
     "scale_link",
@@ -215,9 +216,32 @@ def scale_link(model: Model, lengths: Array) -> int:
         lengths: ``(p,)`` its nominal parameters.
     """
     order = [i for i in model.column_priority() if model.parameters[i].group != "base"]
-    after_tool = 1 + max(order.index(i) for i in indices_of_groups(model.parameters, ["tool"]))
-    near = [(i, model.parameters[i]) for i in order[:after_tool]]
+    near = [(i, model.parameters[i]) for i in order[: _end_of_tool(model.parameters, order)]]
     return max((i for i, each in near if each.is_link and each.kind == "length"), key=lambda i: abs(lengths[i]))
+
+
+def placed_after_tool(
+    parameters: Sequence[Parameter], order: Sequence[int], carried: Sequence[int] = (), last: int | None = None
+) -> tuple[int, ...]:
+    """Return an order of preference with further parameters after the tool's.
+
+    Args:
+        parameters: of the arm.
+        order: indices of parameters, the tool's among them.
+        carried: indices of parameters of what the tool carries, which come first after it.
+        last: index of a length, preferred to the tool in ``order``, that comes after these, so that it stays nominal
+            where nothing shows the arm's size.
+    """
+    found, end = list(order), _end_of_tool(parameters, order)
+    found[end:end] = carried
+    if last is not None:
+        found.remove(last)
+        found.insert(end + len(carried) - 1, last)
+    return tuple(found)
+
+
+def _end_of_tool(parameters: Sequence[Parameter], order: Sequence[int]) -> int:
+    return 1 + max(order.index(i) for i in indices_of_groups(parameters, ["tool"]))
 
 
 def _preferred_distal(chain: Chain, i: int, on_base: bool) -> list[str]:

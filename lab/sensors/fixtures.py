@@ -26,7 +26,7 @@ from lab.core.newton import newton
 from lab.core.random import rng_for
 from lab.core.se3 import Array, transform
 from lab.core.units import MM
-from lab.kinematics.gauge import scale_link
+from lab.kinematics.gauge import placed_after_tool, scale_link
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.kinematics.serial.arm import SerialArm
@@ -230,10 +230,9 @@ class Fixtures(ABC):
         """Return fixtures, then the arm's order, its longest link after the target if it is the scale, then base."""
         parameters = self.arm.parameters
         base = indices_of_groups(parameters, ["base"])
-        order = [i for i in self.arm.column_priority() if i not in base]
+        order = tuple(i for i in self.arm.column_priority() if i not in base)
         if self.contact:
-            after_tool = 1 + max(order.index(i) for i in indices_of_groups(parameters, ["tool"]))
-            order.insert(after_tool - 1, order.pop(order.index(self.scale_link)))
+            order = placed_after_tool(parameters, order, last=self.scale_link)
         return (*range(self.first, len(self.names)), *range(len(parameters), self.first), *order, *base)
 
     def rank_point(self, values: Array) -> Array:

@@ -24,7 +24,7 @@ from lab.core.measurements import FIXTURE, Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
-from lab.kinematics.gauge import STRUCTURE_POSES, independent_columns
+from lab.kinematics.gauge import STRUCTURE_POSES, independent_columns, placed_after_tool
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups
 from lab.kinematics.serial.axes_to_dh import Truth
@@ -157,10 +157,8 @@ class SelfContact:
         """Return the robot's order; where no point is measured, the longest link after the targets, the base last."""
         if self.positions:
             return self.arm.column_priority()
-        order, parameters = self._without_base, self.parameters
-        after_tool = 1 + max(order.index(i) for i in indices_of_groups(parameters, ["tool"]))
-        order.insert(after_tool - 1, order.pop(order.index(self.scale_link)))
-        return (*order, *indices_of_groups(parameters, ["base"]))
+        order = placed_after_tool(self.parameters, self._without_base, last=self.scale_link)
+        return (*order, *indices_of_groups(self.parameters, ["base"]))
 
     def rank_point(self, values: Array) -> Array:
         """Return the nominal robot's ``(p,)``, which touches itself in the poses of ``structure_joints``."""

@@ -1,9 +1,11 @@
 """A working folder for commands, and runs of them that are made once."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from helpers.bad_input import ARM_TOML, ARM_URDF, ARM_XML, csv
+from helpers.browser import BROWSERS, Browser, installed, opened
 from helpers.drawing import nothing_drawn
 
 from lab.campaign.options import VirtualCampaign
@@ -19,6 +21,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, text in {"arm.toml": ARM_TOML, "arm.xml": ARM_XML, "arm.urdf": ARM_URDF, "good.csv": csv()}.items():
         (tmp_path / name).write_text(text)
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """A browser without a window, in which pages are opened; the test is skipped where there is none."""
+    if (program := installed()) is None:
+        pytest.skip(f"no Chromium here ({', '.join(BROWSERS)}): the pages are not opened")
+    with opened(program, tmp_path_factory.mktemp("home")) as browser:
+        yield browser
 
 
 @pytest.fixture(scope="session")

@@ -2,14 +2,13 @@
 
 import io
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.image as images
 import numpy as np
 import pytest
-from helpers.browser import BROWSERS, Browser, installed, opened
+from helpers.browser import Browser
 from helpers.drawing import nothing_drawn
 from helpers.html_page import Page
 from matplotlib.colors import to_rgb
@@ -33,14 +32,6 @@ robot.serial_number = "R1"
 instrument = { serial_number = "T1", certificate = "C1" }
 environment = { temperature_c = 20.5, robot_temperature_k = { limit = 1 }, expansion_ppm_per_k = 12 }
 """
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    if (program := installed()) is None:
-        pytest.skip(f"no Chromium here ({', '.join(BROWSERS)}): the pages are not opened")
-    with opened(program, tmp_path_factory.mktemp("home")) as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

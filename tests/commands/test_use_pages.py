@@ -1,12 +1,11 @@
 """Pages of the commands that use an arm, in a browser: the answer first, the arm in motion, nothing cut."""
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.browser import BROWSERS, Browser, installed, opened
+from helpers.browser import Browser
 
 from lab.cli import main
 from lab.commands.calibrate.load_run import load_run
@@ -22,14 +21,6 @@ b,joint,300,100,400,0,0,1,0
 """
 MOVING = ("design", "trajectory", "dynamics", "payload")  # whose slider runs over time
 NAMES = (*MOVING, "compensate", "next", "workspace", "kinematics", "inspect")
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    if (program := installed()) is None:
-        pytest.skip(f"no Chromium here ({', '.join(BROWSERS)}): the pages are not opened")
-    with opened(program, tmp_path_factory.mktemp("home")) as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,11 @@
 """Pages that watch an arm, in a browser: the arm, its verdict, its error and what next come first."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.browser import BROWSERS, Browser, installed, opened
+from helpers.browser import Browser
 from helpers.drawing import nothing_drawn
 
 import lab
@@ -18,14 +17,6 @@ pytestmark = [pytest.mark.figures, pytest.mark.thorough]
 LOOK = (Path(__file__).parents[1] / "helpers" / "page_look.js").read_text(encoding="utf-8")
 MOVED_RAD = 0.5e-3
 ON = "2026-03-20"
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    if (program := installed()) is None:
-        pytest.skip(f"no Chromium here ({', '.join(BROWSERS)}): the pages are not opened")
-    with opened(program, tmp_path_factory.mktemp("home")) as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

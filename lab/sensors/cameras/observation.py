@@ -16,7 +16,7 @@ from lab.core import se3
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.se3 import Array
 from lab.core.units import Unit
-from lab.kinematics.gauge import scale_link
+from lab.kinematics.gauge import placed_after_tool, scale_link
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.sensors.cameras.closed_forms import board_poses, hand_eye, mean_pose, robot_world
@@ -237,14 +237,7 @@ def with_tip(arm: Model, carried: Sequence[int], *, unsized: bool) -> tuple[int,
         carried: indices of parameters that tips carry.
         unsized: whether nothing shows the arm's size: its longest link comes after these, so that it stays nominal.
     """
-    order = list(arm.column_priority())
-    after = 1 + max(order.index(i) for i in indices_of_groups(arm.parameters, ["tool"]))
-    order[after:after] = carried
-    if unsized:
-        longest = _longest(arm)
-        order.remove(longest)
-        order.insert(after + len(carried) - 1, longest)
-    return tuple(order)
+    return placed_after_tool(arm.parameters, arm.column_priority(), carried, _longest(arm) if unsized else None)
 
 
 def _longest(arm: Model) -> int:
