@@ -25,7 +25,7 @@ extensions = [
     "mathml",
     "source_rows",
 ]
-exclude_patterns = ["_extensions", "paper"]
+exclude_patterns = ["_extensions", "_figures", "paper"]
 html_extra_path = ["llms.txt"]
 suppress_warnings: list[str] = []
 

@@ -1,9 +1,11 @@
-"""The directive `drawn`: a figure that a function of docs/theory/figures.py draws while the pages are built."""
+"""The directive `drawn`: a figure that a function of docs/_figures draws while the pages are built."""
 
 import io
 import re
 import sys
 from collections.abc import Callable
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,28 +14,32 @@ from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-FIGURES = Path(__file__).parents[1] / "theory" / "figures.py"
+FIGURES = Path(__file__).parents[1] / "_figures"
+SOURCES = sorted(FIGURES.glob("*.py"))
 
 
+@cache
 def svg_of(name: str) -> str:
     """Return the figure as SVG whose lines and letters have the colour of the page's text.
 
     Args:
-        name: of the function in docs/theory/figures.py.
+        name: of the function in a module of docs/_figures.
     """
-    sys.path[:0] = [str(FIGURES.parent)]
+    sys.path[:0] = [str(FIGURES)]
     try:
-        import figures
+        drawing = import_module("drawing")
+        for source in SOURCES:
+            import_module(source.stem)
     finally:
-        sys.path.remove(str(FIGURES.parent))
-    drawing = io.StringIO()
-    with figures.style():
-        figures.FIGURES[name]().savefig(drawing, format="svg", transparent=True, metadata={"Date": None})
-    svg = drawing.getvalue()[drawing.getvalue().index("<svg") :]
+        sys.path.remove(str(FIGURES))
+    written = io.StringIO()
+    with drawing.style():
+        drawing.FIGURES[name]().savefig(written, format="svg", transparent=True, metadata={"Date": None})
+    svg = written.getvalue()[written.getvalue().index("<svg") :]
     svg = re.sub(
         r'(<svg[^>]*?) height="[^"]*"', r"\1", re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1), count=1
     )
-    return re.sub(r'(\bid="|href="#|url\(#)', rf"\1{name}-", svg.replace(figures.INK, "currentColor"))
+    return re.sub(r'(\bid="|href="#|url\(#)', rf"\1{name}-", svg.replace(drawing.INK, "currentColor"))
 
 
 class Drawn(SphinxDirective):
@@ -45,7 +51,8 @@ class Drawn(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return the figure inline, so that it follows the colours of the page."""
-        self.env.note_dependency(str(FIGURES))
+        for source in SOURCES:
+            self.env.note_dependency(str(source))
         name = self.arguments[0]
         picture = f'<div class="drawn" role="img" aria-label="{self.options["alt"]}">{svg_of(name)}</div>'
         figure = nodes.figure("", nodes.raw("", picture, format="html"))

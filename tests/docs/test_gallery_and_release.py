@@ -14,7 +14,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 def test_every_picture_and_figure_is_in_the_gallery_with_its_page() -> None:
     pictures = {each["picture"] for each in ENTRIES if "picture" in each}
     assert pictures == {path.stem for path in (DOCS / "pictures").iterdir()}
-    source = (DOCS / "theory" / "figures.py").read_text(encoding="utf-8")
+    source = "".join(path.read_text(encoding="utf-8") for path in (DOCS / "_figures").glob("*.py"))
     assert {each["drawn"] for each in ENTRIES if "drawn" in each} == set(re.findall(r"@drawn\ndef (\w+)", source))
     for each in ENTRIES:
         page = (DOCS / f"{each['page']}.md").read_text(encoding="utf-8")
