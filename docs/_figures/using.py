@@ -149,7 +149,13 @@ def common_mistakes() -> Figure:
         left = found.values.reshape(-1, 3)
         missed = 1e3 * np.sqrt((left**2).sum() / len(left))
         axes.barh(row, missed, left=0.1, color=colour)
-        axes.text(1.15 * (missed + 0.1), row, f"{missed:.2g} mm", va="center", color=colour)
+        axes.text(
+            1.15 * (missed + 0.1),
+            row,
+            f"{missed:.2g} mm" if missed < 10 else f"{missed:.0f} mm",
+            va="center",
+            color=colour,
+        )
     axes.set_xscale("log")
     axes.set_xlim(0.3, 3e3)
     axes.set_yticks(range(len(cases)), [case[0] for case in cases])
@@ -187,7 +193,9 @@ def compensated_targets() -> Figure:
         there = 1e3 * (corners + 20 * errors[:, :2])
         for start, end in zip(1e3 * corners, there, strict=True):
             axes.plot(*np.stack([start, end]).T, color=colour, linewidth=1)
-        axes.plot(*there.T, "o", color=colour, label=f"{name}: {1e3 * np.linalg.norm(errors, axis=1).mean():.2g} mm off")
+        axes.plot(
+            *there.T, "o", color=colour, label=f"{name}: {1e3 * np.linalg.norm(errors, axis=1).mean():.2g} mm off"
+        )
     axes.set_aspect("equal")
     axes.set_xlabel("x, mm (errors magnified 20 times)")
     axes.set_ylabel("y, mm")
@@ -257,7 +265,7 @@ def eight_solutions() -> Figure:
             axes.plot(1e3 * line[:, 0], 1e3 * line[:, 2], style, marker="o", color=colour, linewidth=3, markersize=6)
         axes.set_title(f"shoulder {shape[0]}, elbow {shape[1]}", fontsize=13, color=colour)
         axes.plot(300, 420, "x", color=INK, markersize=10)
-        axes.set_aspect("equal")
+        axes.set_aspect("equal", adjustable="datalim")
     for axes in rows[:, 0]:
         axes.set_ylabel("z, mm")
     for axes in rows[1]:
