@@ -12,6 +12,7 @@ import lab
 from lab.campaign.robot import load_virtual
 from lab.certification.characteristics import conformity_of
 
+WIDE = 5.0  # inches: a page of a phone shows the letters at their size
 _POINTS = """id,x_mm,y_mm,z_mm,vx_mm_per_s,vy_mm_per_s,vz_mm_per_s
 P0,866.0254037844386,0,0,,,
 P1,0,1000,500,0,0,200
@@ -22,7 +23,7 @@ P2,866.0254037844386,0,1000,,,
 @drawn
 def noise_kinds() -> Figure:
     """What is left of the first coordinate over the poses, for four kinds of error."""
-    figure, rows = plt.subplots(4, 1, figsize=(7.2, 6.0), layout="constrained", sharex=True, sharey=True)
+    figure, rows = plt.subplots(4, 1, figsize=(WIDE, 5.6), layout="constrained", sharex=True, sharey=True)
     rng, poses = np.random.default_rng(4), np.arange(1, 61)
     robot = lab.load_robot("irb120")
     turning = robot.jacobian(rng.uniform(-1.5, 1.5, (60, 6)), target="p1")[:, 0]
@@ -33,7 +34,7 @@ def noise_kinds() -> Figure:
         wander[i] = 0.93 * wander[i - 1] + 11.0 * rng.standard_normal()
     kinds = (
         ("the instrument alone", white, BLUE),
-        ("joints scatter: both targets of a pose move together", scatter + white, ORANGE),
+        ("joints scatter: targets of a pose move together", scatter + white, ORANGE),
         ("errors last from pose to pose", wander + 0.5 * white, GREEN),
         ("the tripod was bumped after pose 40", np.where(poses > 40, 50.0, 0.0) + white, RED),
     )
@@ -41,7 +42,7 @@ def noise_kinds() -> Figure:
         axes.axhline(0, color=INK, linewidth=0.8)
         axes.plot(poses, errors[0], "o", color=colour, markersize=4)
         axes.plot(poses, errors[1], "x", color=colour, markersize=5)
-        axes.set_title(name, loc="left", fontsize=13, color=colour)
+        axes.set_title(name, loc="left", fontsize=12, color=colour)
     rows[0].set_ylim(-90, 90)
     rows[-1].set_xlabel("pose, in the order of the session")
     figure.supylabel("error of two targets, µm", fontsize=12)
@@ -51,7 +52,7 @@ def noise_kinds() -> Figure:
 @drawn
 def payload_torques() -> Figure:
     """The weight that joints bear along a motion of a TX 40, with a payload and without."""
-    figure, (axes,) = panels(height=3.6)
+    figure, (axes,) = panels(width=WIDE, height=3.6)
     loads = lab.load_robot("tx40").loads
     turn = np.linspace(0, 2 * np.pi, 120)
     joints = np.zeros((120, 6))
@@ -61,8 +62,8 @@ def payload_torques() -> Figure:
         axes.plot(empty, "--", color=colour)
         axes.plot(loaded, color=colour)
         axes.fill_between(range(120), empty, loaded, color=colour, alpha=0.25, linewidth=0)
-        axes.text(121, loaded[-1], f"q{joint + 1}", color=colour, va="center")
-    axes.set_xlabel("pose along the motion (dashed: without the payload)")
+        axes.text(90, loaded[90] + 2, f"q{joint + 1}", color=colour, ha="center")
+    axes.set_xlabel("pose (dashed: without the payload)")
     axes.set_ylabel("torque of the joint, Nm")
     axes.set_xticks([])
     return figure
@@ -71,7 +72,7 @@ def payload_torques() -> Figure:
 @drawn
 def torque_parts() -> Figure:
     """What the torque of one joint consists of along a motion."""
-    figure, (axes,) = panels(height=3.8)
+    figure, (axes,) = panels(width=WIDE, height=3.8)
     time = np.linspace(0, 4, 300)
     angle = 0.9 * np.sin(2 * np.pi * time / 2) + 0.4 * np.sin(2 * np.pi * time / 1.3)
     speed, pull = (np.gradient(angle, time), np.gradient(np.gradient(angle, time), time))
@@ -79,14 +80,14 @@ def torque_parts() -> Figure:
     joints = np.column_stack([np.zeros(300), angle])
     weight = -loads.forces(joints, np.zeros(300))[0][:, 1]
     parts = (
-        ("gravity: MX2, MY2", weight, BLUE),
-        ("acceleration: ZZR2", 2.53 * pull, ORANGE),
-        ("friction: Fc2, Fv2", 2.93 * np.tanh(20 * speed) + 0.976 * speed, GREEN),
+        ("gravity", weight, BLUE),
+        ("acceleration", 2.53 * pull, ORANGE),
+        ("friction", 2.93 * np.tanh(20 * speed) + 0.976 * speed, GREEN),
     )
     axes.plot(time, sum(part for _, part, _ in parts), color=INK, linewidth=3)
     for name, part, colour in parts:
         axes.plot(time, part, color=colour, label=name)
-    axes.set_xlabel("time, s (thick: their sum, the measured torque of q2)")
+    axes.set_xlabel("time, s (thick: their sum, the torque of q2)")
     axes.set_ylabel("torque, Nm")
     figure.legend(loc="outside upper left", ncols=3, fontsize=11, handlelength=1.0, columnspacing=1.0)
     return figure
@@ -104,7 +105,7 @@ def _session(poses: int, seed: int) -> tuple[lab.Robot, np.ndarray, np.ndarray, 
 @drawn
 def arrays_predicted() -> Figure:
     """Errors at new poses against what the estimate predicts of them."""
-    figure, (axes,) = panels(height=3.6)
+    figure, (axes,) = panels(width=WIDE, height=3.6)
     robot, real, joints, points = _session(60, 7)
     noisy = points + 8e-6 * np.random.default_rng(1).standard_normal(points.shape)
     estimate = lab.identify(lab.measurements(joints, noisy, robot=robot), noise_mm=0.008, no_recording=True).estimate
@@ -125,7 +126,7 @@ def arrays_predicted() -> Figure:
 @drawn
 def common_mistakes() -> Figure:
     """Points missed with nominal links, base and tool fitted, by files with one mistake each."""
-    figure, (axes,) = panels(height=3.6)
+    figure, (axes,) = panels(width=WIDE, height=3.6)
     robot, _, joints, points = _session(40, 3)
     turned, swapped = joints.copy(), joints[:, [0, 2, 1, 3, 4, 5]]
     turned[:, 1] *= -1
@@ -135,11 +136,11 @@ def common_mistakes() -> Figure:
         ("one zero 5° off", shifted, points, ORANGE),
         ("points in inch", joints, points / 25.4, RED),
         ("joint 2 negated", turned, points, RED),
-        ("joints 2 and 3 exchanged", swapped, points, RED),
-        ("rows of another session", joints, points[::-1], RED),
+        ("joints 2, 3 exchanged", swapped, points, RED),
+        ("rows shuffled", joints, points[::-1], RED),
     )
     free = [i for i, name in enumerate(robot.parameter_names(targets=["p1"])) if name.startswith(("base", "tool"))]
-    for row, (name, inputs, measured, colour) in enumerate(cases):
+    for row, (_, inputs, measured, colour) in enumerate(cases):
         values = robot.parameter_values(targets=["p1"])
         for _ in range(60):
             found = robot.residuals(inputs, measured, values, targets=["p1"])
@@ -160,14 +161,14 @@ def common_mistakes() -> Figure:
     axes.set_xlim(0.3, 3e3)
     axes.set_yticks(range(len(cases)), [case[0] for case in cases])
     axes.invert_yaxis()
-    axes.set_xlabel("what base and tool cannot explain, mm")
+    axes.set_xlabel("error left by base and tool, mm")
     return figure
 
 
 @drawn
 def compensated_targets() -> Figure:
     """Where an arm brings its tool on a square, with nominal and with corrected joint positions."""
-    figure, (axes,) = panels(height=4.0)
+    figure, (axes,) = panels(width=WIDE, height=4.0)
     robot, rng = lab.load_robot("irb120"), np.random.default_rng(5)
     nominal = robot.parameter_values(targets=["p1"])
     real = nominal + 6e-4 * rng.standard_normal(len(nominal))
@@ -206,18 +207,17 @@ def compensated_targets() -> Figure:
 @drawn
 def program_numbers() -> Figure:
     """Two lines of a program before and after: the numbers of the targets alone change."""
-    figure, (axes,) = panels(height=2.6)
+    figure, (axes,) = panels(width=WIDE, height=2.6)
     lines = (
         ("pPick", "[50.00,40.00,60.00]", "[52.20,41.31,61.41]", "2.92 mm"),
         ("pPlace", "[50.00,-80.00,60.00]", "[52.34,-79.60,61.40]", "2.76 mm"),
     )
     for row, (name, before, after, moved) in enumerate(lines):
-        height = 0.95 - 0.52 * row
-        axes.text(0.0, height, f"robtarget {name}:=", family="monospace", fontsize=13)
-        axes.text(0.04, height - 0.15, before, family="monospace", fontsize=14, color=RED)
-        axes.text(0.47, height - 0.15, "→", fontsize=15)
-        axes.text(0.53, height - 0.15, after, family="monospace", fontsize=14, color=GREEN)
-        axes.text(0.53, height - 0.28, f"moved by {moved}", fontsize=11)
+        height = 0.95 - 0.5 * row
+        axes.text(0.0, height, f"{name}:=", family="monospace", fontsize=13)
+        axes.text(0.08, height - 0.15, before, family="monospace", fontsize=13, color=RED)
+        axes.text(0.08, height - 0.28, after, family="monospace", fontsize=13, color=GREEN)
+        axes.text(0.66, height - 0.21, f"moved by {moved}", fontsize=12)
     axes.set_xlim(0, 1)
     axes.set_ylim(0, 1.05)
     axes.set_axis_off()
@@ -227,7 +227,7 @@ def program_numbers() -> Figure:
 @drawn
 def predicted_radius() -> Figure:
     """The predicted error over two joints, with the measured poses."""
-    figure, (axes,) = panels(height=4.0)
+    figure, (axes,) = panels(width=WIDE, height=4.0)
     robot, rng = lab.load_robot("irb120"), np.random.default_rng(3)
     joints = rng.uniform(-0.7, 0.7, (30, 6))
     joints[:, 3:] = rng.uniform(-1.5, 1.5, (30, 3))
@@ -242,7 +242,7 @@ def predicted_radius() -> Figure:
     )
     axes.clabel(drawn_levels, fmt="%d µm", fontsize=11, colors=BLUE)
     axes.plot(degrees(joints[:, 1]), degrees(joints[:, 2]), "o", color=ORANGE, markersize=5)
-    axes.text(-88, 52, "dots: measured poses", color=ORANGE)
+    axes.text(-88, 50, "dots: measured poses", color=ORANGE)
     axes.set_xlabel("q2, °")
     axes.set_ylabel("q3, °")
     return figure
@@ -251,7 +251,7 @@ def predicted_radius() -> Figure:
 @drawn
 def eight_solutions() -> Figure:
     """The solutions of one pose of an IRB 120, seen from the side."""
-    figure, rows = plt.subplots(2, 2, figsize=(7.2, 5.4), layout="constrained", sharex=True, sharey=True)
+    figure, rows = plt.subplots(2, 2, figsize=(WIDE, 5.4), layout="constrained", sharex=True, sharey=True)
     found = lab.solve_kinematics("irb120", pose=(300, 80, 420, 180, 0, 0), no_recording=True)
     robot, shapes = lab.load_robot("irb120"), {}
     for each in found.placements:
@@ -263,9 +263,11 @@ def eight_solutions() -> Figure:
             anchors = loads.frames(joints[None]).anchors[0]
             line = np.vstack([[0, 0, 0], anchors[[0, 1, 2, 4]], found.placements[0].T_base_tool[:3, 3]])
             axes.plot(1e3 * line[:, 0], 1e3 * line[:, 2], style, marker="o", color=colour, linewidth=3, markersize=6)
-        axes.set_title(f"shoulder {shape[0]}, elbow {shape[1]}", fontsize=13, color=colour)
+        axes.set_title(f"{shape[0]}, elbow {shape[1]}".replace("-", "−"), fontsize=12, color=colour)
         axes.plot(300, 420, "x", color=INK, markersize=10)
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_aspect("equal")
+        axes.set_xlim(-250, 600)
+        axes.set_ylim(-20, 620)
     for axes in rows[:, 0]:
         axes.set_ylabel("z, mm")
     for axes in rows[1]:
@@ -276,7 +278,7 @@ def eight_solutions() -> Figure:
 @drawn
 def two_joint_move() -> Figure:
     """The worked example: speeds of both joints, as shares of what limits them."""
-    figure, rows = plt.subplots(2, 1, figsize=(7.2, 4.2), layout="constrained", sharex=True)
+    figure, rows = plt.subplots(2, 1, figsize=(WIDE, 4.2), layout="constrained", sharex=True)
     with tempfile.TemporaryDirectory() as folder:
         points = Path(folder) / "points.csv"
         points.write_text(_POINTS)
@@ -298,7 +300,7 @@ def two_joint_move() -> Figure:
 @drawn
 def verified_errors() -> Figure:
     """Errors of twelve new poses over the predicted ones, of an arm as it was and of two that changed."""
-    figure, (axes,) = panels(height=3.4)
+    figure, (axes,) = panels(width=WIDE, height=3.4)
     robot, real, joints, points = _session(12, 11)
     rng = np.random.default_rng(0)
     off = joints + np.array([0, 1e-4, 0, 0, 0, 0])
@@ -324,7 +326,7 @@ def verified_errors() -> Figure:
 @drawn
 def worn_joint() -> Figure:
     """A year of monthly checks of two arms, one with a zero that wears."""
-    figure, (axes,) = panels(height=3.6)
+    figure, (axes,) = panels(width=WIDE, height=3.6)
     robot, real, joints, points = _session(10, 2)
     rng, months = np.random.default_rng(6), np.arange(1, 13)
     for name, wear, colour in (("A-17", 0.0, GREEN), ("A-18: joint 2 wears", 2e-5, RED)):
@@ -347,7 +349,7 @@ def worn_joint() -> Figure:
 @drawn
 def conformity() -> Figure:
     """Three errors with their uncertainty beside a tolerance."""
-    figure, (axes,) = panels(height=2.9)
+    figure, (axes,) = panels(width=WIDE, height=2.9)
     tolerance = 0.1
     for row, (value, expanded) in enumerate(((0.04, 0.026), (0.09, 0.026), (0.15, 0.026))):
         stated = conformity_of(1e-3 * value, 1e-3 * tolerance, 1e-3 * expanded, "guard-band").decision
@@ -367,7 +369,7 @@ def conformity() -> Figure:
 @drawn
 def draws_of_a_study() -> Figure:
     """Errors of single simulated calibrations, and their means with intervals over robots."""
-    figure, (axes,) = panels(height=3.6)
+    figure, (axes,) = panels(width=WIDE, height=3.6)
     robot, rng = lab.load_robot("irb120"), np.random.default_rng(0)
     free = list(robot.identifiability(targets=["p1"]).free)
     columns = robot.parameter_jacobian(rng.uniform(-1.5, 1.5, (1500, 6)), targets=["p1"])[:, 0][..., free]
@@ -395,12 +397,12 @@ def draws_of_a_study() -> Figure:
 @drawn
 def own_weights() -> Figure:
     """The weight that two estimators give a reading, by its residual."""
-    figure, (axes,) = panels(height=3.4)
+    figure, (axes,) = panels(width=WIDE, height=3.4)
     size = np.linspace(0, 8, 200)
     axes.plot(size, np.ones(200), color=BLUE)
     axes.plot(size, np.maximum(1 - (size / 5) ** 2, 0) ** 2, color=ORANGE)
     axes.text(8, 0.93, "least squares", color=BLUE, ha="right")
-    axes.text(5.2, 0.05, "Tukey: an estimator of your own", color=ORANGE, ha="left", fontsize=11)
+    axes.text(3.9, 0.35, "Tukey: an estimator\nof your own", color=ORANGE)
     axes.set_xlabel("residual of a pose, standard deviations")
     axes.set_ylabel("weight in the fit")
     axes.set_xlim(0, 8.05)
