@@ -408,3 +408,47 @@ def own_weights() -> Figure:
     axes.set_xlim(0, 8.05)
     axes.set_ylim(0, 1.05)
     return figure
+
+
+@drawn
+def effects_added() -> Figure:
+    """The error at held-out poses as effects of an arm join the model."""
+    figure, (axes,) = panels(width=WIDE, height=2.8)
+    robot, rng = lab.load_robot("irb120"), np.random.default_rng(1)
+    free = list(robot.identifiability(targets=["p1"]).free)
+    joints, payload = rng.uniform(-1.5, 1.5, (80, 6)), np.tile([0.0, 3.0], 40)
+    torques, turning = robot.loads.forces(joints, payload)[0], robot.jacobian(joints, target="p1")[:, :3]
+    waves = np.stack([np.sin(joints), np.cos(joints)], axis=-1)
+    sags = np.einsum("nij,nj->nij", turning, torques)[:, :, 1:3]
+    runout = np.einsum("nij,njw->nijw", turning, waves).reshape(80, 3, 12)
+    errors = sags @ np.full(2, 1e-5) + runout @ (2e-4 * rng.standard_normal(12)) + 4.6e-6 * rng.standard_normal((80, 3))
+    columns = [robot.parameter_jacobian(joints, targets=["p1"])[:, 0][..., free], sags, runout]
+    for row, colour in enumerate((RED, ORANGE, GREEN)):
+        model, missed = np.concatenate(columns[: row + 1], axis=-1), []
+        for held in np.arange(80).reshape(8, 10):
+            others = np.setdiff1d(np.arange(80), held)
+            values = np.linalg.lstsq(model[others].reshape(-1, model.shape[-1]), errors[others].ravel(), rcond=1e-9)[0]
+            missed.append(errors[held] - model[held] @ values)
+        mean = 1e3 * np.linalg.norm(np.concatenate(missed), axis=-1).mean()
+        axes.barh(row, mean, color=colour)
+        axes.text(mean + 0.002, row, f"{mean:.2g} mm", va="center", color=colour)
+    axes.set_yticks(range(3), ["geometry", "+ compliance", "+ harmonics"])
+    axes.invert_yaxis()
+    axes.set_xlim(0, 0.13)
+    axes.set_xlabel("mean error at held-out poses, mm")
+    return figure
+
+
+@drawn
+def carrier_volumes() -> Figure:
+    """The workspaces of the five classical carriers."""
+    figure, (axes,) = panels(width=WIDE, height=3.0)
+    found = lab.workspace(["carriers"], places=100, orientations=1, no_recording=True).to_dict()["workspaces"]
+    for row, each in enumerate(found):
+        axes.barh(row, each["volume_m3"], color=BLUE)
+        axes.text(each["volume_m3"] + 0.5, row, f"{each['volume_m3']:.4g} m³", va="center", color=BLUE)
+    axes.set_yticks(range(5), [each["robot"].removeprefix("carrier-") for each in found])
+    axes.invert_yaxis()
+    axes.set_xlim(0, 43)
+    axes.set_xlabel("volume that is reached, m³")
+    return figure
