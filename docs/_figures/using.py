@@ -251,7 +251,7 @@ def predicted_radius() -> Figure:
 @drawn
 def eight_solutions() -> Figure:
     """The solutions of one pose of an IRB 120, seen from the side."""
-    figure, rows = plt.subplots(2, 2, figsize=(WIDE, 5.4), layout="constrained", sharex=True, sharey=True)
+    figure, rows = plt.subplots(2, 2, figsize=(WIDE, 4.3), layout="constrained", sharex=True, sharey=True)
     found = lab.solve_kinematics("irb120", pose=(300, 80, 420, 180, 0, 0), no_recording=True)
     robot, shapes = lab.load_robot("irb120"), {}
     for each in found.placements:
