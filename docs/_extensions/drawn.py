@@ -53,8 +53,10 @@ class Drawn(SphinxDirective):
         """Return the figure inline, so that it follows the colours of the page."""
         for source in SOURCES:
             self.env.note_dependency(str(source))
-        name = self.arguments[0]
-        picture = f'<div class="drawn" role="img" aria-label="{self.options["alt"]}">{svg_of(name)}</div>'
+        svg = svg_of(self.arguments[0])
+        width = float(svg.partition('viewBox="0 0 ')[2].split()[0]) / 12  # in letters of 12 points
+        style = f'style="--wide: {width:.0f}em"'
+        picture = f'<div class="drawn" role="img" {style} aria-label="{self.options["alt"]}">{svg}</div>'
         figure = nodes.figure("", nodes.raw("", picture, format="html"))
         caption = nodes.caption()
         self.state.nested_parse(self.content, self.content_offset, paragraphs := nodes.Element())

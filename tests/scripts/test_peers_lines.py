@@ -50,7 +50,7 @@ def test_a_job_has_its_lines_and_those_of_what_it_uses() -> None:
 
 
 def test_the_page_has_the_lines_of_the_scripts() -> None:
-    page = (ROOT / "docs" / "how_to" / "from_numpy.md").read_text(encoding="utf-8").splitlines()
+    page = (ROOT / "docs" / "which_tool.md").read_text(encoding="utf-8").splitlines()
     for peer, lines in peers_lines.counted().items():
         row = next(line for line in page if line.startswith("| ") and peer in line.split("|")[1].lower())
         assert [int(cell.split()[0]) for cell in row.split("|")[2:5]] == list(lines.values()), row
