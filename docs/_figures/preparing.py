@@ -194,35 +194,64 @@ def rests_of_a_log() -> Figure:
     return figure
 
 
-def touching(robot: lab.Robot, point: np.ndarray, count: int, seed: int) -> np.ndarray:
-    """Return joint positions ``(count, joints)`` rad that differ and put p1 on a point, within the limits."""
-    rng, found = np.random.default_rng(seed), list[np.ndarray]()
-    while len(found) < count:
-        joints = robot.chain.random_joints(1, rng)[0]
-        for _ in range(30):
-            left = point - robot.points(joints)[0]
-            joints = joints + np.linalg.pinv(robot.jacobian(joints)[:3]) @ left
-        inside = not robot.chain.beyond_limits(joints[None], 0.0).any()
-        apart = all(np.abs(joints - other).max() > 0.6 for other in found)
-        upright = robot.arm(("p1",)).skeleton(joints[None], robot.arm(("p1",)).nominal(robot.tool)).origins[0, :, 2]
-        if inside and apart and np.linalg.norm(left) < 1e-9 and upright.min() > -1e-9:
-            found.append(joints)
-    return np.array(found)
+def arm_line(robot: lab.Robot, joints: np.ndarray) -> np.ndarray:
+    """Return the corners ``(c, 3)`` m of an arm's links."""
+    arm = robot.arm(("p1",))
+    return arm.skeleton(joints[None], arm.nominal(robot.tool)).lines[0][0]
+
+
+def touching(robot: lab.Robot, point: np.ndarray, count: int) -> np.ndarray:
+    """Return joint positions ``(n, joints)`` rad of ``count`` starts that put p1 on a point within the limits."""
+    joints = robot.chain.random_joints(count, np.random.default_rng(0))
+    for _ in range(15):
+        left = point - robot.points(joints)[:, 0]
+        joints = joints + (np.linalg.pinv(robot.jacobian(joints)[:, :3]) @ left[..., None])[..., 0]
+    beyond = robot.chain.beyond_limits(joints, 0.0).reshape(count, -1).any(axis=1)
+    return joints[(np.linalg.norm(left, axis=1) < 1e-9) & ~beyond]
+
+
+@drawn
+def touched_cube() -> Figure:
+    """An IRB 120 that touches three faces of a cube with a ball, from the side."""
+    figure, (axes,) = panels(width=WIDE, height=3.9)
+    robot = lab.load_robot("irb120")
+    edge, radius, middle = 0.12, 0.012, np.array([0.4, 0.0, 0.06])
+    axes.add_patch(Rectangle(middle[[0, 2]] - edge / 2, edge, edge, facecolor=INK, alpha=0.2))
+    along = np.linspace(0, 1, 12)[:, None, None]
+    for normal, shift, colour in (((-1, 0, 0), 0.03, BLUE), ((0, 0, 1), 0.0, ORANGE), ((1, 0, 0), 0.03, GREEN)):
+        ball = middle + (edge / 2 + radius) * np.array(normal, dtype=float) + np.array([0, 0, shift])
+        for joints in touching(robot, ball, 300):
+            line = np.vstack([arm_line(robot, joints), ball])
+            places = ((1 - along) * line[:-1] + along * line[1:]).reshape(-1, 3)
+            off = np.abs(places - middle)[:, [0, 2]].max(axis=1)
+            if off.min() > edge / 2 and places[:, 2].min() >= 0 and np.abs(line[:, 1]).max() < 0.12:
+                break
+        else:
+            raise AssertionError("no configuration touches this face: move the cube")
+        axes.plot(*from_side(line[:-1]), color=colour, linewidth=4, solid_joinstyle="round", alpha=0.85)
+        axes.plot(*from_side(line[-2:]), color=colour, linewidth=2)
+        axes.add_patch(Circle(ball[[0, 2]], radius, color=colour))
+    axes.text(*middle[[0, 2]], "edge", ha="center", va="center")
+    axes.axhline(0, color=INK, linewidth=1)
+    axes.margins(0.1, 0.05)
+    bare(axes)
+    return figure
 
 
 @drawn
 def one_socket() -> Figure:
-    """Configurations of an IRB 120 whose ball is in one socket."""
+    """The four configurations of the daily check's file, from the side."""
     figure, (axes,) = panels(width=WIDE, height=3.9)
     robot = lab.load_robot("irb120")
-    socket = np.array([0.42, 0.0, 0.12])
-    arm = robot.arm(("p1",))
-    for joints, colour in zip(touching(robot, socket, 4, 3), (BLUE, ORANGE, GREEN, RED), strict=True):
-        line = arm.skeleton(joints[None], arm.nominal(robot.tool)).lines[0][0]
+    text = (PAGES / "daily_check.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^2026-03-02,(.+)$", text, re.MULTILINE)
+    for row, colour in zip(rows, (BLUE, ORANGE, GREEN, RED), strict=True):
+        joints = np.deg2rad([float(each) for each in row.split(",")])
+        line, ball = arm_line(robot, joints), robot.points(joints)[0]
         axes.plot(*from_side(line, 0), "-", color=colour, linewidth=4, solid_joinstyle="round", alpha=0.85)
-        axes.plot(*from_side(np.stack([line[-1], socket]), 0), color=colour, linewidth=2)
-    axes.plot(*from_side(socket, 0), "o", color=INK, markersize=13)
-    axes.annotate("ball in its socket", from_side(socket, 0), (14, -16), textcoords="offset points")
+        axes.plot(*from_side(np.stack([line[-1], ball])), color=colour, linewidth=2)
+    axes.plot(*from_side(ball), "o", color=INK, markersize=13)
+    axes.annotate("ball in its socket", from_side(ball), (14, -16), textcoords="offset points")
     axes.axhline(0, color=INK, linewidth=1)
     axes.margins(0.12, 0.08)
     bare(axes)
