@@ -72,6 +72,30 @@ def last_frame() -> Figure:
 
 
 @drawn
+def driven_legs() -> Figure:
+    """A 3-RPR from above, with the lengths that are driven and the joints that follow."""
+    figure, (axes,) = panels(width=WIDE, height=3.8)
+    robot = lab.load_robot("rpr3")
+    arm = robot.arm(tuple(robot.tool))
+    joints = robot.chain.home[None] + np.array([[-0.06, 0.03, 0.05]])
+    rods = arm.skeleton(joints, arm.nominal(robot.tool)).rods[0, :, :, :2]
+    platform = np.vstack([rods[:, 1], rods[:1, 1]])
+    axes.fill(*platform.T, color=INK, alpha=0.2)
+    for rod in rods:
+        axes.plot(*rod.T, color=BLUE, linewidth=5)
+        axes.plot(*rod.T, "o", color=INK, markerfacecolor="none", markersize=14)
+    for end, name, shift in ((rods[0], "ρ₁", (-2, 12)), (rods[1], "ρ₂", (-8, 14)), (rods[2], "ρ₃", (10, 0))):
+        axes.annotate(name, end.mean(axis=0), shift, textcoords="offset points", color=BLUE, fontsize=14)
+    axes.annotate(
+        "driven: measured by\nits encoder", rods[2].mean(axis=0), (40, 10), textcoords="offset points", color=BLUE
+    )
+    axes.annotate("passive: solved\nby the lab", rods[2, 0], (-112, -12), textcoords="offset points")
+    axes.margins(0.12)
+    bare(axes)
+    return figure
+
+
+@drawn
 def two_tips() -> Figure:
     """A torso of two arms from the front, each joint in the colour of the tips that show it."""
     figure, (axes,) = panels(width=WIDE, height=3.6)
@@ -158,6 +182,34 @@ def condition_by_target() -> Figure:
     axes.set_xticks([1, 10, 100], ["1", "10", "100"])
     axes.set_yticks([10, 100, 1000], ["10", "100", "1000"])
     axes.minorticks_off()
+    return figure
+
+
+@drawn
+def accuracy_by_poses() -> Figure:
+    """The predicted error and O1 against the number of poses, random ones of an IRB 120."""
+    figure, (axes,) = panels(width=WIDE, height=3.4)
+    robot, rng = lab.load_robot("irb120"), np.random.default_rng(0)
+    pool, test = robot.chain.random_joints(400, rng), robot.chain.random_joints(100, rng)
+    counts = (12, 15, 20, 26, 35, 50, 70, 100)
+    errors, information = np.zeros((2, 6, len(counts)))
+    for draw in range(6):
+        for i, count in enumerate(counts):
+            chosen = pool[rng.choice(len(pool), count, replace=False)]
+            spread = robot.planned_covariance(chosen, test, sigma_m=4.6e-6, targets=("p1",))
+            errors[draw, i] = 1e6 * np.sqrt(np.trace(spread, axis1=-2, axis2=-1).mean())
+            information[draw, i] = robot.criteria(chosen, scaling="unit", targets=("p1",))["o1"]
+    error, o1 = np.median(errors, axis=0), np.median(information, axis=0)
+    axes.plot(counts, error, "o-", color=BLUE, markersize=4)
+    axes.text(55, error[5] + 1, "predicted error", color=BLUE)
+    axes.set_ylim(0, None)
+    axes.set_xlabel("poses")
+    axes.set_ylabel("error, µm", color=BLUE)
+    other = axes.twinx()
+    other.plot(counts, o1 / o1[-1], "o-", color=ORANGE, markersize=4)
+    other.text(55, 1.02, "O1", color=ORANGE)
+    other.set_ylim(0, 1.15)
+    other.set_yticks([])
     return figure
 
 
