@@ -2,10 +2,11 @@
 
 import json
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
-from helpers.pages import PAGES, README
+from helpers.pages import PAGES, README, Page
 from helpers.robots import ROOT
 
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
@@ -68,15 +69,29 @@ def test_there_are_eight_and_each_leads_to_a_page_that_exists() -> None:
                 assert (path.parent / link).exists(), (path.stem, link)
 
 
+@cache
+def messages() -> str:
+    """The code of the lab, with sentences that go on in the next line joined."""
+    paths = [path for folder in ("lab", "scripts") for path in (ROOT / folder).rglob("*.py")]
+    return re.sub(r'"\s+f?"', "", "\n".join(path.read_text(encoding="utf-8") for path in paths))
+
+
 def test_messages_of_the_troubleshooting_page_are_the_labs() -> None:
     page = next(page for page in PAGES if page.name.endswith("troubleshooting.md")).text
     quoted = [row.split("`")[1] for row in page.splitlines() if row.startswith("| `")]
-    sources = [
-        path.read_text(encoding="utf-8") for folder in ("lab", "scripts") for path in (ROOT / folder).rglob("*.py")
-    ]
-    text = re.sub(r'"\s+f?"', "", "\n".join(sources))  # sentences that go on in the next line
     assert len(quoted) >= 20
-    assert not [each for each in quoted if each not in text]
+    assert not [each for each in quoted if each not in messages()]
+
+
+WRONG = re.compile(r"^\| the message says \| it means \| do this \|\n\|[-|]+\n((?:\|.*\n)+)", re.MULTILINE)
+HOW_TO = [page for page in PAGES if page.name.startswith("docs/how_to/") and WRONG.search(page.text)]
+
+
+@pytest.mark.parametrize("page", HOW_TO, ids=lambda page: page.name)
+def test_messages_that_a_page_explains_are_the_labs(page: Page) -> None:
+    rows = "".join(WRONG.findall(page.text)).splitlines()
+    quoted = [row.split("`")[1] for row in rows]
+    assert not [each for each in quoted if each not in messages()]
 
 
 def test_a_long_sentence_and_a_private_word_are_found() -> None:
