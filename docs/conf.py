@@ -18,8 +18,9 @@ extensions = [
     "myst_nb",  # reads Markdown, and executes notebooks
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "command_pages",
     "interface",
-    "lab_help",
+    "sidebar",
     "drawn",
     "gallery",
     "mathml",
@@ -50,7 +51,7 @@ html_theme = "furo"
 html_title = project
 html_theme_options = {"navigation_with_keys": True}
 html_static_path = ["_static"]
-html_css_files = ["style.css"]
+html_css_files = ["style.css", "reference.css"]
 html_copy_source = html_show_sourcelink = False
 html_math_renderer = "mathml"
 html_show_sphinx = False

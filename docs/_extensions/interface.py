@@ -1,13 +1,406 @@
-"""What autodoc makes of the public interface: short names of types, and docstrings of properties as they are."""
+"""The Python interface: a page for each object, from its docstring, its types and the options of its command.
 
+The groups and the links of the pages are in docs/reference/interface.toml; the directive ``interface-index`` lists them.
+"""
+
+import inspect
+import re
+import textwrap
+import tomllib
+import types
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import cache, cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from command_pages import escaped, heading, literal, meaning, table, unit_of, write_pages
+from docutils import nodes
+from docutils.statemachine import StringList
 from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+import lab
+from lab.commands.help_text import Option, grouped, options_of_command
+from lab.commands.registry import Command, all_commands
+
+REFERENCE = Path(__file__).parents[1] / "reference"
+GROUPS, FOLDER = REFERENCE / "interface.toml", REFERENCE / "interface"
+OWN = ("Criterion", "Estimator", "Sampler")  # classes of which a user writes subclasses
+MADE = (*OWN, "Effects", "Instrument", "PosePlanner", "Targets")  # classes that a user calls
+_WIDTHS = (18, 24, 12, 46)
+_SECTIONS = ("Args", "Attributes", "Returns", "Yields", "Raises", "Example", "Note")
+_WIDER = {  # options that a call takes as an object too, beside what the command line takes
+    "instrument": "str | Path | Instrument", "validate": "str | Path | Measurements", "criterion": "str | Criterion",
+    "estimator": "str | Estimator", "sampler": "str | Sampler",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Documented:
+    """An object of the interface.
+
+    Attributes:
+        path: its name in ``lab``, or ``module:name`` of a class that ``lab`` does not name.
+        see: pages that explain it.
+        sources: where its method comes from; "" where it has no source of its own.
+    """
+
+    path: str
+    see: tuple[str, ...] = ()
+    sources: str = ""
+
+    @property
+    def name(self) -> str:
+        """Its name without its module, which is that of its page."""
+        return self.path.rpartition(":")[2]
+
+    @property
+    def page(self) -> str:
+        """The name of its page, which differs from that of every other in more than capitals."""
+        return self.name if self.is_call else f"class_{self.name}"
+
+    @property
+    def full_name(self) -> str:
+        """The name by which it is imported."""
+        return self.path.replace(":", ".") if ":" in self.path else f"lab.{self.path}"
+
+    @property
+    def is_call(self) -> bool:
+        """Whether it is a function."""
+        return isinstance(self.value, types.FunctionType)
+
+    @cached_property
+    def value(self) -> Any:
+        """The object itself."""
+        module, _, name = self.path.rpartition(":")
+        return getattr(import_module(module) if module else lab, name)
+
+    @cached_property
+    def sections(self) -> dict[str, str]:
+        """The sections of its docstring."""
+        return sections(inspect.getdoc(self.value) or "")
+
+
+@cache
+def documented() -> dict[str, tuple[Documented, ...]]:
+    """Return the objects by the titles of their groups."""
+    groups = tomllib.loads(GROUPS.read_text(encoding="utf-8"))["group"]
+    return {
+        each["title"]: tuple(
+            Documented(path, tuple(about.get("see", ())), about.get("sources", ""))
+            for path, about in each["names"].items()
+        )
+        for each in groups
+    }
+
+
+@cache
+def _by_name() -> dict[str, Documented]:
+    return {each.name: each for group in documented().values() for each in group}
+
+
+def sections(text: str) -> dict[str, str]:
+    """Return a docstring's sections by their titles, and what precedes them as ""."""
+    found, title = {"": list[str]()}, ""
+    for line in text.splitlines():
+        if (name := line.removesuffix(":")) in _SECTIONS and line.endswith(":"):
+            title = name
+            found[title] = []
+        else:
+            found[title].append(line)
+    return {name: textwrap.dedent("\n".join(lines)).strip() for name, lines in found.items()}
+
+
+def items(text: str) -> dict[str, str]:
+    """Return the items ``name: text`` of a section, each on one line."""
+    found, name = dict[str, str](), ""
+    for line in text.splitlines():
+        start = re.match(r"([\w*, ]+): (.*)", line)
+        if start and not line.startswith(" "):
+            name, found[start[1]] = start[1], start[2]
+        elif name:
+            found[name] += f" {line.strip()}"
+    return {each.strip(): text for names, text in found.items() for each in names.split(",")}
+
+
+def spelled(hint: Any) -> str:
+    """Return a type as a person writes it."""
+    if hint is inspect.Parameter.empty or hint is MISSING:
+        return ""
+    if isinstance(hint, str):
+        return re.sub(r"\b(?:\w+\.)+(\w+)", r"\1", hint.replace("Array", "ndarray")).strip('"')
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return spelled(args[0])
+    if origin is Literal:
+        return " | ".join(f'"{each}"' for each in args)
+    if origin in (Union, types.UnionType):
+        parts = dict.fromkeys(part for each in args for part in spelled(each).split(" | "))
+        return " | ".join(parts)
+    if origin is tuple and args[1:] == (...,):
+        return f"Sequence[{spelled(args[0])}]"
+    if getattr(origin, "__name__", "") == "ndarray":
+        return "ndarray"
+    if origin is not None:
+        inside = ", ".join("..." if each is ... else spelled(each) for each in args if not isinstance(each, list))
+        return f"{getattr(origin, '__name__', origin)}[{inside}]"
+    if hint is Path:
+        return "Path"
+    return "None" if hint is types.NoneType else getattr(hint, "__name__", str(hint))
+
+
+def linked(kind: str) -> str:
+    """Return a type as markup, in which classes that have a page lead to it."""
+    classes = [each for each in _by_name().values() if not each.is_call]
+    parts = re.split(rf"(\b(?:{'|'.join(each.name for each in classes)})\b)", kind)
+    shown = [
+        f":py:class:`~{_by_name()[part].full_name}`" if number % 2 else escaped(part)
+        for number, part in enumerate(parts)
+    ]
+    return "\\ ".join(part for part in shown if part)
+
+
+def command_of(name: str) -> Command | None:
+    """Return the command whose options a call takes; a simulation takes those of a virtual calibration."""
+    run = "calibrate" if name == "simulate" else name
+    return next((each for each in all_commands() if each.run.partition(":")[2] == run), None)
+
+
+def _parameters(call: Any) -> Mapping[str, inspect.Parameter]:
+    return inspect.signature(call).parameters
+
+
+def own_arguments(each: Documented) -> dict[str, str]:
+    """Return the arguments of a call that are no options, with what its docstring says of them."""
+    stated, shown = items(each.sections.get("Args", "")), _parameters(inspect.unwrap(each.value))
+    return {name: stated.get(name, "") for name, one in shown.items() if one.kind is not one.VAR_KEYWORD}
+
+
+def options_of_call(each: Documented) -> dict[str, tuple[Option | str, ...]]:
+    """Return the options of a call by the groups of its command's help; the group of effects as its name."""
+    command = command_of(each.name)
+    if command is None or each.value is inspect.unwrap(each.value):
+        return {}
+    own, taken = own_arguments(each), set(_parameters(each.value))
+    found = dict[str, tuple[Option | str, ...]]()
+    for title, options in grouped(command, options_of_command(command), every=True).items():
+        names = dict[str, Option | str]()
+        for one in options:
+            if one.name in taken - {*own}:
+                names[one.name] = one
+            elif one.group in taken:
+                names[one.group] = one.group
+        if names:
+            found[title.partition(",")[0] if "effects" in names else title] = tuple(names.values())
+    left = taken - {*own} - {getattr(one, "name", one) for group in found.values() for one in group}
+    alone = tuple(one for one in options_of_command(command) if one.name in left)
+    return found | ({"files": alone} if alone else {})
+
+
+def _default(value: Any) -> str:
+    if value is inspect.Parameter.empty or value is MISSING:
+        return "required"
+    plain = isinstance(value, bool | int | float | str | tuple | types.NoneType)
+    return literal(repr(value)) if plain else ""
+
+
+def _argument_row(name: str, one: inspect.Parameter, text: str) -> tuple[str, str, str, str]:
+    kind = re.sub(r" \| \w*(?:Options|Campaign)\b", "", spelled(one.annotation))  # all options in one object
+    return literal(name), linked(kind), _default(one.default), _prose(text[:1].upper() + text[1:])
+
+
+def _option_row(each: Documented, option: Option | str) -> tuple[str, str, str, str]:
+    name = option if isinstance(option, str) else option.name
+    one = _parameters(each.value)[name]
+    kind = linked(_WIDER.get(name, re.sub(r"\bPath\b", "str | Path", spelled(one.annotation))))
+    if one.default is None and name in _WIDER:
+        kind += " \\| None"
+    unit = unit_of(name)
+    text = "Effects of the virtual arm, each with its unit." if isinstance(option, str) else option.help
+    return literal(name), f"{kind}, {unit}" if unit else kind, _default(one.default), meaning(text, "{name}")
+
+
+def _prose(text: str) -> str:
+    """Return a docstring's prose, in which single backticks are code."""
+    return re.sub(r"(?<!`)`([^`\n]+)`(?!`)", r"``\1``", text)
+
+
+def call_page(each: Documented) -> str:
+    """Return the page of a function."""
+    text, own, groups = each.sections, own_arguments(each), options_of_call(each)
+    shown, stated = _parameters(each.value), items(each.sections.get("Args", ""))
+    titles = ("argument", "type, unit", "default", "meaning")
+    places = []
+    for name in own:
+        one = shown[name]
+        if one.kind is one.KEYWORD_ONLY and "*" not in places:
+            places.append("*")
+        places.append(name if one.default is one.empty else f"{name}={one.default!r}")
+    places += (["*"] if groups and "*" not in places else []) + (["**options"] if groups else [])
+    returned = spelled(inspect.signature(each.value).return_annotation)
+    lines = [f".. py:function:: {each.full_name}({', '.join(places)})\n", textwrap.indent(_prose(text[""]), "   "), ""]
+    lines += [heading("Arguments", "-")]
+    lines += [table(titles, (_argument_row(name, shown[name], said) for name, said in own.items()), _WIDTHS)] if own else []
+    if groups:
+        said = stated.get("options", stated.get("given", "")).strip()
+        lines += [heading("Options", "-"), _prose(said[:1].upper() + said[1:]), ""]
+    for title, options in groups.items():
+        lines += [heading(title[0].upper() + title[1:], "~")]
+        lines += [table(titles, (_option_row(each, one) for one in options), _WIDTHS)]
+    if returned != "None" or "Returns" in text:
+        lines += [heading("Returns", "-"), f"{linked(returned)}\n", _prose(text.get("Returns", "")), ""]
+    lines += _further(each)
+    return _page(each, lines)
+
+
+def _page(each: Documented, lines: list[str]) -> str:
+    intro = [f".. _interface-{each.page}:\n", heading(each.full_name if ":" not in each.path else each.name, "=")]
+    return "\n".join([*intro, ".. currentmodule:: lab\n", *lines])
+
+
+def _further(each: Documented) -> Iterator[str]:
+    """Yield what is raised, an example, and where to read on."""
+    text = each.sections
+    if "Raises" in text:
+        rows = ((linked(kind), _prose(said)) for kind, said in items(text["Raises"]).items())
+        yield from (heading("Raises", "-"), *(f"{kind}\n    {said[0].upper()}{said[1:]}\n" for kind, said in rows))
+    if "Example" in text:
+        yield from (heading("Example", "-"), f"{_without_skipped(text['Example'])}\n")
+    yield heading("See also", "-")
+    if each.is_call and command_of(each.name):
+        yield f"- on the command line: :ref:`lab-{command_of(each.name).name}`"  # type: ignore[union-attr]
+    yield from (f"- :doc:`/{page}`" for page in each.see)
+    yield ""
+    if each.sources:
+        yield f"Sources: {each.sources} (:doc:`/theory/bibliography`).\n"
+
+
+def _without_skipped(example: str) -> str:
+    return "\n".join(line.partition("  # doctest:")[0] for line in example.splitlines())
+
+
+def attributes(each: Documented) -> dict[str, tuple[str, str, str]]:
+    """Return the attributes of a class by name: type, default, and what they are."""
+    stated, found = items(each.sections.get("Attributes", "")), dict[str, tuple[str, str, str]]()
+    hints = {name: hint for base in reversed(each.value.__mro__) for name, hint in _annotations(base).items()}
+    texts = _docstrings_of_fields(each.value)
+    defaults = {one.name: one.default for one in fields(each.value)} if is_dataclass(each.value) else {}
+    for name in {**dict.fromkeys(stated), **(dict.fromkeys(defaults) if texts else {})}:
+        default = defaults.get(name, MISSING)
+        said = _prose(stated[name]) if name in stated else meaning(texts.get(name, ""))
+        found[name] = (spelled(hints.get(name, "")), "" if default is MISSING else _default(default), said)
+    for name, value in _members(each.value):
+        if name not in found and isinstance(value, property | cached_property):
+            function = value.fget if isinstance(value, property) else value.func
+            said = sections(inspect.getdoc(function) or "")[""]
+            found[name] = (spelled(_annotations(function).get("return", "")), "", _prose(said))
+    return found
+
+
+def _annotations(thing: Any) -> Mapping[str, Any]:
+    return inspect.get_annotations(thing)
+
+
+def _docstrings_of_fields(kind: type) -> dict[str, str]:
+    from lab.commands.help_text import _docstrings
+
+    return _docstrings(kind)
+
+
+def _members(kind: type) -> Iterator[tuple[str, Any]]:
+    """Yield the public members of a class with docstrings, without those that every result or value has."""
+    shared = {"Result", "Value", "ABC", "object", "Exception", "BaseException", "ValueError", "tuple", "EffectOptions"}
+    for base in kind.__mro__:
+        if base is kind or base.__name__ not in shared and not kind.__name__ == "Effects":
+            for name, value in vars(base).items():
+                if not name.startswith("_"):
+                    yield name, value
+
+
+def methods(each: Documented) -> list[str]:
+    """Return the names of the public methods of a class."""
+    of_results = {name for name, _ in _members(lab.Result)} if each.name != "Result" else set[str]()
+    kinds = (types.FunctionType, classmethod, staticmethod)
+    names = dict.fromkeys(name for name, value in _members(each.value) if isinstance(value, kinds))
+    inherits = issubclass(each.value, lab.Result)
+    return [name for name in names if not (inherits and name in of_results)]
+
+
+def class_page(each: Documented) -> str:
+    """Return the page of a class."""
+    text, own = each.sections, attributes(each)
+    made = f"({', '.join(_places(each.value))})" if each.name in MADE else ""
+    kind = "exception" if issubclass(each.value, Exception) else "class"
+    lines = [f".. py:{kind}:: {each.full_name}{made}\n", textwrap.indent(_prose(text[""]), "   "), ""]
+    if each.path.partition(":")[1] and issubclass(each.value, lab.Result):
+        lines += ["Calls return it; for annotations import it from its module.\n"]
+    if own:
+        with_default = any(default for _, default, _ in own.values())
+        titles = ("attribute", "type, unit", *(("default",) if with_default else ()), "meaning")
+        rows = []
+        for name, (hint, default, said) in own.items():
+            unit = unit_of(name)
+            shown = f"{linked(hint)}, {unit}" if unit and hint else linked(hint)
+            rows.append((literal(name), shown, *((default,) if with_default else ()), said))
+        lines += [heading("Attributes", "-"), table(titles, rows, _WIDTHS if with_default else (22, 24, 54))]
+    names = methods(each)
+    if names:
+        lines += [heading("Methods", "-")]
+        rows = [(f":py:meth:`{name} <{each.full_name}.{name}>`", _first_line(getattr(each.value, name))) for name in names]
+        lines += [table(("method", "purpose"), rows, (30, 70))]
+        lines += [f".. automethod:: {each.full_name.rpartition('.')[0]}::{each.name}.{name}\n" for name in names]
+    if issubclass(each.value, lab.Result) and each.name != "Result":
+        lines += ["It also has the methods of every :py:class:`~lab.Result`: ``summary``, ``report``, ``save``, "
+                  "``to_dict``, ``to_frame``, ``plot`` and ``recording``.\n"]  # fmt: skip
+    lines += _further(each)
+    return _page(each, lines)
+
+
+def _places(kind: type) -> list[str]:
+    return [
+        name if one.default is one.empty else f"{name}={one.default!r}"
+        for name, one in _parameters(kind).items()
+        if one.kind is not one.VAR_KEYWORD
+    ] if kind.__name__ not in ("Effects", *OWN) else (["**effects"] if kind.__name__ == "Effects" else [])  # fmt: skip
+
+
+def _first_line(thing: Any) -> str:
+    first = sections(inspect.getdoc(thing) or "")[""].partition("\n\n")[0]
+    return _prose(" ".join(first.split()))
+
+
+def page(each: Documented) -> str:
+    """Return the page of an object."""
+    return call_page(each) if each.is_call else class_page(each)
+
+
+class InterfaceIndex(SphinxDirective):
+    """List the objects of a group, one line each, and put their pages into a hidden toctree."""
+
+    required_arguments = 1
+    final_argument_whitespace = True
+
+    def run(self) -> list[nodes.Node]:
+        """Return the table and the toctree."""
+        self.env.note_dependency(str(GROUPS))
+        group = documented()[self.arguments[0]]
+        for each in group:
+            self.env.note_dependency(str(FOLDER / f"{each.page}.rst"))  # it changes with the docstring
+        rows = [(f":ref:`{each.name} <interface-{each.page}>`", _first_line(each.value)) for each in group]
+        lines = [table(("name", "purpose"), rows, (25, 75)), ".. toctree::\n   :hidden:\n"]
+        lines += [f"   /reference/interface/{each.page}" for each in group]
+        parsed = nodes.Element()
+        self.state.nested_parse(StringList("\n".join(lines).splitlines(), str(GROUPS)), 0, parsed)
+        return parsed.children
+
 
 SHORT = {
     "ndarray[tuple[Any, ...], dtype[float64]]": "ndarray",
     "ndarray[tuple[Any, ...], dtype[int64]]": "ndarray",
     "ndarray[tuple[Any, ...], dtype[bool]]": "ndarray",
 }
-_kept: dict[str, list[str]] = {}
 
 
 def shorten(
@@ -19,21 +412,14 @@ def shorten(
     return signature, returned
 
 
-def keep(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Remember a property's docstring, before napoleon takes what precedes a colon for its type."""
-    if what in ("property", "attribute"):
-        _kept[name] = list(lines)
-
-
-def bring_back(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Put the docstring of a property in place again."""
-    if name in _kept:
-        lines[:] = _kept.pop(name)
+def write_interface(app: Sphinx) -> None:
+    """Write the pages of all objects before the builder looks for pages."""
+    write_pages(FOLDER, {each.page: page(each) for each in _by_name().values()})
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Connect before and after napoleon."""
+    """Write the pages, register the directive, and shorten what autodoc makes of signatures."""
+    app.add_directive("interface-index", InterfaceIndex)
+    app.connect("builder-inited", write_interface)
     app.connect("autodoc-process-signature", shorten)
-    app.connect("autodoc-process-docstring", keep, priority=400)
-    app.connect("autodoc-process-docstring", bring_back, priority=600)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
