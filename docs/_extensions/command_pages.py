@@ -12,7 +12,7 @@ from sphinx.application import Sphinx
 from lab.commands.help_text import Option, grouped, options_of_command
 from lab.commands.registry import Command, all_commands
 
-__all__ = ["anchor", "command_page", "heading", "literal", "meaning", "table", "unit_of", "write_pages"]
+__all__ = ["anchor", "command_page", "heading", "literal", "meaning", "table", "unit_of", "value", "write_pages"]
 
 FOLDER = Path(__file__).parents[1] / "reference" / "commands"
 _UNITS = {  # by the end of an option's name, the longest first
@@ -99,7 +99,7 @@ def anchor(command: Command, option: Option) -> str:
     return f"lab-{command.name}-{option.name.replace('_', '-')}"
 
 
-def _value(option: Option) -> str:
+def value(option: Option) -> str:
     """Return what is typed after an option."""
     unit = unit_of(option.name)
     if option.metavar.startswith("{") and option.choices:
@@ -115,7 +115,7 @@ def _value(option: Option) -> str:
 def _row(command: Command, option: Option) -> tuple[str, str, str, str]:
     name = option.name.upper() if option.positional else option.flag
     default = "required" if option.required else literal(option.default)
-    return f".. _{anchor(command, option)}:\n\n{literal(name)}", _value(option), default, meaning(option.help)
+    return f".. _{anchor(command, option)}:\n\n{literal(name)}", value(option), default, meaning(option.help)
 
 
 def command_page(command: Command) -> str:

@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from command_pages import escaped, heading, literal, meaning, table, unit_of, write_pages
+from command_pages import escaped, heading, literal, meaning, table, unit_of, value, write_pages
 from docutils import nodes
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
@@ -153,12 +153,13 @@ def spelled(hint: Any) -> str:
 
 def linked(kind: str) -> str:
     """Return a type as markup, in which classes that have a page lead to it."""
-    classes = [each for each in _by_name().values() if not each.is_call]
-    parts = re.split(rf"(\b(?:{'|'.join(each.name for each in classes)})\b)", kind)
+    classes = [each.name for each in _by_name().values() if not each.is_call]
+    parts = re.split(rf"""("[^"]*"|\b(?:{"|".join(classes)})\b)""", kind)
     shown = [
-        f":py:class:`~{_by_name()[part].full_name}`" if number % 2 else escaped(part)
-        for number, part in enumerate(parts)
-    ]
+        escaped(part) if part not in classes and not part.startswith('"')
+        else literal(part) if part.startswith('"') else f":py:class:`~{_by_name()[part].full_name}`"
+        for part in parts
+    ]  # fmt: skip
     return "\\ ".join(part for part in shown if part)
 
 
@@ -215,7 +216,9 @@ def _option_row(each: Documented, option: Option | str) -> tuple[str, str, str, 
     name = option if isinstance(option, str) else option.name
     one = _parameters(each.value)[name]
     kind = linked(_WIDER.get(name, re.sub(r"\bPath\b", "str | Path", spelled(one.annotation))))
-    if one.default is None and name in _WIDER:
+    if isinstance(option, Option) and option.metavar.startswith("{"):
+        kind = value(option)
+    if one.default is None and "None" not in kind:
         kind += " \\| None"
     unit = unit_of(name)
     text = "Effects of the virtual arm, each with its unit." if isinstance(option, str) else option.help
@@ -238,7 +241,7 @@ def call_page(each: Documented) -> str:
         if one.kind is one.KEYWORD_ONLY and "*" not in places:
             places.append("*")
         places.append(name if one.default is one.empty else f"{name}={one.default!r}")
-    places += (["*"] if groups and "*" not in places else []) + (["**options"] if groups else [])
+    places += ["**options"] if groups else []
     returned = spelled(inspect.signature(each.value).return_annotation)
     lines = [f".. py:function:: {each.full_name}({', '.join(places)})\n", textwrap.indent(_prose(text[""]), "   "), ""]
     lines += [heading("Arguments", "-")]
@@ -337,13 +340,13 @@ def class_page(each: Documented) -> str:
     if each.path.partition(":")[1] and issubclass(each.value, lab.Result):
         lines += ["Calls return it; for annotations import it from its module.\n"]
     if own:
-        with_default = any(default for _, default, _ in own.values())
+        with_default = each.name in MADE and any(default for _, default, _ in own.values())
         titles = ("attribute", "type, unit", *(("default",) if with_default else ()), "meaning")
         rows = []
         for name, (hint, default, said) in own.items():
             unit = unit_of(name)
             shown = f"{linked(hint)}, {unit}" if unit and hint else linked(hint)
-            rows.append((literal(name), shown, *((default,) if with_default else ()), said))
+            rows.append((literal(name), shown, *((default,) if with_default else ()), said[:1].upper() + said[1:]))
         lines += [heading("Attributes", "-"), table(titles, rows, _WIDTHS if with_default else (22, 24, 54))]
     names = methods(each)
     if names:
