@@ -24,7 +24,7 @@ extensions = [
     "drawn",
     "gallery",
     "mathml",
-    "source_rows",
+    "stored_rows",
 ]
 exclude_patterns = ["_extensions", "_figures", "paper"]
 html_extra_path = ["llms.txt"]

@@ -13,7 +13,7 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin
 
 from command_pages import escaped, heading, literal, meaning, table, unit_of, value, write_pages
 from docutils import nodes
@@ -45,11 +45,13 @@ class Documented:
         path: its name in ``lab``, or ``module:name`` of a class that ``lab`` does not name.
         see: pages that explain it.
         sources: where its method comes from; "" where it has no source of its own.
+        only: of a class, the attributes and methods that are shown; empty for all.
     """
 
     path: str
     see: tuple[str, ...] = ()
     sources: str = ""
+    only: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -89,7 +91,7 @@ def documented() -> dict[str, tuple[Documented, ...]]:
     groups = tomllib.loads(GROUPS.read_text(encoding="utf-8"))["group"]
     return {
         each["title"]: tuple(
-            Documented(path, tuple(about.get("see", ())), about.get("sources", ""))
+            Documented(path, tuple(about.get("see", ())), about.get("sources", ""), tuple(about.get("only", ())))
             for path, about in each["names"].items()
         )
         for each in groups
@@ -132,7 +134,7 @@ def spelled(hint: Any) -> str:
     if isinstance(hint, str):
         return re.sub(r"\b(?:\w+\.)+(\w+)", r"\1", hint.replace("Array", "ndarray")).strip('"')
     origin, args = get_origin(hint), get_args(hint)
-    if origin is Annotated:
+    if origin in (Annotated, ClassVar):
         return spelled(args[0])
     if origin is Literal:
         return " | ".join(f'"{each}"' for each in args)
@@ -176,7 +178,8 @@ def _parameters(call: Any) -> Mapping[str, inspect.Parameter]:
 def own_arguments(each: Documented) -> dict[str, str]:
     """Return the arguments of a call that are no options, with what its docstring says of them."""
     stated, shown = items(each.sections.get("Args", "")), _parameters(inspect.unwrap(each.value))
-    return {name: stated.get(name, "") for name, one in shown.items() if one.kind is not one.VAR_KEYWORD}
+    plain = {name for name, one in shown.items() if one.kind is not one.VAR_KEYWORD}
+    return {name: stated.get(name, "") for name in shown if name in plain}
 
 
 def options_of_call(each: Documented) -> dict[str, tuple[Option | str, ...]]:
@@ -241,13 +244,14 @@ def call_page(each: Documented) -> str:
         if one.kind is one.KEYWORD_ONLY and "*" not in places:
             places.append("*")
         places.append(name if one.default is one.empty else f"{name}={one.default!r}")
-    places += ["**options"] if groups else []
+    gathered = [name for name, one in _parameters(inspect.unwrap(each.value)).items() if one.kind is one.VAR_KEYWORD]
+    places += [f"**{name}" for name in gathered] if groups else []
     returned = spelled(inspect.signature(each.value).return_annotation)
     lines = [f".. py:function:: {each.full_name}({', '.join(places)})\n", textwrap.indent(_prose(text[""]), "   "), ""]
     lines += [heading("Arguments", "-")]
     lines += [table(titles, (_argument_row(name, shown[name], said) for name, said in own.items()), _WIDTHS)] if own else []
     if groups:
-        said = stated.get("options", stated.get("given", "")).strip()
+        said = stated.get(gathered[0], "")
         lines += [heading("Options", "-"), _prose(said[:1].upper() + said[1:]), ""]
     for title, options in groups.items():
         lines += [heading(title[0].upper() + title[1:], "~")]
@@ -299,7 +303,7 @@ def attributes(each: Documented) -> dict[str, tuple[str, str, str]]:
             function = value.fget if isinstance(value, property) else value.func
             said = sections(inspect.getdoc(function) or "")[""]
             found[name] = (spelled(_annotations(function).get("return", "")), "", _prose(said))
-    return found
+    return {name: row for name, row in found.items() if not each.only or name in each.only}
 
 
 def _annotations(thing: Any) -> Mapping[str, Any]:
@@ -328,7 +332,8 @@ def methods(each: Documented) -> list[str]:
     kinds = (types.FunctionType, classmethod, staticmethod)
     names = dict.fromkeys(name for name, value in _members(each.value) if isinstance(value, kinds))
     inherits = issubclass(each.value, lab.Result)
-    return [name for name in names if not (inherits and name in of_results)]
+    shown = [name for name in names if not (inherits and name in of_results)]
+    return [name for name in shown if not each.only or name in each.only]
 
 
 def class_page(each: Documented) -> str:
@@ -363,7 +368,7 @@ def class_page(each: Documented) -> str:
 
 def _places(kind: type) -> list[str]:
     return [
-        name if one.default is one.empty else f"{name}={one.default!r}"
+        name if one.default is one.empty else f"{name}={'...' if 'factory' in repr(one.default) else repr(one.default)}"
         for name, one in _parameters(kind).items()
         if one.kind is not one.VAR_KEYWORD
     ] if kind.__name__ not in ("Effects", *OWN) else (["**effects"] if kind.__name__ == "Effects" else [])  # fmt: skip
@@ -399,19 +404,14 @@ class InterfaceIndex(SphinxDirective):
         return parsed.children
 
 
-SHORT = {
-    "ndarray[tuple[Any, ...], dtype[float64]]": "ndarray",
-    "ndarray[tuple[Any, ...], dtype[int64]]": "ndarray",
-    "ndarray[tuple[Any, ...], dtype[bool]]": "ndarray",
-}
+_ARRAY = re.compile(r"~?(?:\w+\.)*ndarray\[.*?dtype\[[^\]]*\]\]")
 
 
 def shorten(
     app: Sphinx, what: str, name: str, obj: object, options: object, signature: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
     """Write types of arrays as a person does."""
-    for long, short in SHORT.items():
-        signature, returned = (text and text.replace(long, short) for text in (signature, returned))
+    signature, returned = (text and _ARRAY.sub("ndarray", text) for text in (signature, returned))
     return signature, returned
 
 
