@@ -29,6 +29,9 @@ REFERENCE = Path(__file__).parents[1] / "reference"
 GROUPS, FOLDER = REFERENCE / "interface.toml", REFERENCE / "interface"
 OWN = ("Criterion", "Estimator", "Sampler")  # classes of which a user writes subclasses
 MADE = (*OWN, "Effects", "Instrument", "PosePlanner", "Targets")  # classes that a user calls
+_OF_RESULTS = {
+    "options": "Options of the call.", "robot": "The robot.", "warnings": "Warnings on the input and the result.",
+}  # fmt: skip
 _WIDTHS = (18, 24, 12, 46)
 _SECTIONS = ("Args", "Attributes", "Returns", "Yields", "Raises", "Example", "Note")
 _WIDER = {  # options that a call takes as an object too, beside what the command line takes
@@ -139,6 +142,8 @@ def spelled(hint: Any) -> str:
     if origin is Literal:
         return " | ".join(f'"{each}"' for each in args)
     if origin in (Union, types.UnionType):
+        if any(getattr(each, "__module__", "").startswith("numpy._typing") for each in map(_origin_or_self, args)):
+            return "array_like | None" if types.NoneType in args else "array_like"
         parts = dict.fromkeys(part for each in args for part in spelled(each).split(" | "))
         return " | ".join(parts)
     if origin is tuple and args[1:] == (...,):
@@ -151,6 +156,10 @@ def spelled(hint: Any) -> str:
     if hint is Path:
         return "Path"
     return "None" if hint is types.NoneType else getattr(hint, "__name__", str(hint))
+
+
+def _origin_or_self(hint: Any) -> Any:
+    return get_origin(hint) or hint
 
 
 def linked(kind: str) -> str:
@@ -294,9 +303,10 @@ def attributes(each: Documented) -> dict[str, tuple[str, str, str]]:
     hints = {name: hint for base in reversed(each.value.__mro__) for name, hint in _annotations(base).items()}
     texts = _docstrings_of_fields(each.value)
     defaults = {one.name: one.default for one in fields(each.value)} if is_dataclass(each.value) else {}
-    for name in {**dict.fromkeys(stated), **(dict.fromkeys(defaults) if texts else {})}:
+    told = {name for name in defaults if name in texts or name in _OF_RESULTS}
+    for name in {**dict.fromkeys(stated), **{name: None for name in defaults if name in told}}:
         default = defaults.get(name, MISSING)
-        said = _prose(stated[name]) if name in stated else meaning(texts.get(name, ""))
+        said = _prose(stated[name]) if name in stated else meaning(texts.get(name, _OF_RESULTS.get(name, "")))
         found[name] = (spelled(hints.get(name, "")), "" if default is MISSING else _default(default), said)
     for name, value in _members(each.value):
         if name not in found and isinstance(value, property | cached_property):
@@ -342,8 +352,14 @@ def class_page(each: Documented) -> str:
     made = f"({', '.join(_places(each.value))})" if each.name in MADE else ""
     kind = "exception" if issubclass(each.value, Exception) else "class"
     lines = [f".. py:{kind}:: {each.full_name}{made}\n", textwrap.indent(_prose(text[""]), "   "), ""]
-    if each.path.partition(":")[1] and issubclass(each.value, lab.Result):
-        lines += ["Calls return it; for annotations import it from its module.\n"]
+    calls = [one for one in _by_name().values() if one.is_call and _returns(one, each.name)]
+    if calls:
+        lines += [f"Returned by {', '.join(f':py:func:`{one.full_name}`' for one in calls)}.\n"]
+    written = items(sections(inspect.getdoc(each.value.__init__) or "").get("Args", "")) if made else {}
+    if written:
+        taken = [(name, one) for name, one in _parameters(each.value).items() if name in written]
+        lines += [heading("Arguments", "-"), table(("argument", "type, unit", "default", "meaning"), (
+            _argument_row(name, one, written[name]) for name, one in taken), _WIDTHS)]  # fmt: skip
     if own:
         with_default = each.name in MADE and any(default for _, default, _ in own.values())
         titles = ("attribute", "type, unit", *(("default",) if with_default else ()), "meaning")
@@ -364,6 +380,10 @@ def class_page(each: Documented) -> str:
                   "``to_dict``, ``to_frame``, ``plot`` and ``recording``.\n"]  # fmt: skip
     lines += _further(each)
     return _page(each, lines)
+
+
+def _returns(call: Documented, name: str) -> bool:
+    return name in re.findall(r"\w+", spelled(inspect.signature(call.value).return_annotation))
 
 
 def _places(kind: type) -> list[str]:

@@ -25,7 +25,6 @@ finally:
 OBJECTS = {each.path: each for group in interface.documented().values() for each in group}
 CALLS = [path for path, each in OBJECTS.items() if each.is_call]
 CLASSES = [path for path, each in OBJECTS.items() if not each.is_call]
-PLAIN = {"options", "robot", "warnings"}  # of results: what their names say
 
 
 def test_every_public_name_has_a_page_of_its_own() -> None:
