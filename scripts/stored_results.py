@@ -112,7 +112,8 @@ def validated(command: str, statistic: str = "mean") -> Values:
 
 REAL = {  # by the first cell: the command; {D} is the folder of --data
     "ABB IRB 120, 36 poses with three targets; 40 others in two sessions (Liao et al., T-ASE 2015)":
-        "lab identify {D}/irb120_liaowu_calib36.csv --robot irb120 --validate {D}/irb120_liaowu_test40.csv --refit tool",
+        "lab identify {D}/irb120_liaowu_calib36.csv --robot irb120 --validate {D}/irb120_liaowu_test40.csv "
+        "--refit tool",
     "UR5, 1,000 poses on a grid, 30 % held out (Jacobi 2025)":
         "lab identify {M}/ur5/measured/ur5_jacobi_1000.csv --robot ur5 --holdout 0.3",
     "UR10, 2,773 random poses, 30 % held out, ten splits (Landgraf, CASE 2021, set C)":
@@ -137,7 +138,9 @@ def last_location_held_out(command: str) -> Values:
     uses = ["test" if row.split(",")[at] == last else "calibrate" for row in rows]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "last_location_marked.csv"
-        path.write_text("\n".join([f"{header},use", *map(",".join, zip(rows, uses, strict=True))]) + "\n", encoding="utf-8")
+        path.write_text(
+            "\n".join([f"{header},use", *map(",".join, zip(rows, uses, strict=True))]) + "\n", encoding="utf-8"
+        )
         return validated(command.replace(path.name, str(path)))
 
 
@@ -259,11 +262,10 @@ def page_sizes(options: Options) -> Iterator[Row]:
     def figure(name: str) -> Values:
         if not found:
             found.update(page_benchmark.answer(page_benchmark.Options()).values)
-        return found[name] | {"scene": "yes" if found[name]["scene"] else "no"}
+        return {**found[name], "scene": "yes" if found[name]["scene"] else "no"}
 
     for name in page_benchmark.PAGES:
         yield Row(name, partial(figure, name), "python scripts/page_benchmark.py")
-
 
 
 def learning(options: Options) -> Iterator[Row]:

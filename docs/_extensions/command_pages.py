@@ -19,8 +19,8 @@ _UNITS = {  # by the end of an option's name, the longest first
     "nm_per_rad": "N m/rad", "ppm_per_k": "ppm/K", "mrad_per_k": "mrad/K", "ppm_per_h": "ppm/h", "mm_per_h": "mm/h",
     "mrad_per_h": "mrad/h", "per_deg": "1/°", "mm_s2": "mm/s²", "mm_s": "mm/s", "deg_s": "°/s", "kgm2": "kg m²",
     "radial_per_m": "m/m", "transverse_per_m": "m/m", "mrad": "mrad", "rad": "rad", "mm": "mm", "m": "m", "deg": "°",
-    "kg": "kg", "ppm": "ppm", "px": "px", "hz": "Hz", "ms": "ms", "s": "s", "percent": "%", "days": "days", "hours": "h",
-    "share": "0 to 1", "link_ei": "N m²", "link_gj": "N m²", "seconds": "s",
+    "kg": "kg", "ppm": "ppm", "px": "px", "hz": "Hz", "ms": "ms", "s": "s", "percent": "%", "days": "days",
+    "hours": "h", "share": "0 to 1", "link_ei": "N m²", "link_gj": "N m²", "seconds": "s",
 }  # fmt: skip
 _PLAIN = {"INT": "whole number", "FLOAT": "number", "PATH": "file or folder", "STR": "text", "": "flag",
           "X,Y,…": "numbers", "A,B,…": "names", "NAME": "name", "FILE": "file"}  # fmt: skip

@@ -1,6 +1,7 @@
 """The Python interface: a page for each object, from its docstring, its types and the options of its command.
 
-The groups and the links of the pages are in docs/reference/interface.toml; the directive ``interface-index`` lists them.
+The groups and the links of the pages are in docs/reference/interface.toml; the directive ``interface-index`` lists a
+group.
 """
 
 import inspect
@@ -8,7 +9,7 @@ import re
 import textwrap
 import tomllib
 import types
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache, cached_property
 from importlib import import_module
@@ -22,7 +23,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import lab
-from lab.commands.help_text import Option, grouped, options_of_command
+from lab.commands.help_text import Option, field_texts, grouped, options_of_command
 from lab.commands.registry import Command, all_commands
 
 REFERENCE = Path(__file__).parents[1] / "reference"
@@ -221,7 +222,9 @@ def _default(value: Any) -> str:
 
 def _argument_row(name: str, one: inspect.Parameter, text: str) -> tuple[str, str, str, str]:
     kind = re.sub(r" \| \w*(?:Options|Campaign)\b", "", spelled(one.annotation))  # all options in one object
-    return literal(name), linked(kind), _default(one.default), _prose(text[:1].upper() + text[1:])
+    unit = unit_of(name)
+    shown = f"{linked(kind)}, {unit}" if unit else linked(kind)
+    return literal(name), shown, _default(one.default), _prose(text[:1].upper() + text[1:])
 
 
 def _option_row(each: Documented, option: Option | str) -> tuple[str, str, str, str]:
@@ -258,7 +261,9 @@ def call_page(each: Documented) -> str:
     returned = spelled(inspect.signature(each.value).return_annotation)
     lines = [f".. py:function:: {each.full_name}({', '.join(places)})\n", textwrap.indent(_prose(text[""]), "   "), ""]
     lines += [heading("Arguments", "-")]
-    lines += [table(titles, (_argument_row(name, shown[name], said) for name, said in own.items()), _WIDTHS)] if own else []
+    lines += (
+        [table(titles, (_argument_row(name, shown[name], said) for name, said in own.items()), _WIDTHS)] if own else []
+    )
     if groups:
         said = stated.get(gathered[0], "")
         lines += [heading("Options", "-"), _prose(said[:1].upper() + said[1:]), ""]
@@ -301,16 +306,16 @@ def attributes(each: Documented) -> dict[str, tuple[str, str, str]]:
     """Return the attributes of a class by name: type, default, and what they are."""
     stated, found = items(each.sections.get("Attributes", "")), dict[str, tuple[str, str, str]]()
     hints = {name: hint for base in reversed(each.value.__mro__) for name, hint in _annotations(base).items()}
-    texts = _docstrings_of_fields(each.value)
+    texts = field_texts(each.value)
     defaults = {one.name: one.default for one in fields(each.value)} if is_dataclass(each.value) else {}
     told = {name for name in defaults if name in texts or name in _OF_RESULTS}
     for name in {**dict.fromkeys(stated), **{name: None for name in defaults if name in told}}:
         default = defaults.get(name, MISSING)
         said = _prose(stated[name]) if name in stated else meaning(texts.get(name, _OF_RESULTS.get(name, "")))
         found[name] = (spelled(hints.get(name, "")), "" if default is MISSING else _default(default), said)
-    for name, value in _members(each.value):
-        if name not in found and isinstance(value, property | cached_property):
-            function = value.fget if isinstance(value, property) else value.func
+    for name, member in _members(each.value):
+        if name not in found and isinstance(member, property | cached_property):
+            function = member.fget if isinstance(member, property) else member.func
             said = sections(inspect.getdoc(function) or "")[""]
             found[name] = (spelled(_annotations(function).get("return", "")), "", _prose(said))
     return {name: row for name, row in found.items() if not each.only or name in each.only}
@@ -320,20 +325,16 @@ def _annotations(thing: Any) -> Mapping[str, Any]:
     return inspect.get_annotations(thing)
 
 
-def _docstrings_of_fields(kind: type) -> dict[str, str]:
-    from lab.commands.help_text import _docstrings
-
-    return _docstrings(kind)
-
-
 def _members(kind: type) -> Iterator[tuple[str, Any]]:
-    """Yield the public members of a class with docstrings, without those that every result or value has."""
-    shared = {"Result", "Value", "ABC", "object", "Exception", "BaseException", "ValueError", "tuple", "EffectOptions"}
-    for base in kind.__mro__:
-        if base is kind or base.__name__ not in shared and not kind.__name__ == "Effects":
-            for name, value in vars(base).items():
-                if not name.startswith("_"):
-                    yield name, value
+    """Yield the public members of a class, without those that every result or value has."""
+    shared = {"Result", "Value", "ABC", "object", "Exception", "BaseException", "ValueError", "tuple"}
+    bases = (
+        [kind]
+        if kind is lab.Effects
+        else [base for base in kind.__mro__ if base.__name__ not in shared - {kind.__name__}]
+    )
+    for base in bases:
+        yield from ((name, member) for name, member in vars(base).items() if not name.startswith("_"))
 
 
 def methods(each: Documented) -> list[str]:
@@ -372,7 +373,9 @@ def class_page(each: Documented) -> str:
     names = methods(each)
     if names:
         lines += [heading("Methods", "-")]
-        rows = [(f":py:meth:`{name} <{each.full_name}.{name}>`", _first_line(getattr(each.value, name))) for name in names]
+        rows = [
+            (f":py:meth:`{name} <{each.full_name}.{name}>`", _first_line(getattr(each.value, name))) for name in names
+        ]
         lines += [table(("method", "purpose"), rows, (30, 70))]
         lines += [f".. automethod:: {each.full_name.rpartition('.')[0]}::{each.name}.{name}\n" for name in names]
     if issubclass(each.value, lab.Result) and each.name != "Result":
@@ -387,11 +390,14 @@ def _returns(call: Documented, name: str) -> bool:
 
 
 def _places(kind: type) -> list[str]:
-    return [
-        name if one.default is one.empty else f"{name}={'...' if 'factory' in repr(one.default) else repr(one.default)}"
-        for name, one in _parameters(kind).items()
-        if one.kind is not one.VAR_KEYWORD
-    ] if kind.__name__ not in ("Effects", *OWN) else (["**effects"] if kind.__name__ == "Effects" else [])  # fmt: skip
+    """Return the arguments of a class as its signature shows them; a default that is no plain value as dots."""
+    if kind.__name__ in (*OWN, "Effects"):
+        return ["**effects"] if kind.__name__ == "Effects" else []
+    found = list[str]()
+    for name, one in _parameters(kind).items():
+        plain = isinstance(one.default, bool | int | float | str | types.NoneType)
+        found.append(name if one.default is one.empty else f"{name}={one.default!r}" if plain else f"{name}=...")
+    return found
 
 
 def _first_line(thing: Any) -> str:
@@ -421,7 +427,7 @@ class InterfaceIndex(SphinxDirective):
         lines += [f"   /reference/interface/{each.page}" for each in group]
         parsed = nodes.Element()
         self.state.nested_parse(StringList("\n".join(lines).splitlines(), str(GROUPS)), 0, parsed)
-        return parsed.children
+        return list(parsed.children)
 
 
 _ARRAY = re.compile(r"~?(?:\w+\.)*ndarray\[.*?dtype\[[^\]]*\]\]")

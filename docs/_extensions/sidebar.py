@@ -2,6 +2,7 @@
 
 import os
 import re
+from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
@@ -16,9 +17,8 @@ def without_hidden(tree: str, page: str) -> str:
         tree: as Sphinx renders it, with addresses relative to the page.
         page: the page's name.
     """
-    here = os.path.dirname(page)
     for folder in HIDDEN:
-        way = os.path.relpath(folder, here or ".") + "/"
+        way = os.path.relpath(folder, Path(page).parent) + "/"
         start = "" if way == "./" else re.escape(way)
         entry = rf'<li class="toctree-l3[^"]*"><a [^>]*href="{start}[^"/]*"[^>]*>.*?</a></li>\s*'
         tree = re.sub(entry, "", tree, flags=re.DOTALL)

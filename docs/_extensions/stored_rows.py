@@ -74,15 +74,22 @@ class SourceRows(SphinxDirective):
         """Return one table, a row without a test as missing."""
         self.env.note_dependency(str(ROWS))
         rows = (
-            (row.source, row.row, f"`{row.shown_by}`" if row.shown_by else "", f"`{row.held_by}`" if row.held_by else "missing")
+            (
+                row.source,
+                row.row,
+                row.shown_by and f"`{row.shown_by}`",
+                f"`{row.held_by}`" if row.held_by else "missing",
+            )
             for row in source_rows()
-        )  # fmt: skip
+        )
         return [table_of(HEADINGS, rows, (8, 36, 28, 28))]
 
 
-def table_of(titles: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence[int]) -> nodes.table:
-    """Return a table of texts; one between backticks is code."""
-    table, group = nodes.table(classes=["reference"]), nodes.tgroup(cols=len(titles))
+def table_of(
+    titles: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence[int], kind: str = "reference"
+) -> nodes.table:
+    """Return a table of texts; what is between backticks is code."""
+    table, group = nodes.table(classes=[kind]), nodes.tgroup(cols=len(titles))
     group += [nodes.colspec(colwidth=width) for width in widths]
     head, body = nodes.thead(), nodes.tbody()
     head += _row(titles)
@@ -129,6 +136,9 @@ def cells(table: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 
 def _code_of_flags(text: str) -> str:
+    """Return a name with its flags, or as a whole where it is a command, between backticks."""
+    if text.startswith("lab "):
+        return f"`{text}`"
     before, flag, after = text.partition("--")
     end = min((at for at in (after.find(";"), after.find(" (")) if at >= 0), default=len(after))
     return f"{before}`--{after[:end]}`{after[end:]}" if flag else text
@@ -162,7 +172,7 @@ class StoredRows(SphinxDirective):
         table = stored_table(name)
         titles = [table["first"], *(each["title"] for each in table["columns"])]
         widths = [34, *([66 // (len(titles) - 1)] * (len(titles) - 1))]
-        found: list[nodes.Node] = [table_of(titles, cells(table), widths)]
+        found: list[nodes.Node] = [table_of(titles, cells(table), widths, "figures")]
         if "commands" in self.options:
             text = "\n".join(dict.fromkeys(row["command"] for row in table["rows"] if row["command"]))
             found.append(nodes.literal_block(text, text, language="text"))

@@ -19,7 +19,6 @@ from helpers.pages import PAGES, README, Page
 from helpers.robots import ROOT
 from PIL import Image
 
-import lab
 from lab import extension_points
 from lab.campaign.robot import load_robot, load_virtual
 from lab.cli import main

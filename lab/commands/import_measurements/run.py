@@ -287,7 +287,7 @@ _SHOWN = 60  # poses by which distances are compared
 def import_measurements(
     points: str | Path | ImportOptions, robot: str | Path | Robot | None = None, **options: Any
 ) -> ImportResult:
-    """Merge a tracker's export with a controller's joint positions into measurements that ``identify`` reads.
+    r"""Merge a tracker's export with a controller's joint positions into measurements that ``identify`` reads.
 
     Corners in pictures, with the time of each picture, take the place of points for ``observe="pixels"``.
 
@@ -306,10 +306,10 @@ def import_measurements(
         >>> import lab, pathlib, tempfile
         >>> folder, day = pathlib.Path(tempfile.mkdtemp()), lab.simulate("irb120", poses=12, seed=7).measurements
         >>> points = [f"P{i},{x},{y},{z}" for i, (x, y, z) in enumerate(1e3 * day.points[:, 0])]
-        >>> _ = (folder / "tracker.csv").write_text("\\n".join(["name,x_mm,y_mm,z_mm", *points]))
+        >>> _ = (folder / "tracker.csv").write_text("\n".join(["name,x_mm,y_mm,z_mm", *points]))
         >>> joints = [",".join(map(str, [f"P{i}", *row])) for i, row in enumerate(day.joints)]
         >>> header = "name,q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad"
-        >>> _ = (folder / "poses.csv").write_text("\\n".join([header, *joints]))
+        >>> _ = (folder / "poses.csv").write_text("\n".join([header, *joints]))
         >>> found = lab.import_measurements(folder / "tracker.csv", "irb120", joints=folder / "poses.csv")
         >>> found.measurements.points.shape
         (12, 1, 3)
