@@ -25,6 +25,7 @@ extensions = [
     "gallery",
     "mathml",
     "stored_rows",
+    "search_terms",
 ]
 exclude_patterns = ["_extensions", "_figures", "paper"]
 html_extra_path = ["llms.txt"]

@@ -278,7 +278,7 @@ def call_page(each: Documented) -> str:
 
 def _page(each: Documented, lines: list[str]) -> str:
     intro = [f".. _interface-{each.page}:\n", heading(each.full_name if ":" not in each.path else each.name, "=")]
-    return "\n".join([*intro, ".. currentmodule:: lab\n", *lines])
+    return "\n".join([*intro, *lines])
 
 
 def _further(each: Documented) -> Iterator[str]:
