@@ -431,13 +431,16 @@ class InterfaceIndex(SphinxDirective):
 
 
 _ARRAY = re.compile(r"~?(?:\w+\.)*ndarray\[.*?dtype\[[^\]]*\]\]")
+_ARRAY_LIKE = re.compile(r"[\w.~]*_Buffer.*?_NestedSequence\[[^\[\]]*\]")
 
 
 def shorten(
     app: Sphinx, what: str, name: str, obj: object, options: object, signature: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
     """Write types of arrays as a person does."""
-    signature, returned = (text and _ARRAY.sub("ndarray", text) for text in (signature, returned))
+    signature, returned = (
+        text and _ARRAY_LIKE.sub("array_like", _ARRAY.sub("ndarray", text)) for text in (signature, returned)
+    )
     return signature, returned
 
 

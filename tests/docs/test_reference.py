@@ -128,3 +128,14 @@ def test_links_of_pages_lead_to_pages() -> None:
 def test_a_page_names_the_call_of_its_command() -> None:
     assert ":py:func:`lab.identify`" in commands.command_page(command_named("identify"))
     assert isinstance(lab.identify, FunctionType) and ":ref:`lab-identify`" in interface.call_page(OBJECTS["identify"])
+
+
+def test_the_search_knows_every_arm_and_leads_to_pages() -> None:
+    terms = tomllib.loads((ROOT / "docs" / "search.toml").read_text(encoding="utf-8"))
+    assert not [page for page in terms if not (ROOT / "docs" / f"{page}.md").is_file()]
+    robots = (ROOT / "docs" / "reference" / "robots.md").read_text(encoding="utf-8")
+    arms = re.findall(r"^\| `\w+` \| ([^|]+) \| \dR \|", robots, re.MULTILINE)
+    words = [set(term.split()) for term in terms["reference/robots"]]
+    assert arms and not [
+        arm for arm in arms if not any(each <= set(re.split(r"[ ,]|-(?=[57]/)", arm)) for each in words)
+    ]
