@@ -82,14 +82,14 @@ class SourceRows(SphinxDirective):
             )
             for row in source_rows()
         )
-        return [table_of(HEADINGS, rows, (8, 36, 28, 28))]
+        return [table_of(HEADINGS, rows, (8, 32, 26, 34), "reference sources")]
 
 
 def table_of(
     titles: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence[int], kind: str = "reference"
 ) -> nodes.table:
     """Return a table of texts; what is between backticks is code."""
-    table, group = nodes.table(classes=[kind]), nodes.tgroup(cols=len(titles))
+    table, group = nodes.table(classes=kind.split()), nodes.tgroup(cols=len(titles))
     group += [nodes.colspec(colwidth=width) for width in widths]
     head, body = nodes.thead(), nodes.tbody()
     head += _row(titles)
