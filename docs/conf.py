@@ -18,12 +18,14 @@ extensions = [
     "myst_nb",  # reads Markdown, and executes notebooks
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "command_pages",
     "interface",
-    "lab_help",
+    "sidebar",
     "drawn",
     "gallery",
     "mathml",
-    "source_rows",
+    "stored_rows",
+    "search_terms",
 ]
 exclude_patterns = ["_extensions", "_figures", "paper"]
 html_extra_path = ["llms.txt"]
@@ -50,7 +52,7 @@ html_theme = "furo"
 html_title = project
 html_theme_options = {"navigation_with_keys": True}
 html_static_path = ["_static"]
-html_css_files = ["style.css"]
+html_css_files = ["style.css", "reference.css"]
 html_copy_source = html_show_sourcelink = False
 html_math_renderer = "mathml"
 html_show_sphinx = False

@@ -120,7 +120,7 @@ def test_examples_are_true(name: str) -> None:
     assert not isinstance(thing, FunctionType) or name in NO_EXAMPLE or runner.tries, f"{name} has no example"
 
 
-NO_EXAMPLE = {"import_measurements", "payload", "study"}  # they need files: their pages show them
+NO_EXAMPLE = {"study"}  # it needs a file and processes: its page shows it
 
 
 @pytest.mark.parametrize(

@@ -171,6 +171,13 @@ class _EstimateFiles(NamedTuple):
 def save_estimate(estimate: Estimate, folder: str | Path) -> None:
     """Write an estimate into a folder, which is created; ``lab.load_estimate(folder, robot)`` reads it.
 
+    Args:
+        estimate: of a result (``result.estimate``), or loaded.
+        folder: to write into; files of an earlier estimate are replaced.
+
+    Raises:
+        OSError: the folder or a file cannot be written.
+
     Example:
         >>> import lab, pathlib, tempfile
         >>> estimate = lab.calibrate("irb120", seed=7).estimate

@@ -16,6 +16,9 @@ def instrument(name: str | Path | Instrument) -> Instrument:
     Args:
         name: of a preset; or the path of a TOML file that describes a tracker; an instrument stays as it is.
 
+    Returns:
+        The instrument.
+
     Raises:
         LabError: there is no such preset (the message lists those there are), or the file describes no tracker.
 

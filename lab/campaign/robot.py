@@ -426,6 +426,9 @@ def load_robot(
             every site ``<tip>.flange``.
         base: the body or link below the first joint; joints that move it are held at zero.
 
+    Returns:
+        The robot, with warnings on its files.
+
     Raises:
         LabError: there is no such robot (the message lists all), or it or its cell cannot be read.
 

@@ -56,6 +56,7 @@ class CheckResult(Result):
         calibrated: the run that calibrated the arm.
         dates: of the checks, ascending.
         errors: ``(checks, m, 3)`` m, where the joints put the ball, less the socket.
+        sockets: names of the sockets.
         distinctions: how well each cause is seen in these configurations.
         scan: all checks, tested one after the other.
     """

@@ -33,16 +33,22 @@ __all__ = ["ComparisonResult", "compare"]
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ComparisonResult(Result):
-    """Differences between later calibrations of a robot and the first."""
+    """Differences between later calibrations of a robot and the first.
+
+    Attributes:
+        runs: the calibrations, the first one the reference.
+        differences: of each later run from the first.
+        serial: the serial number of the arm; None where no run states it.
+    """
 
     command = "compare"
     shown_by = "lab.commands.compare:_comparison_document"
     drawn_by = "lab.commands.compare:_differences_picture"
 
     options: CompareOptions
-    runs: tuple[CalibrationRun, ...]  # the calibrations, the first one the reference
-    differences: tuple[Difference, ...]  # of each later run from the first
-    serial: str | None = None  # the serial number of the arm; None where no run states it
+    runs: tuple[CalibrationRun, ...]
+    differences: tuple[Difference, ...]
+    serial: str | None = None
 
     @property
     def model_sha256(self) -> str:

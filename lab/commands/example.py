@@ -126,6 +126,7 @@ class ExampleResult(Result):
     """The examples that there are, or the one that was named.
 
     Attributes:
+        examples: the examples, each with its name, robot, source and licence.
         files: that were written.
     """
 

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from lab.commands.registry import Command, OptionGroup
 from lab.commands.run_folder import positional
 
-__all__ = ["HELP_FLAGS", "ROBOT", "Option", "grouped", "help_text", "options_of_command"]
+__all__ = ["HELP_FLAGS", "ROBOT", "Option", "field_texts", "grouped", "help_text", "options_of_command"]
 
 HELP_FLAGS = ("-h", "--help", "--help-all")
 _COLUMN = 32  # the widest column of flags; longer ones have a line of their own
@@ -89,7 +89,7 @@ def options_of_command(command: Command, defaults: Any = None) -> tuple[Option, 
 
 
 def _options(kind: type[Any], defaults: Any, alone: Sequence[str], group: str = "") -> Iterator[Option]:
-    hints, texts = get_type_hints(kind, include_extras=True), _docstrings(kind)
+    hints, texts = get_type_hints(kind, include_extras=True), field_texts(kind)
     for each in fields(kind):
         hint = hints[each.name]
         value = getattr(defaults, each.name) if defaults is not None else each.default
@@ -170,7 +170,7 @@ def _shown_default(value: Any, extras: Sequence[Any]) -> str:
     return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
-def _docstrings(kind: type[Any]) -> dict[str, str]:
+def field_texts(kind: type[Any]) -> dict[str, str]:
     """Return the text below each field of a class and its bases, from the source; none where that is not there."""
     found = dict[str, str]()
     for base in reversed(kind.__mro__):

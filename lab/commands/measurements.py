@@ -67,6 +67,9 @@ def measurements(
         columns: further columns as texts, ``(n,)`` each: ``station``, and ``location`` and ``socket`` for
             ``observe="socket"`` and ``"plane"``.
 
+    Returns:
+        The measurements: joint positions in rad or m, points in m in the instrument's frame.
+
     Raises:
         LabError: an array has another shape or is not of numbers, joint positions are not finite or in another unit,
             or points are in another unit.
@@ -143,6 +146,9 @@ def robot_from_dh(
         tool: points on the flange by name, ``(3,)`` in ``unit``: the targets.
         path: the TOML file that is written, from which every command and later session can load the robot; where none
             is given, a temporary one, so give one for runs that are to be repeated.
+
+    Returns:
+        The robot, loaded from the file that was written.
 
     Raises:
         LabError: the table or another argument has another shape, is not finite, or the file cannot be written.
@@ -309,6 +315,9 @@ def read_measurements(
             folder the file lies. The measurements remember it.
         observe: which of its columns are the measurements: ``points``, ``pose``, ``cable``, ``socket`` or ``plane``.
 
+    Returns:
+        The measurements of all rows of the file, whatever their ``use``.
+
     Raises:
         LabError: no robot is given or named; or the file is wrong, with the line as an editor counts it and the column.
 
@@ -360,6 +369,12 @@ def world_frames(of: str | Path | Robot | MeasurementSession) -> WorldFrames:
     Args:
         of: a simulated measurement session, with its instrument's pose then; or a robot (a name, a path, or a
             loaded one), whose instrument is the nominal one that designs are made for.
+
+    Returns:
+        Their poses in the world (m).
+
+    Raises:
+        LabError: there is no such robot (the message lists all), or it cannot be read.
 
     Example:
         >>> import lab

@@ -267,16 +267,22 @@ def _slope(points: Sequence[tuple[float, float]]) -> _Slope | None:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class StatusResult(Result):
-    """The state of every arm of a folder of runs on a day."""
+    """The state of every arm of a folder of runs on a date.
+
+    Attributes:
+        on: the date.
+        arms: the worst first.
+        left_out: runs that could not be used, and why not.
+    """
 
     command = "status"
     shown_by = "lab.commands.status:_status_document"
     drawn_by = "lab.commands.status:_checks_picture"
 
     options: StatusOptions
-    on: date  # the day
-    arms: tuple[_ArmStatus, ...]  # the worst first
-    left_out: tuple[_LeftOut, ...]  # runs that could not be used, and why not
+    on: date
+    arms: tuple[_ArmStatus, ...]
+    left_out: tuple[_LeftOut, ...]
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -62,19 +62,28 @@ class _DetectableChange:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class TrendResult(Result):
-    """The calibrations of a robot in order, and the changes between them."""
+    """The calibrations of a robot in order, and the changes between them.
+
+    Attributes:
+        runs: the calibrations, in the order of their dates.
+        estimates: the compared parameters of each.
+        changes: between them, in order.
+        detectable: the smallest change of each joint that would be found.
+        left_out: why runs of the folder were not used, a sentence each.
+        serial: the serial number of the arm; None where no run states it.
+    """
 
     command = "trend"
     shown_by = "lab.commands.trend:_trend_document"
     drawn_by = "lab.commands.trend:_parameters_picture"
 
     options: TrendOptions
-    runs: tuple[DatedRun, ...]  # the calibrations, in the order of their days
-    estimates: tuple[IdentifiedSubset, ...]  # of each the compared parameters
-    changes: tuple[ChangePoint, ...]  # between them, in order
-    detectable: tuple[_DetectableChange, ...]  # of each joint
-    left_out: tuple[str, ...]  # what of the folder was not taken, a sentence each
-    serial: str | None = None  # the serial number of the arm; None where no run states it
+    runs: tuple[DatedRun, ...]
+    estimates: tuple[IdentifiedSubset, ...]
+    changes: tuple[ChangePoint, ...]
+    detectable: tuple[_DetectableChange, ...]
+    left_out: tuple[str, ...]
+    serial: str | None = None
 
     @property
     def model_sha256(self) -> str:

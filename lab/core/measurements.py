@@ -169,7 +169,11 @@ class Measurements(Value):
         return self.other.get("station", ("",) * len(self))
 
     def take(self, rows: Sequence[int] | NDArray[np.int_]) -> "Measurements":
-        """Return some rows."""
+        """Return some rows, in their order.
+
+        Args:
+            rows: their 0-based numbers.
+        """
         index = np.asarray(rows, dtype=np.int_)
         if len(index) == len(self) and (index == np.arange(len(self))).all():
             return self
@@ -224,12 +228,20 @@ class Measurements(Value):
         return self.take(np.flatnonzero(self.seen.any(axis=1)))
 
     def without(self, ids: Sequence[str]) -> "Measurements":
-        """Return the rows with other ids."""
+        """Return the rows with other ids.
+
+        Args:
+            ids: of the rows that are left out.
+        """
         left_out = set(ids)
         return self.take([i for i, name in enumerate(self.ids) if name not in left_out])
 
     def only(self, *uses: str) -> "Measurements":
-        """Return the rows of these uses."""
+        """Return the rows of these uses.
+
+        Args:
+            uses: ``calibrate``, ``reference``, ``test`` or ``skip``.
+        """
         return self.take([i for i, use in enumerate(self.use) if use in uses])
 
 

@@ -323,14 +323,22 @@ class Instrument(Value):
     first order, azimuth and elevation errors of that over R cos(elevation) and over R. ``line-cameras`` are a
     ``LineCameras``. That is the noise of one reading, which the mean of several reduces. ``errors`` are common to the
     readings: those of nest and range differ in each pose and belong to the noise, which no number of
-    readings reduces; the others last through a campaign. They are zero unless stated. ``field_of_view`` bounds visible
-    targets. ``source`` is the path of the file that describes it, "" without one.
+    readings reduces; the others last through a campaign.
 
     Your own is an object, or an object of a subclass with its own ``sample`` and ``covariance``, of kind ``spherical``
     unless its noise is the same along all axes. If a package registers it as an entry point of ``lab.instruments``,
     ``--instrument`` takes it by name.
 
     Attributes:
+        name: of the preset or the file.
+        kind: distribution of the noise.
+        radial_m: standard deviation along the line of sight, at range zero; of each coordinate if isotropic.
+        radial_per_m: its growth with range.
+        transverse_m: standard deviation across the line of sight, at range zero.
+        transverse_per_m: its growth with range.
+        field_of_view: bounds of visible targets.
+        errors: systematic errors, zero unless stated.
+        source: path of the file that describes it; "" without one.
         observes: the sensors that it reads; none for points, and poses of a ``PoseInstrument``.
     """
 
@@ -350,7 +358,16 @@ class Instrument(Value):
         return self.name
 
     def sample(self, points: Array, rng: np.random.Generator, readings: int = 1) -> Array:
-        """Draw readings of ``points`` ``(..., 3)`` (m), each the mean of some, without ``errors``."""
+        """Draw readings of points, without ``errors``.
+
+        Args:
+            points: ``(..., 3)`` m, in the instrument's frame.
+            rng: random generator.
+            readings: of which each is the mean.
+
+        Returns:
+            The readings ``(..., 3)`` m.
+        """
         if self.kind == "exact":
             return points.copy()
         total = np.zeros_like(points)
@@ -359,14 +376,25 @@ class Instrument(Value):
         return total / readings
 
     def covariance(self, points: Array, readings: int = 1) -> Array:
-        """Return the covariance ``(..., 3, 3)`` in m^2 of the mean of some readings at ``points`` ``(..., 3)``.
+        """Return the covariance of the mean of some readings.
 
         It includes all errors that vary from pose to pose: the noise of the readings, and those of nest and range.
+
+        Args:
+            points: ``(..., 3)`` m, in the instrument's frame.
+            readings: of which each is the mean.
+
+        Returns:
+            The covariance ``(..., 3, 3)`` m².
         """
         return self._reading_covariance(points) / readings + self.errors.placement_covariance(points)
 
     def isotropic_sigma(self, readings: int = 1) -> float:
-        """Return the standard deviation (m) of the mean of some readings along each axis, of isotropic noise."""
+        """Return the standard deviation (m) along each axis of the mean of some readings, of isotropic noise.
+
+        Args:
+            readings: of which the mean is taken.
+        """
         assert is_isotropic(self)
         return float(np.hypot(self.radial_m / np.sqrt(readings), self.errors.nest.standard))
 

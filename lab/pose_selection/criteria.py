@@ -151,7 +151,14 @@ class Criterion(ABC):
 
     @abstractmethod
     def score(self, information: Array) -> Array:
-        """Return the scores ``(...)`` of information matrices ``(..., p, p)``, worse than any other where singular."""
+        """Return the scores of information matrices, worse than any other where singular.
+
+        Args:
+            information: ``(..., p, p)``, of whitened parameters.
+
+        Returns:
+            The scores ``(...)``.
+        """
 
     def slope(self, information: Array) -> Array:
         """Return the symmetric derivative ``(p, p)`` of the score by the information ``(p, p)``.

@@ -14,7 +14,7 @@ from lab.commands.command_line import parsed
 from lab.commands.registry import command_named
 from lab.extensions.reproduction.item import source_named, sources
 
-_SPEC = importlib.util.spec_from_file_location("source_rows", ROOT / "docs" / "_extensions" / "source_rows.py")
+_SPEC = importlib.util.spec_from_file_location("stored_rows", ROOT / "docs" / "_extensions" / "stored_rows.py")
 LEAST = {"thesis": 31, "elastic": 16, "course": 25, "staubli": 15, "further": 11}
 
 

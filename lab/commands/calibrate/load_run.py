@@ -114,16 +114,25 @@ class CalibrationRun(Value):
     """A calibration with its provenance: who uses an estimate of a run takes it from here.
 
     ``lab.load_robot`` takes it for the calibrated robot, and ``Path`` for the folder.
+
+    Attributes:
+        folder: of the run.
+        robot: the calibrated robot, with payloads where the load of the estimate hangs.
+        estimate: parameters with their covariance, and the points that they predict.
+        result: the verdict of the run, and whether it may be used.
+        load: at the flange, as the estimate has it; None without one.
+        inputs: inputs of the run; None of a result in memory.
+        edits: sentences about files that were changed since the run was written.
     """
 
-    folder: Path  # of the run
-    robot: Robot  # the calibrated robot, with payloads where the load of the estimate hangs
+    folder: Path
+    robot: Robot
     estimate: Estimate
     result: RunVerdict
     options: _Campaign
-    load: HandLoad | None  # at the flange; that of the estimate
-    inputs: RunInputs | None = None  # inputs of the run; None of a result in memory
-    edits: tuple[str, ...] = ()  # sentences about files that were changed since the run was written
+    load: HandLoad | None
+    inputs: RunInputs | None = None
+    edits: tuple[str, ...] = ()
 
     def __fspath__(self) -> str:
         """Return the folder of the run."""
@@ -257,6 +266,9 @@ def load_run(
         cell: the file that describes the robot's cell; that of the run, if not given.
         accept_edited: whether its files may have been changed since it was written.
 
+    Returns:
+        The run: calibrated robot, estimate, verdict and options.
+
     Raises:
         LabError: it is no such run, lacks a file, or is of another robot than the one of that name here.
 
@@ -308,6 +320,9 @@ def load_estimate(folder: str | Path, robot: str | Path | Robot | None = None) -
     Args:
         folder: of a run of ``calibrate`` or ``identify``; or one that ``lab.save_estimate`` wrote, with ``robot``.
         robot: the nominal robot, where the folder is no whole run.
+
+    Returns:
+        The estimate: parameters (m, rad), their covariance, and what predicts points (m).
 
     Raises:
         LabError: the folder holds no estimate, is of another robot, or was changed since it was written.

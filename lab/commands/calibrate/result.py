@@ -102,7 +102,9 @@ class CalibrationResult(Result):
     Attributes:
         fit: the state that the pipeline ended with: fit, checks, validation and verdict.
         seconds: of the identification and its validation.
-        real, comparison: of a virtual robot only; so are ``bad``, the ids of its simulated outliers.
+        real: of a virtual robot, the arm that was measured; else None.
+        comparison: of a virtual robot, its true parameters beside the identified ones; else None.
+        bad: of a virtual robot, the ids of its simulated outliers.
     """
 
     robot_at = "robot"

@@ -73,7 +73,17 @@ class Certificate(Result):
     """A calibration's certificate.
 
     Attributes:
+        calibrated: the run that is certified.
+        details: who measured what, when, where and with which instrument.
+        device: the instrument; None where it is not known.
+        budgets: uncertainty of a position (m), and of a distance between two.
+        robot: the robot's performance, by ISO 9283 as far as the run shows it.
         conformity: None without a tolerance, without validation, or where the certificate is not issued.
+        poses: number of fitted poses.
+        implausible: details that cannot be right, or are unusual.
+        validation: what validation shows beside the budget; None where the run was not validated.
+        unseen: effects that U does not contain.
+        with_unseen_m: expanded uncertainty of each measurand with the unseen effects.
     """
 
     command = "certify"
@@ -83,17 +93,17 @@ class Certificate(Result):
 
     options: CertifyOptions
     calibrated: CalibrationRun
-    details: CertificateDetails  # who measured what, when, where and with which instrument
-    device: Instrument | None  # the instrument; None where it is not known
-    budgets: tuple[Budget, ...]  # of a position, and of a distance between two
+    details: CertificateDetails
+    device: Instrument | None
+    budgets: tuple[Budget, ...]
     robot: RobotFound
     conformity: Conformity | None
     warnings: tuple[str, ...]
-    poses: int  # number of fitted poses
-    implausible: tuple[Check, ...]  # details that cannot be right, or are unusual
-    validation: LackOfFit | None  # what validation shows beside the budget; None where the run was not validated
-    unseen: tuple[Unseen, ...]  # effects that U does not contain
-    with_unseen_m: tuple[float, ...]  # expanded uncertainty of each measurand with the unseen effects
+    poses: int
+    implausible: tuple[Check, ...]
+    validation: LackOfFit | None
+    unseen: tuple[Unseen, ...]
+    with_unseen_m: tuple[float, ...]
 
     @property
     def serial(self) -> str | None:

@@ -65,8 +65,8 @@ class CompensationResult(Result):
         arm_inputs: ``(n, joints + conditions)`` of the arm at its corrected joint positions.
         without_effects_m: error of geometry alone there (root mean square), which is all that an exported
             arm holds; None where there is nothing else.
-        stops: waypoints: the reached targets, in their order; where it was checked, home before and after them and what
-            is passed on the way.
+        waypoints: the reached targets, in their order; where it was checked, home before and after them and what is
+            passed on the way.
         checked: whether waypoints and the paths between them were checked for collisions.
         notes: warnings on the inputs.
         program: the program that the targets are of; None where they are of a file of targets.

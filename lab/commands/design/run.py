@@ -434,9 +434,9 @@ class PlanCheckResult(Result):
     """Result of checking whether a plan can be run in a cell.
 
     Attributes:
-        stops: the plan's rows, in order.
+        waypoints: the plan's rows, in order.
         faults: reasons why it cannot be run; empty where it can.
-        day: duration of the measurement session.
+        duration: of the measurement session.
     """
 
     command = "design"

@@ -34,7 +34,15 @@ __all__ = ["ImportResult", "import_measurements"]
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ImportResult(Result):
-    """Measurements that were merged from a tracker's and a controller's file."""
+    """Measurements that were merged from a tracker's and a controller's file.
+
+    Attributes:
+        measurements: a row for each pose (m, rad, in the tracker's frame), or for each corner in a picture.
+        points: the tracker's file, or the pictures.
+        log: the controller's file.
+        matching: how points found their poses.
+        corners: in the pictures; None of a tracker's file.
+    """
 
     command = "import"
     robot_at = "robot"
@@ -43,12 +51,12 @@ class ImportResult(Result):
 
     options: ImportOptions
     robot: Robot
-    measurements: Measurements  # a row for each pose (m, rad, in the tracker's frame), or for each corner in a picture
-    points: TrackerPoints  # the tracker's file, or the pictures
-    log: JointLog  # the controller's file
-    matching: Matching  # how points found their poses
+    measurements: Measurements
+    points: TrackerPoints
+    log: JointLog
+    matching: Matching
     warnings: tuple[str, ...]
-    corners: CornerRows | None = None  # in the pictures; None of a tracker's file
+    corners: CornerRows | None = None
 
     @property
     def measured(self) -> int:
@@ -279,7 +287,7 @@ _SHOWN = 60  # poses by which distances are compared
 def import_measurements(
     points: str | Path | ImportOptions, robot: str | Path | Robot | None = None, **options: Any
 ) -> ImportResult:
-    """Merge a tracker's export with a controller's joint positions into measurements that ``identify`` reads.
+    r"""Merge a tracker's export with a controller's joint positions into measurements that ``identify`` reads.
 
     Corners in pictures, with the time of each picture, take the place of points for ``observe="pixels"``.
 
@@ -293,6 +301,18 @@ def import_measurements(
 
     Raises:
         LabError: a file cannot be read, or the two do not go together; with file, line and column.
+
+    Example:
+        >>> import lab, pathlib, tempfile
+        >>> folder, day = pathlib.Path(tempfile.mkdtemp()), lab.simulate("irb120", poses=12, seed=7).measurements
+        >>> points = [f"P{i},{x},{y},{z}" for i, (x, y, z) in enumerate(1e3 * day.points[:, 0])]
+        >>> _ = (folder / "tracker.csv").write_text("\n".join(["name,x_mm,y_mm,z_mm", *points]))
+        >>> joints = [",".join(map(str, [f"P{i}", *row])) for i, row in enumerate(day.joints)]
+        >>> header = "name,q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad"
+        >>> _ = (folder / "poses.csv").write_text("\n".join([header, *joints]))
+        >>> found = lab.import_measurements(folder / "tracker.csv", "irb120", joints=folder / "poses.csv")
+        >>> found.measurements.points.shape
+        (12, 1, 3)
     """
     if not isinstance(points, ImportOptions):
         loaded = robot_of_call("lab.import_measurements", points, robot)

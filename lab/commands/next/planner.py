@@ -77,6 +77,9 @@ class PosePlanner:
         accuracy_m: the wanted error; None for none.
     """
 
+    problem: PoseProblem
+    accuracy_m: float | None
+
     def __init__(
         self,
         robot: str | Path | Robot = "irb120",
@@ -120,7 +123,7 @@ class PosePlanner:
             clearance_mm=clearance_mm, self_clearance_mm=self_clearance_mm, no_check=no_check,
         )  # fmt: skip
         self.options.refuse_nonsense()
-        self.problem: PoseProblem = pose_problem(self.options, known, progress)
+        self.problem = pose_problem(self.options, known, progress)
         if self.problem.robot.model.stations:
             raise LabError("the cell has several stations, but poses are proposed one after the other from one station")
         self.accuracy_m = None if accuracy_mm is None else MM.to_si(accuracy_mm)

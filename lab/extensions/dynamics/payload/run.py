@@ -67,6 +67,12 @@ def payload(
 
     Raises:
         LabError: the file lacks what the method needs, or does not show a payload.
+
+    Example:
+        >>> import lab
+        >>> found = lab.payload(simulate=True, robot="tx40", payload_kg=1.5, seconds=5.0, seed=7)
+        >>> f"{found.to_dict()['mass_kg']['value']:.1f} kg"
+        '1.5 kg'
     """
     if isinstance(file, PayloadOptions):
         file.check()

@@ -1,0 +1,141 @@
+"""Pages of the reference: every command with every option, every object with its arguments, types and units."""
+
+import dataclasses
+import inspect
+import re
+import sys
+import tomllib
+from importlib import import_module
+from types import FunctionType
+
+import pytest
+from helpers.robots import ROOT
+
+import lab
+from lab.commands.help_text import options_of_command
+from lab.commands.registry import all_commands, command_named
+
+pytest.importorskip("sphinx")
+EXTENSIONS = ROOT / "docs" / "_extensions"
+sys.path.insert(0, str(EXTENSIONS))
+try:
+    commands, interface, sidebar = map(import_module, ("command_pages", "interface", "sidebar"))
+finally:
+    sys.path.remove(str(EXTENSIONS))
+OBJECTS = {each.path: each for group in interface.documented().values() for each in group}
+CALLS = [path for path, each in OBJECTS.items() if each.is_call]
+CLASSES = [path for path, each in OBJECTS.items() if not each.is_call]
+
+
+def test_every_public_name_has_a_page_of_its_own() -> None:
+    assert {path for path in OBJECTS if ":" not in path} == set(lab.__all__) - {"__version__"}
+    pages = [each.page.lower() for each in OBJECTS.values()]
+    assert len(set(pages)) == len(pages)  # also where files do not differ in capitals
+
+
+def test_what_a_call_returns_has_a_page() -> None:
+    for path in CALLS:
+        returned = interface.spelled(inspect.signature(OBJECTS[path].value).return_annotation)
+        for name in re.findall(r"[A-Z]\w+", returned):
+            assert name in {each.name for each in OBJECTS.values()} | {"None"}, f"{path} returns {name}"
+
+
+def test_every_group_is_on_the_page_of_the_interface() -> None:
+    text = (ROOT / "docs" / "reference" / "interface.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\.\. interface-index:: (.+)$", text, re.MULTILINE) == list(interface.documented())
+
+
+@pytest.mark.parametrize("path", CALLS)
+def test_a_call_shows_every_argument_with_type_default_and_meaning(path: str) -> None:
+    each = OBJECTS[path]
+    page = interface.call_page(each)
+    rows = dict(re.findall(r"\* - ``(\w+)``\n\n((?:.|\n)*?)(?=\n   \* -|\n\n\S|\Z)", page))
+    assert set(rows) == {*interface.own_arguments(each), *inspect.signature(each.value).parameters} - {
+        "given",
+        "options",
+    } or (path == "rotation" and set(rows) == set(inspect.signature(each.value).parameters))
+    for name, row in rows.items():
+        kind, default, meaning = re.findall(r"^     -(.*)$", row, re.MULTILINE)
+        assert kind.strip() and default.strip() and meaning.strip(), f"{path}: {name}"
+    assert {"Returns", "Raises"} <= set(each.sections) or inspect.signature(each.value).return_annotation is None
+
+
+@pytest.mark.parametrize("path", CLASSES)
+def test_a_class_shows_every_attribute_with_type_and_meaning(path: str) -> None:
+    each = OBJECTS[path]
+    found = interface.attributes(each)
+    for name, (kind, _, meaning) in found.items():
+        assert kind and meaning, f"{path}: {name}"
+    if dataclasses.is_dataclass(each.value) and not each.only:
+        names = {field.name for field in dataclasses.fields(each.value) if not field.name.startswith("_")}
+        assert names <= set(found), f"{path}: {names - set(found)} undocumented"
+    assert set(each.only) <= set(found) | set(interface.methods(each))
+    assert all((getattr(each.value, name).__doc__ or "").strip() for name in interface.methods(each))
+
+
+@pytest.mark.parametrize("command", all_commands(), ids=lambda command: command.name)
+def test_a_command_shows_every_option_once_with_an_anchor(command) -> None:
+    page, options = commands.command_page(command), options_of_command(command)
+    anchors = re.findall(rf"\.\. _lab-{command.name}-([\w-]+):", page)
+    assert sorted(anchors) == sorted(each.name.replace("_", "-") for each in options)
+    assert all(example in page for example in command.examples)
+    for each in options:
+        assert (each.name.upper() if each.positional else each.flag) in page
+        assert commands.meaning(each.help) in page or "\n\n" in each.help
+
+
+def test_units_are_those_of_the_names() -> None:
+    shown = {"noise_mm": "mm", "gear_ppm": "ppm", "stiffness_nm_per_rad": "N m/rad", "feed_mm_s2": "mm/s²", "model": ""}
+    assert {name: commands.unit_of(name) for name in shown} == shown
+    assert "float | None, mm" in interface.call_page(OBJECTS["identify"]).replace("\\", "")
+
+
+def test_a_text_is_no_markup() -> None:
+    assert commands.meaning("give link4.d,tool.* by --fix, as lab identify does", "{name}") == (
+        r"give link4.d,tool.\* by ``fix``, as ``lab identify`` does"
+    )
+    assert commands.literal("") == "" and r"\|" in commands.escaped("a|b")
+
+
+def test_pages_are_written_where_they_changed_and_stale_ones_go(tmp_path) -> None:
+    commands.write_pages(tmp_path, {"a": "one", "b": "two"})
+    before = (tmp_path / "a.rst").stat().st_mtime_ns
+    commands.write_pages(tmp_path, {"a": "one", "c": "three"})
+    assert sorted(path.stem for path in tmp_path.iterdir()) == ["a", "c"]
+    assert (tmp_path / "a.rst").stat().st_mtime_ns == before
+
+
+def test_the_sidebar_leaves_out_single_objects_alone() -> None:
+    entry = '<li class="toctree-l3"><a class="reference internal" href="{}">x</a></li>\n'
+    tree = '<ul>\n<li class="toctree-l2"><a href="interface.html">i</a><ul>\n' + entry + "</ul>\n</li></ul>"
+    assert "toctree-l3" not in sidebar.without_hidden(tree.format("reference/interface/identify.html"), "index")
+    assert "toctree-l3" not in sidebar.without_hidden(tree.format("#"), "reference/interface/identify")
+    assert "toctree-l3" in sidebar.without_hidden(tree.format("how_to/verify.html"), "index")
+
+
+def test_links_of_pages_lead_to_pages() -> None:
+    pages = {path.relative_to(ROOT / "docs").with_suffix("").as_posix() for path in (ROOT / "docs").rglob("*.*")}
+    assert not [page for each in OBJECTS.values() for page in each.see if page not in pages]
+    bibliography = (ROOT / "docs" / "theory" / "bibliography.md").read_text(encoding="utf-8")
+    groups = tomllib.loads((ROOT / "docs" / "reference" / "interface.toml").read_text(encoding="utf-8"))["group"]
+    for about in (about for group in groups for about in group["names"].values()):
+        for year in re.findall(r"(?:19|20)\d\d", about.get("sources", "")):
+            assert year in bibliography
+        for author in re.findall(r"[A-Z][a-z]{3,}(?= (?:and|\())", about.get("sources", "")):
+            assert author in bibliography, author
+
+
+def test_a_page_names_the_call_of_its_command() -> None:
+    assert ":py:func:`lab.identify`" in commands.command_page(command_named("identify"))
+    assert isinstance(lab.identify, FunctionType) and ":ref:`lab-identify`" in interface.call_page(OBJECTS["identify"])
+
+
+def test_the_search_knows_every_arm_and_leads_to_pages() -> None:
+    terms = tomllib.loads((ROOT / "docs" / "search.toml").read_text(encoding="utf-8"))
+    assert not [page for page in terms if not (ROOT / "docs" / f"{page}.md").is_file()]
+    robots = (ROOT / "docs" / "reference" / "robots.md").read_text(encoding="utf-8")
+    arms = re.findall(r"^\| `\w+` \| ([^|]+) \| \dR \|", robots, re.MULTILINE)
+    words = [set(term.split()) for term in terms["reference/robots"]]
+    assert arms and not [
+        arm for arm in arms if not any(each <= set(re.split(r"[ ,]|-(?=[57]/)", arm)) for each in words)
+    ]
