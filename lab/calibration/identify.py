@@ -590,9 +590,14 @@ def _shortest_turn(values: Array, turning: list[int]) -> Array:
 
 
 def _relative_spread(observation: Observation, observed: Observations, aligned: Array, nominal: Array) -> float:
-    """Return the spread of the measured points over that of the nominal model with its tool in the same poses."""
+    """Return the spread of the measured points over that of the nominal model with its tool in the same poses.
+
+    Fixtures are placed anew for that tool: those that were placed with another one would be elsewhere for it.
+    """
     values, tool = aligned.copy(), list(columns_of(observation.model, ("tool",)))
     values[tool] = nominal[tool]
+    if "tool" in observation.placed and "base" not in observation.placed:
+        values = observation.initial_guess(observed, values)
     compared = observed.points[:, : observation.positions or None]
     predicted = observation.model.points(observed.inputs, values)[:, : observation.positions or None]
     if not (observation.positions or np.nan_to_num(compared).any()):  # places are touched: only zeros are observed
