@@ -245,13 +245,13 @@ def test_an_uncertain_artefact_needs_noise_to_be_weighed_against() -> None:
 
 @pytest.fixture(scope="module")
 def indicators() -> lab.MeasurementSession:
-    """Indicators read by an arm whose flange keeps its direction: no reading tells the tool's length from their zeros."""
+    """Indicators at an arm whose flange keeps its direction: no reading tells the tool's length from their zeros."""
     return lab.simulate("scara", observe="dial", instrument="dial-indicator", poses=60, seed=2)
 
 
 def test_a_tool_that_indicators_do_not_show_makes_no_other_robot(indicators: lab.MeasurementSession) -> None:
     found = lab.identify(indicators.measurements, robot="scara", observe="dial", noise_mm=0.005)
-    assert found.verdict.word == "good"
+    assert found.verdict.word != "bad"
     assert found.identification.spread == pytest.approx(1, abs=0.05)
 
 
