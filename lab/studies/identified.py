@@ -118,7 +118,7 @@ class _Campaigns:
         kind = sensor.weighted_by(self._device, data)
         fitter = Fitter(
             self._robot,
-            options.targets,
+            kind.targets(data),
             data,
             kind,
             kind.noise(Noise(self._device)),
