@@ -25,7 +25,7 @@ from lab.sensors.contact import without_gaps
 from lab.simulation.collisions import collides
 from lab.verification.socket_checks import LEAST_CONFIGURATIONS, best_configurations
 
-__all__ = ["CheckPlan", "placed_by", "planned", "sockets_of"]
+__all__ = ["CheckPlan", "ball_columns", "placed_by", "planned", "sockets_of"]
 
 _CHOICES = 60  # configurations to choose from at each socket
 _DRAWN, _ROUNDS = 120, 30
