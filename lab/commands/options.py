@@ -408,6 +408,8 @@ class RotationOptions:
         given = [f"--{name}" for name in ("matrix", "quaternion", "angles", "axis") if getattr(self, name)]
         if len(given) != 1:
             both = f"{' and '.join(given)} each give a rotation" if given else "no rotation is given"
+            if not given and self.angle is not None:
+                both = "--angle is about an --axis; three angles in a row are --angles. No rotation is given"
             raise LabError(f"{both}: give one of --matrix, --quaternion, --angles, --axis")
         if bool(self.axis) != (self.angle is not None):
             raise LabError("--axis and --angle belong together: give both, or neither")
