@@ -119,8 +119,8 @@ def _with_noise(data: Measurements, device: Instrument, slopes: Array, rng: np.r
         if touching.all():
             return data
     if "u_px" in data.conditions:
-        read = {name: data.conditions[name] + _PX * rng.standard_normal(len(data)) for name in ("u_px", "v_px")}
-        return replace(data, conditions={**data.conditions, **read})
+        places = {name: data.conditions[name] + _PX * rng.standard_normal(len(data)) for name in ("u_px", "v_px")}
+        return replace(data, conditions={**data.conditions, **places})
     for column in {"cable_mm", "dial_mm"} & set(data.conditions):
         lengths = device.sample(data.conditions[column][:, None] / 1e3, rng)[:, 0]
         return replace(data, conditions={**data.conditions, column: 1e3 * lengths})
