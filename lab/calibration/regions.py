@@ -124,9 +124,9 @@ def slopes_placed_anew(found: Identification, inputs: Array) -> TargetSlopes | N
     observation = observation_of(found.model)
     if observation.positions or found.process is not None or not isinstance(observation, ArmObservation):
         return None
-    arm, size = observation.arm, len(observation.arm.names)
-    of_arm = inputs[:, : inputs.shape[1] - len(found.model.conditions) + len(arm.conditions)]
-    slopes = of_first_targets(arm, arm.observe(of_arm, found.values[:size])[1])
+    arm, width = _points_of(found.model, inputs.shape[1])
+    size = len(arm.names)
+    slopes = of_first_targets(arm, arm.observe(inputs[:, :width], found.values[:size])[1])
     reached = np.asarray(np.isfinite(slopes).all(axis=(1, 2, 3)))
     if not reached.any():
         return None
@@ -137,6 +137,14 @@ def slopes_placed_anew(found: Identification, inputs: Array) -> TargetSlopes | N
     if groups:
         by_free = without_columns(by_free, jacobian[..., list(indices_of_groups(arm.parameters, groups))])
     return TargetSlopes(arm, jacobian, by_free.reshape(int(reached.sum()), -1, *by_free.shape[1:]), reached, groups)
+
+
+def _points_of(model: Model, width: int) -> tuple[Model, int]:
+    """Return the model of the targets' positions, and how many of ``width`` columns of inputs are its own."""
+    observation = observation_of(model)
+    if observation.positions or not isinstance(observation, ArmObservation):
+        return model, width
+    return observation.arm, width - len(model.conditions) + len(observation.arm.conditions)
 
 
 def without_columns(rows: Array, columns: Array) -> Array:
@@ -249,19 +257,21 @@ def region_of_points(
     inputs = at_first_station(model.conditions, inputs)
     if (some := evenly(len(inputs), _MAX_STARTS)) is not None:
         inputs = inputs[some]
-    there = model.points(inputs, values)[:, 0]
+    (arm, width), size = _points_of(model, inputs.shape[1]), joints.size
+    values = values[: len(arm.names)]
+    there = arm.points(inputs[:, :width], values)[:, 0]
     inputs, there = inputs[np.isfinite(there).all(axis=1)], there[np.isfinite(there).all(axis=1)]
     nearest = ((points[:, None] - there) ** 2).sum(axis=2).argmin(axis=1)
-    size, found = joints.size, inputs[nearest].copy()
-    distance = points - model.points(found, values)[:, 0]
+    found = inputs[nearest].copy()
+    distance = points - arm.points(found[:, :width], values)[:, 0]
     for _ in range(_STEPS):
-        slopes = by_joint_positions(model, found, values, size)[:, 0]
+        slopes = by_joint_positions(arm, found[:, :width], values, size)[:, 0]
         square = slopes @ np.swapaxes(slopes, 1, 2)
         damping = _DAMPING * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
         step = (np.swapaxes(slopes, 1, 2) @ np.linalg.solve(square + damping, distance[..., None]))[..., 0]
         longest = np.abs(step).max(axis=1, keepdims=True)
         found[:, :size] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-300))
-        distance = points - model.points(found, values)[:, 0]
+        distance = points - arm.points(found[:, :width], values)[:, 0]
         if np.nanmax(np.abs(distance), initial=0.0) < _REACHED:
             break
     reached = (np.abs(distance) < _REACHED).all(axis=1) & ~joints.beyond_limits(found[:, :size], _REACHED).any(axis=1)
