@@ -21,6 +21,7 @@ from lab.core.units import MM
 from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.model import RigidArm
 from lab.render import document as doc
+from lab.render.document import fixed
 from lab.sensors.contact import without_gaps
 from lab.simulation.collisions import collides
 from lab.verification.socket_checks import LEAST_CONFIGURATIONS, best_configurations
@@ -95,7 +96,7 @@ def _plan_document(plan: CheckPlan) -> doc.Document:
     chain = plan.calibrated.robot.chain
     joints = [f"{name}, {chain.unit(i).name}" for i, name in enumerate(chain.joint_names)]
     rows = [
-        (socket or "–", *(f"{value:.2f}" for value in row))
+        (socket or "–", *(fixed(value, 2) for value in row))
         for socket, row in zip(plan.sockets, plan._shown.tolist(), strict=True)
     ]
     note = (
