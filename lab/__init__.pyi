@@ -15,6 +15,7 @@ from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.run import MeasurementSession
 from lab.commands.certify.result import Certificate
 from lab.commands.check import CheckResult
+from lab.commands.check_plan import CheckPlan
 from lab.commands.compare import ComparisonResult
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
@@ -201,13 +202,14 @@ def check(
     run: str | Path | CalibrationResult | CheckOptions,
     measurements: str | Path | Measurements | None = None,
     *,
+    plan: int | None = None,
     reference: int = 10,
     since: str | None = None,
     serial: str | None = None,
     require: Literal["good"] | None = None,
     force: bool = False,
     accept_edited: bool = False,
-) -> CheckResult: ...
+) -> CheckResult | CheckPlan: ...
 def compare(
     runs: Sequence[str | Path | CalibrationResult] | CompareOptions,
     *,

@@ -51,7 +51,18 @@ from lab.core.errors import LabError
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-__all__ = ["add", "added", "choice_of", "load", "load_all", "load_part", "load_reference", "own_part", "registered"]
+__all__ = [
+    "add",
+    "added",
+    "choice_of",
+    "given_parts",
+    "load",
+    "load_all",
+    "load_part",
+    "load_reference",
+    "own_part",
+    "registered",
+]
 
 _Part = TypeVar("_Part")
 _PARTS = (
@@ -92,7 +103,8 @@ def registered(group: str) -> tuple[str, ...]:
 def add(group: str, name: str, part: object) -> None:
     """Register an object of this program in a group, as the entry point of a package is; again, in place of the last.
 
-    Worker processes and command lines do not know it: install a package for these.
+    Worker processes of this machine know it too, if a module defines it that they can import: not the script itself.
+    Command lines and clusters do not: install a package for these.
 
     Raises:
         LabError: the group is of no parts, or a package registers this name.
@@ -102,6 +114,18 @@ def add(group: str, name: str, part: object) -> None:
     if name in _entries(group):
         raise LabError(f"'{name}' of {group} is registered by a package; give yours another name")
     _given.setdefault(group, {})[name] = part
+
+
+def given_parts() -> dict[str, dict[str, Any]]:
+    """Return the registered objects of this program, by group and name, that another process can import."""
+    return {
+        group: {name: part for name, part in parts.items() if _defined_in(part) != "__main__"}
+        for group, parts in _given.items()
+    }
+
+
+def _defined_in(part: object) -> str:
+    return part.__module__ if isinstance(part, type) else type(part).__module__
 
 
 def load(group: str, name: str) -> Any:

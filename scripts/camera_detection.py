@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from rendered_boards import rendered
 from shared import Answer, Document, Flag, Section, Table, run_script, short
 
 import lab
@@ -24,7 +25,6 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.sensors.cameras.closed_forms import board_poses
 from lab.sensors.cameras.geometry import sight_lines
-from lab.sensors.cameras.rendering import rendered
 from lab.sensors.cameras.rig import PX, Board, Rig, read_rig
 
 _CAMERA = """[[camera]]

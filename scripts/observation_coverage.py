@@ -14,6 +14,7 @@ from shared import Answer, Document, Flag, Section, named_values, paragraphs, ru
 
 from lab.calibration.identify import Identification, identify
 from lab.calibration.observation import observation_of
+from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.weights import Noise, weigh
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_virtual
@@ -27,8 +28,9 @@ from lab.core.se3 import Array
 from lab.formats.orientations import orientation_texts, read_orientations
 from lab.kinematics.model import Model
 from lab.noise.instruments import Instrument, PoseInstrument, instrument
+from lab.sensors.fixtures import Fixtures
+from lab.sensors.self_contact import SelfContact
 from lab.sensors.virtual_sensor import VirtualSensor
-from lab.simulation.true_robot import TrueRobot
 
 CASES: Mapping[str, tuple[str, int]] = {  # of each kind: the instrument, and how many poses
     "points": ("leica-at960", 40),
@@ -36,10 +38,17 @@ CASES: Mapping[str, tuple[str, int]] = {  # of each kind: the instrument, and ho
     "cable": ("draw-wire", 80),
     "socket": ("ball-in-socket", 60),
     "plane": ("touch-probe", 90),
+    "cube": ("touch-probe", 90),
+    "sphere-plate": ("ball-in-socket", 40),
+    "ball-bar": ("ball-in-socket", 80),
+    "dial": ("dial-indicator", 80),
+    "pixels": ("exact", 25),
+    "self-contact": ("uniform-8um", 60),
 }
+_PX = 0.1  # noise of a corner in a picture
+_TORSO = ("torso", ("left.p1", "right.p1"))  # of self-contact, which takes an arm of two tips
 _REACH = 1.959963984540054
 _FRESH = 200
-_STEP = 1e-6  # rad or m of a joint, of differences
 
 
 @dataclass(frozen=True)
@@ -51,7 +60,7 @@ class Options:
     draws: int = 50
     """Of the noise, for each arm."""
     robot: str = "irb120"
-    """Which arm."""
+    """Which arm; self-contact is of the torso."""
     kinds: tuple[str, ...] = tuple(CASES)
     """Kinds of observation."""
     json: Flag = False
@@ -64,20 +73,25 @@ class MeasuredArm:
 
     Attributes:
         kind: with the weights of the instrument.
-        slopes: ``(n, d, joints)`` of what vanishes in contact by the joints; None of other kinds.
+        slopes: ``(n, d, joints)`` of what vanishes in contact by the joints, NaN in rows of other readings.
         truth: ``(p,)`` of the exact identification's model.
     """
 
     day: MeasurementSession
     kind: VirtualSensor
     device: Instrument
-    slopes: Array | None
+    slopes: Array
     exact: Identification
     truth: Array
 
+    @property
+    def noise(self) -> Noise:
+        """What weighs the readings."""
+        return self.kind.noise(Noise(self.device))
+
     def nominal(self) -> tuple[Model, Array]:
         """The arm measured by points, with its nominal parameters."""
-        arm = self.day.robot.arm(("p1",))
+        arm = self.day.robot.arm(self.day.options.targets)
         return arm, arm.nominal(self.day.robot.tool)
 
     def noisy(self, rng: np.random.Generator) -> tuple[Model, Measurements]:
@@ -94,14 +108,22 @@ class MeasuredArm:
         return np.asarray((arm.points(joints, values[:size]) - arm.points(joints, self.truth[:size]))[:, 0])
 
 
-def _with_noise(data: Measurements, device: Instrument, slopes: Array | None, rng: np.random.Generator) -> Measurements:
+def _with_noise(data: Measurements, device: Instrument, slopes: Array, rng: np.random.Generator) -> Measurements:
     """Exact measurements as the instrument would have read them; contacts by the joints' shortest move."""
-    if slopes is not None:
-        noise = device.sample(np.zeros((len(data), slopes.shape[1])), rng)
-        return replace(data, joints=data.joints + (np.linalg.pinv(slopes) @ noise[..., None])[..., 0])
-    if "cable_mm" in data.conditions:
-        lengths = device.sample(data.conditions["cable_mm"][:, None] / 1e3, rng)[:, 0]
-        return replace(data, conditions={**data.conditions, "cable_mm": 1e3 * lengths})
+    touching = np.isfinite(slopes).all(axis=(1, 2))
+    if touching.any():
+        noise = device.sample(np.zeros((int(touching.sum()), slopes.shape[1])), rng)
+        joints = data.joints.copy()
+        joints[touching] += (np.linalg.pinv(slopes[touching]) @ noise[..., None])[..., 0]
+        data = replace(data, joints=joints)
+        if touching.all():
+            return data
+    if "u_px" in data.conditions:
+        places = {name: data.conditions[name] + _PX * rng.standard_normal(len(data)) for name in ("u_px", "v_px")}
+        return replace(data, conditions={**data.conditions, **places})
+    for column in {"cable_mm", "dial_mm"} & set(data.conditions):
+        lengths = device.sample(data.conditions[column][:, None] / 1e3, rng)[:, 0]
+        return replace(data, conditions={**data.conditions, column: 1e3 * lengths})
     systematic = device.errors.sample(data.points, rng.spawn(1)[0])
     read = replace(data, points=device.sample(data.points, rng) + systematic)
     if "p1_qw" not in data.other:
@@ -112,18 +134,13 @@ def _with_noise(data: Measurements, device: Instrument, slopes: Array | None, rn
     return replace(read, other={**data.other, **turned})
 
 
-def _slopes(real: TrueRobot, data: Measurements, placed: Mapping[str, Array]) -> Array:
-    """``(n, d, joints)``: of the point in a socket, or of its distance from a plane, by the joints."""
-
-    def points(joints: Array) -> Array:
-        return real.points(joints, ("p1",))[:, 0]
-
-    moves = _STEP * np.eye(data.joints.shape[1])
-    slopes = np.stack([(points(data.joints + m) - points(data.joints - m)) / (2 * _STEP) for m in moves], axis=-1)
-    if "socket" in data.other:
-        return slopes
-    normals = np.array([placed[f"plane.{name}"][:3] for name in data.other["location"]])
-    return np.asarray(normals[:, None] @ slopes)
+def _slopes(model: Model, data: Measurements, truth: Array) -> Array:
+    """``(n, d, joints)``: of what vanishes in contact, the last observed number, by the joints; NaN without contact."""
+    size = data.joints.shape[1]
+    if not ((isinstance(model, Fixtures) and model.contact) or isinstance(model, SelfContact)):
+        return np.full((len(data), 1, size), np.nan)
+    slopes = by_joint_positions(model, data.inputs(model.conditions), truth, size)[:, -1]
+    return np.where(data.seen[:, -1, None, None], slopes, np.nan)
 
 
 def measured_arm(robot_name: str, name: str, device: Instrument, poses: int, seed: int) -> MeasuredArm:
@@ -135,11 +152,14 @@ def measured_arm(robot_name: str, name: str, device: Instrument, poses: int, see
     Raises:
         LabError: the arm's parameters have no single truth.
     """
-    options = VirtualCampaign(robot_name, observe=name, poses=poses, instrument="exact", seed=seed)
+    robot_name, targets = _TORSO if name == "self-contact" else (robot_name, ("p1",))
+    options = VirtualCampaign(robot_name, observe=name, poses=poses, instrument="exact", seed=seed, targets=targets)
+    if name == "pixels":
+        options = replace(options, noise_px=_PX)
     robot = load_virtual(robot_name)
     day, placed = measurement_session(options, robot)
     kind = options.kind().weighted_by(device, day.measurements)
-    arm = robot.arm(("p1",))
+    arm = robot.arm(targets)
     nominal = arm.nominal(robot.tool)
     model, data = kind.observation(arm, day.measurements, nominal)
     exact = identify(model, data, nominal)
@@ -147,8 +167,10 @@ def measured_arm(robot_name: str, name: str, device: Instrument, poses: int, see
     truth = None if known is None else kind.observed_truth(known, exact, day.true_robot, placed)
     if truth is None:
         raise LabError(f"--robot {robot_name}: its parameters have no single truth; take a serial arm")
-    slopes = _slopes(day.true_robot, day.measurements, placed) if name in ("socket", "plane") else None
-    return MeasuredArm(day, kind, device, slopes, exact, truth.of(exact.model.names))
+    values = exact.values.copy()  # what no reading shows is as it is taken
+    free = list(exact.fit.free)
+    values[free] = truth.of([exact.model.names[i] for i in free])
+    return MeasuredArm(day, kind, device, _slopes(exact.model, data, values), exact, values)
 
 
 def study(options: Options, name: str) -> dict[str, float]:
@@ -159,7 +181,7 @@ def study(options: Options, name: str) -> dict[str, float]:
         rng = rng_for(seed, "noise")
         exact_m = max(exact_m, float(np.abs(arm.exact.values - arm.truth)[list(arm.exact.fit.free)].max()))
         model, data = arm.noisy(rng)
-        found = identify(model, data, arm.nominal()[1], Noise(arm.device))
+        found = identify(model, data, arm.nominal()[1], arm.noise)
         floors.append(_floor(arm, found))
         for _ in range(options.draws):
             z, square = _standardized(arm, *arm.noisy(rng))
@@ -195,7 +217,7 @@ def _floor(arm: MeasuredArm, found: Identification) -> tuple[float, float]:
 def _standardized(arm: MeasuredArm, model: Model, data: Measurements) -> tuple[Array, float]:
     """Errors ``(f,)`` of the estimates in standard deviations, and e' C^-1 e / f."""
     free = list(arm.exact.fit.free)
-    observed, _ = weigh(observation_of(model), data, Noise(arm.device))
+    observed, _ = weigh(observation_of(model), data, arm.noise)
     predicted, jacobian = model.observe(observed.inputs, arm.truth)
     extra, slopes = arm.exact.extra_residuals(arm.truth)
     rows = np.concatenate([observed.apply(jacobian[..., free]), slopes[:, free]])

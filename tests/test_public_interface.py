@@ -200,3 +200,5 @@ def test_effects_are_one_argument_and_what_the_fit_alone_needs_is_none_of_a_simu
     assert own.options.effects == lab.Effects(gear_ppm=50.0, payload_kg=(0.0, 3.0))
     assert own == lab.simulate("irb120", poses=6, seed=3, gear_ppm=50.0, payload_kg=(0.0, 3.0))
     assert own != lab.simulate("irb120", poses=6, seed=3)
+    with pytest.raises(LabError, match="gear_ppm is given beside effects, which has it too; give it in one of them"):
+        lab.simulate("irb120", poses=6, effects=lab.Effects(gear_ppm=50.0), gear_ppm=20.0)

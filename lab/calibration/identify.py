@@ -441,7 +441,7 @@ class _MAPProblem:
             if not found.weak(found.scale()[0]).any():
                 return None
         columns = tuple(i for i in identifiable if i in plain.free or i in prior.of)
-        values = plain.values if usable else self.start
+        values, earlier = (plain.values, plain.cost_trace[:-1]) if usable else (self.start, ())
         best: _MAPFit | None = None
         for _ in range(_PRIOR_ROUNDS):
             weight = self._weight(sigma)
@@ -457,6 +457,7 @@ class _MAPProblem:
                 self.observation.model.names, prior.mean, rows, scale, scale_from, len(weak), condition
             )
             solution = self._fitted(acting, weight, columns, values)
+            solution = replace(solution, cost_trace=(*earlier, *solution.cost_trace))  # all steps that led there
             if solution.status != "converged" and (usable or best is not None):
                 return best
             if not usable:
@@ -464,7 +465,7 @@ class _MAPProblem:
                 residuals = self.observed.points - self.observation.model.points(self.observed.inputs, solution.values)
                 dof, sigma = _residual_sigma(self.observation, self.observed, solution, residuals, left)
             before, best = best, _MAPFit(acting, solution, dof, sigma, weight)
-            values = solution.values
+            values, earlier = solution.values, solution.cost_trace[:-1]
             if (
                 before is not None
                 and before.prior.acts_in == acting.acts_in
@@ -590,9 +591,14 @@ def _shortest_turn(values: Array, turning: list[int]) -> Array:
 
 
 def _relative_spread(observation: Observation, observed: Observations, aligned: Array, nominal: Array) -> float:
-    """Return the spread of the measured points over that of the nominal model with its tool in the same poses."""
+    """Return the spread of the measured points over that of the nominal model with its tool in the same poses.
+
+    Fixtures are placed anew for that tool: those that were placed with another one would be elsewhere for it.
+    """
     values, tool = aligned.copy(), list(columns_of(observation.model, ("tool",)))
     values[tool] = nominal[tool]
+    if "tool" in observation.placed and "base" not in observation.placed:
+        values = observation.initial_guess(observed, values)
     compared = observed.points[:, : observation.positions or None]
     predicted = observation.model.points(observed.inputs, values)[:, : observation.positions or None]
     if not (observation.positions or np.nan_to_num(compared).any()):  # places are touched: only zeros are observed

@@ -16,6 +16,7 @@ from lab.kinematics.parameter import placed_parameters
 
 __all__ = [
     "ROTATION_PARAMETERS",
+    "ArmObservation",
     "Observation",
     "Points",
     "UnsizedObservation",
@@ -87,6 +88,15 @@ class UnsizedObservation(Observation, Protocol):
     @property
     def scale_link(self) -> int:
         """Index of the length that stays nominal where the size is not shown."""
+
+
+@runtime_checkable
+class ArmObservation(Observation, Protocol):
+    """Observation of an arm whose parameters are the first, and whose conditions are the first."""
+
+    @property
+    def arm(self) -> Model:
+        """The arm, measured by points."""
 
 
 @dataclass(frozen=True)

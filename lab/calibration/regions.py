@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lab.calibration.extrapolation import neighbours
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
-from lab.calibration.observation import observation_of
+from lab.calibration.observation import ArmObservation, observation_of
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import linearized
 from lab.calibration.validation import configurations
@@ -26,16 +26,20 @@ from lab.core.se3 import Array
 from lab.kinematics.effects.sessions import at_first_station
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import Model
+from lab.kinematics.parameter import indices_of_groups
 from lab.kinematics.tree import first_of_tips
 
 __all__ = [
     "Region",
     "RegionKind",
+    "TargetSlopes",
     "TaskRegion",
     "first_targets",
     "measured_region",
     "of_first_targets",
     "region_of_points",
+    "slopes_placed_anew",
+    "without_columns",
     "workspace_region",
 ]
 
@@ -89,6 +93,66 @@ def of_first_targets(model: Model, each: Array) -> Array:
     return each[:, :1] if first == (0,) else each[:, list(first)]  # a slice is no copy
 
 
+@dataclass(frozen=True)
+class TargetSlopes:
+    """Positions of an arm's first target, or of the first of each of t tips, at some poses of a region.
+
+    Attributes:
+        arm: measured by points.
+        jacobian: ``(n t, 3, p)`` by its parameters.
+        by_free: ``(n, t, 3, f)`` by the parameters that were fitted, these groups placed anew.
+        reached: ``(m,)`` which of the poses the arm takes.
+        groups: base and tool where no reading places them.
+    """
+
+    arm: Model
+    jacobian: Array
+    by_free: Array
+    reached: NDArray[np.bool_]
+    groups: tuple[str, ...]
+
+
+def slopes_placed_anew(found: Identification, inputs: Array) -> TargetSlopes | None:
+    """Return derivatives of target positions where readings are no positions; None where they are, or no pose is taken.
+
+    Where no position in an instrument's frame is observed, arm and fixtures may move together: an error is what is
+    left after the base (and a tool that no reading shows) is placed anew over these poses, as by measured points.
+
+    Args:
+        inputs: ``(m, joints + conditions)`` poses of the identified model.
+    """
+    observation = observation_of(found.model)
+    if observation.positions or found.process is not None or not isinstance(observation, ArmObservation):
+        return None
+    arm, width = _points_of(found.model, inputs.shape[1])
+    size = len(arm.names)
+    slopes = of_first_targets(arm, arm.observe(inputs[:, :width], found.values[:size])[1])
+    reached = np.asarray(np.isfinite(slopes).all(axis=(1, 2, 3)))
+    if not reached.any():
+        return None
+    jacobian, own = slopes[reached].reshape(-1, *slopes.shape[2:]), [i for i in found.fit.free if i < size]
+    by_free = np.zeros((*jacobian.shape[:2], len(found.fit.free)))
+    by_free[..., [found.fit.free.index(i) for i in own]] = jacobian[..., own]
+    groups = () if "base" in observation.placed else found.unplaced
+    if groups:
+        by_free = without_columns(by_free, jacobian[..., list(indices_of_groups(arm.parameters, groups))])
+    return TargetSlopes(arm, jacobian, by_free.reshape(int(reached.sum()), -1, *by_free.shape[1:]), reached, groups)
+
+
+def _points_of(model: Model, width: int) -> tuple[Model, int]:
+    """Return the model of the targets' positions, and how many of ``width`` columns of inputs are its own."""
+    observation = observation_of(model)
+    if observation.positions or not isinstance(observation, ArmObservation):
+        return model, width
+    return observation.arm, width - len(model.conditions) + len(observation.arm.conditions)
+
+
+def without_columns(rows: Array, columns: Array) -> Array:
+    """Return rows ``(n, 3, f)`` less what parameters with derivatives ``(n, 3, k)`` follow of them, fitted to all."""
+    flat, wide = rows.reshape(-1, rows.shape[-1]), columns.reshape(-1, columns.shape[-1])
+    return np.asarray((flat - wide @ np.linalg.lstsq(wide, flat, rcond=None)[0]).reshape(rows.shape))
+
+
 def measured_region(found: Identification, observed: Observations, turning: NDArray[np.bool_]) -> Region:
     """Return poses like the measured ones: some of these, each as if it had not been fitted.
 
@@ -106,12 +170,16 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
         return Region("measured", _between_neighbours(observed.inputs[first], turning, rng))
     some = np.sort(rng.permutation(len(first))[:_REGION_POSES])
     inputs = observed.inputs[first[some]]
+    anew = slopes_placed_anew(found, inputs)
     if not observation_of(found.model).positions:
-        return Region("measured", inputs)
+        if anew is None or not anew.reached.all():
+            return Region("measured", inputs)
+        slopes = anew.by_free
+    else:
+        slopes = of_first_targets(found.model, found.model.observe(inputs, found.values)[1])[..., list(found.fit.free)]
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals).by_cluster(labels)
     whole = linear.everywhere()
     own = linear.jacobian[some] @ whole.directions  # (n, m, rank) Q_i
-    slopes = of_first_targets(found.model, found.model.observe(inputs, found.values)[1])[..., list(found.fit.free)]
     slopes = slopes.reshape(len(inputs), -1, slopes.shape[-1])
     there = slopes / linear.scale @ whole.directions
     left = np.eye(own.shape[1]) - own @ np.swapaxes(own, 1, 2)
@@ -189,19 +257,21 @@ def region_of_points(
     inputs = at_first_station(model.conditions, inputs)
     if (some := evenly(len(inputs), _MAX_STARTS)) is not None:
         inputs = inputs[some]
-    there = model.points(inputs, values)[:, 0]
+    (arm, width), size = _points_of(model, inputs.shape[1]), joints.size
+    values = values[: len(arm.names)]
+    there = arm.points(inputs[:, :width], values)[:, 0]
     inputs, there = inputs[np.isfinite(there).all(axis=1)], there[np.isfinite(there).all(axis=1)]
     nearest = ((points[:, None] - there) ** 2).sum(axis=2).argmin(axis=1)
-    size, found = joints.size, inputs[nearest].copy()
-    distance = points - model.points(found, values)[:, 0]
+    found = inputs[nearest].copy()
+    distance = points - arm.points(found[:, :width], values)[:, 0]
     for _ in range(_STEPS):
-        slopes = by_joint_positions(model, found, values, size)[:, 0]
+        slopes = by_joint_positions(arm, found[:, :width], values, size)[:, 0]
         square = slopes @ np.swapaxes(slopes, 1, 2)
         damping = _DAMPING * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
         step = (np.swapaxes(slopes, 1, 2) @ np.linalg.solve(square + damping, distance[..., None]))[..., 0]
         longest = np.abs(step).max(axis=1, keepdims=True)
         found[:, :size] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-300))
-        distance = points - model.points(found, values)[:, 0]
+        distance = points - arm.points(found[:, :width], values)[:, 0]
         if np.nanmax(np.abs(distance), initial=0.0) < _REACHED:
             break
     reached = (np.abs(distance) < _REACHED).all(axis=1) & ~joints.beyond_limits(found[:, :size], _REACHED).any(axis=1)

@@ -62,7 +62,10 @@ def residual_spread(
             which the fit weighs already; None where they share none.
     """
     if not observation_of(found.model).positions:
-        return ResidualSpread(float("nan"), float("nan"))
+        exceeded = found.sigma_given and lack_of_fit and found.dof_each is None and found.sigma_m > 0
+        widened = max(found.residual_sigma_m / found.sigma_m, 1.0) ** 2 if exceeded else 1.0
+        dof = None if found.sigma_given and not lack_of_fit else max(found.dof, 1)
+        return ResidualSpread(float("nan"), float("nan"), widened, dof)
     noise_m = found.sigma_m if independent_m is None else independent_m
     if found.process is not None:
         return ResidualSpread(float(np.fmax(found.residual_sigma_m, found.sigma_m)), 0.0, dof=max(found.dof, 1))

@@ -24,7 +24,15 @@ from lab.calibration.extrapolation import MeasuredRange, model_covariances, posi
 from lab.calibration.identify import Identification
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
-from lab.calibration.regions import Region, RegionKind, first_targets, of_first_targets, workspace_region
+from lab.calibration.regions import (
+    Region,
+    RegionKind,
+    first_targets,
+    of_first_targets,
+    slopes_placed_anew,
+    without_columns,
+    workspace_region,
+)
 from lab.calibration.residual_spread import ResidualSpread
 from lab.calibration.validation import FOLDS, Validation, configurations
 from lab.calibration.weights import Noise, weigh
@@ -102,6 +110,7 @@ class RegionPrediction:
         extrapolated_share: the share of the poses that are farther from the measured ones than these are from each
             other.
         lacks: whether the model is known to lack something there.
+        anew: groups that are placed anew before errors are counted: the base, where nothing was observed in a frame.
     """
 
     kind: RegionKind
@@ -112,6 +121,7 @@ class RegionPrediction:
     uncalibrated_rms_m: float
     extrapolated_share: float = 0.0
     lacks: bool = False
+    anew: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -215,9 +225,14 @@ def predict_over_region(
     """
     model, nothing = identification.model, float("nan")
     unknown = RegionPrediction(region.kind, 0, nothing, nothing, nothing, nothing)
-    if not observation_of(model).positions:
+    anew = slopes_placed_anew(identification, region.inputs)
+    if anew is not None and not identification.lacks_size:
+        model, jacobian, reached = anew.arm, anew.jacobian, anew.reached
+        inputs = region.inputs[reached]
+    elif not observation_of(model).positions:
         return unknown
-    inputs, jacobian, reached = _reached(model, identification.values, region.inputs)
+    else:
+        inputs, jacobian, reached = _reached(model, identification.values, region.inputs)
     if not len(inputs):
         return unknown
     factors = None if region.factors is None else np.repeat(region.factors[reached], len(jacobian) // len(inputs))
@@ -227,13 +242,17 @@ def predict_over_region(
         share = float(measured.uncovered(inputs[:, : len(measured.lower)]).mean())
         lacks = measured.is_worse_beyond or identification.process is not None
         known = replace(known, extrapolated_share=share, lacks=lacks)
-    of_model = _stacked(model, model_covariances(identification, measured, inputs, left))
+    if anew is None:
+        of_model = _stacked(model, model_covariances(identification, measured, inputs, left))
+    else:
+        known, slopes = replace(known, anew=anew.groups), anew.by_free.reshape(*anew.jacobian.shape[:2], -1)
+        of_model = left.widened * (slopes @ identification.covariance @ np.swapaxes(slopes, 1, 2))
     if factors is not None:
         of_model = of_model * factors[:, None, None]
     if not np.isfinite(of_model).all():
         return known
     of_model = _at_most(of_model, squares)
-    whole = of_model + left.of_arm_m**2 * np.eye(3)
+    whole = of_model + np.nan_to_num(left.of_arm_m) ** 2 * np.eye(3)  # no reading is a position: not known
     rms, everything = (float(np.sqrt(np.trace(each, axis1=1, axis2=2).mean())) for each in (of_model, whole))
     return replace(known, rms_m=rms, mean_m=MEAN_OF_RMS * everything, p95_m=length_not_exceeded(whole, left.dof))
 
@@ -346,8 +365,7 @@ def tolerance_rms(model: Model, jacobian: Array, tolerance: Tolerance, placed: t
     links = [i for i, each in enumerate(model.parameters) if each.is_link]
     rows = jacobian[..., links] * standard_deviations(model, tolerance)[links]
     if placed:
-        columns, flat = jacobian[..., list(placed)].reshape(-1, len(placed)), rows.reshape(-1, len(links))
-        rows = (flat - columns @ np.linalg.lstsq(columns, flat, rcond=None)[0]).reshape(rows.shape)
+        rows = without_columns(rows, jacobian[..., list(placed)])
     return np.asarray(np.sqrt((rows**2).sum(axis=(1, 2))))
 
 

@@ -301,7 +301,9 @@ _OF_POINTS = ("instrument", "targets", "model", "payload_kg", "region", "scaling
 def check_region(region: str, kind: "Sensor") -> None:
     """Refuse an invalid region, or one for a sensor without positions, with a LabError."""
     if task_region(region).kind != "measured" and not kind.in_instrument_frame:
-        raise LabError(f"--region {region}: nothing is predicted for --observe {kind.name}; leave it out")
+        raise LabError(
+            f"--region {region}: of --observe {kind.name} errors are predicted where poses were measured; leave it out"
+        )
 
 
 def check_common(

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, folder_of, load_run
 from lab.commands.calibrate.run import checked
+from lab.commands.check_plan import CheckPlan, ball_columns, placed_by, planned, sockets_of
 from lab.commands.command_line import options_of, takes
 from lab.commands.options import CheckOptions
 from lab.commands.result import Result, exit_code_of, number
 from lab.core.errors import LabError, counted
-from lab.core.limits import called, day, one_serial
+from lab.core.limits import CONFIGURATIONS, called, day, one_serial
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
@@ -28,7 +29,6 @@ from lab.render.document import digits_of, fixed, plus_minus, sentence, short
 from lab.sensors.registry import sensor_named
 from lab.verification.socket_checks import (
     LEAST_CONFIGURATIONS,
-    MOST_CONFIGURATIONS,
     Candidate,
     Cause,
     Change,
@@ -253,7 +253,7 @@ def check(
     run: "str | Path | CalibrationResult | CheckOptions",
     measurements: str | Path | Measurements | None = None,
     **options: Any,
-) -> CheckResult:
+) -> CheckResult | CheckPlan:
     """Test daily touches of a socket against a calibrated robot; if the arm moved, report which joint did.
 
     Args:
@@ -261,10 +261,12 @@ def check(
             options in one object.
         measurements: a CSV file, or measurements in memory: joint positions with the ball in the socket, the day of
             each row in ``session``.
-        options: those of ``lab check``, by name: ``reference``, ``since``, ``require``, ``serial``, ``force``.
+        options: those of ``lab check``, by name: ``plan``, ``reference``, ``since``, ``require``, ``serial``,
+            ``force``.
 
     Returns:
-        Whether anything has moved, the causes that explain it, and what these configurations tell apart.
+        Whether anything has moved, the causes that explain it, and what these configurations tell apart; with ``plan``
+        the configurations that are proposed.
 
     Raises:
         LabError: the run is not good or of another robot, or the rows make no daily checks.
@@ -291,7 +293,9 @@ def check(
     return _checked(requested, calibrated_by(run, requested.run, accept_edited=requested.accept_edited), in_memory)
 
 
-def _checked(options: CheckOptions, calibrated: CalibrationRun, given: Measurements | None = None) -> CheckResult:
+def _checked(
+    options: CheckOptions, calibrated: CalibrationRun, given: Measurements | None = None
+) -> CheckResult | CheckPlan:
     if not options.force:
         calibrated.refuse_unfit("a daily check")
     one_serial({str(calibrated.folder): calibrated.serial, "--serial": options.serial}, "check it against its own run")
@@ -302,14 +306,18 @@ def _checked(options: CheckOptions, calibrated: CalibrationRun, given: Measureme
         )
     else:
         read = checked("measurements in memory", given, calibrated.robot, points=False)
-    rows = read.only("calibrate", "reference", "test")
+    rows, slides = read.only("calibrate", "reference", "test"), np.array(chain.prismatic)
+    if options.plan is not None:
+        if not len(rows):
+            raise LabError(f"{options.file}: holds no touch; add one of each socket, by which it is placed")
+        return planned(options, calibrated, rows, np.where(slides, _NEAR_M, _NEAR_RAD), read.warnings)
     dates = _dates(options, rows)
     kept = [i for i, date in enumerate(dates) if options.since is None or date >= options.since]
     if not kept:
         raise LabError(f"{options.file}: holds no check since {options.since}; give an earlier --since")
     rows, dates = rows.take(kept), [dates[i] for i in kept]
-    days, table = _by_configuration(options, rows, dates, np.array(chain.prismatic))
-    labels = _sockets(rows, table[0])
+    days, table = _by_configuration(options, rows, dates, slides)
+    labels = sockets_of(rows, table[0].tolist())
     arm, values = calibrated.estimate.geometry
     joints = rows.joints[table]  # (days, m, joints)
     errors, causes = _errors(arm, values, joints, labels, options.reference)
@@ -356,11 +364,7 @@ def _by_configuration(
             f"{options.file}: the check of {days[0]} has {counted(len(first), 'configuration')}; touch the socket in "
             f"at least {LEAST_CONFIGURATIONS}"
         )
-    if len(first) > MOST_CONFIGURATIONS:
-        raise LabError(
-            f"{options.file}: the check of {days[0]} has {len(first):,} rows; touch the socket in at most "
-            f"{MOST_CONFIGURATIONS} configurations a day"
-        )
+    CONFIGURATIONS(f"{options.file}: the check of {days[0]}", first)
     near, table = np.where(slides, _NEAR_M, _NEAR_RAD), []
     for date in days:
         apart = (np.abs(rows.joints[on[date]][:, None] - rows.joints[first]) / near).max(axis=2)
@@ -387,32 +391,17 @@ def _by_configuration(
     return tuple(days), np.array(table)
 
 
-def _sockets(rows: Measurements, first: NDArray[np.int_]) -> tuple[str, ...]:
-    """Return the name of each configuration's socket, "" where the file names none."""
-    none = ("",) * len(rows)
-    cells = [rows.other.get(column, none) for column in ("location", "socket")]
-    return tuple(".".join(filter(None, (column[row] for column in cells))) for row in first.tolist())
-
-
 def _errors(
     arm: RigidArm, values: Array, joints: Array, sockets: Sequence[str], reference: int
 ) -> tuple[Array, tuple[Cause, ...]]:
     """Return the errors ``(days, m, 3)`` m, with ball and sockets placed by the reference checks, and the causes."""
-    values, target = values.copy(), arm.targets[0]
     days, m, count = joints.shape
     usual = joints[:reference].mean(axis=0)
-    at_ball = [arm.names.index(f"tool.{target}.{axis}") for axis in "xyz"]
-    points, jacobian = arm.observe(usual, values)
-    names = list(dict.fromkeys(sockets))
-    placing = np.zeros((m, 3, 3 + 3 * len(names)))
-    placing[:, :, :3] = jacobian[:, 0][..., at_ball]
-    for row, name in enumerate(sockets):
-        placing[row, :, 3 + 3 * names.index(name) :][:, :3] = -np.eye(3)
-    placed = -np.linalg.lstsq(placing.reshape(3 * m, -1), points[:, 0].ravel())[0]  # the ball's move, the sockets
-    values[at_ball] += placed[:3]
-    centres = placed[3:].reshape(-1, 3)[[names.index(name) for name in sockets]]
+    values, placed = placed_by(arm, values, usual, sockets)
+    centres = np.array([placed[name] for name in sockets])
     found = arm.points(joints.reshape(-1, count), values)[:, 0].reshape(days, m, 3)
     points, jacobian = arm.observe(usual, values)
     by_joint = by_joint_positions(arm, usual, values, count)[:, 0]
-    causes = causes_of(arm.chain.joint_names, by_joint, jacobian[:, 0][..., at_ball], points[:, 0], sockets)
+    by_ball = jacobian[:, 0][..., ball_columns(arm)]
+    causes = causes_of(arm.chain.joint_names, by_joint, by_ball, points[:, 0], sockets)
     return found - centres, causes

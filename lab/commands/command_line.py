@@ -269,6 +269,9 @@ def options_of(call: str, kind: type[_Options], given: Mapping[str, Any], unused
     shown = dict.fromkeys(
         group if group in _WHOLE else name for name, (group, _, _) in groups.items() if name not in unused
     )
+    for whole in (name for name in _WHOLE if given.get(name) is not None):
+        if twice := [name for name in given if groups.get(name, ("",))[0] == whole]:
+            raise LabError(f"{call}: {twice[0]} is given beside {whole}, which has it too; give it in one of them")
     for name, value in given.items():
         if name in shown and name not in groups:
             nested[name] = _plain(call, name, value) | nested.get(name, {})

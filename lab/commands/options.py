@@ -12,6 +12,7 @@ from lab.core.limits import (
     CANDIDATES,
     CLOCK_DRIFT_PPM,
     CLOCKS_S,
+    CONFIGURATIONS,
     DAYS,
     PATIENCE_S,
     SEED,
@@ -165,6 +166,8 @@ class CheckOptions:
     """The folder of the run that calibrated the arm."""
     file: tyro.conf.Positional[Path]
     """All checks so far, CSV: joint positions with the ball in the socket, the day in session (YYYY-MM-DD)."""
+    plan: int | None = None
+    """Check nothing: propose so many configurations at the sockets that the file touches, and write plan.csv."""
     reference: int = 10
     """How many checks, from the first, show how touches repeat; the next one is the first that is tested."""
     since: str | None = None
@@ -181,6 +184,8 @@ class CheckOptions:
     def check(self) -> None:
         """Refuse options that make no sense, with a LabError that names them."""
         whole("--reference", self.reference, 5, DAYS)
+        if self.plan is not None:
+            whole("--plan", self.plan, 4, CONFIGURATIONS)
         check_serial(self.serial)
         if self.since is not None:
             day("--since", self.since)
@@ -403,6 +408,8 @@ class RotationOptions:
         given = [f"--{name}" for name in ("matrix", "quaternion", "angles", "axis") if getattr(self, name)]
         if len(given) != 1:
             both = f"{' and '.join(given)} each give a rotation" if given else "no rotation is given"
+            if not given and self.angle is not None:
+                both = "--angle is about an --axis; three angles in a row are --angles. No rotation is given"
             raise LabError(f"{both}: give one of --matrix, --quaternion, --angles, --axis")
         if bool(self.axis) != (self.angle is not None):
             raise LabError("--axis and --angle belong together: give both, or neither")

@@ -234,7 +234,7 @@ COMMANDS = (
         "lab.commands.options:CheckOptions",
         "lab.commands.check:check",
         "check-{file}",
-        examples=("runs/day daily.csv", "runs/day daily.csv --since 2026-05-04 --require good"),
+        examples=("runs/day daily.csv --plan 5", "runs/day daily.csv --since 2026-05-04 --require good"),
     ),
     Command(
         "certify",

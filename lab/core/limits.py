@@ -19,8 +19,8 @@ from lab.core.se3 import Array
 
 __all__ = [
     "BRACKETS", "CAMPAIGNS", "CANDIDATES", "CANDIDATE_POINTS", "CELLS", "CLOCKS_S", "CLOCK_DRIFT_PPM", "COLUMNS",
-    "COORDINATE_SIZE", "COPIES", "CORNERS", "CORRECTION_A_M", "CORRECTION_D_M", "CORRECTION_RAD", "COUNTS",
-    "COUPLING_SIZE", "DAYS", "DEPTH", "DESIGN_POINTS", "DIGITS", "DISTANCE_MM", "DRAWN_POINTS", "DRAWS",
+    "CONFIGURATIONS", "COORDINATE_SIZE", "COPIES", "CORNERS", "CORRECTION_A_M", "CORRECTION_D_M", "CORRECTION_RAD",
+    "COUNTS", "COUPLING_SIZE", "DAYS", "DEPTH", "DESIGN_POINTS", "DIGITS", "DISTANCE_MM", "DRAWN_POINTS", "DRAWS",
     "EARTH_GRAVITY",
     "ELEVATION_DEG", "FIXTURES", "FRAMES", "FRICTION_PERCENT", "GEAR", "HOLDOUT", "HUMIDITY_PERCENT", "JOINTS",
     "JOINT_SPAN", "LENGTH_M", "LIMITS", "LINE", "LINE_OF_TEXT", "MESH_BYTES", "MOMENTS", "MOTOR_ZERO_DEG", "NAME",
@@ -117,6 +117,7 @@ ROUNDS = Limit("rounds of a path's search", 100, "one gives a nearly equal path"
 BRACKETS = Limit("levels of nested brackets in a formula", 50, "the formulas of the sources nest at most five")
 LINE_OF_TEXT = Limit("characters of a text in a certificate", 200, "it has one line on the page")
 DAYS = Limit("days between checks", 3_660, "checks ten years apart show no trend")
+CONFIGURATIONS = Limit("configurations of a daily check", 50, "four tell most causes apart")
 WORKERS = Limit("worker processes", 1_024, "each loads its own Python interpreter")
 SEED = Limit("as a seed", (1 << 63) - 1, "a seed is a whole number of 63 bits")
 

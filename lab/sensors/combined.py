@@ -598,13 +598,18 @@ def combined_sensor(names: tuple[str, ...]) -> type[CombinedSensor]:
     """Return the sensor that combines these.
 
     Raises:
-        LabError: one is unknown, named twice, or points and poses are both named.
+        LabError: one is unknown, named twice, or two read the same points.
     """
     kinds = tuple(sensor_named(name) for name in names)
     if len(set(names)) < len(names):
         raise LabError(f"{option_name('observe')} {JOINED.join(names)}: name each sensor once")
     if {"points", "pose"} <= set(names):
         raise LabError(f"{option_name('observe')} {JOINED.join(names)}: poses hold the points too; leave points out")
+    if "self-contact" in names and {"points", "pose"} & set(names):  # else each point is fitted twice
+        raise LabError(
+            f"{option_name('observe')} {JOINED.join(names)}: self-contact reads measured points beside contacts; give "
+            "it alone"
+        )
     kinds = tuple(sorted(kinds, key=lambda kind: not kind.in_instrument_frame))
     terms, columns = [kind.terms for kind in kinds], [kind.columns for kind in kinds]
     in_frame = any(kind.in_instrument_frame for kind in kinds)

@@ -58,8 +58,11 @@ class FixtureSimulation:
     rng: np.random.Generator
 
     @classmethod
-    def drawn(cls, sensor: str, poses: VirtualMeasurement, numbers: int) -> Self:
+    def drawn(cls, sensor: str, poses: VirtualMeasurement, numbers: int, at: Array | None = None) -> Self:
         """Draw the errors of an arm that is measured without a tracker, by so many ``numbers`` a row.
+
+        Args:
+            at: ``(n, 3)`` m, where an instrument reads a contact whose noise depends on the place.
 
         Raises:
             LabError: the robot has loops, or its effects move a tracker.
@@ -79,7 +82,8 @@ class FixtureSimulation:
         scattering, failing, shaping = rng.spawn(3)
         scatter = effects.scatter(count, scattering)
         displaced, bad = effects.displacements(count, failing)
-        noise = poses.instrument.sample(np.zeros((count, 1, numbers)), rng, poses.readings)
+        places = np.zeros((count, 1, numbers)) if at is None else at[:, None]
+        noise = poses.instrument.sample(places, rng, poses.readings) - places
         noise = effects.shaped_noise(noise, shaping)[:, 0]
         conditions = {name: column for name, column in poses.conditions.items() if name != BUMPED}
         return cls(robot, poses.targets, conditions, noise, displaced, bad, scatter, rng.spawn(1)[0])

@@ -450,10 +450,11 @@ class FixtureSensor(VirtualSensor, ABC):
     def observed_truth(
         self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]
     ) -> Truth | None:
-        """Return the truth with the base at the origin and the fixtures there; None for a mechanism.
+        """Return the truth with the base at the origin and the fixtures there; None where it is not single.
 
         Without a given length the arm is scaled so that its longest link has its nominal length, as no contact
-        determines its size.
+        determines its size. An arm with a slide cannot be scaled: its joint positions are lengths. A mechanism has
+        another gauge.
         """
         model = found.model
         assert isinstance(model, Fixtures)
@@ -461,6 +462,8 @@ class FixtureSensor(VirtualSensor, ABC):
             return None
         scale, at = 1.0, model.scale_link
         if model.contact and at not in found.base_set.identifiable:
+            if any(truth.arm.chain.prismatic):
+                return None
             scale = float(model.nominal_arm[at] / truth.of([model.names[at]])[0])
             truth = replace(_scaled(truth, scale), effects=truth.effects)
         arm, values = truth.arm, truth.values.copy()
@@ -541,7 +544,7 @@ def known_lengths(
 def _scaled(truth: Truth, scale: float) -> Truth:
     """Return the truth of an arm whose lengths are scaled, in the same gauge: all joints turn."""
     arm = truth.arm
-    assert isinstance(arm, SerialArm)
+    assert isinstance(arm, SerialArm) and not any(arm.chain.prismatic)
     axes = [motion for motion in arm.motions(truth.values) if motion.joint is not None]
     origins = np.array([motion.origin[:3, 0] for motion in axes if motion.origin is not None])
     directions = np.array([motion.axis[:3, 0] for motion in axes]) * arm.chain.sign[:, None]

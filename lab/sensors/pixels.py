@@ -89,7 +89,7 @@ class PixelSensor(VirtualSensor):
 
     def targets(self, data: Measurements) -> tuple[str, ...]:
         """Return the targets of the tips that carry cameras and boards."""
-        return self.rig.on_targets or ("p1",)
+        return self.rig.targets
 
     def with_files(self, data: Measurements, folder: Path) -> Measurements:
         """Return the corners that OpenCV finds in the pictures of a column ``image``, a row each.

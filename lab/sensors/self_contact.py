@@ -329,7 +329,8 @@ class SelfContactSensor(VirtualSensor):
             )
         measured, meeting = _split(poses, count - touching)
         data, bad, _ = track_with_errors(measured)
-        arm = FixtureSimulation.drawn(self.name, replace(meeting, targets=(first, other)), 3)
+        at = meeting.robot.points(meeting.joints, (first,))[:, 0]
+        arm = FixtureSimulation.drawn(self.name, replace(meeting, targets=(first, other)), 3, at)
         contacts = arm.measurements(_joints_touching(arm))
         cells = ("",) * len(data) + (f"{first}{_BETWEEN}{other}",) * touching
         unseen = np.full((touching, *data.points.shape[1:]), np.nan)

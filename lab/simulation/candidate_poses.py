@@ -33,6 +33,7 @@ __all__ = [
     "field_of_view",
     "incidence",
     "refuse_idle_stations",
+    "refuse_unknown_targets",
     "seeing_station",
     "station_columns",
     "stations_in",
@@ -202,6 +203,13 @@ def _noise_and_angle(
     return noise, angle
 
 
+def refuse_unknown_targets(robot: RobotModel, targets: Sequence[str]) -> None:
+    """Refuse targets that the robot does not have, with a LabError."""
+    for target in targets:
+        if target not in robot.tool:
+            raise LabError(f"target '{target}' is unknown: robot {robot.chain.name} has {', '.join(robot.tool)}")
+
+
 def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrument, station: int = 0) -> _Feasible:
     """Return a test of joint positions ``(n, joints)``: whether the tracker sees every target.
 
@@ -211,9 +219,7 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
     Raises:
         LabError: the robot has no such target.
     """
-    for target in targets:
-        if target not in robot.tool:
-            raise LabError(f"target '{target}' is unknown: robot {robot.chain.name} has {', '.join(robot.tool)}")
+    refuse_unknown_targets(robot, targets)
     model, data = robot.model, mujoco.MjData(robot.model)
     sites = [model.site(name).id for name in targets]
     ball = np.clip(model.site_size[sites, 0], _HALF_INCH_BALL_M, _LARGEST_BALL_M) + _RIM_M

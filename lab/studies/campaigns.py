@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib import metadata
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -19,9 +20,10 @@ from numpy.typing import NDArray
 
 from lab.calibration.batch import BatchFits, PointBatch, align, fit_points, in_nominal_frame
 from lab.campaign.design_problem import best_design, pose_problem
+from lab.campaign.option_groups import Effects
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.campaign.virtual_robot import draw_conditions, perturbed_arm, poses_to_measure, truth_of
+from lab.campaign.virtual_robot import draw_conditions, perturbed_arm, poses_to_measure, requested_conditions, truth_of
 from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.linear_model import whitening
@@ -29,6 +31,7 @@ from lab.core.random import Purpose, rng_for, seed_of
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.core.version import __version__
+from lab.kinematics.effects.effect import PAYLOAD
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.parameter import names_of
@@ -55,6 +58,7 @@ __all__ = [
 
 _RANDOM = "random"
 CANDIDATES, STARTS = 1000, 2  # of a cell's design
+_TRIED = 3  # poses, at which payloads are to change something
 _VALIDATED_TOGETHER = 5  # campaigns, to fit the processor's cache
 _Columns = dict[str, Array]
 COLUMNS = {  # of every campaign's row, and what they mean
@@ -98,16 +102,42 @@ def refuse_impossible(study: Study) -> None:
             options = fitted[key].options(study)
             options.check()
             perturbed_arm(robot, options)
+            _refuse_idle_payloads(study, fitted[key], options.effects.payload_kg)
         if cell.plan != NONE:
-            _planned(study, cell, robot)
+            joints = _planned(study, cell, robot)
+            _refuse_idle_payloads(study, fitted[key], joints[:, robot.chain.size :].ravel().tolist())
         elif cell.is_stacked:
             _refuse_few_poses(cell.poses, fitted[key])
+
+
+def _refuse_idle_payloads(study: Study, fitted: "_Fitted", loads: Sequence[float]) -> None:
+    """Refuse payloads that change neither a cell's arms nor its model.
+
+    Raises:
+        LabError: they do not, or the arm lacks an effect.
+    """
+    options = fitted.options(study)
+    if not any(loads) or PAYLOAD in requested_conditions(fitted.robot, replace(options, effects=Effects())):
+        return
+    real = perturbed_arm(fitted.robot, options)
+    joints = random_poses(real.robot, _TRIED, rng_for(study.seed, "poses"))
+    given = _conditions(real, options, joints, _AT_POSES, (PAYLOAD,))
+    without, loaded = (
+        real.points(joints, options.targets, given | {PAYLOAD: np.full(_TRIED, load)}) for load in (0.0, max(loads))
+    )
+    if np.array_equal(without, loaded, equal_nan=True):
+        named = f"[effects.{fitted.cell.effects}]" if fitted.cell.effects != NONE else "a rigid arm"
+        raise LabError(
+            f"payload_kg: {named} does not deflect under a load, so payloads change nothing; give it an effect such as "
+            "stiffness_nm_per_rad, or leave payload_kg out"
+        )
 
 
 def cell_poses(study: Study, cell: Cell) -> Array:
     """Return the poses ``(n, joints)`` of every campaign of a cell: of its plan, or chosen for the nominal model.
 
-    They are designed for the usual parameters, whatever is then identified.
+    They are designed for the usual parameters, whatever is then identified. A plan with payloads has a further column
+    of these, kg.
 
     Raises:
         LabError: there are fewer than the identifiable parameters need, or the plan cannot be measured.
@@ -136,14 +166,20 @@ def cell_poses(study: Study, cell: Cell) -> Array:
 
 def _planned(study: Study, cell: Cell, robot: Robot) -> Array:
     """Read the poses of a cell's plan."""
-    options = VirtualCampaign(robot=study.robot, plan=Path(cell.plan), targets=_targets(study, cell, robot))
+    options = VirtualCampaign(
+        robot=study.robot,
+        plan=Path(cell.plan),
+        targets=_targets(study, cell, robot),
+        effects=study.effects_of(cell),
+    )
     with error_context("factor plan"):
         joints, conditions, _ = poses_to_measure(robot, options)
+        loads = conditions.pop(PAYLOAD, None)
         if conditions:
             raise LabError(f"{cell.plan}: a study takes no column {next(iter(conditions))} from a plan; remove it")
     if cell.is_stacked:
         _refuse_few_poses(len(joints), _Fitted.of(study, cell, robot))
-    return joints
+    return joints if loads is None else np.column_stack([joints, loads])
 
 
 def _targets(study: Study, cell: Cell, robot: Robot) -> tuple[str, ...]:
@@ -175,13 +211,15 @@ def run_task(study: Study, task: Task, joints: Array) -> _Columns:
     """Run all campaigns of a task, a row each, with the columns of ``COLUMNS``.
 
     Args:
-        joints: the cell's poses.
+        joints: the cell's poses (``cell_poses``).
     """
     robot, cell = load_virtual(study.robot), study.cells[task.cell]
     fitted = _Fitted.of(study, cell, robot)
+    joints, loads = joints[:, : robot.chain.size], joints[:, robot.chain.size :]
+    set_there = {PAYLOAD: loads[:, 0]} if loads.size else {}
     fresh = random_poses(robot.model, study.fresh, rng_for(study.seed, "fresh"))
     campaigns = _of_robot if cell.is_stacked else _of_robot_alone
-    rows = [campaigns(study, fitted, number, joints, fresh) for number in range(task.first, task.last)]
+    rows = [campaigns(study, fitted, number, joints, fresh, set_there) for number in range(task.first, task.last)]
     columns = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
     numbers = np.repeat(np.arange(task.first, task.last, dtype=np.int32), study.draws)
     draws = np.tile(np.arange(study.draws, dtype=np.int32), task.last - task.first)
@@ -269,23 +307,27 @@ def _noisy(device: Instrument, noise: float) -> Instrument:
     return replace(device, errors=device.errors.times(noise), **grown)
 
 
-def _of_robot_alone(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> _Columns:
+def _of_robot_alone(
+    study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array, set_there: Mapping[str, Array]
+) -> _Columns:
     """Identify each campaign with one robot alone."""
     options = fitted.options(study, seed_of(study.seed, "robots", number))
-    return identified_campaigns(fitted.robot, options, fitted.device, study.draws, joints, fresh)
+    return identified_campaigns(fitted.robot, options, fitted.device, study.draws, joints, fresh, set_there)
 
 
-def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> _Columns:
+def _of_robot(
+    study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array, set_there: Mapping[str, Array]
+) -> _Columns:
     """Solve all campaigns with one robot together."""
     requested = fitted.options(study, seed_of(study.seed, "robots", number))
     real = perturbed_arm(fitted.robot, requested)
     conditions, later = (
-        _conditions(real, requested, poses, purpose, fitted.model.conditions)
-        for poses, purpose in ((joints, _AT_POSES), (fresh, _AT_FRESH))
+        _conditions(real, requested, poses, purpose, fitted.model.conditions) | dict(there)
+        for poses, purpose, there in ((joints, _AT_POSES, set_there), (fresh, _AT_FRESH, {}))
     )
     exact = real.points(joints, fitted.targets, conditions)
     there = real.points(fresh, fitted.targets, later)
-    measured = _measured(real, fitted.device, requested, joints, study.draws, exact)
+    measured = _measured(real, fitted.device, requested, joints, study.draws, exact, set_there)
     taken, met = (np.isfinite(points).all(axis=(1, 2)) for points in (exact, there))
     shown = _inputs(fitted.model, real.effects.shown(joints), conditions)[taken]
     inputs, new = _inputs(fitted.model, joints, conditions)[taken], _inputs(fitted.model, fresh, later)[met]
@@ -315,12 +357,18 @@ def _conditions(
 
 
 def _measured(
-    real: TrueRobot, device: Instrument, requested: VirtualCampaign, joints: Array, draws: int, exact: Array
+    real: TrueRobot,
+    device: Instrument,
+    requested: VirtualCampaign,
+    joints: Array,
+    draws: int,
+    exact: Array,
+    set_there: Mapping[str, Array] = MappingProxyType({}),
 ) -> Array:
     """Simulate the tracker's readings of each draw, ``(draws, n, k, 3)`` m, of points ``(n, k, 3)`` m."""
     noises = [rng_for(requested.seed, "noise", draw) for draw in range(draws)]
     if real.effects.varies:
-        conditions = _conditions(real, requested, joints, _AT_POSES)
+        conditions = _conditions(real, requested, joints, _AT_POSES) | dict(set_there)
         points = [track(real, joints, requested.targets, device, rng, conditions=conditions).points for rng in noises]
         return np.array(points)
     noisy = np.array([device.sample(exact, rng) for rng in noises])

@@ -179,7 +179,7 @@ class Study:
         for kind, values in self.factors.items():
             if kind not in FACTORS:
                 raise LabError(f"factor '{kind}' is unknown; there are {', '.join(FACTORS)}")
-            if not values or len(set(values)) < len(values):
+            if not values or len({_same(kind, each) for each in values}) < len(values):
                 raise LabError(f"factor {kind}: give at least one value, and each once")
         if unknown := [each for each in self.factors.get("scaling", ()) if each not in _SCALINGS]:
             raise LabError(f"factor scaling: '{unknown[0]}' is unknown; there are {', '.join(_SCALINGS)}")
@@ -256,6 +256,13 @@ class Study:
     def campaigns(self) -> int:
         """Number of campaigns."""
         return len(self.cells) * self.robots * self.draws
+
+
+def _same(factor: str, level: Any) -> Any:
+    """Return what equal levels of a factor have in common: groups, sensors and payloads count in any order."""
+    if factor in ("model", "observe") and isinstance(level, str):
+        return frozenset(level.split("+"))
+    return frozenset(level) if isinstance(level, tuple) else level
 
 
 def _plain(cell: Cell) -> Cell:

@@ -55,7 +55,13 @@ def _rms(values: Array) -> Array:
 
 
 def identified_campaigns(
-    robot: Robot, options: VirtualCampaign, device: Instrument, draws: int, joints: Array, fresh: Array
+    robot: Robot,
+    options: VirtualCampaign,
+    device: Instrument,
+    draws: int,
+    joints: Array,
+    fresh: Array,
+    set_there: Mapping[str, Array],
 ) -> dict[str, Array]:
     """Identify all campaigns with one robot, each alone, and return a row each.
 
@@ -64,8 +70,9 @@ def identified_campaigns(
         device: the instrument.
         joints: ``(n, joints)`` of the measured poses.
         fresh: ``(m, joints)`` of the validation poses.
+        set_there: conditions ``(n,)`` that a plan sets at the measured poses.
     """
-    campaigns = _Campaigns(robot, options, device, perturbed_arm(robot, options), joints, fresh)
+    campaigns = _Campaigns(robot, options, device, perturbed_arm(robot, options), joints, fresh, set_there)
     rows = [campaigns.row(draw) for draw in range(draws)]
     kinds = {"converged": bool, "steps": np.int32, "lost": np.int32, "failure": object}
     return {name: np.array([row[name] for row in rows], dtype=kinds.get(name, np.float64)) for name in rows[0]}
@@ -82,6 +89,7 @@ class _Campaigns:
         real: TrueRobot,
         joints: Array,
         fresh: Array,
+        set_there: Mapping[str, Array],
     ) -> None:
         self._robot, self._options, self._device, self._real, self._joints = robot, options, device, real, joints
         requested = requested_conditions(robot, options)
@@ -90,6 +98,7 @@ class _Campaigns:
             draw_conditions(real, options, len(poses), rng, requested)
             for poses, rng in zip((joints, fresh), rngs, strict=True)
         )
+        self._conditions |= set_there
         there = real.points(fresh, options.targets, later)
         met = np.isfinite(there).all(axis=(1, 2))
         self._fresh = recorded(
@@ -118,7 +127,7 @@ class _Campaigns:
         kind = sensor.weighted_by(self._device, data)
         fitter = Fitter(
             self._robot,
-            options.targets,
+            kind.targets(data),
             data,
             kind,
             kind.noise(Noise(self._device)),

@@ -34,6 +34,7 @@ from lab.core.whole_folder import (
     write_whole,
 )
 from lab.formats.structured import read_json, read_structured
+from lab.kinematics.effects.effect import PAYLOAD
 from lab.render.terminal import bars
 from lab.studies.analysis import CampaignArray
 from lab.studies.campaigns import COLUMNS, cell_poses, difference, origin_of, other_version, run_task
@@ -94,14 +95,16 @@ class _Store:
             joints = np.array([row.split(",") for row in rows], dtype=np.float64)
         except ValueError:
             return None
-        poses = self.cells[cell].poses
-        whole = joints.shape == (len(joints) if poses == OF_PLAN else poses, len(self.columns)) and joints.size > 0
-        return joints if whole and header == ",".join(self.columns) and not end else None
+        poses, columns = self.cells[cell].poses, header.split(",")
+        named = columns in ([*self.columns], [*self.columns, PAYLOAD])
+        whole = joints.shape == (len(joints) if poses == OF_PLAN else poses, len(columns)) and joints.size > 0
+        return joints if whole and named and not end else None
 
     def keep_poses(self, cell: int, joints: Array) -> None:
-        """Write the poses of a cell, to the last digit."""
+        """Write the poses of a cell, to the last digit, with payloads where there is a column of these."""
+        names = [*self.columns, PAYLOAD][: joints.shape[1]]
         rows = [",".join(map(repr, row)) for row in joints.tolist()]
-        content = ("\n".join([",".join(self.columns), *rows]) + "\n").encode()
+        content = ("\n".join([",".join(names), *rows]) + "\n").encode()
         path = self._poses(cell)
         with _write_errors(path):
             keep_checked(path, content)

@@ -28,7 +28,6 @@ from lab.core.significance import TREND_YEAR
 
 __all__ = [
     "LEAST_CONFIGURATIONS",
-    "MOST_CONFIGURATIONS",
     "REFERENCE",
     "Candidate",
     "Cause",
@@ -36,10 +35,11 @@ __all__ = [
     "Distinction",
     "Scan",
     "SocketChecks",
+    "best_configurations",
     "causes_of",
 ]
 
-LEAST_CONFIGURATIONS, MOST_CONFIGURATIONS = 4, 50  # of a check
+LEAST_CONFIGURATIONS = 4  # of a check
 REFERENCE = 10  # checks, before the first that is tested
 POWER = 0.95
 _AFTER = (1, 2, 3, 5, 8, 13, 20)  # days that are compared with those before
@@ -172,9 +172,15 @@ class Distinction:
 
 
 def best_configurations(
-    joints: Sequence[str], by_joint: Array, by_tool: Array, points: Array, count: int, rng: np.random.Generator
+    joints: Sequence[str],
+    by_joint: Array,
+    by_tool: Array,
+    points: Array,
+    count: int,
+    rng: np.random.Generator,
+    sockets: Sequence[str] = (),
 ) -> tuple[list[int], float]:
-    """Choose configurations at one socket in which the causes are told apart best, by a random search.
+    """Choose configurations in which the causes are told apart best, by a random search.
 
     The choice is the one whose least distinct pair of causes is the most distinct; pairs that are the same in all
     configurations together do not count.
@@ -182,15 +188,22 @@ def best_configurations(
     Args:
         joints, by_joint, by_tool, points: as in ``causes_of``, of all configurations to choose from.
         count: how many to choose.
+        sockets: name of the socket of each, of which as many are chosen at each; one where not given.
 
     Returns:
         Their indices, and the share of the least distinct cause's pattern that no other cause explains.
     """
+    labels = list(sockets) or [""] * len(points)
+    each = [np.flatnonzero([label == name for label in labels]) for name in dict.fromkeys(labels)]
+
+    def drawn() -> list[int]:
+        parts = [rng.permutation(rows)[: (count + i) // len(each)] for i, rows in enumerate(each)]
+        return list(np.sort(np.concatenate(parts)).tolist())
 
     def distinct(rows: Sequence[int]) -> Array:
         """Share ``(pairs,)`` of each cause's pattern that each other cause leaves unexplained."""
         at = list(rows)
-        causes = causes_of(joints, by_joint[at], by_tool[at], points[at], ("",) * len(at))
+        causes = causes_of(joints, by_joint[at], by_tool[at], points[at], [labels[i] for i in at])
         columns = [cause.columns for cause in causes if cause.kind != "touch"]
         sizes = [np.linalg.norm(each) for each in columns]
         return np.array(
@@ -203,7 +216,7 @@ def best_configurations(
 
     every = range(len(points))
     counted = distinct(every) > _RANK
-    tried = [np.sort(rng.permutation(len(points))[:count]).tolist() for _ in range(_SEARCHED)]
+    tried = [drawn() for _ in range(_SEARCHED)]
     shares = [float(distinct(rows)[counted].min()) for rows in tried]
     best = int(np.argmax(shares))
     return tried[best], shares[best]

@@ -252,3 +252,11 @@ def test_a_ur5_is_led_out_of_its_valley() -> None:
     assert found["prior"]["acts_in"] == 2 and 1 < found["prior"]["scale"] < 3
     assert found["after_mm"]["mean"] < 1.02 * plain["after_mm"]["mean"] < 0.3 * found["before_mm"]["mean"]
     assert "act in 2 of 18 directions" in ur5().summary()
+
+
+def test_the_steps_before_the_prior_acts_count_too() -> None:
+    """The last fit starts where the first one ended; a number of its own steps alone would be none."""
+    rows, _ = campaign(1, 30, 1e-5)
+    first, both = (identify(ARM, rows, NOMINAL, Noise(sigma_m=1e-5), each) for each in (IdentifyOptions(), AUTO))
+    assert both.prior is not None and both.fit.iterations >= first.fit.iterations > 0
+    assert both.fit.cost_trace[0] == first.fit.cost_trace[0]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120
 
+import lab
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, identify
 from lab.calibration.regions import measured_region, region_of_points, workspace_region
@@ -106,3 +107,37 @@ def test_a_process_is_asked_between_the_measured_poses_which_it_follows() -> Non
     assert region.factors is None and len(region.inputs) == 200
     assert (region.inputs >= joints.min(axis=0)).all() and (region.inputs <= joints.max(axis=0)).all()
     assert np.abs(region.inputs[:, None] - joints).max(axis=2).min() > 1e-4
+
+
+def moved_onto(points: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Points moved rigidly onto others, by least squares (Kabsch 1976)."""
+    a, b = points - points.mean(axis=0), there - there.mean(axis=0)
+    u, _, v = np.linalg.svd(a.T @ b)
+    return a @ (u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v) + there.mean(axis=0)
+
+
+@pytest.mark.parametrize(
+    ("observe", "instrument"), [("cable", "draw-wire"), ("ball-bar", "ball-in-socket"), ("dial", "dial-indicator")]
+)
+def test_without_an_instruments_frame_errors_are_predicted_with_the_base_placed_anew(observe, instrument) -> None:
+    """Against arms drawn from the covariance, each moved onto the estimated one as measured points would move it."""
+    result = lab.calibrate("irb120", observe=observe, instrument=instrument, poses=60, seed=2)
+    found, predicted = result.identification, result.verdict.region
+    assert found.unplaced == ("base",) and predicted.anew == ("base",)
+    arm, rng = found.model.arm, np.random.default_rng(0)
+    joints = result.measurements.joints
+    size, free = len(arm.names), list(found.fit.free)
+    there, squares = arm.points(joints, found.values[:size])[:, 0], []
+    for error in rng.multivariate_normal(np.zeros(len(free)), found.covariance, 600, method="eigh"):
+        values = found.values.copy()
+        values[free] += error
+        squares.append(((moved_onto(arm.points(joints, values[:size])[:, 0], there) - there) ** 2).sum(axis=1))
+    factors = measured_region(found, result.fit.observations, TURNING).factors
+    assert factors is not None
+    drawn = np.sqrt(np.mean(squares))
+    assert drawn < predicted.rms_m < drawn * np.sqrt(factors.max()) * 1.06
+
+
+def test_contacts_that_show_no_size_predict_nothing() -> None:
+    result = lab.calibrate("irb120", observe="socket", poses=40, seed=2)
+    assert np.isnan(result.verdict.region.p95_m) and result.verdict.word == "doubtful"

@@ -59,5 +59,5 @@ def test_a_region_is_a_word_a_box_or_a_file_of_targets(region: str) -> None:
 
 def test_a_region_is_of_measured_positions() -> None:
     check_region("measured", VirtualCampaign(observe="cable", instrument="draw-wire").kind())
-    with pytest.raises(LabError, match="--region workspace: nothing is predicted for --observe cable"):
+    with pytest.raises(LabError, match="--region workspace: of --observe cable errors are predicted where"):
         replace(VirtualCampaign(observe="cable", instrument="draw-wire"), region="workspace").check()

@@ -83,6 +83,7 @@ def test_a_printed_matrix_is_mended_and_others_are_refused(tmp_path: Path, capsy
         ({"quaternion": (1, 0, 0, 0), "order": "zxz"}, "say what --angles mean"),
         ({"quaternion": (1, 0, 0, 0), "angles": (1, 2, 3)}, "each give a rotation"),
         ({}, "no rotation is given"),
+        ({"angle": 30.0}, "--angle is about an --axis"),
         ({"angles": (float("nan"), 0, 0)}, "give finite numbers"),
     ):
         with pytest.raises(LabError, match=message):

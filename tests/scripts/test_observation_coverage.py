@@ -9,7 +9,7 @@ from lab.core.errors import LabError
 FEW = ("--robots", 1, "--draws", 30)
 
 
-@pytest.mark.parametrize("kind", ["pose", "cable"])
+@pytest.mark.parametrize("kind", ["pose", "cable", "cube", "self-contact"])
 def test_a_few_campaigns(kind: str) -> None:
     """Thirty draws of 30 and more parameters: of their mean coverage one standard error is 0.9 %."""
     found = answer_of("observation_coverage.py", *FEW, "--kinds", kind)[kind]

@@ -241,3 +241,22 @@ def test_an_artefact_too_large_for_the_arm_is_refused() -> None:
 def test_an_uncertain_artefact_needs_noise_to_be_weighed_against() -> None:
     with pytest.raises(LabError, match="--artefact-u-mm is weighed against the noise"):
         lab.calibrate("irb120", observe="ball-bar", poses=60, instrument="exact", artefact_u_mm=0.01)
+
+
+@pytest.fixture(scope="module")
+def indicators() -> lab.MeasurementSession:
+    """Indicators at an arm whose flange keeps its direction: no reading tells the tool's length from their zeros."""
+    return lab.simulate("scara", observe="dial", instrument="dial-indicator", poses=60, seed=2)
+
+
+def test_a_tool_that_indicators_do_not_show_makes_no_other_robot(indicators: lab.MeasurementSession) -> None:
+    found = lab.identify(indicators.measurements, robot="scara", observe="dial", noise_mm=0.005)
+    assert found.verdict.word != "bad"
+    assert found.identification.spread == pytest.approx(1, abs=0.05)
+
+
+@pytest.mark.parametrize("factor", [1 / 25.4, 25.4])
+def test_readings_in_a_wrong_unit_are_of_no_such_robot(indicators: lab.MeasurementSession, factor: float) -> None:
+    data = indicators.measurements
+    wrong = replace(data, conditions={**data.conditions, "dial_mm": factor * data.conditions["dial_mm"]})
+    assert lab.identify(wrong, robot="scara", observe="dial", noise_mm=0.005).verdict.word == "bad"

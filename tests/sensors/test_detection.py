@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rendered_boards import rendered
 
 import lab
 from lab.core import se3
@@ -14,7 +15,6 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.sensors.cameras.detection import detected, picture_of
 from lab.sensors.cameras.geometry import projected
-from lab.sensors.cameras.rendering import rendered
 from lab.sensors.cameras.rig import PX, Board, Camera
 from lab.sensors.pixels import PixelSensor
 

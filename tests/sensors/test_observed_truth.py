@@ -41,3 +41,11 @@ def test_points_have_the_truth_as_it_is() -> None:
     assert result.real is not None
     truth = truth_of(result.real, result.robot.arm(("p1",)))
     assert truth is not None and PointSensor().observed_truth(truth, result.identification, result.real, {}) is truth
+
+
+@pytest.mark.parametrize("observe", ["socket", "plane"])
+def test_an_arm_with_a_slide_has_no_truth_at_another_size(observe: str) -> None:
+    """Its joint positions are lengths, which no scale of the links changes."""
+    result = lab.calibrate("scara", observe=observe, poses=30, seed=1, instrument="exact")
+    assert result.identification.lacks_size and result.comparison is None
+    assert result.verdict.word == "doubtful"

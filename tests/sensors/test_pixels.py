@@ -15,6 +15,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.tree import TreeArm
 from lab.sensors.cameras.rig import PX, Board, Camera, Rig, Simulated
 from lab.sensors.options import CameraOptions, FitInputs
 from lab.sensors.pixels import PixelSensor
@@ -189,6 +190,45 @@ def test_missing_columns_are_named() -> None:
         PixelSensor(Rig((Camera(fixed_to="gripper"),), (Board(),))).observation(ARM, data, ARM.nominal())
     with pytest.raises(LabError, match=r"noise.px"):
         PixelSensor.configured(CameraOptions(), FitInputs(noise_mm=0.1))
+
+
+@pytest.mark.parametrize(("camera", "board"), [("p2", "world"), ("world", "p3")])
+def test_a_target_carries_what_a_hand_carries(camera: str, board: str, tmp_path: Path) -> None:
+    """On an arm of one tip all targets have one frame: whichever is named, the same arm is identified."""
+    rigs = [
+        Rig((Camera(fixed_to=camera.replace("p2", name)),), (replace(SMALL, fixed_to=board.replace("p3", name)),))
+        for name in ("p2", "p3", "hand")
+    ]
+    data = session(rigs[-1], tmp_path, poses=14, seed=3).measurements
+    options = {"robot": "irb120", "observe": "pixels"}
+    found = [lab.identify(data, cameras=written(rig, tmp_path), **options).identification for rig in rigs]
+    known = [{each.model.names[i]: float(each.values[i]) for i in each.fit.free} for each in found]
+    assert known[0] == pytest.approx(known[2], abs=1e-9) and known[1] == pytest.approx(known[2], abs=1e-9)
+
+
+def test_a_hand_beside_named_targets_is_the_arm_s_own(tmp_path: Path) -> None:
+    rig = Rig(
+        (Camera(name="wrist"), Camera(name="wall", fixed_to="world")),
+        (replace(SMALL, name="table"), replace(SMALL, name="plate", fixed_to="p2")),
+    )
+    assert rig.targets == ("p1", "p2")
+    result = lab.calibrate(
+        "irb120", observe="pixels", cameras=written(rig, tmp_path), poses=16, instrument="exact", seed=3
+    )
+    errors = result.validation.errors
+    assert errors is not None and errors.after.max() < 1e-8
+    assert result.verdict.region.anew == ("base", "tool") and result.verdict.region.p95_m < 1e-8
+
+
+def test_a_hand_of_several_tips_and_an_unknown_target_are_refused(tmp_path: Path) -> None:
+    both = TreeArm(lab.load_robot("torso").chain, ("left.p1", "right.p1"))
+    with pytest.raises(LabError, match=r"fixed to hand, and the arm has several tips; .*: left.p1, right.p1"):
+        HAND.mount(HAND.cameras[0], both.targets)
+    assert HAND.mount(Camera(fixed_to="right.p1"), both.targets) == 1
+    with pytest.raises(LabError, match="target 'ball' is unknown: robot irb120 has p1, p2, p3"):
+        session(Rig((Camera(fixed_to="ball"),), (SMALL,)), tmp_path, poses=8, seed=1)
+    with pytest.raises(LabError, match="has several tips: a virtual one is measured by"):
+        lab.simulate("torso", observe="pixels", cameras=written(HAND, tmp_path), poses=8, seed=1)
 
 
 def test_cameras_see_each_other_s_rows_alone(tmp_path: Path) -> None:

@@ -163,6 +163,14 @@ def test_contacts_of_noise_have_the_weight_of_points() -> None:
     assert 0.6 < sigma < 1.1  # less what the parameters take up
 
 
+def test_a_tracker_s_noise_of_a_contact_is_that_where_it_is() -> None:
+    session = session_of(instrument="leica-at960", poses=60)
+    data = session.measurements
+    touching = np.array([bool(cell) for cell in data.other["contact"]])
+    gaps = np.diff(session.true_robot.points(data.joints[touching], BOTH), axis=1)[:, 0]
+    assert 1e-6 < np.sqrt((gaps**2).mean()) < 30e-6
+
+
 def test_fit_of_exact_contacts_from_afar_is_the_same() -> None:
     truth = ALONE.rank_point(NOMINAL) + 1e-3 * rng_for(3, "arm").standard_normal(len(NOMINAL))
     inputs = ALONE.inputs_in_contact(60, truth, rng_for(4, "poses"))

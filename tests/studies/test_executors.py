@@ -4,10 +4,13 @@ import signal
 import subprocess
 import sys
 import textwrap
+from fractions import Fraction
 from pathlib import Path
 
 import pytest
 
+from lab import extension_points
+from lab.core.errors import LabError
 from lab.studies.executors import local_executor
 
 GUARD = 'if __name__ == "__main__":\n'
@@ -43,3 +46,14 @@ def test_workers_start_with_interruptions_blocked() -> None:
     with local_executor(1) as pool:
         assert pool.submit(blocked).result()
     assert not blocked()
+
+
+def test_objects_of_this_program_reach_its_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that a module defines; an object of a script alone stays unknown there."""
+    monkeypatch.setattr(extension_points, "_given", {})
+    extension_points.add("lab.samplers", "fractions", Fraction)
+    extension_points.add("lab.samplers", "script", type("Own", (), {"__module__": "__main__"}))
+    with local_executor(1) as pool:
+        assert pool.submit(extension_points.load, "lab.samplers", "fractions").result() is Fraction
+        with pytest.raises(LabError, match="'script' is not registered"):
+            pool.submit(extension_points.load, "lab.samplers", "script").result()

@@ -92,3 +92,29 @@ def test_payloads_are_read_as_one_or_as_several(tmp_path: Path) -> None:
     with pytest.raises(LabError, match=r"factor payload_kg: 3.0 is no tuple; give one for each level"):
         Study(factors={"payload_kg": (3.0,)})
     assert {cell.targets for cell in Study(targets=("p1", "p3")).cells} == {2}
+
+
+@pytest.mark.parametrize(
+    "factors",
+    [
+        {"payload_kg": [[0, 3], [3, 0]]},
+        {"model": ["compliance+harmonics", "harmonics+compliance"]},
+        {"observe": ["points+cable", "cable+points"]},
+    ],
+)
+def test_levels_that_differ_in_their_order_alone_are_one(factors: dict[str, list[object]]) -> None:
+    with pytest.raises(LabError, match="give at least one value, and each once"):
+        study_from({"factors": factors})
+
+
+def test_payloads_of_a_rigid_arm_are_refused() -> None:
+    """They would change no measured point, and no model that is fitted."""
+    rigid = {"criterion": "random", "payload_kg": [3]}
+    with pytest.raises(LabError, match="payload_kg: a rigid arm does not deflect under a load"):
+        refuse_impossible(study_from({"factors": rigid}))
+    backlash = {"factors": {**rigid, "effects": ["loose"]}, "effects": {"loose": {"backlash_mrad": 0.1}}}
+    with pytest.raises(LabError, match=r"payload_kg: \[effects.loose\] does not deflect under a load"):
+        refuse_impossible(study_from(backlash))
+    refuse_impossible(study_from({"factors": {**rigid, "model": ["compliance"]}}))
+    soft = {"factors": {**rigid, "effects": ["soft"]}, "effects": {"soft": {"stiffness_nm_per_rad": 1e5}}}
+    refuse_impossible(study_from(soft))

@@ -12,10 +12,11 @@ import lab
 from lab.calibration.estimator import EstimationProblem
 from lab.campaign.option_groups import Effects
 from lab.campaign.robot import load_virtual
+from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.simulation.collisions import random_poses
-from lab.studies.campaigns import METRICS, cell_poses, run_task
+from lab.studies.campaigns import METRICS, cell_poses, refuse_impossible, run_task
 from lab.studies.executors import local_executor
 from lab.studies.grid import Study, Task
 from lab.studies.identified import RANK_DEFICIENT
@@ -67,10 +68,11 @@ def test_a_refused_campaign_is_a_row_with_its_reason() -> None:
     }
 
 
-def plan_without_joint_6(folder: Path) -> str:
+def plan_without_joint_6(folder: Path, still: bool = True) -> str:
     robot = load_virtual("irb120")
     joints = random_poses(robot.model, 30, rng_for(5, "poses"))
-    joints[:, 5] = 0.3
+    if still:
+        joints[:, 5] = 0.3
     names = robot.chain.joint_names
     lines = [",".join(map(repr, np.rad2deg(row).tolist())) for row in joints]
     path = folder / "still.csv"
@@ -92,6 +94,30 @@ def test_a_plan_s_poses_are_measured_as_they_are(tmp_path: Path) -> None:
     study = study_of(plan=(plan_without_joint_6(tmp_path),))
     joints = cell_poses(study, study.cells[0])
     assert joints.shape == (30, 6) and np.allclose(joints[:, 5], 0.3)
+
+
+@pytest.mark.parametrize("prior", ["off", "auto"])
+def test_a_plan_s_payloads_are_at_its_poses(prior: str, tmp_path: Path) -> None:
+    """Together and one by one: an arm that bends under its load is identified with these, and validated without."""
+    plan = Path(plan_without_joint_6(tmp_path, still=False))
+    lines = plan.read_text().splitlines()
+    loaded = [f"{line},{3 * (i % 2)}" for i, line in enumerate(lines[1:])]
+    plan.write_text("\n".join([f"{lines[0]},payload_kg", *loaded]) + "\n")
+    study = study_of(effects=("soft",), model=("geometric", "compliance"), plan=(str(plan),), prior=(prior,), draws=1)
+    refuse_impossible(study)
+    joints = cell_poses(study, study.cells[0])
+    assert joints.shape == (30, 7) and joints[:, 6].tolist() == [0.0, 3.0] * 15
+    with ThreadPoolExecutor(1) as executor:
+        run_study(study, tmp_path / "study", executor)
+    blind, seen = (float(rows(study, cell)["fresh_mean_mm"][0]) for cell in range(2))
+    assert seen < 0.8 * blind
+    assert "payload_kg" in (tmp_path / "study" / "poses" / "cell0000.csv").read_text().splitlines()[0]
+    rigid = study_of(plan=(str(plan),))
+    with pytest.raises(LabError, match="a rigid arm does not deflect under a load"):
+        refuse_impossible(rigid)
+    both = study_of(effects=("soft",), plan=(str(plan),), payload_kg=((2.0,),))
+    with pytest.raises(LabError, match="has a column payload_kg, and --payload-kg is given too"):
+        refuse_impossible(both)
 
 
 def test_more_targets_show_more_and_a_payload_shows_compliance() -> None:

@@ -332,7 +332,7 @@ def _of_a_virtual_robot(
         noise = Noise(None, MM.to_si(options.noise_mm), error_terms=fit.error_terms)
     else:
         kind = kind.weighted_by(device, data)
-    fitter = Fitter(robot, options.targets, data, kind, kind.noise(noise), fit, options.seed)
+    fitter = Fitter(robot, kind.targets(data), data, kind, kind.noise(noise), fit, options.seed)
     state = Fitted(
         fitter, fitter.observed().with_points(), judging=_judging(options), checks=tuple(map(note, robot.warnings))
     )

@@ -20,6 +20,7 @@ from lab.kinematics.effects.effect import (
     Effect,
     FittedGroup,
     MovesJoints,
+    OnePerJoint,
     PoseConditions,
     SimulatedEffect,
     TermFamily,
@@ -88,7 +89,7 @@ _PLAY = TermFamily("backlash", "", _of_one_joint, lambda _: (), lambda joint, _:
 
 
 @dataclass(frozen=True)
-class Play(SimulatedEffect, MovesJoints):
+class Play(OnePerJoint, MovesJoints):
     """Backlash of one arm.
 
     Attributes:
@@ -96,14 +97,10 @@ class Play(SimulatedEffect, MovesJoints):
     """
 
     backlash_rad: Array
+    symbol: ClassVar[str] = "backlash"
 
     def __post_init__(self) -> None:
         refuse_negative("backlash_rad", self.backlash_rad)
-
-    @classmethod
-    def none(cls, joints: int) -> Self:
-        """Return joints without backlash."""
-        return cls(np.zeros(joints))
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the directions of approach of joints with backlash."""
@@ -112,10 +109,6 @@ class Play(SimulatedEffect, MovesJoints):
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
         """Return half the width above the measured position at approach +1, below it at -1."""
         return np.asarray(self.backlash_rad / 2 * conditions.approach)
-
-    def true_parameters(self) -> dict[str, float]:
-        """Return b_i."""
-        return {f"joint{i + 1}.backlash": float(value) for i, value in enumerate(self.backlash_rad)}
 
 
 @dataclass(frozen=True)
@@ -135,7 +128,7 @@ class Backlash(VirtualEffect):
 
 
 @dataclass(frozen=True)
-class JointHysteresis(SimulatedEffect, MovesJoints):
+class JointHysteresis(OnePerJoint, MovesJoints):
     """Hysteresis of one arm.
 
     Attributes:
@@ -143,24 +136,16 @@ class JointHysteresis(SimulatedEffect, MovesJoints):
     """
 
     hysteresis_rad: Array
+    symbol: ClassVar[str] = "hysteresis"
 
     def __post_init__(self) -> None:
         refuse_negative("hysteresis_rad", self.hysteresis_rad)
-
-    @classmethod
-    def none(cls, joints: int) -> Self:
-        """Return joints without hysteresis."""
-        return cls(np.zeros(joints))
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
         """Return half the width in each joint's last direction of motion."""
         if not self.hysteresis_rad.any():
             return np.zeros(joints.shape)
         return np.asarray(self.hysteresis_rad / 2 * last_moves(joints))
-
-    def true_parameters(self) -> dict[str, float]:
-        """Return h_i."""
-        return {f"joint{i + 1}.hysteresis": float(value) for i, value in enumerate(self.hysteresis_rad)}
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ from lab.kinematics.effects.effect import (
     Effect,
     FittedGroup,
     MovesJoints,
+    OnePerJoint,
     PoseConditions,
     SimulatedEffect,
     TermFamily,
@@ -289,7 +290,7 @@ def _fitted_hardening(arm: ArmFacts) -> Effect:
 
 
 @dataclass(frozen=True)
-class HardeningSprings(SimulatedEffect):
+class HardeningSprings(OnePerJoint):
     """Hardening joint springs of one arm; ``simulation.elastic`` finds the equilibrium.
 
     Attributes:
@@ -297,19 +298,11 @@ class HardeningSprings(SimulatedEffect):
     """
 
     cubic_rad_per_nm3: Array
-
-    @classmethod
-    def none(cls, joints: int) -> Self:
-        """Return linear springs."""
-        return cls(np.zeros(joints))
+    symbol: ClassVar[str] = "hardening"
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the payload."""
         return (PAYLOAD,) if self.cubic_rad_per_nm3.any() else ()
-
-    def true_parameters(self) -> dict[str, float]:
-        """Return d_i."""
-        return {f"joint{i + 1}.hardening": float(value) for i, value in enumerate(self.cubic_rad_per_nm3)}
 
 
 @dataclass(frozen=True)

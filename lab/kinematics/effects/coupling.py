@@ -15,6 +15,7 @@ from lab.kinematics.effects.effect import (
     Effect,
     FittedGroup,
     MovesJoints,
+    OnePerJoint,
     PoseConditions,
     SimulatedEffect,
     TermFamily,
@@ -151,7 +152,7 @@ def gear(chain: JointSpec) -> Effect:
 
 
 @dataclass(frozen=True)
-class GearErrors(SimulatedEffect, MovesJoints):
+class GearErrors(OnePerJoint, MovesJoints):
     """Gear ratio errors of one arm.
 
     Attributes:
@@ -159,19 +160,11 @@ class GearErrors(SimulatedEffect, MovesJoints):
     """
 
     gear: Array
-
-    @classmethod
-    def none(cls, joints: int) -> Self:
-        """Return exact gears."""
-        return cls(np.zeros(joints))
+    symbol: ClassVar[str] = "gear"
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
         """Return offsets in proportion to the joint's position."""
         return np.asarray(self.gear * joints)
-
-    def true_parameters(self) -> dict[str, float]:
-        """Return e_i."""
-        return {f"joint{i + 1}.gear": float(value) for i, value in enumerate(self.gear)}
 
 
 @dataclass(frozen=True)

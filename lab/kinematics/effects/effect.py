@@ -6,7 +6,7 @@ pose beside the joints: payload, approach, time, temperature, sessions; along a 
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -41,6 +41,7 @@ __all__ = [
     "MovesJoints",
     "MovesTracker",
     "Offsets",
+    "OnePerJoint",
     "PlainTerms",
     "PoseConditions",
     "ScattersJoints",
@@ -313,6 +314,27 @@ class SimulatedEffect(ABC):
 
     def refuse_unfit(self, chain: JointSpec) -> None:  # noqa: B027 (most fit every arm)
         """Raise a LabError if an arm with these joints cannot have it."""
+
+
+@dataclass(frozen=True)
+class OnePerJoint(SimulatedEffect, ABC):
+    """An effect of one number for each joint: its first field.
+
+    Attributes:
+        symbol: of the joints' parameters that hold these numbers; "" where they are no parameters.
+    """
+
+    symbol: ClassVar[str] = ""
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Return zeros."""
+        return cls(np.zeros(joints))  # type: ignore[call-arg]
+
+    def true_parameters(self) -> dict[str, float]:
+        """Return the numbers by their parameters."""
+        values = getattr(self, fields(self)[0].name) if self.symbol else ()
+        return {f"joint{i + 1}.{self.symbol}": float(value) for i, value in enumerate(values)}
 
 
 class MovesJoints(ABC):

@@ -14,6 +14,7 @@ from lab.kinematics.effects.effect import (
     ArmFacts,
     ChangesJointPositions,
     DisplacesReadings,
+    OnePerJoint,
     ScattersJoints,
     ShapesNoise,
     SimulatedEffect,
@@ -36,7 +37,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class VisitScatter(SimulatedEffect, ScattersJoints):
+class VisitScatter(OnePerJoint, ScattersJoints):
     """Repeatability of one arm's joints.
 
     Attributes:
@@ -47,11 +48,6 @@ class VisitScatter(SimulatedEffect, ScattersJoints):
 
     def __post_init__(self) -> None:
         refuse_negative("repeatability_rad", self.repeatability_rad)
-
-    @classmethod
-    def none(cls, joints: int) -> Self:
-        """Return no scatter."""
-        return cls(np.zeros(joints))
 
     @property
     def is_on(self) -> bool:

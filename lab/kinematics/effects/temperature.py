@@ -25,6 +25,7 @@ from lab.kinematics.effects.effect import (
     FittedGroup,
     MovesArm,
     MovesJoints,
+    OnePerJoint,
     PoseConditions,
     SimulatedEffect,
     TrackerMotion,
@@ -120,7 +121,7 @@ class ThermalExpansion(SimulatedEffect, MovesArm):
 
 
 @dataclass(frozen=True)
-class ThermalZeros(SimulatedEffect, MovesJoints):
+class ThermalZeros(OnePerJoint, MovesJoints):
     """Thermal zero offsets of one arm.
 
     Attributes:
@@ -128,11 +129,7 @@ class ThermalZeros(SimulatedEffect, MovesJoints):
     """
 
     zeros_rad_per_k: Array
-
-    @classmethod
-    def none(cls, joints: int) -> Self:
-        """Return constant zeros."""
-        return cls(np.zeros(joints))
+    symbol: ClassVar[str] = "thermal"
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the temperature."""
@@ -141,10 +138,6 @@ class ThermalZeros(SimulatedEffect, MovesJoints):
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
         """Return offsets in proportion to the temperature above 20 degrees."""
         return np.asarray(conditions.warmer[:, None] * self.zeros_rad_per_k)
-
-    def true_parameters(self) -> dict[str, float]:
-        """Return the shifts."""
-        return {f"joint{i + 1}.thermal": float(value) for i, value in enumerate(self.zeros_rad_per_k)}
 
 
 @dataclass(frozen=True)

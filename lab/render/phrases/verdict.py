@@ -247,7 +247,8 @@ def _error(check: Check) -> str:
     if elsewhere is not None and np.isfinite(elsewhere.p95_m):
         share = f"{100 * elsewhere.extrapolated_share:.0f} % of the workspace"
         there = f", in the extrapolated {share} {MM.text(elsewhere.p95_m)}"
-    return f"the predicted 95 % error {region_text(region)} is {MM.text(region.p95_m)}{there}{of_condition}"
+    anew = f", the {' and '.join(region.anew)} placed anew," if region.anew else ""
+    return f"the predicted 95 % error {region_text(region)}{anew} is {MM.text(region.p95_m)}{there}{of_condition}"
 
 
 def _limit(check: Check) -> str:

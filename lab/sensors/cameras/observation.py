@@ -485,7 +485,7 @@ class _Start:
         good &= residual <= _FAR_OFF * max(float(np.median(residual[good])), 1e-9)
         mounts = [self._mounts(part.mount, pose[good]) for part in parts]
         As, Bs = np.asarray(se3.inverse(mounts[1]) @ mounts[0]), np.asarray(se3.inverse(Ts[good]))
-        return _View(camera, board, As, Bs, moves=parts[0].mount != parts[1].mount)
+        return _View(camera, board, As, Bs, moves=(parts[0].index, parts[1].index) in self.model.rig.pairs)
 
     def _mounts(self, mount: int | None, poses: NDArray[np.int_]) -> Array:
         """Return the poses ``(m, 4, 4)`` of what carries a camera or board, in the world."""

@@ -1,7 +1,6 @@
 """Predict what pictures show of an arm: which poses show enough corners, and the derivatives of these."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -13,7 +12,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.serial.arm import SerialArm
 from lab.sensors.cameras.observation import Pixels
-from lab.sensors.cameras.rig import HAND, PX, Board, Camera, Rig
+from lab.sensors.cameras.rig import PX, Board, Camera, Rig
 from lab.sensors.cameras.simulation import NominalArm, Scene, corner_noise_px, placed_scene
 from lab.sensors.tip import tip_frames
 from lab.simulation.model import RobotModel, SerialModel
@@ -58,8 +57,7 @@ class PlannedPictures:
                     f"{rig.source or option_name('observe') + ' pixels'}: {kind} {part.name} has no place, and a "
                     f"design needs one; give position_mm and rotation_deg in the file of {option_name('cameras')}"
                 )
-        targets = tuple(dict.fromkeys((*(("p1",) if any(p.fixed_to == HAND for p in parts) else ()), *rig.on_targets)))
-        arm = NominalArm(robot, robot.T_world_tracker, targets or ("p1",))
+        arm = NominalArm(robot, robot.T_world_tracker, rig.targets)
         scene = placed_scene(rig, arm)
         serial = SerialArm(robot.chain, arm.targets)
         everything = tuple(range(len(rig.cameras))), tuple(range(len(rig.boards)))
@@ -74,7 +72,7 @@ class PlannedPictures:
                 placed = np.asarray(se3.inverse(se3.pose(turn[0], origin[0])) @ arm.tips(rest)[0, own.mount] @ T)
             values[own.pose] = [*placed[:3, 3], *se3.log(placed[:3, :3])]
         planned = cls(scene, arm, pixels, values)
-        if not planned._pairs:
+        if not rig.pairs:
             raise LabError(
                 f"{rig.source}: no camera moves against a board; fix one of them to hand, the other to world"
             )
@@ -129,7 +127,7 @@ class PlannedPictures:
         """Return each corner in sight, in the order of the poses: its pose, number, and distance (m)."""
         tips, need = self.arm.tips(joints), self.scene.rig.simulated.corners
         rows, numbers, distances = list[NDArray[np.int_]](), list[NDArray[np.int_]](), list[Array]()
-        for camera, board in self._pairs:
+        for camera, board in self.scene.rig.pairs:
             _, inside, corners, origins = self.scene.visible(camera, board, self.arm, joints, tips)
             inside &= (inside.sum(axis=1) >= need)[:, None]
             row, corner = np.nonzero(inside)
@@ -139,14 +137,3 @@ class PlannedPictures:
         row = np.concatenate(rows)
         order = np.argsort(row, kind="stable")
         return row[order], np.concatenate(numbers)[order], np.concatenate(distances)[order]
-
-    @cached_property
-    def _pairs(self) -> list[tuple[int, int]]:
-        """The indices of each camera and each board that move against each other."""
-        rig, targets = self.scene.rig, self.arm.targets
-        return [
-            (i, j)
-            for i, camera in enumerate(rig.cameras)
-            for j, board in enumerate(rig.boards)
-            if rig.mount(camera, targets) != rig.mount(board, targets)
-        ]

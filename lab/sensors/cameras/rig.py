@@ -20,6 +20,7 @@ from lab.core.limits import CORNERS, FIXTURES, LENGTH_M, OPTION_SIZE, checked_na
 from lab.core.se3 import Array
 from lab.core.units import MM, Unit
 from lab.formats.structured import read_toml, structured
+from lab.kinematics.tree import first_of_tips, tip_of
 from lab.sensors.cameras.geometry import INTRINSICS
 
 __all__ = ["HAND", "KINDS", "PX", "WORLD", "Board", "BoardKind", "Camera", "Rig", "Simulated", "read_rig", "usual_rig"]
@@ -267,22 +268,43 @@ class Rig:
         """
         if part.fixed_to == WORLD:
             return None
+        kind = "camera" if isinstance(part, Camera) else "board"
         if part.fixed_to == HAND:
+            if len(first := first_of_tips(targets)) > 1:
+                raise LabError(
+                    f"{self.source or 'cameras'}: {kind} {part.name} is fixed to {HAND}, and the arm has several tips; "
+                    f"name a target of one: {', '.join(targets[i] for i in first)}"
+                )
             return 0
         if part.fixed_to in targets:
             return targets.index(part.fixed_to)
-        kind = "camera" if isinstance(part, Camera) else "board"
         raise LabError(
             f"{self.source or 'cameras'}: {kind} {part.name} is fixed to '{part.fixed_to}'; give {WORLD}, {HAND}, or a "
             f"target: {', '.join(targets)}"
         )
 
     @property
-    def on_targets(self) -> tuple[str, ...]:
-        """Targets that cameras and boards name as what carries them."""
+    def pairs(self) -> list[tuple[int, int]]:
+        """Indices of each camera and each board that move against each other: not both in the world, or on one tip."""
+        return [
+            (i, j)
+            for i, camera in enumerate(self.cameras)
+            for j, board in enumerate(self.boards)
+            if _carrier(camera) != _carrier(board)
+        ]
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Targets of the tips that carry cameras and boards: those that are named, ``p1`` of a hand or without any."""
         parts: tuple[Camera | Board, ...] = (*self.cameras, *self.boards)
-        named = [part.fixed_to for part in parts]
-        return tuple(dict.fromkeys(name for name in named if name not in (WORLD, HAND)))
+        carriers = dict.fromkeys(part.fixed_to for part in parts if part.fixed_to != WORLD)
+        named = [name for name in carriers if name != HAND]
+        return tuple(dict.fromkeys((*(("p1",) if HAND in carriers or not named else ()), *named)))
+
+
+def _carrier(part: Camera | Board) -> str | None:
+    """Return the tip that carries a camera or board, "" of an arm that has one; None in the world."""
+    return None if part.fixed_to == WORLD else "" if part.fixed_to == HAND else tip_of(part.fixed_to)
 
 
 def usual_rig(in_hand: bool = True) -> Rig:

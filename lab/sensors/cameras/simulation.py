@@ -15,8 +15,9 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.sensors.cameras.geometry import projected
 from lab.sensors.cameras.rig import PX, Board, Camera, Rig, Simulated
 from lab.sensors.virtual_sensor import SimulatedReadings
+from lab.simulation.candidate_poses import refuse_unknown_targets
 from lab.simulation.collisions import collides, kinematics_at, random_poses
-from lab.simulation.model import SerialModel, site_pose
+from lab.simulation.model import SerialModel, TreeModel, site_pose
 from lab.simulation.sight import unhidden
 from lab.simulation.tracking import VirtualMeasurement, target_rotations
 from lab.simulation.true_robot import TrueRobot, TrueSerialRobot
@@ -128,11 +129,17 @@ class NominalArm:
     Attributes:
         robot: nominal, with the instrument where it truly stands.
         targets: of the tips.
+
+    Raises:
+        LabError: the robot has no such target.
     """
 
     robot: SerialModel
     T_world_instrument: Array
     targets: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        refuse_unknown_targets(self.robot, self.targets)
 
     def tips(self, joints: Array) -> Array:
         """Return the poses ``(n, k, 4, 4)`` m of the targets in the instrument's frame."""
@@ -262,13 +269,14 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     """
     real, rng, scene = poses.robot, poses.rng, rig.simulated
     if not isinstance(real, TrueSerialRobot):
+        what = "several tips" if isinstance(real.robot, TreeModel) else "loops"
         raise LabError(
-            f"robot {real.robot.chain.name} has loops: a virtual one is measured by {option_name('observe')} points or "
-            "pose"
+            f"robot {real.robot.chain.name} has {what}: a virtual one is measured by {option_name('observe')} points "
+            "or pose"
         )
     _refuse_trackers(real)
     scattering, failing, shaping, placing, missing = rng.spawn(5)
-    targets = tuple(dict.fromkeys((*poses.targets, *rig.on_targets)))
+    targets = tuple(dict.fromkeys((*poses.targets, *rig.targets)))
     nominal = NominalArm(real.robot, real.T_world_tracker, targets)
     placed = drawn_scene(rig, nominal, placing)
     for _ in range(_SCENES):
@@ -357,12 +365,7 @@ def _seeing_poses(placed: Scene, arm: NominalArm, count: int, rng: np.random.Gen
         LabError: hardly any pose sees one.
     """
     rig, chain = placed.rig, arm.robot.chain
-    pairs = [
-        (i, j)
-        for i, camera in enumerate(rig.cameras)
-        for j, board in enumerate(rig.boards)
-        if rig.mount(camera, arm.targets) != rig.mount(board, arm.targets)
-    ]
+    pairs = rig.pairs
     found = [list[Array]() for _ in pairs]
     wanted = [len(range(i, count, len(pairs))) for i in range(len(pairs))]
     near = placed.seeing

@@ -93,3 +93,10 @@ def test_without_validation_or_positions_nothing_is_compared(day: Measurements) 
     left, found = result.fit.residual_spread, result.identification
     nothing = replace(result.validation, rows=None)
     assert bounds_at(found, left, nothing, result.fit.measured, result.fit.fitter.options.tolerance) is None
+
+
+@pytest.mark.parametrize("observe", ["points", "points+cable"])
+def test_a_box_is_predicted_of_several_sensors_too(observe: str) -> None:
+    result = lab.calibrate("irb120", observe=observe, poses=40, seed=1, region="200,400,-100,100,200,400")
+    region = result.verdict.region
+    assert region.kind == "box" and region.anew == () and 1e-6 < region.p95_m < 3e-5

@@ -1,14 +1,19 @@
 """``lab check``: daily touches of a socket by a virtual arm that MuJoCo moves."""
 
+import json
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from helpers.bad_input import run
 from helpers.daily_checks import daily
+from helpers.robots import ROOT
 
 import lab
 from lab.core.errors import LabError
+from lab.formats.measurement_csv import read_measurements
+from lab.sensors.registry import sensor_named
 
 SLIP = np.array([0.0, 0.0, 0.6e-3, 0.0, 0.0, 0.0])
 
@@ -87,3 +92,38 @@ def test_rows_that_make_no_checks_are_refused(calibrated: lab.CalibrationResult)
     for what, options in refused.items():
         with pytest.raises(LabError, match=what):
             lab.check(calibrated, good, **options)
+
+
+def test_configurations_are_proposed_where_one_touch_shows_the_socket(
+    calibrated: lab.CalibrationResult, tmp_path: Path
+) -> None:
+    first = daily(1).take([0])
+    plan = lab.check(calibrated, first, plan=5)
+    arm, values = calibrated.estimate.geometry
+    joints = np.array([each["joints"] for each in plan.to_dict()["plan"]]) * np.pi / 180
+    assert joints.shape == (5, 6) and not calibrated.robot.chain.beyond_limits(joints, 1e-9).any()
+    there = arm.points(first.joints, values)[0, 0]
+    np.testing.assert_allclose(arm.points(joints, values)[:, 0], np.tile(there, (5, 1)), atol=1e-8)
+    apart = np.abs(joints[:, None] - joints).max(axis=2) + 10 * np.eye(5)
+    assert apart.min() > np.deg2rad(20)
+    assert lab.check(calibrated, first, plan=12).own_share >= 0.9 * plan.own_share > 0.1
+    calibrated.save(tmp_path / "run")
+    lab.write_measurements(tmp_path / "first.csv", first)
+    assert run(f"check {tmp_path}/run {tmp_path}/first.csv --plan 5 --out {tmp_path}/plan") == 0
+    chain = calibrated.robot.chain
+    columns = sensor_named("socket").columns
+    back = read_measurements(tmp_path / "plan" / "plan.csv", chain.joint_names, chain.prismatic, columns=columns)
+    np.testing.assert_allclose(back.joints, plan.joints, atol=1e-6)
+    schema = json.loads((ROOT / "docs" / "reference" / "schemas" / "check.schema.json").read_text())
+    jsonschema.validate(json.loads((tmp_path / "plan" / "result.json").read_text()), schema)
+
+
+def test_a_plan_that_cannot_be_is_refused(calibrated: lab.CalibrationResult) -> None:
+    rows = daily(1)
+    for count in (3, 51):
+        with pytest.raises(LabError, match="--plan"):
+            lab.check(calibrated, rows, plan=count)
+    other = rows.joints.copy()
+    other[1, 1] += 0.2
+    with pytest.raises(LabError, match="mm from where the other touches have socket"):
+        lab.check(calibrated, lab.measurements(other[:3], robot="irb120"), plan=4)

@@ -16,7 +16,7 @@ PI = np.pi
 EXACT = 1e-14  # of a distance from singular, which has no unit
 
 TWO = TwoLegs(0.8)
-FLEX_PICKER = Delta.of_triangles(0.567, 0.076, 0.524, 1.244)
+FLEX_PICKER = Delta(0.567 / np.sqrt(12), 0.076 / np.sqrt(3), 0.524, 1.244, AZIMUTHS_RAD)
 CENTRED = np.array([[np.cos(a), np.sin(a)] for a in np.radians([-150, -30, 90])])  # an equilateral triangle
 SIXTY = np.array([[0.5, np.sqrt(0.75)], [-np.sqrt(0.75), 0.5]])
 

@@ -135,7 +135,10 @@ def test_all_at_once() -> None:
 
 
 def test_a_delta_s_numbers_are_the_published_ones() -> None:
-    course, published = known(drawn("delta/mechanism")), Delta.of_triangles(0.567, 0.076, 0.524, 1.244)
+    course, published = (
+        known(drawn("delta/mechanism")),
+        Delta(0.567 / np.sqrt(12), 0.076 / np.sqrt(3), 0.524, 1.244, AZIMUTHS_RAD),
+    )
     for name in ("base_radius_m", "platform_radius_m", "arm_m", "rod_m"):
         assert getattr(course.model, name) == pytest.approx(getattr(published, name), abs=1e-12)
     assert isinstance(course.model, Delta)

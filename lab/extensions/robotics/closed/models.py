@@ -416,11 +416,6 @@ class Delta:
             raise LabError(f"azimuths_rad has shape {azimuths.shape}: give three angles, all finite")
         object.__setattr__(self, "azimuths_rad", azimuths)
 
-    @classmethod
-    def of_triangles(cls, base_m: float, platform_m: float, arm_m: float, rod_m: float) -> "Delta":
-        """Build a Delta from the sides of Williams' triangles: hips midway on the base's, rods end at the corners."""
-        return cls(base_m / np.sqrt(12), platform_m / np.sqrt(3), arm_m, rod_m, AZIMUTHS_RAD)
-
     @property
     def outward(self) -> Array:
         """Level directions e_i ``(3, 3)`` from the base's centre to the hips."""
