@@ -70,6 +70,7 @@ class Answer:
         place: of an entry of a matrix.
         advice: describes an answer that is nearly right, or right in another way, in a sentence; "" of any other.
         any_order: name of a set of rows that may be given in any order; "" where the order matters.
+        decimals: number of digits after the point that a reader is asked for; None of what is no number.
     """
 
     name: str
@@ -89,6 +90,7 @@ class Answer:
     place: Place | None = None
     advice: Callable[[str], str] = lambda text: ""
     any_order: str = ""
+    decimals: int | None = None
 
     @property
     def state(self) -> State:
@@ -145,6 +147,7 @@ def number(
         name, printed, _written(ours, decimals + more), unit, _small(error(_read(shown)), "+") if shown else "",
         near(printed, printed) if printed else None, erratum, check, "trivial" if shown in _TRIVIAL else "number",
         right, near(right, right) if right else True, advice=advice,
+        decimals=_decimals(right or printed) if right or printed else digits,
     )  # fmt: skip
 
 
@@ -366,7 +369,8 @@ def _advice_on_number(value: float, ours: float, unit: str, last: float) -> str:
             if gap(found) <= slack:
                 return reason
     if gap(value) <= max(_CLOSE * abs(ours), 2 * last):
-        return f"close: give it to {last:g}, and round last" if last < 0.5 else "close: check the last digit"
+        decimals = round(-np.log10(last)) if last < 0.5 else 0
+        return f"close: {decimals} decimals are asked, so round last" if decimals else "close: check the last digit"
     return ""
 
 
@@ -388,7 +392,7 @@ def _advice_on_formula(text: str, exact: Array, variables: Variables) -> str:
     if len(parts) > 1 and any(same(values - 2 * part) for part in parts):
         return "the sign of one term is the other one"
     if same(exchanged(text, variables)):
-        return "sine and cosine have changed places"
+        return "sine and cosine have changed places, or two angles"
     if same(-exchanged(text, variables)):
         return "sine and cosine have changed places, and the sign is the other one"
     with np.errstate(all="ignore"):

@@ -67,6 +67,8 @@ class Question:
         homogeneous = len(self.rows) == 4 and [answer.solution for answer in self.rows[-1]] == ["0", "0", "0", "1"]
         if homogeneous and len(rows) == 3:
             rows.append(["0", "0", "0", "1"])
+        if len(rows) == wide != len(self.rows) and all(len(row) == len(self.rows) for row in rows):
+            raise LabError(f"{self.name} is transposed: it has {len(self.rows)} rows of {wide} entries")
         if len(rows) != len(self.rows) or any(len(row) != wide for row in rows):
             shape = "" if len(self.rows) == 1 else f"{len(self.rows)} rows of "
             found = " and ".join(sorted({str(len(row)) for row in rows}))
@@ -205,11 +207,11 @@ def _matched(asked: Sequence[Question], given: Mapping[str, str]) -> list[Questi
     found = list(asked)
     for name in dict.fromkeys(each.entries[0].any_order for each in asked):
         places = [i for i, each in enumerate(asked) if name and each.entries[0].any_order == name]
-        left = list(places)
-        for place in sorted(places, key=lambda i: -max(_hits(asked[j], given.get(asked[i].label, "")) for j in places)):
-            best = max(left, key=lambda j: (_hits(asked[j], given.get(asked[place].label, "")), j == place))
-            left.remove(best)
+        pairs = {(i, j): _hits(asked[j], given.get(asked[i].label, "")) for i in places for j in places}
+        while pairs:
+            place, best = max(pairs, key=lambda pair: (pairs[pair], pair[0] == pair[1]))
             found[place] = replace(asked[best], name=asked[place].name)
+            pairs = {pair: hits for pair, hits in pairs.items() if pair[0] != place and pair[1] != best}
     return found
 
 
@@ -261,7 +263,8 @@ def _advice_on_entries(question: Question, texts: Sequence[str], right: Sequence
         _right(question.rows[j][i], texts[4 * i + j]) for i in range(3) for j in range(3)
     ):
         return "its rotation is transposed: rows and columns are exchanged"
-    first = right.index(False)
+    missed = [i for i, ok in enumerate(right) if not ok]
+    first = next((i for i in missed if texts[i]), missed[0])
     answer, text = entries[first], texts[first]
     try:
         why = answer.advice(text) if text else "it is blank"

@@ -217,8 +217,7 @@ def _reproduction_document(result: ReproductionResult) -> Document:
             Paragraph(source.title, "lead"),
             *_first(result),
             Warnings(() if result.options.exercise else result.warnings),
-            Section("Score", _score(result)),
-            Section("Marks", _marks(result)),
+            *_marks(result),
             Section("Items", () if marked else _overview(result)),
             Section("Errata", _reasons(result, "erratum"), shown_in=TERMINAL),
             Section("Unreadable in the converted text", _reasons(result, "unreadable"), shown_in=TERMINAL),
@@ -312,7 +311,9 @@ def _card_of_exercise(result: ReproductionResult, command: str) -> Card:
     more = () if options.solution else (", and ", Code(f"{item} --solution"), " shows the way to the solutions")
     badge = Badge("exercise with its solutions" if options.solution else "exercise")
     about = "Formulas may be spelled freely: c1, cos q1 and cos(θ1) are the same. A matrix is one answer: 1, 0; 0, 1."
-    return Card(badge, numbers, about, ("write your answers into exercise.csv; ", *mark, *more, "."))
+    return Card(
+        badge, numbers, about, ("write your answers into exercise.csv of the run's folder; ", *mark, *more, ".")
+    )
 
 
 def _quoted(item: str) -> str:
@@ -336,10 +337,11 @@ def _card_of_marks(result: ReproductionResult, command: str) -> Card:
     first = next((mark for mark in marks if mark.state == "wrong"), None) or next(
         mark for mark in marks if mark.state == "blank"
     )
-    next_step: Text = (f"try {first.label} again" if first.given else f"answer {first.label}", ".")
+    again = f"try {first.label} again" if first.given else f"answer {first.label}"
+    next_step: Text = f"{again}."
     if not result.options.solution:
         solution = Code(f"{command} --exercise --solution --item {_quoted(first.question.item.number)}")
-        next_step = (*next_step[:1], "; ", solution, " shows the way to the solution.")
+        next_step = (again, "; ", solution, " shows the way to the solution.")
     return Card(Badge(f"{right} of {len(marks)} right", "doubtful"), numbers, "", next_step)
 
 
@@ -537,13 +539,19 @@ def _questions(asked: Sequence[Question], *, solved: bool) -> Iterator[Block]:
         tuple(Matrix(each.name, (("", tuple(tuple(map(shown, row)) for row in each.rows)),)) for each in matrices)
     )
     others = [each for each in asked if len(each.rows) == 1]
-    rows = tuple((each.name, each.solution if solved else _BLANK, each.unit) for each in others)
-    used = (True, True, any(row[2] for row in rows))
-    heads = ("asked", "solution" if solved else "answer", "unit")
+    rows = tuple((each.name, each.solution if solved else _BLANK, each.unit, _precision(each)) for each in others)
+    used = (True, True, any(row[2] for row in rows), any(row[3] for row in rows) and not solved)
+    heads = ("asked", "solution" if solved else "answer", "unit", "decimals")
     yield Table(
         tuple(head for head, use in zip(heads, used, strict=True) if use),
         tuple(tuple(cell for cell, use in zip(row, used, strict=True) if use) for row in rows),
     )
+
+
+def _precision(question: Question) -> str:
+    """Return the number of decimals that are asked for; "" of whole numbers and formulas."""
+    found = max((answer.decimals or 0 for answer in question.entries), default=0)
+    return str(found) if found else ""
 
 
 def _figure(item: Item, pictures: Iterable[Picture], caption: str = "") -> tuple[Block, ...]:
@@ -553,31 +561,26 @@ def _figure(item: Item, pictures: Iterable[Picture], caption: str = "") -> tuple
     return (Figure(slug, named, f"{item.title}, {caption}" if caption else item.title),)
 
 
-def _score(result: ReproductionResult) -> tuple[Block, ...]:
-    """Count the marks of each item, with its hint where an answer is wrong."""
-    rows: list[Row] = []
+def _marks(result: ReproductionResult) -> Iterator[Section]:
+    """Show the marks of each item: how many answers are right, its hint where one is wrong, and every answer."""
+    badges = {"right": Badge("right", "good"), "wrong": Badge("wrong", "bad"), "blank": Badge("blank", "open")}
+    solved = result.options.solution
     for number, marks in groupby(result.marks or (), key=lambda mark: mark.question.item.number):
         group = list(marks)
-        found = Counter(mark.state for mark in group)
+        states = Counter(mark.state for mark in group)
         exercise = group[0].question.item.exercise
-        hint = exercise.hint if exercise is not None and found["wrong"] else ""
-        rows.append((number, f"{found['right']} of {len(group)}", str(found["blank"] or ""), hint))
-    return (Table(("item", "right", "blank", "hint"), tuple(rows)),) if rows else ()
-
-
-def _marks(result: ReproductionResult) -> tuple[Block, ...]:
-    """List every answer given with its mark, and the correct one on request."""
-    marks, solved = result.marks or (), result.options.solution
-    if not marks:
-        return ()
-    badges = {"right": Badge("right", "good"), "wrong": Badge("wrong", "bad"), "blank": Badge("blank", "open")}
-    several = len({mark.question.item.number for mark in marks}) > 1
-    rows = tuple(
-        (mark.label if several else mark.question.name, _shortened(mark.given), badges[mark.state], mark.note)
-        + ((mark.question.solution,) if solved else ())
-        for mark in marks
-    )
-    return (Table(("answer", "given", "", "", *(("right is",) if solved else ())), rows),)
+        rows = tuple(
+            (badges[mark.state], mark.question.name, _shortened(mark.given), mark.note)
+            + ((mark.question.solution,) if solved else ())
+            for mark in group
+        )
+        yield Section(
+            f"{number}: {states['right']} of {len(group)} right",
+            (
+                Table(("", "answer", "given", "", *(("right is",) if solved else ())), rows),
+                Paragraph(exercise.hint if exercise is not None and states["wrong"] else "", "hint"),
+            ),
+        )
 
 
 _SHOWN = 60  # letters of an answer
