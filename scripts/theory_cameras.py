@@ -1,4 +1,4 @@
-"""Find a camera in the hand and a board on the table from simulated pictures, in closed form."""
+"""Find a camera in the hand and a board on the table from pictures, in closed form."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from lab.sensors.cameras.closed_forms import board_poses, robot_world
 from lab.sensors.cameras.geometry import projected, sight_lines
 
 rng = np.random.default_rng(0)
-LENS = np.array([1200.0, 1200.0, 639.5, 479.5, -0.2, 0.05, 0.001, -0.001, 0.0])  # fx fy cx cy k1 k2 p1 p2 k3, px
+LENS = np.array([1200.0, 1200.0, 639.5, 479.5, -0.2, 0.05, 0.001, -0.001, 0.0])
 corners = np.array([[0.02 * i, 0.02 * j, 0.0] for j in range(6) for i in range(9)])  # m
 hand_camera = pose(exp(np.array([0.1, -0.2, 0.3])), np.array([0.06, 0.0, 0.04]))
 base_board = pose(exp(np.array([3.0, 0.1, 0.2])), np.array([0.45, 0.1, 0.0]))
@@ -19,7 +19,8 @@ def looking(tilt: np.ndarray, place: np.ndarray) -> np.ndarray:
     return pose(rotation, place - rotation @ corners.mean(axis=0))
 
 
-boards = np.stack([looking(rng.normal(0, 0.4, 3), np.array([*rng.normal(0, 0.03, 2), 0.4])) for _ in range(15)])
+tilts, sideways = rng.normal(0, 0.4, (15, 3)), rng.normal(0, 0.03, (15, 2))
+boards = np.stack([looking(tilt, np.array([*aside, 0.4])) for tilt, aside in zip(tilts, sideways, strict=True)])
 hands = base_board @ inverse(boards) @ inverse(hand_camera)  # as an exact arm reports them
 points = corners @ boards[:, :3, :3].swapaxes(1, 2) + boards[:, None, :3, 3]
 
@@ -28,10 +29,12 @@ twice = projected(2 * points.reshape(-1, 3), LENS)[0]
 print(f"all lengths doubled, the pictures change by {np.abs(twice - places).max():.6f} px")
 
 for noise_px in (0.0, 0.1, 0.3):
-    seen = sight_lines(places + noise_px * rng.standard_normal(places.shape), LENS).reshape(15, -1, 2)
+    measured = places + noise_px * rng.standard_normal(places.shape)
+    seen = sight_lines(measured, LENS).reshape(15, -1, 2)
     found_boards, _ = board_poses(corners, seen)
     camera, board = robot_world(hands, inverse(found_boards))
-    for name, found, true in (("camera", camera, hand_camera), ("board", board, base_board)):
+    pairs = {"camera": (camera, hand_camera), "board": (board, base_board)}
+    for name, (found, true) in pairs.items():
         away = 1e3 * np.linalg.norm(found[:3, 3] - true[:3, 3])
         turned = 1e3 * np.linalg.norm(log(found[:3, :3] @ true[:3, :3].T))
         print(f"noise {noise_px} px: {name} off by {away:.3f} mm and {turned:.3f} mrad")

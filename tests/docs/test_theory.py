@@ -834,7 +834,7 @@ def _() -> None:
     assert_allclose(model.errors(data, values)[:, 0], np.abs(depth) * np.hypot(*(off / f)))
 
 
-@shows("together")
+@shows("together", "variance-component")
 def _() -> None:
     """Two targets that are measured unequally well: the variance of each, and the weights that follow."""
     robot = lab.load_robot("irb120")
@@ -854,6 +854,14 @@ def _() -> None:
     assert_allclose(variances, expected, rtol=1e-4)
     assert_allclose(hat.sum(), len(found.fit.free), rtol=1e-6)  # the leverages share the fitted parameters
     assert_allclose(np.sqrt(variances), sigma, rtol=0.5)  # the first fit weighs both alike
+    weights = np.sqrt(variances)[:, None]
+    whitened, scaled = (left / weights).ravel(), (rows / weights[..., None]).reshape(flat.shape)
+    step = np.linalg.lstsq(scaled, whitened, rcond=None)[0]  # to the minimum of both sums, each by its noise
+    moved = found.values.copy()
+    moved[list(found.fit.free)] += step
+    there = ((points - arm.points(joints, moved)) / weights).ravel()
+    assert (there**2).sum() < (whitened**2).sum()
+    assert_allclose(scaled.T @ there, 0, atol=1e-3 * np.linalg.norm(scaled))
 
 
 @pytest.mark.parametrize("label", sorted(CHECKS))
