@@ -210,7 +210,7 @@ COURSE_EXERCISES = {
         (
             *_ARM,
             *_CRAIG,
-            "Axis 2 lies on axis 1. Axis 3 is horizontal and meets axis 2. Axis 4 lies on axis 3. Axes 4, 5 and 6 "
+            "Axis 1 is z of frame 0. Axis 2 lies on axis 1. Axis 3 is horizontal and meets axis 2. Axis 4 lies on axis 3. Axes 4, 5 and 6 "
             "meet in a "
             "point, the wrist's centre.",
             "With all angles at zero the x axes of all frames are parallel; z3 points along y2, z4 along z3, z5 along "
@@ -551,8 +551,8 @@ COURSE_EXERCISES = {
         (
             "Bodies: 3 arms, 6 rods, 1 platform. Joints: 3 hinges and 12 balls. Freedoms: 3 · 1 + 12 · 3 = 39.",
             "Loops: joints less bodies, 15 − 10 = 5. Mobility: 39 − 6 · 5 − 6 = 3. The fourth motor adds 1.",
-            "In leg i's frame the platform's corner lies at (u, v, z): u along ei less 163.679 mm plus 43.879 mm, v "
-            "across.",
+            "In leg i's frame the platform's corner lies at (u, v, z): u is the platform's place along ei, plus "
+            "43.879 mm, less 163.679 mm; v is its place across ei.",
             "The elbow is (524 cos θ, 0, −524 sin θ). Its distance from the corner is 1244 mm: "
             "u cos θ − z sin θ = (u² + v² + z² + 524² − 1244²)/(2 · 524), of type 2. The solution with the arm "
             "outwards "

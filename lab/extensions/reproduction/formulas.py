@@ -50,6 +50,7 @@ _TURN_OF_LETTER = re.compile(r"[csCS] ?(?=[α-ω]|alpha|beta|gamma|delta|theta|r
 _SUM = re.compile(r"(?:q|θ|theta)(\d\d+)")
 _JOINT = re.compile(r"q(\d+)")
 _MAX_POWER = 20
+_SHOWN = 60  # letters of a formula in an error
 
 
 def evaluated(text: str, variables: Variables) -> Array:
@@ -85,6 +86,10 @@ def _reader(text: str, variables: Variables) -> "_Reader":
     if "w" in variables:
         plain = plain.replace("±", "w ").replace("+/-", "w ")
     return _Reader(text, " ".join(plain.split()), variables, _letters(variables))
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
 
 
 def _letters(variables: Variables) -> Variables:
@@ -153,8 +158,8 @@ class _Reader:
         """Return the syntax error at the position where parsing stopped."""
         joints = ("c1, s1, c12 … of joints",) if any(map(_JOINT.fullmatch, self.variables)) else ()
         known = ", ".join((*self.variables, *joints)) or "none: write a number"
-        rest = self.plain[self.at :] or "its end"
-        return LabError(f"formula '{self.text}': cannot be read from '{rest}' on; its letters are {known}")
+        rest = _short(self.plain[self.at :]) or "its end"
+        return LabError(f"formula '{_short(self.text)}': cannot be read from '{rest}' on; its letters are {known}")
 
     def _sign(self) -> int:
         """Read the sign of a term; 1 where there is none."""
@@ -197,7 +202,7 @@ class _Reader:
     def _factor(self) -> Array:
         self.depth += 1
         if self.depth > BRACKETS.most:
-            raise LabError(f"formula '{self.text}': more than {BRACKETS.most} brackets in each other")
+            raise LabError(f"formula '{_short(self.text)}': more than {BRACKETS.most} brackets in each other")
         found = self._one()
         self.depth -= 1
         return found

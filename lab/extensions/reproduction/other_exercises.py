@@ -166,8 +166,8 @@ THESIS_EXERCISES = {
     ),
     "Equations III.30, III.31": Exercise(
         "Joints 1 to 3 of the ABB IRB 120 are known, and the hand's rotation with the columns n, o, a. Find q4, q5 and "
-        "q6. Write first the five products of wrist angles, as named in the answers, by the entries of the rotation; then "
-        "the angles. In q4 and q6 you may use s5.",
+        "q6. Write first the five products of wrist angles, as named in the answers, by the entries of the rotation; "
+        "then the angles. In q4 and q6 you may use s5.",
         "Turn the hand's columns back into frame 3. Of T3,6 one entry is the cosine of q5 alone, and those beside it "
         "give q4 "
         "and q6.",
