@@ -127,7 +127,7 @@ COURSE_EXERCISES = {
             "T1 lifts the boom, θ1 turns it from the x axis, and the boom is L2 + T2 long.",
             "Letters: T1, θ1, T2, L2; of the inverse model x, y, z too. c1 and s1 are cos θ1 and sin θ1.",
         ),
-        sketch=_sketch("carrier/prp", 300, 30, 200),
+        sketch=_sketch("carrier/prp", 300, 100, 200),
     ),
     "Section 7.3": Exercise(
         "An RRR arm stands on a column of height l1. θ1 turns it about the vertical, and an upper arm l2 and a "
@@ -152,7 +152,7 @@ COURSE_EXERCISES = {
             "sign, 1 or −1; you may also choose one of the two solutions.",
             "Letters: θ1, θ2, θ3, l1, l2, l3; of the inverse model x, y, z, L, w. c23 is cos(θ2 + θ3).",
         ),
-        sketch=_sketch("carrier/rrr", 30, 120, 60),
+        sketch=_sketch("carrier/rrr", 100, 120, 60),
     ),
     "Section 7.4": Exercise(
         "Inverse models lead to ten types of equations, here with general coefficients X, Y, Z, W. The unknowns are "
@@ -210,9 +210,8 @@ COURSE_EXERCISES = {
         (
             *_ARM,
             *_CRAIG,
-            "Axis 1 is z of frame 0. Axis 2 lies on axis 1. Axis 3 is horizontal and meets axis 2. Axis 4 lies on axis 3. Axes 4, 5 and 6 "
-            "meet in a "
-            "point, the wrist's centre.",
+            "Axis 1 is z of frame 0. Axis 2 lies on axis 1. Axis 3 is horizontal and meets axis 2. Axis 4 lies on axis "
+            "3. Axes 4, 5 and 6 meet in a point, the wrist's centre.",
             "With all angles at zero the x axes of all frames are parallel; z3 points along y2, z4 along z3, z5 along "
             "y4, and "
             "z6 against y5.",
@@ -372,7 +371,7 @@ COURSE_EXERCISES = {
             "z2 and z5 point against y of the frame before, z4 and z6 along it; z3 is parallel to z2.",
             "Tables in ° and mm; lengths in the matrices in m, as a3, r4 and r6 or as 0.5 and 0.1. " + _SHORTHAND,
         ),
-        sketch=_sketch("scemi", 20, 40, -30, 30, 40, 0),
+        sketch=_sketch("scemi", 100, 40, 30, 30, 40, 0),
     ),
     "Section 8.8": Exercise(
         "Find the determinant of the 6 by 6 Jacobian of the SCEMI at its wrist's centre (so with r6 = 0), and name its "
@@ -405,7 +404,7 @@ COURSE_EXERCISES = {
             ("5", "90", "0", "q5", "0"),
             ("6", "−90", "0", "q6", "0"),
         ),
-        _sketch("scemi", 20, 40, -30, 30, 40, 0),
+        _sketch("scemi", 100, 40, 30, 30, 40, 0),
     ),
     "Section 8.9": Exercise(
         "A SCARA has two vertical hinges q1 and q2, a vertical slide q3 and a vertical hinge q4. Find: the type of its "
@@ -447,7 +446,7 @@ COURSE_EXERCISES = {
             "Differentiate x, y and z by q1, then by q2.",
         ),
         ("Letters: q1, q2, L1, L2; of the inverse model x, y, z. " + _SHORTHAND,),
-        sketch=_sketch("course2r", 30, 40),
+        sketch=_sketch("course2r", 100, 40),
     ),
     "Section 10.3, question 2": Exercise(
         "A robot of two hinges has its tip at x = L2 cos q2 cos q1, y = L2 cos q2 sin q1, z = L1 + L2 sin q2, with "
