@@ -310,7 +310,7 @@ def _card_of_exercise(result: ReproductionResult, command: str) -> Card:
     item = f"{command} --exercise --item {_quoted(options.item)}"
     more = () if options.solution else (", and ", Code(f"{item} --solution"), " shows the way to the solutions")
     badge = Badge("exercise with its solutions" if options.solution else "exercise")
-    about = "Formulas may be spelled freely: c1, cos q1 and cos(θ1) are the same. A matrix is one answer: 1, 0; 0, 1."
+    about = "Formulas may be spelled freely: c1, cos q1 and cos(θ1) are the same. A matrix is one answer: 1 | 0; 0 | 1."
     return Card(
         badge, numbers, about, ("write your answers into exercise.csv of the run's folder; ", *mark, *more, ".")
     )
