@@ -6,6 +6,7 @@ from drawing import BLUE, GREEN, INK, ORANGE, RED, drawn, panels
 from matplotlib.figure import Figure
 
 import lab
+from lab.sensors.cameras.geometry import projected
 
 
 @drawn
@@ -333,6 +334,39 @@ def two_link_gravity() -> Figure:
     axes.set_xticks(range(-180, 181, 90))
     axes.set_xlabel("shoulder, ° (elbow at 40°)")
     axes.set_ylabel("torque, Nm")
+    return figure
+
+
+@drawn
+def camera_model() -> Figure:
+    """A pinhole from the side, and a board's corners with and without distortion."""
+    figure, (side, picture) = panels(2, height=3.4)
+    depth, focal, heights = 2.0, 0.7, np.linspace(-0.6, 0.6, 5)
+    side.plot([depth, depth], [-0.75, 0.75], color=INK, linewidth=3)
+    side.plot([-focal, -focal], [-0.45, 0.45], color=BLUE, linewidth=3)
+    for height in heights:
+        side.plot([depth, -focal], [height, -focal * height / depth], color=ORANGE, linewidth=1)
+        side.plot(depth, height, "o", color=INK, markersize=5)
+        side.plot(-focal, -focal * height / depth, "o", color=BLUE, markersize=4)
+    side.plot(0, 0, "o", color=INK, markersize=7)
+    side.annotate("", (-focal, 0.62), (0, 0.62), arrowprops={"arrowstyle": "<->", "color": INK})
+    side.text(-focal / 2, 0.68, "f", ha="center")
+    side.text(depth, 0.82, "board", ha="center")
+    side.text(-focal, -0.68, "picture", ha="center", color=BLUE)
+    side.text(0.05, -0.22, "pinhole", ha="center")
+    side.set(xlim=(-1.1, 2.4), ylim=(-0.9, 1.0), aspect="equal")
+    side.set_axis_off()
+    lens = np.array([1200.0, 1200.0, 640.0, 480.0, -0.2, 0.0, 0.0, 0.0, 0.0])
+    straight = lens.copy()
+    straight[4:] = 0.0
+    corners = np.array([[x, y, 1.0] for y in np.linspace(-0.4, 0.4, 6) for x in np.linspace(-0.53, 0.53, 9)])
+    for intrinsics, colour, name, mark in ((straight, ORANGE, "pinhole", "x"), (lens, BLUE, "with k₁ = −0.2", "o")):
+        places = projected(corners, intrinsics)[0].reshape(6, 9, 2)
+        for line in (*places, *places.swapaxes(0, 1)):
+            picture.plot(*line.T, color=colour, linewidth=0.8)
+        picture.plot(*places.reshape(-1, 2).T, mark, color=colour, markersize=3.5, label=name)
+    picture.legend(loc="upper center", bbox_to_anchor=(0.5, 1.22), ncols=2, fontsize=10, handletextpad=0.2)
+    picture.set(xlim=(-20, 1300), ylim=(980, -20), aspect="equal", xlabel="u, px", ylabel="v, px")
     return figure
 
 

@@ -12,11 +12,14 @@ from scipy import stats
 from scipy.linalg import expm
 
 import lab
+from lab.calibration.identify import component_variances, identify
+from lab.calibration.observation import observation_of
 from lab.calibration.prior import Prior
 from lab.certification.characteristics import conformity_of
 from lab.core.linear_model import LinearModel, half_width_95, matched_dof, p_value_of_squares
+from lab.core.measurements import FIXTURE, Measurements
 from lab.core.probability import Uncertain
-from lab.core.se3 import exp, left_jacobian, skew
+from lab.core.se3 import exp, left_jacobian, log, pose, skew
 from lab.kinematics.closed.mobility import mobility
 from lab.kinematics.dynamics.beam import MATERIALS, Beam, loads_on, tube
 from lab.kinematics.dynamics.gravity import Loads
@@ -28,6 +31,11 @@ from lab.noise.correlation import Correlation
 from lab.noise.instruments import TrackerErrors
 from lab.pose_selection.criteria import criterion, indices
 from lab.pose_selection.exchange import certify
+from lab.sensors.cameras.closed_forms import board_poses, hand_eye, robot_world
+from lab.sensors.cameras.geometry import distorted, projected
+from lab.sensors.cameras.observation import Pixels
+from lab.sensors.cameras.rig import Board, Camera, Rig, Simulated
+from lab.sensors.cameras.simulation import corner_noise_px
 
 THEORY = [page for page in PAGES if page.name.startswith("docs/theory/")]
 NUMBERED = re.compile(r"^\$\$.*\$\$ \(([\w-]+)\)$", re.MULTILINE)
@@ -670,6 +678,190 @@ def _() -> None:
 def _() -> None:
     for value, expected in ((0.5, "conforms"), (0.95, "not decided"), (1.2, "does not conform")):
         assert conformity_of(value, 1.0, 0.1, "guard-band").decision == expected
+
+
+LENS = np.array([1200.0, 1100.0, 640.0, 480.0, -0.2, 0.05, 0.001, -0.002, 0.01])
+SEEN = np.column_stack([RNG.uniform(-0.2, 0.2, (30, 2)), RNG.uniform(0.4, 0.9, 30)])
+
+
+@shows("brown", "pinhole")
+def _() -> None:
+    a, b = SEEN[:, 0] / SEEN[:, 2], SEEN[:, 1] / SEEN[:, 2]
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = LENS
+    s = a**2 + b**2
+    radial = 1 + k1 * s + k2 * s**2 + k3 * s**3
+    bent_a = a * radial + 2 * p1 * a * b + p2 * (s + 2 * a**2)
+    bent_b = b * radial + p1 * (s + 2 * b**2) + 2 * p2 * a * b
+    places, _, by_intrinsics = projected(SEEN, LENS)
+    assert_allclose(places, np.column_stack([fx * bent_a + cx, fy * bent_b + cy]), atol=1e-9)
+    assert_allclose(by_intrinsics[:, 0, [0, 2, 4]], np.column_stack([bent_a, np.ones(30), fx * a * s]), atol=1e-9)
+
+
+def camera_in_hand() -> tuple[Pixels, np.ndarray, np.ndarray]:
+    """An arm with a camera in the hand and a board in the world, with inputs of one corner and its parameters."""
+    arm = SerialArm(lab.load_robot("irb120").chain, ("p1",))
+    rig = Rig(
+        (Camera(name="wrist", size_px=(1280, 960), focal_px=(1200.0, 1100.0), centre_px=(640.0, 480.0),
+                distortion=(-0.2, 0.05, 0.001, -0.002, 0.01), intrinsics="free"),),
+        (Board(name="table", columns=9, rows=6, square_mm=20.0, fixed_to="world"),),
+    )  # fmt: skip
+    model = Pixels(arm, rig, ((0,), (0,)), np.empty((0, 7)))
+    values = model.nominal(np.concatenate([arm.nominal({"p1": np.zeros(3)}), np.zeros(len(model.names))]))
+    values[model.cameras[0].pose] = [0.06, 0.01, 0.04, 0.1, -0.2, 0.3]
+    values[model.boards[0].pose] = [0.45, 0.1, 0.05, 3.0, 0.1, 0.2]
+    inputs = np.array([[0.1, 0.2, 0.3, 0.4, 1.0, 0.6, corner] for corner in (0, 7, 31)])
+    return model, inputs, values
+
+
+@shows("camera-chain")
+def _() -> None:
+    model, inputs, values = camera_in_hand()
+    size = len(model.arm.names)
+    (camera,), (board,) = model.cameras, model.boards
+    hand = model.arm.tool(inputs[:1, :6], values[:size])[0][0]
+    X, Z = (pose(exp(values[part.pose][3:]), values[part.pose][:3]) for part in (camera, board))
+    corners = model.rig.boards[0].corners[inputs[:, -1].astype(int)]
+    seen = (np.linalg.inv(X) @ np.linalg.inv(hand) @ Z @ np.column_stack([corners, np.ones(3)]).T)[:3].T
+    expected = projected(seen, model.rig.cameras[0].intrinsic_values)[0]
+    assert_allclose(model.points(inputs, values)[:, 0], expected, atol=1e-12)
+
+
+@shows("pixel-rate")
+def _() -> None:
+    flat = SEEN[:, :2] / SEEN[:, 2:]
+    by_flat = distorted(flat, np.tile(LENS[4:], (30, 1)))[1]
+    by_point = np.zeros((30, 2, 3))
+    by_point[:, [0, 1], [0, 1]] = 1.0
+    by_point[:, :, 2] = -flat
+    expected = np.diag(LENS[:2]) @ by_flat @ by_point / SEEN[:, 2, None, None]
+    assert_allclose(projected(SEEN, LENS)[1], expected, atol=1e-9)
+    step = 1e-6 * np.eye(3)
+    numeric = [(projected(SEEN + each, LENS)[0] - projected(SEEN - each, LENS)[0]) / 2e-6 for each in step]
+    assert_allclose(np.stack(numeric, axis=2), expected, rtol=1e-5, atol=1e-3)
+
+
+@shows("camera-moved")
+def _() -> None:
+    model, inputs, values = camera_in_hand()
+    size, (camera,), (board,) = len(model.arm.names), model.cameras, model.boards
+    R, o, vector = exp(values[camera.pose][3:]), values[camera.pose][:3], values[camera.pose][3:]
+    hand = model.arm.tool(inputs[:1, :6], values[:size])[0][0]
+    Z = pose(exp(values[board.pose][3:]), values[board.pose][:3])
+    corners = model.rig.boards[0].corners[inputs[:, -1].astype(int)]
+    in_hand = (np.linalg.inv(hand) @ Z @ np.column_stack([corners, np.ones(3)]).T)[:3].T
+    by_point = projected((in_hand - o) @ R, model.rig.cameras[0].intrinsic_values)[1]
+    expected = by_point @ np.stack([R.T @ np.hstack([-np.eye(3), skew(p - o)]) for p in in_hand])
+    expected[:, :, 3:] = expected[:, :, 3:] @ left_jacobian(vector)  # the parameters are a rotation vector
+    assert_allclose(model.observe(inputs, values)[1][:, 0, :, camera.pose], expected, atol=1e-12)
+
+
+def pictures(noise: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Poses A of the hand and B of the camera in the board's frame, and the true X and Z."""
+    X, Z = (pose(exp(np.array(turn)), np.array(place)) for turn, place in
+            (((0.1, -0.2, 0.3), (0.06, 0.0, 0.04)), ((3.0, 0.1, 0.2), (0.45, 0.1, 0.0))))  # fmt: skip
+    As = pose(exp(RNG.normal(0, 0.8, (12, 3))), RNG.uniform(-0.5, 0.5, (12, 3)))
+    Bs = np.linalg.inv(Z) @ As @ X
+    Bs[:, :3, 3] += noise * RNG.standard_normal((12, 3))
+    return As, Bs, X, Z
+
+
+@shows("homography")
+def _() -> None:
+    corners = np.array([[0.02 * i, 0.02 * j, 0.0] for j in range(3) for i in range(4)])
+    T = pose(exp(np.array([0.3, -0.4, 0.2])), np.array([0.02, -0.01, 0.5]))
+    H = np.column_stack([T[:3, 0], T[:3, 1], T[:3, 3]])
+    flat = np.column_stack([corners[:, :2], np.ones(12)]) @ H.T
+    found, _ = board_poses(corners, (flat[:, :2] / flat[:, 2:])[None])
+    assert_allclose(found[0], T, atol=1e-9)
+
+
+@shows("robot-world", "kronecker", "places")
+def _() -> None:
+    As, Bs, X, Z = pictures()
+    assert_allclose(As @ X, Z @ Bs, atol=1e-12)
+    summed = sum(np.kron(A[:3, :3], B[:3, :3]) for A, B in zip(As, Bs, strict=True))
+    assert_allclose(summed @ X[:3, :3].ravel(), 12 * Z[:3, :3].ravel(), atol=1e-12)
+    assert_allclose(np.linalg.svd(summed, compute_uv=False)[0], 12.0)
+    assert_allclose(As[:, :3, :3] @ X[:3, 3] - Z[:3, 3], Bs[:, :3, 3] @ Z[:3, :3].T - As[:, :3, 3], atol=1e-12)
+    for found, true in zip(robot_world(As, Bs), (X, Z), strict=True):
+        assert_allclose(found, true, atol=1e-9)
+
+
+@shows("hand-eye")
+def _() -> None:
+    As, Bs, X, _ = pictures()
+    A, B = np.linalg.inv(As[1]) @ As[0], np.linalg.inv(Bs[1]) @ Bs[0]
+    assert_allclose(A @ X, X @ B, atol=1e-12)
+    assert_allclose(log(A[:3, :3]), X[:3, :3] @ log(B[:3, :3]), atol=1e-12)
+    assert_allclose(hand_eye(As, Bs), X, atol=1e-9)
+
+
+@shows("scale")
+def _() -> None:
+    assert_allclose(projected(1.7 * SEEN, LENS)[0], projected(SEEN, LENS)[0], atol=1e-9)
+
+
+@shows("corner-noise")
+def _() -> None:
+    scene, depth = Simulated(noise_px=0.1, focus_mm=500.0, blur_px=0.8), np.array([0.3, 0.5, 1.0])
+    blur = 2 * 0.8 * np.abs(0.5 / depth - 1)
+    assert_allclose(blur[2], 0.8)  # at twice the distance of best focus
+    assert_allclose(corner_noise_px(scene, depth), 0.1 * np.sqrt(1 + blur**2))
+
+
+def measured(
+    joints: np.ndarray, targets: tuple[str, ...], points: np.ndarray, conditions: dict[str, np.ndarray]
+) -> Measurements:
+    """Rows of measurements in one session."""
+    n = len(joints)
+    return Measurements(
+        tuple(f"q{i + 1}" for i in range(6)), joints, targets, points, tuple(map(str, range(n))), ("calibrate",) * n,
+        ("",) * n, np.full(n, np.nan), conditions=conditions,
+    )  # fmt: skip
+
+
+@shows("across")
+def _() -> None:
+    model, inputs, values = camera_in_hand()
+    there, off = model.points(inputs, values), np.array([3e-4, -2e-4])
+    data = measured(inputs[:, :6], ("corner",), there + off, {FIXTURE: inputs[:, -1]})
+    f = model.rig.cameras[0].intrinsic_values[:2]
+    (camera,), (board,) = model.cameras, model.boards
+    hand = model.arm.tool(inputs[:1, :6], values[: len(model.arm.names)])[0][0]
+    X, Z = (pose(exp(values[part.pose][3:]), values[part.pose][:3]) for part in (camera, board))
+    corners = model.rig.boards[0].corners[inputs[:, -1].astype(int)]
+    depth = (np.linalg.inv(X) @ np.linalg.inv(hand) @ Z @ np.column_stack([corners, np.ones(3)]).T)[2]
+    assert_allclose(model.errors(data, values)[:, 0], np.abs(depth) * np.hypot(*(off / f)))
+
+
+@shows("together", "variance-component")
+def _() -> None:
+    """Two targets that are measured unequally well: the variance of each, and the weights that follow."""
+    robot = lab.load_robot("irb120")
+    tools = {"p1": np.array([0.05, 0.0, 0.1]), "p2": np.array([-0.05, 0.04, 0.1])}
+    arm, sigma = SerialArm(robot.chain, tuple(tools)), np.array([1e-5, 5e-5])
+    nominal, joints = arm.nominal(tools), RNG.uniform(-1.4, 1.4, (60, 6))
+    points = arm.points(joints, nominal) + sigma[:, None] * RNG.standard_normal((60, 2, 3))
+    data = measured(joints, tuple(tools), points, {})
+    observation = observation_of(arm).within(data)
+    found = identify(arm, data, nominal)
+    variances = component_variances(observation, found, data, (0, 1))
+    rows = arm.observe(joints, found.values)[1][..., list(found.fit.free)]  # (n, k, 3, p)
+    left = points - arm.points(joints, found.values)
+    flat = rows.reshape(-1, rows.shape[-1])
+    hat = np.einsum("ij,ij->i", flat @ np.linalg.pinv(flat.T @ flat), flat).reshape(60, 2, 3)
+    expected = [(left[:, k] ** 2).sum() / (180 - hat[:, k].sum()) for k in (0, 1)]
+    assert_allclose(variances, expected, rtol=1e-4)
+    assert_allclose(hat.sum(), len(found.fit.free), rtol=1e-6)  # the leverages share the fitted parameters
+    assert_allclose(np.sqrt(variances), sigma, rtol=0.5)  # the first fit weighs both alike
+    weights = np.sqrt(variances)[:, None]
+    whitened, scaled = (left / weights).ravel(), (rows / weights[..., None]).reshape(flat.shape)
+    step = np.linalg.lstsq(scaled, whitened, rcond=None)[0]  # to the minimum of both sums, each by its noise
+    moved = found.values.copy()
+    moved[list(found.fit.free)] += step
+    there = ((points - arm.points(joints, moved)) / weights).ravel()
+    assert (there**2).sum() < (whitened**2).sum()
+    assert_allclose(scaled.T @ there, 0, atol=1e-3 * np.linalg.norm(scaled))
 
 
 @pytest.mark.parametrize("label", sorted(CHECKS))

@@ -23,7 +23,8 @@ from lab.commands.calibrate.load_run import load_run
 from lab.commands.hand_load import read_hand_load
 from lab.extensions.dynamics.load_files import read_load, read_loads, read_motion, read_mounting
 from lab.extensions.reproduction.answer import formula, number
-from lab.extensions.reproduction.item import Computed, Item, marked
+from lab.extensions.reproduction.item import Computed, Exercise, Item
+from lab.extensions.reproduction.marking import marked
 from lab.extensions.robotics.trajectory.motion import read_path
 from lab.formats.cell_toml import read_cell
 from lab.formats.certificate_toml import read_certificate_details
@@ -259,7 +260,8 @@ def _marked(path: Path) -> object:
     letters = {"L": np.array([2.0, 3.0]), "r": np.array([0.3, -0.4])}
     shown = (number(LABELS[0], "", 1.0), formula(LABELS[1], "L", letters["L"], letters))
     asked = (*shown, formula(LABELS[2], "-sin(r)", -np.sin(letters["r"]), letters))
-    return marked(path, (Computed(Item(ITEM, "what is asked"), asked),))
+    item = Item(ITEM, "what is asked", exercise=Exercise("Find them.", "Look.", ("They follow.",)))
+    return marked(path, (Computed(item, asked),))
 
 
 @cache

@@ -5,34 +5,27 @@ if its values are the lab's at random positions. A random number agrees if it li
 
 The value "here" is always computed by the lab: of a formula, the value at the first of the random positions. A formula
 or a value that the source leaves to the reader, or prints wrongly, has a solution, which must agree in its place.
-
-Formulas are read as textbooks print them: ``c1 c4 s5 − s1 c5``, ``atan2(y, x)``, ``L2 c2 + L3 c23``. c and s with the
-numbers of joints are the cosine and sine of the sum of these joints' positions: c1 of q1, s23 of q2 + q3. ``C1``,
-``cθ1`` and ``cos θ1`` are c1, too, since a source's θ1 is the lab's q1; numbers may be subscripts: ``c₁``. Lengths have
-the letters of the source's table, a3 and r4 for 0.5. Factors stand side by side. ``^`` is a power, ``√`` or ``sqrt`` a
-root; ``±`` is not supported.
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.limits import BRACKETS
 from lab.core.se3 import Array
+from lab.extensions.reproduction.formulas import Variables, evaluated, exchanged, terms
+from lab.extensions.reproduction.quantities import quantity
 
 __all__ = [
     "Answer",
     "Kind",
     "Place",
     "State",
-    "Variables",
     "at_least",
     "drawn",
-    "evaluated",
     "formula",
     "given",
     "holds",
@@ -47,157 +40,6 @@ State = Literal["agrees", "differs", "erratum", "unreadable", "given", "open"]
 """Result of a comparison; ``open`` where the source leaves the answer to the reader."""
 Place = tuple[str, int, int]
 """Name of a matrix, with an entry's row and column from 1."""
-
-Variables = Mapping[str, Array]
-"""The variables of a formula by their names: sampled values ``(n,)``."""
-_FUNCTIONS: dict[str, Callable[..., Array]] = {
-    "atan2": np.arctan2, "atan": np.arctan, "acos": np.arccos, "asin": np.arcsin, "cos": np.cos, "sin": np.sin,
-    "tan": np.tan, "sqrt": np.sqrt, "abs": np.abs, "arctan2": np.arctan2, "arctan": np.arctan,
-    "arctg": np.arctan, "arccos": np.arccos, "arcsin": np.arcsin, "tg": np.tan,
-}  # fmt: skip
-_TWO = ("atan2", "arctan2")  # functions of two arguments
-_SAME = {"−": "-", "–": "-", "·": "*", "×": "*", "√": "sqrt", "²": "^2", "³": "^3", "π": "pi", "[": "(", "]": ")"}
-_SAME |= {chr(0x2080 + digit): str(digit) for digit in range(10)}  # subscripts
-_NUMBER = re.compile(r"\d+(\.\d+)?")
-_TURN = re.compile(r"([csCS])(?:θ|theta)?(\d+)")
-_JOINT = re.compile(r"q(\d+)")
-
-
-def evaluated(text: str, variables: Variables) -> Array:
-    """Evaluate a formula at sampled values of its variables, ``(n,)``.
-
-    Raises:
-        LabError: the text is no formula of these variables.
-    """
-    plain = text
-    for odd, usual in _SAME.items():
-        plain = plain.replace(odd, usual)
-    turns = {f"{name}{joint[1]}": values for key, values in variables.items() if (joint := _JOINT.fullmatch(key))
-             for name in ("θ", "theta")}  # fmt: skip
-    reader = _Reader(text, " ".join(plain.split()), variables, {**turns, **variables})
-    with np.errstate(all="ignore"):
-        found = reader.sum()
-    if reader.at < len(reader.plain):
-        raise reader.error()
-    return np.asarray(found + np.zeros_like(next(iter(variables.values()), np.zeros(1))), dtype=np.float64)
-
-
-@dataclass
-class _Reader:
-    """Reader of a formula, by descent through sums, products and powers.
-
-    Attributes:
-        text: as written.
-        plain: the same with usual signs.
-        variables: letters that an error names.
-        letters: these and other names of the joints.
-    """
-
-    text: str
-    plain: str
-    variables: Variables
-    letters: Variables
-    at: int = 0
-    depth: int = 0
-
-    def sum(self) -> Array:
-        """Read a sum of products."""
-        self.depth += 1
-        if self.depth > BRACKETS.most:
-            raise LabError(f"formula '{self.text}': more than {BRACKETS.most} brackets in each other")
-        total: Array = np.zeros(1)
-        sign = -1 if self._skip("-") else 1
-        self._skip("+")
-        while True:
-            total = total + sign * self._product()
-            if self._next() not in ("+", "-"):
-                break
-            sign = -1 if self._skip("-") else 1
-            self._skip("+")
-        self.depth -= 1
-        return total
-
-    def error(self) -> LabError:
-        """Return the syntax error at the position where parsing stopped."""
-        known = ", ".join((*self.variables, "c1, s1, c12 … of joints"))
-        rest = self.plain[self.at :] or "its end"
-        return LabError(f"formula '{self.text}': cannot be read from '{rest}' on; its letters are {known}")
-
-    def _product(self) -> Array:
-        product = self._power()
-        while self._next() not in ("", "+", "-", ")", ","):
-            over = self._skip("/")
-            if not over:
-                self._skip("*")
-            factor = self._power()
-            product = product / factor if over else product * factor
-        return product
-
-    def _power(self) -> Array:
-        base = self._factor()
-        if not self._skip("^"):
-            return base
-        self._next()
-        found = _NUMBER.match(self.plain, self.at)
-        if found is None:
-            raise self.error()
-        self.at = found.end()
-        return np.asarray(base ** float(found[0]))
-
-    def _factor(self) -> Array:
-        if self._skip("-"):
-            return -self._power()
-        if self._skip("("):
-            inner = self.sum()
-            self._closed()
-            return inner
-        for name in sorted((*self.letters, *_FUNCTIONS, "pi"), key=len, reverse=True):
-            if self._skip(name):
-                return self._named(name)
-        if found := _TURN.match(self.plain, self.at):
-            joints = [f"q{digit}" for digit in found[2]]
-            if all(joint in self.variables for joint in joints):
-                self.at = found.end()
-                angle = sum((self.variables[joint] for joint in joints), start=np.zeros(1))
-                return np.asarray(np.cos(angle) if found[1] in "cC" else np.sin(angle))
-        if found := _NUMBER.match(self.plain, self.at):
-            self.at = found.end()
-            return np.array(float(found[0]))
-        raise self.error()
-
-    def _named(self, name: str) -> Array:
-        """Read a variable, a constant, or a function with its arguments."""
-        if name == "pi":
-            return np.array(np.pi)
-        if name in self.letters:
-            return self.letters[name]
-        if not self._skip("("):
-            return _FUNCTIONS[name](self._power())
-        arguments = [self.sum()]
-        while self._skip(","):
-            arguments.append(self.sum())
-        self._closed()
-        if len(arguments) != (2 if name in _TWO else 1):
-            raise self.error()
-        return np.asarray(_FUNCTIONS[name](*arguments))
-
-    def _closed(self) -> None:
-        if not self._skip(")"):
-            raise self.error()
-
-    def _next(self) -> str:
-        """Return the next character that is no space; "" at the end."""
-        while self.plain.startswith(" ", self.at):
-            self.at += 1
-        return self.plain[self.at : self.at + 1]
-
-    def _skip(self, text: str) -> bool:
-        self._next()
-        if not self.plain.startswith(text, self.at):
-            return False
-        self.at += len(text)
-        return True
-
 
 _EXACT = 1e-9  # of the largest value of a formula: equal
 _EDGE = 1e-9  # of a unit of the last digit: rounding
@@ -226,6 +68,9 @@ class Answer:
         conversion: reason why the printed value cannot be read in the converted text; "" where it can.
         is_given: True if the lab takes the printed value as it is, so that nothing is compared.
         place: of an entry of a matrix.
+        advice: describes an answer that is nearly right, or right in another way, in a sentence; "" of any other.
+        any_order: name of a set of rows that may be given in any order; "" where the order matters.
+        decimals: number of digits after the point that a reader is asked for; None of what is no number.
     """
 
     name: str
@@ -243,6 +88,9 @@ class Answer:
     conversion: str = ""
     is_given: bool = False
     place: Place | None = None
+    advice: Callable[[str], str] = lambda text: ""
+    any_order: str = ""
+    decimals: int | None = None
 
     @property
     def state(self) -> State:
@@ -279,49 +127,114 @@ def number(
     def error(value: float) -> float:
         return (value - ours + 180) % 360 - 180 if unit == "°" else value - ours
 
-    def near(text: str, like: str) -> bool:
+    def last_digit(like: str) -> float:
         decimals = _decimals(like) if like else digits
-        last = 10.0**-decimals if decimals else 0.5  # a whole number is rounded
-        return abs(error(_read(text))) <= last * (1 + _EDGE)
+        return 10.0**-decimals if decimals else 0.5  # a whole number is rounded
+
+    def near(text: str, like: str) -> bool:
+        return abs(error(_read(text))) <= last_digit(like) * (1 + _EDGE)
 
     def check(text: str) -> bool:
-        return near(text, right or printed)
+        return abs(error(quantity(text, unit))) <= last_digit(right or printed) * (1 + _EDGE)
+
+    def advice(text: str) -> str:
+        last = last_digit(right or printed)
+        return "" if check(text) else _advice_on_number(quantity(text, unit), ours, unit, last)
 
     decimals = _decimals(shown) if shown else digits
     more = 1 if shown and (decimals or not abs(ours - np.round(ours)) <= _EDGE * max(1.0, abs(ours))) else 0
     return Answer(
         name, printed, _written(ours, decimals + more), unit, _small(error(_read(shown)), "+") if shown else "",
         near(printed, printed) if printed else None, erratum, check, "trivial" if shown in _TRIVIAL else "number",
-        right, near(right, right) if right else True,
+        right, near(right, right) if right else True, advice=advice,
+        decimals=_decimals(right or printed) if right or printed else digits,
     )  # fmt: skip
 
 
 def formula(
-    name: str, printed: str, exact: Array, variables: Variables, *, right: str = "", erratum: str = ""
+    name: str,
+    printed: str,
+    exact: Array,
+    variables: Variables,
+    *,
+    right: str = "",
+    erratum: str = "",
+    also: Sequence[str] = (),
+    angle: bool = False,
+    unknown: Sequence[str] = (),
 ) -> Answer:
     """Compare a formula with the robot's model at random positions.
+
+    A letter w is the sign of one of two roots. A reader may choose one of them for good.
 
     Args:
         exact: values ``(n,)`` of the model.
         variables: values of the letters.
         right: the correct formula, where the printed one is wrong or missing.
+        also: other valid solutions, such as the other sign of a root.
+        angle: values that differ by whole turns are equal.
+        unknown: letters that a reader may not use, besides those that the name asks for.
     """
 
-    def missed(text: str) -> float:
-        values = evaluated(text, variables)
-        wrong = float(np.abs(values - exact).max()) / max(1.0, float(np.abs(exact).max()))
+    def distance(values: Array, other: Array) -> float:
+        gap = np.remainder(values - other + np.pi, 2 * np.pi) - np.pi if angle else values - other
+        wrong = float(np.abs(gap).max()) / max(1.0, float(np.abs(other).max()))
         return wrong if np.isfinite(wrong) else np.inf
 
-    def check(text: str) -> bool:
+    def missed(text: str) -> float:
+        return distance(evaluated(text, variables), exact)
+
+    def equal(text: str) -> bool:
         return missed(text) <= _EXACT
+
+    solution = right or printed
+    letters = _without_unknowns(name, solution, variables, unknown)
+
+    def by_exact(text: str) -> bool:
+        return distance(evaluated(text, letters), exact) <= _EXACT
+
+    def by_other_root(text: str) -> bool:
+        values = evaluated(text, letters)
+        others = [evaluated(other, variables) for other in also]
+        if "w" in variables:
+            others += [evaluated(solution, {**variables, "w": np.full(exact.shape, sign)}) for sign in (1.0, -1.0)]
+        return any(distance(values, other) <= _EXACT for other in others)
+
+    def check(text: str) -> bool:
+        return by_exact(text) or by_other_root(text)
+
+    def advice(text: str) -> str:
+        if by_exact(text):
+            return ""
+        if by_other_root(text):
+            return "one of two solutions: the other root is one as well"
+        return _advice_on_formula(text, exact, letters)
 
     shown, size = printed or right, max(1.0, float(np.abs(exact).max()))
     ours = float(exact[0]) if abs(exact[0]) > _EXACT * size else 0.0
     return Answer(
         name, printed, f"{ours:.{_DIGITS}g}".replace("-", _MINUS), "", _small(missed(shown)),
-        check(printed) if printed else None, erratum, check,
-        "trivial" if shown in _TRIVIAL else "formula", right, check(right) if right else True,
+        equal(printed) if printed else None, erratum, check,
+        "trivial" if shown in _TRIVIAL else "formula", right, equal(right) if right else True, advice=advice,
     )  # fmt: skip
+
+
+def _without_unknowns(name: str, solution: str, variables: Variables, more: Sequence[str]) -> Variables:
+    """Return the letters that a reader may use: not those that the name asks for, such as q2 of "q2 of x, y"."""
+    words = re.findall(r"[cs]\d+|[A-Za-zα-ω]+\d*", name.partition(" of ")[0])
+    unknown = {*more, *(variable for word in words for variable in _meant(word))}
+    left = {key: values for key, values in variables.items() if key not in unknown}
+    try:
+        evaluated(solution, left)
+    except LabError:  # the solution has them
+        return variables
+    return left
+
+
+def _meant(word: str) -> tuple[str, ...]:
+    """Return the variables that a word of a name stands for: θ2, s2 and c2 stand for q2."""
+    digits = re.search(r"\d+$", word)
+    return (word, f"q{digits[0]}") if digits and word[0] in "csθ" else (word,)
 
 
 def drawn(name: str, printed: str, draws: Array, unit: str = "", *, right: str = "", erratum: str = "") -> Answer:
@@ -359,20 +272,35 @@ def holds(name: str, gap: float, *, within: float = _EXACT, erratum: str = "") -
     return Answer(name, "holds", ours, "", _small(gap), true, erratum, lambda text: False, "check", in_exercise=False)
 
 
-def word(name: str, printed: str, ours: str, *, right: str = "", erratum: str = "") -> Answer:
-    """Compare a word, or a list of names in any order, ignoring case."""
+def word(name: str, printed: str, ours: str, *, right: str = "", erratum: str = "", also: Sequence[str] = ()) -> Answer:
+    """Compare a word, or a list of names in any order, ignoring case, spaces and the spelling of letters.
 
-    def parts(text: str) -> list[str]:
-        return sorted(part.strip().casefold() for part in text.replace(";", ",").split(","))
+    Args:
+        also: other words for the same.
+    """
 
     def check(text: str) -> bool:
-        return parts(text) == parts(ours)
+        return _parts(text) in [_parts(each) for each in (ours, *also)]
 
-    agrees = check(printed) if printed else None
+    agrees = _parts(printed) == _parts(ours) if printed else None
     return Answer(
         name, printed, ours, "", "" if agrees is not False else "another", agrees, erratum, check, "word",
         right, check(right) if right else True,
     )  # fmt: skip
+
+
+_SPELLED = {
+    "θ": "theta", "α": "alpha", "β": "beta", "ρ": "rho", "δ": "d", "delta": "d", "⁻": "-", "¹": "1", "^": "", "ᵗ": "t",
+    "'": "t", "−": "-", "*": "", " or ": ",", ";": ",",
+}  # fmt: skip
+
+
+def _parts(text: str) -> list[str]:
+    """Return the names of a list in a standard spelling, sorted."""
+    plain = " ".join(text.casefold().split())
+    for odd, usual in _SPELLED.items():
+        plain = plain.replace(odd, usual)
+    return sorted(part.replace(" ", "") for part in plain.split(","))
 
 
 def given(name: str, printed: str, unit: str = "") -> Answer:
@@ -411,3 +339,72 @@ def _small(value: float, sign: str = "-") -> str:
 def _written(value: float, decimals: int) -> str:
     rounded = round(value, decimals) + 0.0
     return f"{rounded:.{decimals}f}".replace("-", _MINUS)
+
+
+_CLOSE = 0.02  # of a number: rounded, or mistyped
+
+
+def _advice_on_number(value: float, ours: float, unit: str, last: float) -> str:
+    """Describe how a wrong number is related to the right one; "" where it is not."""
+    reasons = [
+        ("the sign is the other one", -value), ("it is a thousand times too small: mm and m are mixed", 1000 * value),
+        ("it is a thousand times too large: mm and m are mixed", value / 1000), ("it is half of it", 2 * value),
+        ("it is twice that", value / 2),
+    ]  # fmt: skip
+    if unit.startswith("°"):
+        turns = float(np.rad2deg(1.0))
+        reasons += [
+            ("radians, where degrees are asked", value * turns), ("it is half a turn from this one", value + 180),
+            ("its supplement: 180° less the angle", 180 - value), ("its complement: 90° less the angle", 90 - value),
+        ]  # fmt: skip
+    if value:
+        reasons.append(("its reciprocal", 1 / value))
+
+    def gap(found: float) -> float:
+        return abs((found - ours + 180) % 360 - 180) if unit == "°" else abs(found - ours)
+
+    slack = max(last, 1e-3 * abs(ours))  # a near miss may be rounded
+    if abs(ours) > last:
+        for reason, found in reasons:
+            if gap(found) <= slack:
+                return reason
+    if gap(value) <= max(_CLOSE * abs(ours), 2 * last):
+        decimals = round(-np.log10(last)) if last < 0.5 else 0
+        return f"close: {decimals} decimals are asked, so round last" if decimals else "close: check the last digit"
+    return ""
+
+
+def _advice_on_formula(text: str, exact: Array, variables: Variables) -> str:
+    """Describe how the values of a wrong formula are related to the right ones; "" where they are not."""
+    values = evaluated(text, variables)
+    if not np.isfinite(values).all():
+        return "it has no value at some positions: check roots and divisions"
+    scale = _EXACT * max(1.0, float(np.abs(exact).max()))
+    if np.abs(exact).max() <= scale:
+        return ""
+
+    def same(found: Array) -> bool:
+        return bool(np.isfinite(found).all() and np.abs(found - exact).max() <= scale)
+
+    if same(-values):
+        return "the sign is the other one"
+    parts = terms(text, variables)
+    if len(parts) > 1 and any(same(values - 2 * part) for part in parts):
+        return "the sign of one term is the other one"
+    if same(exchanged(text, variables)):
+        return "sine and cosine have changed places, or two angles"
+    if same(-exchanged(text, variables)):
+        return "sine and cosine have changed places, and the sign is the other one"
+    with np.errstate(all="ignore"):
+        if same(1 / values):
+            return "it is the reciprocal"
+        ratio = exact / values
+    if np.isfinite(ratio).all() and np.ptp(ratio) <= _EXACT * abs(float(ratio[0])):
+        return f"a constant factor is missing or too much: the right one is {float(ratio[0]):.4g} times as large"
+    turned = (values - exact) / np.pi
+    if np.abs(turned - np.round(turned)).max() <= 1e-6:
+        return "right at some positions, else half a turn off: which quadrant? atan2 of two numbers tells"
+    hits = int((np.abs(values - exact) <= scale).sum())
+    if hits:
+        return f"right at {hits} of {len(exact)} random positions: a sign or a root has another choice at the rest"
+    return ""

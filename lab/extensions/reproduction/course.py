@@ -1,5 +1,6 @@
 """Compute the examples of Mallem 2011 on serial robots: arms, rotations, motion, volumes; and define the source."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,8 +10,9 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
+from lab.extensions.reproduction.course_exercises import COURSE_EXERCISES
 from lab.extensions.reproduction.course_machines import CARRIER_ITEMS, PARALLEL_ITEMS, VERSATRAN_ITEMS
-from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter
+from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter, with_exercises
 from lab.extensions.reproduction.models import SAMPLES, as_row, matrix_formulas, nominal_chain, sampled, serial
 from lab.extensions.robotics.workspace.boundary import carrier_volume
 from lab.kinematics.closed.mobility import mobility_of
@@ -123,8 +125,10 @@ def _scara() -> tuple[Answer, ...]:
         *_table("scara"),
         *_matrices("scara", _SCARA),
         *(formula(name, "", v[name], v, right=text) for name, text in direct.items()),
-        formula("q2 of x, y", "", v["q2"], elbow, right="w acos((x^2 + y^2 − 0.4^2 − 0.25^2)/(2 · 0.4 · 0.25))"),
-        formula("q1 of x, y, q2", "", q1, v, right=shoulder),
+        formula(
+            "q2 of x, y", "", v["q2"], elbow, right="w acos((x^2 + y^2 − 0.4^2 − 0.25^2)/(2 · 0.4 · 0.25))", angle=True
+        ),
+        formula("q1 of x, y, q2", "", q1, v, right=shoulder, angle=True),
         *matrix_formulas("J of x, y, z and the turn", "", reduced, v, rows),
         formula("det of that J, by which the arm is singular", "", np.linalg.det(reduced), v, right="0.4 · 0.25 s2"),
     )
@@ -132,17 +136,11 @@ def _scara() -> tuple[Answer, ...]:
 
 _ARM_ITEMS = (
     Item("Section 8.3", "Table and link matrices of the SCEMI", _scemi, "lab kinematics scemi --symbolic",
-         "The course leaves both blank. Lengths are representative: a3 = r4 = 0.5 m and r6 = 0.1 m.",
-         question="Complete the table of σ, α, a and r, and the link matrices.",
-         hint="Put z along each joint's axis and x along the common normal; where two axes meet, a is 0."),
+         "The course leaves both blank. Lengths are representative: a3 = r4 = 0.5 m and r6 = 0.1 m."),
     Item("Section 8.8", "Singular positions of a 6R arm", _six_hinges, "lab inspect scemi",
-         "Of the SCEMI, at the wrist's centre: the factors are zero at the elbow, the wrist and the shoulder.",
-         question="Find the determinant of the Jacobian at the wrist's centre, and name the singular positions.",
-         hint="The Jacobian has a block of zeros: its determinant is the arm's times the wrist's."),
+         "Of the SCEMI, at the wrist's centre: the factors are zero at the elbow, the wrist and the shoulder."),
     Item("Section 8.9", "The SCARA with four joints", _scara, "lab kinematics scara --symbolic",
-         "Lengths are representative: 0.4 and 0.25 m. w is the sign of sin q2, of the two roots.",
-         question="Find the table, the direct and inverse models, the Jacobian, and the singular positions.",
-         hint="Seen from above it is an arm of two links: the law of cosines gives q2."),
+         "Lengths are representative: 0.4 and 0.25 m. w is the sign of sin q2, of the two roots."),
 )  # fmt: skip
 
 
@@ -203,7 +201,7 @@ def _blocks() -> tuple[Answer, ...]:
     return (
         holds("the block at the upper right is 0", float(np.abs(zero).max())),
         holds("J⁻¹ by blocks", _gap(whole, pseudo_inverse(J, least=0.0))),
-        word("J⁺", "(JᵗJ⁻)⁻¹Jᵗ", right if misses < 1e-9 else "another", right=right,
+        word("J⁺", "(JᵗJ⁻)⁻¹Jᵗ", right if misses < 1e-9 else "another", right=right, also=("inv(JᵗJ)Jᵗ",),
              erratum=f"J⁻ stands for J; and of a redundant arm J⁺ is Jᵗ(JJᵗ)⁻¹, since JᵗJ is singular (rank {rank} of "
              f"{many.shape[2]} for the Panda)"),
         holds("(JᵗJ)⁻¹Jᵗ of the SCARA's four joints", misses),
@@ -233,26 +231,16 @@ def _products() -> tuple[Answer, ...]:
 
 _REDUNDANCY_ITEM = Item(
     "Section 6.2", "Mobility index, degrees of freedom, redundancy", _redundancy, "lab inspect scemi",
-    "The course draws its examples without numbers; these are arms of the lab.",
-    question="Which of these arms are redundant, everywhere or in some positions?",
-    hint="Compare the number of joints with the freedoms of the hand, which the rank of the Jacobian "
-    "counts.",
-)  # fmt: skip
+    "The course draws its examples without numbers; these are arms of the lab.")  # fmt: skip
 _COORDINATE_ITEM = Item(
     "Section 7.1", "Polar and cylindrical coordinates", _coordinates,
     "lab kinematics carrier/spherical --symbolic --between 0 3",
     "The course names the coordinates. Here they are the joints of two carriers: polar from the top of a column of "
-    "1 m, with θ2 above the horizontal, and cylindrical with θ1 from the boom's side.",
-    question="Write the coordinates of the point by its polar and its cylindrical ones.",
-    hint="Project the length on the horizontal plane first. Cylindrical coordinates have that length "
-    "at once.",
-)  # fmt: skip
+    "1 m, with θ2 above the horizontal, and cylindrical with θ1 from the boom's side.")  # fmt: skip
 _BLOCK_ITEM = Item(
     "Section 5.6", "The inverse of the Jacobian by blocks, and J⁺", _blocks,
     "lab kinematics versatran --joints 20,700,800,30,40,50 --twist 10,0,0,0,0,0",
     "Of the VERSATRAN at its wrist's centre, the SCARA and the Panda; the lab's inverses are by singular values.",
-    question="Which product of J and Jᵗ is J⁺ of an arm with fewer joints than freedoms?",
-    hint="Multiply J dq = dX by Jᵗ from the left, and solve for dq.",
 )  # fmt: skip
 _PRODUCT_ITEM = Item(
     "Annex, recalls 1 and 2", "Products of transformations and of vectors", _products,
@@ -351,24 +339,13 @@ def _inverse() -> tuple[Answer, ...]:
 
 
 _ROTATION_ITEMS = (
-    Item("Annex, A3.1", "Direction cosines", _cosines, note="lab.core.se3 has the rotations of the annex, each way.",
-         question="How many of the nine direction cosines are independent?",
-         hint="Each axis has length 1, and each two of them are at right angles: count these conditions."),
+    Item("Annex, A3.1", "Direction cosines", _cosines, note="lab.core.se3 has the rotations of the annex, each way."),
     Item("Annex, A3.2", "Roll, pitch and yaw", _roll_pitch_yaw, "lab kinematics irb120 --joints 0,0,0,0,0,0",
-         "Poses are printed with these three angles.",
-         question="Write the rotation by roll θx, pitch θy and yaw θz.",
-         hint="Multiply three turns: about z, then y, then x, from left to right."),
+         "Poses are printed with these three angles."),
     Item("Annex, A3.3 to A3.6, figure A3.1", "Vector of rotation", _rotation_vector,
-         note="The figure's two turns are A3.3 and A3.4.",
-         question="Write the axis u by the two turns α and β, and the matrix of a turn about u, with C and "
-         "S for its cosine and sine.",
-         hint="Tilt z by β, then turn it by α about z. The matrix is C times the identity, plus S times "
-         "the matrix of u ×, plus (1 − C) u uᵗ."),
+         note="The figure's two turns are A3.3 and A3.4."),
     Item("Annex, A3.7 to A3.11", "Axis and angle of a rotation", _inverse,
-         note="The lab takes the quaternion with the largest pivot, which is right at every angle.",
-         question="Find the angle and the axis of a rotation with the columns i, j and k.",
-         hint="The trace is 1 + 2 C. What is above the diagonal less what is below it is 2 S times a "
-         "component of u."),
+         note="The lab takes the quaternion with the largest pivot, which is right at every angle."),
 )  # fmt: skip
 
 
@@ -408,10 +385,10 @@ def _models() -> tuple[Answer, ...]:
     rates = (("−L2 c2 s1", "−L2 s2 c1"), ("L2 c2 c1", "−L2 s2 s1"), ("0", "L2 c2"))
     return (
         *(formula("xyz"[i], "", p[:, i], v, right=text) for i, text in enumerate(direct)),
-        formula("q1 of x, y, z", "", v["q1"], v, right="atan2(y, x)"),
+        formula("q1 of x, y, z", "", v["q1"], v, right="atan2(y, x)", angle=True),
         formula("q2 of x, y, z", "", v["q2"], v, right="atan2(z − L1, √(x^2 + y^2))"),
-        *(formula(f"J({i + 1},{j + 1})", "", J[:, i, j], v, right=text)
-          for i, row in enumerate(rates) for j, text in enumerate(row)),
+        *matrix_formulas("J", "", J, v, {f"({i + 1},{j + 1})": text for i, row in enumerate(rates)
+                                         for j, text in enumerate(row)}),
     )  # fmt: skip
 
 
@@ -424,15 +401,18 @@ def _exact() -> tuple[Answer, ...]:
     drawn, phase = (("0", "-30"), ("90", "0"), ("0", "30")), "1.34164"
     rates = ("50", "12.396"), ("-50", "-3.855"), ("-50", "3.855"), ("50", "-12.396")
     return (
-        number("X of P2", "0.86", side, "m"),
-        *(number(f"q{j + 1} at P{i}", "", float(degrees[i, j]), "°", right=f"{drawn[i][j]}.000")
-          for i in range(3) for j in range(2)),
-        *(number(f"speed of q{j + 1} at P1", "", float(np.rad2deg(speed[j])), "°/s", right=text)
-          for j, text in enumerate(("0.000", "11.459"))),
-        *(number(f"phase {i + 1}", "", float(seconds), "s", right=phase) for i, seconds in enumerate(found.durations)),
+        replace(number("X of P2", "0.86", side, "m"), in_exercise=False),
+        *(answer for i in range(3) for answer in as_row(f"q1 and q2 at P{i}", (
+            number(f"q{j + 1} at P{i}", "", float(degrees[i, j]), "°", right=f"{drawn[i][j]}.000") for j in range(2)))),
+        *as_row("speeds of q1 and q2 at P1", (
+            number(f"speed of q{j + 1} at P1", "", float(np.rad2deg(speed[j])), "°/s", right=text)
+            for j, text in enumerate(("0.000", "11.459")))),
+        *as_row("phases 1 to 4", (number(f"phase {i + 1}", "", float(seconds), "s", right=phase)
+                                  for i, seconds in enumerate(found.durations))),
         number("total", "", float(found.seconds), "s", right="5.36656"),
-        *(number(f"acceleration of q{j + 1} in phase {i + 1}", "", float(accelerations[i, j]), "°/s²",
-                 right=rates[i][j]) for i in range(len(accelerations)) for j in range(2)),
+        *(answer for j in range(2) for answer in as_row(f"accelerations of q{j + 1} in phases 1 to 4", (
+            number(f"acceleration of q{j + 1} in phase {i + 1}", "", float(accelerations[i, j]), "°/s²",
+                   right=rates[i][j]) for i in range(len(accelerations))))),
         number("largest speed", "", peak, "°/s", right="67.08"),
     )  # fmt: skip
 
@@ -448,20 +428,13 @@ def _past() -> tuple[Answer, ...]:
 
 _MOTION_ITEMS = (
     Item("Section 10.3, question 1", "Models of the robot of two hinges", _models,
-         "lab kinematics course2r --symbolic",
-         question="Find the direct and inverse models and the Jacobian.",
-         hint="q2 is the arm's angle above the horizontal: z depends on q2 alone."),
+         "lab kinematics course2r --symbolic"),
     Item("Section 10.3, question 2", "Its trajectory through P1", _exact,
          "lab trajectory POINTS.csv --robot course2r --accelerations 50 --speeds 171.9",
          "POINTS.csv holds the joints of P0, P1 and P2 and the speed of 11.459 °/s at P1, as docs/how_to/trajectories "
-         "shows. X2 = 0.86 is √3/2 with its last digits left out. The largest speed, 171.88 °/s, is not reached.",
-         question="Find the joints at P0, P1 and P2, and the phases of constant acceleration.",
-         hint="q1 goes from rest to rest through P1 at rest, in phases as long as q2's; the slower joint decides."),
+         "shows. X2 = 0.86 is √3/2 with its last digits left out. The largest speed, 171.88 °/s, is not reached."),
     Item("Section 10.3, approximation", "The trajectory past P1 with dX = 0.1 m", _past,
-         "lab trajectory POINTS.csv --robot course2r --accelerations 50 --speeds 171.9",
-         question="Where does q1 turn back, and how long does the motion past P1 take?",
-         hint="The point passes P1 at dX = 0.1 m. There q1 is atan2 of its place, and fewer degrees take "
-         "less time."),
+         "lab trajectory POINTS.csv --robot course2r --accelerations 50 --speeds 171.9"),
 )  # fmt: skip
 
 
@@ -510,17 +483,14 @@ _VOLUME_ITEMS = (
     Item("Section 6.1", "Volumes of the five carriers", _answers, "lab workspace carriers",
          "Hinges turn by 360°, slides move from 0 to L, and "
          "a link is as long as L if it bears a hinge, else nothing. By exact sections of what the closed-form inverse "
-         "reaches within the limits; L = 1 m.", _picture,
-         question="What volume does each carrier reach, in units of L³?",
-         hint="Find the area that the last two joints cover in their plane. Turned about axis 1 it sweeps "
-         "the area times the way of its centre (Pappus)."),
+         "reaches within the limits; L = 1 m.", _picture),
 )  # fmt: skip
 
 
 COURSE = Source(
     "course",
     "Mallem 2011, geometric and kinematic models of robots (ENSIIE)",
-    (
+    with_exercises((
         *in_chapter("5 Models", (_BLOCK_ITEM,)),
         *in_chapter("6 Structures", (*_VOLUME_ITEMS, _REDUNDANCY_ITEM)),
         *in_chapter("7 Carriers", (_COORDINATE_ITEM, *CARRIER_ITEMS)),
@@ -528,7 +498,7 @@ COURSE = Source(
         *in_chapter("10 Trajectories", _MOTION_ITEMS),
         *in_chapter("11 Parallel robots", PARALLEL_ITEMS),
         *in_chapter("Annex", (_PRODUCT_ITEM, *_ROTATION_ITEMS)),
-    ),
+    ), COURSE_EXERCISES),
     (
         Missing("Sections 1 to 4", "Robotics, its disciplines, parts and functions", "words and illustrations"),
         Missing("Sections 5.1 to 5.5", "Definitions of the models",
@@ -540,4 +510,5 @@ COURSE = Source(
         Missing("Sections 11.1, 11.2, 11.4.1 to 11.4.3", "Kinds of joints and robots",
                 "tables of symbols and drawings; lab inspect delta, hexapod, rpr3, prr3 and rrr3 have such robots"),
     ),
+    begin="7.1",
 )  # fmt: skip

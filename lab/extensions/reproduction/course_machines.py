@@ -1,6 +1,7 @@
 """Compute the machines of Mallem 2011: the Versatran, carriers, parallel robots."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from typing import TypeVar
@@ -178,7 +179,12 @@ def _inverse() -> tuple[Answer, ...]:
         "q4": "atan2(−w zz, w (c1 zx + s1 zy))",
         "q6": "atan2(w (c1 yy − s1 yx), w (s1 xx − c1 xy))",
     }
-    return tuple(formula(name, "", v[name], v, right=text) for name, text in right.items())
+    also = {"q3": (f"−{right['q3']}",), "q1": ("atan2(px7 − r7 zx, −(py7 − r7 zy))",)}
+    return tuple(
+        formula(name, "", v[name], v, right=text, also=also.get(name, ()), angle=name not in ("q2", "q3"),
+                unknown=("px", "py", "pz"))
+        for name, text in right.items()
+    )  # fmt: skip
 
 
 def _inverse_rates() -> tuple[Answer, ...]:
@@ -210,45 +216,22 @@ def _singular() -> tuple[Answer, ...]:
 
 _COMMAND = "lab kinematics versatran"
 VERSATRAN_ITEMS = (
-    Item("Section 8.1", "The matrix of a link, Craig's convention", _general, f"{_COMMAND} --symbolic",
-         question="Write the matrix of a link by α, a, θ and r.",
-         hint="Multiply, from left to right: a turn by α about x, a length a along x, a turn by θ about z, "
-         "a length r along z."),
-    Item("Section 8.2, table", "Denavit-Hartenberg table of the VERSATRAN FA", _table, "lab inspect versatran",
-         question="Fill in α and a of the six joints.",
-         hint="α is the angle from one joint's axis to the next one's, about x, and a is their distance: 0 "
-         "where they meet."),
-    Item("Section 8.2, matrices", "Its link matrices", _links, f"{_COMMAND} --symbolic",
-         question="Write the six link matrices.",
-         hint="Put each row of the table into the matrix of section 8.1. Of a slide θ is constant, and r "
-         "is its joint's position."),
+    Item("Section 8.1", "The matrix of a link, Craig's convention", _general, f"{_COMMAND} --symbolic"),
+    Item("Section 8.2, table", "Denavit-Hartenberg table of the VERSATRAN FA", _table, "lab inspect versatran"),
+    Item("Section 8.2, matrices", "Its link matrices", _links, f"{_COMMAND} --symbolic"),
     Item("Section 8.4", "Its direct model T0,7", _direct, f"{_COMMAND} --symbolic --between 0 6",
-         "r7 is 0.15 m here, a representative value.",
-         question="Multiply the link matrices to T0,7. zx, zy and zz are the entries of its third column.",
-         hint="Begin at the hand: three turns make the wrist. Then T0,3 turns it by q1 and moves it."),
+         "r7 is 0.15 m here, a representative value."),
     Item("Section 8.5, J", "Its Jacobian", _jacobian, f"{_COMMAND} --joints 20,700,800,30,40,50",
-         "Rows 2, 5 and 6 cannot be read in the converted text; the rates below, which follow from them, are right.",
-         question="Write the Jacobian of the wrist's centre.",
-         hint="The column of a slide is its z above zeros. That of a hinge is z × (p − its origin) above "
-         "z, all in the base's frame."),
+         "Rows 2, 5 and 6 cannot be read in the converted text; the rates below, which follow from them, are right."),
     Item("Section 8.5, rates", "Its differential model", _rates,
-         f"{_COMMAND} --joints 20,700,800,30,40,50 --rates 1,2,3,4,5,6",
-         question="Write the rates of the wrist's centre, of the hand's axes, and of its point.",
-         hint="The first six are J dq. An axis of the hand turns with it: its rate is dφ × the axis."),
+         f"{_COMMAND} --joints 20,700,800,30,40,50 --rates 1,2,3,4,5,6"),
     Item("Section 8.6", "Its inverse model", _inverse, f"{_COMMAND} --pose=-200,700,800,30,40,50",
          "The hand's point is px7, py7, pz7. q3 is taken above zero; its other sign, which turns q1 by half a turn, is "
-         "beyond the limits. w is the sign of sin q5.",
-         question="Find q1 to q6 of a pose of the hand.",
-         hint="Go back from the hand to the wrist by r7 z. The wrist's place gives q2, q3 and q1; z in the turned "
-         "frame gives q5 and q4, and x and y give q6."),
+         "beyond the limits. w is the sign of sin q5."),
     Item("Section 8.7", "Its inverse differential model", _inverse_rates,
-         f"{_COMMAND} --joints 20,700,800,30,40,50 --twist 10,0,0,0,0,0", "dq1 is given where dq5 and dq6 are asked.",
-         question="Find dq1 to dq6 of a displacement dp and a turn dφ of the wrist.",
-         hint="dp gives dq2, dq3 and dq1. What is left of dφ after dq1 is the wrist's: turn it by −q1 first."),
+         f"{_COMMAND} --joints 20,700,800,30,40,50 --twist 10,0,0,0,0,0", "dq1 is given where dq5 and dq6 are asked."),
     Item("Section 8.2, figure", "The drawn posture", _singular, f"{_COMMAND} --joints 0,600,600,-90,0,0",
-         "The figure draws the arm with q5 = 0, where its wrist is singular.",
-         question="Find det J, and its value in the drawn posture.",
-         hint="A block of J is zero, so det J is the product of two determinants of three rows each."),
+         "The figure draws the arm with q5 = 0, where its wrist is singular."),
 )  # fmt: skip
 
 
@@ -275,7 +258,7 @@ def _prp_models() -> tuple[Answer, ...]:
     return (
         *(formula("xyz"[i], text, at[:, i], v) for i, text in enumerate(direct)),
         formula("T1 of x, y, z", "z", v["T1"], v),
-        formula("θ1 of x, y, z", "atan(y/x)", v["q1"], v, right="atan2(y, x)", erratum=_QUADRANT),
+        formula("θ1 of x, y, z", "atan(y/x)", v["q1"], v, right="atan2(y, x)", angle=True, erratum=_QUADRANT),
         formula("T2 of x, y, z", "−L2 + y/s1", v["T2"], v),
         *matrix_formulas("J", "", J, v, rows),
         *matrix_formulas("J⁻¹", "", np.asarray(np.linalg.inv(J), dtype=float), v, back),
@@ -294,9 +277,9 @@ def _rrr_models() -> tuple[Answer, ...]:
         formula("x", f"({along}) c1", at[:, 0], v),
         formula("y", f"({along}) s1", at[:, 1], v),
         formula("z", up, at[:, 2], v),
-        formula("θ1 of x, y, z", "", v["q1"], v | {"w": np.sign(v["L"])}, right="atan2(w y, w x)"),
+        formula("θ1 of x, y, z", "", v["q1"], v | {"w": np.sign(v["L"])}, right="atan2(w y, w x)", angle=True),
         formula("cos θ3 of L, z", "", np.cos(v["q3"]), v, right="(l2^2 + l3^2 − L^2 − (z − l1)^2)/(2 l2 l3)"),
-        formula("θ2 of L, z, θ3", "", q2, v, right=shoulder),
+        formula("θ2 of L, z, θ3", "", q2, v, right=shoulder, angle=True),
         formula("det J", "", np.linalg.det(J), v, right="l2 l3 s3 (l2 s2 − l3 s23)"),
     )
 
@@ -342,20 +325,13 @@ def _type(kind: int, roots: Roots, miss: Callable[..., Array]) -> tuple[Answer, 
 
 CARRIER_ITEMS = (
     Item("Section 7.2", "The PRP arm: direct, inverse and differential models", _prp_models,
-         "lab kinematics carrier/prp --symbolic --between 0 3", "L2 is 0.5 m, a representative value.",
-         question="Complete the Jacobian and its inverse.",
-         hint="Differentiate x, y and z by T1, θ1 and T2; the inverse follows from a turn by −θ1 about z."),
+         "lab kinematics carrier/prp --symbolic --between 0 3", "L2 is 0.5 m, a representative value."),
     Item("Section 7.3", "The RRR arm: direct and inverse models", _rrr_models,
          "lab kinematics carrier/rrr --symbolic --between 0 3",
-         "L is the distance of the point from axis 1, with a sign; w is that sign. θ3 has two roots.",
-         question="Find θ1, θ2 and θ3 of a point (x, y, z), and the determinant of the Jacobian.",
-         hint="θ1 follows from x and y alone. Then (L, z − l1) is the sum of two links in a plane: square and add."),
+         "L is the distance of the point from axis 1, with a sign; w is that sign. θ3 has two roots."),
     Item("Section 7.4", "The ten types of equations", _types,
          note="How many roots each type has, and what they miss at 2,000 random coefficients. The solutions are those "
-         "of Khalil and Dombre 2002, table 4.1, which the lab's closed forms are made of.",
-         question="How many roots has each type of equation?",
-         hint="Where sine and cosine of the angle both follow, there is one root. Where a square root is "
-         "left, both of its signs hold."),
+         "of Khalil and Dombre 2002, table 4.1, which the lab's closed forms are made of."),
 )  # fmt: skip
 
 
@@ -392,8 +368,9 @@ def _two_legs() -> tuple[Answer, ...]:
     return (
         formula("ρ1²", "x^2 + y^2", v["ρ1"] ** 2, v),
         formula("ρ2²", "(x − L)^2 + y^2", v["ρ2"] ** 2, v),
-        formula("X", "(ρ1^2 − ρ2^2 + L^2)/(2 L)", v["x"], v),
-        formula("Y", "√(ρ1^2 − ((ρ1^2 − ρ2^2 + L^2)/(2 L))^2)", v["y"], v),
+        formula("X", "(ρ1^2 − ρ2^2 + L^2)/(2 L)", v["x"], v, unknown=("x", "y")),
+        formula("Y", "√(ρ1^2 − ((ρ1^2 − ρ2^2 + L^2)/(2 L))^2)", v["y"], v,
+                also=("−√(ρ1^2 − ((ρ1^2 − ρ2^2 + L^2)/(2 L))^2)",), unknown=("x", "y")),
         *matrix_formulas("A", "2 x | 2 y; 2 x − 2 L | 2 y", A, v),
         *matrix_formulas("B", "−2 ρ1 | 0; 0 | −2 ρ2", B, v),
         holds("dX = A⁻¹ B dq", float(np.abs(np.linalg.solve(A, B) - numeric).max()), within=1e-6,
@@ -428,8 +405,8 @@ def _three_legs() -> tuple[Answer, ...]:
         formula("ρ2²", "(x + l2 cos(φ) − c2)^2 + (y + l2 sin(φ))^2", rho[:, 1] ** 2, v),
         formula("ρ3²", "(x + l3 cos(φ + θ) − c3)^2 + (y + l3 sin(φ + θ) − d3)^2", rho[:, 2] ** 2, v),
         holds("the legs' lines in one point: singular", float(np.abs(meeting).max()), within=1e-6),
-        number("distance from singular with the platform in the middle", "",
-               float(middle[0]), digits=4),
+        replace(number("distance from singular with the platform in the middle", "", float(middle[0]), digits=4),
+                in_exercise=False),
         *(
             number(f"mobility of the {kind}", "3", body_count(nominal_mechanism(name).tree).mobility)
             for kind, name in (("3-RPR", "rpr3"), ("3-PRR", "prr3"), ("3-RRR", "rrr3"))
@@ -480,12 +457,20 @@ def _delta() -> tuple[Answer, ...]:
         holds("section 11.6: the direct model places the platform as its closures do", back),
         holds("section 11.6: the inverse model returns the joints", forth),
         *(
-            number(f"section 11.6: θ{k + 1} of ({', '.join(f'{part:g}' for part in place)}) m, the larger Delta", "",
-                   float(found[k]), "°", right=text.replace("-", "−"))
+            answer
             for place, row, found in zip(_PUBLISHED, _PUBLISHED.values(), ours, strict=True)
-            for k, text in enumerate(row)
+            for answer in _angles(", ".join(f"{part:g}" for part in place), row, found)
         ),
     )  # fmt: skip
+
+
+def _angles(place: str, row: tuple[str, ...], found: Array) -> tuple[Answer, ...]:
+    """Compare the motors' angles of one place (m)."""
+    return as_row(f"θ1, θ2, θ3 at ({place}) m", (
+        number(f"section 11.6: θ{k + 1} of ({place}) m, the larger Delta", "", float(found[k]), "°",
+               right=text.replace("-", "−"))
+        for k, text in enumerate(row)
+    ))  # fmt: skip
 
 
 def _shared_pin() -> tuple[Answer, ...]:
@@ -515,27 +500,14 @@ def _shared_pin() -> tuple[Answer, ...]:
 
 
 PARALLEL_ITEMS = (
-    Item("Section 11.3.1", "The 2-RPR", _two_legs, "lab inspect rpr2", "L is 0.6 m.",
-         question="Find the inverse and the direct model, A and B of A dX + B dq = 0, and the singular "
-         "positions.",
-         hint="ρ1 and ρ2 are distances from two fixed points: take one square from the other. "
-         "Differentiate the squares for A and B."),
+    Item("Section 11.3.1", "The 2-RPR", _two_legs, "lab inspect rpr2", "L is 0.6 m."),
     Item("Sections 11.3, 11.3.2", "The 3-RPR and its like", _three_legs, "lab inspect rpr3",
-         "φ counts from the side B1 B2 of the platform.",
-         question="Write the squares of the legs' lengths, and count the mobility of three robots.",
-         hint="Place each pin of the platform by x, y and φ, and take its distance from the base's. In the "
-         "plane each body has 3 freedoms, and each pin or slide takes 2."),
+         "φ counts from the side B1 B2 of the platform."),
     Item("Sections 11.4.4, 11.6", "The Delta: mobility, and the IRB 340's four axes", _delta,
          "lab inspect delta/irb340",
          "Counted is the model delta/six_rods. Each rod turns about itself between two ball joints, which moves no "
-         "other body.",
-         question="Count the Delta's bodies, joints and freedoms, and find θ1 to θ3 of two places of the "
-         "larger Delta.",
-         hint="Each leg has a hinge, and two rods with a ball joint at either end. The mobility is the "
-         "joints' freedoms less 6 for each loop, less the internal ones."),
+         "other body."),
     Item("Section 11.5", "A 3-RPR whose legs 1 and 3 share a pin", _shared_pin,
          "lab kinematics rpr3/shared_pin --pose 750,600,0,0,0,40",
-         "The anchors B1, B2, B3 are (a1, b1), (a2, b2), (a3, b3); their values are representative.",
-         question="Find the legs' lengths of a pose, the number of assembly modes, and the matrix of passage.",
-         hint="A1 is E less L along the bar. Legs 1 and 3 place A1 by two circles; leg 2 then turns the bar."),
+         "The anchors B1, B2, B3 are (a1, b1), (a2, b2), (a3, b3); their values are representative."),
 )  # fmt: skip

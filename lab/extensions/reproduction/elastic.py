@@ -10,8 +10,9 @@ from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.reproduction.answer import Answer, holds
-from lab.extensions.reproduction.item import Item, Missing, Source
+from lab.extensions.reproduction.item import Item, Missing, Source, with_exercises
 from lab.extensions.reproduction.models import SAMPLES, Sampled, link_matrices, matrix_formulas, sampled
+from lab.extensions.reproduction.other_exercises import ELASTIC_EXERCISES
 from lab.extensions.reproduction.thesis_model import printed_links
 from lab.extensions.robotics.trajectory.tracking import Correction, compensated, elastic_errors, greville
 from lab.kinematics.dynamics.beam import COMPLIANCES, MATERIALS, Beam, loads_on, tube
@@ -208,15 +209,12 @@ def _calibrated() -> tuple[Answer, ...]:
 ELASTIC = Source(
     "elastic",
     "Benmisra 2007, programming of industrial robots (Blida), section 3-2-3 on: elastic links",
-    (
+    with_exercises((
         Item("Equation 3.21", "The elastic error", _errors, "python scripts/elastic_error_absorbed.py",
              "Of the IRB 120 with its upper arm and forearm as tubes of aluminium under gravity, by the lab's beams, "
              "at random poses; the displacements are scaled to 1 mm and 1 mrad at most."),
         Item("Equations 3.22 to 3.29", "Elementary matrices", _rotations, "lab kinematics rx130 --symbolic",
-             "The matrices of single motions; the link matrices of the command are their products.",
-         question="Write the elementary matrices.",
-         hint="A translation is the identity with a last column. Of a small angle δ the sine is δ and the "
-         "cosine is 1."),
+             "The matrices of single motions; the link matrices of the command are their products."),
         Item("Equations 3.30 to 3.34", "Small displacements and turns", _small,
              note="The order of the turns matters by the square of their size: 1e-6 at 1 mrad."),
         Item("Equations 3.35, 3.36 a", "The corrected direct model", _chain, "python scripts/elastic_links_found.py",
@@ -231,9 +229,10 @@ ELASTIC = Source(
              "lab compensate TARGETS.csv --run RUN", "TARGETS.csv and RUN are targets and a calibration of your own."),
         Item("Equations 3.39, 3.40", "Calibration and deformations", _calibrated,
              "python scripts/elastic_error_absorbed.py"),
-    ),
+    ), ELASTIC_EXERCISES),
     (
         Missing("Figures 3.4, 3.5", "A segment rigid and deformed", "illustrations of the frames of 3.22"),
         Missing("Numbers", "Measured or computed examples", "the section prints no numbers"),
     ),
+    begin="3.22",
 )  # fmt: skip

@@ -1,18 +1,14 @@
-"""Numbered items of a source, the registered sources, and exercises with their marks."""
+"""Numbered items of a source with the texts of their exercises, and the registered sources."""
 
-import csv
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from lab.core.errors import LabError
 from lab.extension_points import choice_of, load, registered
 from lab.extensions.reproduction.answer import Answer
-from lab.formats.csv_table import CsvTable, text_cell
 
-_COLUMNS = ("item", "value", "unit")  # of an exercise
 _GROUP = "lab.sources"  # of entry points
 
 if TYPE_CHECKING:
@@ -24,18 +20,38 @@ else:
 
 __all__ = [
     "Computed",
+    "Exercise",
     "Item",
-    "Mark",
     "Missing",
     "Source",
     "SourceName",
     "in_chapter",
     "labels",
-    "marked",
     "source_named",
     "sources",
-    "write_exercise",
+    "with_exercises",
 ]
+
+
+@dataclass(frozen=True)
+class Exercise:
+    """Text that makes an item a question without the book.
+
+    Attributes:
+        question: what is sought, with what is given, in sentences.
+        hint: to the question, without its answer.
+        steps: way to the solution, in order.
+        given: letters and values, an entry each.
+        table: rows of a table that is given; the first has the headings.
+        sketch: draws what is given.
+    """
+
+    question: str
+    hint: str
+    steps: tuple[str, ...]
+    given: tuple[str, ...] = ()
+    table: tuple[tuple[str, ...], ...] = ()
+    sketch: "Callable[[], tuple[Picture, ...]]" = tuple
 
 
 @dataclass(frozen=True)
@@ -50,8 +66,7 @@ class Item:
         note: a sentence or two for the reader.
         pictures: draws a figure again.
         chapter: title of the chapter; consecutive items of one chapter are shown together.
-        question: of an exercise; "" where the title says it.
-        hint: to the question.
+        exercise: its text as an exercise; None if it asks nothing.
     """
 
     number: str
@@ -61,8 +76,12 @@ class Item:
     note: str = ""
     pictures: "Callable[[], tuple[Picture, ...]]" = tuple
     chapter: str = ""
-    question: str = ""
-    hint: str = ""
+    exercise: Exercise | None = None
+
+
+def with_exercises(items: Sequence[Item], texts: Mapping[str, Exercise]) -> tuple[Item, ...]:
+    """Return the items with the texts of their exercises, by their numbers."""
+    return tuple(replace(item, exercise=texts.get(item.number)) for item in items)
 
 
 def in_chapter(title: str, items: Sequence[Item]) -> tuple[Item, ...]:
@@ -88,12 +107,14 @@ class Source:
         title: author, year and title.
         items: in the order of the text.
         missing: items that cannot be computed, in the order of the text.
+        begin: number of the item that a student begins with.
     """
 
     name: str
     title: str
     items: tuple[Item, ...]
     missing: tuple[Missing, ...]
+    begin: str = ""
 
     def chosen(self, text: str) -> tuple[Item, ...]:
         """Return the items of a number (``8.6``, ``III.24``, ``Table IV.2``) or a chapter (``8``, ``III``).
@@ -161,68 +182,3 @@ class Computed:
 
     item: Item
     answers: tuple[Answer, ...]
-
-
-@dataclass(frozen=True)
-class Mark:
-    """A reader's answer with its mark.
-
-    Attributes:
-        label: of the answer in the file.
-        given: the text there; "" where it is left blank.
-        state: result of the marking.
-        note: reason why it cannot be read; "" where it can.
-        answer: the answer of the item.
-    """
-
-    label: str
-    given: str
-    state: Literal["right", "wrong", "blank"]
-    note: str
-    answer: Answer
-
-
-def write_exercise(path: Path, computed: Sequence[Computed]) -> None:
-    """Write the answers of an exercise, each with a blank."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        writer.writerows((text_cell(label), "", answer.unit) for label, answer in _in_exercise(computed))
-
-
-def marked(path: Path, computed: Sequence[Computed]) -> tuple[Mark, ...]:
-    """Mark a filled-in exercise, answer by answer; answers that are not in the file are blank.
-
-    Raises:
-        LabError: the file is no exercise of this source.
-    """
-    table = CsvTable(path)
-    labels, values = table.texts("item"), table.texts("value")
-    if labels is None or values is None:
-        raise LabError(f"{path}: has no columns item and value; fill in the CSV that --exercise writes")
-    requested = dict(_in_exercise(computed))
-    given: dict[str, str] = {}
-    for row, (cell, value) in enumerate(zip(labels, values, strict=True)):
-        label = " ".join(cell.split())
-        if label not in requested:
-            raise table.fail(row, "item", f"'{label}' is no answer of this source; keep the labels of --exercise")
-        if label in given:
-            raise table.fail(row, "item", f"'{label}' appears twice; keep one")
-        given[label] = value.strip()
-    return tuple(_mark(label, given.get(label, ""), answer) for label, answer in requested.items())
-
-
-def _mark(label: str, text: str, answer: Answer) -> Mark:
-    if not text:
-        return Mark(label, text, "blank", "", answer)
-    try:
-        return Mark(label, text, "right" if answer.check(text) else "wrong", "", answer)
-    except LabError as error:
-        return Mark(label, text, "wrong", str(error), answer)
-
-
-def _in_exercise(computed: Sequence[Computed]) -> Iterator[tuple[str, Answer]]:
-    for each in computed:
-        for answer in each.answers:
-            if answer.in_exercise:
-                yield f"{each.item.number}: {answer.name}", answer

@@ -9,7 +9,9 @@ import numpy as np
 from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.reproduction.answer import Answer, Variables, formula, number
+from lab.core.units import MM
+from lab.extensions.reproduction.answer import Answer, formula, number
+from lab.extensions.reproduction.formulas import Variables
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain, Convention
@@ -19,6 +21,7 @@ from lab.render.scene import placement_picture, skeleton
 __all__ = [
     "SAMPLES",
     "Sampled",
+    "arm_sketch",
     "as_row",
     "link_matrices",
     "matrix_formulas",
@@ -171,6 +174,13 @@ def as_row(name: str, answers: Iterable[Answer]) -> tuple[Answer, ...]:
 
 def _entries(printed: str) -> list[list[str]]:
     return [[entry.strip() for entry in row.split("|")] for row in printed.split(";")]
+
+
+def arm_sketch(name: str, positions: Sequence[float]) -> tuple[Picture, ...]:
+    """Draw a shipped robot with its frames at joint positions in ° and mm: x, y and z are red, green and blue."""
+    arm, values = serial(name)
+    scale = np.where(arm.chain.prismatic, MM.to_si(1.0), np.pi / 180)
+    return placements(arm, values, ("",), np.array([positions], dtype=np.float64) * scale)
 
 
 def placements(arm: SerialArm, values: Array, titles: Sequence[str], joints: Array) -> tuple[Picture, ...]:

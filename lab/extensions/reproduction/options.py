@@ -21,15 +21,17 @@ class ReproduceOptions:
     item: str | None = None
     """Only the items of this number (8.6, III.24, "Table IV.2") or chapter (8, III)."""
     exercise: Flag = False
-    """Ask: leave the answers blank, with hints, and write exercise.csv with one row per answer."""
+    """Ask the questions of --item and write exercise.csv, with a row per answer; without --item, list what there is."""
     solution: Flag = False
-    """Of --exercise: show the solutions as well."""
+    """Of --exercise and --mark: show the solutions with their steps."""
     mark: Path | None = None
-    """An exercise.csv that was filled in: say which of its answers are right."""
+    """An exercise.csv that was filled in: mark each answer, with a hint where one is wrong."""
 
     def check(self) -> None:
-        """Refuse --exercise together with --mark, and --solution without --exercise, with a LabError."""
+        """Refuse --exercise together with --mark, and --solution without either, with a LabError."""
         if self.exercise and self.mark is not None:
             raise LabError("--exercise writes the blanks and --mark reads the answers; give one of them")
-        if self.solution and not self.exercise:
+        if self.solution and not self.exercise and self.mark is None:
             raise LabError("--solution adds the solutions to an exercise; give --exercise too")
+        if self.solution and self.exercise and self.item is None:
+            raise LabError("--solution shows the solutions of chosen items; give --item too")

@@ -12,7 +12,8 @@ from lab.commands.command_line import options_of, takes
 from lab.commands.result import Result
 from lab.core.errors import LabError, counted
 from lab.extensions.reproduction.answer import Answer, Kind, State
-from lab.extensions.reproduction.item import Computed, Item, Mark, Source, marked, source_named, write_exercise
+from lab.extensions.reproduction.item import Computed, Exercise, Item, Source, source_named
+from lab.extensions.reproduction.marking import Mark, Question, items_of, marked, questions, write_exercise
 from lab.extensions.reproduction.options import ReproduceOptions
 from lab.formats.csv_table import write_columns
 from lab.render.document import (
@@ -37,6 +38,7 @@ from lab.render.document import (
     Table,
     Text,
     Warnings,
+    inlines,
 )
 
 __all__ = ["ReproductionResult", "reproduce"]
@@ -123,8 +125,11 @@ class ReproductionResult(Result):
         }  # fmt: skip
         if self.marks is not None:
             found["marks"] = [
-                {"item": mark.label, "given": mark.given, "state": mark.state, "note": mark.note} for mark in self.marks
+                {"item": mark.label, "given": mark.given, "state": mark.state, "note": mark.note}
+                | ({"solution": mark.question.solution} if self.options.solution else {})
+                for mark in self.marks
             ]
+            found["items"] = [{**item, "answers": []} for item in found["items"]]  # they hold the solutions
         return found
 
     def _values(self, answer: Answer) -> dict[str, Any]:
@@ -138,10 +143,11 @@ class ReproductionResult(Result):
         }  # fmt: skip
 
     def write_files(self, folder: Path) -> None:
-        """Write ``values.csv``, or of an exercise its CSV."""
+        """Write ``values.csv``, or of the chosen items of an exercise its CSV."""
         if self.options.exercise:
-            write_exercise(folder / "exercise.csv", self.computed)
-        else:
+            if self.options.item is not None:
+                write_exercise(folder / "exercise.csv", self.computed)
+        elif self.marks is None:
             write_columns(folder / "values.csv", self.columns())
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -209,16 +215,35 @@ def _reproduction_document(result: ReproductionResult) -> Document:
         _title(result),
         (
             Paragraph(source.title, "lead"),
-            _card(result),
+            *_first(result),
             Warnings(() if result.options.exercise else result.warnings),
-            Section("Marks", _marks(result.marks or ())),
+            *_marks(result),
             Section("Items", () if marked else _overview(result)),
             Section("Errata", _reasons(result, "erratum"), shown_in=TERMINAL),
             Section("Unreadable in the converted text", _reasons(result, "unreadable"), shown_in=TERMINAL),
-            *(() if marked else _chapters(result)),
-            Section("Items that cannot be computed", () if marked or result.options.item else (_missing(result),)),
+            *(_chapters(result) if _shows_items(result) else ()),
+            Section("Items that cannot be computed", (_missing(result),) if _is_whole(result) else ()),
         ),
     )
+
+
+def _first(result: ReproductionResult) -> tuple[Block, ...]:
+    """Return the card; of an exercise and of marks the terminal shows its next step, too."""
+    card = _card(result)
+    if result.marks is None and not result.options.exercise:
+        return (card,)
+    return card, Paragraph((Strong("Next: "), *inlines(card.next_step)), shown_in=TERMINAL)
+
+
+def _shows_items(result: ReproductionResult) -> bool:
+    """True if the items follow: not of a list of exercises, and of marks only with their solutions."""
+    options = result.options
+    return options.solution if result.marks is not None else not options.exercise or options.item is not None
+
+
+def _is_whole(result: ReproductionResult) -> bool:
+    """True of all items, compared with the printed values."""
+    return result.marks is None and not result.options.item and not result.options.exercise
 
 
 def _title(result: ReproductionResult) -> str:
@@ -228,7 +253,10 @@ def _title(result: ReproductionResult) -> str:
         blank = sum(mark.state == "blank" for mark in result.marks)
         return f"{name}: {right} of {len(result.marks)} answers right, {blank} blank"
     if result.options.exercise:
-        return f"{name}: an exercise of {counted(len(_asked(result.computed)), 'answer')}"
+        asked = questions(result.computed)
+        if result.options.item is None:
+            return f"{name}: {counted(len(asked), 'question')} in {counted(len(result.computed), 'item')}; choose one"
+        return f"{name}: an exercise of {counted(len(asked), 'question')}"
     printed = sum(result.count(state) for state in _COMPARED)
     others: tuple[State, ...] = ("erratum", "unreadable", "differs")
     more = [f"{result.count(state)} {_STATES[state]}" for state in others if result.count(state)]
@@ -242,27 +270,21 @@ def _title(result: ReproductionResult) -> str:
     return ", ".join([f"{name}: {counted(whole, 'value')}, none of them to compare", *more])
 
 
-def _asked(computed: Sequence[Computed]) -> list[Answer]:
-    """Return the answers that an exercise asks for."""
-    return [answer for each in computed for answer in each.answers if answer.in_exercise]
-
-
 _Numbers = tuple[tuple[str, str, str], ...]
 
 
 def _card(result: ReproductionResult) -> Card:
     """Summarise on the page's first screen: how many agree, how many do not, and what to do next."""
-    item = "" if result.options.item is None else f' --item "{result.options.item}"'
-    command = f"lab reproduce {result.source.name}{item}"
+    command = f"lab reproduce {result.source.name}"
     if result.marks is not None:
-        return _card_of_marks(result.marks, command)
+        return _card_of_marks(result, command)
     if result.options.exercise:
         return _card_of_exercise(result, command)
     counts = {state: result.count(state) for state in _COMPARED}
     numbers: _Numbers = tuple(
         (_STATES[state], str(count), _CARD_KINDS.get(state, "") if count else "") for state, count in counts.items()
     )
-    asked = next((each.item.number for each in result.computed if _asked([each])), None)
+    asked = next((each.item.number for each in result.computed if questions([each])), None)
     next_step: Text = "choose an item that asks, to work it out yourself."
     if asked is not None:
         own = Code(f'lab reproduce {result.source.name} --exercise --item "{asked}"')
@@ -277,36 +299,55 @@ def _card(result: ReproductionResult) -> Card:
 
 
 def _card_of_exercise(result: ReproductionResult, command: str) -> Card:
-    """Summarise an exercise: how much it asks, and how it is marked."""
-    solved = result.options.solution
-    items = sum(1 for each in result.computed if _asked([each]))
-    numbers: _Numbers = (("answers", str(len(_asked(result.computed))), ""), ("items", str(items), ""))
-    mark = (Code(f"{command} --mark exercise.csv"), " says what is right")
-    more = () if solved else ("; ", Code("--solution"), " shows the solutions")
-    badge = Badge("exercise with its solutions" if solved else "exercise")
-    next_step: Text = ("fill in exercise.csv; ", *mark, *more, ".")
-    return Card(badge, numbers, "A formula may use the letters of the source.", next_step)
+    """Summarise an exercise: how much it asks, and how it is marked; or the list of all of them."""
+    options, asked = result.options, questions(result.computed)
+    items = len({each.item.number for each in asked})
+    numbers: _Numbers = (("questions", str(len(asked)), ""), ("items", str(items), ""))
+    if options.item is None:
+        begin = Code(f"{command} --exercise --item {result.source.begin or _first_label(result)}")
+        return Card(Badge("exercises"), numbers, "A few at a time: choose an item below.", ("begin with ", begin, "."))
+    mark = (Code(f"{command} --mark exercise.csv"), " marks them")
+    item = f"{command} --exercise --item {_quoted(options.item)}"
+    more = () if options.solution else (", and ", Code(f"{item} --solution"), " shows the way to the solutions")
+    badge = Badge("exercise with its solutions" if options.solution else "exercise")
+    about = "Formulas may be spelled freely: c1, cos q1 and cos(θ1) are the same. A matrix is one answer: 1 | 0; 0 | 1."
+    return Card(
+        badge, numbers, about, ("write your answers into exercise.csv of the run's folder; ", *mark, *more, ".")
+    )
 
 
-def _card_of_marks(marks: Sequence[Mark], command: str) -> Card:
+def _quoted(item: str) -> str:
+    return f'"{item}"' if " " in item else item
+
+
+def _first_label(result: ReproductionResult) -> str:
+    return _quoted(result.computed[0].item.number)
+
+
+def _card_of_marks(result: ReproductionResult, command: str) -> Card:
     """Summarise a marked exercise."""
+    marks = result.marks or ()
     found = Counter(mark.state for mark in marks)
     right = found["right"]
     numbers: _Numbers = (
         ("right", str(right), "after"), ("wrong", str(found["wrong"]), ""), ("blank", str(found["blank"]), ""),
     )  # fmt: skip
     if right == len(marks):
-        return Card(Badge("all right", "good"), numbers, "", "take the next chapter.")
-    first = next(mark for mark in marks if mark.state != "right")
-    solution = Code(f"{command} --exercise --solution")
-    next_step: Text = (f"try {first.label} again; ", solution, " shows every solution.")
+        return Card(Badge("all right", "good"), numbers, "", "take the next item.")
+    first = next((mark for mark in marks if mark.state == "wrong"), None) or next(
+        mark for mark in marks if mark.state == "blank"
+    )
+    again = f"try {first.label} again" if first.given else f"answer {first.label}"
+    next_step: Text = f"{again}."
+    if not result.options.solution:
+        solution = Code(f"{command} --exercise --solution --item {_quoted(first.question.item.number)}")
+        next_step = (again, "; ", solution, " shows the way to the solution.")
     return Card(Badge(f"{right} of {len(marks)} right", "doubtful"), numbers, "", next_step)
 
 
 def _overview(result: ReproductionResult) -> tuple[Block, ...]:
     if result.options.exercise:
-        rows = tuple((c.item.number, c.item.title, str(count)) for c in result.computed if (count := len(_asked([c]))))
-        return (Table(("item", "", "answers"), rows),)
+        return _list_of_exercises(result)
     used = [state for state in _STATES if any(result.counts[kind][state] for kind in _KINDS)]
     kinds = tuple(
         (words, *(str(result.counts[kind][state] or "") for state in used))
@@ -330,6 +371,17 @@ def _overview(result: ReproductionResult) -> tuple[Block, ...]:
     )
 
 
+def _list_of_exercises(result: ReproductionResult) -> tuple[Block, ...]:
+    """List the items that ask, by chapter, with the number of their questions; nothing of a single chosen one."""
+    rows: list[Row] = []
+    for title, items in groupby(result.computed, key=lambda each: each.item.chapter):
+        for i, each in enumerate(items):
+            rows.append((title if i == 0 else "", each.item.number, each.item.title, str(len(questions([each])))))
+    if len(rows) == 1 and result.options.item is not None:
+        return ()
+    return (Table(("chapter", "item", "", "questions"), tuple(rows)),)
+
+
 def _reasons(result: ReproductionResult, state: State) -> tuple[Block, ...]:
     """List the reasons of answers in a state, each once; not of chosen items, which show their own."""
     if result.options.exercise or result.options.item or result.marks is not None:
@@ -344,9 +396,8 @@ def _reasons(result: ReproductionResult, state: State) -> tuple[Block, ...]:
 
 def _chapters(result: ReproductionResult) -> Iterator[Section]:
     """Show the items of each chapter in a section; chosen ones everywhere, else on the page alone."""
-    shown_in = EVERYWHERE if result.options.item else PAGE
-    shown_items = [each for each in result.computed if not result.options.exercise or _asked([each])]
-    for title, items in groupby(shown_items, key=lambda each: each.item.chapter):
+    shown_in = EVERYWHERE if result.options.item or result.marks is not None else PAGE
+    for title, items in groupby(result.computed, key=lambda each: each.item.chapter):
         sections = tuple(replace(_section(result, each), shown_in=shown_in) for each in items)
         if title:
             yield Section(title, sections, shown_in=shown_in)
@@ -355,17 +406,45 @@ def _chapters(result: ReproductionResult) -> Iterator[Section]:
 
 
 def _section(result: ReproductionResult, each: Computed) -> Section:
-    item, exercise = each.item, result.options.exercise
+    item, options = each.item, result.options
+    if (options.exercise or result.marks is not None) and item.exercise is not None:
+        return Section(
+            f"{item.number}: {item.title}",
+            (
+                *_asked(item.exercise, item),
+                *(_steps(item.exercise) if options.solution else ()),
+                *_questions(questions([each]), solved=options.solution),
+                *(_remarks(each) if options.solution else ()),
+            ),
+        )
     return Section(
         f"{item.number}: {item.title}",
-        (
-            *((Paragraph((Strong(item.question),)), Paragraph(item.hint, "hint")) if exercise else ()),
-            Paragraph(item.note),
-            *(_questions(each.answers, solved=result.options.solution) if exercise else _values(each.answers)),
-            *(() if exercise else _figure(item)),
-            Command("" if exercise and not result.options.solution else item.command),
-        ),
-    )  # fmt: skip
+        (Paragraph(item.note), *_values(each.answers), *_figure(item, item.pictures()), Command(item.command)),
+    )
+
+
+def _asked(exercise: Exercise, item: Item) -> Iterator[Block]:
+    """Show the question of an exercise, what is given, and the hint."""
+    yield Paragraph((Strong(exercise.question),))
+    yield Bullets(exercise.given)
+    if exercise.table:
+        yield Table(exercise.table[0], exercise.table[1:])
+    yield from _figure(item, exercise.sketch(), "with its frames: x red, y green, z blue")
+    yield Paragraph(exercise.hint, "hint")
+
+
+def _steps(exercise: Exercise) -> Iterator[Block]:
+    """Show the way to the solution."""
+    yield Table(("", "the way to the solution"), tuple((f"{i + 1}.", step) for i, step in enumerate(exercise.steps)))
+
+
+def _remarks(each: Computed) -> Iterator[Block]:
+    """Show the errors of the printed text, and the command that computes the solution."""
+    wrong = [answer for answer in each.answers if answer.erratum and answer.kind != "check"]
+    reasons = dict.fromkeys(f"{answer.name} is printed as {answer.printed}: {answer.erratum}" for answer in wrong)
+    yield Bullets(tuple(reasons))
+    yield Paragraph(each.item.note, "note")
+    yield Command(each.item.command)
 
 
 def _values(answers: tuple[Answer, ...]) -> Iterator[Block]:
@@ -449,42 +528,67 @@ def _list(answers: Sequence[Answer]) -> Table:
     return Table(tuple(heads[i] for i in used), tuple(tuple(row[i] for i in used) for row in rows))
 
 
-def _questions(answers: tuple[Answer, ...], *, solved: bool) -> Iterator[Block]:
-    """Ask for matrices as such, rows of a table in a table, and all other values one by one."""
-    asked = [answer for answer in answers if answer.in_exercise]
+def _questions(asked: Sequence[Question], *, solved: bool) -> Iterator[Block]:
+    """Ask for matrices as such, and for all other values and rows one by one."""
 
     def shown(answer: Answer) -> str:
         return answer.solution if solved else _BLANK
 
-    placed = _by_matrix(asked)
-    entries = {name: tuple(tuple(map(shown, row)) for row in rows) for name, rows in placed.items()}
-    yield Matrices(tuple(Matrix(name, (("", rows),)) for name, rows in entries.items() if len(rows) > 1))
-    single = [(name, *rows[0]) for name, rows in entries.items() if len(rows) == 1]
-    for width in dict.fromkeys(map(len, single)):
-        yield Table(("asked", *[""] * (width - 1)), tuple(row for row in single if len(row) == width))
-    others = [answer for answer in asked if answer.place is None]
-    rows = tuple((answer.name, shown(answer), answer.unit) for answer in others)
-    yield Table(("asked", "solution" if solved else "answer", "unit"), rows)
+    matrices = [each for each in asked if len(each.rows) > 1]
+    yield Matrices(
+        tuple(Matrix(each.name, (("", tuple(tuple(map(shown, row)) for row in each.rows)),)) for each in matrices)
+    )
+    others = [each for each in asked if len(each.rows) == 1]
+    rows = tuple((each.name, each.solution if solved else _BLANK, each.unit, _precision(each)) for each in others)
+    used = (True, True, any(row[2] for row in rows), any(row[3] for row in rows) and not solved)
+    heads = ("asked", "solution" if solved else "answer", "unit", "decimals")
+    yield Table(
+        tuple(head for head, use in zip(heads, used, strict=True) if use),
+        tuple(tuple(cell for cell, use in zip(row, used, strict=True) if use) for row in rows),
+    )
 
 
-def _figure(item: Item) -> tuple[Block, ...]:
+def _precision(question: Question) -> str:
+    """Return the number of decimals that are asked for; "" of whole numbers and formulas."""
+    found = max((answer.decimals or 0 for answer in question.entries), default=0)
+    return str(found) if found else ""
+
+
+def _figure(item: Item, pictures: Iterable[Picture], caption: str = "") -> tuple[Block, ...]:
     """Draw an item's pictures, with unique names that begin with the item's."""
     slug = re.sub(r"[^a-z0-9]+", "-", item.number.lower()).strip("-")
-    pictures = tuple(replace(picture, name=f"{slug}-{picture.name}") for picture in item.pictures())
-    return (Figure(slug, pictures, item.title),)
+    named = tuple(replace(picture, name=f"{slug}-{picture.name}") for picture in pictures)
+    return (Figure(slug, named, f"{item.title}, {caption}" if caption else item.title),)
 
 
-def _marks(marks: tuple[Mark, ...]) -> tuple[Block, ...]:
-    """List every answer given, and the correct one."""
-    if not marks:
-        return ()
+def _marks(result: ReproductionResult) -> Iterator[Section]:
+    """Show the marks of each item: how many answers are right, its hint where one is wrong, and every answer."""
     badges = {"right": Badge("right", "good"), "wrong": Badge("wrong", "bad"), "blank": Badge("blank", "open")}
-    rows = tuple(
-        (mark.label, mark.given, badges[mark.state], mark.answer.solution if mark.state == "wrong" else "",
-         mark.answer.unit, mark.note)
-        for mark in marks
-    )  # fmt: skip
-    return (Table(("answer", "given", "", "right is", "unit", ""), rows),)
+    solved = result.options.solution
+    for number, marks in groupby(result.marks or (), key=lambda mark: mark.question.item.number):
+        group = list(marks)
+        states = Counter(mark.state for mark in group)
+        exercise = group[0].question.item.exercise
+        rows = tuple(
+            (badges[mark.state], mark.question.name, _shortened(mark.given), mark.note)
+            + ((mark.question.solution,) if solved else ())
+            for mark in group
+        )
+        yield Section(
+            f"{number}: {states['right']} of {len(group)} right",
+            (
+                Table(("", "answer", "given", "", *(("right is",) if solved else ())), rows),
+                Paragraph(exercise.hint if exercise is not None and states["wrong"] else "", "hint"),
+            ),
+        )
+
+
+_SHOWN = 60  # letters of an answer
+
+
+def _shortened(text: str) -> str:
+    plain = " ".join(text.split())
+    return plain if len(plain) <= _SHOWN else f"{plain[:_SHOWN]} …"
 
 
 def _missing(result: ReproductionResult) -> Table:
@@ -516,7 +620,14 @@ def reproduce(source: str | ReproduceOptions, **options: Any) -> ReproductionRes
         requested = options_of("lab.reproduce", ReproduceOptions, {"source": source, **options})
     requested.check()
     chosen = source_named(requested.source)
-    items = chosen.items if requested.item is None else chosen.chosen(requested.item)
+    if requested.item is not None:
+        items = chosen.chosen(requested.item)
+    else:
+        items = chosen.items if requested.mark is None else items_of(requested.mark, chosen)
+    if requested.exercise or requested.mark is not None:
+        items = tuple(item for item in items if item.exercise is not None)
+        if not items:
+            raise LabError(f"--item: {requested.item} asks nothing; --exercise without --item lists the items that do")
     computed = tuple(Computed(item, item.answers()) for item in items)
     marks = None if requested.mark is None else marked(requested.mark, computed)
     return ReproductionResult(requested, chosen, computed, marks)

@@ -7,8 +7,9 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
-from lab.extensions.reproduction.item import Item, Missing, Source
+from lab.extensions.reproduction.item import Item, Missing, Source, with_exercises
 from lab.extensions.reproduction.models import SAMPLES, as_row, link_matrices, matrix_formulas, sampled, serial
+from lab.extensions.reproduction.other_exercises import STAUBLI_EXERCISES
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.khalil_frames import khalil_frame, pose_of
@@ -161,37 +162,19 @@ def _misaligned() -> tuple[Answer, ...]:
 STAUBLI = Source(
     "staubli",
     "A thesis on the calibration of an RX 130 and the dynamics of a TX 40 (Centrale Nantes), up to section 1.4",
-    (
+    with_exercises((
         Item("Equation 1.1", "The direct model with base and tool", _whole, "lab kinematics rx130 --tool-mm 30,20,100"),
-        Item("Equation 1.2", "The matrix of a link", _link, "lab kinematics rx130 --symbolic",
-             question="Write the matrix of a link by α, d, θ and r.",
-             hint="Multiply, from left to right: a turn by α about x, a length d along x, a turn by θ about z, "
-             "a length r along z."),
+        Item("Equation 1.2", "The matrix of a link", _link, "lab kinematics rx130 --symbolic"),
         Item("Equations 1.3, 1.5", "Base and tool in six parameters", _frames,
              "lab calibrate --robot rx130 --prior off --out base_and_tool",
-             "parameters.json of the run has base and tool in these six as well.",
-             question="How many parameters locate a frame?",
-             hint="It has a place and a rotation."),
-        Item("Equations 1.4, 1.6", "Grouped parameters", _grouped, "lab inspect rx130",
-             question="How many of these eight parameters are independent, and at most how many between "
-             "neighbouring frames?",
-             hint="Turns about the same axis add up, and so do lengths along it, where one follows the other."),
+             "parameters.json of the run has base and tool in these six as well."),
+        Item("Equations 1.4, 1.6", "Grouped parameters", _grouped, "lab inspect rx130"),
         Item("Table 1", "Geometric parameters", _table, "lab inspect rx130",
-             "The table's numbers are no part of the text; these are the RX 130's of models/rx130.",
-             question="Fill in α, d, θ − q and r of the RX 130.",
-             hint="α and d lead from one axis to the next one about and along x, θ and r about and along z. "
-             "Where two axes meet, d is 0."),
-        Item("Section 1.3.5", "β between parallel axes", _identifiable, "lab inspect rx130",
-             question="Which joint needs a β, and how many parameters can be identified with it and without "
-             "it?",
-             hint="β stands between axes that are nominally parallel. A hinge has four parameters, and one "
-             "measured point sees three more."),
+             "The table's numbers are no part of the text; these are the RX 130's of models/rx130."),
+        Item("Section 1.3.5", "β between parallel axes", _identifiable, "lab inspect rx130"),
         Item("Figure 3", "A small variation of an axis", _misaligned,
-             note="Without β the parameter r of a misaligned axis jumps to minus d over the misalignment.",
-             question="Where does the common normal of two almost parallel axes lie?",
-             hint="Tilt one axis by β at the distance d from the other: their common normal is where they "
-             "would meet."),
-    ),
+             note="Without β the parameter r of a misaligned axis jumps to minus d over the misalignment."),
+    ), STAUBLI_EXERCISES),
     (
         Missing("Figures 1, 2", "Frames of base and tool", "illustrations of 1.3 and 1.5"),
         Missing("Introduction, 95 %", "The share of geometric errors", "a quotation of Judd and Knasinski 1990 without "
@@ -201,4 +184,5 @@ STAUBLI = Source(
         Missing("Section 1.4, chapters 2 to 5, appendices", "Methods, results, dynamics",
                 "the text breaks off at 1.4; python scripts/global_or_sequential.py compares the two methods"),
     ),
+    begin="1.2",
 )  # fmt: skip

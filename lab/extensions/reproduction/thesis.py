@@ -1,5 +1,6 @@
 """Compute chapter IV of Mahdadi and Bouafia 2020, the 19 parameters and tables IV.1 to IV.3; and define the source."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,8 +10,9 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, at_least, drawn, given, holds, number, word
-from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter
+from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter, with_exercises
 from lab.extensions.reproduction.models import as_row, link_matrices, matrix_formulas
+from lab.extensions.reproduction.other_exercises import THESIS_EXERCISES
 from lab.extensions.reproduction.thesis_case import (
     CRITERIA,
     DROPPED,
@@ -164,7 +166,7 @@ def _retained() -> tuple[Answer, ...]:
     return (
         number("parameters retained of 24", "19", len(identifiable)),
         *(
-            answer
+            replace(answer, in_exercise=False)
             for start in range(0, len(_SYMBOLS), _LINE)
             for answer in as_row(
                 f"retained {start + 1} to {min(start + _LINE, len(_SYMBOLS))}",
@@ -262,27 +264,16 @@ def _least_squares() -> tuple[Answer, ...]:
 _ONLY_HERE = "No other command prints these: the lab computes them where it needs them."
 _CALIBRATION_ITEMS = (
     Item("Equations IV.5 to IV.9, IV.25, IV.26", "Linearised errors and least squares", _least_squares,
-         note="Every fit of the lab takes these steps, as lab calibrate does. No command prints them.",
-         question="Write the error of a pose to first order.",
-         hint="A small turn is the identity plus the matrix of a cross product with its angles."),
-    Item("Equation IV.12", "The derivative of a link's matrix by θ", _link_rate, note=_ONLY_HERE,
-         question="Differentiate the matrix of a link by θ.",
-         hint="Differentiate each entry: a cosine becomes minus a sine, and what holds no θ becomes 0."),
-    Item("Equations IV.13 to IV.18", "The matrices Q", _generators, note=_ONLY_HERE,
-         question="Find the matrices Q of θ, d, a and α, with ∂A/∂θ = A Q and so on.",
-         hint="Q is A⁻¹ ∂A/∂θ. What stands left of the factor with the parameter drops out of it."),
+         note="Every fit of the lab takes these steps, as lab calibrate does. No command prints them."),
+    Item("Equation IV.12", "The derivative of a link's matrix by θ", _link_rate, note=_ONLY_HERE),
+    Item("Equations IV.13 to IV.18", "The matrices Q", _generators, note=_ONLY_HERE),
     Item("Equations IV.7, IV.19 to IV.24", "The Jacobian by U and Q", _jacobian,
-         note=f"Of the printed table III.2 here, of the lab's model by its own derivatives there. {_ONLY_HERE}",
-         question="With which link does the product U of link i begin?",
-         hint="The error of a link moves only what is beyond it."),
+         note=f"Of the printed table III.2 here, of the lab's model by its own derivatives there. {_ONLY_HERE}"),
     Item("Table IV.1", "The 19 parameters retained", _retained,
          "lab inspect irb120 --tool-mm 0,0,0 --fix 'base.*,tool.*,link2.beta,link5.d,link5.a' "
          "--free 'link1.*,link5.alpha,link6.d,link6.a'",
          "At the flange's origin. r is d and l is a of table III.2. At a target off the last axis 22 of the 24 are "
-         "determined.",
-         question="Which of the 24 parameters can be identified?",
-         hint="Parallel neighbours share a length along their axes, and what only turns or moves the last "
-         "frame about its origin does not move that."),
+         "determined."),
     Item("Table IV.2", "True and estimated parameters", _estimates, "python scripts/thesis_tables.py",
          f"The true value, then O1 to O5 and the condition number. Each estimate is of one draw of the noise. Ours is "
          f"the range of {_DRAWS:,} draws at poses chosen here by the same index. In three rows the printed estimate is "
@@ -293,9 +284,7 @@ _CALIBRATION_ITEMS = (
          f"{_DRAWS:,} draws at poses chosen here by the same index, with d2 = 0.60, a5 = 0.36 and d5 = 0.93 mm off, as "
          "of table IV.2. The RSD is the "
          "standard deviation of the 19 errors."),
-    Item("Conclusion", "Which index is the best", _best, "python scripts/thesis_tables.py",
-         question="Which index is the best?",
-         hint="Compare the errors of table IV.3."),
+    Item("Conclusion", "Which index is the best", _best, "python scripts/thesis_tables.py"),
 )  # fmt: skip
 
 
@@ -354,16 +343,10 @@ def _trace_picture() -> tuple[Picture, ...]:
 _CURVE_ITEMS = (
     Item("Figure IV.1", "O1 against the number of poses", _against_poses, "python scripts/best_o1.py --ignore-limits",
          "The curve is printed without numbers. It flattens because O1 is divided by √n: it measures information per "
-         "pose, and does not say that more poses stop helping.", _curve_picture,
-         question="How large is the best O1 of 7 to 30 poses?",
-         hint="O1 is the geometric mean of the singular values, divided by the root of the number of "
-         "poses."),
+         "pose, and does not say that more poses stop helping.", _curve_picture),
     Item("Figure IV.2", "Convergence of the search for O1", _best_curves, "python scripts/best_o1.py --ignore-limits",
          f"{_STARTS} starts among {_SEARCHED:,} candidates, without joint limits as in the thesis; the dashed line is "
-         "the printed maximum.", _trace_picture,
-         question="What is the best O1 of 20 poses?",
-         hint="Exchange one pose after the other for the candidate that raises O1 most, from several "
-         "starts."),
+         "the printed maximum.", _trace_picture),
 )  # fmt: skip
 
 
@@ -442,14 +425,14 @@ _BEFORE_CURVES = next(i for i, item in enumerate(_CALIBRATION_ITEMS) if item.num
 THESIS = Source(
     "thesis",
     "Mahdadi and Bouafia 2020, a comparative study of observability indices for robot calibration (M'sila)",
-    (
+    with_exercises((
         *in_chapter("Chapter I, robots and their errors", STATEMENT_ITEMS),
         *in_chapter("Chapter II, observability indices", _INDEX_ITEMS),
         *in_chapter("Chapter III, model of the IRB 120", MODEL_ITEMS),
         *in_chapter("Chapter IV, choice of the index", (
             *_CALIBRATION_ITEMS[:_BEFORE_CURVES], *_CURVE_ITEMS, *_CALIBRATION_ITEMS[_BEFORE_CURVES:],
         )),
-    ),
+    ), THESIS_EXERCISES),
     (
         Missing("Figures I.1, I.2, I.3, I.5", "Robots", "photographs"),
         Missing("Table I.1, rows 3, 6 and 8", "Versatility, payload by mass, dynamics of parallel and serial robots",
@@ -463,4 +446,5 @@ THESIS = Source(
                 "statements of what is multiplied; the results are the items above"),
         Missing("Equation IV.11", "The change of a link's matrix", "notation"),
     ),
+    begin="III.12",
 )  # fmt: skip

@@ -1,5 +1,6 @@
 """Compute chapter III of Mahdadi and Bouafia 2020: direct and inverse model of the IRB 120."""
 
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -79,7 +80,9 @@ def _sizes() -> tuple[Answer, ...]:
     return (
         number("reach of the wrist's centre", "580", float(np.linalg.norm(centre - shoulder, axis=1).max()), "mm"),
         number("depth below the base", "112", -float(centre[:, 2].min()), "mm"),
-        number("mass", "25", float(load_virtual("irb120").model.model.body_mass[1:].sum()), "kg"),
+        replace(
+            number("mass", "25", float(load_virtual("irb120").model.model.body_mass[1:].sum()), "kg"), in_exercise=False
+        ),
     )
 
 
@@ -198,7 +201,7 @@ def _shoulder() -> tuple[Answer, ...]:
         formula("III.27 s2", "(A C + D B)/(A^2 + B^2)", np.sin(q2), v),
         formula("III.27 c2", "(B C + A D)/(A^2 + B^2)", np.cos(q2), v, right="(B C − A D)/(A^2 + B^2)",
                 erratum="the sign of the second product: (B C + A D)/r² does not solve equations III.21"),
-        formula("III.28 θ2", "atan2(A C + D B, B C + A D)", np.arctan2(np.sin(q2), np.cos(q2)), v,
+        formula("III.28 θ2", "atan2(A C + D B, B C + A D)", np.arctan2(np.sin(q2), np.cos(q2)), v, angle=True,
                 right="atan2(A C + D B, B C − A D)", erratum="as III.27"),
     )  # fmt: skip
 
@@ -229,10 +232,11 @@ def _last_joints() -> tuple[Answer, ...]:
         formula("III.30 −c6 s5", "−nz s23 + (c1 nx + s1 ny) c23", -c6 * s5, v),
         formula("III.30 s6 s5", "−oz s23 + (c1 ox + s1 oy) c23", s6 * s5, v),
         formula("III.31 θ5", f"w atan2(√(1 − (−az s23 + {in_plane} c23)^2), −az s23 + {in_plane} c23)",
-                np.arctan2(s5, c5), v | {"w": np.sign(s5)}),
-        formula("III.31 θ4", f"atan2((−s1 ax + c1 ay)/s5, (−{in_plane} s23 − az c23)/s5)", np.arctan2(s4, c4), v),
+                np.arctan2(s5, c5), v | {"w": np.sign(s5)}, angle=True),
+        formula("III.31 θ4", f"atan2((−s1 ax + c1 ay)/s5, (−{in_plane} s23 − az c23)/s5)", np.arctan2(s4, c4), v,
+                angle=True),
         formula("III.31 θ6", "atan2((−oz s23 + (c1 ox + s1 oy) c23)/s5, (nz s23 − (c1 nx + s1 ny) c23)/s5)",
-                np.arctan2(s6, c6), v),
+                np.arctan2(s6, c6), v, angle=True),
     )  # fmt: skip
 
 
@@ -254,7 +258,7 @@ def _eight_solutions() -> Array:
 def _solutions() -> tuple[Answer, ...]:
     ours = np.rad2deg(_eight_solutions())
     return tuple(
-        answer
+        replace(answer, any_order="the eight solutions")
         for k in range(8)
         for answer in as_row(f"{k + 1}: q1 to q6", (
             number(f"q{j + 1} of solution {k + 1}", row[k], float(ours[k, j]), "°") for j, row in enumerate(_SOLUTIONS)
@@ -277,61 +281,29 @@ _POSE_TEXT = ",".join(f"{value:g}" for value in _POSE)
 MODEL_ITEMS = (
     Item("Figure III.1", "Size and mass of the IRB 120", _sizes,
          note="The figure is a drawing; the numbers are those of the text beside it, the lengths of the wrist's "
-         "centre. No other command prints them: lab inspect has the reach of the last frame.",
-         question="What are reach, depth below the base, and mass of the IRB 120?",
-         hint="They are the maker's, in the text beside the figure. The reach is that of the wrist's "
-         "centre from axis 1."),
+         "centre. No other command prints them: lab inspect has the reach of the last frame."),
     Item("Table III.1", "Ranges of the joints", _limits, "lab inspect irb120",
-         "The range of joint 6, ±400°, is compared in turns.",
-         question="Fill in the ranges of the joints.",
-         hint="They are the maker's: lab inspect irb120 prints them."),
+         "The range of joint 6, ±400°, is compared in turns."),
     Item("Equations III.1, III.2, III.5, IV.10", "Matrix of a link", _general_link, f"{_KINEMATICS} --symbolic",
-         "III.1 is the product, the others the same matrix.",
-         question="Write the matrix of a link by θ, d, a and α.",
-         hint="Multiply, from left to right: a turn by θ about z, a length d along z, a length a along x, "
-         "a turn by α about x."),
-    Item("Table III.2", "Denavit-Hartenberg table", _dh_table, "lab inspect irb120", "Figure III.4 is this table.",
-         question="Fill in the Denavit-Hartenberg table of the IRB 120.",
-         hint="z of each frame lies along the next joint's axis, x along the common normal. The lengths "
-         "are 290, 270, 70, 302 and 72 mm."),
-    Item("Equations III.6 to III.11", "Link matrices, mm", _links, f"{_KINEMATICS} --matrices --symbolic",
-         question="Write the six link matrices, lengths in mm.",
-         hint="Put each row of table III.2 into III.5. Joint 2 is offset by −90°, so that its sine and "
-         "cosine change places."),
-    Item("Equation III.12", "T0,6 with all joints at zero", _example_a, f"{_KINEMATICS} --joints 0,0,0,0,0,0",
-         question="Find T0,6 with all joints at zero.",
-         hint="Multiply the link matrices, or look at figure III.6: the forearm points forward."),
+         "III.1 is the product, the others the same matrix."),
+    Item("Table III.2", "Denavit-Hartenberg table", _dh_table, "lab inspect irb120", "Figure III.4 is this table."),
+    Item("Equations III.6 to III.11", "Link matrices, mm", _links, f"{_KINEMATICS} --matrices --symbolic"),
+    Item("Equation III.12", "T0,6 with all joints at zero", _example_a, f"{_KINEMATICS} --joints 0,0,0,0,0,0"),
     Item("Figure III.6", "The arm with all joints at zero", command=f"{_KINEMATICS} --joints 0,0,0,0,0,0 --out zeros",
          pictures=lambda: _pictures("III.6")),
-    Item("Equation III.13", "T0,6 at a second placement", _example_b, f"{_KINEMATICS} --joints 0,0,-90,-90,90,-90",
-         question="Find T0,6 with the joints at 0, 0, −90, −90, 90 and −90°.",
-         hint="Multiply the link matrices, or turn the arm of figure III.6 joint by joint."),
+    Item("Equation III.13", "T0,6 at a second placement", _example_b, f"{_KINEMATICS} --joints 0,0,-90,-90,90,-90"),
     Item("Figure III.7", "The arm at the second placement",
          command=f"{_KINEMATICS} --joints 0,0,-90,-90,90,-90 --out second", pictures=lambda: _pictures("III.7")),
     Item("Equation III.15", "The inverse of a pose", _inverse_of_a_pose,
-         note="No other command prints the inverse of a pose.",
-         question="Write the inverse of a pose with the columns n, o, a and p.",
-         hint="The inverse of a rotation is its transpose. The place is what makes the product the "
-         "identity."),
-    Item("Equations III.18, III.19", "The wrist's centre, mm", _centre, f"{_KINEMATICS} --symbolic --between 0 4",
-         question="Find the wrist's centre from the joints, and from the pose.",
-         hint="It lies 72 mm behind the hand's point, along the hand's z, which is a. III.19 counts from "
-         "the shoulder, 290 mm up."),
+         note="No other command prints the inverse of a pose."),
+    Item("Equations III.18, III.19", "The wrist's centre, mm", _centre, f"{_KINEMATICS} --symbolic --between 0 4"),
     Item("Equations III.21 to III.28", "Joints 2 and 3", _shoulder, f"{_KINEMATICS} --pose={_POSE_TEXT}",
-         "The printed q1 to q4 are written A to D here, since q1 to q6 are the joints.",
-         question="Find q2 and q3 of the wrist's centre.",
-         hint="Square both equations of III.21 and add them: q2 falls out, and a sine and a cosine of q3 "
-         "are left."),
+         "The printed q1 to q4 are written A to D here, since q1 to q6 are the joints."),
     Item("Equations III.23, III.26", "Both roots of joints 1 and 3", _first_joint,
          f"{_KINEMATICS} --pose={_POSE_TEXT}"),
     Item("Equations III.30, III.31", "The wrist", _last_joints, f"{_KINEMATICS} --pose={_POSE_TEXT}",
-         "w is the sign of sin θ5, of the two roots of III.31.",
-         question="Find q4, q5 and q6 of the hand's rotation in frame 3.",
-         hint="Multiply out T3,6: one entry is the cosine of q5 alone, and those beside it give q4 and q6."),
-    Item("Table III.3", "Eight solutions of a pose", _solutions, f"{_KINEMATICS} --pose={_POSE_TEXT}",
-         question="Find the eight solutions of the pose.",
-         hint="The arm can turn by half a turn, the elbow can be up or down, the wrist can flip: two "
-         "choices each."),
+         "w is the sign of sin θ5, of the two roots of III.31."),
+    Item("Table III.3", "Eight solutions of a pose", _solutions, f"{_KINEMATICS} --pose={_POSE_TEXT}"),
     Item("Figure III.10", "The eight solutions", command=f"{_KINEMATICS} --pose={_POSE_TEXT} --out solutions",
          pictures=lambda: _pictures("III.10")),
 )  # fmt: skip

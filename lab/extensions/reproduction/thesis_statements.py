@@ -189,10 +189,7 @@ STATEMENT_ITEMS = (
          "geometric means of ratios, 95 % intervals over the arms."),
     Item("Figure I.4", "Workspaces of the IRB 140 and 2400", _workspaces, "lab workspace irb140 --tool-mm 0,0,-65",
          "Of the wrist's centre, as makers draw it, within the joint limits alone. The makers' reaches are 810 and "
-         "1550 mm.", _workspace_pictures,
-         question="How far do the wrist's centres of both arms reach from axis 1?",
-         hint="The arm is stretched out: add the horizontal offset of joint 2 to the lengths of upper arm "
-         "and forearm."),
+         "1550 mm.", _workspace_pictures),
     Item("Table I.1", "Parallel against serial robots", _compared, "lab workspace planar3r rrr3",
          "Pairs with the same freedoms and three motors that turn: planar3r and rrr3 in the plane, an anthropomorphic "
          "carrier and a Delta in space. Equal length: the parts of one leg, laid end to end from the middle of the "
