@@ -281,7 +281,10 @@ def _named(data: Measurements, column: str, names: list[str]) -> NDArray[np.int_
     at = {name: i for i, name in enumerate(names)}
     for row, name in enumerate(data.other[column]):
         if name not in at:
-            raise LabError(f"{data.where(row)}, column {column}: '{name}' is unknown; there are {', '.join(names)}")
+            raise LabError(
+                f"{data.where(row)}, column {column}: '{name}' is not described; "
+                f"the file of cameras and boards, or the default, has {', '.join(names)}"
+            )
     return np.array([at[name] for name in data.other[column]], dtype=np.int_)
 
 

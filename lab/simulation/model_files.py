@@ -654,7 +654,8 @@ def calibrated_mjcf(robot: OpenModel, arm: SerialArm | TreeArm, values: Array) -
     MuJoCo writes six digits, so every number of the kinematics is written here, in full.
     """
     spec = _without_shells(robot)
-    taken = [name for name in (FLANGE, TRACKER) if name in arm.targets]  # a measured point may be called so
+    others = {FLANGE, TRACKER, *(site.name for site in spec.sites if site.name not in robot.tool)}
+    taken = [name for name in arm.targets if name in others]  # a measured point may be called so
     placed = replace(arm, targets=tuple(f"{name} as measured" if name in taken else name for name in arm.targets))
     for target in placed.targets:
         if target not in robot.tool:

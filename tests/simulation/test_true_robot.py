@@ -253,6 +253,20 @@ def test_the_calibrated_model_loads_again_exactly(tmp_path) -> None:
         np.testing.assert_allclose(seen, ARM.points(joints[None], values)[0], atol=1e-12)
 
 
+def test_a_measured_point_may_be_called_as_a_site_of_another_branch() -> None:
+    """The site of the other hand gets a free name, as a flange's does, and the measured one stands where it was found."""
+    robot = load_robot("torso", tips=("left",))
+    arm = robot.arm(("right.p1",))
+    values = somewhere(arm, np.random.default_rng(5))
+    model = mujoco.MjModel.from_xml_string(calibrated_mjcf(robot.model, arm, values))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    tracker, site = model.site("tracker").id, model.site("right.p1").id
+    T = se3.pose(data.site_xmat[tracker].reshape(3, 3), data.site_xpos[tracker])
+    seen = se3.transform(se3.inverse(T), data.site_xpos[[site]])
+    np.testing.assert_allclose(seen, arm.points(np.zeros((1, arm.chain.size)), values)[0], atol=1e-12)
+
+
 def test_mujoco_says_nothing_of_the_dynamics(tmp_path, monkeypatch, capfd) -> None:
     """A link of 1e11 m makes its inertia matrix nearly singular: MuJoCo would print that, and leave a log."""
     link = '<body name="b{1}" pos="{0} 0 0"><joint name="q{1}" axis="0 1 0"/><geom size=".05" mass="1"/>{2}</body>'
