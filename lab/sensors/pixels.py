@@ -282,8 +282,8 @@ def _named(data: Measurements, column: str, names: list[str]) -> NDArray[np.int_
     for row, name in enumerate(data.other[column]):
         if name not in at:
             raise LabError(
-                f"{data.where(row)}, column {column}: '{name}' is not described; "
-                f"the file of cameras and boards, or the default, has {', '.join(names)}"
+                f"{data.where(row)}, column {column}: '{name}' is unknown; there are {', '.join(names)} "
+                "(a file of cameras and boards describes others)"
             )
     return np.array([at[name] for name in data.other[column]], dtype=np.int_)
 

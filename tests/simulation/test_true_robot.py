@@ -254,7 +254,7 @@ def test_the_calibrated_model_loads_again_exactly(tmp_path) -> None:
 
 
 def test_a_measured_point_may_be_called_as_a_site_of_another_branch() -> None:
-    """The site of the other hand gets a free name, as a flange's does, and the measured one stands where it was found."""
+    """The site of the other hand gets a free name, and the measured one stands where it was found."""
     robot = load_robot("torso", tips=("left",))
     arm = robot.arm(("right.p1",))
     values = somewhere(arm, np.random.default_rng(5))
