@@ -56,7 +56,9 @@ def main() -> None:
         made = {path.name for path in (folder / "virtual").iterdir()}
         assert {"result.json", "report.html", "recording.rrd", "SHA256SUMS"} <= made, made
     kernels = "with" if compiled() else "without"
-    print(f"lab {package.__version__} works on Python {platform.python_version()}, {platform.system()}, {kernels} kernels")
+    print(
+        f"lab {package.__version__} works on Python {platform.python_version()}, {platform.system()}, {kernels} kernels"
+    )
 
 
 if __name__ == "__main__":
