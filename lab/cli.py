@@ -98,6 +98,7 @@ def _report_error(arguments: list[str], error: Exception) -> tuple[str, int]:
 def _run(arguments: list[str]) -> int:
     from lab.commands.program import output_may_close
     from lab.commands.registry import all_commands, command_named
+    from lab.core.deprecation import COMMANDS, with_present_name
     from lab.core.errors import LabError
 
     if not arguments:
@@ -114,7 +115,8 @@ def _run(arguments: list[str]) -> int:
         with output_may_close():
             print(completion_script(" ".join(arguments[1:])), end="")
         return 0
-    return _run_command(command_named(arguments[0]), arguments[1:])
+    name = with_present_name(COMMANDS, arguments[0], "lab ", 1)
+    return _run_command(command_named(name), arguments[1:])
 
 
 def _help() -> str:

@@ -31,6 +31,14 @@ def stable_tag() -> str:
     return f"cp311-abi3-{system}"
 
 
+def apple_flags(platform_name: str) -> list[str]:
+    """The flags of Apple's compiler for the processors and the oldest system that this platform's name promises."""
+    _, oldest, processors = platform_name.split("-", 2)
+    kinds = ("arm64", "x86_64") if processors == "universal2" else (processors,)
+    each = [flag for kind in kinds for flag in ("-arch", kind)]
+    return ["-undefined", "dynamic_lookup", f"-mmacosx-version-min={oldest}", *each]
+
+
 def compiler() -> list[str]:
     """The compiler's command: ``$CC``, the one that built Python, or ``cc``."""
     return shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")
@@ -50,7 +58,7 @@ def _compiled(folder: Path, built: Path) -> str:
     if os.name == "nt":
         return _compiled_on_windows(folder)
     include, there = sysconfig.get_path("include"), folder / f"machine_code.{os.getpid()}.tmp"
-    more = ["-undefined", "dynamic_lookup"] if sys.platform == "darwin" else []
+    more = apple_flags(sysconfig.get_platform()) if sys.platform == "darwin" else []
     command = [*FLAGS, *more, f"-I{include}", str(folder / "kernels.c"), "-o", str(there), "-lm"]
     said = ""
     for first in dict.fromkeys([tuple(compiler()), ("cc",), ("gcc",)]):

@@ -4,6 +4,7 @@ On a busy machine small matrices wait a hundred times longer for a second thread
 that the tests start compiles the whole package again.
 """
 
+import gc
 import os
 import sys
 from collections import Counter
@@ -36,6 +37,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             if seen[name] % marker.args[0]:
                 item.add_marker(pytest.mark.thorough)
             seen[name] += 1
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Modules and test items live to the end: the garbage collector does not walk through them again and again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
+        gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.hookimpl(wrapper=True)

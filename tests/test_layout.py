@@ -89,6 +89,7 @@ def public_names(path: Path) -> list[str] | None:
     return None
 
 
+@pytest.mark.thorough
 def test_modules_take_of_each_other_what_is_public() -> None:
     inner = {name: path for name, path in MODULES.items() if path.stem not in ("__init__", "__main__")}
     public = {name: public_names(path) for name, path in inner.items()}

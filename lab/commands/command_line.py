@@ -26,6 +26,7 @@ from lab.campaign.option_types import Flag, number, whole_number
 from lab.commands.help_text import HELP_FLAGS, ROBOT, help_text
 from lab.commands.registry import Command
 from lab.commands.run_folder import positional
+from lab.core.deprecation import with_present_flags, with_present_options
 from lab.core.errors import LabError
 from lab.formats.structured import structured
 
@@ -124,7 +125,7 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
         LabError: they cannot be parsed, or ``--config`` names what is no run's ``config.json``.
     """
     kind = command.load_options()
-    rest, default = _configured(command, kind, arguments)
+    rest, default = _configured(command, kind, with_present_flags(list(arguments)))
     if asked := [each for each in rest if each in HELP_FLAGS]:
         print(help_text(command, every="--help-all" in asked, defaults=default))
         raise SystemExit(0)
@@ -311,6 +312,7 @@ def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Calla
 
         @wraps(function)
         def call(*given: Any, **options: Any) -> Any:
+            options = with_present_options(options, 1)
             named = dict(zip(shown.parameters, given, strict=False)) | options
             _refuse_twice(f"lab.{function.__name__}", kind, called, named)
             _refuse_unused(f"lab.{function.__name__}", unused, named)

@@ -9,6 +9,7 @@ import shutil
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType, UnionType
@@ -172,18 +173,22 @@ def _shown_default(value: Any, extras: Sequence[Any]) -> str:
 
 def field_texts(kind: type[Any]) -> dict[str, str]:
     """Return the text below each field of a class and its bases, from the source; none where that is not there."""
+    return {name: text for base in reversed(kind.__mro__) for name, text in _own_docstrings(base).items()}
+
+
+@cache
+def _own_docstrings(kind: type[Any]) -> dict[str, str]:
+    """Return the text below each field of a class, without its bases; read once, as parsing takes a while."""
+    try:
+        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    except (OSError, TypeError, SyntaxError, ValueError):
+        return {}
     found = dict[str, str]()
-    for base in reversed(kind.__mro__):
-        try:
-            (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
-        except (OSError, TypeError, SyntaxError, ValueError):
+    for one, after in pairwise(tree.body if isinstance(tree, ast.ClassDef) else []):
+        if not isinstance(one, ast.AnnAssign) or not isinstance(one.target, ast.Name):
             continue
-        body = tree.body if isinstance(tree, ast.ClassDef) else []
-        for one, after in pairwise(body):
-            if not isinstance(one, ast.AnnAssign) or not isinstance(one.target, ast.Name):
-                continue
-            if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-                found[one.target.id] = str(after.value.value)
+        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            found[one.target.id] = str(after.value.value)
     return found
 
 

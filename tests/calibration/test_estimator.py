@@ -35,6 +35,7 @@ def identified(estimator: Any = LEAST_SQUARES, **options: Any) -> lab.Calibratio
     return lab.identify(SESSION.measurements, robot="irb120", estimator=estimator, **options)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("noise", [{"instrument": "uniform-8um"}, {"noise_mm": 0.02}, {}])
 def test_least_squares_by_a_users_own_code_is_the_lab_s(noise: dict[str, Any]) -> None:
     """Values, intervals and the errors of cross-validation agree, with a given noise and an estimated one."""

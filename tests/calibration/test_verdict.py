@@ -79,6 +79,7 @@ def test_lengths_of_a_wire_without_a_gate_miss_none() -> None:
     assert "nan" not in found.summary()
 
 
+@pytest.mark.thorough
 def test_contacts_that_leave_the_size_free_are_doubtful() -> None:
     """One length stays nominal, so that all others are relative to it; a distance of sockets determines it."""
     options = {"observe": "socket", "poses": 40, "seed": 1, "no_recording": True}

@@ -104,6 +104,7 @@ def _options_of(problem: PoseProblem) -> DesignOptions:
     return DesignOptions(observe="pixels", poses=_POSES, starts=1)
 
 
+@pytest.mark.thorough
 def test_the_plan_runs_in_a_virtual_calibration(tmp_path: Path) -> None:
     options = _options(tmp_path)
     plan = lab.design(options)

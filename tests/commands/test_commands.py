@@ -121,6 +121,7 @@ def test_the_measurements_of_a_run_identify_the_same_arm(seven: Path, tmp_path, 
     assert result["after_mm"]["mean"] < 0.02
 
 
+@pytest.mark.thorough
 def test_the_exact_tracker_gives_the_truth(tmp_path, capsys) -> None:
     for seed in (7, 8):
         code, result = run(capsys, "calibrate", "--seed", seed, "--instrument", "exact", "--out", tmp_path / str(seed))

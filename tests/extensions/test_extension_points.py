@@ -116,6 +116,27 @@ def python(site: Path, *arguments: str, cwd: Path | None = None) -> subprocess.C
     return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, cwd=cwd or site, env=env)
 
 
+COMMANDS = """
+import contextlib, io, json, sys
+from lab.cli import main
+for line in json.loads(sys.argv[1]):
+    printed, said = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(said):
+        try:
+            code = main(line)
+        except SystemExit as stop:
+            code = stop.code
+    print(json.dumps([code, printed.getvalue(), said.getvalue()]))
+"""
+
+
+def lab(site: Path, *lines: str, cwd: Path | None = None) -> list[tuple[int, str, str]]:
+    """Run command lines in one process; the exit code of each, and what it writes on standard output and error."""
+    done = python(site, "-c", COMMANDS, json.dumps([line.split() for line in lines]), cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return [tuple(json.loads(each)) for each in done.stdout.splitlines()]
+
+
 @pytest.fixture
 def site(tmp_path: Path) -> Path:
     sections = "[lab.sections]\nscale = weighing:SCALE\nat_inspection = weighing:INSPECTED\n"
@@ -128,38 +149,37 @@ def site(tmp_path: Path) -> Path:
 def test_a_third_party_s_command_is_run_as_the_lab_s_own(site: Path) -> None:
     done = python(site, "-m", "lab", "weigh", "2", "--json")
     assert (done.returncode, done.stderr) == (0, "") and json.loads(done.stdout) == {"newton": pytest.approx(19.62)}
-    refused = python(site, "-m", "lab", "weigh", "-1")
-    assert refused.returncode == 2 and refused.stderr == "lab: give a mass above 0 kg\n"
-    listed = python(site, "-m", "lab", "--help").stdout
-    assert "  weigh       Weigh a robot." in listed and "  identify " in listed
-    assert "Its mass." in python(site, "-m", "lab", "weigh", "--help").stdout
+    refused, listed, helped = lab(site, "weigh -1", "--help", "weigh --help")
+    assert refused == (2, "", "lab: give a mass above 0 kg\n")
+    assert "  weigh       Weigh a robot." in listed[1] and "  identify " in listed[1]
+    assert "Its mass." in helped[1]
 
 
 def test_a_third_party_s_section_is_shown_after_those_of_its_type_of_result(site: Path) -> None:
-    printed = python(site, "-m", "lab", "weigh", "2").stdout
-    assert "It weighs 19.62 N." in printed and "Weight: calibrated last year." in printed
-    assert "Inspection" not in printed
-    inspected = python(site, "-m", "lab", "inspect", "course2r").stdout
+    (_, weighed, _), (_, inspected, _) = lab(site, "weigh 2", "inspect course2r --out page")
+    assert "It weighs 19.62 N." in weighed and "Weight: calibrated last year." in weighed
+    assert "Inspection" not in weighed
     own, added = inspected.index("Conditioning"), inspected.index("Inspection: calibrated last year.")
     assert own < added and "Weight:" not in inspected
-    page = "import lab; lab.inspect('course2r').report('page.html')"
-    assert python(site, "-c", page).stderr == ""
-    text = (site / "page.html").read_text(encoding="utf-8")
+    text = (site / "page" / "report.html").read_text(encoding="utf-8")
     assert text.rindex("Conditioning") < text.rindex("calibrated last year") < text.rindex("What was done")
 
 
 def test_a_third_party_s_language_is_chosen_by_its_name(site: Path) -> None:
-    assert "spoken" in python(site, "-m", "lab", "design", "--help").stdout
     code = """
 import numpy as np
+from lab.cli import main
 from lab.campaign.robot import load_robot
 from lab.formats.programs.protocol import MeasuringTour
 from lab.formats.programs.registry import plan_files, refusal
 tour = MeasuringTour("two", np.zeros((4, 2)), np.array([-1, 0, 1, -1]), ("3", "4"))
 print(plan_files(load_robot("course2r").chain, "spoken", tour), refusal(load_robot("irb120").chain, "spoken"))
+main(["design", "--help"])
 """
     done = python(site, "-c", code)
-    assert done.stdout == "{'plan.txt': b'two: 4 stops'} no spoken program for 6 joints\n", done.stderr
+    said, *helped = done.stdout.splitlines()
+    assert said == "{'plan.txt': b'two: 4 stops'} no spoken program for 6 joints", done.stderr
+    assert any(",spoken," in line for line in helped)
 
 
 LOADED = """
@@ -191,20 +211,25 @@ tolerances = own_parts:Tolerances
 
 @pytest.mark.thorough
 def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(site: Path) -> None:
-    design = ["design", "--robot", "course2r", "--poses", "6", "--candidates", "60", "--starts", "1", "--json"]
-    own = python(site, "-m", "lab", *design, "--criterion", "frobenius", "--out", "own")
-    known = python(site, "-m", "lab", *design, "--out", "known")
-    assert own.returncode == known.returncode == 0, own.stderr + known.stderr
-    first, second = json.loads(own.stdout), json.loads(known.stdout)
-    assert first["criterion"] == "frobenius" and first["indices"]["o1"]["value"] < second["indices"]["o1"]["value"]
-    refused = python(site, "-m", "lab", *design, "--criterion", "frobenios")
-    assert refused.returncode == 2 and refused.stderr.rstrip().endswith("A, G, I, frobenius, volume")
     (site / "grid.toml").write_text(
         'name = "grid"\nrobot = "scara"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\n'
         'criterion = ["random", "volume"]\nposes = 12\n'
     )
-    study = python(site, "-m", "lab", "study", "grid.toml", "--workers", "1", "--json", "--out", "study")
-    assert study.returncode == 0, study.stderr
+    design = "design --robot course2r --poses 6 --candidates 60 --starts 1 --json"
+    own, known, refused, study, blind = lab(
+        site,
+        f"{design} --criterion frobenius --out own",
+        f"{design} --out known",
+        f"{design} --criterion frobenios",
+        "study grid.toml --workers 1 --json --out study",
+        "design --robot scara --criterion frobenius --poses 8 --candidates 60",
+    )
+    assert own[0] == known[0] == 0, own[2] + known[2]
+    first, second = json.loads(own[1]), json.loads(known[1])
+    assert first["criterion"] == "frobenius" and first["indices"]["o1"]["value"] < second["indices"]["o1"]["value"]
+    assert refused[0] == 2 and refused[2].rstrip().endswith("A, G, I, frobenius, volume")
+    assert study[0] == 0, study[2]
+    assert blind[0] == 2 and "criterion frobenius chose 8 poses that cannot tell all" in blind[2]
     package(site, "parts", OWN_PARTS)
     for name in ("own_parts", "own_kalman"):
         shutil.copy(ROOT / "scripts" / f"{name}.py", site)
@@ -237,20 +262,16 @@ def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(s
     )
     of_parts = python(site, "-m", "lab", "study", "grid.toml", "--workers", "1", "--json", "--out", "parts_study")
     assert of_parts.returncode == 0, of_parts.stderr
-    blindly = ["--criterion", "frobenius", "--poses", "8", "--candidates", "60"]
-    blind = python(site, "-m", "lab", "design", "--robot", "scara", *blindly)
-    assert blind.returncode == 2 and "criterion frobenius chose 8 poses that cannot tell all" in blind.stderr
 
 
 def test_what_cannot_be_imported_is_reported_in_a_line_and_breaks_nothing(site: Path) -> None:
     package(site, "broken", "[lab.commands]\nbroken = broken:BROKEN\n", "import a_module_that_is_not_there\n")
-    listed = python(site, "-m", "lab", "--help")
-    assert listed.returncode == 0 and "  weigh " in listed.stdout and "  identify " in listed.stdout
+    weighed, (code, listed, warned), asked = lab(site, "weigh 2 --json", "--help", "broken")
+    assert weighed[2] == ""
+    assert code == 0 and "  weigh " in listed and "  identify " in listed
     said = "extension 'broken' (broken:BROKEN) cannot be loaded (ModuleNotFoundError: No module named"
-    assert listed.stderr.startswith(f"lab: warning: {said}") and listed.stderr.count("\n") == 1
-    asked = python(site, "-m", "lab", "broken")
-    assert asked.returncode == 2 and asked.stderr.startswith(f"lab: {said}") and asked.stderr.count("\n") == 1
-    assert python(site, "-m", "lab", "weigh", "2", "--json").stderr == ""
+    assert warned.startswith(f"lab: warning: {said}") and warned.count("\n") == 1
+    assert asked[0] == 2 and asked[2].startswith(f"lab: {said}") and asked[2].count("\n") == 1
 
 
 def test_a_core_command_is_not_replaced(site: Path) -> None:
@@ -284,13 +305,13 @@ def test_the_core_runs_without_its_extensions(tmp_path: Path) -> None:
         "payload --robot tx40 --simulate": 2,
         "design --controller rapid": 2,
     }
-    for command, code in commands.items():
-        done = python(site, "-m", "lab", *command.split(), "--json", cwd=work)
-        assert done.returncode == code, (command, done.stderr)
+    for command, (code, _, said) in zip(
+        commands, lab(site, *(f"{each} --json" for each in commands), cwd=work), strict=True
+    ):
+        assert code == commands[command], (command, said)
         if code:
-            assert done.stderr.count("\n") == 1 and "Traceback" not in done.stderr, done.stderr
+            assert said.count("\n") == 1 and "Traceback" not in said, said
     assert "'payload' is no command; there are calibrate, identify" in python(site, "-m", "lab", "payload").stderr
-    missing = python(site, "-c", "import lab; lab.payload", cwd=work).stderr
-    assert "module 'lab' has no attribute 'payload': the extension 'dynamics' is not installed" in missing
-    loaded = python(site, "-c", "import lab; print(lab.__file__, hasattr(lab, 'trajectory'))", cwd=work).stdout
-    assert loaded == f"{site / 'lab' / '__init__.py'} False\n"
+    loaded = python(site, "-c", "import lab; print(lab.__file__, hasattr(lab, 'trajectory')); lab.payload", cwd=work)
+    assert loaded.stdout == f"{site / 'lab' / '__init__.py'} False\n"
+    assert "module 'lab' has no attribute 'payload': the extension 'dynamics' is not installed" in loaded.stderr

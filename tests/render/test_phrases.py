@@ -186,6 +186,7 @@ def test_parameters_are_named_in_words_where_these_are_right(name: str, words: s
     assert parameter_text(name) == words
 
 
+@pytest.mark.thorough
 def test_no_decision_of_a_fit_depends_on_a_phrase(silent: Callable[[], None]) -> None:
     with nothing_drawn():
         said = outcomes(of_measurements())

@@ -23,7 +23,7 @@ def test_every_part_is_a_region_of_its_own() -> None:
     assert (np.sum(splits(joints, TURNING, "random", 5, 0.1), axis=0) == 1).all()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["regions", "beyond"])
 def test_bounds_hold_on_a_rigid_arm(kind: str) -> None:
     rng = np.random.default_rng(1)

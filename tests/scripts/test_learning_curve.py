@@ -9,6 +9,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import measured
 
 
+@pytest.mark.thorough
 def test_more_poses_are_better_and_none_are_invented() -> None:
     rng = np.random.default_rng(1)
     joints, arm = IRB120.chain.random_joints(120, rng), IRB120.arm(("p1",))

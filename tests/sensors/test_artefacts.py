@@ -123,6 +123,7 @@ def test_simulated_contacts_lie_on_the_faces_of_one_cube(cubes: lab.MeasurementS
     assert (data.conditions["edge_mm"] == 200.0).all()
 
 
+@pytest.mark.thorough
 def test_opposite_faces_give_the_size_and_three_faces_do_not(cubes: lab.MeasurementSession) -> None:
     data = cubes.measurements
     whole = lab.identify(data, observe="cube", tip_radius_mm=3.0, noise_mm=0.01)

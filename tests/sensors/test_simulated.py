@@ -69,7 +69,15 @@ NOISY = {
 SLOW_NOISY = ("pose", "socket", "plane", "cube", "dial")
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SLOW_NOISY)) for n in NOISY])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(
+            n, marks=pytest.mark.slow if n in SLOW_NOISY else pytest.mark.thorough if n == "sphere-plate" else ()
+        )
+        for n in NOISY
+    ],
+)
 def test_with_noise_an_arm_is_found_within_it(name: str) -> None:
     found = campaign(name, **NOISY[name])
     at_fixtures = not name.startswith("pose")
@@ -135,6 +143,7 @@ def test_contacts_touch_within_limits_and_sockets_are_apart() -> None:
     assert not IRB120.chain.beyond_limits(data.joints, 0.0).any()
 
 
+@pytest.mark.thorough
 def test_a_file_of_each_kind_reads_back(tmp_path) -> None:
     """What a virtual day writes is what ``lab identify`` reads: the same numbers, and the same fit."""
     for name in ("pose, mixed", "pose as angles", "cable", "sphere-plate", "ball-bar", "socket"):

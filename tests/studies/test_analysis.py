@@ -355,6 +355,7 @@ def test_few_robots_have_a_ratio_without_an_interval_and_a_number_of_robots_that
     assert pair.p == pytest.approx(stats.ttest_1samp(logs, 0.0).pvalue, rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_intervals_of_ratios_hold() -> None:
     """Six robots, normal log-ratios, 2,000 times: 95 % (3 sigma 1.5 %)."""
     truth = np.log(1.2)

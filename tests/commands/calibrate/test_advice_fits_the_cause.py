@@ -75,6 +75,7 @@ def test_auto_is_proposed_before_poses_are_blamed() -> None:
     assert again and not any("--model auto" in w for w in again)
 
 
+@pytest.mark.thorough
 def test_where_scatter_cannot_be_told_from_the_arm_the_intervals_are_those_of_whole_poses() -> None:
     day = {"poses": 40, "targets": ("p1", "p2", "p3"), "repeatability_mrad": 0.03, "harmonic_mrad": 0.1}
     undecided = identified(3, day)

@@ -23,7 +23,7 @@ def identified(data, **options: object) -> lab.CalibrationResult:
     return lab.identify(data, robot="irb120", holdout=0.3, **options)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_no_mistake_is_good(mistake: str) -> None:
     for seed, options in enumerate(STATED.values()):

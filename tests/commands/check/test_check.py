@@ -69,6 +69,7 @@ def changed(days: int = 12, **columns) -> lab.Measurements:
     return lab.measurements(columns.get("joints", data.joints), robot="irb120", sessions=sessions)
 
 
+@pytest.mark.thorough
 def test_rows_that_make_no_checks_are_refused(calibrated: lab.CalibrationResult) -> None:
     good = daily(12)
     sessions, joints = list(good.sessions), good.joints.copy()

@@ -350,6 +350,7 @@ def test_a_robust_plan_states_its_payloads_and_calibrate_measures_with_them(
     np.testing.assert_array_equal(data.conditions["payload_kg"], loads)
 
 
+@pytest.mark.thorough
 def test_the_document_of_a_robust_plan_says_for_what_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("arm.xml").write_text(ARM_XML)

@@ -68,6 +68,7 @@ def test_fewer_poses_than_by_chance(planner: PosePlanner) -> None:
     assert by_chance is None or by_chance > 1.15 * planner.accuracy_of(data.joints)
 
 
+@pytest.mark.thorough
 def test_larger_noise_is_found_and_takes_more_poses(planner: PosePlanner) -> None:
     usual, _, _ = session(planner, 1.0)
     noisy, proposals, _ = session(planner, 3.0, most=2 * len(usual))
@@ -166,6 +167,7 @@ def test_a_growing_file_is_followed(plan: Path, tmp_path: Path) -> None:
     assert len(printed["proposals"]) == count + 1 and printed["accuracy_mm"] <= 0.01
 
 
+@pytest.mark.thorough
 def test_a_new_process_tests_the_noise_at_the_same_level(planner: PosePlanner) -> None:
     """Who asks anew after each pose gets the proposals of who follows the file: no state is kept between them."""
     data, proposals, _ = session(planner, 3.0, most=20)

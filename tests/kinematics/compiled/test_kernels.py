@@ -5,7 +5,7 @@ import importlib.util
 import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -150,11 +150,24 @@ def test_what_an_earlier_build_left_is_not_taken(monkeypatch: pytest.MonkeyPatch
         assert kernels._loaded() is None
 
 
-def test_a_build_without_a_compiler_says_so_and_leaves_nothing(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+def build_script() -> ModuleType:
     spec = importlib.util.spec_from_file_location("build_kernels", ROOT / "scripts" / "build_kernels.py")
     assert spec is not None and spec.loader is not None
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
+    return script
+
+
+def test_a_mac_wheel_holds_code_for_every_processor_of_its_tag() -> None:
+    flags = build_script().apple_flags
+    both, one = flags("macosx-10.13-universal2"), flags("macosx-11.0-arm64")
+    assert [both[i + 1] for i, each in enumerate(both) if each == "-arch"] == ["arm64", "x86_64"]
+    assert [one[i + 1] for i, each in enumerate(one) if each == "-arch"] == ["arm64"]
+    assert "-mmacosx-version-min=10.13" in both and "-mmacosx-version-min=11.0" in one
+
+
+def test_a_build_without_a_compiler_says_so_and_leaves_nothing(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    script = build_script()
     monkeypatch.setenv("CC", "no-such-compiler")
     monkeypatch.setenv("PATH", str(tmp_path))
     (tmp_path / "machine_code.abi3.so").write_bytes(b"old")

@@ -105,7 +105,7 @@ def test_a_joint_is_not_crossed_by_itself_nor_by_a_slide() -> None:
     assert names and not [name for name in names if name.endswith(tuple(f"cross{i}" for i in slides))]
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.thorough
 @pytest.mark.parametrize("group", ["joint2.cross6", "joint5.cross3", "link2.x_cross6", "link5.rx_cross4"])
 def test_auto_finds_it_and_the_error_falls_to_the_noise(group: str) -> None:
     for seed in (0, 1):
@@ -118,6 +118,7 @@ def test_auto_finds_it_and_the_error_falls_to_the_noise(group: str) -> None:
         assert alone.verdict.word != "good"
 
 
+@pytest.mark.thorough
 def test_a_virtual_arm_has_it_only_where_it_is_asked_for() -> None:
     rngs = [np.random.default_rng(0)]
     assert not CrossHarmonics().simulated(FACTS, rngs).cross_rad.any()
