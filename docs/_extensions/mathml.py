@@ -14,7 +14,8 @@ def visit_math(translator: HTML5Translator, node: nodes.math) -> None:
 
 def visit_math_block(translator: HTML5Translator, node: nodes.math_block) -> None:
     """Write a formula on a line of its own, with its number where it has a label."""
-    anchor = f' id="{node["ids"][0]}"' if node.get("ids") else ""
+    wrapped = isinstance(node.parent, nodes.container)  # which has the anchor
+    anchor = f' id="{node["ids"][0]}"' if node.get("ids") and not wrapped else ""
     number = f'<span class="eqno">({node["number"]})</span>' if node.get("number") else ""
     formula = tex2mathml(node.astext(), as_block=True)
     translator.body.append(f'<div class="math"{anchor}>{number}{formula}</div>')

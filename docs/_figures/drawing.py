@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 INK = "#010203"  # becomes the colour of the page's text
 BLUE, ORANGE, GREEN, RED = "#2f7fd1", "#d9822b", "#3c9d5b", "#d1495b"
 
+WIDE = 5.0  # inches: on a phone the letters have the size of the text
+
 FIGURES: dict[str, Callable[[], Figure]] = {}
 
 
@@ -33,7 +35,7 @@ def drawn(draw: Callable[[], Figure]) -> Callable[[], Figure]:
     return closed
 
 
-def panels(columns: int = 1, width: float = 7.2, height: float = 3.4) -> tuple[Figure, list[plt.Axes]]:
+def panels(columns: int = 1, width: float = WIDE, height: float = 3.4) -> tuple[Figure, list[plt.Axes]]:
     """Return a figure with panels side by side."""
     figure, axes = plt.subplots(1, columns, figsize=(width, height), squeeze=False, layout="constrained")
     return figure, list(axes[0])

@@ -24,7 +24,6 @@ from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collides
 
 PAGES = Path(__file__).parents[1] / "how_to"
-WIDE = 5.0  # inches: a page of a phone shows the letters at their size
 
 
 def block(page: str, holds: str) -> str:
@@ -48,7 +47,7 @@ def bare(axes: Axes) -> None:
 @drawn
 def last_frame() -> Figure:
     """The frames of a UR5e that its description gives, and the point that is measured."""
-    figure, (axes,) = panels(width=WIDE, height=4.0)
+    figure, (axes,) = panels(height=4.0)
     robot = lab.load_robot("ur5e")
     arm = robot.arm(("p1",))
     joints = np.deg2rad([[180.0, -120.0, 100.0, -80.0, -90.0, 60.0]])
@@ -74,7 +73,7 @@ def last_frame() -> Figure:
 @drawn
 def driven_legs() -> Figure:
     """A 3-RPR from above, with the lengths that are driven and the joints that follow."""
-    figure, (axes,) = panels(width=WIDE, height=3.8)
+    figure, (axes,) = panels(height=3.8)
     robot = lab.load_robot("rpr3")
     arm = robot.arm(tuple(robot.tool))
     joints = robot.chain.home[None] + np.array([[-0.06, 0.03, 0.05]])
@@ -98,7 +97,7 @@ def driven_legs() -> Figure:
 @drawn
 def two_tips() -> Figure:
     """A torso of two arms from the front, each joint in the colour of the tips that show it."""
-    figure, (axes,) = panels(width=WIDE, height=3.6)
+    figure, (axes,) = panels(height=3.6)
     robot = lab.load_robot("torso")
     arm = robot.arm(("left.p1", "right.p1"))
     joints = np.deg2rad([[0.0, 90, 10, 10, 0, 60, 0, -90, 10, 10, 0, 60, 0]])
@@ -120,7 +119,7 @@ def two_tips() -> Figure:
 @drawn
 def cell_from_above() -> Figure:
     """The cell of its page, with places of the reflector that are free, collide, or are out of sight."""
-    figure, (axes,) = panels(width=WIDE, height=4.4)
+    figure, (axes,) = panels(height=4.4)
     text = block("cell", "[[obstacle]]")
     with tempfile.TemporaryDirectory() as folder:
         (file := Path(folder) / "cell.toml").write_text(text, encoding="utf-8")
@@ -158,7 +157,7 @@ def cell_from_above() -> Figure:
 @drawn
 def condition_by_target() -> Figure:
     """The condition number of an IRB 120 against the distance of its targets from axis 6."""
-    figure, (axes,) = panels(width=WIDE, height=3.4)
+    figure, (axes,) = panels(height=3.4)
     robot = lab.load_robot("irb120")
     joints = robot.chain.random_joints(200, np.random.default_rng(0))
     distances = np.geomspace(0.5, 100, 12)
@@ -188,7 +187,7 @@ def condition_by_target() -> Figure:
 @drawn
 def accuracy_by_poses() -> Figure:
     """The predicted error and O1 against the number of poses, random ones of an IRB 120."""
-    figure, (axes,) = panels(width=WIDE, height=3.4)
+    figure, (axes,) = panels(height=3.4)
     robot, rng = lab.load_robot("irb120"), np.random.default_rng(0)
     pool, test = robot.chain.random_joints(400, rng), robot.chain.random_joints(100, rng)
     counts = (12, 15, 20, 26, 35, 50, 70, 100)
@@ -216,7 +215,7 @@ def accuracy_by_poses() -> Figure:
 @drawn
 def rests_of_a_log() -> Figure:
     """A controller's log of two joints, the rests that an import finds, and the times of a tracker's points."""
-    figure, (axes,) = panels(width=WIDE, height=3.4)
+    figure, (axes,) = panels(height=3.4)
     robot = lab.load_robot("irb120")
     times = np.arange(0, 20, 0.05)
     stops = np.array([[0, 0], [35, -20], [-25, 15], [10, 40]], dtype=float)
@@ -265,7 +264,7 @@ def touching(robot: lab.Robot, point: np.ndarray, count: int) -> np.ndarray:
 @drawn
 def touched_cube() -> Figure:
     """An IRB 120 that touches three faces of a cube with a ball, from the side."""
-    figure, (axes,) = panels(width=WIDE, height=3.9)
+    figure, (axes,) = panels(height=3.9)
     robot = lab.load_robot("irb120")
     edge, radius, middle = 0.12, 0.012, np.array([0.4, 0.0, 0.06])
     axes.add_patch(Rectangle(middle[[0, 2]] - edge / 2, edge, edge, facecolor=INK, alpha=0.2))
@@ -293,7 +292,7 @@ def touched_cube() -> Figure:
 @drawn
 def one_socket() -> Figure:
     """The four configurations of the daily check's file, from the side."""
-    figure, (axes,) = panels(width=WIDE, height=3.9)
+    figure, (axes,) = panels(height=3.9)
     robot = lab.load_robot("irb120")
     text = (PAGES / "daily_check.md").read_text(encoding="utf-8")
     rows = re.findall(r"^2026-03-02,(.+)$", text, re.MULTILINE)
@@ -313,7 +312,7 @@ def one_socket() -> Figure:
 @drawn
 def ranks_by_kind() -> Figure:
     """What each kind of measurement identifies of an arm, as scripts/artefact_ranks.py counts it."""
-    figure, (axes,) = panels(width=WIDE, height=4.4)
+    figure, (axes,) = panels(height=4.4)
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         runpy.run_path(str(PAGES.parents[1] / "scripts" / "artefact_ranks.py"))
     for row, line in enumerate(printed.getvalue().splitlines()[1:]):
@@ -332,7 +331,7 @@ def ranks_by_kind() -> Figure:
 @drawn
 def corners_in_a_picture() -> Figure:
     """What the camera of the page sees of its board from three poses of the hand."""
-    figure, (axes,) = panels(width=WIDE, height=4.0)
+    figure, (axes,) = panels(height=4.0)
     with tempfile.TemporaryDirectory() as folder:
         (file := Path(folder) / "cameras.toml").write_text(block("cameras", "focal_px"), encoding="utf-8")
         rig = read_rig(file)

@@ -2,7 +2,7 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawing import BLUE, GREEN, INK, ORANGE, RED, drawn, panels
+from drawing import BLUE, GREEN, INK, ORANGE, RED, WIDE, drawn, panels
 from matplotlib.figure import Figure
 
 import lab
@@ -12,7 +12,7 @@ from lab.sensors.cameras.geometry import projected
 @drawn
 def dh_frames() -> Figure:
     """Two axes in space, seen obliquely, with the four numbers between them."""
-    figure = plt.figure(figsize=(7.2, 4.2), layout="constrained")
+    figure = plt.figure(figsize=(WIDE, 4.2), layout="constrained")
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     d, a, alpha, theta = 1.2, 1.5, np.deg2rad(50), np.deg2rad(35)
     normal = np.array([np.cos(theta), np.sin(theta), 0.0])
@@ -44,7 +44,7 @@ def dh_frames() -> Figure:
         (np.array([0.95, 0.35, 0]), "θ", GREEN),
         (corner + np.array([0.0, 0.35, 0.72]), "α", RED),
         (np.array([0, 0, 2.3]), "axis of joint i", INK),
-        (corner + 1.2 * second, "axis of joint i + 1", INK),
+        (corner + 1.3 * second - np.array([0, 0.75, 0]), "axis of joint i + 1", INK),
     ):
         axes.text(*at, name, color=colour, fontsize=14 if len(name) == 1 else 12)
     axes.set_axis_off()
@@ -61,7 +61,7 @@ def far_normal() -> Figure:
     axes.loglog(1e3 * tilt, 0.1 / np.tan(tilt), color=RED)
     axes.loglog(1e3 * tilt, 1e3 * tilt, color=BLUE)
     axes.text(3e-5, 4e4, "d, in mm", color=RED)
-    axes.text(1.2e-4, 3e-6, "β, in mrad", color=BLUE)
+    axes.text(1e-3, 2e-5, "β, in mrad", color=BLUE)
     axes.set_xlabel("tilt of the second axis, mrad")
     axes.set_ylabel("value in the table")
     return figure
@@ -131,7 +131,7 @@ def noise_floor() -> Figure:
     axes.loglog(counts, np.median(found, axis=1), "o-", color=BLUE)
     axes.loglog(counts, 1e6 * sigma * np.sqrt(len(free) / counts), "--", color=ORANGE)
     axes.text(26, 9, "random poses, middle 80 %", color=BLUE)
-    axes.text(26, 2.6, "floor σ √(p/n)", color=ORANGE)
+    axes.text(15, 1.6, "floor σ √(p/n)", color=ORANGE)
     axes.set_xlabel("poses")
     axes.set_ylabel("RMS error at new poses, µm")
     axes.set_xticks(counts, [str(count) for count in counts], minor=False)
@@ -143,7 +143,7 @@ def noise_floor() -> Figure:
 @drawn
 def ellipsoids() -> Figure:
     """Errors of two parameters with a good and with a poor plan."""
-    figure, axes = panels(2, height=3.6)
+    figure, axes = panels(2, height=3.2)
     rng = np.random.default_rng(0)
     for panel, name, spread in ((axes[0], "poses all around", 180.0), (axes[1], "poses close together", 14.0)):
         angle = np.deg2rad(np.linspace(-spread, spread, 8, endpoint=False))
@@ -165,15 +165,16 @@ def ellipsoids() -> Figure:
         panel.set_xlim(-40, 40)
         panel.set_ylim(-40, 40)
         panel.set_aspect("equal")
-        panel.set_xlabel("error of the first length, µm")
-    axes[0].set_ylabel("error of the second length, µm")
+        panel.set_xlabel("first length, µm")
+    axes[0].set_ylabel("second length, µm")
+    axes[1].set_yticklabels([])
     return figure
 
 
 @drawn
 def autocorrelation() -> Figure:
     """Independent and correlated readings."""
-    figure, rows = plt.subplots(2, 2, figsize=(7.2, 4.0), layout="constrained", width_ratios=(2, 1))
+    figure, rows = plt.subplots(2, 2, figsize=(WIDE, 4.0), layout="constrained", width_ratios=(2, 1))
     rng = np.random.default_rng(3)
     white = rng.standard_normal(100)
     red = white.copy()
@@ -340,7 +341,7 @@ def two_link_gravity() -> Figure:
 @drawn
 def camera_model() -> Figure:
     """A pinhole from the side, and a board's corners with and without distortion."""
-    figure, (side, picture) = panels(2, height=3.4)
+    figure, (side, picture) = plt.subplots(2, 1, figsize=(WIDE, 6.2), layout="constrained", height_ratios=(2, 3))
     depth, focal, heights = 2.0, 0.7, np.linspace(-0.6, 0.6, 5)
     side.plot([depth, depth], [-0.75, 0.75], color=INK, linewidth=3)
     side.plot([-focal, -focal], [-0.45, 0.45], color=BLUE, linewidth=3)

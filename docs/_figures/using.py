@@ -5,14 +5,13 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drawing import BLUE, GREEN, INK, ORANGE, RED, drawn, panels
+from drawing import BLUE, GREEN, INK, ORANGE, RED, WIDE, drawn, panels
 from matplotlib.figure import Figure
 
 import lab
 from lab.campaign.robot import load_virtual
 from lab.certification.characteristics import conformity_of
 
-WIDE = 5.0  # inches: a page of a phone shows the letters at their size
 _POINTS = """id,x_mm,y_mm,z_mm,vx_mm_per_s,vy_mm_per_s,vz_mm_per_s
 P0,866.0254037844386,0,0,,,
 P1,0,1000,500,0,0,200
@@ -52,7 +51,7 @@ def noise_kinds() -> Figure:
 @drawn
 def payload_torques() -> Figure:
     """The weight that joints bear along a motion of a TX 40, with a payload and without."""
-    figure, (axes,) = panels(width=WIDE, height=3.6)
+    figure, (axes,) = panels(height=3.6)
     loads = lab.load_robot("tx40").loads
     turn = np.linspace(0, 2 * np.pi, 120)
     joints = np.zeros((120, 6))
@@ -72,7 +71,7 @@ def payload_torques() -> Figure:
 @drawn
 def torque_parts() -> Figure:
     """What the torque of one joint consists of along a motion."""
-    figure, (axes,) = panels(width=WIDE, height=3.8)
+    figure, (axes,) = panels(height=3.8)
     time = np.linspace(0, 4, 300)
     angle = 0.9 * np.sin(2 * np.pi * time / 2) + 0.4 * np.sin(2 * np.pi * time / 1.3)
     speed, pull = (np.gradient(angle, time), np.gradient(np.gradient(angle, time), time))
@@ -105,7 +104,7 @@ def _session(poses: int, seed: int) -> tuple[lab.Robot, np.ndarray, np.ndarray, 
 @drawn
 def arrays_predicted() -> Figure:
     """Errors at new poses against what the estimate predicts of them."""
-    figure, (axes,) = panels(width=WIDE, height=3.6)
+    figure, (axes,) = panels(height=3.6)
     robot, real, joints, points = _session(60, 7)
     noisy = points + 8e-6 * np.random.default_rng(1).standard_normal(points.shape)
     estimate = lab.identify(lab.measurements(joints, noisy, robot=robot), noise_mm=0.008, no_recording=True).estimate
@@ -126,7 +125,7 @@ def arrays_predicted() -> Figure:
 @drawn
 def common_mistakes() -> Figure:
     """Points missed with nominal links, base and tool fitted, by files with one mistake each."""
-    figure, (axes,) = panels(width=WIDE, height=3.6)
+    figure, (axes,) = panels(height=3.6)
     robot, _, joints, points = _session(40, 3)
     turned, swapped = joints.copy(), joints[:, [0, 2, 1, 3, 4, 5]]
     turned[:, 1] *= -1
@@ -168,7 +167,7 @@ def common_mistakes() -> Figure:
 @drawn
 def compensated_targets() -> Figure:
     """Where an arm brings its tool on a square, with nominal and with corrected joint positions."""
-    figure, (axes,) = panels(width=WIDE, height=4.0)
+    figure, (axes,) = panels(height=4.0)
     robot, rng = lab.load_robot("irb120"), np.random.default_rng(5)
     nominal = robot.parameter_values(targets=["p1"])
     real = nominal + 6e-4 * rng.standard_normal(len(nominal))
@@ -207,7 +206,7 @@ def compensated_targets() -> Figure:
 @drawn
 def program_numbers() -> Figure:
     """Two lines of a program before and after: the numbers of the targets alone change."""
-    figure, (axes,) = panels(width=WIDE, height=2.6)
+    figure, (axes,) = panels(height=2.6)
     lines = (
         ("pPick", "[50.00,40.00,60.00]", "[52.20,41.31,61.41]", "2.92 mm"),
         ("pPlace", "[50.00,-80.00,60.00]", "[52.34,-79.60,61.40]", "2.76 mm"),
@@ -227,7 +226,7 @@ def program_numbers() -> Figure:
 @drawn
 def predicted_radius() -> Figure:
     """The predicted error over two joints, with the measured poses."""
-    figure, (axes,) = panels(width=WIDE, height=4.0)
+    figure, (axes,) = panels(height=4.0)
     robot, rng = lab.load_robot("irb120"), np.random.default_rng(3)
     joints = rng.uniform(-0.7, 0.7, (30, 6))
     joints[:, 3:] = rng.uniform(-1.5, 1.5, (30, 3))
@@ -300,7 +299,7 @@ def two_joint_move() -> Figure:
 @drawn
 def verified_errors() -> Figure:
     """Errors of twelve new poses over the predicted ones, of an arm as it was and of two that changed."""
-    figure, (axes,) = panels(width=WIDE, height=3.4)
+    figure, (axes,) = panels(height=3.4)
     robot, real, joints, points = _session(12, 11)
     rng = np.random.default_rng(0)
     off = joints + np.array([0, 1e-4, 0, 0, 0, 0])
@@ -326,7 +325,7 @@ def verified_errors() -> Figure:
 @drawn
 def worn_joint() -> Figure:
     """A year of monthly checks of two arms, one with a zero that wears."""
-    figure, (axes,) = panels(width=WIDE, height=3.6)
+    figure, (axes,) = panels(height=3.6)
     robot, real, joints, points = _session(10, 2)
     rng, months = np.random.default_rng(6), np.arange(1, 13)
     for name, wear, colour in (("A-17", 0.0, GREEN), ("A-18: joint 2 wears", 2e-5, RED)):
@@ -349,7 +348,7 @@ def worn_joint() -> Figure:
 @drawn
 def conformity() -> Figure:
     """Three errors with their uncertainty beside a tolerance."""
-    figure, (axes,) = panels(width=WIDE, height=2.9)
+    figure, (axes,) = panels(height=2.9)
     tolerance = 0.1
     for row, (value, expanded) in enumerate(((0.04, 0.026), (0.09, 0.026), (0.15, 0.026))):
         stated = conformity_of(1e-3 * value, 1e-3 * tolerance, 1e-3 * expanded, "guard-band").decision
@@ -369,7 +368,7 @@ def conformity() -> Figure:
 @drawn
 def draws_of_a_study() -> Figure:
     """Errors of single simulated calibrations, and their means with intervals over robots."""
-    figure, (axes,) = panels(width=WIDE, height=3.6)
+    figure, (axes,) = panels(height=3.6)
     robot, rng = lab.load_robot("irb120"), np.random.default_rng(0)
     free = list(robot.identifiability(targets=["p1"]).free)
     columns = robot.parameter_jacobian(rng.uniform(-1.5, 1.5, (1500, 6)), targets=["p1"])[:, 0][..., free]
@@ -397,7 +396,7 @@ def draws_of_a_study() -> Figure:
 @drawn
 def own_weights() -> Figure:
     """The weight that two estimators give a reading, by its residual."""
-    figure, (axes,) = panels(width=WIDE, height=3.4)
+    figure, (axes,) = panels(height=3.4)
     size = np.linspace(0, 8, 200)
     axes.plot(size, np.ones(200), color=BLUE)
     axes.plot(size, np.maximum(1 - (size / 5) ** 2, 0) ** 2, color=ORANGE)
@@ -413,7 +412,7 @@ def own_weights() -> Figure:
 @drawn
 def effects_added() -> Figure:
     """The error at held-out poses as effects of an arm join the model."""
-    figure, (axes,) = panels(width=WIDE, height=2.8)
+    figure, (axes,) = panels(height=2.8)
     robot, rng = lab.load_robot("irb120"), np.random.default_rng(1)
     free = list(robot.identifiability(targets=["p1"]).free)
     joints, payload = rng.uniform(-1.5, 1.5, (80, 6)), np.tile([0.0, 3.0], 40)
@@ -442,7 +441,7 @@ def effects_added() -> Figure:
 @drawn
 def carrier_volumes() -> Figure:
     """The workspaces of the five classical carriers."""
-    figure, (axes,) = panels(width=WIDE, height=3.0)
+    figure, (axes,) = panels(height=3.0)
     found = lab.workspace(["carriers"], places=100, orientations=1, no_recording=True).to_dict()["workspaces"]
     for row, each in enumerate(found):
         axes.barh(row, each["volume_m3"], color=BLUE)
