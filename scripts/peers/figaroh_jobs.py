@@ -1,6 +1,5 @@
 """FIGAROH's part of ``scripts/peers.py``: three jobs, and the works that are timed."""
 
-import random
 import shutil
 import sys
 from pathlib import Path
@@ -10,7 +9,7 @@ import pandas as pd
 import pinocchio as pin
 from figaroh.calibration.base_calibration import BaseCalibration
 from figaroh.calibration.calibration_tools import calc_updated_fkm
-from figaroh.optimal.base_optimal_calibration import Detmax, SOCPOptimizer
+from figaroh.optimal.base_optimal_calibration import SOCPOptimizer
 from figaroh.tools.load_robot import load_robot
 
 URDF = str(Path(sys.argv[1]).with_name("arm.urdf"))
@@ -120,23 +119,25 @@ def identify(given):
 
 
 def select(given):
-    """Weights of the convex problem, of which the largest are taken; and its exchange from a random start."""
+    """Weights of the convex problem, of which the largest are taken."""
     J, count = given["pool"], int(given["count"])
     pool = dict(enumerate(np.einsum("nrp,nrq->npq", J, J)))
 
-    def detmax():
-        random.seed(0)
-        search = Detmax(pool, count)
-        search.main_algo()
-        return search.cur_set
+    choose = lambda: list(SOCPOptimizer(pool, {"NbSample": len(J)}).solve()[1])[:count]  # noqa: E731
+    return {"choose poses": (choose, np.array)}
 
-    return {
-        "choose poses": (lambda: list(SOCPOptimizer(pool, {"NbSample": len(J)}).solve()[1])[:count], np.array),
-        "choose poses, exchange": (detmax, np.array),
-    }
+
+def predict(given):
+    """Fit, and predict the points at new joint positions."""
+
+    def found():
+        calibrated = calibration(given["joints"], given["points"])
+        return predicted(calibrated, given["new_joints"], calibrated.LM_result.x)
+
+    return {"predict": (found, np.array)}
 
 
 if __name__ == "__main__":
     from run_jobs import run
 
-    run(fit, own_residual, study, identify=identify, select=select)
+    run(fit, own_residual, study, identify=identify, select=select, predict=predict)

@@ -31,9 +31,9 @@ def aligned(robot, joints, points):
     return robot
 
 
-def fitted(joints, points):
+def fitted(joints, points, robot=None):
     """Identify all parameters of the chain, the base and the tool's position."""
-    robot = aligned(nominal(), joints, points)
+    robot = aligned(robot or nominal(), joints, points)
     handler = OptimizationHandler(robot, True, [True] * 3 + [False] * 3, True)
 
     def residuals(vector):
@@ -115,7 +115,19 @@ def inverse(given):
     return {"one solution": (solve, lambda each: np.array(each)[:, None])}
 
 
+def predict(given):
+    """Fit a robot by its modified table and a first tool, and predict the points at new joint positions."""
+
+    def found():
+        robot = Robot.from_parameters(given["modified"] * [1, 1e3, 1, 1e3])
+        robot.tool.position = 1e3 * given["target"]
+        robot = fitted(given["joints"], 1e3 * given["points"], robot)
+        return np.array([robot.fk(q)[:3, 3] for q in given["new_joints"]]) / 1e3
+
+    return {"predict": (found, np.array)}
+
+
 if __name__ == "__main__":
     from run_jobs import run
 
-    run(fit, own_residual, study, identify=identify, kinematics=kinematics, inverse=inverse)
+    run(fit, own_residual, study, identify=identify, kinematics=kinematics, inverse=inverse, predict=predict)
