@@ -15,6 +15,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +33,16 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 
 sys.path.append(str(peers.FOLDER))
-from scipy_jobs import Arm  # noqa: E402
+Arm = import_module("scipy_jobs").Arm  # a chain of numpy alone, written apart from the lab
 
 SETS = Path(__file__).with_suffix(".toml")
 PAGE = peers.PAGE.with_name("leaderboard.md")
 POSITION = ("x_mm", "y_mm", "z_mm")
 COVARIANCE = tuple(f"cov_{pair}_mm2" for pair in ("xx", "xy", "xz", "yy", "yz", "zz"))
+MEASURED = (*POSITION, "rx_deg", "ry_deg", "rz_deg")  # ends of columns that a method has to predict
 INSIDE = float(stats.chi2.ppf(0.95, 3))  # a point is within its 95 % region if e' V^-1 e is below
 LEVEL = 0.95
+PEER_ROWS = 300  # of the rows to fit, evenly taken: other packages need minutes for a thousand
 
 
 @dataclass(frozen=True)
@@ -312,7 +315,7 @@ def by_scipy(task: Task, folder: Path, *, fitted: bool) -> Predictions:
     free = list(range(arm.size)) if fitted else [*range(6), *range(arm.size - 3, arm.size)]
     J = arm.jacobian(joints, x)[:, :, free].reshape(-1, len(free))
     scale = np.linalg.norm(J, axis=0)
-    U, s, Vt = np.linalg.svd(J / np.where(scale > 0, scale, 1), full_matrices=False)
+    _, s, Vt = np.linalg.svd(J / np.where(scale > 0, scale, 1), full_matrices=False)
     kept = s > 1e-7 * s[0]
     variance = float(((points - arm.points(joints, x)) ** 2).sum()) / (J.shape[0] - kept.sum())
     root = (Vt[kept].T / s[kept]) / np.where(scale > 0, scale, 1)[:, None]
@@ -320,7 +323,7 @@ def by_scipy(task: Task, folder: Path, *, fitted: bool) -> Predictions:
     return Predictions(arm.points(task.held_out.joints, x), variance * (np.eye(3) + new @ np.swapaxes(new, 1, 2)))
 
 
-def _placed(task: Task) -> tuple[Arm, Array, Array]:
+def _placed(task: Task) -> tuple[Any, Array, Array]:
     """Return the nominal arm with base and target near the fitted rows, and those rows."""
     joints, points = task.fit.joints, task.fit.points[:, 0]
     arm = Arm(_standard_table(task.robot), np.full(3, np.nan))
@@ -330,8 +333,9 @@ def _placed(task: Task) -> tuple[Arm, Array, Array]:
 
 def _standard_table(robot: Robot) -> Array:
     """Return theta, d, a, alpha in the classical convention; what is before the first joint is part of the base."""
-    table = np.asarray(robot.chain.table)[:, :4]
-    if robot.chain.convention == "craig":
+    chain = robot.serial_model.chain
+    table = np.asarray(chain.table)[:, :4]
+    if chain.convention == "craig":
         table = np.column_stack([table[:, :2], np.vstack([table[1:, 2:], np.zeros(2)])])
     return table
 
@@ -343,10 +347,12 @@ def _modified_table(standard: Array) -> Array:
 
 
 def by_peer(task: Task, folder: Path, *, tool: str) -> Predictions:
-    """What another package fits, in an environment of its own."""
+    """What another package fits of at most ``PEER_ROWS`` rows, in an environment of its own."""
     _refuse_sessions(task)
     python = peers.environment(tool, folder)
-    arm, joints, points = _placed(task)
+    count = min(len(task.fit), PEER_ROWS)
+    part = replace(task, fit=task.fit.take(np.linspace(0, len(task.fit) - 1, count).astype(int)))
+    arm, joints, points = _placed(part)
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         given = {
@@ -406,16 +412,13 @@ def compared(options: Options) -> dict[str, Any]:
         task, measured = task_of(every[name], options.data)
         for method in methods:
             print(f"{name}: {method}", file=sys.stderr)
-            began = time.process_time()
             try:
                 predicted = METHODS[method](task, options.folder)
             except LabError as error:
                 values["left_out"][f"{name}, {method}"] = str(error)
                 continue
-            seconds = time.process_time() - began
             values["rows"].append(
-                {"set": name, "method": method, "fitted": len(task.fit), "seconds": seconds}
-                | scored(measured, predicted)
+                {"set": name, "method": method, "fitted": len(task.fit)} | scored(measured, predicted)
             )
     for tool in ("pybotics", "figaroh"):
         if any(row["method"] == peers.TOOLS[tool].name for row in values["rows"]):
@@ -469,7 +472,7 @@ def _coverage(row: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def export(options: Options) -> Answer:
-    """Write what another tool needs: for each set the rows to fit, the joint positions to predict, the nominal model."""
+    """Write what another tool needs for each set: rows to fit, joint positions to predict, the nominal model."""
     assert options.export is not None
     every, lines = data_sets(), []
     valid = [name for name, about in every.items() if options.sets or about.ships or options.data is not None]
@@ -480,27 +483,27 @@ def export(options: Options) -> Answer:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise LabError(f"--export {folder}: {error.strerror}") from error
-        paths = list(about.paths(options.data))
-        wanted = set(about.rows.tolist())
-        if len(paths) > 1:
-            shutil.copy(paths[0], folder / "fit.csv")
-        _copy_rows(paths[-1], folder / ("given.csv" if len(paths) > 1 else "fit.csv"), lambda i, w=wanted: i not in w)
-        _copy_rows(paths[-1], folder / "held_out.csv", lambda i, w=wanted: i in w, without=("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"))
+        first, *second = about.paths(options.data)
+        if second:
+            shutil.copy(first, folder / "fit.csv")
+        _copy_rows((second or [first])[0], folder, about.rows, "given.csv" if second else "fit.csv")
         model = load_robot(about.robot).model.path
         shutil.copy(model, folder / model.name)
         lines.append(f"{folder}: fit.csv to fit, held_out.csv to predict, {model.name} as the nominal model")
     return Answer({"written": lines}, Document("Written", paragraphs(lines)))
 
 
-def _copy_rows(path: Path, to: Path, wanted: Callable[[int], bool], without: Sequence[str] = ()) -> None:
-    """Copy data rows with their numbers in a first column ``row``, without some columns; no file without rows."""
+def _copy_rows(path: Path, folder: Path, held_out: NDArray[np.int_], other: str) -> None:
+    """Copy data rows with their numbers in a first column ``row``: those held out without what was measured."""
     with path.open(newline="", encoding="utf-8-sig") as file:
         head, *rows = list(csv.reader(file))
-    kept = [i for i, name in enumerate(head) if not any(name.endswith(each) for each in without)]
-    chosen = [[str(i), *(row[k] for k in kept)] for i, row in enumerate(rows) if wanted(i)]
-    if chosen:
-        with to.open("w", newline="", encoding="utf-8") as out:
-            csv.writer(out, lineterminator="\n").writerows([["row", *(head[k] for k in kept)], *chosen])
+    hidden, out = [name.endswith(MEASURED) for name in head], set(held_out.tolist())
+    for name, wanted, secret in ((other, set(range(len(rows))) - out, False), ("held_out.csv", out, True)):
+        kept = [i for i, each in enumerate(hidden) if not (secret and each)]
+        chosen = [[str(i), *(rows[i][k] for k in kept)] for i in sorted(wanted)]
+        if chosen:
+            with (folder / name).open("w", newline="", encoding="utf-8") as to:
+                csv.writer(to, lineterminator="\n").writerows([["row", *(head[k] for k in kept)], *chosen])
 
 
 def of_predictions(options: Options) -> Answer:

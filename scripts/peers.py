@@ -15,12 +15,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 from shared import Answer, Document, Flag, Section, Table, paragraphs, run_script, short
 
 import lab
@@ -108,7 +110,8 @@ def wanted(only: Sequence[str]) -> dict[str, tuple[str, ...]]:
         tool, _, topic = entry.partition("/")
         if entry in TOPICS:
             tool, topic = "", entry
-        if (tool and tool not in TOOLS) or (topic and topic not in TOPICS) or not (tool or topic) or entry[-1:] == "/":
+        known = (not tool or tool in TOOLS) and (not topic or topic in TOPICS)
+        if not known or not entry.strip("/") == entry or not entry:
             raise LabError(
                 f"--only {entry}: give a tool ({', '.join(TOOLS)}), a topic ({', '.join(TOPICS)}), "
                 "or a pair such as pybotics/inverse"
@@ -265,10 +268,8 @@ class Worker:
     def close(self) -> None:
         """End the process."""
         if self.process.stdin is not None and not self.process.stdin.closed:
-            try:
+            with suppress(BrokenPipeError):
                 self.process.stdin.close()
-            except BrokenPipeError:
-                pass
         try:
             self.process.wait(10)
         except subprocess.TimeoutExpired:
@@ -281,7 +282,8 @@ class Worker:
 
 def versions(tool: str, python: Path) -> dict[str, str]:
     """Return the versions of a tool and of what it computes with."""
-    about = f"import importlib.metadata as m, json; print(json.dumps({{n: m.version(n) for n in {TOOLS[tool].versions!r}}}))"
+    names = TOOLS[tool].versions
+    about = f"import importlib.metadata as m, json; print(json.dumps({{n: m.version(n) for n in {names!r}}}))"
     done = subprocess.run([str(python), "-c", about], capture_output=True, text=True, check=True, env=_variables())
     found: dict[str, str] = json.loads(done.stdout)
     return found
@@ -355,7 +357,8 @@ def judged(problems: Problems, topic: str, measure: str, answer: Array, of_the_l
         return {} if missed is None else {"from_lab": missed, "agrees": missed < SAME_M}
     if topic == "select":
         rows = answer.astype(int)
-        found = {"of_bound": problems.bound.efficiency(given["pool"][rows])}
+        whole = len(set(rows.tolist())) == len(rows) == COUNT and rows.min() >= 0 and rows.max() < POOL
+        found = {"of_bound": problems.bound.efficiency(given["pool"][rows]) if whole else 0.0, "agrees": whole}
         if of_the_lab is not None:
             found["in_common"] = len(set(rows.tolist()) & set(of_the_lab.astype(int).tolist()))
         return found
@@ -387,7 +390,7 @@ def _solved(arm: SerialArm, nominal: Array, Ts: Array, answer: Array) -> dict[st
     turned = np.arctan2(
         np.linalg.norm(skew, axis=(2, 3)) / np.sqrt(2), np.trace(turn, axis1=2, axis2=3) - 1
     )  # 2 sin, 2 cos of the angle
-    good = there.reshape(n, k) & (off < SOLVED_M) & (turned < SOLVED_RAD)
+    good: NDArray[np.bool_] = np.asarray(there.reshape(n, k) & (off < SOLVED_M) & (turned < SOLVED_RAD))
     return {
         "solved": float(good.any(axis=1).mean()),
         "solutions": float(good.sum(axis=1).mean()),
@@ -580,13 +583,19 @@ def _table(topic: str, rows: Sequence[Mapping[str, Any]]) -> Table:
         "identify": ("time, ms", "error at new poses, mm", "farthest from the lab's prediction, µm"),
         "kinematics": ("time a pose, µs", "largest difference"),
         "select": ("time, s", "of the upper bound, %", "poses that the lab chose, too"),
-        "inverse": ("time a pose, µs", "solutions a pose", "poses solved, %", "largest error, nm", "largest error, nrad"),
+        "inverse": (
+            "time a pose, µs",
+            "solutions a pose",
+            "poses solved, %",
+            "largest error, nm",
+            "largest error, nrad",
+        ),
     }[topic]
-    cells = tuple((row["measure"], TOOLS[row["tool"]].name, heads and _cells(topic, row)) for row in own)
-    return Table(
-        ("work", "tool", heads[0], "ratio", *heads[1:]),
-        tuple((measure, tool, time_, _ratio(row), *rest) for (measure, tool, (time_, *rest)), row in zip(cells, own, strict=True)),
-    )
+    lines = []
+    for row in own:
+        spent, *rest = _cells(topic, row)
+        lines.append((row["measure"], TOOLS[row["tool"]].name, spent, _ratio(row), *rest))
+    return Table(("work", "tool", heads[0], "ratio", *heads[1:]), cast(Any, tuple(lines)))
 
 
 def _cells(topic: str, row: Mapping[str, Any]) -> tuple[str, ...]:
@@ -596,7 +605,7 @@ def _cells(topic: str, row: Mapping[str, Any]) -> tuple[str, ...]:
     if topic == "kinematics":
         return short(1e6 * seconds / int(measure.rpartition(", ")[2])), _given(row.get("from_lab"))
     if topic == "select":
-        return short(seconds), f"{100 * row['of_bound']:.2f}", str(row.get("in_common", "")) 
+        return short(seconds), f"{100 * row['of_bound']:.2f}", str(row.get("in_common", ""))
     poses = 1000 if measure.endswith("batch") else FEW
     largest = (_given(None if row[name] is None else 1e9 * row[name]) for name in ("largest_m", "largest_rad"))
     return short(1e6 * seconds / poses), f"{row['solutions']:.2f}", f"{100 * row['solved']:.1f}", *largest

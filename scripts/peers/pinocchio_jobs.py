@@ -50,7 +50,9 @@ class Arm:
         predicted = self.points(joints)
         U, _, Vt = np.linalg.svd((predicted - predicted.mean(0)).T @ (points - points.mean(0)))
         R = Vt.T @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ U.T
-        self.model.jointPlacements[1] = pin.SE3(R, points.mean(0) - R @ predicted.mean(0)) * self.model.jointPlacements[1]
+        self.model.jointPlacements[1] = (
+            pin.SE3(R, points.mean(0) - R @ predicted.mean(0)) * self.model.jointPlacements[1]
+        )
 
 
 def identify(given):

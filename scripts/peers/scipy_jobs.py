@@ -61,10 +61,7 @@ class Arm:
     def jacobian(self, joints, x, step=1e-6):
         """Derivatives ``(n, 3, parameters)`` by central differences."""
         return np.stack(
-            [
-                (self.points(joints, x + e) - self.points(joints, x - e)) / (2 * step)
-                for e in step * np.eye(self.size)
-            ],
+            [(self.points(joints, x + e) - self.points(joints, x - e)) / (2 * step) for e in step * np.eye(self.size)],
             2,
         )
 
