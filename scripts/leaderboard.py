@@ -6,6 +6,7 @@ Without options, the methods that run here predict the held-out poses of the dat
 
 import csv
 import hashlib
+import json
 import math
 import shutil
 import sys
@@ -62,7 +63,7 @@ class Options:
     folder: Path = Path("build/peers")
     """Folder of the environments of pybotics and FIGAROH, as `scripts/peers.py` makes them."""
     write: Flag = False
-    """Store the result, and write its tables into the page docs/results/leaderboard.md."""
+    """Store the scores beside those stored before, and write all into the page docs/results/leaderboard.md."""
     json: Flag = False
     """Print one JSON object."""
 
@@ -311,7 +312,7 @@ def by_scipy(task: Task, folder: Path, *, fitted: bool) -> Predictions:
     """Geometry by scipy's least squares on a chain written apart from the lab, or base and target alone."""
     _refuse_sessions(task)
     arm, joints, points = _placed(task)
-    x = arm.fitted(joints, points).x if fitted else np.zeros(arm.size)
+    x = arm.fitted(joints, points, 1e-12).x if fitted else np.zeros(arm.size)
     free = list(range(arm.size)) if fitted else [*range(6), *range(arm.size - 3, arm.size)]
     J = arm.jacobian(joints, x)[:, :, free].reshape(-1, len(free))
     scale = np.linalg.norm(J, axis=0)
@@ -415,7 +416,7 @@ def compared(options: Options) -> dict[str, Any]:
             try:
                 predicted = METHODS[method](task, options.folder)
             except LabError as error:
-                values["left_out"][f"{name}, {method}"] = str(error)
+                values["left_out"][f"{name}: {method}"] = str(error)
                 continue
             values["rows"].append(
                 {"set": name, "method": method, "fitted": len(task.fit)} | scored(measured, predicted)
@@ -426,6 +427,19 @@ def compared(options: Options) -> dict[str, Any]:
     return values
 
 
+def merged(stored: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """Return stored scores with those of new ones in place of the same set's and method's."""
+    order = [(name, method) for name in data_sets() for method in METHODS]
+    rows = {(row["set"], row["method"]): row for row in (*stored["rows"], *new["rows"])}
+    left_out = {**stored["left_out"], **new["left_out"]}
+    return {
+        **new,
+        "versions": {**stored["versions"], **new["versions"]},
+        "rows": [rows[each] for each in order if each in rows],
+        "left_out": {name: why for name, why in left_out.items() if tuple(name.split(": ", 1)) not in rows},
+    }
+
+
 def document(values: Mapping[str, Any]) -> Document:
     """Return the scores as a reader sees them: a table for each set, the best first."""
     every = data_sets()
@@ -433,7 +447,8 @@ def document(values: Mapping[str, Any]) -> Document:
         f"{tool} {', '.join(f'{name} {version}' if name != tool else version for name, version in found.items())}"
         for tool, found in values["versions"].items()
     )
-    lines = [f"{values['date']}; {values['machine']}; {seen}."] if seen else []
+    days = sorted({row["date"] for row in values["rows"] if "date" in row})
+    lines = [f"{' to '.join(dict.fromkeys((days[0], days[-1])))}; {seen}."] if seen and days else []
     sections = []
     for name, about in every.items():
         rows = sorted((row for row in values["rows"] if row["set"] == name), key=lambda row: row["rms_mm"])
@@ -527,6 +542,9 @@ def answer(options: Options) -> Answer:
     if options.predictions is not None:
         return of_predictions(options)
     values = compared(options)
+    if options.write:
+        file = PAGE.with_suffix(".json")
+        values = merged(json.loads(file.read_text(encoding="utf-8")), values) if file.is_file() else values
     shown = document(values)
     if options.write:
         peers.store(values, shown, PAGE, "leaderboard")

@@ -382,8 +382,8 @@ def _solved(arm: SerialArm, nominal: Array, Ts: Array, answer: Array) -> dict[st
     """Return how many solutions meet their poses, and the largest errors of those that do."""
     n, k, size = answer.shape
     rows = answer.reshape(-1, size)
-    there = np.isfinite(rows).all(axis=1)
-    reached = arm.flange(np.where(there[:, None], rows, 0.0), nominal).reshape(n, k, 4, 4)
+    there = np.isfinite(rows).all(axis=1, keepdims=True)
+    reached = arm.flange(np.where(there, rows, 0.0), nominal).reshape(n, k, 4, 4)
     off = np.linalg.norm(reached[..., :3, 3] - Ts[:, None, :3, 3], axis=2)
     turn = np.swapaxes(Ts[:, None, :3, :3], 2, 3) @ reached[..., :3, :3]
     skew = turn - np.swapaxes(turn, 2, 3)

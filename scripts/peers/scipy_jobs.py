@@ -52,11 +52,10 @@ class Arm:
         J, left = J - J.mean(0), left - left.mean(0)
         return np.linalg.lstsq(J.reshape(-1, 3), left.ravel(), rcond=None)[0]
 
-    def fitted(self, joints, points):
+    def fitted(self, joints, points, tolerance=1e-8):
         """The parameters of least squares, by finite differences, and their result."""
-        return least_squares(
-            lambda x: 1e3 * (self.points(joints, x) - points).ravel(), np.zeros(self.size), xtol=1e-12, ftol=1e-12
-        )
+        residual = lambda x: 1e3 * (self.points(joints, x) - points).ravel()  # noqa: E731
+        return least_squares(residual, np.zeros(self.size), xtol=tolerance, ftol=tolerance)
 
     def jacobian(self, joints, x, step=1e-6):
         """Derivatives ``(n, 3, parameters)`` by central differences."""
