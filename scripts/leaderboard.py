@@ -18,13 +18,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import peers
 from numpy.typing import NDArray
 from scipy import stats
-from shared import Answer, Document, Flag, Section, Table, paragraphs, run_script, short
+from shared import Answer, Block, Document, Flag, Section, Table, paragraphs, run_script, short
 
 import lab
 from lab.calibration.estimate import Estimate
@@ -32,6 +32,7 @@ from lab.campaign.robot import Robot, load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.render.document import Strong, Text
 
 sys.path.append(str(peers.FOLDER))
 Arm = import_module("scipy_jobs").Arm  # a chain of numpy alone, written apart from the lab
@@ -449,7 +450,7 @@ def document(values: Mapping[str, Any]) -> Document:
     )
     days = sorted({row["date"] for row in values["rows"] if "date" in row})
     lines = [f"{' to '.join(dict.fromkeys((days[0], days[-1])))}; {seen}."] if seen and days else []
-    sections = []
+    sections = [Section("At a glance", _glance(values["rows"]))] if seen else []
     for name, about in every.items():
         rows = sorted((row for row in values["rows"] if row["set"] == name), key=lambda row: row["rms_mm"])
         if rows:
@@ -457,6 +458,30 @@ def document(values: Mapping[str, Any]) -> Document:
             sections.append(Section(name, (*paragraphs([caption]), _table(rows))))
     left_out = [f"Left out: {name}: {reason}." for name, reason in values["left_out"].items()]
     return Document("Leaderboard", (*paragraphs(lines), *sections, *paragraphs(left_out)))
+
+
+def _glance(rows: Sequence[Mapping[str, Any]]) -> tuple[Block, ...]:
+    """Return who has the lowest error of each set, and a table of methods by sets."""
+    sets = [name for name in data_sets() if any(row["set"] == name for row in rows)]
+    best = {name: min((row for row in rows if row["set"] == name), key=lambda row: row["rms_mm"]) for name in sets}
+    found = {(row["set"], row["method"]): row for row in rows}
+    lines = []
+    for method in METHODS:
+        cells = [found.get((name, method)) for name in sets]
+        if any(cells):
+            lines.append((method, *("" if row is None else _short_cell(row, best[row["set"]]) for row in cells)))
+    winners = "; ".join(f"{name}: {row['method']}" for name, row in best.items())
+    caption = "RMS in mm, and in brackets the share within the 95 % region, in %. The lowest RMS of a set is in bold."
+    return (
+        *paragraphs([f"Lowest RMS by set: {winners}."]),
+        Table(("method", *sets), cast(Any, tuple(lines)), caption),
+    )
+
+
+def _short_cell(row: Mapping[str, Any], best: Mapping[str, Any]) -> Text:
+    share = "" if row["coverage"] is None else f" ({100 * row['coverage']:.0f})"
+    text = f"{row['rms_mm']:.3f}"
+    return (Strong(text), share) if row["method"] == best["method"] else text + share
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
