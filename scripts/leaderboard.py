@@ -456,7 +456,11 @@ def document(values: Mapping[str, Any]) -> Document:
         if rows:
             caption = f"{about.measured}: {rows[0]['fitted']:,} fitted, {rows[0]['poses']:,} held out."
             sections.append(Section(name, (*paragraphs([caption]), _table(rows))))
-    left_out = [f"Left out: {name}: {reason}." for name, reason in values["left_out"].items()]
+    by_reason: dict[tuple[str, str], list[str]] = {}
+    for name, reason in values["left_out"].items():
+        about_set, _, method = name.partition(": ")
+        by_reason.setdefault((about_set, reason), []).append(method)
+    left_out = [f"Left out of {name}: {'; '.join(each)}: {reason}." for (name, reason), each in by_reason.items()]
     return Document("Leaderboard", (*paragraphs(lines), *sections, *paragraphs(left_out)))
 
 

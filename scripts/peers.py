@@ -357,7 +357,7 @@ def judged(problems: Problems, topic: str, measure: str, answer: Array, of_the_l
         return {} if missed is None else {"from_lab": missed, "agrees": missed < SAME_M}
     if topic == "select":
         rows = answer.astype(int)
-        whole = len(set(rows.tolist())) == len(rows) == COUNT and rows.min() >= 0 and rows.max() < POOL
+        whole = len(set(rows.tolist())) == len(rows) == COUNT and set(rows.tolist()) <= set(range(POOL))
         found = {"of_bound": problems.bound.efficiency(given["pool"][rows]) if whole else 0.0, "agrees": whole}
         if of_the_lab is not None:
             found["in_common"] = len(set(rows.tolist()) & set(of_the_lab.astype(int).tolist()))

@@ -126,6 +126,7 @@ def test_solutions_are_counted_that_meet_their_pose(problems: peers.Problems) ->
     )
     assert found["solved"] == pytest.approx(2 / 3) and found["solutions"] == pytest.approx(2 / 3)
     assert not found["agrees"] and found["largest_m"] < 1e-12
+    json.dumps(found)
 
 
 def test_derivatives_agree_if_they_describe_the_same_changes(problems: peers.Problems) -> None:
@@ -134,6 +135,7 @@ def test_derivatives_agree_if_they_describe_the_same_changes(problems: peers.Pro
     same = peers.judged(problems, "kinematics", "parameter derivatives, 60", turned, wanted)
     lacking = peers.judged(problems, "kinematics", "parameter derivatives, 60", wanted[:, :, :12], wanted)
     assert same["agrees"] and not lacking["agrees"]
+    json.dumps([same, lacking])
 
 
 def test_no_choice_is_better_than_the_bound(problems: peers.Problems) -> None:
@@ -142,6 +144,7 @@ def test_no_choice_is_better_than_the_bound(problems: peers.Problems) -> None:
         rows = rng.choice(peers.POOL, peers.COUNT, replace=False).astype(float)
         found = peers.judged(problems, "select", "choose poses", rows, rows)
         assert 0 < found["of_bound"] < 1 and found["in_common"] == peers.COUNT and found["agrees"]
+        json.dumps(found)
     twice = np.append(rows[:-1], rows[0])
     assert not peers.judged(problems, "select", "choose poses", twice, rows)["agrees"]
 
