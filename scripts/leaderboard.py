@@ -44,7 +44,7 @@ COVARIANCE = tuple(f"cov_{pair}_mm2" for pair in ("xx", "xy", "xz", "yy", "yz", 
 MEASURED = (*POSITION, "rx_deg", "ry_deg", "rz_deg")  # ends of columns that a method has to predict
 INSIDE = float(stats.chi2.ppf(0.95, 3))  # a point is within its 95 % region if e' V^-1 e is below
 LEVEL = 0.95
-PEER_ROWS = 300  # of the rows to fit, evenly taken: other packages need minutes for a thousand
+PEER_ROWS = 100  # of the rows to fit, evenly taken: other packages need minutes for a thousand
 
 
 @dataclass(frozen=True)
