@@ -63,6 +63,8 @@ class Options:
     """Folder with the data that do not come with the lab."""
     folder: Path = Path("build/peers")
     """Folder of the environments of pybotics and FIGAROH, as `scripts/peers.py` makes them."""
+    limit_s: float = 600
+    """Seconds that another package may take for a set."""
     write: Flag = False
     """Store the scores beside those stored before, and write all into the page docs/results/leaderboard.md."""
     json: Flag = False
@@ -261,7 +263,7 @@ def _is_covariance(six: Sequence[float]) -> bool:
 # Methods
 
 
-def by_the_lab(task: Task, folder: Path, **options: Any) -> Predictions:
+def by_the_lab(task: Task, *_others: Any, **options: Any) -> Predictions:
     """The lab's own models; the covariance is that of the prediction and of the noise of a new measurement."""
     estimate = _estimate(task, **options)
     inputs = task.held_out.inputs(estimate.arm.conditions)
@@ -294,7 +296,7 @@ def _with_own_points(task: Task, estimate: Estimate, inputs: Array) -> Array:
     return points
 
 
-def learned(task: Task, folder: Path) -> Predictions:
+def learned(task: Task, *_others: Any) -> Predictions:
     """What scikit-learn's Gaussian process adds to the geometry, as in ``scripts/own_corrector.py``."""
     try:
         from own_corrector import LearnedCorrector
@@ -309,7 +311,7 @@ def learned(task: Task, folder: Path) -> Predictions:
     return Predictions(both.predict(joints), np.einsum("ni,ij->nij", spread**2, np.eye(3)))
 
 
-def by_scipy(task: Task, folder: Path, *, fitted: bool) -> Predictions:
+def by_scipy(task: Task, *_others: Any, fitted: bool) -> Predictions:
     """Geometry by scipy's least squares on a chain written apart from the lab, or base and target alone."""
     _refuse_sessions(task)
     arm, joints, points = _placed(task)
@@ -348,8 +350,8 @@ def _modified_table(standard: Array) -> Array:
     return np.column_stack([before[:, 1], before[:, 0], standard[:, 0], standard[:, 1]])
 
 
-def by_peer(task: Task, folder: Path, *, tool: str) -> Predictions:
-    """What another package fits of at most ``PEER_ROWS`` rows, in an environment of its own."""
+def by_peer(task: Task, folder: Path, limit_s: float, *, tool: str) -> Predictions:
+    """What another package fits within some seconds, of at most ``PEER_ROWS`` rows, in an environment of its own."""
     _refuse_sessions(task)
     python = peers.environment(tool, folder)
     count = min(len(task.fit), PEER_ROWS)
@@ -366,7 +368,7 @@ def by_peer(task: Task, folder: Path, *, tool: str) -> Predictions:
         values[-3:] = arm.target
         text = task.robot.description("calibrated.urdf", ("p1",), values)
         (place / "arm.urdf").write_text(text, encoding="utf-8")
-        worker = peers.Worker(tool, python, place)
+        worker = peers.Worker(tool, python, place, limit_s)
         try:
             worker.ask(work="predict", measure="predict", answer="predicted.npy")
         finally:
@@ -379,7 +381,7 @@ def _refuse_sessions(task: Task) -> None:
         raise LabError("this method knows one point alone")
 
 
-METHODS: dict[str, Callable[[Task, Path], Predictions]] = {
+METHODS: dict[str, Callable[[Task, Path, float], Predictions]] = {
     "nominal": partial(by_scipy, fitted=False),
     "lab, geometric": by_the_lab,
     "lab, geometric with prior": partial(by_the_lab, prior=True),
@@ -409,13 +411,15 @@ def compared(options: Options) -> dict[str, Any]:
         "date": time.strftime("%Y-%m-%d"), "machine": peers.machine(),
         "versions": {"lab": peers.versions("lab", Path(sys.executable))}, "rows": [], "left_out": {},
     }  # fmt: skip
+    if not options.limit_s > 0:
+        raise LabError(f"--limit-s {options.limit_s:g}: give more than 0")
     methods = _chosen(options.methods, list(METHODS), "--methods")
     for name in _chosen(options.sets, valid, "--sets"):
         task, measured = task_of(every[name], options.data)
         for method in methods:
             print(f"{name}: {method}", file=sys.stderr)
             try:
-                predicted = METHODS[method](task, options.folder)
+                predicted = METHODS[method](task, options.folder, options.limit_s)
             except LabError as error:
                 values["left_out"][f"{name}: {method}"] = str(error)
                 continue

@@ -225,8 +225,8 @@ def _reason(text: str) -> str:
 class Worker:
     """A process of a tool, which answers requests."""
 
-    def __init__(self, tool: str, python: Path, folder: Path) -> None:
-        self.tool, own = tool, folder / tool
+    def __init__(self, tool: str, python: Path, folder: Path, limit_s: float = REQUEST_S) -> None:
+        self.tool, self.limit_s, own = tool, limit_s, folder / tool
         own.mkdir()
         self.errors = (own / "errors.txt").open("w+", encoding="utf-8")
         path = {"PYTHONPATH": str(ROOT)} if tool == "lab" else {}
@@ -249,9 +249,9 @@ class Worker:
             raise LabError(f"ended: {self._last()}") from error
         with selectors.DefaultSelector() as waiting:
             waiting.register(self.process.stdout, selectors.EVENT_READ)
-            if not waiting.select(REQUEST_S):
+            if not waiting.select(self.limit_s):
                 self.process.kill()
-                raise LabError(f"no reply within {REQUEST_S} s")
+                raise LabError(f"no result within {self.limit_s:g} s")
         line = self.process.stdout.readline()
         if not line:
             raise LabError(f"ended: {self._last()}")

@@ -134,6 +134,7 @@ def test_a_wrong_file_of_predictions_is_one_line(
         (["--predictions", "none.csv"], "name the set"),
         (["--sets", "ur6"], "--sets ur6: give ur5-grid;"),
         (["--methods", "luck"], "--methods luck: give nominal;"),
+        (["--limit-s", "0"], "--limit-s 0: give more than 0"),
     ],
 )
 def test_a_wrong_request_is_one_line(given: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -165,10 +166,10 @@ def test_a_stranger_can_enter(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert row["rms_mm"] == pytest.approx(1, abs=1e-6) and row["p95_mm"] == pytest.approx(1, abs=1e-6)
 
 
-def test_independent_geometry_predicts_as_the_lab_does(tmp_path: Path) -> None:
+def test_independent_geometry_predicts_as_the_lab_does() -> None:
     task, _ = board.task_of(SETS["ur10-cubes"], None)
     part = replace(task, fit=task.fit.take(np.arange(0, len(task.fit), 4)))
-    own, other = board.by_the_lab(part, tmp_path, prior="off"), board.by_scipy(part, tmp_path, fitted=True)
+    own, other = board.by_the_lab(part, prior="off"), board.by_scipy(part, fitted=True)
     assert np.abs(own.points - other.points).max() < 1e-6  # the same optimum, by two chains and two solvers
     assert own.covariances is not None and other.covariances is not None
     sizes = [np.sqrt(np.trace(found, axis1=1, axis2=2)) for found in (own.covariances, other.covariances)]
