@@ -1,4 +1,4 @@
-"""Do three jobs with FIGAROH, for ``scripts/peers_lines.py``: a fit from arrays, an own residual, an own study."""
+"""FIGAROH's part of ``scripts/peers.py``: three jobs, and the works that are timed."""
 
 import shutil
 import sys
@@ -9,6 +9,7 @@ import pandas as pd
 import pinocchio as pin
 from figaroh.calibration.base_calibration import BaseCalibration
 from figaroh.calibration.calibration_tools import calc_updated_fkm
+from figaroh.optimal.base_optimal_calibration import SOCPOptimizer
 from figaroh.tools.load_robot import load_robot
 
 URDF = str(Path(sys.argv[1]).with_name("arm.urdf"))
@@ -97,7 +98,46 @@ def study():
     return {count: np.mean(found) for count, found in errors.items()}
 
 
+class PlainPoints(BaseCalibration):
+    """The same with FIGAROH's own cost function."""
+
+    def __init__(self, robot, file):
+        super().__init__(robot, file)
+        self.calib_config |= {"known_baseframe": False, "known_tipframe": False}
+
+
+def identify(given):
+    """Fit by the difference of positions, and by FIGAROH's own cost function; loading is not timed."""
+    found = {}
+    for name, kind in (("identify", Points), ("identify, own cost", PlainPoints)):
+        ready = calibration(given["joints"], given["points"], kind)
+        found[name] = (
+            lambda ready=ready: ready.solve_optimisation()[0],
+            lambda result, ready=ready: predicted(ready, given["new_joints"], result.x),
+        )
+    return found
+
+
+def select(given):
+    """Weights of the convex problem, of which the largest are taken."""
+    J, count = given["pool"], int(given["count"])
+    pool = dict(enumerate(np.einsum("nrp,nrq->npq", J, J)))
+
+    choose = lambda: list(SOCPOptimizer(pool, {"NbSample": len(J)}).solve()[1])[:count]  # noqa: E731
+    return {"choose poses": (choose, np.array)}
+
+
+def predict(given):
+    """Fit, and predict the points at new joint positions."""
+
+    def found():
+        calibrated = calibration(given["joints"], given["points"])
+        return predicted(calibrated, given["new_joints"], calibrated.LM_result.x)
+
+    return {"predict": (found, np.array)}
+
+
 if __name__ == "__main__":
     from run_jobs import run
 
-    run(fit, own_residual, study)
+    run(fit, own_residual, study, identify=identify, select=select, predict=predict)

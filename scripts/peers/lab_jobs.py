@@ -1,4 +1,4 @@
-"""Do three jobs with the lab, for ``scripts/peers_lines.py``: a fit from arrays, an own residual, an own study."""
+"""The lab's part of ``scripts/peers.py``: three jobs, and the works that are timed."""
 
 import sys
 from pathlib import Path
@@ -7,6 +7,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import lab
+from lab.calibration.identify import identify as identified
+from lab.kinematics.inverse.closed_form import closed_form_of
+from lab.pose_selection.criteria import criterion
+from lab.pose_selection.exchange import exchange
 
 ROBOT = Path(sys.argv[1]).with_name("arm.toml")
 
@@ -37,7 +41,68 @@ def study():
     }
 
 
+def identify(given):
+    """The identification alone: placement of the base, choice of parameters, fit and covariance; then all of it."""
+    robot, new = lab.load_robot(ROBOT), given["new_joints"]
+    rows = lab.measurements(given["joints"], given["points"], robot=ROBOT)
+    arm = robot.serial_arm(("p1",))
+    return {
+        "identify": (
+            lambda: identified(arm, rows, arm.nominal(robot.tool)),
+            lambda found: arm.points(new, found.values)[:, 0],
+        ),
+        "identify, with verdict": (
+            lambda: lab.identify(rows, robot=ROBOT),
+            lambda found: found.estimate.points(new)[:, 0],
+        ),
+    }
+
+
+def kinematics(given):
+    """Positions of the target, their derivatives by the joints, and by all parameters."""
+    robot = lab.load_robot(ROBOT)
+    arm = robot.serial_arm(("p1",))
+    nominal, found = arm.nominal(robot.tool), {}
+    for n in (1, 50, 1000):
+        q = given["new_joints"][:n]
+        found[f"positions, {n}"] = (lambda q=q: arm.points(q, nominal), lambda points: points[:, 0])
+        found[f"joint Jacobian, {n}"] = (lambda q=q: arm.joint_jacobian(q, nominal), lambda J: J[:, 0])
+        found[f"parameter derivatives, {n}"] = (lambda q=q: arm.observe(q, nominal), lambda both: both[1][:, 0])
+    return found
+
+
+def select(given):
+    """Fedorov exchange from four starts, on derivatives that all packages are given."""
+    J, count = given["pool"], int(given["count"])
+    goal = criterion("O1", J.shape[2])
+    choose = lambda: exchange(np.arange(len(J))[:, None], J, count, goal, np.random.default_rng(0))  # noqa: E731
+    return {"choose poses": (choose, lambda design: design.rows)}
+
+
+def inverse(given):
+    """All solutions by the closed form, and the one of them that is nearest to a given start."""
+    robot, Ts, few = lab.load_robot(ROBOT), given["poses"], int(given["few"])
+    form = closed_form_of(robot.chain)
+    nan = lambda found: np.where((found.gap_m > 0)[..., None], np.nan, found.joints)  # noqa: E731
+    return {
+        "all solutions, one pose a call": (
+            lambda: [form.solve(T) for T in Ts[:few, None]],
+            lambda each: np.concatenate([nan(found) for found in each]),
+        ),
+        "all solutions, one batch": (lambda: form.solve(Ts), nan),
+        "one solution": (
+            lambda: [_nearest(form.solve(T), q) for T, q in zip(Ts[:few, None], given["near"], strict=False)],
+            lambda each: np.array(each)[:, None],
+        ),
+    }
+
+
+def _nearest(found, q):
+    turned = np.remainder(found.joints[0] - q + np.pi, 2 * np.pi) - np.pi
+    return q + turned[np.argmin(np.where(found.gap_m[0] > 0, np.inf, np.abs(turned).sum(1)))]
+
+
 if __name__ == "__main__":
     from run_jobs import run
 
-    run(fit, own_residual, study)
+    run(fit, own_residual, study, identify=identify, kinematics=kinematics, select=select, inverse=inverse)

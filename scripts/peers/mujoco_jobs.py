@@ -1,4 +1,4 @@
-"""Do three jobs with MuJoCo's ``minimize``, for ``scripts/peers_lines.py``: a fit, an own residual, an own study."""
+"""The part of MuJoCo and its ``minimize`` in ``scripts/peers.py``: three jobs, and the works that are timed."""
 
 import sys
 from pathlib import Path
@@ -84,7 +84,69 @@ def study():
     return {count: np.mean(found) for count, found in errors.items()}
 
 
+def identify(given):
+    """Place the base and minimize over all bodies and the target."""
+    joints, points = given["joints"], given["points"]
+
+    def found():
+        arm = Arm()
+        arm.aligned(joints, points)
+        return arm, arm.fitted(lambda x: (arm.points(joints, x) - points).ravel())
+
+    return {"identify": (found, lambda both: both[0].points(given["new_joints"], both[1]))}
+
+
+def kinematics(given):
+    """Positions of the target, and their derivatives by the joints, pose by pose."""
+    arm, found, J = Arm(), {}, np.empty((3, 6))
+    nothing = np.zeros(arm.size)
+
+    def jacobians(joints):
+        every = np.empty((len(joints), 3, 6))
+        for i, arm.data.qpos[:] in enumerate(joints):
+            mujoco.mj_kinematics(arm.model, arm.data)
+            mujoco.mj_comPos(arm.model, arm.data)
+            mujoco.mj_jacSite(arm.model, arm.data, J, None, arm.p1)
+            every[i] = J
+        return every
+
+    def positions(joints):
+        every = np.empty((len(joints), 3))
+        for i, arm.data.qpos[:] in enumerate(joints):
+            mujoco.mj_kinematics(arm.model, arm.data)
+            every[i] = arm.data.site_xpos[arm.p1]
+        return every
+
+    arm.points(given["joints"][:1], nothing)
+    for n in (1, 50, 1000):
+        q = given["new_joints"][:n]
+        found[f"positions, {n}"] = (lambda q=q: positions(q), lambda points: points)
+        found[f"joint Jacobian, {n}"] = (lambda q=q: jacobians(q), lambda J: J)
+    return found
+
+
+def inverse(given):
+    """One solution by ``minimize`` from a given start."""
+    arm, few = Arm(), int(given["few"])
+    body = arm.model.body("link6").id
+
+    def one(T, q):
+        def residual(x):
+            out = np.empty((6, x.shape[1]))
+            for k, arm.data.qpos[:] in enumerate(x.T):
+                mujoco.mj_kinematics(arm.model, arm.data)
+                R = arm.data.xmat[body].reshape(3, 3)
+                out[:3, k] = arm.data.xpos[body] - T[:3, 3]
+                out[3:, k] = 0.5 * np.cross(T[:3, :3].T, R.T).sum(0)
+            return out
+
+        return minimize.least_squares(q, residual, verbose=0)[0]
+
+    solve = lambda: [one(T, q) for T, q in zip(given["poses"][:few], given["near"], strict=False)]  # noqa: E731
+    return {"one solution": (solve, lambda each: np.array(each)[:, None])}
+
+
 if __name__ == "__main__":
     from run_jobs import run
 
-    run(fit, own_residual, study)
+    run(fit, own_residual, study, identify=identify, kinematics=kinematics, inverse=inverse)

@@ -1,4 +1,4 @@
-"""Do three jobs with pybotics, for ``scripts/peers_lines.py``: a fit from arrays, an own residual, an own study."""
+"""The part of pybotics in ``scripts/peers.py``: three jobs, and the works that are timed."""
 
 import numpy as np
 from pybotics.geometry import vector_2_matrix
@@ -31,9 +31,9 @@ def aligned(robot, joints, points):
     return robot
 
 
-def fitted(joints, points):
+def fitted(joints, points, robot=None):
     """Identify all parameters of the chain, the base and the tool's position."""
-    robot = aligned(nominal(), joints, points)
+    robot = aligned(robot or nominal(), joints, points)
     handler = OptimizationHandler(robot, True, [True] * 3 + [False] * 3, True)
 
     def residuals(vector):
@@ -80,7 +80,54 @@ def study():
     return {count: np.mean(found) for count, found in errors.items()}
 
 
+def identify(given):
+    """Place the base, and fit all parameters of the chain, the base and the target's position."""
+    joints, points = given["joints"], 1e3 * given["points"]
+    answer = lambda robot: np.array([robot.fk(q)[:3, 3] for q in given["new_joints"]]) / 1e3  # noqa: E731
+    return {"identify": (lambda: fitted(joints, points), answer)}
+
+
+def kinematics(given):
+    """Positions of the target, and their derivatives by the joints, pose by pose."""
+    robot, found = nominal(), {}
+    for n in (1, 50, 1000):
+        many = given["new_joints"][:n]
+        found[f"positions, {n}"] = (
+            lambda many=many: [robot.fk(q)[:3, 3] for q in many],
+            lambda points: np.array(points) / 1e3,
+        )
+        found[f"joint Jacobian, {n}"] = (
+            lambda many=many: [robot.jacobian_world(q)[:3] for q in many],
+            lambda J: np.array(J) / 1e3,
+        )
+    return found
+
+
+def inverse(given):
+    """One solution from a given start."""
+    robot, few = Robot.from_parameters(MDH), int(given["few"])
+    Ts = given["poses"][:few] * np.array([[1, 1, 1, 1e3]] * 3 + [[1, 1, 1, 1]])
+
+    def solve():
+        found = [robot.ik(T, np.clip(q, -np.pi, np.pi)) for T, q in zip(Ts, given["near"], strict=False)]
+        return [np.full(6, np.nan) if each is None else each for each in found]
+
+    return {"one solution": (solve, lambda each: np.array(each)[:, None])}
+
+
+def predict(given):
+    """Fit a robot by its modified table and a first tool, and predict the points at new joint positions."""
+
+    def found():
+        robot = Robot.from_parameters(given["modified"] * [1, 1e3, 1, 1e3])
+        robot.tool.position = 1e3 * given["target"]
+        robot = fitted(given["joints"], 1e3 * given["points"], robot)
+        return np.array([robot.fk(q)[:3, 3] for q in given["new_joints"]]) / 1e3
+
+    return {"predict": (found, np.array)}
+
+
 if __name__ == "__main__":
     from run_jobs import run
 
-    run(fit, own_residual, study)
+    run(fit, own_residual, study, identify=identify, kinematics=kinematics, inverse=inverse, predict=predict)

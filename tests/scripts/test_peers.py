@@ -1,0 +1,191 @@
+"""The comparison with other packages: what is asked for, the rule of counting lines, answers, and the stored page."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import peers
+import pytest
+from helpers.robots import ROOT
+from shared import run_script
+
+from lab.core.errors import LabError
+
+SOURCE = '''
+"""Do jobs."""
+
+import numpy
+
+SIZE = 3
+
+
+class Own:
+    """A class."""
+
+    def size(self):
+        """Return the size."""
+        return SIZE  # of it
+
+
+def helper(x):
+    # a comment
+    return x
+
+
+def job():
+    """Do it."""
+    found = [
+        helper(1),
+        Own(),
+    ]
+
+    return found
+
+
+def other():
+    return helper(2)
+'''
+
+
+def test_a_job_has_its_lines_and_those_of_what_it_uses() -> None:
+    assert peers.lines_of(SOURCE, "other") == 2 + 2
+    assert peers.lines_of(SOURCE, "job") == 6 + 2 + 3 + 1  # with the helper, the class and the constant
+    assert peers.lines_of(SOURCE, "helper") == 2
+
+
+def test_the_stored_lines_are_those_of_the_scripts() -> None:
+    stored = json.loads(peers.STORED.read_text(encoding="utf-8"))["jobs"]
+    assert {tool: found["lines"] for tool, found in stored.items()} == peers.counted()
+
+
+@pytest.mark.parametrize(
+    ("only", "expected"),
+    [
+        ((), dict.fromkeys(peers.TOOLS, tuple(peers.TOPICS))),
+        (("eaik",), {"lab": tuple(peers.TOPICS), "eaik": tuple(peers.TOPICS)}),
+        (
+            ("pybotics/inverse", "eaik/kinematics"),
+            {"lab": ("kinematics", "inverse"), "pybotics": ("inverse",), "eaik": ("kinematics",)},
+        ),
+        (("select",), dict.fromkeys(peers.TOOLS, ("select",))),
+    ],
+)
+def test_tools_and_topics_can_be_chosen(only: tuple[str, ...], expected: dict[str, tuple[str, ...]]) -> None:
+    assert peers.wanted(only) == expected
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["--only", "robodk"],
+        ["--only", "eaik/flying"],
+        ["--only", "/inverse"],
+        ["--only", "eaik/"],
+        ["--only", ""],
+        ["--rounds", "0"],
+        ["--folder", str(ROOT / "README.md")],
+        ["--write", "--only", "eaik"],
+    ],
+)
+def test_a_wrong_request_is_one_line(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        run_script("peers", given)
+    printed = capsys.readouterr()
+    assert stop.value.code == 2 and printed.err.startswith("lab: ") and printed.err.count("\n") == 1 and not printed.out
+
+
+def test_a_tool_that_cannot_be_installed_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = peers.Tool("gone", (str(tmp_path / "no_such_package"),), ("gone",))
+    monkeypatch.setitem(peers.TOOLS, "gone", gone)
+    with pytest.raises(LabError, match=r"not installed: .*ERROR") as caught:
+        peers.environment("gone", tmp_path / "environments")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def problems(tmp_path_factory: pytest.TempPathFactory) -> peers.Problems:
+    """What all tools are given."""
+    return peers.prepare(tmp_path_factory.mktemp("problems"))
+
+
+def test_solutions_are_counted_that_meet_their_pose(problems: peers.Problems) -> None:
+    near, few = problems.arrays["poses"], 3
+    robot = problems.arm
+    joints = np.random.default_rng(3).uniform(-1, 1, (few, 6))
+    poses = robot.flange(joints, problems.nominal)
+    answer = np.full((few, 2, 6), np.nan)
+    answer[:, 0] = joints
+    answer[1, 1] = joints[1] + 1e-3  # a millimetre off: no solution
+    answer[2, 0, 5] += 2e-5  # turned by more than counts
+    arrays = {**problems.arrays, "poses": np.concatenate([poses, near[few:]])}
+    found = peers.judged(
+        peers.Problems(robot, problems.nominal, arrays, problems.bound), "inverse", "one solution", answer, None
+    )
+    assert found["solved"] == pytest.approx(2 / 3) and found["solutions"] == pytest.approx(2 / 3)
+    assert not found["agrees"] and found["largest_m"] < 1e-12
+    json.dumps(found)
+
+
+def test_derivatives_agree_if_they_describe_the_same_changes(problems: peers.Problems) -> None:
+    wanted = problems.arm.observe(problems.arrays["joints"], problems.nominal)[1][:, 0]
+    turned = wanted @ np.random.default_rng(5).standard_normal((wanted.shape[2],) * 2)
+    same = peers.judged(problems, "kinematics", "parameter derivatives, 60", turned, wanted)
+    lacking = peers.judged(problems, "kinematics", "parameter derivatives, 60", wanted[:, :, :12], wanted)
+    assert same["agrees"] and not lacking["agrees"]
+    json.dumps([same, lacking])
+
+
+def test_no_choice_is_better_than_the_bound(problems: peers.Problems) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        rows = rng.choice(peers.POOL, peers.COUNT, replace=False).astype(float)
+        found = peers.judged(problems, "select", "choose poses", rows, rows)
+        assert 0 < found["of_bound"] < 1 and found["in_common"] == peers.COUNT and found["agrees"]
+        json.dumps(found)
+    twice = np.append(rows[:-1], rows[0])
+    assert not peers.judged(problems, "select", "choose poses", twice, rows)["agrees"]
+
+
+def test_a_process_reports_its_failure_and_goes_on(tmp_path: Path) -> None:
+    folder = tmp_path / "shared"
+    folder.mkdir()
+    peers.prepare(folder)
+    worker = peers.Worker("scipy", Path(sys.executable), folder)
+    try:
+        assert worker.ask(work="inverse")["measures"] == []
+        assert worker.ask(work="select")["measures"] == ["choose poses"]
+        with pytest.raises(LabError, match="KeyError"):
+            worker.ask(work="select", measure="fly", answer="fly.npy")
+        assert worker.ask(work="select", measure="choose poses", answer="chosen.npy")["seconds"] > 0
+        assert len(np.load(folder / "chosen.npy")) == peers.COUNT
+    finally:
+        worker.close()
+    ended = peers.Worker("pinocchio", Path(sys.executable), tmp_path / "shared")
+    try:
+        with pytest.raises(LabError, match="ended: ModuleNotFoundError"):  # it is not in this environment
+            ended.ask(work="inverse")
+    finally:
+        ended.close()
+
+
+def test_the_page_shows_the_stored_result() -> None:
+    stored = json.loads(peers.STORED.read_text(encoding="utf-8"))
+    page = peers.PAGE.read_text(encoding="utf-8")
+    assert peers.with_block(page, "peers", peers.block(peers.document(stored))) == page
+    assert (
+        stored["rounds"] >= 5
+        and stored["versions"]
+        and all(row["tool"] in stored["versions"] for row in stored["rows"])
+    )
+    with pytest.raises(LabError, match="lacks the lines"):
+        peers.with_block("# A page\n", "peers", "text")
+
+
+@pytest.mark.thorough
+def test_the_lab_is_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run_script("peers", ["--only", "lab", "--rounds", "1", "--folder", str(tmp_path), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert not found["left_out"] and {row["topic"] for row in found["rows"]} == set(peers.TOPICS) - {"jobs"}
+    jobs = found["jobs"]["lab"]
+    assert jobs["fit"]["mm"] < 0.005 and jobs["own_residual"]["mm"] < 0.01 and max(jobs["study"]["mm"].values()) < 0.02
