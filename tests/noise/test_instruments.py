@@ -1,6 +1,7 @@
 """Instruments: the noise they draw is the noise they weigh by, and what they see."""
 
 from dataclasses import replace
+from itertools import takewhile
 
 import numpy as np
 import pytest
@@ -88,9 +89,8 @@ def documented() -> dict[str, list[str]]:
     """The table of the presets in docs/reference/trackers.md: cells by name."""
     lines = (ROOT / "docs" / "reference" / "trackers.md").read_text(encoding="utf-8").splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith("| preset |"))
-    rows = [
-        [cell.strip() for cell in line.strip("|").split("|")] for line in lines[start + 2 :] if line.startswith("|")
-    ]
+    table = takewhile(lambda line: line.startswith("|"), lines[start + 2 :])
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table]
     return {row[0]: row[1:] for row in rows}
 
 

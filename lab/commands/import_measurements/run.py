@@ -304,13 +304,13 @@ def import_measurements(
 
     Example:
         >>> import lab, pathlib, tempfile
-        >>> folder, day = pathlib.Path(tempfile.mkdtemp()), lab.simulate("irb120", poses=12, seed=7).measurements
+        >>> here, day = pathlib.Path(tempfile.mkdtemp()), lab.simulate("irb120", poses=12, seed=7).measurements
         >>> points = [f"P{i},{x},{y},{z}" for i, (x, y, z) in enumerate(1e3 * day.points[:, 0])]
-        >>> _ = (folder / "tracker.csv").write_text("\n".join(["name,x_mm,y_mm,z_mm", *points]))
+        >>> _ = (here / "tracker.csv").write_text("\n".join(["name,x_mm,y_mm,z_mm", *points]))
         >>> joints = [",".join(map(str, [f"P{i}", *row])) for i, row in enumerate(day.joints)]
         >>> header = "name,q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad"
-        >>> _ = (folder / "poses.csv").write_text("\n".join([header, *joints]))
-        >>> found = lab.import_measurements(folder / "tracker.csv", "irb120", joints=folder / "poses.csv")
+        >>> _ = (here / "joints.csv").write_text("\n".join([header, *joints]))
+        >>> found = lab.import_measurements(here / "tracker.csv", "irb120", joints=here / "joints.csv")
         >>> found.measurements.points.shape
         (12, 1, 3)
     """
