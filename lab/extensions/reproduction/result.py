@@ -1,12 +1,13 @@
 """Run ``lab reproduce``: compute a source's items again, and show them beside the printed ones."""
 
 import re
+import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from lab.commands.command_line import options_of, takes
 from lab.commands.result import Result
@@ -53,6 +54,7 @@ class ReproductionResult(Result):
         source: the text.
         computed: its items, in order.
         marks: of a filled-in exercise; None where none is marked.
+        folder: of the files of the run; None where none are written.
     """
 
     command = "reproduce"
@@ -63,6 +65,11 @@ class ReproductionResult(Result):
     source: Source
     computed: tuple[Computed, ...]
     marks: tuple[Mark, ...] | None
+    folder: Path | None = None
+
+    def placed(self, folder: Path) -> Self:
+        """Return the result with the folder that its files are written to, which the next step names."""
+        return replace(self, folder=folder)
 
     @property
     def answers(self) -> tuple[Answer, ...]:
@@ -306,7 +313,8 @@ def _card_of_exercise(result: ReproductionResult, command: str) -> Card:
     if options.item is None:
         begin = Code(f"{command} --exercise --item {result.source.begin or _first_label(result)}")
         return Card(Badge("exercises"), numbers, "A few at a time: choose an item below.", ("begin with ", begin, "."))
-    mark = (Code(f"{command} --mark exercise.csv"), " marks them")
+    file = "exercise.csv" if result.folder is None else shlex.quote(str(result.folder / "exercise.csv"))
+    mark = (Code(f"{command} --mark {file}"), " marks them")
     item = f"{command} --exercise --item {_quoted(options.item)}"
     more = () if options.solution else (", and ", Code(f"{item} --solution"), " shows the way to the solutions")
     badge = Badge("exercise with its solutions" if options.solution else "exercise")

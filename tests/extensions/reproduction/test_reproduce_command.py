@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from helpers.pages import PAGES
 from helpers.robots import ROOT
 
 from lab.cli import main
@@ -290,3 +291,30 @@ def test_what_cannot_be_read_is_no_erratum() -> None:
     assert told["unreadable"] == 18 and told["errata"] == told["differ"] == 0 and result.exit_code == 0
     rows = {int(a.place[1]) for a in result.answers if a.state == "unreadable"}
     assert rows == {2, 5, 6} and all(a.check(a.right) for a in result.answers if a.state == "unreadable")
+
+
+def test_the_page_s_commands_work_in_their_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The list is no run: so the first exercise is where the page, and the printed next step, look for it."""
+    monkeypatch.chdir(tmp_path)
+    page = next(page for page in PAGES if page.name == "docs/tutorials/exercises.md")
+    lines = [line for body in (*page.of("sh"), *page.of("text")) for line in body.splitlines()]
+    asked, chosen, mark = (
+        next(line for line in lines if line.startswith("lab reproduce") and word in line and other not in line)
+        for word, other in (("--exercise", "--item"), ("--item", "--solution"), ("--mark", "--item"))
+    )
+    assert main(shlex.split(asked)[1:]) == 0 and not Path("runs").exists()
+    assert main(shlex.split(chosen)[1:]) == 0
+    assert mark in " ".join(capsys.readouterr().out.split())
+    assert main(shlex.split(mark)[1:]) == 1  # all blank
+    assert ", 6 blank" in capsys.readouterr().out
+
+
+def test_the_next_step_names_the_file_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "my run"
+    assert main(["reproduce", "course", "--exercise", "--item", "7.1", "--out", str(folder)]) == 0
+    step = f"--mark {shlex.quote(str(folder / 'exercise.csv'))}"
+    assert step in " ".join(capsys.readouterr().out.split())
+    saved = reproduce("course", exercise=True, item="7.1").save(tmp_path / "saved") / "report.html"
+    assert f"--mark {tmp_path / 'saved' / 'exercise.csv'}" in saved.read_text(encoding="utf-8")
