@@ -257,8 +257,8 @@ def _title(result: ReproductionResult) -> str:
     name = result.source.name
     if result.marks is not None:
         right = sum(mark.state == "right" for mark in result.marks)
-        blank = sum(mark.state == "blank" for mark in result.marks)
-        return f"{name}: {right} of {len(result.marks)} answers right, {blank} blank"
+        wrong, blank = (sum(mark.state == state for mark in result.marks) for state in ("wrong", "blank"))
+        return f"{name}: {right} of {len(result.marks)} answers right, {wrong} wrong, {blank} blank"
     if result.options.exercise:
         asked = questions(result.computed)
         if result.options.item is None:
@@ -419,7 +419,7 @@ def _section(result: ReproductionResult, each: Computed) -> Section:
         return Section(
             f"{item.number}: {item.title}",
             (
-                *_asked(item.exercise, item),
+                *_asked(item.exercise, item, [other.item.number for other in result.computed]),
                 *(_steps(item.exercise) if options.solution else ()),
                 *_questions(questions([each]), solved=options.solution),
                 *(_remarks(each) if options.solution else ()),
@@ -431,11 +431,19 @@ def _section(result: ReproductionResult, each: Computed) -> Section:
     )
 
 
-def _asked(exercise: Exercise, item: Item) -> Iterator[Block]:
-    """Show the question of an exercise, what is given, and the hint."""
+def _asked(exercise: Exercise, item: Item, along: Sequence[str]) -> Iterator[Block]:
+    """Show the question of an exercise, what is given, and the hint.
+
+    Args:
+        along: numbers of the items that are asked along: what these ask for is not given.
+    """
     yield Paragraph((Strong(exercise.question),))
-    yield Bullets(exercise.given)
-    if exercise.table:
+    asked = [number for number, _ in exercise.earlier if number in along]
+    asked += [exercise.table_of] if exercise.table_of in along else []
+    alone = f"Use your answer to {' and '.join(asked)}. Asked alone, with --item {_quoted(item.number)}, it is given."
+    shown = tuple(text for number, text in exercise.earlier if number not in along)
+    yield Bullets((*exercise.given, *shown, *((alone,) if asked else ())))
+    if exercise.table and exercise.table_of not in along:
         yield Table(exercise.table[0], exercise.table[1:])
     yield from _figure(item, exercise.sketch(), "with its frames: x red, y green, z blue")
     yield Paragraph(exercise.hint, "hint")

@@ -318,3 +318,25 @@ def test_the_next_step_names_the_file_of_the_run(tmp_path: Path, capsys: pytest.
     assert step in " ".join(capsys.readouterr().out.split())
     saved = reproduce("course", exercise=True, item="7.1").save(tmp_path / "saved") / "report.html"
     assert f"--mark {tmp_path / 'saved' / 'exercise.csv'}" in saved.read_text(encoding="utf-8")
+
+
+def test_the_title_of_marks_counts_right_wrong_and_blank(exercise: Path, tmp_path: Path) -> None:
+    path = filled(
+        exercise, tmp_path / "filled.csv", "Section 1.3.5: identifiable without β3", "Table 1: link 1: α, d, θ − q, r"
+    )
+    result = reproduce("staubli", mark=path)
+    states = [mark.state for mark in result.marks or ()]
+    right = states.count("right")
+    assert result.document().title == f"staubli: {right} of {len(states)} answers right, 1 wrong, 1 blank"
+
+
+def test_printed_lines_keep_to_a_width_that_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "exercise.csv"
+    path.write_text('item,value\n"Section 8.5, rates: dpx",k + q1\n', encoding="utf-8")
+    for columns, fits in (("90", True), ("", False)):
+        monkeypatch.setenv("COLUMNS", columns)
+        assert main(["reproduce", "course", "--mark", str(path), "--out", str(tmp_path / f"run{columns}")]) == 1
+        table = capsys.readouterr().out.partition("0 of 15 right")[2].partition("run: ")[0]
+        assert (max(map(len, table.splitlines())) <= 90) is fits
