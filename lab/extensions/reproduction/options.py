@@ -40,3 +40,5 @@ class ReproduceOptions:
             raise LabError("--solution adds the solutions to an exercise; give --exercise too")
         if self.solution and self.exercise and self.item is None:
             raise LabError("--solution shows the solutions of chosen items; give --item too")
+        if self.mark is not None and not self.mark.exists():
+            raise LabError(f"{self.mark}: cannot be read (no such file); give the exercise.csv of a run's folder")

@@ -311,6 +311,16 @@ def test_the_page_s_commands_work_in_their_order(
     assert ", 6 blank" in capsys.readouterr().out
 
 
+def test_a_file_that_is_not_there_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Even where it is in the folder that the run would have."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["reproduce", "course", "--mark", "runs/reproduce-course/exercise.csv"]) == 2
+    assert "exercise.csv: cannot be read (no such file); give the exercise.csv" in capsys.readouterr().err
+    assert not Path("runs").exists()
+
+
 def test_the_next_step_names_the_file_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "my run"
     assert main(["reproduce", "course", "--exercise", "--item", "7.1", "--out", str(folder)]) == 0
