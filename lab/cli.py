@@ -210,8 +210,8 @@ def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, 
         if command.resumed:
             own = place or getattr(requested.options, "out", None)
             stack.enter_context(unfinished(command.name, requested.options, own, resume=requested.resume))
-        if place is None and command.folder:
-            place = free_name(Path("runs"), command.folder_name(requested.options))
+        if place is None and (name := command.folder_name(requested.options)):
+            place = free_name(Path("runs"), name)
         if place is not None:
             before.append((place, _checksums(place)))
             folder = stack.enter_context(
@@ -221,6 +221,7 @@ def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, 
             run = command.load_run()
         result: Result = run(requested.options)
         if place is not None:
+            result = result.placed(place)
             with status("writing the page and the other files"):
                 result.write(folder)
     for warning in result.warnings:

@@ -13,18 +13,20 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lab.calibration.identifiability import aliases, column_scale, scaled_condition
-from lab.core.errors import LabError
+from lab.calibration.identifiability import aliases, column_scale, enough_poses, scaled_condition
+from lab.core.errors import LabError, counted
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.values import Value
 from lab.kinematics.effects.arm import Arm
-from lab.kinematics.gauge import STRUCTURE_POSES, base_set
+from lab.kinematics.gauge import STRUCTURE_POSES, base_set, named
 from lab.pose_selection.criteria import Scaling, indices
 
-__all__ = ["ArmOnArrays", "Identifiability", "Residuals", "target_names"]
+__all__ = ["ArmOnArrays", "Identifiability", "Residuals", "refuse_degrees", "target_names"]
 
-_Scaling = Literal["raw", "unit", "length", "whitened"]
+_Scaling = Literal["raw", "unit", "length", "whitened", "si"]
+_IN_MM, _IN_M = 1e-3, 1.0  # noise that gives coordinates in mm, and in m
+_MOST_TURNS = 2  # of a hinge, in most poses: beyond, degrees were given
 
 
 class Residuals(NamedTuple):
@@ -240,78 +242,145 @@ class ArmOnArrays(ABC):
         joints: ArrayLike,
         at: ArrayLike | None = None,
         *,
-        sigma_m: float = 1e-3,
+        sigma_m: float | None = None,
         scaling: _Scaling = "raw",
+        parameters: Sequence[str] | None = None,
         targets: Sequence[str] | None = None,
     ) -> dict[str, float]:
-        """Return the observability indices and variance criteria of a set of poses, for all identifiable parameters.
+        """Return the observability indices and variance criteria of a set of poses.
 
         They are O1 to O5 and the condition number as in Mahdadi & Bouafia (2020), and A, G and I of optimal design
-        (Pukelsheim 1993). Larger is better but for the condition number, A, G and I.
+        (Pukelsheim 1993), by their names in small letters: ``o1`` … ``o5``, ``condition``, ``a``, ``g``, ``i``. Larger
+        is better but for the condition number, A, G and I.
 
         Args:
             joints: ``(n, joints)`` where points are to be measured.
             at: ``(t, joints)`` where points are to be predicted, for G and I; without it these are NaN.
-            sigma_m: noise of a coordinate, by which all derivatives are divided. The default gives coordinates in mm.
-            scaling: units of the parameters: mm and rad, unit columns, a characteristic length, or tolerances.
+            sigma_m: noise of a coordinate, by which all derivatives are divided. The default gives coordinates in mm,
+                and in m where the scaling is ``si``.
+            scaling: units of the parameters. ``raw``: mm and rad. ``si``: m and rad. ``length``: mm, and angles times
+                300 mm. ``whitened``: tolerances of 0.5 mm and 1.5 mrad; give ``sigma_m``, too. ``unit``: each column is
+                divided by its norm and multiplied by √n, so that O1 is at most 1, and √n times that of columns of
+                norm 1.
+            parameters: names or patterns of the unknown parameters, such as ``link1.a`` or ``link*.theta``; all others
+                are taken as exact. By default all identifiable ones.
             targets: the measured points; by default all.
 
         Raises:
-            LabError: an array has another shape or is not finite, the noise is not above zero, or there is no such
-                scaling.
+            LabError: an array has another shape or is not finite, the noise is not above zero, there is no such scaling
+                or parameter, or the poses do not identify every one of the parameters.
         """
         if scaling not in get_args(_Scaling):
-            raise LabError(f"scaling is {scaling!r}; give {', '.join(get_args(_Scaling)[:-1])} or whitened")
-        free = list(self.identifiability(targets=targets).free)
+            raise LabError(f"scaling is {scaling!r}; give {', '.join(get_args(_Scaling)[:-1])} or si")
+        sigma = (_IN_M if scaling == "si" else _IN_MM) if sigma_m is None else sigma_m
+        free = self._unknown(parameters, targets)
         arm, _, nominal = self._modelled(targets)
-        measured = self._whitened(joints, nominal, targets, free, sigma_m)
-        predicted = None if at is None else self._whitened(at, nominal, targets, free, sigma_m)
-        unit = 1e3 if scaling in ("raw", "length") else 1.0  # lengths in mm, of which a coordinate moves 1e-3 m
-        factors = Scaling(scaling).columns([arm.parameters[i] for i in free], measured) / unit
+        measured = self._whitened(joints, nominal, targets, free, sigma)
+        self._refuse_too_few(measured, free, targets)
+        predicted = None if at is None else self._whitened(at, nominal, targets, free, sigma, "at")
+        factors = np.ones(len(free))
+        if scaling != "si":
+            unit = 1e3 if scaling in ("raw", "length") else 1.0  # lengths in mm, of which a coordinate moves 1e-3 m
+            factors = Scaling(scaling).columns([arm.parameters[i] for i in free], measured) / unit
         found = indices(measured * factors, None if predicted is None else predicted * factors)
         return {name: float(value) for name, value in asdict(found).items()}
 
     def planned_covariance(
-        self, joints: ArrayLike, at: ArrayLike, *, sigma_m: float, targets: Sequence[str] | None = None
+        self,
+        joints: ArrayLike,
+        at: ArrayLike,
+        *,
+        sigma_m: float,
+        parameters: Sequence[str] | None = None,
+        targets: Sequence[str] | None = None,
     ) -> Array:
         """Return the covariance of points that a calibration at some joint positions would predict at others.
 
-        It is J C J' with the derivatives J at ``at`` and the covariance C of the identifiable parameters.
+        It is J C J' with the derivatives J at ``at`` and the covariance C of the unknown parameters.
 
         Args:
             joints: ``(n, joints)`` where points are to be measured, with noise ``sigma_m`` (1σ of a coordinate).
             at: ``(joints,)`` or ``(m, joints)`` where they are to be predicted.
+            parameters: names or patterns of the unknown parameters, such as ``link1.a`` or ``link*.theta``; all others
+                are taken as exact. By default all identifiable ones.
             targets: the measured and predicted points ``(k,)``; by default all.
 
         Returns:
             ``(k, 3, 3)`` or ``(m, k, 3, 3)`` m².
 
         Raises:
-            LabError: an array has another shape or is not finite, the noise is not above zero, or these poses do not
-                identify every identifiable parameter.
+            LabError: an array has another shape or is not finite, the noise is not above zero, there is no such
+                parameter, or these poses do not identify every one of the parameters.
         """
-        free = list(self.identifiability(targets=targets).free)
+        free = self._unknown(parameters, targets)
         nominal = self._modelled(targets)[2]
-        measured = self._whitened(joints, nominal, targets, free, sigma_m).reshape(-1, len(free))
-        if not np.isfinite(scaled_condition(measured)):
-            raise LabError(
-                f"joints: {len(measured) // 3} points do not identify {len(free)} parameters; give more poses"
-            )
-        upper = np.asarray(np.linalg.qr(measured, mode="r"))
+        measured = self._whitened(joints, nominal, targets, free, sigma_m)
+        self._refuse_too_few(measured, free, targets)
+        upper = np.asarray(np.linalg.qr(measured.reshape(-1, len(free)), mode="r"))
         arm, own, rows = self._given(at, nominal, targets)
+        self._refuse_degrees(arm, rows, "at")
         ahead = arm.observe(rows, own)[1][..., free]
         spread = np.linalg.solve(upper.T, ahead.reshape(-1, len(free)).T).T.reshape(ahead.shape)
         return _like(at, spread @ np.swapaxes(spread, -1, -2))
 
+    def _unknown(self, parameters: Sequence[str] | None, targets: Sequence[str] | None) -> list[int]:
+        """Return the indices of the parameters that are named, or of all identifiable ones."""
+        if parameters is None:
+            return list(self.identifiability(targets=targets).free)
+        patterns = target_names(parameters)
+        if not patterns:
+            raise LabError("parameters: none is named; name one or more, or leave parameters out for all identifiable")
+        return list(named(self._modelled(targets)[0].names, "parameters", patterns))
+
+    def _refuse_too_few(self, measured: Array, free: list[int], targets: Sequence[str] | None) -> None:
+        """Refuse poses that do not identify every parameter, with the number that does.
+
+        Args:
+            measured: derivatives ``(n, r, f)`` at the poses.
+        """
+        if np.isfinite(scaled_condition(measured.reshape(-1, len(free)))):
+            return
+        arm, _, nominal = self._modelled(targets)
+        rows = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
+        many = arm.observe(rows, arm.rank_point(nominal))[1][..., free].reshape(len(rows), -1, len(free))
+        if not np.isfinite(scaled_condition(many.reshape(-1, len(free)))):
+            names = [arm.names[i] for i in free]
+            raise LabError(
+                f"parameters: no poses identify all of {', '.join(names)}: some of them have the same effect, or none; "
+                "identifiability().aliases lists them"
+            )
+        least = enough_poses(many)
+        what = counted(len(free), "parameter")
+        if len(measured) < least:
+            raise LabError(
+                f"joints: {counted(len(measured), 'pose')} do not identify {what}, which need {least} poses or more"
+            )
+        raise LabError(
+            f"joints: these {counted(len(measured), 'pose')} do not identify {what}: they are too alike; vary every "
+            "joint"
+        )
+
     def _whitened(
-        self, joints: ArrayLike, nominal: Array, targets: Sequence[str] | None, free: list[int], sigma_m: float
+        self,
+        joints: ArrayLike,
+        nominal: Array,
+        targets: Sequence[str] | None,
+        free: list[int],
+        sigma_m: float,
+        where: str = "joints",
     ) -> Array:
         """Return derivatives ``(n, 3 k, f)`` by the free parameters, in units of the noise."""
         if not 0 < sigma_m < np.inf:
             raise LabError(f"sigma_m is {sigma_m:g}; give the noise of a coordinate in m, above zero")
         arm, own, rows = self._given(joints, nominal, targets)
+        self._refuse_degrees(arm, rows, where)
         jacobian = arm.observe(_some(rows), arm.rank_point(own))[1][..., free] / sigma_m
         return np.asarray(jacobian.reshape(len(rows), -1, len(free)))
+
+    @staticmethod
+    def _refuse_degrees(arm: Arm, rows: Array, where: str) -> None:
+        hinges = ~np.asarray(arm.rigid.chain.prismatic, dtype=bool)
+        refuse_degrees(rows[:, : len(hinges)][:, hinges], where, "give joints in rad, such as np.deg2rad(joints),")
 
     def _first(self, target: str | None) -> tuple[str, ...]:
         return (self._modelled(None)[0].targets[0] if target is None else target,)
@@ -329,6 +398,15 @@ class ArmOnArrays(ABC):
                     "parameter_names()"
                 )
         return arm, own, _rows(arm, joints)
+
+
+def refuse_degrees(hinges: Array, where: str, remedy: str) -> None:
+    """Refuse positions ``(n, hinges)`` in rad that no hinge takes: degrees that were called radians."""
+    most = float(np.median(np.abs(hinges).max(axis=1))) if hinges.size else 0.0
+    if most > 2 * np.pi * _MOST_TURNS:
+        raise LabError(
+            f"{where}: in half of the poses a joint is at {most:.0f} rad or more; {remedy} if joints are in degrees"
+        )
 
 
 def target_names(targets: Sequence[str]) -> tuple[str, ...]:

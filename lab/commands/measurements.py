@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lab.calibration.on_arrays import refuse_degrees
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.run import MeasurementSession, checked, robot_of
 from lab.core.errors import LabError
@@ -95,7 +96,8 @@ def measurements(
         raise LabError(f"{_CALL}: joints[{row}, {joint}] is {positions[row, joint]}; give a finite number")
     n, slides = len(positions), np.array(loaded.chain.prismatic, dtype=np.bool_)
     positions = np.where(slides, length, angle) * positions
-    _refuse_degrees(positions[:, ~slides], joint_unit)
+    if joint_unit == "rad":
+        refuse_degrees(positions[:, ~slides], _CALL, "give joint_unit='deg'")
     seen = np.zeros((n, 0, 3)) if points is None else length * _points(points, n)
     names = tuple(map(str, targets)) or tuple(f"p{i + 1}" for i in range(seen.shape[1]))
     if len(names) != seen.shape[1] or len(set(names)) != len(names):
@@ -143,7 +145,9 @@ def robot_from_dh(
         prismatic: ``(n,)`` which joints slide; none where nothing is given.
         limits: ``(n, 2)`` the smallest and the largest position of each joint, hinges in ``joint_unit`` and slides in
             ``unit``; ±180° of hinges where nothing is given.
-        tool: points on the flange by name, ``(3,)`` in ``unit``: the targets.
+        tool: points on the flange by name, ``(3,)`` in ``unit``: the targets. Where none are given there are three,
+            p1 (30, 20, 100), p2 (-25, 30, 80) and p3 (0, -40, 90) mm; ``{"p1": [0, 0, 0]}`` is the origin of the last
+            frame.
         path: the TOML file that is written, from which every command and later session can load the robot; where none
             is given, a temporary one, so give one for runs that are to be repeated.
 
@@ -243,15 +247,6 @@ def _points(points: ArrayLike, n: int) -> Array:
     if (infinite := np.isinf(found).any(axis=(1, 2))).any():
         raise LabError(f"{_CALL}: points[{infinite.argmax()}] is not finite; give NaN where a target was not seen")
     return np.where(np.isnan(found).any(axis=2, keepdims=True), np.nan, found)
-
-
-def _refuse_degrees(hinges: Array, unit: _AngleUnit) -> None:
-    """A LabError for positions that no hinge takes: degrees that were called radians."""
-    if unit == "rad" and hinges.size and (most := float(np.median(np.abs(hinges).max(axis=1)))) > 4 * np.pi:
-        raise LabError(
-            f"{_CALL}: in half of the poses a joint is at {most:.0f} rad or more; give joint_unit='deg' if joints are "
-            "in degrees"
-        )
 
 
 def _column(argument: str, values: ArrayLike, n: int) -> Array:

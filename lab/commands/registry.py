@@ -69,7 +69,12 @@ class Command:
         return run
 
     def folder_name(self, options: Any) -> str:
-        """Return the default name of the folder of a run with these options."""
+        """Return the default name of the folder of a run with these options.
+
+        It is "" for a command without one, and where the options' ``lists_only`` is true: a list is no run.
+        """
+        if getattr(options, "lists_only", False):
+            return ""
         names = [name for _, name, _, _ in Formatter().parse(self.folder) if name]
         given = {name: getattr(options, name) for name in names}
         stems = {name: "simulated" if value is None else Path(str(value)).stem for name, value in given.items()}

@@ -8,7 +8,7 @@ from html import escape
 from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -103,6 +103,10 @@ class Result(Value, ABC):
 
     def write_files(self, folder: Path) -> None:
         """Write the files of this result alone into a folder that is there."""
+
+    def placed(self, folder: Path) -> Self:
+        """Return the result with the folder that its files are written to; itself if it names none of them."""
+        return self
 
     def document(self) -> "Document":
         """Build the one document that terminal, page and recording show."""
@@ -206,7 +210,7 @@ class Result(Value, ABC):
 
         inputs, written = input_files(self.options), "writing the page and the other files"
         with threadpool_limits(1), run_folder(Path(folder), inputs, overwrite=overwrite) as draft, status(written):
-            self.write(draft)
+            self.placed(Path(folder)).write(draft)
         return Path(folder)
 
     def __str__(self) -> str:

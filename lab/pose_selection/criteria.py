@@ -50,10 +50,10 @@ _SINGULAR = 1e-13  # smallest eigenvalue of an information matrix of unit diagon
 class Scaling:
     """Units of each parameter and of a position.
 
-    ``raw``: millimetres and radians. ``unit``: each column has a root mean square of one over the candidates.
-    ``length``: millimetres, and angles times a characteristic length. ``whitened``: tolerances
-    (one standard deviation of each parameter's manufacture) and the instrument's noise. An effect's parameter that is
-    neither a length nor an angle counts in its typical size.
+    ``raw``: millimetres and radians. ``unit``: each column has norm √m over the m candidates, whatever their number:
+    a mean square of one for each pose. ``length``: millimetres, and angles times a characteristic length.
+    ``whitened``: tolerances (one standard deviation of each parameter's manufacture) and the instrument's noise. An
+    effect's parameter that is neither a length nor an angle counts in its typical size.
     """
 
     kind: Literal["raw", "unit", "length", "whitened"] = "raw"
@@ -66,7 +66,7 @@ class Scaling:
 
         Args:
             parameters: of the columns.
-            candidates: ``(m, r, p)``, over which ``unit`` columns have unit norm.
+            candidates: ``(m, r, p)``, over which ``unit`` columns have norm √m.
         """
         angular = np.array([parameter.is_angle for parameter in parameters])
         other = np.array([parameter.kind not in ("length", "angle") for parameter in parameters])
@@ -84,7 +84,7 @@ class Scaling:
         """Describe the scaling."""
         return {
             "raw": "millimetres and radians",
-            "unit": "columns of unit root mean square over the candidates",
+            "unit": "columns of root mean square one per pose over the candidates",
             "length": f"millimetres, angles times {MM.text(self.length_m, 6)}",
             "whitened": f"tolerances of {MM.text(self.tolerance_m, 6)} and {MRAD.text(self.tolerance_rad, 6)}, noise σ",
         }[self.kind]
@@ -180,6 +180,8 @@ def refuse_unknown(name: str, *others: str) -> None:
     """Refuse a name that is neither a criterion's nor one of ``others``, with a LabError."""
     names = (*others, *CRITERIA, *added("lab.criteria", CRITERIA))
     if name not in names:
+        if (meant := next((each for each in names if each.casefold() == name.casefold()), None)) is not None:
+            raise LabError(f"criterion '{name}' is unknown: write {meant}")
         raise LabError(f"criterion '{name}' is unknown: choose one of {', '.join(names)}")
 
 

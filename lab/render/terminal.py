@@ -32,10 +32,12 @@ def print_document(document: doc.Document, console: Console | None = None, *, wa
     """Print a document.
 
     Args:
-        console: standard output by default; where that is no terminal, lines are as long as they are.
+        console: standard output by default; where that is no terminal, lines are as long as they are, unless the
+            environment variable COLUMNS has a width.
         warnings: whether warnings are shown; not where they were reported elsewhere.
     """
-    console = console or Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _UNWRAPPED)
+    whole = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()  # of which the console knows the width
+    console = console or Console(highlight=False, markup=False, width=None if whole else _UNWRAPPED)
     console.print(RichText(document.title, style="bold"), soft_wrap=True)
     _print(console, shown(document.blocks, "terminal"), warnings)
 

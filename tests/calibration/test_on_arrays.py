@@ -109,6 +109,43 @@ def test_criteria_are_the_textbook_s() -> None:
     assert halved == pytest.approx(ROBOT.criteria(JOINTS, sigma_m=1e-3, scaling="whitened")["o1"] / 2)
 
 
+def test_criteria_of_chosen_parameters_take_all_others_as_exact() -> None:
+    """In SI units they are the textbook's of the columns chosen, by name, by pattern, or by one text."""
+    chosen = ["link2.a", "link3.a", "link2.theta", "link3.theta"]
+    columns = [ROBOT.parameter_names(["p1"]).index(name) for name in chosen]
+    stacked = ROBOT.parameter_jacobian(JOINTS, targets=["p1"])[..., columns].reshape(-1, 4)
+    s = np.linalg.svd(stacked, compute_uv=False)
+    found = ROBOT.criteria(JOINTS, targets=["p1"], parameters=chosen, scaling="si")
+    assert found["o1"] == pytest.approx(np.prod(s) ** (1 / 4) / np.sqrt(len(JOINTS)), rel=1e-6)
+    patterns = ["link[23].a", "link[23].theta"]
+    assert ROBOT.criteria(JOINTS, targets=["p1"], parameters=patterns, scaling="si")["a"] == found["a"]
+    in_mm = ROBOT.criteria(JOINTS, targets=["p1"], parameters=chosen)["o1"]
+    assert in_mm == pytest.approx(found["o1"] * np.sqrt(1000))  # two of four are angles
+    alone = ROBOT.criteria(JOINTS, targets=["p1"], parameters="link2.a", scaling="si")
+    assert alone["o1"] == pytest.approx(np.linalg.norm(stacked[:, 0]) / np.sqrt(len(JOINTS)), rel=1e-6)
+
+
+def test_unit_columns_have_norm_root_n() -> None:
+    chosen = ["link2.a", "link3.a", "link2.theta"]
+    columns = [ROBOT.parameter_names(["p1"]).index(name) for name in chosen]
+    stacked = ROBOT.parameter_jacobian(JOINTS, targets=["p1"])[..., columns].reshape(-1, 3)
+    s = np.linalg.svd(stacked / np.linalg.norm(stacked, axis=0), compute_uv=False)
+    found = ROBOT.criteria(JOINTS, targets=["p1"], parameters=chosen, scaling="unit")["o1"]
+    assert found == pytest.approx(np.prod(s) ** (1 / 3), rel=1e-6) and found <= 1  # not divided by the root of n
+
+
+def test_the_planned_covariance_of_chosen_parameters_is_smaller() -> None:
+    chosen = ["link2.a", "link3.a"]
+    some = ROBOT.planned_covariance(JOINTS, JOINTS[0], sigma_m=1e-5, targets="p1", parameters=chosen)
+    columns = [ROBOT.parameter_names(["p1"]).index(name) for name in chosen]
+    jacobian = ROBOT.parameter_jacobian(JOINTS, targets=["p1"])[..., columns]
+    flat = jacobian.reshape(-1, 2)
+    expected = 1e-10 * jacobian[0, 0] @ np.linalg.inv(flat.T @ flat) @ jacobian[0, 0].T
+    np.testing.assert_allclose(some[0], expected, rtol=1e-6, atol=1e-20)
+    whole = ROBOT.planned_covariance(JOINTS, JOINTS[0], sigma_m=1e-5, targets="p1")
+    assert np.trace(some[0]) < np.trace(whole[0])
+
+
 def test_the_planned_covariance_is_that_of_the_calibration(result: lab.CalibrationResult) -> None:
     """The fit's own covariance of the parameters, at the measured poses; other joints are predicted worse."""
     estimate, data = result.estimate, result.measurements
@@ -153,7 +190,26 @@ WRONG = {
     "noise": (lambda: ROBOT.criteria(JOINTS, sigma_m=0.0), "sigma_m is 0; give the noise"),
     "few": (
         lambda: ROBOT.planned_covariance(JOINTS[:5], JOINTS, sigma_m=1e-5, targets=["p1"]),
-        "joints: 5 points do not identify 27 parameters",
+        "joints: 5 poses do not identify 27 parameters, which need 9 poses or more",
+    ),
+    "few of criteria": (
+        lambda: ROBOT.criteria(JOINTS[:5], targets=["p1"]),
+        "joints: 5 poses do not identify 27 parameters, which need 9 poses or more",
+    ),
+    "alike": (lambda: ROBOT.criteria(JOINTS[:1].repeat(30, 0)), "these 30 poses do not identify .* too alike"),
+    "degrees": (
+        lambda: ROBOT.criteria(np.rad2deg(JOINTS)),
+        r"joints: in half of the poses a joint is at \d+ rad or more",
+    ),
+    "degrees ahead": (
+        lambda: ROBOT.planned_covariance(JOINTS, np.rad2deg(JOINTS), sigma_m=1e-5),
+        r"at: in half of the poses a joint is at \d+ rad or more; give joints in rad",
+    ),
+    "no parameter": (lambda: ROBOT.criteria(JOINTS, parameters=["link9.a"]), "parameters link9.a: no such parameter"),
+    "none": (lambda: ROBOT.criteria(JOINTS, parameters=[]), "parameters: none is named"),
+    "confounded": (
+        lambda: ROBOT.criteria(JOINTS, parameters=["base.*", "link1.theta"], targets=["p1"]),
+        "parameters: no poses identify all of base.x, .*link1.theta",
     ),
 }
 
@@ -167,7 +223,7 @@ def test_wrong_arrays_are_refused_in_a_line(name: str) -> None:
 
 
 def test_wrong_arguments_are_told(result: lab.CalibrationResult) -> None:
-    with pytest.raises(LabError, match=r"scaling is 'Raw'; give raw, unit, length or whitened"):
+    with pytest.raises(LabError, match=r"scaling is 'Raw'; give raw, unit, length, whitened or si"):
         ROBOT.criteria(JOINTS, scaling="Raw")
     for call in (ROBOT.criteria, ROBOT.identifiability, result.estimate.identifiability):
         with pytest.raises(LabError, match="joints hold no configuration"):

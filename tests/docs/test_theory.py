@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.pages import PAGES
 from numpy.testing import assert_allclose
+from numpy.typing import ArrayLike
 from scipy import stats
 from scipy.linalg import expm
 
@@ -371,6 +372,28 @@ def _() -> None:
 def _() -> None:
     rows, scale = example_rows(), np.array([1.0, 1e3, 2.0, 5.0])
     assert_allclose(indices(rows * scale).o1 / indices(rows).o1, np.prod(scale) ** (1 / 4), rtol=1e-12)
+
+
+PLANAR = lab.robot_from_dh([[0, 0, 0.4, 0], [0, 0, 0.3, 0]], tool={"p1": [0, 0, 0]})
+UNKNOWN = ["link1.a", "link2.a", "link1.theta", "link2.theta"]
+
+
+def planar_o1(degrees: ArrayLike) -> float:
+    return PLANAR.criteria(np.deg2rad(degrees), parameters=UNKNOWN, scaling="si")["o1"]
+
+
+@shows("planar-O1")
+def _() -> None:
+    poses = np.array([[10.0, 30], [40, 60], [-30, 100], [80, 45]])
+    c, s = np.cos(np.deg2rad(poses[:, 1])).mean(), np.sin(np.deg2rad(poses[:, 1])).mean()
+    assert_allclose(planar_o1(poses), (0.12 * (1 - c**2 - s**2)) ** 0.25, rtol=1e-6)
+    assert_allclose(planar_o1(poses), 0.388614, atol=1e-6)  # by hand
+    assert_allclose(planar_o1(poses + np.array([[50, 0], [0, 0], [-120, 0], [7, 0]])), planar_o1(poses), rtol=1e-6)
+    for spread in ([[0, 0], [9, 120], [5, -120]], [[0, 0], [0, 90], [0, 180], [0, -90]]):
+        assert_allclose(planar_o1(spread), 0.12**0.25, rtol=1e-6)
+    assert all(planar_o1(RNG.uniform(-180, 180, (4, 2))) < 0.12**0.25 for _ in range(20))
+    with pytest.raises(lab.LabError, match="too alike"):
+        planar_o1([[0, 40], [30, 40], [60, 40], [90, 40]])
 
 
 @shows("exchange")

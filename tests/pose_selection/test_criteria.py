@@ -121,6 +121,8 @@ def test_every_score_ranks_as_its_index(name: str) -> None:
 def test_an_unknown_criterion_lists_those_there_are() -> None:
     with pytest.raises(LabError, match=r"'D'.*O1.*condition.*I"):
         criterion("D", 27)
+    with pytest.raises(LabError, match=r"criterion 'o1' is unknown: write O1$"):
+        criterion("o1", 27)
 
 
 class Product(Criterion):

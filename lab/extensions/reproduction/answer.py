@@ -16,7 +16,14 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.reproduction.formulas import Variables, evaluated, exchanged, terms
+from lab.extensions.reproduction.formulas import (
+    FormulaError,
+    Variables,
+    evaluated,
+    exchanged,
+    of_other_joints,
+    terms,
+)
 from lab.extensions.reproduction.quantities import quantity
 
 __all__ = [
@@ -190,11 +197,19 @@ def formula(
     solution = right or printed
     letters = _without_unknowns(name, solution, variables, unknown)
 
+    def read(text: str) -> Array:
+        try:
+            return evaluated(text, letters)
+        except FormulaError:
+            if used := _used(text, letters, variables):
+                raise LabError(f"{used} cannot be used in this answer: it is sought, or follows from that") from None
+            raise
+
     def by_exact(text: str) -> bool:
-        return distance(evaluated(text, letters), exact) <= _EXACT
+        return distance(read(text), exact) <= _EXACT
 
     def by_other_root(text: str) -> bool:
-        values = evaluated(text, letters)
+        values = read(text)
         others = [evaluated(other, variables) for other in also]
         if "w" in variables:
             others += [evaluated(solution, {**variables, "w": np.full(exact.shape, sign)}) for sign in (1.0, -1.0)]
@@ -229,6 +244,21 @@ def _without_unknowns(name: str, solution: str, variables: Variables, more: Sequ
     except LabError:  # the solution has them
         return variables
     return left
+
+
+def _used(text: str, letters: Variables, variables: Variables) -> str:
+    """Return the letter that a formula of all variables uses beyond the permitted ones; "" where it cannot be read."""
+    try:
+        evaluated(text, variables)
+    except LabError:
+        return ""
+    for name in variables:
+        if name not in letters:
+            try:
+                evaluated(text, {key: values for key, values in variables.items() if key != name})
+            except LabError:
+                return name
+    return ""
 
 
 def _meant(word: str) -> tuple[str, ...]:
@@ -282,10 +312,18 @@ def word(name: str, printed: str, ours: str, *, right: str = "", erratum: str = 
     def check(text: str) -> bool:
         return _parts(text) in [_parts(each) for each in (ours, *also)]
 
+    def advice(text: str) -> str:
+        wanted, found = set(_parts(ours)), set(_parts(text))
+        if check(text) or len(wanted) < 2 or not wanted & found:
+            return ""
+        more = len(found) - len(wanted)
+        size = f", and {abs(more)} too {'many' if more > 0 else 'few'}" if more else ""
+        return f"{len(wanted & found)} of {len(wanted)} are right{size}"
+
     agrees = _parts(printed) == _parts(ours) if printed else None
     return Answer(
         name, printed, ours, "", "" if agrees is not False else "another", agrees, erratum, check, "word",
-        right, check(right) if right else True,
+        right, check(right) if right else True, advice=advice,
     )  # fmt: skip
 
 
@@ -401,6 +439,9 @@ def _advice_on_formula(text: str, exact: Array, variables: Variables) -> str:
         ratio = exact / values
     if np.isfinite(ratio).all() and np.ptp(ratio) <= _EXACT * abs(float(ratio[0])):
         return f"a constant factor is missing or too much: the right one is {float(ratio[0]):.4g} times as large"
+    for written, found in of_other_joints(text, variables):
+        if same(found):
+            return f"look at '{written}': another joint belongs there"
     turned = (values - exact) / np.pi
     if np.abs(turned - np.round(turned)).max() <= 1e-6:
         return "right at some positions, else half a turn off: which quadrant? atan2 of two numbers tells"

@@ -232,6 +232,7 @@ COURSE_EXERCISES = {
         (*_CRAIG, _SHORTHAND),
         _VERSATRAN_TABLE,
         _VERSATRAN,
+        table_of="Section 8.2, table",
     ),
     "Section 8.4": Exercise(
         "Multiply the link matrices of the VERSATRAN FA, and a tool of length r7 along z of the last frame, to T0,7: "
@@ -248,6 +249,7 @@ COURSE_EXERCISES = {
         (*_CRAIG, _SHORTHAND),
         _VERSATRAN_TABLE,
         _VERSATRAN,
+        table_of="Section 8.2, table",
     ),
     "Section 8.5, J": Exercise(
         "Write the Jacobian J of the VERSATRAN FA, 6 by 6: above the velocity of the wrist's centre, below the hand's "
@@ -262,6 +264,7 @@ COURSE_EXERCISES = {
         (*_HAND[:1], "Letters: q1 to q6 with c1, s4 …, px, py, pz, zx, zy, zz."),
         _VERSATRAN_TABLE,
         _VERSATRAN,
+        table_of="Section 8.2, table",
     ),
     "Section 8.5, rates": Exercise(
         "From the Jacobian of the VERSATRAN FA write the velocity dpx, dpy, dpz of the wrist's centre and the angular "
@@ -276,12 +279,17 @@ COURSE_EXERCISES = {
         ),
         (
             *_HAND[:1],
-            "J has the columns (−py, px, 0; 0, 0, 1), (0, 0, 1; 0, 0, 0), (−s1, c1, 0; 0, 0, 0), "
-            "(0, 0, 0; −s1, c1, 0), (0, 0, 0; −c1 s4, −s1 s4, −c4), (0, 0, 0; z), with z = (c1 c4 s5 − s1 c5, "
-            "s1 c4 s5 + c1 c5, −s4 s5) and p = (−s1 q3, c1 q3, q2).",
             "Letters: q1 to q6, dq1 to dq6, dφx …, xx … zz, dxx … dzz, a7, r7. φ may be written phi.",
         ),
         sketch=_VERSATRAN,
+        earlier=(
+            (
+                "Section 8.5, J",
+                "J has the columns (−py, px, 0; 0, 0, 1), (0, 0, 1; 0, 0, 0), (−s1, c1, 0; 0, 0, 0), "
+                "(0, 0, 0; −s1, c1, 0), (0, 0, 0; −c1 s4, −s1 s4, −c4), (0, 0, 0; z).",
+            ),
+            ("Section 8.4", "z = (c1 c4 s5 − s1 c5, s1 c4 s5 + c1 c5, −s4 s5), and p = (−s1 q3, c1 q3, q2)."),
+        ),
     ),
     "Section 8.6": Exercise(
         "The pose of the hand of the VERSATRAN FA is given: its point px7, py7, pz7 and the columns x, y, z of its "
@@ -299,14 +307,19 @@ COURSE_EXERCISES = {
         ),
         (
             *_HAND,
-            "The direct model: p = (−s1 q3, c1 q3, q2), and z = (c1 c4 s5 − s1 c5, s1 c4 s5 + c1 c5, −s4 s5), "
-            "−s1 xx + c1 xy = −s5 c6, −s1 yx + c1 yy = s5 s6.",
             "q3 is positive on the real arm. q5 has two solutions; w is the sign of sin q5, 1 or −1, and you may also "
             "choose "
             "one of them.",
             "Letters: px7, py7, pz7, xx … zz, r7, w, and joints already found.",
         ),
         sketch=_VERSATRAN,
+        earlier=(
+            (
+                "Section 8.4",
+                "The direct model: p = (−s1 q3, c1 q3, q2), and z = (c1 c4 s5 − s1 c5, s1 c4 s5 + c1 c5, −s4 s5), "
+                "−s1 xx + c1 xy = −s5 c6, −s1 yx + c1 yy = s5 s6.",
+            ),
+        ),
     ),
     "Section 8.7": Exercise(
         "A displacement dpx, dpy, dpz of the wrist's centre and a turn dφx, dφy, dφz of the hand are wanted. Find the "
@@ -320,13 +333,16 @@ COURSE_EXERCISES = {
             "It is e = −s4 dq5 + c4 s5 dq6, f = dq4 + c5 dq6, g = −c4 dq5 − s4 s5 dq6.",
             "−s4 e − c4 g = dq5, and c4 e − s4 g = s5 dq6. Then f gives dq4.",
         ),
-        (
-            "The differential model: dpx = −c1 q3 dq1 − s1 dq3, dpy = −s1 q3 dq1 + c1 dq3, dpz = dq2;",
-            "dφx = −s1 dq4 − c1 s4 dq5 + (c1 c4 s5 − s1 c5) dq6, dφy = c1 dq4 − s1 s4 dq5 + (s1 c4 s5 + c1 c5) dq6, "
-            "dφz = dq1 − c4 dq5 − s4 s5 dq6.",
-            "Letters: q1 to q6, dpx, dpy, dpz, dφx, dφy, dφz, and steps already found. φ may be written phi.",
-        ),
+        ("Letters: q1 to q6, dpx, dpy, dpz, dφx, dφy, dφz, and steps already found. φ may be written phi.",),
         sketch=_VERSATRAN,
+        earlier=(
+            (
+                "Section 8.5, rates",
+                "The differential model: dpx = −c1 q3 dq1 − s1 dq3, dpy = −s1 q3 dq1 + c1 dq3, dpz = dq2; "
+                "dφx = −s1 dq4 − c1 s4 dq5 + (c1 c4 s5 − s1 c5) dq6, "
+                "dφy = c1 dq4 − s1 s4 dq5 + (s1 c4 s5 + c1 c5) dq6, dφz = dq1 − c4 dq5 − s4 s5 dq6.",
+            ),
+        ),
     ),
     "Section 8.2, figure": Exercise(
         "Find the determinant of the 6 by 6 Jacobian of the VERSATRAN FA at its wrist's centre, and its value in a "
@@ -341,13 +357,16 @@ COURSE_EXERCISES = {
             "The lower right block has the determinant z4 · (z5 × z6). This is minus the sine of q5.",
             "With q5 = 0 the product is 0: the axes 4 and 6 are on one line.",
         ),
-        (
-            "J has the columns (−c1 q3, −s1 q3, 0; 0, 0, 1), (0, 0, 1; 0, 0, 0), (−s1, c1, 0; 0, 0, 0), "
-            "(0, 0, 0; −s1, c1, 0), (0, 0, 0; −c1 s4, −s1 s4, −c4), (0, 0, 0; c1 c4 s5 − s1 c5, s1 c4 s5 + c1 c5, −s4 "
-            "s5).",
-            "Letters: q1 to q6, with c1, s4 …",
-        ),
+        ("Letters: q1 to q6, with c1, s4 …",),
         sketch=_VERSATRAN,
+        earlier=(
+            (
+                "Section 8.5, J",
+                "J has the columns (−c1 q3, −s1 q3, 0; 0, 0, 1), (0, 0, 1; 0, 0, 0), (−s1, c1, 0; 0, 0, 0), "
+                "(0, 0, 0; −s1, c1, 0), (0, 0, 0; −c1 s4, −s1 s4, −c4), "
+                "(0, 0, 0; c1 c4 s5 − s1 c5, s1 c4 s5 + c1 c5, −s4 s5).",
+            ),
+        ),
     ),
     "Section 8.3": Exercise(
         "Complete the table of the SCEMI, an arm of six hinges, in Craig's convention, and write its six link matrices "
@@ -405,6 +424,7 @@ COURSE_EXERCISES = {
             ("6", "−90", "0", "q6", "0"),
         ),
         _sketch("scemi", 100, 40, 30, 30, 40, 0),
+        table_of="Section 8.3",
     ),
     "Section 8.9": Exercise(
         "A SCARA has two vertical hinges q1 and q2, a vertical slide q3 and a vertical hinge q4. Find: the type of its "

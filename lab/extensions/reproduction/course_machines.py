@@ -219,6 +219,9 @@ VERSATRAN_ITEMS = (
     Item("Section 8.1", "The matrix of a link, Craig's convention", _general, f"{_COMMAND} --symbolic"),
     Item("Section 8.2, table", "Denavit-Hartenberg table of the VERSATRAN FA", _table, "lab inspect versatran"),
     Item("Section 8.2, matrices", "Its link matrices", _links, f"{_COMMAND} --symbolic"),
+    Item("Section 8.2, figure", "The drawn posture, by the J of section 8.5", _singular,
+         f"{_COMMAND} --joints 0,600,600,-90,0,0",
+         "The figure draws the arm with q5 = 0, where its wrist is singular."),
     Item("Section 8.4", "Its direct model T0,7", _direct, f"{_COMMAND} --symbolic --between 0 6",
          "r7 is 0.15 m here, a representative value."),
     Item("Section 8.5, J", "Its Jacobian", _jacobian, f"{_COMMAND} --joints 20,700,800,30,40,50",
@@ -230,8 +233,6 @@ VERSATRAN_ITEMS = (
          "beyond the limits. w is the sign of sin q5."),
     Item("Section 8.7", "Its inverse differential model", _inverse_rates,
          f"{_COMMAND} --joints 20,700,800,30,40,50 --twist 10,0,0,0,0,0", "dq1 is given where dq5 and dq6 are asked."),
-    Item("Section 8.2, figure", "The drawn posture", _singular, f"{_COMMAND} --joints 0,600,600,-90,0,0",
-         "The figure draws the arm with q5 = 0, where its wrist is singular."),
 )  # fmt: skip
 
 

@@ -10,8 +10,10 @@ The reader knows these functions, the letters of the question and nothing else. 
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,7 +21,7 @@ from lab.core.errors import LabError
 from lab.core.limits import BRACKETS, FORMULA
 from lab.core.se3 import Array
 
-__all__ = ["Variables", "evaluated", "exchanged", "terms"]
+__all__ = ["FormulaError", "Variables", "evaluated", "exchanged", "of_other_joints", "terms"]
 
 Variables = Mapping[str, Array]
 """The variables of a formula by their names: sampled values ``(n,)``."""
@@ -37,6 +39,8 @@ _SAME |= {chr(0x2080 + digit): str(digit) for digit in range(10)}  # subscripts
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _RAISED = re.compile("[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+")
 _LATEX = (
+    (re.compile(r"\\dot\s*\{\s*(\\?\w+)\s*\}|\\dot\s*(\\?[^\W\d_]+)"), r"d\1\2"),
+    (re.compile(r"(\w)\u0307"), r"d\1"), (re.compile(r"\\var(theta|phi|rho)"), r"\\\1"),
     (re.compile(r"\\(left|right|quad|[,;!])"), " "), (re.compile(r"\\(cdot|times)"), "*"),
     (re.compile(r"_\{(\w+)\}"), r"\1"), (re.compile(r"[\\_]"), ""), (re.compile(r"\{"), "("), (re.compile(r"\}"), ")"),
 )  # fmt: skip
@@ -47,10 +51,24 @@ _GREEK = {
 _NUMBER = re.compile(r"\d+(\.\d*)?|\.\d+")
 _TURN = re.compile(r"([csCS])(?:(?:θ|theta)\s?)?(\d+)")
 _TURN_OF_LETTER = re.compile(r"[csCS] ?(?=[α-ω]|alpha|beta|gamma|delta|theta|rho|phi|psi)")
+_OF_JOINT = re.compile(r"(?<=[csqθCSQ])(?:_?\{?)(\d+)|(?<=theta)(?:_?\{?)(\d+)")
 _SUM = re.compile(r"(?:q|θ|theta)(\d\d+)")
 _JOINT = re.compile(r"q(\d+)")
 _MAX_POWER = 20
+_MOST_CHANGED = 30  # sines, cosines and angles that are tried with other joints
 _SHOWN = 60  # letters of a formula in an error
+
+
+class FormulaError(LabError):
+    """A text is no formula of its letters.
+
+    Attributes:
+        known: the letters, in words.
+    """
+
+    def __init__(self, text: str, rest: str, known: str) -> None:
+        super().__init__(f"formula '{_short(text)}': cannot be read from '{rest}' on; its letters are {known}")
+        self.known = known
 
 
 def evaluated(text: str, variables: Variables) -> Array:
@@ -67,6 +85,23 @@ def exchanged(text: str, variables: Variables) -> Array:
     reader = _reader(text, variables)
     reader.functions = {**_FUNCTIONS, "cos": np.sin, "sin": np.cos}
     return _whole(reader)
+
+
+def of_other_joints(text: str, variables: Variables) -> Iterator[tuple[str, Array]]:
+    """Give one sine, cosine or angle of a formula to another joint, or a sum of two, each in turn.
+
+    Yields:
+        What was changed, as it is written, and the values of the changed formula.
+    """
+    joints = [found[1] for found in map(_JOINT.fullmatch, variables) if found]
+    others = [*joints, *(one + two for one, two in pairwise(joints))]
+    for found in list(_OF_JOINT.finditer(text))[:_MOST_CHANGED]:
+        group = 1 if found[1] else 2
+        for digits in others:
+            if digits != found[group]:
+                changed = text[: found.start(group)] + digits + text[found.end(group) :]
+                with suppress(LabError):
+                    yield text[found.start() - 1 : found.end()], evaluated(changed, variables)
 
 
 def terms(text: str, variables: Variables) -> tuple[Array, ...]:
@@ -159,7 +194,7 @@ class _Reader:
         joints = ("c1, s1, c12 … of joints",) if any(map(_JOINT.fullmatch, self.variables)) else ()
         known = ", ".join((*self.variables, *joints)) or "none: write a number"
         rest = _short(self.plain[self.at :]) or "its end"
-        return LabError(f"formula '{_short(self.text)}': cannot be read from '{rest}' on; its letters are {known}")
+        return FormulaError(self.text, rest, known)
 
     def _sign(self) -> int:
         """Read the sign of a term; 1 where there is none."""
@@ -218,15 +253,17 @@ class _Reader:
         if self._skip("frac"):
             over = self._factor()
             return over / self._factor()
+        if (found := _SUM.match(self.plain, self.at)) and found[0] not in self.letters:
+            if (angle := self._joints(found[1])) is None:
+                raise self.error()  # "q27" is no product of q2 and 7
+            self.at = found.end()
+            return angle
         for name in sorted((*self.letters, *self.functions, "pi"), key=len, reverse=True):
             if self._skip(name):
                 return self._named(name)
         if (found := _TURN.match(self.plain, self.at)) and (angle := self._joints(found[2])) is not None:
             self.at = found.end()
             return self.functions["cos" if found[1] in "cC" else "sin"](angle)
-        if (found := _SUM.match(self.plain, self.at)) and (angle := self._joints(found[1])) is not None:
-            self.at = found.end()
-            return angle
         if found := _TURN_OF_LETTER.match(self.plain, self.at):
             self.at = found.end()
             return self.functions["cos" if found[0][0] in "cC" else "sin"](self._factor())

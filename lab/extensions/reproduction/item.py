@@ -44,6 +44,9 @@ class Exercise:
         given: letters and values, an entry each.
         table: rows of a table that is given; the first has the headings.
         sketch: draws what is given.
+        earlier: further things that are given, each the answer to an item: its number, and what it answers. Where
+            that item is asked along, its answer is not shown.
+        table_of: number of the item that asks for the table, likewise; "" of a table that none asks for.
     """
 
     question: str
@@ -52,6 +55,8 @@ class Exercise:
     given: tuple[str, ...] = ()
     table: tuple[tuple[str, ...], ...] = ()
     sketch: "Callable[[], tuple[Picture, ...]]" = tuple
+    earlier: tuple[tuple[str, str], ...] = ()
+    table_of: str = ""
 
 
 @dataclass(frozen=True)

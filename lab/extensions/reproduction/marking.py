@@ -9,6 +9,7 @@ from typing import Literal
 
 from lab.core.errors import LabError, counted
 from lab.extensions.reproduction.answer import Answer
+from lab.extensions.reproduction.formulas import FormulaError
 from lab.extensions.reproduction.item import Computed, Item, Source
 from lab.formats.csv_table import CsvTable, text_cell
 
@@ -62,6 +63,7 @@ class Question:
         """
         if len(self.entries) == 1:
             return [text]
+        text = _without_latex(text)
         rows = [_parts(row) for row in _lines(text, len(self.rows))]
         wide = len(self.rows[0])
         homogeneous = len(self.rows) == 4 and [answer.solution for answer in self.rows[-1]] == ["0", "0", "0", "1"]
@@ -72,12 +74,24 @@ class Question:
         if len(rows) != len(self.rows) or any(len(row) != wide for row in rows):
             shape = "" if len(self.rows) == 1 else f"{len(self.rows)} rows of "
             found = " and ".join(sorted({str(len(row)) for row in rows}))
+            between = "bars |" if "|" in text else "commas"
             more = "" if len(self.rows) == 1 else f" in {counted(len(rows), 'row')}"
             raise LabError(
-                f"{self.name} has {shape}{wide} entries, and {found}{more} are given; put commas between entries"
+                f"{self.name} has {shape}{wide} entries, and {found}{more} are given; put {between} between entries"
                 + ("" if len(self.rows) == 1 else ", and semicolons between rows")
             )
         return [entry for row in rows for entry in row]
+
+
+_MATRIX = re.compile(r"\\(?:begin|end)\s*\{[a-zA-Z]*(?:matrix|array)\}(?:\{[lcr|]*\})?|\\(?:left|right)\s*[(\[\])]")
+
+
+def _without_latex(text: str) -> str:
+    """Return a matrix of LaTeX, with ampersands, as one with bars and semicolons; any other text as it is."""
+    if "\\begin" not in text:
+        return text
+    plain = re.sub(r"\\\\(?:\[[^\]]*\])?", ";", _MATRIX.sub(" ", text.replace("$", " ")))
+    return plain.strip().rstrip(";").replace("&", "|")
 
 
 def _lines(text: str, rows: int) -> list[str]:
@@ -245,11 +259,27 @@ def _mark(question: Question, text: str, parts: Sequence[str] | None) -> Mark:
             state: Literal["right", "wrong"] = "right" if entries[0].check(texts[0]) else "wrong"
             return Mark(question, shown, state, entries[0].advice(texts[0]))
         except LabError as error:
-            return Mark(question, shown, "wrong", str(error))
+            return Mark(question, shown, "wrong", _reason(error, question.item))
     right = [_right(answer, part) for answer, part in zip(entries, texts, strict=True)]
     if all(right):
         return Mark(question, shown, "right", "")
     return Mark(question, shown, "wrong", _advice_on_entries(question, texts, right))
+
+
+def _reason(error: LabError, item: Item) -> str:
+    """Return why an answer cannot be read; the letters that it names are those of the exercise's text."""
+    if not isinstance(error, FormulaError) or item.exercise is None:
+        return str(error)
+    head = str(error).removesuffix(error.known)
+    for text in item.exercise.given:
+        if found := re.search(r"Letters: (.*?)(?:\. |\.?$)", text):
+            return head + found[1]
+    words = {*re.findall(r"[^\W\d_]+\d*", " ".join((item.exercise.question, *item.exercise.given)))}
+    shown = (each for each in error.known.split(", ") if each in words or _ALWAYS.match(each))
+    return head + ", ".join(shown)
+
+
+_ALWAYS = re.compile(r"q\d+$|[cs]1$|c12 …|none")  # joints with their sines and cosines
 
 
 def _advice_on_entries(question: Question, texts: Sequence[str], right: Sequence[bool]) -> str:
@@ -269,6 +299,6 @@ def _advice_on_entries(question: Question, texts: Sequence[str], right: Sequence
     try:
         why = answer.advice(text) if text else "it is blank"
     except LabError as error:
-        why = str(error)
+        why = _reason(error, question.item)
     place = f"({first // wide + 1},{first % wide + 1})" if tall > 1 else f"{first + 1}"
     return f"{sum(right)} of {len(right)} entries are right; look at entry {place}" + (f": {why}" if why else "")

@@ -27,6 +27,11 @@ class ReproduceOptions:
     mark: Path | None = None
     """An exercise.csv that was filled in: mark each answer, with a hint where one is wrong."""
 
+    @property
+    def lists_only(self) -> bool:
+        """True of the list of exercises, which is no run."""
+        return self.exercise and self.item is None
+
     def check(self) -> None:
         """Refuse --exercise together with --mark, and --solution without either, with a LabError."""
         if self.exercise and self.mark is not None:
@@ -35,3 +40,5 @@ class ReproduceOptions:
             raise LabError("--solution adds the solutions to an exercise; give --exercise too")
         if self.solution and self.exercise and self.item is None:
             raise LabError("--solution shows the solutions of chosen items; give --item too")
+        if self.mark is not None and not self.mark.exists():
+            raise LabError(f"{self.mark}: cannot be read (no such file); give the exercise.csv of a run's folder")

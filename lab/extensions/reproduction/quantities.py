@@ -62,7 +62,7 @@ def _number(plain: str, text: str) -> float:
         try:
             value = float(evaluated(plain, {})[0])
         except LabError as error:
-            raise LabError(f"'{text}' is not a number: {error}") from error
+            raise LabError(f"'{text}' is not a number: write digits, such as 0, 12.5, √3/2 or 4/3 pi") from error
     if not np.isfinite(value):
         raise LabError(f"'{text}' is not a finite number")
     return value

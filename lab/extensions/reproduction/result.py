@@ -1,12 +1,13 @@
 """Run ``lab reproduce``: compute a source's items again, and show them beside the printed ones."""
 
 import re
+import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from lab.commands.command_line import options_of, takes
 from lab.commands.result import Result
@@ -53,6 +54,7 @@ class ReproductionResult(Result):
         source: the text.
         computed: its items, in order.
         marks: of a filled-in exercise; None where none is marked.
+        folder: of the files of the run; None where none are written.
     """
 
     command = "reproduce"
@@ -63,6 +65,11 @@ class ReproductionResult(Result):
     source: Source
     computed: tuple[Computed, ...]
     marks: tuple[Mark, ...] | None
+    folder: Path | None = None
+
+    def placed(self, folder: Path) -> Self:
+        """Return the result with the folder that its files are written to, which the next step names."""
+        return replace(self, folder=folder)
 
     @property
     def answers(self) -> tuple[Answer, ...]:
@@ -250,8 +257,8 @@ def _title(result: ReproductionResult) -> str:
     name = result.source.name
     if result.marks is not None:
         right = sum(mark.state == "right" for mark in result.marks)
-        blank = sum(mark.state == "blank" for mark in result.marks)
-        return f"{name}: {right} of {len(result.marks)} answers right, {blank} blank"
+        wrong, blank = (sum(mark.state == state for mark in result.marks) for state in ("wrong", "blank"))
+        return f"{name}: {right} of {len(result.marks)} answers right, {wrong} wrong, {blank} blank"
     if result.options.exercise:
         asked = questions(result.computed)
         if result.options.item is None:
@@ -306,7 +313,8 @@ def _card_of_exercise(result: ReproductionResult, command: str) -> Card:
     if options.item is None:
         begin = Code(f"{command} --exercise --item {result.source.begin or _first_label(result)}")
         return Card(Badge("exercises"), numbers, "A few at a time: choose an item below.", ("begin with ", begin, "."))
-    mark = (Code(f"{command} --mark exercise.csv"), " marks them")
+    file = "exercise.csv" if result.folder is None else shlex.quote(str(result.folder / "exercise.csv"))
+    mark = (Code(f"{command} --mark {file}"), " marks them")
     item = f"{command} --exercise --item {_quoted(options.item)}"
     more = () if options.solution else (", and ", Code(f"{item} --solution"), " shows the way to the solutions")
     badge = Badge("exercise with its solutions" if options.solution else "exercise")
@@ -411,7 +419,7 @@ def _section(result: ReproductionResult, each: Computed) -> Section:
         return Section(
             f"{item.number}: {item.title}",
             (
-                *_asked(item.exercise, item),
+                *_asked(item.exercise, item, [other.item.number for other in result.computed]),
                 *(_steps(item.exercise) if options.solution else ()),
                 *_questions(questions([each]), solved=options.solution),
                 *(_remarks(each) if options.solution else ()),
@@ -423,11 +431,19 @@ def _section(result: ReproductionResult, each: Computed) -> Section:
     )
 
 
-def _asked(exercise: Exercise, item: Item) -> Iterator[Block]:
-    """Show the question of an exercise, what is given, and the hint."""
+def _asked(exercise: Exercise, item: Item, along: Sequence[str]) -> Iterator[Block]:
+    """Show the question of an exercise, what is given, and the hint.
+
+    Args:
+        along: numbers of the items that are asked along: what these ask for is not given.
+    """
     yield Paragraph((Strong(exercise.question),))
-    yield Bullets(exercise.given)
-    if exercise.table:
+    asked = [number for number, _ in exercise.earlier if number in along]
+    asked += [exercise.table_of] if exercise.table_of in along else []
+    alone = f"Use your answer to {' and '.join(asked)}. Asked alone, with --item {_quoted(item.number)}, it is given."
+    shown = tuple(text for number, text in exercise.earlier if number not in along)
+    yield Bullets((*exercise.given, *shown, *((alone,) if asked else ())))
+    if exercise.table and exercise.table_of not in along:
         yield Table(exercise.table[0], exercise.table[1:])
     yield from _figure(item, exercise.sketch(), "with its frames: x red, y green, z blue")
     yield Paragraph(exercise.hint, "hint")

@@ -12,7 +12,10 @@ from lab.core.errors import LabError
 from lab.extensions.reproduction.answer import Answer, number
 from lab.extensions.reproduction.item import Computed, Item, source_named, sources
 from lab.extensions.reproduction.marking import Mark, Question, items_of, marked, questions, write_exercise
+from lab.extensions.reproduction.options import ReproduceOptions
 from lab.extensions.reproduction.quantities import quantity
+from lab.extensions.reproduction.result import ReproductionResult, reproduce
+from lab.render.terminal import to_text
 
 SLOW = ("Section 6.1", "Conclusion")  # volumes, a search
 ASKING = [(name, item) for name in sources() for item in source_named(name).items if item.exercise is not None]
@@ -125,6 +128,16 @@ SPELLINGS = [
     ("course", "8.1", "T", "[[cos(theta), -sin(theta), 0, a], [cos(alpha)*sin(theta), cos(alpha)*cos(theta), "
      "-sin(alpha), -r*sin(alpha)], [sin(alpha)*sin(theta), sin(alpha)*cos(theta), cos(alpha), r*cos(alpha)], "
      "[0,0,0,1]]"),
+    ("course", "8.9", "x", "0.4 cos q1 + 0.25 cos(q12)"),
+    ("course", "8.9", "x", "0.4 cos θ1 + 0.25 cos θ12"),
+    ("course", "8.5", "dpz", r"\dot q_2"),
+    ("course", "8.5", "dpz", r"$\dot{q}_2$"),
+    ("course", "8.5", "dpz", "q\u03072"),
+    ("course", "8.7", "dq4", r"-\sin q_1 \dot\varphi_x + c_1 \dot{\varphi}_y - c_5 \dot q_6"),
+    ("course", "Section 8.2, matrices", "T0,1", r"\begin{bmatrix} \cos q_1 & -\sin q_1 & 0 & 0 \\ \sin q_1 & "
+     r"\cos q_1 & 0 & 0 \\ 0 & 0 & 1 & 0 \\ 0 & 0 & 0 & 1 \end{bmatrix}"),
+    ("course", "Section 8.2, matrices", "T0,1", r"\left[\begin{array}{cccc} c_1 & -s_1 & 0 & 0 \\[2pt] s_1 & c_1 & "
+     r"0 & 0 \\ 0 & 0 & 1 & 0 \\ \end{array}\right]"),
     ("course", "8.8", "det J", "0.25 c3 s5 (0.5c2 - 0.5s23)"),
     ("course", "8.8", "det J", "a3 r4 cos(q3) sin(q5) (a3 cos(q2) - r4 sin(q2+q3))"),
     ("course", "8.8", "the singularities", "Wrist; elbow; Shoulder"),
@@ -167,7 +180,17 @@ REMARKS = [
     ("course", "Section 10.3, question 1", "x", "2 L2 c1 c2", "factor"),
     ("course", "Section 10.3, question 1", "q1 of x, y, z", "atan(y/x)", "quadrant"),
     ("course", "Section 10.3, question 1", "x", "L3 c1 c2", "its letters are"),
-    ("course", "Section 10.3, question 1", "q1 of x, y, z", "q1", "its letters are"),
+    ("course", "Section 10.3, question 1", "q1 of x, y, z", "q1", "q1 cannot be used in this answer"),
+    ("course", "8.5", "dpz", "dpz", "dpz cannot be used in this answer"),
+    ("course", "8.6", "q2", "pz", "pz cannot be used in this answer"),
+    ("course", "Section 10.3, question 1", "x", "L2 c1 c1", "'c1': another joint"),
+    ("course", "Section 10.3, question 1", "z", "L1 + L2 sin(q1)", "'q1': another joint"),
+    ("course", "8.9", "x", "0.4 c1 + 0.25 cos θ2", "'θ2': another joint"),
+    ("course", "8.8", "the singularities", "elbow, shoulder", "2 of 3 are right, and 1 too few"),
+    ("course", "8.8", "the singularities", "elbow, shoulder, hip", "2 of 3 are right"),
+    ("course", "Section 8.2, figure", "det J in the drawn posture, q5 = 0", "zero", "write digits, such as 0,"),
+    ("course", "Section 8.2, table", "α1 to α6", "0 | 0 | -90 | 0 | -90", "put bars | between entries"),
+    ("course", "Section 8.2, table", "α1 to α6", "0, 0, -90, 0, -90", "put commas between entries"),
     ("course", "Section 10.3, approximation", "q1 where it turns back", "1.470629", "radians"),
     ("course", "Section 10.3, approximation", "q1 where it turns back", "-84.261", "sign"),
     ("course", "Section 10.3, approximation", "q1 where it turns back", "84.2", "close"),
@@ -249,3 +272,39 @@ def test_a_rounded_number_is_told_how_many_digits_are_asked() -> None:
 def test_a_row_s_units_are_named() -> None:
     question = questions(computed("staubli", "Table 1"))[0]
     assert isinstance(question, Question) and question.unit == "°, mm, °, mm"
+
+
+def test_an_unread_letter_is_answered_with_those_of_the_question(tmp_path: Path) -> None:
+    """Other names that the source has for a length, and values of other items, are not listed."""
+    note = one(tmp_path, "course", "8.9", "x", "k").note
+    assert note.endswith("its letters are q1 to q4, x, y, z, and a2 and a3 or 0.4 and 0.25")
+    note = one(tmp_path, "course", "8.3", "T0,1", "c1, -s1, 0, k; s1, c1, 0, 0; 0, 0, 1, 0").note
+    assert "a3, r4, r6, c1" in note and "d3" not in note
+
+
+CHAPTERS = [(name, chapter) for name in sources() for chapter in dict.fromkeys(
+    item.chapter for item in source_named(name).items if item.exercise is not None and item.number not in SLOW
+)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "chapter"), CHAPTERS)
+def test_no_item_of_a_chapter_gives_another_one_s_answer_away(name: str, chapter: str) -> None:
+    items = [item for item in source_named(name).items if item.chapter == chapter and item.number not in SLOW]
+    asking = tuple(Computed(item, item.answers()) for item in items if item.exercise is not None)
+    options = ReproduceOptions(name, item=chapter, exercise=True)
+    shown = to_text(ReproductionResult(options, source_named(name), asking, None).document(), width=2000)
+    for question in questions(asking):
+        for answer in question.entries:
+            long = answer.kind == "formula" and len(answer.solution) > 9
+            assert not long or answer.solution not in shown, question.label
+
+
+def test_a_table_is_given_unless_its_item_is_asked_along() -> None:
+    row = "−90 │ 0 │ q5 │"
+    alone, along = (reproduce("course", item=item, exercise=True).summary() for item in ("Section 8.4", "8"))
+    assert row in alone and "q3 q5" not in alone and row not in along
+    assert 'Use your answer to Section 8.2, table. Asked alone, with --item "Section 8.4", it is given' in " ".join(
+        along.split()
+    )
+    assert "J has the columns" in reproduce("course", item="Section 8.5, rates", exercise=True).summary()
+    assert "J has the columns" not in along and "The differential model: dpx" not in along

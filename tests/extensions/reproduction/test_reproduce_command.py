@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from helpers.pages import PAGES
 from helpers.robots import ROOT
 
 from lab.cli import main
@@ -290,3 +291,62 @@ def test_what_cannot_be_read_is_no_erratum() -> None:
     assert told["unreadable"] == 18 and told["errata"] == told["differ"] == 0 and result.exit_code == 0
     rows = {int(a.place[1]) for a in result.answers if a.state == "unreadable"}
     assert rows == {2, 5, 6} and all(a.check(a.right) for a in result.answers if a.state == "unreadable")
+
+
+def test_the_page_s_commands_work_in_their_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The list is no run: so the first exercise is where the page, and the printed next step, look for it."""
+    monkeypatch.chdir(tmp_path)
+    page = next(page for page in PAGES if page.name == "docs/tutorials/exercises.md")
+    lines = [line for body in (*page.of("sh"), *page.of("text")) for line in body.splitlines()]
+    asked, chosen, mark = (
+        next(line for line in lines if line.startswith("lab reproduce") and word in line and other not in line)
+        for word, other in (("--exercise", "--item"), ("--item", "--solution"), ("--mark", "--item"))
+    )
+    assert main(shlex.split(asked)[1:]) == 0 and not Path("runs").exists()
+    assert main(shlex.split(chosen)[1:]) == 0
+    assert mark in " ".join(capsys.readouterr().out.split())
+    assert main(shlex.split(mark)[1:]) == 1  # all blank
+    assert ", 6 blank" in capsys.readouterr().out
+
+
+def test_a_file_that_is_not_there_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Even where it is in the folder that the run would have."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["reproduce", "course", "--mark", "runs/reproduce-course/exercise.csv"]) == 2
+    assert "exercise.csv: cannot be read (no such file); give the exercise.csv" in capsys.readouterr().err
+    assert not Path("runs").exists()
+
+
+def test_the_next_step_names_the_file_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "my run"
+    assert main(["reproduce", "course", "--exercise", "--item", "7.1", "--out", str(folder)]) == 0
+    step = f"--mark {shlex.quote(str(folder / 'exercise.csv'))}"
+    assert step in " ".join(capsys.readouterr().out.split())
+    saved = reproduce("course", exercise=True, item="7.1").save(tmp_path / "saved") / "report.html"
+    assert f"--mark {tmp_path / 'saved' / 'exercise.csv'}" in saved.read_text(encoding="utf-8")
+
+
+def test_the_title_of_marks_counts_right_wrong_and_blank(exercise: Path, tmp_path: Path) -> None:
+    path = filled(
+        exercise, tmp_path / "filled.csv", "Section 1.3.5: identifiable without β3", "Table 1: link 1: α, d, θ − q, r"
+    )
+    result = reproduce("staubli", mark=path)
+    states = [mark.state for mark in result.marks or ()]
+    right = states.count("right")
+    assert result.document().title == f"staubli: {right} of {len(states)} answers right, 1 wrong, 1 blank"
+
+
+def test_printed_lines_keep_to_a_width_that_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "exercise.csv"
+    path.write_text('item,value\n"Section 8.5, rates: dpx",k + q1\n', encoding="utf-8")
+    for columns, fits in (("90", True), ("", False)):
+        monkeypatch.setenv("COLUMNS", columns)
+        assert main(["reproduce", "course", "--mark", str(path), "--out", str(tmp_path / f"run{columns}")]) == 1
+        table = capsys.readouterr().out.partition("0 of 15 right")[2].partition("run: ")[0]
+        assert (max(map(len, table.splitlines())) <= 90) is fits
