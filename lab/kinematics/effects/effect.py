@@ -55,6 +55,7 @@ __all__ = [
     "approach_of",
     "from_signals",
     "in_order",
+    "is_usual",
     "last_move_of",
     "levers",
     "rates_in",
@@ -96,6 +97,13 @@ def rates_of(joint_names: Sequence[str]) -> tuple[str, ...]:
 def rates_in(conditions: Array, joints: int) -> tuple[Array, Array]:
     """Return speeds and accelerations ``(n, joints)`` at the end of conditions ``(n, c)``."""
     return conditions[:, -2 * joints : -joints], conditions[:, -joints:]
+
+
+def is_usual(name: str) -> bool:
+    """Check whether the lab knows a condition by its name; others are columns that own effects name."""
+    return name in (PAYLOAD, TIME, TEMPERATURE, PLACE) or name.startswith(
+        (_APPROACH, LAST_MOVE, SESSION, STATION, _SPEED, _ACCELERATION)
+    )
 
 
 def in_order(names: Sequence[str]) -> tuple[str, ...]:
@@ -140,7 +148,13 @@ class PoseConditions:
                 raise LabError(f"condition {name}: give one finite number for each of {self.poses} poses")
 
     def column(self, name: str) -> Array:
-        """Return one condition ``(m,)``, or its default."""
+        """Return one condition ``(m,)``, or its default.
+
+        Raises:
+            LabError: it is missing, and no condition of the lab that has a default.
+        """
+        if name not in self.columns and not is_usual(name):
+            raise LabError(f"condition {name} is missing: give it for each of {self.poses} poses")
         return self.columns.get(name, absent(name, self.poses))
 
     @property
@@ -248,7 +262,7 @@ class FittedGroup:
         fitted: makes the group for an arm, or raises a LabError.
         meaning: addition to the name in the help.
         of_one_campaign: not valid for another session.
-        is_candidate: tried by ``--model auto``.
+        is_candidate: tried by ``--model auto``. A package's group is tried only where it is named: ``auto+NAME``.
     """
 
     name: str
@@ -303,6 +317,10 @@ class SimulatedEffect(ABC):
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the conditions that it depends on."""
         return ()
+
+    def drawn_conditions(self, poses: int, rng: np.random.Generator) -> Mapping[str, Array]:
+        """Draw the conditions ``(poses,)`` that the lab does not make, by name, at poses in their order."""
+        return {}
 
     def true_parameters(self) -> dict[str, float]:
         """Return its contribution to the true parameters, by name."""
