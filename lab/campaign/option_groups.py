@@ -172,7 +172,7 @@ class Effects(EffectOptions):
         if len(found := dict(pairs)) < len(pairs):
             raise LabError("--own-effects: an effect is given twice; give it once")
         for name in set(found) & set(self.own_effects):  # named without an option
-            known = [each.name for each in fields(found[name])]  # type: ignore[arg-type]
+            known = [each.name for each in fields(found[name])]
             if known and not any(getattr(found[name], each) for each in known):
                 raise LabError(
                     f"--own-effects {name}: its size is 0, which is no effect; give e.g. {name}:{known[0]}=1"
