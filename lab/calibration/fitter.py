@@ -368,8 +368,8 @@ class Fitter:
         """Return the groups that the rows call for, or that are requested; None for geometry alone."""
         if self.options.geometric:
             return None
-        for name in self.options.further:  # named, so that an arm that cannot have it is refused
-            self._arm_with([name])
+        for name in self.options.further:  # named, so that an arm or rows that cannot have it are refused
+            rows.inputs(self._arm_with([name]).conditions)
         groups, task = (
             self.approached(self.options.groups),
             SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request),
