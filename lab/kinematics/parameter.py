@@ -68,6 +68,7 @@ class Parameter:
         symbol: its name within the owner: ``alpha``, ``x``, ``compliance``.
         group: ``base``, ``tool`` or ``link`` (dimensions of the nominal model), else the effect or the kind of fixture
             (``anchor``, ``socket``, ``plane``).
+        kind: the quantity.
         unit: display unit; values are in its SI unit.
         scale: typical size, one standard deviation (SI): a link's tolerance of manufacture, an effect's size; infinite
             without prior information.

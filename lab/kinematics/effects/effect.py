@@ -135,6 +135,8 @@ class PoseConditions:
 
     Attributes:
         columns: ``(m,)`` each, by name; missing ones have the default of ``absent``.
+        poses: their number.
+        joint_names: of the arm.
     """
 
     columns: Mapping[str, Array]
@@ -202,6 +204,7 @@ class ArmFacts:
     Attributes:
         chain: the nominal joints.
         loads: the masses.
+        sessions: the sessions and stations of the measurements.
         moving: effects depend on the joints' rates (``rates_of``): inertia is a load, too.
         sections: ``(n, 4)`` the links' compliances (``beam.COMPLIANCES``) of the robot's description.
     """
@@ -259,6 +262,7 @@ class FittedGroup:
     """A group for ``--model``.
 
     Attributes:
+        name: of the group, and of its effect.
         fitted: makes the group for an arm, or raises a LabError.
         meaning: addition to the name in the help.
         of_one_campaign: not valid for another session.
