@@ -314,3 +314,30 @@ def test_names_are_explained() -> None:
     day = lab.simulate("irb120", poses=5)
     with pytest.raises(LabError, match="given Measurements and str; give the path of the file, then the measurements"):
         lab.write_measurements(day.measurements, "day.csv")  # type: ignore[arg-type]
+
+
+def test_a_run_asks_for_its_package_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    add("lab.effects", "oil", _oil(DrawnOil))
+    effects = lab.Effects(own_effects=("oil:urad_per_k=20",))
+    lab.calibrate("irb120", poses=30, seed=7, model="oil", effects=effects).save(tmp_path / "run")
+    assert lab.load_run(tmp_path / "run").estimate.effects == ("oil",)
+    monkeypatch.setattr(extension_points, "_given", {})
+    with pytest.raises(LabError, match=r"install (it|the package) again"):
+        lab.load_run(tmp_path / "run")
+
+
+def test_columns_are_read_wherever_the_estimate_is_used(tmp_path: Path) -> None:
+    """A prediction from a file has the column without a warning."""
+    add("lab.effects", "oil", _oil(DrawnOil))
+    effects = lab.Effects(own_effects=("oil:urad_per_k=20",))
+    day = lab.simulate("irb120", poses=40, seed=7, effects=effects)
+    run = lab.identify(day.measurements, model="oil", instrument="uniform-8um")
+    run.save(tmp_path / "run")
+    file = tmp_path / "later.csv"
+    lab.write_measurements(file, day.measurements)
+    found = lab.predict(file, tmp_path / "run", force=True)
+    assert not [text for text in found.warnings if OIL in text]
+    bare = tmp_path / "bare.csv"
+    lab.write_measurements(bare, replace(day.measurements, conditions={}))
+    with pytest.raises(LabError, match=f"column {OIL} is missing"):
+        lab.predict(bare, tmp_path / "run", force=True)

@@ -162,7 +162,7 @@ def own_effect(name: str) -> type[VirtualEffect]:
     if name not in (names := added(_GROUP, GROUPS)):
         raise LabError(
             f"{option_name('own_effects')} {name}: unknown; packages add {', '.join(names) or 'none'}"
-            f"{_nearest(name, names)}; if its package was uninstalled, install it again"
+            f"{_nearest(name, names) or '; if its package was removed, install it again'}"
         )
     kind = load(_GROUP, name)
     if not (isinstance(kind, type) and issubclass(kind, VirtualEffect) and is_dataclass(kind)):
@@ -205,10 +205,10 @@ def own_group(name: str) -> FittedGroup:
     """
     if name not in (names := added(_GROUP, GROUPS)):
         terms = ", ".join(family.name(0, 2 if family.number else 0) for family in _TERM_FAMILIES)
+        hint = _nearest(name, (*GROUPS, *names)) or "; if a package added it, install the package again"
         raise LabError(
             f"{option_name('model')} {name}: no such group; there are geometric, auto, "
-            f"{', '.join((*GROUPS, *names))}, and {terms}{_nearest(name, (*GROUPS, *names))}; if a package added it, "
-            f"install the package again"
+            f"{', '.join((*GROUPS, *names))}, and {terms}{hint}"
         )
     groups = own_effect(name).groups
     if not isinstance(groups, tuple) or not all(isinstance(each, FittedGroup) for each in groups):
