@@ -84,11 +84,17 @@ class Effects:
 
     def call(self, part: SimulatedEffect, function: str, *arguments: Any) -> Any:
         """Call a function of an effect; an error in one that is not the lab's is a LabError that names it."""
-        called = getattr(part, function)
         if type(part) not in self.own:
-            return called(*arguments)
+            return getattr(part, function)(*arguments)
         with own_function(self._name(part), f"{type(part).__name__}.{function}"):
-            return called(*arguments)
+            return getattr(part, function)(*arguments)
+
+    def _is_on(self, part: ScattersJoints | DisplacesReadings | ShapesNoise) -> bool:
+        assert isinstance(part, SimulatedEffect)
+        if type(part) not in self.own:
+            return part.is_on
+        with own_function(self._name(part), f"{type(part).__name__}.is_on"):
+            return bool(part.is_on)
 
     def _array(self, part: SimulatedEffect, function: str, shape: tuple[int, ...], *arguments: Any) -> Array:
         """Return the array that a function of an effect returns; that of one that is not the lab's is checked.
@@ -127,7 +133,9 @@ class Effects:
     def varies(self) -> bool:
         """Decide whether two visits to the same poses differ, noise aside."""
         return any(
-            part.is_on for part in self.parts if isinstance(part, ScattersJoints | DisplacesReadings | ShapesNoise)
+            self._is_on(part)
+            for part in self.parts
+            if isinstance(part, ScattersJoints | DisplacesReadings | ShapesNoise)
         )
 
     def columns(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
@@ -207,7 +215,7 @@ class Effects:
     def shaped_noise(self, noise: Array, rng: np.random.Generator) -> Array:
         """Return the instrument's noise ``(poses, k, 3)`` m, from independent noise of it."""
         for part in self.parts:
-            if isinstance(part, ShapesNoise) and part.is_on:
+            if isinstance(part, ShapesNoise) and self._is_on(part):
                 noise = self._array(part, "shaped", noise.shape, noise, rng)
         return noise
 
@@ -217,9 +225,22 @@ class Effects:
         total: Array = np.zeros((poses, 3))
         bad = np.zeros(poses, dtype=bool)
         for part, own in zip(parts, _streams(rng, len(parts)), strict=True):
-            displaced, which = self.call(part, "displacements", poses, own)
+            found = self.call(part, "displacements", poses, own)
+            if type(part) in self.own:
+                found = self._checked_displacements(part, found, poses)
+            displaced, which = found
             total, bad = total + displaced, bad | which
         return total, bad
+
+    def _checked_displacements(self, part: SimulatedEffect, found: Any, poses: int) -> tuple[Array, NDArray[np.bool_]]:
+        name, function = self._name(part), f"{type(part).__name__}.displacements"
+        if not isinstance(found, tuple) or len(found) != 2:
+            raise LabError(
+                f"effect '{name}': {function} returns {type(found).__name__}; return the displacements {(poses, 3)} "
+                f"and which poses are displaced {(poses,)}"
+            )
+        displaced = finite_of(name, function, found[0], (poses, 3), "displacements")
+        return displaced, finite_of(name, function, found[1], (poses,), "flags").astype(bool)
 
 
 def _streams(rng: np.random.Generator, count: int) -> list[np.random.Generator]:

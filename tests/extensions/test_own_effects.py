@@ -17,10 +17,12 @@ from lab.core.errors import LabError
 from lab.extension_points import add
 from lab.kinematics.effects import own
 from lab.kinematics.effects.effect import (
+    DisplacesReadings,
     Effect,
     FittedGroup,
     MovesJoints,
     PoseConditions,
+    ShapesNoise,
     SimulatedEffect,
     VirtualEffect,
 )
@@ -258,6 +260,35 @@ class Short(DrawnOil):
         return {OIL: np.zeros(2)}
 
 
+class Displaced(TrueOil, DisplacesReadings):
+    """Readings that an effect displaces."""
+
+    is_on = True
+
+    def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
+        return ()
+
+    def joint_offsets(self, joints: np.ndarray, conditions: PoseConditions) -> np.ndarray:
+        return np.zeros(joints.shape)
+
+    def displacements(self, poses: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros((poses, 2)), np.zeros(poses, dtype=bool)
+
+
+class Unsure(Displaced, ShapesNoise):
+    """Noise of which nobody knows whether it is on."""
+
+    @property
+    def is_on(self) -> bool:  # type: ignore[override]
+        return bool(1 / 0)
+
+    def displacements(self, poses: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros((poses, 3)), np.zeros(poses, dtype=bool)
+
+    def shaped(self, noise: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return noise
+
+
 @dataclass(frozen=True)
 class Idle(SimulatedEffect):
     @classmethod
@@ -271,6 +302,8 @@ SIMULATED: dict[str, tuple[Callable[..., Any], str]] = {
     "column": (lambda waves: Short(waves), r"Short.drawn_conditions returns a column oil_C of shape \(2,\)"),
     "none": (lambda waves: 1 / 0, "Oil.simulated raises ZeroDivisionError: division by zero; repair it"),
     "kind": (lambda waves: 5, "Oil.simulated returns int; return a lab.kinematics.effects.effect.SimulatedEffect"),
+    "displaced": (lambda waves: Displaced(waves), r"Displaced.displacements returns displacements of shape \(10, 2\)"),
+    "unsure": (lambda waves: Unsure(waves), "Unsure.is_on raises ZeroDivisionError: division by zero; repair it"),
     "idle": (lambda waves: Idle(), "Idle changes nothing; derive it also from one of MovesJoints"),
 }  # fmt: skip
 
