@@ -14,7 +14,7 @@ A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.en
 - ``lab.criteria``: an object or a subclass of ``lab.Criterion``; the name is the value of ``--criterion``.
 - ``lab.estimators``: an object or a subclass of ``lab.Estimator``; the name is the value of ``--estimator``.
 - ``lab.effects``: a subclass of ``VirtualEffect`` of ``lab.kinematics.effects.effect``; the name is that of the group
-  that it fits, in ``--model``, and of what ``--own-effects`` simulates.
+  that it fits, in ``--model`` (or ``auto+NAME``), and of what ``--own-effects`` simulates.
 - ``lab.sensors``: a subclass of ``VirtualSensor`` of ``lab.sensors.virtual_sensor``; the name is the value of
   ``--observe``.
 - ``lab.instruments``: an object or a subclass of ``lab.Instrument``; the name is the value of ``--instrument``.

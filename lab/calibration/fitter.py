@@ -88,6 +88,7 @@ class FitOptions:
         prior: use of the tolerances of manufacture: along weakly observable directions, everywhere, or not at all.
         estimator: of the parameters of one model; None for least squares. Groups are selected by least squares.
         error_terms: names of error terms that packages add, to be searched among the noise.
+        further: groups of packages that a search tries, too.
     """
 
     groups: tuple[str, ...] = ()
@@ -100,6 +101,12 @@ class FitOptions:
     tolerance: Tolerance = field(default_factory=Tolerance)
     estimator: Estimator | None = None
     error_terms: tuple[str, ...] = ()
+    further: tuple[str, ...] = ()
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """The groups that a search tries."""
+        return (*CANDIDATES, *self.further)
 
     @property
     def geometric(self) -> bool:
@@ -300,7 +307,7 @@ class Fitter:
             selection: of the model's groups; None for geometry alone.
         """
         groups, fixed = (selection.chosen, selection.fixed) if selection else ((), ())
-        others = [name for name in self.approached(CANDIDATES) if name not in groups]
+        others = [name for name in self.approached(self.options.candidates) if name not in groups]
         request, some = self.modelled(groups, fixed)[1], thinned(rows, _MOST_TESTED)
         plain = self.knowing(self.noise.independent.shared)
         try:
@@ -340,7 +347,7 @@ class Fitter:
         """Derivatives of what rows observe by the parameters of each candidate group that is not in the model."""
         task = SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request)
         made = []
-        for name in CANDIDATES:
+        for name in self.options.candidates:
             if name not in groups:
                 with suppress(LabError):  # a group that the arm or the columns do not allow
                     made.append(task.derivatives(name, found))
@@ -361,11 +368,13 @@ class Fitter:
         """Return the groups that the rows call for, or that are requested; None for geometry alone."""
         if self.options.geometric:
             return None
+        for name in self.options.further:  # named, so that an arm or rows that cannot have it are refused
+            rows.inputs(self._arm_with([name]).conditions)
         groups, task = (
             self.approached(self.options.groups),
             SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request),
         )
-        task.refuse_unknown_wishes(CANDIDATES if self.options.search else groups)
+        task.refuse_unknown_wishes(self.options.candidates if self.options.search else groups)
         found, clean, outliers = self.identified(rows, groups)
         if not self.options.search:
             model_with = self._weighted_as(found).model_with
@@ -387,7 +396,7 @@ class Fitter:
         selection, rows = None, thinned(rows, MOST_CHOSEN_BY)
         for _ in range(_BALANCINGS):
             before, weighted = selection, self._weighted_as(found)
-            tried = [name for name in self.approached(CANDIDATES) if not self.unanswerable(name)]
+            tried = [name for name in self.approached(self.options.candidates) if not self.unanswerable(name)]
             selection = self._searched(weighted.model_with, rows, self.request, tried)
             if weighted is self or (before and before.chosen == selection.chosen):
                 break

@@ -79,7 +79,7 @@ from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.core.units import MM
 from lab.kinematics.effects.effect import SessionInfo
-from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC, CANDIDATES, describe_term
+from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC, describe_term
 from lab.noise.instruments import Instrument
 
 __all__ = ["FITTING", "STEPS", "PipelineOptions", "Step", "identify_robot", "run_steps", "start"]
@@ -277,7 +277,7 @@ def _check_fit(state: Fitted) -> Fitted:
     if options.search or "backlash" in options.groups:
         checks += check_approaches(robot.chain, fitter.data, searched=options.search)
     if options.search:
-        refused = {name: fitter.unanswerable(name) for name in fitter.approached(CANDIDATES)}
+        refused = {name: fitter.unanswerable(name) for name in fitter.approached(options.candidates)}
         checks += [
             Check("group.not_in_validation", "noted", data={"group": name, "why": why})
             for name, why in refused.items()

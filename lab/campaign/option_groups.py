@@ -12,7 +12,7 @@ from lab.core.errors import LabError
 from lab.core.limits import positive
 from lab.core.units import MM, MRAD
 from lab.kinematics.effects.effect import VirtualEffect
-from lab.kinematics.effects.registry import EffectOptions, fitted_groups, own_effect_options
+from lab.kinematics.effects.registry import GROUPS, EffectOptions, fitted_groups, own_effect_options
 
 if TYPE_CHECKING:
     from lab.calibration.fitter import FitOptions
@@ -28,7 +28,7 @@ _MODEL_HELP += ", ".join(  # below the empty line: for --help-all
     [
         *_GROUPS,
         "residual (what no group explains, as offsets of the joints; also auto+residual)",
-        "those that packages add.",
+        "those that packages add, which auto tries only where named: auto+NAME.",
     ]
 )
 
@@ -74,14 +74,26 @@ class Fitting:
         named = self.model.split("+")
         if not all(named) or len(set(named)) < len(named):
             raise LabError(f"--model {self.model}: give geometric, auto, or different groups joined by +")
+        if self.searched and (usual := [name for name in self.groups if name in (*GROUPS, "geometric")]):
+            raise LabError(
+                f"--model {self.model}: {usual[0]} is no such group as goes with auto, which chooses among the lab's "
+                "by itself; add groups of packages alone"
+            )
         if self.residual and self.prior == "on":
             raise LabError("--prior: the group residual knows no prior of the parameters; leave one of them out")
 
     @property
+    def searched(self) -> bool:
+        """True if the data choose the groups."""
+        return "auto" in self.parametric.split("+")
+
+    @property
     def groups(self) -> tuple[str, ...]:
-        """The groups requested by name; none for geometric and auto."""
+        """The groups requested by name, which a search only tries; none for geometric and auto alone."""
+        if self.searched:
+            return tuple(name for name in self.parametric.split("+") if name != "auto")
         named = self.parametric
-        return () if named in ("geometric", "auto") else tuple(named.removeprefix("geometric+").split("+"))
+        return () if named == "geometric" else tuple(named.removeprefix("geometric+").split("+"))
 
     @property
     def residual(self) -> bool:
@@ -109,8 +121,8 @@ class Fitting:
             own_term(name)
 
         return FitOptions(
-            self.groups,
-            self.parametric == "auto",
+            () if self.searched else self.groups,
+            self.searched,
             self.residual,
             self.robust,
             self.fix,
@@ -119,6 +131,7 @@ class Fitting:
             Tolerance(MM.to_si(self.tolerance_mm), MRAD.to_si(self.tolerance_mrad)),
             estimator_named(self.estimator),
             self.error_terms,
+            self.groups if self.searched else (),
         )
 
 
@@ -152,9 +165,16 @@ class Effects(EffectOptions):
         """Options of the effects that packages add, by name.
 
         Raises:
-            LabError: there is no such effect or option, a value is no number, or an effect is given twice.
+            LabError: there is no such effect or option, a value is no number, or an effect is given twice or
+                without a size.
         """
         pairs = [own_effect_options(text) for text in self.own_effects]
         if len(found := dict(pairs)) < len(pairs):
             raise LabError("--own-effects: an effect is given twice; give it once")
+        for name in set(found) & set(self.own_effects):  # named without an option
+            known = [each.name for each in fields(found[name])]
+            if known and not any(getattr(found[name], each) for each in known):
+                raise LabError(
+                    f"--own-effects {name}: its size is 0, which is no effect; give e.g. {name}:{known[0]}=1"
+                )
         return found

@@ -266,7 +266,7 @@ class DesignOptions:
         for name in self.models:
             fitting = Fitting(model=name)
             fitting.check()
-            if fitting.parametric == "auto" or fitting.residual:
+            if fitting.searched or fitting.residual:
                 raise LabError(
                     f"--model {name}: a design needs the groups by name; give geometric, or groups joined by +"
                 )

@@ -147,7 +147,7 @@ def _station_columns(robot: Robot, options: VirtualCampaign, stations: NDArray[n
 
 def requested_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
     """Return the conditions to record at each pose: those that the model may request and those that options set."""
-    groups = GROUPS if options.fitting.parametric == "auto" else options.fitting.groups
+    groups = (*(GROUPS if options.fitting.searched else ()), *options.fitting.groups)
     requested: dict[str, None] = {}
     for group in groups:
         with suppress(LabError):  # an impossible group is refused when it is fitted

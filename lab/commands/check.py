@@ -301,9 +301,8 @@ def _checked(
     one_serial({str(calibrated.folder): calibrated.serial, "--serial": options.serial}, "check it against its own run")
     chain = calibrated.robot.chain
     if given is None:
-        read = read_measurements(
-            options.file, chain.joint_names, chain.prismatic, columns=sensor_named("socket").columns
-        )
+        columns = sensor_named("socket").columns.with_conditions(calibrated.estimate.arm.conditions)
+        read = read_measurements(options.file, chain.joint_names, chain.prismatic, columns=columns)
     else:
         read = checked("measurements in memory", given, calibrated.robot, points=False)
     rows, slides = read.only("calibrate", "reference", "test"), np.array(chain.prismatic)

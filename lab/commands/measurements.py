@@ -340,8 +340,8 @@ def write_measurements(path: str | Path, measurements: Measurements, robot: str 
             the one that the measurements name.
 
     Raises:
-        LabError: the measurements name no robot and none is given, its joints are others, or the file cannot be
-            written.
+        LabError: the arguments are of other types, the measurements name no robot and none is given, its joints are
+            others, or the file cannot be written.
 
     Example:
         >>> import lab, pathlib, tempfile
@@ -351,6 +351,11 @@ def write_measurements(path: str | Path, measurements: Measurements, robot: str 
         >>> file.read_text().partition(",")[0]
         'q1_rad'
     """
+    if not isinstance(path, str | Path) or not isinstance(measurements, Measurements):
+        raise LabError(
+            f"lab.write_measurements: given {type(path).__name__} and {type(measurements).__name__}; give the path of "
+            "the file, then the measurements"
+        )
     loaded = robot_of("lab.write_measurements", measurements, robot)
     try:
         measurement_csv.write_measurements(Path(path), measurements, loaded.chain.prismatic)

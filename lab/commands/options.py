@@ -363,8 +363,8 @@ class InspectOptions:
 
         fitting = Fitting(self.model, fix=self.fix, free=self.free)
         fitting.check()
-        if self.model == "auto":
-            raise LabError("--model auto: groups are chosen by measurements; name groups to inspect")
+        if fitting.searched:
+            raise LabError(f"--model {self.model}: groups are chosen by measurements; name groups to inspect")
         return fitting.groups
 
 

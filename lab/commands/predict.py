@@ -22,7 +22,7 @@ from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.csv_table import write_columns
-from lab.formats.measurement_csv import read_measurements
+from lab.formats.measurement_csv import ObservedColumns, read_measurements
 from lab.render import document as doc
 from lab.render.document import capital, fixed, short
 from lab.render.phrases.fit import listed, model_name
@@ -341,8 +341,8 @@ def predict(
 
 
 def _read(file: Path, run: CalibrationRun) -> Measurements:
-    chain = run.robot.chain
-    data = read_measurements(file, chain.joint_names, chain.prismatic, points=False)
+    chain, columns = run.robot.chain, ObservedColumns().with_conditions(run.estimate.arm.conditions)
+    data = read_measurements(file, chain.joint_names, chain.prismatic, points=False, columns=columns)
     return data.take([i for i, use in enumerate(data.use) if use != "skip"])
 
 

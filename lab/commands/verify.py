@@ -29,7 +29,7 @@ from lab.core.progress import Progress
 from lab.core.se3 import Array, inverse
 from lab.core.significance import VERIFICATION
 from lab.core.units import MM, MRAD
-from lab.formats.measurement_csv import read_measurements
+from lab.formats.measurement_csv import ObservedColumns, read_measurements
 from lab.kinematics.model import RigidArm
 from lab.noise.instruments import observing
 from lab.render import document as doc
@@ -463,7 +463,8 @@ def _tested(
     chain = calibrated.robot.chain
     stage("1 of 2, reading the measurements")
     if given is None:
-        read = read_measurements(options.file, chain.joint_names, chain.prismatic)
+        columns = ObservedColumns().with_conditions(calibrated.estimate.arm.conditions)
+        read = read_measurements(options.file, chain.joint_names, chain.prismatic, columns=columns)
     else:
         read = checked("measurements in memory", given, calibrated.robot)
     if calibrated.load is not None and "payload_kg" in calibrated.estimate.arm.conditions:

@@ -221,7 +221,20 @@ class Measurements(Value):
             return self._visited.place
         if name.startswith(LAST_MOVE) and name not in self.conditions:
             return self._visited.last_move[:, self.joint_names.index(name.removeprefix(LAST_MOVE))]
+        if name not in self.conditions and name in self.other:  # of an effect of one's own: the reader kept its texts
+            return asked({name: self._numbers(name)}, name, len(self), self.where)
         return asked(self.conditions, name, len(self), self.where)
+
+    def _numbers(self, column: str) -> Array:
+        numbers = np.full(len(self), np.nan)
+        for i, text in enumerate(self.other[column]):
+            try:
+                numbers[i] = float(text) if text else np.nan
+            except ValueError:
+                numbers[i] = np.inf
+            if np.isinf(numbers[i]) or (text and np.isnan(numbers[i])):
+                raise LabError(f"{self.where(i)}, column {column}: '{text}' is no finite number; give one in every row")
+        return numbers
 
     def with_points(self) -> "Measurements":
         """Return the rows in which a target was measured."""

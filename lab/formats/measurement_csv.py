@@ -6,8 +6,8 @@ mm) read back to the bit.
 
 import csv
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable, name_cell, text_cell
 from lab.formats.orientations import ENDS
+from lab.kinematics.effects.effect import is_usual
 
 __all__ = ["USES", "ObservedColumns", "PoseReader", "read_measurements", "write_measurements"]
 
@@ -57,6 +58,10 @@ class ObservedColumns:
     texts: tuple[str, ...] = ()
     observed: str = ""
     required: bool = True
+
+    def with_conditions(self, names: Iterable[str]) -> "ObservedColumns":
+        """Return these columns with those of a model's conditions that the lab does not know, as numbers."""
+        return replace(self, numbers=(*self.numbers, *(name for name in names if not is_usual(name))))
 
 
 def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]) -> None:

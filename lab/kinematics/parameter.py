@@ -68,6 +68,7 @@ class Parameter:
         symbol: its name within the owner: ``alpha``, ``x``, ``compliance``.
         group: ``base``, ``tool`` or ``link`` (dimensions of the nominal model), else the effect or the kind of fixture
             (``anchor``, ``socket``, ``plane``).
+        kind: the quantity.
         unit: display unit; values are in its SI unit.
         scale: typical size, one standard deviation (SI): a link's tolerance of manufacture, an effect's size; infinite
             without prior information.
@@ -185,11 +186,23 @@ def joint_parameter(
     wave: int = 0,
     turning: int | None = None,
 ) -> Parameter:
-    """Return a parameter of an effect in one joint, from 0 here and from 1 in its name.
+    """Return a parameter of an effect in one joint.
 
     Args:
-        unit, scale: instead of the kind's own.
-        wave, turning: as in ``Parameter``.
+        group: name of the effect.
+        joint: its joint, from 0; its name counts from 1.
+        symbol: its name in the joint: ``cos2`` of ``joint1.cos2``.
+        kind: the quantity, which gives its unit and its typical size.
+        unit: instead of the kind's own.
+        scale: typical size (SI), instead of the kind's own.
+        wave: periods in a turn of the joint, for a periodic effect; else 0.
+        turning: the joint, from 0, in whose position it is periodic; None for ``joint``.
+
+    Returns:
+        The parameter, zero in the nominal model.
+
+    Raises:
+        KeyError: there is no such kind.
     """
     size = _EFFECT_SCALES[kind] if scale is None else scale
     unit = unit or _EFFECT_UNITS[kind]

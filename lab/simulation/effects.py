@@ -5,9 +5,9 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TypeVar
+from typing import Any, TypeVar
 from zlib import crc32
 
 import numpy as np
@@ -35,7 +35,9 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     approach_of,
     in_order,
+    is_usual,
 )
+from lab.kinematics.effects.own import finite_of, own_function
 from lab.kinematics.effects.registry import EFFECTS, EffectOptions
 from lab.kinematics.joints import JointSpec
 
@@ -43,6 +45,9 @@ __all__ = ["NOTHING_SET", "Effects", "random_conditions", "random_effects", "tru
 
 NOTHING_SET: Mapping[str, Array] = MappingProxyType({})
 _WARMING_K, _TIMES = 10.5, 3.0  # steady temperature rise of an arm, and time constants that a campaign lasts
+_CHANGES = (
+    MovesJoints, MovesArm, MovesTracker, ChangesJointPositions, ScattersJoints, DisplacesReadings, ShapesNoise,
+)  # fmt: skip
 _Part = TypeVar("_Part", bound=SimulatedEffect)
 
 
@@ -53,19 +58,55 @@ class Effects:
     Attributes:
         joints: number of joints.
         parts: the effects, in the order of the registry; zero for an effect that is off.
+        own: the names of the effects that are not the lab's, by their kinds: their errors are reported with these.
     """
 
     joints: int
     parts: tuple[SimulatedEffect, ...]
+    own: Mapping[type[SimulatedEffect], str] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
         for part in self.parts:
-            for name, usual in vars(type(part).none(self.joints)).items():
+            none = self.call(part, "none", self.joints)
+            if type(none) is not type(part):
+                raise LabError(
+                    f"effect '{self._name(part)}': none returns {type(none).__name__}; return the effect at zero"
+                )
+            for name, usual in vars(none).items():
                 value = getattr(part, name)
                 if isinstance(usual, np.ndarray) and (value.shape != usual.shape or not np.isfinite(value).all()):
                     raise LabError(
                         f"effects of {self.joints} joints: {name} is to be finite numbers of shape {usual.shape}"
                     )
+
+    def _name(self, part: SimulatedEffect) -> str:
+        return self.own.get(type(part), type(part).__name__)
+
+    def call(self, part: SimulatedEffect, function: str, *arguments: Any) -> Any:
+        """Call a function of an effect; an error in one that is not the lab's is a LabError that names it."""
+        if type(part) not in self.own:
+            return getattr(part, function)(*arguments)
+        with own_function(self._name(part), f"{type(part).__name__}.{function}"):
+            return getattr(part, function)(*arguments)
+
+    def _is_on(self, part: ScattersJoints | DisplacesReadings | ShapesNoise) -> bool:
+        assert isinstance(part, SimulatedEffect)
+        if type(part) not in self.own:
+            return part.is_on
+        with own_function(self._name(part), f"{type(part).__name__}.is_on"):
+            return bool(part.is_on)
+
+    def _array(self, part: SimulatedEffect, function: str, shape: tuple[int, ...], *arguments: Any) -> Array:
+        """Return the array that a function of an effect returns; that of one that is not the lab's is checked.
+
+        Points and joint positions of poses that cannot be assembled are not finite, nor is what comes of them.
+        """
+        found: Array = self.call(part, function, *arguments)
+        if type(part) in self.own and all(
+            np.isfinite(each).all() for each in arguments if isinstance(each, np.ndarray)
+        ):
+            return finite_of(self._name(part), f"{type(part).__name__}.{function}", found, shape)
+        return found
 
     @classmethod
     def none(cls, joints: int) -> "Effects":
@@ -92,47 +133,75 @@ class Effects:
     def varies(self) -> bool:
         """Decide whether two visits to the same poses differ, noise aside."""
         return any(
-            part.is_on for part in self.parts if isinstance(part, ScattersJoints | DisplacesReadings | ShapesNoise)
+            self._is_on(part)
+            for part in self.parts
+            if isinstance(part, ScattersJoints | DisplacesReadings | ShapesNoise)
         )
 
     def columns(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of the conditions that these effects depend on."""
-        return in_order([name for part in self.parts for name in part.conditions(joint_names)])
+        return in_order([name for part in self.parts for name in self.call(part, "conditions", joint_names)])
+
+    def drawn_conditions(self, joint_names: tuple[str, ...], poses: int, rng: np.random.Generator) -> dict[str, Array]:
+        """Draw the columns ``(poses,)`` of own effects that the lab does not make.
+
+        Raises:
+            LabError: an effect depends on such a column, and does not draw it.
+        """
+        found = dict[str, Array]()
+        for part in self.parts:
+            if type(part) not in self.own:
+                continue
+            name, function = self._name(part), f"{type(part).__name__}.drawn_conditions"
+            (stream,) = _streams_of(name, 1, rng)
+            drawn = self.call(part, "drawn_conditions", poses, stream)
+            if not isinstance(drawn, Mapping):
+                raise LabError(f"effect '{name}': {function} returns {type(drawn).__name__}; return columns by name")
+            for column in self.call(part, "conditions", joint_names):
+                if is_usual(column):
+                    continue
+                if column not in drawn:
+                    raise LabError(
+                        f"effect '{name}': the lab makes no column {column}, which its conditions name; return it from "
+                        f"{function}"
+                    )
+                found[column] = finite_of(name, function, drawn[column], (poses,), f"a column {column}")
+        return found
 
     def refuse_unfit(self, chain: JointSpec) -> None:
         """Refuse an arm with these joints that cannot have them, with a LabError."""
         if self.joints != chain.size:
             raise LabError(f"effects of {self.joints} joints: robot {chain.name} has {chain.size}")
         for part in self.parts:
-            part.refuse_unfit(chain)
+            self.call(part, "refuse_unfit", chain)
 
     def driven(self, joints: Array, conditions: PoseConditions) -> Array:
         """Return the joint positions ``(m, n)`` driven without a load, from measured ones ``(m, n)``."""
         moving = sorted((part for part in self.parts if isinstance(part, MovesJoints)), key=lambda p: p.addition_order)
         error: Array = np.zeros(joints.shape)
         for part in moving:
-            error = error + part.joint_offsets(joints, conditions)
+            error = error + self._array(part, "joint_offsets", joints.shape, joints, conditions)
         return joints + error
 
     def moved(self, points: Array, base: Array, conditions: PoseConditions) -> Array:
         """Return points of the arm ``(m, k, 3)`` in the world after motions of the whole arm with base ``(3,)``."""
         for part in self.parts:
             if isinstance(part, MovesArm):
-                points = part.moved(points, base, conditions)
+                points = self._array(part, "moved", points.shape, points, base, conditions)
         return points
 
     def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
         """Return points ``(m, k, 3)`` of the tracker's first frame in its frame at each pose."""
         for part in self.parts:
             if isinstance(part, MovesTracker):
-                points = part.seen_after(points, conditions)
+                points = self._array(part, "seen_after", points.shape, points, conditions)
         return points
 
     def shown(self, joints: Array) -> Array:
         """Return the measured joint positions ``(m, n)`` of where the joints settle, in the order visited."""
         for part in self.parts:
             if isinstance(part, ChangesJointPositions):
-                joints = part.shown(joints)
+                joints = self._array(part, "shown", joints.shape, joints)
         return joints
 
     def scatter(self, poses: int, rng: np.random.Generator) -> Array:
@@ -140,14 +209,14 @@ class Effects:
         parts = [part for part in self.parts if isinstance(part, ScattersJoints)]
         total: Array = np.zeros((poses, self.joints))
         for part, own in zip(parts, _streams(rng, len(parts)), strict=True):
-            total = total + part.scatter(poses, own)
+            total = total + self._array(part, "scatter", total.shape, poses, own)
         return total
 
     def shaped_noise(self, noise: Array, rng: np.random.Generator) -> Array:
         """Return the instrument's noise ``(poses, k, 3)`` m, from independent noise of it."""
         for part in self.parts:
-            if isinstance(part, ShapesNoise) and part.is_on:
-                noise = part.shaped(noise, rng)
+            if isinstance(part, ShapesNoise) and self._is_on(part):
+                noise = self._array(part, "shaped", noise.shape, noise, rng)
         return noise
 
     def displacements(self, poses: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
@@ -156,9 +225,22 @@ class Effects:
         total: Array = np.zeros((poses, 3))
         bad = np.zeros(poses, dtype=bool)
         for part, own in zip(parts, _streams(rng, len(parts)), strict=True):
-            displaced, which = part.displacements(poses, own)
+            found = self.call(part, "displacements", poses, own)
+            if type(part) in self.own:
+                found = self._checked_displacements(part, found, poses)
+            displaced, which = found
             total, bad = total + displaced, bad | which
         return total, bad
+
+    def _checked_displacements(self, part: SimulatedEffect, found: Any, poses: int) -> tuple[Array, NDArray[np.bool_]]:
+        name, function = self._name(part), f"{type(part).__name__}.displacements"
+        if not isinstance(found, tuple) or len(found) != 2:
+            raise LabError(
+                f"effect '{name}': {function} returns {type(found).__name__}; return the displacements {(poses, 3)} "
+                f"and which poses are displaced {(poses,)}"
+            )
+        displaced = finite_of(name, function, found[0], (poses, 3), "displacements")
+        return displaced, finite_of(name, function, found[1], (poses,), "flags").astype(bool)
 
 
 def _streams(rng: np.random.Generator, count: int) -> list[np.random.Generator]:
@@ -176,15 +258,29 @@ def random_effects(arm: ArmFacts, options: EffectOptions, rng: np.random.Generat
         LabError: an option asks for what the arm cannot have, or for an effect that no package adds.
     """
     streams = rng.spawn(sum(kind.draws for kind in EFFECTS))
-    parts = []
+    parts, own_kinds = [], dict[type[SimulatedEffect], str]()
     for effect in options.each():
         own, streams = streams[: effect.draws], streams[effect.draws :]
         if (part := effect.simulated(arm, own)) is not None:
             parts.append(part)
     for name, effect in options.added.items():
-        if (part := effect.simulated(arm, _streams_of(name, effect.draws, rng))) is not None:
-            parts.append(part)
-    return Effects(arm.chain.size, tuple(parts))
+        with own_function(name, f"{type(effect).__name__}.simulated"):
+            part = effect.simulated(arm, _streams_of(name, effect.draws, rng))
+        if part is None:
+            continue
+        if not isinstance(part, SimulatedEffect):
+            raise LabError(
+                f"effect '{name}': {type(effect).__name__}.simulated returns {type(part).__name__}; return a "
+                f"{SimulatedEffect.__module__}.SimulatedEffect, or None"
+            )
+        if not isinstance(part, _CHANGES):
+            kinds = ", ".join(kind.__name__ for kind in _CHANGES)
+            raise LabError(
+                f"effect '{name}': {type(part).__name__} changes nothing; derive it also from one of {kinds}"
+            )
+        parts.append(part)
+        own_kinds[type(part)] = name
+    return Effects(arm.chain.size, tuple(parts), own_kinds)
 
 
 def _streams_of(name: str, count: int, rng: np.random.Generator) -> list[np.random.Generator]:
@@ -219,6 +315,7 @@ def random_conditions(
     columns[BUMPED] = np.where(np.arange(poses) < poses / 2, 0.0, 1.0)
     columns[TIME] = np.linspace(0.0, duration_s, poses)
     columns[TEMPERATURE] = REFERENCE_C + _WARMING_K * -np.expm1(-_TIMES * np.linspace(0.0, 1.0, poses))
+    columns |= effects.drawn_conditions(chain.joint_names, poses, rng)
     wanted = dict.fromkeys([*effects.columns(chain.joint_names), *requested])
     return {name: columns[name] for name in wanted if name in columns}
 
@@ -231,7 +328,7 @@ def true_parameters(effects: Effects) -> dict[str, float]:
     """
     truth: dict[str, float] = {}
     for part in effects.parts:
-        for name, share in part.true_parameters().items():
+        for name, share in effects.call(part, "true_parameters").items():
             truth[name] = truth.get(name, 0.0) + share
-    obscured = {name for part in effects.parts for name in part.obscured()}
+    obscured = {name for part in effects.parts for name in effects.call(part, "obscured")}
     return {name: value for name, value in truth.items() if name not in obscured}

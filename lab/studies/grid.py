@@ -89,7 +89,7 @@ class Cell:
         """True if campaigns are fitted together by least squares; False if each is identified alone."""
         fitting = self.fitting
         plain = self.observe == POINTS and self.prior == "off" and not self.robust and self.estimator == LEAST_SQUARES
-        searched = fitting.residual or fitting.parametric == "auto"
+        searched = fitting.residual or fitting.searched
         return plain and not searched and not set(CAMPAIGN_SPECIFIC) & set(fitting.groups)
 
     def refuse_nonsense(self) -> None:

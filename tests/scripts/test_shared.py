@@ -10,6 +10,7 @@ from shared import run_script
 SCRIPTS = [path for path in sorted((ROOT / "scripts").glob("*.py")) if "__main__" in path.read_text(encoding="utf-8")]
 NO_STUDIES = {f"build_{what}" for what in ("closed_models", "irb120_shells", "kernels")} | {
     "own_corrector",
+    "own_effect",
     "own_kalman",
     "own_parts",
     "own_robust",

@@ -44,7 +44,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.core.values import Value
 from lab.formats.measurement_csv import read_measurements
-from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
+from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC, own_columns
 from lab.noise.instruments import observing
 from lab.render.terminal import Stage, status
 from lab.sensors.registry import sensor_named
@@ -216,7 +216,8 @@ def _read_rows(
     chain, sensor = robot.chain, sensor_named(options.observe)
     positions = sensor.in_instrument_frame
     if given is None:
-        read = read_measurements(path, chain.joint_names, chain.prismatic, columns=sensor.columns)
+        columns = sensor.columns.with_conditions(own_columns(options.fitting.groups, chain, robot.loads))
+        read = read_measurements(path, chain.joint_names, chain.prismatic, columns=columns)
         read = options.kind().with_files(replace(read, robot=robot.source), path.parent)
     else:
         read = checked(path, given, robot, points=positions)

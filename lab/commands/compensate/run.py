@@ -22,6 +22,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MICRONS, MM
 from lab.core.whole_folder import current_keep
+from lab.formats.measurement_csv import ObservedColumns
 from lab.formats.target_csv import Targets, read_targets
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.kinematics.inverse.branches import nearest_whole_turns
@@ -92,7 +93,8 @@ def _compensated(options: CompensateOptions, run: CalibrationRun, given: Targets
         return _of_program(options, run)
     chain, targets = run.robot.chain, given
     if targets is None:
-        targets = read_targets(options.source, chain.joint_names, chain.prismatic, options.orientation)
+        columns = ObservedColumns(orientations=True).with_conditions(run.estimate.arm.conditions)
+        targets = read_targets(options.source, chain.joint_names, chain.prismatic, options.orientation, columns)
     return _corrected(options, run, targets, _access(options, run))
 
 

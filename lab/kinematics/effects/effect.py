@@ -55,6 +55,7 @@ __all__ = [
     "approach_of",
     "from_signals",
     "in_order",
+    "is_usual",
     "last_move_of",
     "levers",
     "rates_in",
@@ -98,6 +99,13 @@ def rates_in(conditions: Array, joints: int) -> tuple[Array, Array]:
     return conditions[:, -2 * joints : -joints], conditions[:, -joints:]
 
 
+def is_usual(name: str) -> bool:
+    """Check whether the lab knows a condition by its name; others are columns that own effects name."""
+    return name in (PAYLOAD, TIME, TEMPERATURE, PLACE) or name.startswith(
+        (_APPROACH, LAST_MOVE, SESSION, STATION, _SPEED, _ACCELERATION)
+    )
+
+
 def in_order(names: Sequence[str]) -> tuple[str, ...]:
     """Return unique conditions in the order of a file's columns: payload, approaches, time, temperature, sessions."""
     ranks = {PAYLOAD: 0, TIME: 2, TEMPERATURE: 3}
@@ -127,6 +135,8 @@ class PoseConditions:
 
     Attributes:
         columns: ``(m,)`` each, by name; missing ones have the default of ``absent``.
+        poses: their number.
+        joint_names: of the arm.
     """
 
     columns: Mapping[str, Array]
@@ -140,7 +150,13 @@ class PoseConditions:
                 raise LabError(f"condition {name}: give one finite number for each of {self.poses} poses")
 
     def column(self, name: str) -> Array:
-        """Return one condition ``(m,)``, or its default."""
+        """Return one condition ``(m,)``, or its default.
+
+        Raises:
+            LabError: it is missing, and no condition of the lab that has a default.
+        """
+        if name not in self.columns and not is_usual(name):
+            raise LabError(f"condition {name} is missing: give it for each of {self.poses} poses")
         return self.columns.get(name, absent(name, self.poses))
 
     @property
@@ -188,6 +204,7 @@ class ArmFacts:
     Attributes:
         chain: the nominal joints.
         loads: the masses.
+        sessions: the sessions and stations of the measurements.
         moving: effects depend on the joints' rates (``rates_of``): inertia is a load, too.
         sections: ``(n, 4)`` the links' compliances (``beam.COMPLIANCES``) of the robot's description.
     """
@@ -245,10 +262,11 @@ class FittedGroup:
     """A group for ``--model``.
 
     Attributes:
+        name: of the group, and of its effect.
         fitted: makes the group for an arm, or raises a LabError.
         meaning: addition to the name in the help.
         of_one_campaign: not valid for another session.
-        is_candidate: tried by ``--model auto``.
+        is_candidate: tried by ``--model auto``. A package's group is tried only where it is named: ``auto+NAME``.
     """
 
     name: str
@@ -303,6 +321,10 @@ class SimulatedEffect(ABC):
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the conditions that it depends on."""
         return ()
+
+    def drawn_conditions(self, poses: int, rng: np.random.Generator) -> Mapping[str, Array]:
+        """Draw the conditions ``(poses,)`` that the lab does not make, by name, at poses in their order."""
+        return {}
 
     def true_parameters(self) -> dict[str, float]:
         """Return its contribution to the true parameters, by name."""

@@ -5,8 +5,10 @@ draws of others stay the same. A package adds an effect by an entry point of ``l
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
+from difflib import get_close_matches
 from functools import partial
 from typing import TypeVar
 
@@ -26,8 +28,10 @@ from lab.kinematics.effects.effect import (
     SessionInfo,
     TermFamily,
     VirtualEffect,
+    is_usual,
 )
 from lab.kinematics.effects.harmonics import CrossHarmonics, Harmonics, Ripple
+from lab.kinematics.effects.own import fitted_own, own_function
 from lab.kinematics.effects.readings import BadReadings, EncoderRounding, InstrumentNoise, Repeatability
 from lab.kinematics.effects.sessions import Bump, Duration, Payloads
 from lab.kinematics.effects.temperature import Drift, Growth, Temperature, ZerosByTemperature
@@ -43,8 +47,10 @@ __all__ = [
     "effect",
     "expected_terms",
     "fitted_groups",
+    "own_columns",
     "own_effect",
     "own_effect_options",
+    "own_group",
     "searched_terms",
 ]
 
@@ -139,14 +145,7 @@ def _fitted(name: str, facts: ArmFacts) -> Effect:
         if joint > chain.size:
             raise LabError(f"{option_name('model')} {name}: robot {chain.name} has {family.owner}s 1 to {chain.size}")
         return family.fitted(facts, joint - 1, number)
-    group = _FITTED.get(name) or _added_group(name)
-    if group is None:
-        terms = ", ".join(family.name(0, 2 if family.number else 0) for family in _TERM_FAMILIES)
-        raise LabError(
-            f"{option_name('model')} {name}: no such group; there are geometric, auto, "
-            f"{', '.join((*GROUPS, *added(_GROUP, GROUPS)))}, and {terms}"
-        )
-    found = group.fitted(facts)
+    found = _FITTED[name].fitted(facts) if name in _FITTED else fitted_own(own_group(name), facts)
     if not found.parameters:
         raise LabError(
             f"{option_name('model')} {name}: robot {chain.name} has no joint or link that could have it; leave it out"
@@ -161,7 +160,10 @@ def own_effect(name: str) -> type[VirtualEffect]:
         LabError: there is none, its package cannot be imported, or it gives something else.
     """
     if name not in (names := added(_GROUP, GROUPS)):
-        raise LabError(f"{option_name('own_effects')} {name}: unknown; packages add {', '.join(names) or 'none'}")
+        raise LabError(
+            f"{option_name('own_effects')} {name}: unknown; packages add {', '.join(names) or 'none'}"
+            f"{_nearest(name, names) or '; if its package was removed, install it again'}"
+        )
     kind = load(_GROUP, name)
     if not (isinstance(kind, type) and issubclass(kind, VirtualEffect) and is_dataclass(kind)):
         raise LabError(
@@ -190,17 +192,50 @@ def own_effect_options(text: str) -> tuple[str, VirtualEffect]:
             raise LabError(f"{flag}: '{number}' is no number") from None
         if values[option] not in OPTION_SIZE:
             raise LabError(f"{flag}: give a number from 0 to {OPTION_SIZE.most:g}")
-    return name, kind(**values)
+    with own_function(name, kind.__name__):
+        options = kind(**values)
+    return name, options
 
 
-def _added_group(name: str) -> FittedGroup | None:
-    """Return the group that a package's effect of this name fits; None without one."""
-    if name not in added(_GROUP, GROUPS):
-        return None
-    group = next((each for each in own_effect(name).groups if each.name == name), None)
-    if group is None:
-        raise LabError(f"{option_name('model')} {name}: this effect is simulated alone; it has no group of its name")
-    return group
+def own_group(name: str) -> FittedGroup:
+    """Return the group that a package's effect of this name fits.
+
+    Raises:
+        LabError: there is no such effect, its package cannot be imported, or it has no group of its name.
+    """
+    if name not in (names := added(_GROUP, GROUPS)):
+        terms = ", ".join(family.name(0, 2 if family.number else 0) for family in _TERM_FAMILIES)
+        hint = _nearest(name, (*GROUPS, *names)) or "; if a package added it, install the package again"
+        raise LabError(
+            f"{option_name('model')} {name}: no such group; there are geometric, auto, "
+            f"{', '.join((*GROUPS, *names))}, and {terms}{hint}"
+        )
+    groups = own_effect(name).groups
+    if not isinstance(groups, tuple) or not all(isinstance(each, FittedGroup) for each in groups):
+        raise LabError(f"effect '{name}': groups is {groups!r}; give a tuple of FittedGroup, e.g. (FittedGroup(...),)")
+    for group in groups:
+        if group.name == name:
+            return group
+    if groups:
+        others = " and ".join(each.name for each in groups)
+        raise LabError(
+            f"{option_name('model')} {name}: its group is named {others}; name the entry so, or the group {name}"
+        )
+    raise LabError(f"{option_name('model')} {name}: this effect is simulated alone; it has no group of its name")
+
+
+def own_columns(groups: Iterable[str], chain: JointSpec, loads: Loads | None) -> tuple[str, ...]:
+    """Return the columns of a file that own effects among these groups name, beside the lab's."""
+    found = dict[str, None]()
+    for name in set(groups) & set(added(_GROUP, GROUPS)):
+        with suppress(LabError):  # what cannot be built is refused where it is fitted
+            found |= dict.fromkeys(effect(name, chain, loads).conditions)
+    return tuple(name for name in found if not is_usual(name))
+
+
+def _nearest(name: str, names: Iterable[str]) -> str:
+    near = get_close_matches(name, tuple(names), 1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def searched_terms(facts: ArmFacts) -> dict[str, Effect]:
