@@ -22,7 +22,7 @@ from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.exports import ArmExport
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import HandLoad, carrying
-from lab.commands.run_folder import LOAD_FILE, check_edits
+from lab.commands.run_folder import LOAD_FILE, check_edits, listed_files
 from lab.core.errors import LabError, error_context
 from lab.core.limits import called
 from lab.core.measurements import LAST_MOVE
@@ -255,7 +255,12 @@ class CalibrationRun(Value):
 
 
 def load_run(
-    folder: str | Path, load: Path | None = None, cell: Path | None = None, *, accept_edited: bool = False
+    folder: str | Path,
+    load: Path | None = None,
+    cell: Path | None = None,
+    *,
+    accept_edited: bool = False,
+    whole: bool = False,
 ) -> CalibrationRun:
     """Read a run of ``lab calibrate`` or ``lab identify``: its robot, estimate, verdict and options.
 
@@ -265,6 +270,7 @@ def load_run(
             given.
         cell: the file that describes the robot's cell; that of the run, if not given.
         accept_edited: whether its files may have been changed since it was written.
+        whole: whether to check every file of the run for edits: page, recording and exports too, not only what is read.
 
     Returns:
         The run: calibrated robot, estimate, verdict and options.
@@ -297,7 +303,8 @@ def load_run(
     payload_of = load or (folder if (folder / LOAD_FILE).is_file() else None)
     robot, payload = carrying(robot, payload_of, accept_edited=accept_edited)
     estimate = read_estimate(folder, robot, payload)
-    edits = check_edits(folder, (*READ_FILES, *input_names(folder)), accept=accept_edited)
+    names = dict.fromkeys((*READ_FILES, *input_names(folder), *(listed_files(folder) if whole else ())))
+    edits = check_edits(folder, tuple(names), accept=accept_edited)
     return CalibrationRun(folder, robot, estimate, verdict, options, payload, inputs, edits)
 
 

@@ -2,16 +2,19 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.estimate import EstimatedParameter
+from lab.calibration.estimate_files import COVARIANCE_FILE, PARAMETERS_FILE, RESULT_FILE
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.validation import cv_groups_of, folds, hold_out, hold_out_last
 from lab.calibration.weights import Noise, root_mean_square_sigma, weigh
+from lab.campaign.config_file import CONFIG_FILE, read_config
 from lab.certification.budget import FrameMotion, InputQuantity, Placement, Propagation, RandomErrors, RandomScatter
 from lab.certification.characteristics import Repeats
 from lab.certification.lack_of_fit import ValidationErrors
@@ -23,14 +26,15 @@ from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
 from lab.core.significance import VERDICT_LACK_OF_FIT
 from lab.core.units import MM
+from lab.core.whole_folder import CHECKSUMS, file_digest
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.effect import HOUR_S
 from lab.noise.error_model import row_times
 from lab.noise.instruments import Instrument
 
 __all__ = [
-    "FittedRows", "fitted_motions", "fitted_rows", "instrument_noise_m", "motions_found", "random_errors",
-    "validation_errors",
+    "FittedRows", "digests_of", "fitted_motions", "fitted_rows", "instrument_noise_m", "motions_found", "random_errors",
+    "refuse_certificate", "validation_errors",
 ]  # fmt: skip
 
 _NOWHERE = (
@@ -50,6 +54,25 @@ _UNCERTIFIED = {
     "ball-bar": f"poses of a ball bar do not {_NOWHERE}",
     "dial": f"readings of indicators do not {_NOWHERE}",
 }  # why a run that observed this has no certificate, and what to do
+
+
+_SIGNED = (MEASUREMENTS_FILE, PARAMETERS_FILE, COVARIANCE_FILE, RESULT_FILE)  # what a certificate's numbers come from
+
+
+def digests_of(folder: Path) -> dict[str, str]:
+    """Return the SHA-256, by file, of what the certificate of a run comes from, and of its list of checksums.
+
+    That list has a line for every other file of the run; a run of an older lab has none.
+    """
+    return {name: file_digest(folder / name) for name in (*_SIGNED, CHECKSUMS) if (folder / name).is_file()}
+
+
+def refuse_certificate(folder: Path) -> None:
+    """Refuse the folder of a certificate, which is no calibration, with a LabError that names the run."""
+    if not (folder / CONFIG_FILE).is_file() or read_config(folder).command != "certify":
+        return
+    run = read_config(folder).options.get("run", "RUN")
+    raise LabError(f"{folder}: is a certificate, not a calibration; give the run that it certifies: {run}")
 
 
 @dataclass(frozen=True)

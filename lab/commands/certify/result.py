@@ -17,6 +17,7 @@ from lab.compensation.iso9283 import CYCLES
 from lab.core.checks import Check
 from lab.core.se3 import Array
 from lab.core.units import MICRONS, MM
+from lab.core.whole_folder import CHECKSUMS
 from lab.formats.certificate_toml import CertificateDetails
 from lab.noise.instruments import Instrument
 from lab.render import document as doc
@@ -84,6 +85,7 @@ class Certificate(Result):
         validation: what validation shows beside the budget; None where the run was not validated.
         unseen: effects that U does not contain.
         with_unseen_m: expanded uncertainty of each measurand with the unseen effects.
+        digests: SHA-256, by file, of what the numbers come from, and of the run's list of checksums.
     """
 
     command = "certify"
@@ -104,6 +106,7 @@ class Certificate(Result):
     validation: LackOfFit | None
     unseen: tuple[Unseen, ...]
     with_unseen_m: tuple[float, ...]
+    digests: Mapping[str, str]
 
     @property
     def serial(self) -> str | None:
@@ -142,6 +145,7 @@ class Certificate(Result):
         return {
             "schema": SCHEMA,
             "run": str(self.calibrated.folder),
+            "run_sha256": dict(self.digests),
             "robot": self.calibrated.robot.name,
             "serial": self.calibrated.serial,
             "poses": self.poses,
@@ -357,9 +361,28 @@ def _certificate_document(result: Certificate) -> doc.Document:
             doc.Section(
                 "Evaluation of the uncertainty", tuple(doc.Paragraph(text, shown_in=doc.PAGE) for text in _METHOD)
             ),
+            doc.Section("Data that this certificate is of", _data(result)),
             *(() if result.is_example else (_SIGNATURE,)),
         ),
         _EXAMPLE if result.is_example else "",
+    )
+
+
+def _data(result: Certificate) -> tuple[doc.Block, ...]:
+    """Tie the printed page to the files of the run, by their digests."""
+    rows: tuple[doc.Row, ...] = tuple((name, doc.Code(digest)) for name, digest in result.digests.items())
+    text = (
+        f"These SHA-256 are of the files of the run {result.calibrated.folder.name}, which hold the measurements and "
+        "the identified parameters. "
+    )
+    if CHECKSUMS in result.digests:
+        text += (
+            f"{CHECKSUMS} has those of all its other files. A file that was changed later, and listed anew, has "
+            "another digest than the one on this page."
+        )
+    return (
+        doc.Table(("file", "SHA-256"), rows, shown_in=doc.PAGE),
+        doc.Paragraph(text, "note", shown_in=doc.PAGE),
     )
 
 

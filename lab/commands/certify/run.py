@@ -41,11 +41,13 @@ from lab.certification.plausibility import CampaignFacts, implausibilities
 from lab.commands.calibrate.load_run import CalibrationRun, load_run
 from lab.commands.certify.inputs import (
     FittedRows,
+    digests_of,
     fitted_motions,
     fitted_rows,
     instrument_noise_m,
     motions_found,
     random_errors,
+    refuse_certificate,
     validation_errors,
 )
 from lab.commands.certify.result import Certificate, RobotFound, Unseen, missing_text
@@ -99,7 +101,8 @@ def certify(run: str | Path | CertifyOptions, **options: Any) -> Certificate:
 def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     stage("1 of 3, reading the run")
     details = CertificateDetails() if options.details is None else read_certificate_details(options.details)
-    calibrated = load_run(options.run, accept_edited=options.accept_edited)
+    refuse_certificate(options.run)
+    calibrated = load_run(options.run, accept_edited=options.accept_edited, whole=True)
     if not options.force:
         calibrated.refuse_unfit("a certificate")
     details = details.of_arm(calibrated.serial, str(options.details), str(options.run))
@@ -150,6 +153,7 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
         validation,
         unseen,
         totals,
+        digests_of(options.run),
     )
 
 
