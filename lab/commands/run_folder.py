@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LOAD_FILE", "SCHEMA", "VIA", "Waypoints", "check_edits", "command_line", "free_name", "input_files", "is_older",
-    "joint_columns", "listed_files", "positional", "provenance_section", "refuse_edits", "refuse_own_name", "run_folder", "unfinished",
-    "write_config", "write_json",
+    "joint_columns", "listed_files", "positional", "provenance_section", "refuse_edits", "refuse_own_name",
+    "run_folder", "unfinished", "write_config", "write_json",
 ]  # fmt: skip
 
 _OF_RUN = (".json", ".csv", ".toml", ".xml")  # files of a run that others build on: all but page and recording

@@ -231,7 +231,8 @@ class CalibrationRun(Value):
         if self.estimate.adequate is False:
             messages.append(f"of the run: {result.adequacy}: what the model lacked is taken for noise")
         if self.estimate.left_out:
-            messages.append(f"of the run: {', '.join(self.estimate.left_out)} was of its own day, and is left out")
+            groups = ", ".join(self.estimate.left_out)
+            messages.append(f"of the run: {groups} was of its session only: predicted positions are without it")
         return messages
 
     def refuse_unfit(self, what: str) -> None:
@@ -311,9 +312,12 @@ def load_run(
 def read_header(folder: Path) -> tuple[RunConfig, RunVerdict, _Campaign]:
     """Read how a run was made and judged."""
     config = read_config(folder, _MEND)
-    verdict = read_structured(folder / RESULT_FILE, RunVerdict, _MEND)
+    if config.command == "certify":
+        certified = config.options.get("run", "RUN")
+        raise LabError(f"{folder}: is a certificate, not a calibration; give the run that it certifies, {certified}")
     if config.command not in CALIBRATIONS:
         raise LabError(f"{folder}: is no run of lab calibrate or lab identify; give the folder of one")
+    verdict = read_structured(folder / RESULT_FILE, RunVerdict, _MEND)
     options = structured(f"{folder / CONFIG_FILE}: options", CALIBRATIONS[config.command], config.options, extra=True)
     if config.schema:  # what an older version let pass may be refused today
         with error_context(folder / CONFIG_FILE):

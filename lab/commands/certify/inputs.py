@@ -12,9 +12,8 @@ from lab.calibration.estimate_files import COVARIANCE_FILE, PARAMETERS_FILE, RES
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
-from lab.calibration.validation import cv_groups_of, folds, hold_out, hold_out_last
+from lab.calibration.validation import cv_groups_of, folds, hold_out, hold_out_last, shared_rows
 from lab.calibration.weights import Noise, root_mean_square_sigma, weigh
-from lab.campaign.config_file import CONFIG_FILE, read_config
 from lab.certification.budget import FrameMotion, InputQuantity, Placement, Propagation, RandomErrors, RandomScatter
 from lab.certification.characteristics import Repeats
 from lab.certification.lack_of_fit import ValidationErrors
@@ -34,7 +33,7 @@ from lab.noise.instruments import Instrument
 
 __all__ = [
     "FittedRows", "digests_of", "fitted_motions", "fitted_rows", "instrument_noise_m", "motions_found", "random_errors",
-    "refuse_certificate", "validation_errors",
+    "validation_errors",
 ]  # fmt: skip
 
 _NOWHERE = (
@@ -67,14 +66,6 @@ def digests_of(folder: Path) -> dict[str, str]:
     return {name: file_digest(folder / name) for name in (*_SIGNED, CHECKSUMS) if (folder / name).is_file()}
 
 
-def refuse_certificate(folder: Path) -> None:
-    """Refuse the folder of a certificate, which is no calibration, with a LabError that names the run."""
-    if not (folder / CONFIG_FILE).is_file() or read_config(folder).command != "certify":
-        return
-    run = read_config(folder).options.get("run", "RUN")
-    raise LabError(f"{folder}: is a certificate, not a calibration; give the run that it certifies: {run}")
-
-
 @dataclass(frozen=True)
 class FittedRows:
     """Rows that a run was fitted to, and rows that it held out for validation."""
@@ -85,6 +76,18 @@ class FittedRows:
     sigma_m: float  # noise of one coordinate, by which they are weighted
     instrument: Instrument | None  # the source of that noise; None where it was given as a number, or estimated
     validated: Measurements | None = None  # rows of the validation file that the run used; None where there was none
+
+    def unfitted(self, calibrated: CalibrationRun) -> Measurements | None:
+        """Rows that test the calibrated model as it stands: held out, or of a validation file; None without any.
+
+        A file does not where base or tool were placed anew for it, or where it shares rows with the fit or lacks a
+        target.
+        """
+        options, found = calibrated.options, self.validated
+        if self.judged is not None or found is None or not isinstance(options, MeasuredCampaign):
+            return self.judged
+        lacks = set(calibrated.estimate.arm.targets) - set(found.targets)
+        return None if options.refit or lacks or shared_rows(found, self.rows) else found
 
     @property
     def sets(self) -> dict[str, Measurements]:
@@ -408,8 +411,15 @@ def _repeatability(
         dof = (more / found.scatter_m**2) ** 2 * found.dof
         return RandomScatter(float(np.sqrt(more)), dof, "repeated poses, less the instrument's noise")
     if stated_mm is not None:
-        return RandomScatter(MM.to_si(stated_mm) / _RP_OVER_SIGMA, np.inf, f"stated RP of {stated_mm:g} mm")
+        return RandomScatter(MM.to_si(stated_mm) / _RP_OVER_SIGMA, np.inf, _stated_source(stated_mm))
     return None
+
+
+def _stated_source(stated_mm: float) -> str:
+    """Name a stated repeatability, and how the standard deviation of a coordinate follows from it (ISO 9283, 7.2.2)."""
+    return (
+        f"stated RP of {stated_mm:g} mm; u = RP / {_RP_OVER_SIGMA:.2f}: RP is mean + 3 s of lengths, u of a coordinate"
+    )
 
 
 def _scatter_m(fitted: FittedRows) -> float:
