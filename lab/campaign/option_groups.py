@@ -75,7 +75,9 @@ class Fitting:
         if not all(named) or len(set(named)) < len(named):
             raise LabError(f"--model {self.model}: give geometric, auto, or different groups joined by +")
         if self.residual and self.prior == "on":
-            raise LabError("--prior: the group residual knows no prior of the parameters; leave one of them out")
+            raise LabError(
+                "--prior on: the group residual takes no prior of all parameters; give --prior auto, or no residual"
+            )
 
     @property
     def groups(self) -> tuple[str, ...]:

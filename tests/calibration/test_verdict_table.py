@@ -255,7 +255,7 @@ def test_errors_beyond_their_prediction_are_never_good() -> None:
         prediction = prediction_check(observed, 1e-4, 1.2e-4)
         found = verdict(case.found, case.validation, GATE, goodness=case.goodness, prediction=prediction)
         assert found.word == word and found.prediction is prediction
-    assert "0.13 mm, but 0.1 mm was predicted there" in in_one_line(found.reasons)
+    assert "0.13 mm, but 0.1 mm was predicted for them" in in_one_line(found.reasons)
     assert found.accuracy.standing == "doubtful"
 
 

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.robots import data_file
 
 import lab
 from lab.commands.calibrate.run import CalibrationResult
 from lab.core.errors import LabError
+from lab.formats.measurement_csv import read_measurements
 
 WAVING = {"poses": 60, "seed": 3, "harmonic2_mrad": 0.3, "instrument": "uniform-8um"}
 
@@ -59,3 +61,16 @@ def test_wrong_requests_are_refused_in_one_line() -> None:
             lab.calibrate("irb120", model=model, prior=prior)
     with pytest.raises(LabError, match="too few"):
         lab.calibrate("irb120", model="residual", poses=12)
+
+
+@pytest.mark.thorough
+def test_auto_beside_it_chooses_as_auto_does() -> None:
+    """Of a real arm whose target is near axis 6: the automatic prior acts on the weak directions in both."""
+    options = {"robot": "ur5", "holdout": 0.3, "noise_mm": 0.01}
+    names = tuple(f"q{i}" for i in range(1, 7))
+    rows = read_measurements(data_file("ur5_jacobi_1000.csv"), names, (False,) * 6)
+    some = rows.take(np.arange(0, len(rows), 4))
+    alone, beside = (lab.identify(some, model=model, **options) for model in ("auto", "auto+residual"))
+    assert beside.identification.status == "converged" and beside.fit.groups == alone.fit.groups != ()
+    assert beside.to_dict()["condition"] < 1_000
+    assert beside.to_dict()["after_mm"]["mean"] < alone.to_dict()["after_mm"]["mean"]
