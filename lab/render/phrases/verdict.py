@@ -224,8 +224,8 @@ def _prediction(check: Check) -> str:
     without = f", {_left_out(data['extrapolated'])}," if data["extrapolated"] else ""
     return (
         f"95 % of the errors at poses that were not fitted{without} are below {observed}, but {predicted} was "
-        f"predicted for them by parameters and noise ({allowed} allowing for chance): the model or the stated noise is wrong; "
-        "identify with --model auto, then auto+residual (points of a serial arm), or check the stated noise"
+        f"predicted for them by parameters and noise ({allowed} allowing for chance): the model or the stated noise is "
+        "wrong; identify with --model auto, then auto+residual (points of a serial arm), or check the stated noise"
     )
 
 
