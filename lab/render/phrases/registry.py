@@ -32,7 +32,9 @@ def phrases(checks: Iterable[Check]) -> tuple[str, ...]:
 def reason_texts(reasons: Iterable[Check]) -> tuple[str, ...]:
     """Return the phrases of a verdict's reasons, with what to do where a phrase only states a test."""
     found = (
-        f"{phrase(each)}. {verdict.LACK_OF_FIT_ADVICE}" if each.name.startswith("lack_of_fit") else phrase(each)
+        f"{phrase(each)}. {verdict.LACK_OF_FIT_ADVICE}"
+        if each.name.startswith("lack_of_fit") and each.outcome == "failed"
+        else phrase(each)
         for each in reasons
     )
     return tuple(dict.fromkeys(found))

@@ -399,6 +399,7 @@ LACK_OF_FIT_ADVICE = (
 )
 _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name begins with
     "lack_of_fit": LACK_OF_FIT_ADVICE,
+    "lack_of_fit.nothing": "Measure more poses to validate on, or some poses twice; or state the noise (--instrument).",
     "isotropy": "State the instrument with --instrument.",
     "finding.step": "Measure again in one set-up, or give the rows after the step a session of their own.",
     "finding.drift": "Measure the first poses again at the end: they show what drifts.",

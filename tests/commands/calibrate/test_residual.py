@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.drawing import nothing_drawn
 from helpers.robots import data_file
 
 import lab
@@ -74,3 +75,17 @@ def test_auto_beside_it_chooses_as_auto_does() -> None:
     assert beside.identification.status == "converged" and beside.fit.groups == alone.fit.groups != ()
     assert beside.to_dict()["condition"] < 1_000
     assert beside.to_dict()["after_mm"]["mean"] < alone.to_dict()["after_mm"]["mean"]
+
+
+@pytest.mark.parametrize("model", ["drift+residual", "sessions+residual"])
+def test_a_run_beside_effects_of_a_session_is_written_and_read(model: str, tmp_path: Path) -> None:
+    """Its offsets are predicted without the conditions that only drift or sessions ask for."""
+    data = lab.simulate("irb120", poses=40, seed=3, harmonic2_mrad=0.3, instrument="uniform-8um").measurements
+    data = replace(data, sessions=("a",) * 20 + ("b",) * 20, points=data.points + 1e-5 * np.arange(40)[:, None, None])
+    result = lab.identify(data, robot="irb120", model=model, noise_mm=0.008)
+    with nothing_drawn():
+        folder = result.save(tmp_path / "run")
+    joints = data.joints[:5] + 0.01
+    read, held = lab.load_estimate(folder).predict(joints), result.estimate.predict(joints)
+    np.testing.assert_allclose(read.points, held.points, atol=1e-12)
+    np.testing.assert_allclose(read.covariance, held.covariance, rtol=1e-6)
