@@ -601,7 +601,16 @@ def estimate_of(
         load=load,
         prior_acts_in=0 if found.prior is None else found.prior.acts_in,
     )
+    if process is not None and estimate.left_out:
+        estimate = replace(estimate, process=_without_session(process, found, estimate.arm.conditions))
     return estimate if shared is None else replace(estimate, shared=in_another_session(shared, estimate))
+
+
+def _without_session(process: JointProcess, found: Identification, lasting: Sequence[str]) -> JointProcess:
+    """Return a process without the conditions that only a session's effects ask for: its offsets are of the joints."""
+    joints, conditions = len(process.turning), list(found.model.conditions)
+    columns = [*range(joints), *(joints + conditions.index(name) for name in lasting)]
+    return replace(process, inputs=process.inputs[:, columns])
 
 
 def in_another_session(shared: ErrorModel, estimate: Estimate) -> ErrorModel:

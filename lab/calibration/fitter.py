@@ -212,8 +212,8 @@ class Fitter:
     def request(self) -> IdentifyOptions:
         """Options of the identification."""
         chosen = self.options
-        automatic = chosen.prior == "auto"  # what the joints' offsets explain is fitted to parameters without a prior
-        tolerance = chosen.tolerance if chosen.prior == "on" or (automatic and not chosen.residual) else None
+        automatic = chosen.prior == "auto"
+        tolerance = chosen.tolerance if chosen.prior == "on" or automatic else None
         return IdentifyOptions(chosen.fix, chosen.free, tolerance, automatic, self.kind.solve, chosen.estimator)
 
     def modelled(self, groups: Sequence[str], fixed: Sequence[str]) -> tuple[Model, IdentifyOptions]:

@@ -80,7 +80,9 @@ class Fitting:
                 "by itself; add groups of packages alone"
             )
         if self.residual and self.prior == "on":
-            raise LabError("--prior: the group residual knows no prior of the parameters; leave one of them out")
+            raise LabError(
+                "--prior on: the group residual takes no prior of all parameters; give --prior auto, or no residual"
+            )
 
     @property
     def searched(self) -> bool:

@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LOAD_FILE", "SCHEMA", "VIA", "Waypoints", "check_edits", "command_line", "free_name", "input_files", "is_older",
-    "joint_columns", "positional", "provenance_section", "refuse_edits", "refuse_own_name", "run_folder", "unfinished",
-    "write_config", "write_json",
+    "joint_columns", "listed_files", "positional", "provenance_section", "refuse_edits", "refuse_own_name",
+    "run_folder", "unfinished", "write_config", "write_json",
 ]  # fmt: skip
 
 _OF_RUN = (".json", ".csv", ".toml", ".xml")  # files of a run that others build on: all but page and recording
@@ -394,6 +394,14 @@ def refuse_edits(folder: Path) -> None:
     """
     own = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path != folder / CHECKSUMS)
     check_edits(folder, sorted({*(path.as_posix() for path in own), *input_names(folder)}), accept=False)
+
+
+def listed_files(folder: Path) -> tuple[str, ...]:
+    """Return the files of a run that its checksums list, as far as they are there; a recording may be deleted."""
+    if not (folder / CHECKSUMS).is_file():
+        return ()
+    names = (line.partition("  ")[2] for line in read_text(folder / CHECKSUMS, TEXT_BYTES).splitlines())
+    return tuple(name for name in names if (folder / name).is_file())
 
 
 def is_older(folder: Path) -> bool:

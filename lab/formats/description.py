@@ -52,7 +52,8 @@ class DescriptionFormat(Generic[_ArmT_contra, _ModelT_contra]):
 
     Attributes:
         file: name of its file in a run's folder.
-        text: returns the content for an identified robot; "" if there is none.
+        text: returns the content for an identified robot; "" if there is none. It raises a LabError with the reason
+            if the format cannot hold these parameters.
     """
 
     file: str

@@ -92,7 +92,7 @@ def read_joint_log(
     joints = np.stack(
         [scale * table.numbers(column, empty=False) for column, scale in zip(at, scales, strict=True)], axis=1
     )
-    _refuse_other_unit(path, joints, prismatic, scales)
+    _refuse_other_unit(path, joints, prismatic, scales, [_stated_unit(table, column) for column in at])
     name = _other(table, columns.name, _NAMES)
     time, day = _other(table, columns.time, _TIMES), _other(table, columns.date, _DATES)
     time, day = (time, day) if time is not None else (day, None)
@@ -210,11 +210,16 @@ def _other(table: LooseTable, given: str, known: tuple[str, ...]) -> int | None:
     return next((i for key in known for i, each in enumerate(headings) if each.key == key), None)
 
 
+def _stated_unit(table: LooseTable, column: int, *, slides: bool = False) -> str:
+    """Return the unit that a joint's column states, "" for none; the real-time columns of UR are in rad."""
+    if table.headings is None:
+        return ""
+    heading = table.headings[column]
+    return heading.unit or ("rad" if heading.key.startswith("actual q ") and not slides else "")
+
+
 def _scale(table: LooseTable, column: int, slides: bool, given: str | None, *, in_si: bool) -> float:
-    heading = table.headings[column] if table.headings is not None else None
-    stated = heading.unit if heading is not None else ""
-    if heading is not None and heading.key.startswith("actual q ") and not slides:
-        stated = stated or "rad"
+    stated = _stated_unit(table, column, slides=slides)
     where = f"{table.path}: column {table.name(column)}"
     if in_si and not stated:
         stated = "m" if slides else given or "rad"
@@ -236,16 +241,17 @@ def _scale(table: LooseTable, column: int, slides: bool, given: str | None, *, i
     return float(_SCALES[unit])
 
 
-def _refuse_other_unit(path: Path, joints: Array, prismatic: tuple[bool, ...], scales: list[float]) -> None:
+def _refuse_other_unit(
+    path: Path, joints: Array, prismatic: tuple[bool, ...], scales: list[float], stated: list[str]
+) -> None:
+    """Refuse angles whose sizes are those of the other unit; a unit that the file states is corrected there."""
     turning = [j for j, slides in enumerate(prismatic) if not slides]
     if not turning:
         return
     largest = float(np.abs(joints[:, turning]).max())
     used_scales = [scales[j] for j in turning]
     if all(scale == 1.0 for scale in used_scales) and largest > _FULL_TURNS * 2 * np.pi:
-        raise LabError(
-            f"{path}: joints reach {largest:.4g} rad, which are degrees; give {option_name('joint_unit')} deg"
-        )
+        raise LabError(f"{path}: joints reach {largest:.4g} rad, which are degrees; {_correct(stated, turning, 'deg')}")
     in_degrees = np.rad2deg(largest)
     if (
         all(scale != 1.0 for scale in used_scales)
@@ -254,6 +260,13 @@ def _refuse_other_unit(path: Path, joints: Array, prismatic: tuple[bool, ...], s
         and np.ptp(joints, axis=0).max()
     ):
         raise LabError(
-            f"{path}: no joint turns by more than {in_degrees:.3g}°; they are in radians; give "
-            f"{option_name('joint_unit')} rad"
+            f"{path}: no joint turns by more than {in_degrees:.3g}°; they are in radians; "
+            f"{_correct(stated, turning, 'rad')}"
         )
+
+
+def _correct(stated: list[str], turning: list[int], unit: str) -> str:
+    """Advise how to give the unit of the joints: in the header where it states one, else as an option."""
+    if any(stated[j] for j in turning):
+        return f"correct the unit in the header of the joints' columns to {unit}"
+    return f"give {option_name('joint_unit')} {unit}"

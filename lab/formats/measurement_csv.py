@@ -138,8 +138,31 @@ def read_measurements(
         columns: observations; points by default. Orientations are kept as texts for ``orientations``.
         most: largest number of rows.
     """
-    reader = PoseReader(path, list(joint_names), list(prismatic), columns or ObservedColumns(), most)
-    return reader.read(points and reader.observed.positions and reader.observed.required)
+    try:
+        reader = PoseReader(path, list(joint_names), list(prismatic), columns or ObservedColumns(), most)
+        return reader.read(points and reader.observed.positions and reader.observed.required)
+    except LabError as error:
+        if not points or _names_a_joint(path, joint_names):
+            raise
+        text = (
+            f"{error}; if it is an instrument's or a controller's own file, lab import makes a measurement file of it"
+        )
+        raise LabError(text) from error
+
+
+def _names_a_joint(path: Path, joint_names: Sequence[str]) -> bool:
+    """Decide whether the first line of a file names a joint, as a measurement file does; True if it is unreadable."""
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            first = file.readline(_LONGEST_HEADER).strip().lstrip("\ufeff")
+    except OSError:
+        return True
+    known = {*joint_names, *(f"q{j + 1}" for j in range(len(joint_names)))}
+    cells = [cell.strip().strip('"') for cell in first.split(",")]
+    return not first or any(cell == name or cell.startswith(f"{name}_") for cell in cells for name in known)
+
+
+_LONGEST_HEADER = 100_000  # characters of a first line that are read for the names of joints
 
 
 class PoseReader(CsvTable):

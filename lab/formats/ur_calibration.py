@@ -24,6 +24,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import CORRECTION_A_M, CORRECTION_D_M, CORRECTION_RAD, TEXT_BYTES
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.description import DescriptionFormat, IdentifiedRobot
 from lab.formats.link_tree import link_tree
 from lab.formats.structured import read_text
@@ -171,6 +172,9 @@ def ur_frames(arm: SerialArm, values: Array) -> _UrFrames | None:
 
     The nominal axes identify the maker. Displacements of an identified last link beyond its joint's axis are in the
     points, as of a tool: tool0 stays on the axis in both formats.
+
+    Raises:
+        LabError: the identified axes are too far from the nominal ones to be placed in this way.
     """
     chain = arm.chain
     if chain.size != len(_LINKS) or any(chain.prismatic):
@@ -186,7 +190,12 @@ def ur_frames(arm: SerialArm, values: Array) -> _UrFrames | None:
     last_tool0 = se3.inverse(turn @ nominal[-1]) @ placed[-1]  # mostly one
     frames = [turn @ T for T in _axis_frames(arm, values)]
     found = _placed(tuple(frames))
-    assert found is not None
+    if found is None:
+        apart = _shoulder_apart(frames)
+        raise LabError(
+            f"the identified axes of joints 1 and 2 are {MM.text(apart, 2)} apart, but the format is of arms whose "
+            "axes meet; find what is wrong with the fit first"
+        )
     tool0 = frames[-1] @ last_tool0
     _, table, points = arm.split(values)
     before, after = np.eye(4), np.diag([1.0, chain.sign[-1], chain.sign[-1], 1.0])
@@ -221,8 +230,7 @@ def _placed(frames: tuple[Array, ...]) -> tuple[Array, ...] | None:
     """Place frames along and about their axes as ``ur_description``; None if the shoulders are apart."""
     z = [T[:3, 2] for T in frames]
     points = [T[:3, 3] for T in frames]
-    shoulder = _foot(points[0], z[0], points[1], z[1])
-    upper = _foot(points[1], z[1], points[0], z[0])
+    shoulder, upper = _shoulder(frames)
     if np.linalg.norm(upper - shoulder) > _NEAR:
         return None
     elbow = points[2] + z[2] * np.dot(upper - points[2], z[2])
@@ -230,6 +238,17 @@ def _placed(frames: tuple[Array, ...]) -> tuple[Array, ...] | None:
     roll = _foot(points[4], z[4], points[5], z[5])
     origins = (shoulder, upper, elbow, wrist, roll, points[5])
     return tuple(_frame(at, axis) for at, axis in zip(origins, z, strict=True))
+
+
+def _shoulder(frames: Sequence[Array]) -> tuple[Array, Array]:
+    """Return the nearest points ``(3,)`` (m) of the first two axes."""
+    (p, u), (q, v) = ((T[:3, 3], T[:3, 2]) for T in frames[:2])
+    return _foot(p, u, q, v), _foot(q, v, p, u)
+
+
+def _shoulder_apart(frames: Sequence[Array]) -> float:
+    shoulder, upper = _shoulder(frames)
+    return float(np.linalg.norm(upper - shoulder))
 
 
 def _lengths(frames: tuple[Array, ...]) -> Array:

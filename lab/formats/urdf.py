@@ -70,10 +70,14 @@ def identified_urdf(identified: IdentifiedRobot[SerialArm, object]) -> str:
 
 
 def _tool0(identified: IdentifiedRobot[SerialArm, object]) -> list[Link]:
-    """Return tool0 of an arm of Universal Robots, fixed to the last link; none for another arm."""
+    """Return tool0 of an arm of Universal Robots, fixed to the last link; none for another arm, or a bad fit's."""
     arm, values = identified.arm, identified.values
-    found, tree = ur_frames(arm, values), link_tree(arm, values)
+    tree = link_tree(arm, values)
     name = free_name("tool0", [link.name for link in tree.links])
+    try:
+        found = ur_frames(arm, values)
+    except LabError:  # the identified arm has no such frame; its own links are written all the same
+        return []
     if found is None:
         return []
     T_instrument_last = arm.T_tracker_frame0(values) @ last_axis_frame(arm, values)

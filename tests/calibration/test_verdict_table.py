@@ -17,7 +17,7 @@ from lab.calibration.workspace_prediction import prediction_check
 from lab.campaign.robot import load_robot
 from lab.core.checks import Check
 from lab.kinematics.serial.arm import SerialArm
-from lab.render.phrases.registry import in_one_line
+from lab.render.phrases.registry import in_one_line, phrase, reason_texts
 
 GATE = 1e-3
 clean = cache(campaign)
@@ -255,7 +255,7 @@ def test_errors_beyond_their_prediction_are_never_good() -> None:
         prediction = prediction_check(observed, 1e-4, 1.2e-4)
         found = verdict(case.found, case.validation, GATE, goodness=case.goodness, prediction=prediction)
         assert found.word == word and found.prediction is prediction
-    assert "0.13 mm, but 0.1 mm was predicted there" in in_one_line(found.reasons)
+    assert "0.13 mm, but 0.1 mm was predicted for them" in in_one_line(found.reasons)
     assert found.accuracy.standing == "doubtful"
 
 
@@ -281,3 +281,12 @@ def test_errors_at_the_validation_poses_do_not_change_what_is_known_over_the_reg
         for size in (1.0, 0.3, 0.1, 1e-3)
     ]
     assert {each.standing for each in found} == {"holds"} and len({in_one_line(each.checks) for each in found}) == 1
+
+
+def test_a_reason_of_lack_of_fit_says_what_to_do() -> None:
+    """Not beside the group residual, which no other model tests."""
+    misfit = Check("lack_of_fit.chi2", "failed", 3.8, p=0.0, data={"dof": (473,)})
+    untested = Check("lack_of_fit.nothing", "not tested", data={"why": "residual"})
+    ((failed,), (rest,)) = reason_texts([misfit]), reason_texts([untested])
+    assert failed.startswith(phrase(misfit)) and "--model auto" in failed.removeprefix(phrase(misfit))
+    assert rest == phrase(untested)

@@ -47,8 +47,10 @@ WRONG = {
     "unit said twice": (GOOD, {}, "rad", "leave out"),
     "not a unit of angles": ("q1_mm,q2_mm\n1,2\n3,4\n", {}, None, "not a unit of angle"),
     "a joint is missing": ("q1_deg,q3_deg\n1,2\n3,4\n", {}, None, "no column is joint elbow"),
-    "degrees as radians": ("q1_rad,q2_rad\n1,2\n90,4\n", {}, None, "--joint-unit deg"),
-    "radians as degrees": ("q1_deg,q2_deg\n1,2\n0.5,0.7\n-1,1\n", {}, None, "--joint-unit rad"),
+    "degrees as radians": ("q1_rad,q2_rad\n1,2\n90,4\n", {}, None, "header of the joints' columns to deg"),
+    "radians as degrees": ("q1_deg,q2_deg\n1,2\n0.5,0.7\n-1,1\n", {}, None, "header of the joints' columns to rad"),
+    "degrees given as radians": ("q1,q2\n1,2\n90,4\n", {}, "rad", "give --joint-unit deg"),
+    "radians given as degrees": ("q1,q2\n1,2\n0.5,0.7\n-1,1\n", {}, "deg", "give --joint-unit rad"),
     "an empty cell": ("name,q1_deg,q2_deg,t\nA,10,20,1\nB,30,,2\n", {}, None, "line 3"),
     "one joint of two": (GOOD, {"joints": ("q1_deg",)}, None, "names 1 joints"),
     "one column twice": (GOOD, {"joints": ("2", "2")}, None, "two joints"),
@@ -64,3 +66,12 @@ def test_what_cannot_be_understood_is_told_in_one_line(name: str, tmp_path: Path
     with pytest.raises(LabError) as error:
         read(tmp_path, text, JointColumns(**columns), unit)
     assert told in str(error.value) and "\n" not in str(error.value)
+
+
+def test_the_advice_of_a_refused_unit_is_not_refused(tmp_path: Path) -> None:
+    """Degrees under a header in rad: the option contradicts the header, so the header is to be corrected."""
+    text = "q1_rad,q2_rad\n1,2\n90,4\n"
+    with pytest.raises(LabError, match="correct the unit in the header"):
+        read(tmp_path, text, JointColumns(), None)
+    log = read(tmp_path, text.replace("_rad", "_deg"), JointColumns(), None)
+    np.testing.assert_allclose(np.rad2deg(log.joints[1]), [90.0, 4.0])

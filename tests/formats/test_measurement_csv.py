@@ -226,3 +226,20 @@ def test_a_late_error_names_its_line(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (tmp_path / "a.csv").write_text("a,b\n" + rows + "1\n")
     with pytest.raises(LabError, match=r"line 12: 1 cells, but the header has 2"):
         csv_table.CsvTable(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "hinted"),
+    [
+        ("Measurement log, CellView 3.2\nNo;X [mm];Axis 1 [deg]\nP1;1,5;2,5\n", True),
+        ("No;X [mm];Axis 1 [deg]\nP1;1.5;2.5\n", True),
+        ("q1_deg,p1_x_mm\n1\n", False),
+        ("q1,p1_x_mm\n1,2\n", False),
+        ("", False),
+    ],
+)
+def test_an_instrument_s_own_file_is_pointed_to_the_import(text: str, hinted: bool, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.raises(LabError) as error:
+        read_measurements(tmp_path / "log.csv", ("q1",), (False,))
+    assert ("lab import" in str(error.value)) == hinted and "\n" not in str(error.value)

@@ -93,6 +93,15 @@ def test_a_real_robot_s_file_moves_as_its_controller_says(tmp_path: Path) -> Non
     assert np.linalg.norm(still[:3, 3]) < 1e-3  # of the last frame only its turn about z is free
 
 
+def test_axes_that_no_arm_of_the_maker_has_are_refused_with_a_reason(tmp_path: Path) -> None:
+    """As a fit of mirrored points, or of joints in another order, leaves them."""
+    arm = SerialArm(read_table(ur5e_toml(tmp_path / "ur.toml")).chain)
+    values = arm.nominal()
+    values[arm.names.index("link1.a")] += 0.2
+    with pytest.raises(LabError, match="axes of joints 1 and 2 are 200 mm apart"):
+        kinematics(arm, values)
+
+
 def test_other_arms_have_no_such_file(tmp_path: Path) -> None:
     text = ur5e_toml(tmp_path / "ur.toml").read_text().replace(str(np.pi / 2), "0.5", 1)
     (tmp_path / "other.toml").write_text(text)

@@ -35,7 +35,7 @@ from lab.kinematics.parameter import Parameter
 from lab.render import document as doc
 from lab.render.document import capital, digits_of, fixed, plus_minus, sentence, short
 from lab.render.phrases.fit import model_name, standing
-from lab.render.phrases.registry import in_one_line, phrases
+from lab.render.phrases.registry import in_one_line, phrases, reason_texts
 from lab.render.phrases.verdict import gate_text, next_step, region_text, without_figures
 from lab.render.scene import drawn_rows
 
@@ -183,7 +183,7 @@ def _validated_on(result: CalibrationResult) -> str:
 def _verdict_blocks(result: CalibrationResult) -> tuple[doc.Block, ...]:
     """Word the verdict with its gate, the reasons where it is not good, and the three answers, nothing twice."""
     verdict = result.verdict
-    reasons = doc.Bullets(tuple(map(capital, phrases(verdict.reasons))))
+    reasons = doc.Bullets(tuple(map(capital, reason_texts(verdict.reasons))))
     because = (doc.Paragraph("Because:"), reasons) if verdict.reasons else ()
     answers = tuple(
         (doc.Strong(f"{capital(name)}: {each.standing}."), f" {_answer_text(each, verdict.reasons)}")

@@ -4,7 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from lab.calibration.estimate import Estimate
+from lab.campaign.robot import Robot
 from lab.core.errors import LabError, counted
 from lab.core.measurements import evenly
 from lab.core.se3 import Array
@@ -13,7 +16,7 @@ from lab.formats.calibrated_module import largest_difference, module_text, plain
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.render.phrases.fit import listed, model_name
 
-__all__ = ["ArmExport", "comment_on_missing_effects"]
+__all__ = ["ArmExport", "GeometryFiles", "comment_on_missing_effects", "geometry_files"]
 
 _CHECKED, _SAME_M = 3, 1e-9  # poses at which a module is compared with the lab's own arm, and how near it has to be
 
@@ -24,6 +27,46 @@ def comment_on_missing_effects(groups: Sequence[str], error_m: float | None, whe
         return ""
     text = f"Geometry alone: the file lacks {', '.join(listed(groups))}, an error of {MM.text(error_m, 2)} RMS {where}"
     return f"{text}; calibrated.py has all effects" if module else text
+
+
+@dataclass(frozen=True)
+class GeometryFiles:
+    """Files that describe an identified arm's geometry.
+
+    Attributes:
+        texts: content by file name.
+        left_out: by name of a file that cannot hold the arm, the reason.
+    """
+
+    texts: dict[str, str]
+    left_out: dict[str, str]
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """A warning about each file that is not written."""
+        return tuple(f"{name} is not written: {why}" for name, why in self.left_out.items())
+
+
+def geometry_files(
+    robot: Robot, names: Sequence[str], targets: tuple[str, ...], values: Array, comment: str
+) -> GeometryFiles:
+    """Describe an arm with parameters ``(p,)`` in the formats of these files; a bad fit's arm may not fit into some.
+
+    Args:
+        comment: at the head of each file.
+    """
+    texts, left_out = dict[str, str](), dict[str, str]()
+    for name in names:
+        try:
+            with np.errstate(divide="raise", invalid="raise"):
+                text = robot.description(name, targets, values, comment)
+        except LabError as error:
+            left_out[name] = str(error)
+        except (ArithmeticError, np.linalg.LinAlgError):
+            left_out[name] = "the identified axes determine no frames of this format"
+        else:
+            texts |= {name: text} if text else {}
+    return GeometryFiles(texts, left_out)
 
 
 @dataclass(frozen=True)

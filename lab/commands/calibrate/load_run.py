@@ -22,7 +22,7 @@ from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.exports import ArmExport
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import HandLoad, carrying
-from lab.commands.run_folder import LOAD_FILE, check_edits
+from lab.commands.run_folder import LOAD_FILE, check_edits, listed_files
 from lab.core.errors import LabError, error_context
 from lab.core.limits import called
 from lab.core.measurements import LAST_MOVE
@@ -231,7 +231,8 @@ class CalibrationRun(Value):
         if self.estimate.adequate is False:
             messages.append(f"of the run: {result.adequacy}: what the model lacked is taken for noise")
         if self.estimate.left_out:
-            messages.append(f"of the run: {', '.join(self.estimate.left_out)} was of its own day, and is left out")
+            groups = ", ".join(self.estimate.left_out)
+            messages.append(f"of the run: {groups} was of its session only: predicted positions are without it")
         return messages
 
     def refuse_unfit(self, what: str) -> None:
@@ -255,7 +256,12 @@ class CalibrationRun(Value):
 
 
 def load_run(
-    folder: str | Path, load: Path | None = None, cell: Path | None = None, *, accept_edited: bool = False
+    folder: str | Path,
+    load: Path | None = None,
+    cell: Path | None = None,
+    *,
+    accept_edited: bool = False,
+    whole: bool = False,
 ) -> CalibrationRun:
     """Read a run of ``lab calibrate`` or ``lab identify``: its robot, estimate, verdict and options.
 
@@ -265,6 +271,7 @@ def load_run(
             given.
         cell: the file that describes the robot's cell; that of the run, if not given.
         accept_edited: whether its files may have been changed since it was written.
+        whole: whether to check every file of the run for edits: page, recording and exports too, not only what is read.
 
     Returns:
         The run: calibrated robot, estimate, verdict and options.
@@ -297,16 +304,20 @@ def load_run(
     payload_of = load or (folder if (folder / LOAD_FILE).is_file() else None)
     robot, payload = carrying(robot, payload_of, accept_edited=accept_edited)
     estimate = read_estimate(folder, robot, payload)
-    edits = check_edits(folder, (*READ_FILES, *input_names(folder)), accept=accept_edited)
+    names = dict.fromkeys((*READ_FILES, *input_names(folder), *(listed_files(folder) if whole else ())))
+    edits = check_edits(folder, tuple(names), accept=accept_edited)
     return CalibrationRun(folder, robot, estimate, verdict, options, payload, inputs, edits)
 
 
 def read_header(folder: Path) -> tuple[RunConfig, RunVerdict, _Campaign]:
     """Read how a run was made and judged."""
     config = read_config(folder, _MEND)
-    verdict = read_structured(folder / RESULT_FILE, RunVerdict, _MEND)
+    if config.command == "certify":
+        certified = config.options.get("run", "RUN")
+        raise LabError(f"{folder}: is a certificate, not a calibration; give the run that it certifies, {certified}")
     if config.command not in CALIBRATIONS:
         raise LabError(f"{folder}: is no run of lab calibrate or lab identify; give the folder of one")
+    verdict = read_structured(folder / RESULT_FILE, RunVerdict, _MEND)
     options = structured(f"{folder / CONFIG_FILE}: options", CALIBRATIONS[config.command], config.options, extra=True)
     if config.schema:  # what an older version let pass may be refused today
         with error_context(folder / CONFIG_FILE):

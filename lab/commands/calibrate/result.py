@@ -26,7 +26,7 @@ from lab.calibration.verdict import Answer, Verdict, rotation_noise_rad
 from lab.calibration.workspace_prediction import Distance, RegionPrediction, ValidationBounds
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
-from lab.commands.calibrate.exports import ArmExport, comment_on_missing_effects
+from lab.commands.calibrate.exports import ArmExport, GeometryFiles, comment_on_missing_effects, geometry_files
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import read_hand_load
 from lab.commands.result import ErrorStatistics, Result, error_statistics, exit_code_of, number, sizes_mm
@@ -147,8 +147,8 @@ class CalibrationResult(Result):
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Phrases of the checks, each once."""
-        return phrases(self.fit.checks)
+        """Phrases of the checks, each once, and the files that cannot hold the arm."""
+        return (*phrases(self.fit.checks), *self._descriptions.messages)
 
     @property
     def command(self) -> str:
@@ -332,14 +332,13 @@ class CalibrationResult(Result):
         return self.estimate.geometry_error(self._export.inputs)
 
     @cached_property
-    def _descriptions(self) -> dict[str, str]:
+    def _descriptions(self) -> GeometryFiles:
         """The files that describe the arm's geometry; those in other formats are ``lab compensate``'s."""
         arm, values = self.rigid(self.exported)
         lacking = comment_on_missing_effects(
             self.estimate.groups, self._geometry_error_m, "at the measured poses", module=self._module[1] is None
         )
-        texts = {name: self.robot.description(name, arm.targets, values, lacking) for name in self.robot.stored_files}
-        return {name: text for name, text in texts.items() if text}
+        return geometry_files(self.robot, self.robot.stored_files, arm.targets, values, lacking)
 
     @property
     def _exports(self) -> dict[str, Any]:
@@ -347,7 +346,9 @@ class CalibrationResult(Result):
         found, off = self._export, self._geometry_error_m
         alone = {"has": ["geometric"], "lacks": [*self.estimate.groups, *self.estimate.left_out]}
         of_geometry = {**alone, "off_mm": None if off is None else number(MM.of(off))}
-        return {MODULE_FILE: found.to_dict(self._module[1]), **dict.fromkeys(self._descriptions, of_geometry)}
+        lacks, files = ["geometric", *alone["lacks"]], self._descriptions
+        left_out = {name: {"has": [], "lacks": lacks, "reason": why} for name, why in files.left_out.items()}
+        return {MODULE_FILE: found.to_dict(self._module[1]), **dict.fromkeys(files.texts, of_geometry), **left_out}
 
     @property
     def _prior(self) -> dict[str, Any]:
@@ -396,7 +397,7 @@ class CalibrationResult(Result):
         write_estimate(folder, self.estimate, converted)
         if fitting.load is not None:
             read_hand_load(fitting.load, accept_edited=fitting.accept_edited).write(folder)
-        for name, text in self._descriptions.items():
+        for name, text in self._descriptions.texts.items():
             (folder / name).write_text(text, encoding="utf-8")
         (folder / MODULE_FILE).write_text(self._module[0], encoding="utf-8")
 

@@ -2,15 +2,17 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.estimate import EstimatedParameter
+from lab.calibration.estimate_files import COVARIANCE_FILE, PARAMETERS_FILE, RESULT_FILE
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
-from lab.calibration.validation import cv_groups_of, folds, hold_out, hold_out_last
+from lab.calibration.validation import cv_groups_of, folds, hold_out, hold_out_last, shared_rows
 from lab.calibration.weights import Noise, root_mean_square_sigma, weigh
 from lab.certification.budget import FrameMotion, InputQuantity, Placement, Propagation, RandomErrors, RandomScatter
 from lab.certification.characteristics import Repeats
@@ -23,13 +25,14 @@ from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
 from lab.core.significance import VERDICT_LACK_OF_FIT
 from lab.core.units import MM
+from lab.core.whole_folder import CHECKSUMS, file_digest
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.effect import HOUR_S
 from lab.noise.error_model import row_times
 from lab.noise.instruments import Instrument
 
 __all__ = [
-    "FittedRows", "fitted_motions", "fitted_rows", "instrument_noise_m", "motions_found", "random_errors",
+    "FittedRows", "digests_of", "fitted_motions", "fitted_rows", "instrument_noise_m", "motions_found", "random_errors",
     "validation_errors",
 ]  # fmt: skip
 
@@ -52,6 +55,17 @@ _UNCERTIFIED = {
 }  # why a run that observed this has no certificate, and what to do
 
 
+_SIGNED = (MEASUREMENTS_FILE, PARAMETERS_FILE, COVARIANCE_FILE, RESULT_FILE)  # what a certificate's numbers come from
+
+
+def digests_of(folder: Path) -> dict[str, str]:
+    """Return the SHA-256, by file, of what the certificate of a run comes from, and of its list of checksums.
+
+    That list has a line for every other file of the run; a run of an older lab has none.
+    """
+    return {name: file_digest(folder / name) for name in (*_SIGNED, CHECKSUMS) if (folder / name).is_file()}
+
+
 @dataclass(frozen=True)
 class FittedRows:
     """Rows that a run was fitted to, and rows that it held out for validation."""
@@ -62,6 +76,18 @@ class FittedRows:
     sigma_m: float  # noise of one coordinate, by which they are weighted
     instrument: Instrument | None  # the source of that noise; None where it was given as a number, or estimated
     validated: Measurements | None = None  # rows of the validation file that the run used; None where there was none
+
+    def unfitted(self, calibrated: CalibrationRun) -> Measurements | None:
+        """Rows that test the calibrated model as it stands: held out, or of a validation file; None without any.
+
+        A file does not where base or tool were placed anew for it, or where it shares rows with the fit or lacks a
+        target.
+        """
+        options, found = calibrated.options, self.validated
+        if self.judged is not None or found is None or not isinstance(options, MeasuredCampaign):
+            return self.judged
+        lacks = set(calibrated.estimate.arm.targets) - set(found.targets)
+        return None if options.refit or lacks or shared_rows(found, self.rows) else found
 
     @property
     def sets(self) -> dict[str, Measurements]:
@@ -385,8 +411,15 @@ def _repeatability(
         dof = (more / found.scatter_m**2) ** 2 * found.dof
         return RandomScatter(float(np.sqrt(more)), dof, "repeated poses, less the instrument's noise")
     if stated_mm is not None:
-        return RandomScatter(MM.to_si(stated_mm) / _RP_OVER_SIGMA, np.inf, f"stated RP of {stated_mm:g} mm")
+        return RandomScatter(MM.to_si(stated_mm) / _RP_OVER_SIGMA, np.inf, _stated_source(stated_mm))
     return None
+
+
+def _stated_source(stated_mm: float) -> str:
+    """Name a stated repeatability, and how the standard deviation of a coordinate follows from it (ISO 9283, 7.2.2)."""
+    return (
+        f"stated RP of {stated_mm:g} mm; u = RP / {_RP_OVER_SIGMA:.2f}: RP is mean + 3 s of lengths, u of a coordinate"
+    )
 
 
 def _scatter_m(fitted: FittedRows) -> float:

@@ -16,7 +16,9 @@ from lab.commands.result import ErrorStatistics, Result, error_statistics, numbe
 from lab.compensation.iso9283 import CYCLES
 from lab.core.checks import Check
 from lab.core.se3 import Array
+from lab.core.significance import CERTIFICATE_VALIDATION
 from lab.core.units import MICRONS, MM
+from lab.core.whole_folder import CHECKSUMS
 from lab.formats.certificate_toml import CertificateDetails
 from lab.noise.instruments import Instrument
 from lab.render import document as doc
@@ -84,6 +86,7 @@ class Certificate(Result):
         validation: what validation shows beside the budget; None where the run was not validated.
         unseen: effects that U does not contain.
         with_unseen_m: expanded uncertainty of each measurand with the unseen effects.
+        digests: SHA-256, by file, of what the numbers come from, and of the run's list of checksums.
     """
 
     command = "certify"
@@ -104,6 +107,7 @@ class Certificate(Result):
     validation: LackOfFit | None
     unseen: tuple[Unseen, ...]
     with_unseen_m: tuple[float, ...]
+    digests: Mapping[str, str]
 
     @property
     def serial(self) -> str | None:
@@ -142,6 +146,7 @@ class Certificate(Result):
         return {
             "schema": SCHEMA,
             "run": str(self.calibrated.folder),
+            "run_sha256": dict(self.digests),
             "robot": self.calibrated.robot.name,
             "serial": self.calibrated.serial,
             "poses": self.poses,
@@ -310,6 +315,7 @@ _MISSING = {
     "environment.temperature_c": "the temperature of the room",
 }  # of other details the section's name follows their own
 _MOST_DIGITS = 6
+_LEAST_P = 1e-4  # that is given in figures
 _ENDLESS = 10_000  # degrees of freedom: from there on Student's t is normal to three digits
 _METHOD = (
     "The instrument measured points on the robot in its own frame; the result is the robot's model with the positions "
@@ -357,9 +363,28 @@ def _certificate_document(result: Certificate) -> doc.Document:
             doc.Section(
                 "Evaluation of the uncertainty", tuple(doc.Paragraph(text, shown_in=doc.PAGE) for text in _METHOD)
             ),
+            doc.Section("Data that this certificate is of", _data(result)),
             *(() if result.is_example else (_SIGNATURE,)),
         ),
         _EXAMPLE if result.is_example else "",
+    )
+
+
+def _data(result: Certificate) -> tuple[doc.Block, ...]:
+    """Tie the printed page to the files of the run, by their digests."""
+    rows: tuple[doc.Row, ...] = tuple((name, doc.Code(digest)) for name, digest in result.digests.items())
+    text = (
+        f"These SHA-256 are of the files of the run {result.calibrated.folder.name}, which hold the measurements and "
+        "the identified parameters. "
+    )
+    if CHECKSUMS in result.digests:
+        text += (
+            f"{CHECKSUMS} has those of all its other files. A file that was changed later, and listed anew, has "
+            "another digest than the one on this page."
+        )
+    return (
+        doc.Table(("file", "SHA-256"), rows, shown_in=doc.PAGE),
+        doc.Paragraph(text, "note", shown_in=doc.PAGE),
     )
 
 
@@ -398,7 +423,8 @@ def _next_step(result: Certificate) -> str:
     if found.decision == "does not conform":
         return "Calibrate again with more poses or another model, or give a larger tolerance."
     if found.decision == "not decided":
-        return "Reduce the uncertainty: its largest contribution heads the budget below."
+        largest = max(result.budgets[0].lines, key=lambda line: line.share)
+        return f"Reduce the uncertainty: {100 * largest.share:.0f} % of its variance is of {largest.quantity.label}."
     if result.details.missing:
         return f"State what is missing in --details, then sign: {missing_text(result.details.missing)}."
     return "Print and sign."
@@ -586,6 +612,14 @@ def _validated(result: Certificate) -> tuple[doc.Block, ...]:
         f"On {poses} the errors are as large as the budget predicts, with the noise of their measurements "
         f"(p = {found.p:.2g})."
     )
+    if _is_wide(found):
+        times = short(found.expected_rms_m / found.observed_rms_m)
+        largest = max(result.budgets[0].lines, key=lambda line: line.share).quantity.label
+        chance = f"p = {1 - found.p:.2g}" if 1 - found.p >= _LEAST_P else f"p < {_LEAST_P:g}"
+        text = (
+            f"On {poses} the errors are smaller than the budget predicts, {times} times ({chance}). U is on the safe "
+            f"side there, and may be too wide: check the largest line, {largest}."
+        )
     if found.sigma_m:
         text = (
             f"On {poses} the errors are larger than the rest of the budget predicts (p = {found.p:.2g}). The budget "
@@ -593,6 +627,11 @@ def _validated(result: Certificate) -> tuple[doc.Block, ...]:
         )
     caption = "Errors, mm. Predicted by the budget without the line for lack of fit"
     return doc.Table(("error", "observed", "predicted"), tuple(rows), caption), doc.Paragraph(text)
+
+
+def _is_wide(found: LackOfFit) -> bool:
+    """Decide whether validation errors are smaller than chance makes them, as where a budget is too wide."""
+    return not found.sigma_m and 1 - found.p < CERTIFICATE_VALIDATION
 
 
 def _unseen(result: Certificate) -> tuple[doc.Block, ...]:
@@ -681,7 +720,11 @@ def _characteristics(result: Certificate) -> tuple[doc.Block, ...]:
             rows.append((f"distance accuracy AD, {name}", short(each.mean), short(each.max)))
     of = "rows that were not fitted"
     if robot.of_fitted_rows:
-        of = "the fitted rows, which cannot test the calibrated model: hold poses out (--holdout)"
+        of = "the fitted rows, which cannot test the calibrated model"
+        if result.calibrated.result.after_mm is None:
+            of += ": hold poses out (--holdout)"
+        else:
+            of += f" (its errors {_VALIDATED.get(result.calibrated.result.judged_by or '', '')} are under Results)"
     note = (
         f"All values are of positions, in mm. Accuracy: {robot.before.poses} poses, {_visits(robot.before.cycles)} "
         f"each, from {of}. "

@@ -41,6 +41,7 @@ from lab.certification.plausibility import CampaignFacts, implausibilities
 from lab.commands.calibrate.load_run import CalibrationRun, load_run
 from lab.commands.certify.inputs import (
     FittedRows,
+    digests_of,
     fitted_motions,
     fitted_rows,
     instrument_noise_m,
@@ -99,7 +100,7 @@ def certify(run: str | Path | CertifyOptions, **options: Any) -> Certificate:
 def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     stage("1 of 3, reading the run")
     details = CertificateDetails() if options.details is None else read_certificate_details(options.details)
-    calibrated = load_run(options.run, accept_edited=options.accept_edited)
+    calibrated = load_run(options.run, accept_edited=options.accept_edited, whole=True)
     if not options.force:
         calibrated.refuse_unfit("a certificate")
     details = details.of_arm(calibrated.serial, str(options.details), str(options.run))
@@ -150,6 +151,7 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
         validation,
         unseen,
         totals,
+        digests_of(options.run),
     )
 
 
@@ -167,15 +169,16 @@ def _propagation(calibrated: CalibrationRun, fitted: FittedRows) -> Propagation:
 def _found(calibrated: CalibrationRun, fitted: FittedRows) -> RobotFound:
     """Evaluate the robot at the measured points, commanded through the calibrated and the nominal model.
 
-    Accuracy is that of held-out rows; if all rows were fitted, only the nominal model has one.
+    Accuracy is that of rows that were not fitted; where there are none, only the nominal model has one.
     """
-    arm, rows = calibrated.estimate.arm, fitted.rows if fitted.judged is None else fitted.judged
+    arm, unfitted = calibrated.estimate.arm, fitted.unfitted(calibrated)
+    rows = fitted.rows if unfitted is None else unfitted
     columns = [rows.targets.index(name) for name in arm.targets]
     measured, labels = rows.points[:, columns], _poses(rows)
     inputs = rows.inputs(arm.conditions)
     after, before = (arm.points(inputs, values) for values in (calibrated.estimate.values, calibrated.estimate.nominal))
     pairs = [distance_errors(measured, points, labels, rng_for(0, "split")) for points in (before, after)]
-    of_fitted_rows = fitted.judged is None
+    of_fitted_rows = unfitted is None
     return RobotFound(
         pose_accuracy(measured - before, labels),
         None if of_fitted_rows else pose_accuracy(measured - after, labels),
@@ -301,6 +304,11 @@ def _warnings(
             f"predicts {MM.text(validation.expected_rms_m, 2)}: U includes the difference as lack of fit"
         )
     yield from calibrated.warnings
+    if moved := calibrated.estimate.left_out:
+        yield (
+            f"{' and '.join(moved)}: base or instrument moved during the session, and on another day the robot may be "
+            "as far from a calibrated position: U includes that as stability"
+        )
     if isinstance(calibrated.options, VirtualCampaign):
         yield "the robot is virtual: nothing was measured, and this certificate is an example"
     if device is None or not device.errors.lasting:

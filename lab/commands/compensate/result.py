@@ -14,7 +14,7 @@ from lab.calibration.extrapolation import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
-from lab.commands.calibrate.exports import comment_on_missing_effects
+from lab.commands.calibrate.exports import GeometryFiles, comment_on_missing_effects, geometry_files
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram, UsedTool, flange_note, flange_values, used_tools
@@ -122,7 +122,22 @@ class CompensationResult(Result):
         else:
             of_program = self.program.warnings
         tools = tuple(each.description for each in self.tools if each.disagrees)
-        return (*tools, *self._frame, *self.notes, *far, *self._beyond, *self._unchecked, *of_program)
+        left_out = self._geometry_files.messages
+        return (*tools, *self._frame, *self.notes, *far, *self._beyond, *self._unchecked, *of_program, *left_out)
+
+    @cached_property
+    def _module(self) -> tuple[str, str | None]:
+        """The text of ``calibrated.py``, and why it refuses."""
+        return self.run.export(self.arm_inputs[self.found.converged]).module()
+
+    @cached_property
+    def _geometry_files(self) -> GeometryFiles:
+        """The arm in every format."""
+        run, (arm, values) = self.run, self.run.estimate.geometry
+        lacking = comment_on_missing_effects(
+            run.estimate.groups, self.without_effects_m, "at the corrected targets", module=self._module[1] is None
+        )
+        return geometry_files(run.robot, run.robot.description_files, arm.targets, values, lacking)
 
     @property
     def far_away(self) -> tuple[str, ...]:
@@ -349,16 +364,9 @@ class CompensationResult(Result):
         exact = run.robot.description_files[-1]
         nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
         (folder / _NOMINAL).write_text(nominal, encoding="utf-8")
-        arm, values = run.estimate.geometry
-        module, refused = run.export(self.arm_inputs[rows]).module()
-        off = self.without_effects_m
-        lacking = comment_on_missing_effects(
-            run.estimate.groups, off, "at the corrected targets", module=refused is None
-        )
-        for name in run.robot.description_files:
-            if text := run.robot.description(name, arm.targets, values, lacking):
-                (folder / name).write_text(text, encoding="utf-8")
-        (folder / MODULE_FILE).write_text(module, encoding="utf-8")
+        for name, text in self._geometry_files.texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        (folder / MODULE_FILE).write_text(self._module[0], encoding="utf-8")
         if self.program is not None:
             (folder / self.program.name).write_bytes(self.program.content)
         elif len(rows) and refusal(chain, self.options.controller, len(self.targets)) is None:

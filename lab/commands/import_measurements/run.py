@@ -411,6 +411,11 @@ def _unique(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _by_default(options: ImportOptions) -> str:
+    default = ImportOptions(options.points, options.joints).robot
+    return ", which is taken without --robot" if options.robot == default else ""
+
+
 def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: NominalFit) -> tuple[str, ...]:
     """Compare the points with the nominal arm.
 
@@ -446,5 +451,6 @@ def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: N
     return (
         f"{far.sum()} of {counted(len(pose), 'point')} do not follow the nominal arm: {data.ids[pose[far.argmax()]]}, "
         f"the first, is over {MM.text(nominal.tolerance_m, 2)} from it. Rows may belong to other poses, or the joints "
-        "be in another unit, order or direction; check before lab identify",
+        f"be in another unit, order or direction, or the robot another one than {robot.name}"
+        f"{_by_default(options)}; check before lab identify",
     )

@@ -7,7 +7,7 @@ from lab.core.checks import Check
 from lab.core.errors import be, counted
 from lab.core.units import DEGREES, MM
 from lab.kinematics.effects.registry import describe_term
-from lab.render.phrases.template import Phrase
+from lab.render.phrases.template import PRIOR, Phrase
 
 __all__ = ["PHRASES", "listed", "model_name", "standing"]
 
@@ -142,13 +142,13 @@ def _stalled(check: Check) -> str:
     weak = ", ".join(check.data["weak"])
     return (
         f"the fit stalled after {check.data['iterations']} steps on an ill-conditioned problem"
-        f"{weak and f' (weakest: {weak})'}: do not use the result; measure poses that differ more, or give --prior on"
+        f"{weak and f' (weakest: {weak})'}: do not use the result; measure poses that differ more, or give {PRIOR}"
     )
 
 
 def _condition(check: Check) -> str:
     weak = ", ".join(check.data["weak"])
-    prior = "" if check.data["with_prior"] else ", or use tolerances (--prior on)"
+    prior = "" if check.data["with_prior"] else f", or use tolerances ({PRIOR})"
     return (
         f"condition number {check.statistic:.0f}: these measurements barely separate the parameters"
         f"{weak and f'; {weak} uncertain by more than 1 mm or 1 mrad'}. Positions near the measured ones are "
@@ -166,7 +166,7 @@ PHRASES: Mapping[str, Phrase] = {
     "convergence.valley": _stalled,
     "convergence.failed": (
         "Gauss-Newton did not converge in {iterations} steps: do not use the result; if parameters are weakly "
-        "observable, --prior on adds the nominal model's tolerances"
+        f"observable, {PRIOR} adds the nominal model's tolerances"
     ),
     "parameters.unobservable": (
         "{parameters:list} not identifiable from these poses: fixed at nominal; move every joint through more of its "
@@ -177,7 +177,7 @@ PHRASES: Mapping[str, Phrase] = {
     "outliers.held_out": _held_out_outliers,
     "outliers.search": (
         "the fit without outliers did not converge in {iterations} steps, so the list of outliers is uncertain; "
-        "--prior on helps if parameters are weakly observable"
+        f"{PRIOR} helps if parameters are weakly observable"
     ),
     "outliers.excluded": _excluded_outliers,
     "intervals.between_poses": _between_poses,
@@ -242,7 +242,7 @@ PHRASES: Mapping[str, Phrase] = {
     "validation.poses": "not validated: too few poses to hold any out; about {wanted} are needed",
     "validation.convergence": (
         "{stuck} of the {count} fits of the cross-validation did not converge: the errors at their poses may be too "
-        "large; --prior on helps if parameters are weakly observable"
+        f"large; {PRIOR} helps if parameters are weakly observable"
     ),
     "validation.references": (
         "the validation file has reference rows, which only --refit uses: sessions set up anew need it"

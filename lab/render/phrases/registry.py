@@ -6,7 +6,7 @@ from lab.core.checks import Check
 from lab.render.phrases import fit, verdict, verify
 from lab.render.phrases.template import Phrase, worded
 
-__all__ = ["PHRASES", "in_one_line", "phrase", "phrases"]
+__all__ = ["PHRASES", "in_one_line", "phrase", "phrases", "reason_texts"]
 
 PHRASES: dict[str, Phrase] = {}
 for _table in (verify.CERTIFICATE_PHRASES, fit.PHRASES, verdict.PHRASES, verify.PHRASES):
@@ -27,6 +27,17 @@ def phrase(check: Check) -> str:
 def phrases(checks: Iterable[Check]) -> tuple[str, ...]:
     """Return the phrases of checks in their order, each once."""
     return tuple(dict.fromkeys(map(phrase, checks)))
+
+
+def reason_texts(reasons: Iterable[Check]) -> tuple[str, ...]:
+    """Return the phrases of a verdict's reasons, with what to do where a phrase only states a test."""
+    found = (
+        f"{phrase(each)}. {verdict.LACK_OF_FIT_ADVICE}"
+        if each.name.startswith("lack_of_fit") and each.outcome == "failed"
+        else phrase(each)
+        for each in reasons
+    )
+    return tuple(dict.fromkeys(found))
 
 
 def in_one_line(checks: Iterable[Check]) -> str:

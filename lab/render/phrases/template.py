@@ -8,7 +8,9 @@ from lab.core.checks import Check
 from lab.core.errors import be, counted
 from lab.core.units import DEGREES, MICRONS, MM, MRAD, short_length
 
-__all__ = ["Phrase", "worded"]
+__all__ = ["PRIOR", "Phrase", "worded"]
+
+PRIOR = "--prior on (without the group residual)"  # as an advice: beside that group it is refused
 
 Phrase = str | Callable[[Check], str]
 _UNITS = {"mm": MM, "µm": MICRONS, "deg": DEGREES, "mrad": MRAD}

@@ -11,9 +11,9 @@ from lab.calibration.workspace_prediction import Distance, RegionPrediction
 from lab.core.checks import Check
 from lab.core.errors import counted
 from lab.core.units import DEGREES, MM, MRAD, short_length
-from lab.render.phrases.template import Phrase
+from lab.render.phrases.template import PRIOR, Phrase
 
-__all__ = ["PHRASES", "gate_text", "next_step", "region_text", "without_figures"]
+__all__ = ["LACK_OF_FIT_ADVICE", "PHRASES", "gate_text", "next_step", "region_text", "without_figures"]
 
 _REGIONS: Mapping[RegionKind, str] = {
     "measured": "where poses were measured",
@@ -184,8 +184,8 @@ def _residuals(check: Check) -> str:
 
 def _convergence(check: Check) -> str:
     if check.data["status"] == "in a valley":
-        return "the fit stalled on an ill-conditioned problem: some parameters are unobservable (--prior on)"
-    why = "wrong robot, signs or axes, or too few measurements for these parameters (--prior on)?"
+        return f"the fit stalled on an ill-conditioned problem: some parameters are unobservable ({PRIOR})"
+    why = f"wrong robot, signs or axes, or too few measurements for these parameters ({PRIOR})?"
     return f"Gauss-Newton did not converge: {why}"
 
 
@@ -205,12 +205,28 @@ def _validation(check: Check) -> str:
     text = f"{before} with the nominal model, {after} with the calibrated one (means)"
     if "observed_p95_m" in data:
         observed, predicted = MM.text(data["observed_p95_m"]), MM.text(data["predicted_p95_m"])
-        text += f"; 95 % are below {observed}, where {predicted} was predicted"
+        text += f"; 95 % are below {observed}, and {predicted} was predicted for these poses by parameters and noise"
         if left_out := data["extrapolated"]:
-            text += f" ({counted(left_out, 'pose')} beyond the measured region left out)"
+            text += f" ({_left_out(left_out)})"
     if "without_noise_m" in data:
         text += f", {MM.text(data['without_noise_m'])} of it without the noise of the validation"
     return text
+
+
+def _left_out(count: int) -> str:
+    """Name validation poses that the prediction is not compared at; the table of errors has them too."""
+    return f"without {counted(count, 'pose')} outside the measured joint range or far from measured poses"
+
+
+def _prediction(check: Check) -> str:
+    data = check.data
+    observed, predicted, allowed = (MM.text(data[f"{each}_p95_m"]) for each in ("observed", "predicted", "allowed"))
+    without = f", {_left_out(data['extrapolated'])}," if data["extrapolated"] else ""
+    return (
+        f"95 % of the errors at poses that were not fitted{without} are below {observed}, but {predicted} was "
+        f"predicted for them by parameters and noise ({allowed} allowing for chance): the model or the stated noise is "
+        "wrong; identify with --model auto, then auto+residual (points of a serial arm), or check the stated noise"
+    )
 
 
 def _gate(check: Check) -> str:
@@ -364,10 +380,7 @@ PHRASES: Mapping[str, Phrase] = {
     "accuracy.gain": _gain,
     "accuracy.fitted_poses": "{share:%} of the validation poses were fitted",
     "accuracy.outliers": "{share:% 3} of the hold-out set are outliers",
-    "accuracy.prediction": (
-        "95 % of the errors at poses that were not fitted are below {observed_p95_m:mm}, but {predicted_p95_m:mm} was "
-        "predicted there ({allowed_p95_m:mm} allowing for chance): the assumed model or noise is wrong"
-    ),
+    "accuracy.prediction": _prediction,
     "accuracy.tolerance_bound": _tolerance_bound,
     "determination.error": _error,
     "determination.limit": _limit,
@@ -380,8 +393,13 @@ PHRASES: Mapping[str, Phrase] = {
 _REPEAT = "Repeat some poses at the end of the session, or state the instrument with --instrument."
 _WHOSE = "Check --robot, the order and signs of the joints, and the unit of the points; then identify again."
 _MORE = "Measure more poses: lab next proposes the best one to add."
+LACK_OF_FIT_ADVICE = (
+    "Identify with --model auto. If the lack of fit remains: with auto+residual, if points of a serial arm were "
+    "measured; or check the stated noise by measuring some poses twice."
+)
 _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name begins with
-    "lack_of_fit": "Identify with --model auto. If the lack of fit remains, measure some poses twice.",
+    "lack_of_fit": LACK_OF_FIT_ADVICE,
+    "lack_of_fit.nothing": "Measure more poses to validate on, or some poses twice; or state the noise (--instrument).",
     "isotropy": "State the instrument with --instrument.",
     "finding.step": "Measure again in one set-up, or give the rows after the step a session of their own.",
     "finding.drift": "Measure the first poses again at the end: they show what drifts.",
@@ -393,7 +411,7 @@ _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name b
     "given.noise": "Correct the stated noise: --noise-mm, or column sigma_mm.",
     "given.scale": "Check the scale of the points (unit, air, temperature); then identify again.",
     "given.poses": _WHOSE,
-    "arm.convergence": "Check robot and rows; if both are right, use --prior on.",
+    "arm.convergence": f"Check robot and rows; if both are right, use {PRIOR}.",
     "arm.orientations": "Check --orientation and the columns of the orientations.",
     "arm.fixtures": "Check the columns of the fixtures; if they are right, use --prior on.",
     "arm.identifiable": _MORE,
@@ -402,6 +420,10 @@ _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name b
     "accuracy.fitted_poses": "Validate on poses that were not fitted.",
     "accuracy.gate_below_noise": "Measure each pose several times, or state the instrument's noise.",
     "accuracy.outliers": "Measure the poses that are listed as outliers again.",
+    "accuracy.prediction": (
+        "Identify with --model auto, then with auto+residual; or check the stated noise, and measure more poses where "
+        "the robot works."
+    ),
     "accuracy": "Identify with --model auto; if that does not help, check robot and rows.",
     "determination": _MORE,
     "determination.error": "Measure points as well, or a known length (--socket-distance-mm for sockets).",

@@ -1,6 +1,7 @@
 """The files of the arm in a run: which effects each has, which it lacks, and what it says of that."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,36 @@ def test_a_file_of_geometry_says_what_it_lacks() -> None:
     assert "calibrated.py" not in comment_on_missing_effects(arm.groups, off, "there", module=False)
     bare = nominal_estimate(load_virtual("irb120"), ("p1", "p2"), ())
     assert comment_on_missing_effects((), bare.geometry_error(inputs), "there", module=True) == ""
+
+
+@pytest.mark.parametrize(("mistake", "seed"), [("mirrored", 1), ("joints swapped", 3)])
+def test_a_bad_run_is_written_without_the_files_that_cannot_hold_its_arm(
+    mistake: str, seed: int, tmp_path: Path
+) -> None:
+    data = lab.simulate("ur5", poses=40, seed=seed, targets=("p1",)).measurements
+    if mistake == "mirrored":
+        data = replace(data, points=data.points[..., [1, 0, 2]])
+    else:
+        data = replace(data, joints=data.joints[:, [0, 2, 1, 3, 4, 5]])
+    with nothing_drawn():
+        result = lab.identify(data, robot="ur5", noise_mm=0.01, holdout=0.3)
+        result.save(tmp_path / "run")
+    found = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert found["verdict"] == "bad" and (tmp_path / "run" / "calibrated.toml").is_file()
+    left_out = [name for name in ("ur_kinematics.yaml", "calibration.conf") if not (tmp_path / "run" / name).exists()]
+    assert left_out
+    for name in left_out:
+        assert found["exports"][name]["has"] == [] and "apart" in found["exports"][name]["reason"]
+        assert any(text.startswith(f"{name} is not written") for text in found["warnings"])
+    estimate = result.estimate
+    row = result.measurements.take([0])
+    free = np.full((1, 3, 3), np.nan)
+    targets = lab.Targets("p1", ("a",), estimate.arm.points(row.joints, estimate.values)[:, 0], free, row.joints, {})
+    with nothing_drawn():  # on request a bad run is built on, too
+        corrected = lab.compensate(targets, run=result, force=True, no_check=True)
+        corrected.save(tmp_path / "corrected")
+    assert (tmp_path / "corrected" / "calibrated.urdf").is_file()
+    assert any(text.startswith(f"{left_out[0]} is not written") for text in corrected.warnings)
 
 
 @pytest.mark.thorough

@@ -1,5 +1,6 @@
 """``lab certify`` on runs of a virtual robot that were measured as a real one is."""
 
+import hashlib
 import json
 import shutil
 from dataclasses import replace
@@ -13,14 +14,16 @@ from helpers.robots import ROOT
 
 import lab
 from lab.cli import main
+from lab.commands.certify.inputs import digests_of
 from lab.commands.certify.result import Certificate, _dof_text, missing_text
 from lab.commands.certify.run import certify
 from lab.commands.options import CertifyOptions
 from lab.compensation.iso9283 import repeatability
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
+from lab.core.whole_folder import checksum_lines
 from lab.formats.certificate_toml import CertificateDetails
-from lab.formats.measurement_csv import write_measurements
+from lab.formats.measurement_csv import read_measurements, write_measurements
 
 TRACKER = """
 name = "Tracker"
@@ -320,3 +323,89 @@ def test_a_virtual_robot_s_certificate_says_so(seven_run: Path) -> None:
     found = certify(CertifyOptions(seven_run))
     assert found.warnings[0].startswith("the robot is virtual")
     assert any("no systematic errors are stated" in said for said in found.warnings)
+
+
+@thorough
+def test_a_certificate_names_the_digests_of_its_data(here: Path, tmp_path: Path) -> None:
+    """Of a run that was changed and listed anew, the digest is another one than on the paper."""
+    found = certify(CertifyOptions(Path("known")))
+    digests = found.to_dict()["run_sha256"]
+    for name in ("measurements.csv", "parameters.json", "covariance.csv", "result.json", "SHA256SUMS"):
+        assert digests[name] == hashlib.sha256(Path("known", name).read_bytes()).hexdigest()
+    with nothing_drawn():
+        page = found.save(tmp_path / "certificate") / "report.html"
+    assert all(each in page.read_text(encoding="utf-8") for each in digests.values())
+    shutil.copytree("known", tmp_path / "changed")
+    table = tmp_path / "changed" / "measurements.csv"
+    table.write_text(table.read_text().replace("1", "2", 1))
+    (tmp_path / "changed" / "SHA256SUMS").write_text(checksum_lines(tmp_path / "changed"))
+    assert digests_of(tmp_path / "changed")["SHA256SUMS"] != digests["SHA256SUMS"]
+
+
+@thorough
+@pytest.mark.parametrize("name", ["report.html", "calibrated.py", "parameters.json"])
+def test_any_changed_file_of_a_run_is_refused(name: str, here: Path, tmp_path: Path) -> None:
+    shutil.copytree("known", tmp_path / "run")
+    with (tmp_path / "run" / name).open("a") as file:
+        file.write(" ")
+    with pytest.raises(LabError, match=f"{name} was changed"):
+        certify(CertifyOptions(tmp_path / "run"))
+    accepted = certify(CertifyOptions(tmp_path / "run", accept_edited=True))
+    assert any(f"{name} was changed" in said for said in accepted.warnings)
+
+
+@thorough
+def test_a_deleted_recording_is_no_change(here: Path, tmp_path: Path) -> None:
+    shutil.copytree("known", tmp_path / "run")
+    (tmp_path / "run" / "recording.rrd").unlink(missing_ok=True)
+    (tmp_path / "run" / "SHA256SUMS.sig").write_text("a signature beside the list is no change, either")
+    assert certify(CertifyOptions(tmp_path / "run")).digests == certify(CertifyOptions(Path("known"))).digests
+
+
+@thorough
+def test_a_certificate_of_a_certificate_is_refused_in_words(here: Path, tmp_path: Path) -> None:
+    with nothing_drawn():
+        folder = certify(CertifyOptions(Path("known"))).save(tmp_path / "certificate")
+    with pytest.raises(LabError, match="is a certificate, not a calibration; give the run that it certifies, known"):
+        certify(CertifyOptions(folder))
+
+
+@thorough
+def test_a_validation_file_shows_the_accuracy_of_the_calibrated_model(here: Path) -> None:
+    rows = read_measurements(Path("once.csv"), tuple(f"q{i}" for i in range(1, 7)), (False,) * 6)
+    write_measurements(Path("fit.csv"), rows.take(np.arange(22)), (False,) * 6)
+    write_measurements(Path("fresh.csv"), rows.take(np.arange(22, 30)), (False,) * 6)
+    known = ["--instrument", "tracker.toml", "--no-recording"]
+    with nothing_drawn():
+        assert main(["identify", "fit.csv", "--validate", "fresh.csv", *known, "--out", "filed"]) == 0
+        refit = ["--refit", "base", "--out", "placed"]
+        assert main(["identify", "fit.csv", "--validate", "fresh.csv", *known, *refit]) == 0
+    found = certify(CertifyOptions(Path("filed")))
+    iso = found.to_dict()["iso_9283"]
+    assert not iso["of_fitted_rows"] and iso["poses"] == 8
+    assert iso["pose_accuracy_mm"]["max"] <= found.to_dict()["after_mm"]["max"] * (1 + 1e-9)
+    assert "--holdout" not in found.summary()
+    anew = certify(CertifyOptions(Path("placed")))  # the base of the run is not that of the validation
+    assert anew.to_dict()["iso_9283"]["of_fitted_rows"]
+    assert "--holdout" not in anew.summary() and "under Results" in " ".join(anew.summary().split())
+
+
+@thorough
+def test_errors_far_below_the_budget_are_called_smaller(here: Path) -> None:
+    found = certify(CertifyOptions(Path("known")))
+    assert found.validation is not None
+    as_large = replace(found, validation=replace(found.validation, p=0.5, sigma_m=0.0))
+    smaller = replace(found, validation=replace(found.validation, p=0.99999, sigma_m=0.0, expected_rms_m=1e-4,
+                                                observed_rms_m=5e-5))  # fmt: skip
+    assert "as large as the budget predicts" in " ".join(as_large.summary().split())
+    said = " ".join(smaller.summary().split())
+    assert "smaller than the budget predicts, 2.00 times" in said and "as large as" not in said
+
+
+@thorough
+def test_the_next_step_names_the_largest_contribution(here: Path) -> None:
+    found = certify(CertifyOptions(Path("known"), tolerance_mm=0.03))
+    largest = max(found.budgets[0].lines, key=lambda line: line.share)
+    assert found.conformity is not None
+    undecided = replace(found, conformity=replace(found.conformity, decision="not decided"))
+    assert largest.quantity.label in " ".join(undecided.summary().split()).split("Next:")[1].split("Results")[0]

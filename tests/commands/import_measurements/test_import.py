@@ -185,7 +185,7 @@ CASES = {
     "a pose twice": "two poses are named",
     "a point twice": "appears twice",
     "no times": "--by name",
-    "degrees called radians": "--joint-unit deg",
+    "degrees called radians": "correct the unit in the header",
     "no targets": "--targets",
     "targets twice": "--targets",
     "coverage of nothing": "--coverage",
