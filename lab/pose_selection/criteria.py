@@ -153,8 +153,8 @@ class Criterion(ABC):
     Attributes:
         name: in options and results.
         names: of the parameters, one for each row of M; set before a search, empty before that.
-        weight: W ``(p, p)`` of a score -log tr(W M^-1); None for others. It changes the search, not the goal: by updates
-            of M^-1 every candidate is tried in place of a pose; without it, by whole scores, 256 random ones.
+        weight: W ``(p, p)`` of a score -log tr(W M^-1); None for others. It changes the search, not the goal: every
+            candidate is tried in place of a pose, by updates of M^-1; without it, 256 random ones by whole scores.
         growth: by how much the score grows where the information grows e-fold, of a score that is concave and smooth
             (G: the least of such), 1 for one with a ``weight``. With it, ``certificate`` bounds the efficiency; None
             for others, of which no bound is known.
@@ -272,8 +272,8 @@ def prepared(own: Criterion, names: Sequence[str], pool: Array, measured: Array 
         )
     if (np.isfinite(scores) & (twice < scores - margin)).all():
         raise LabError(
-            f"criterion '{own.name}' gives {count} poses {scores[0]:.4g}, and {twice[0]:.4g} if each is measured twice: "
-            "larger is better; turn the sign of its score"
+            f"criterion '{own.name}' gives {count} poses {scores[0]:.4g}, and {twice[0]:.4g} if each is measured twice; "
+            "larger is better: turn the sign of its score"
         )
     if goal.weight is not None:
         stated = -np.log(np.einsum("pq,nqp->n", goal.weight, np.linalg.inv(matrices)))
