@@ -272,8 +272,8 @@ def prepared(own: Criterion, names: Sequence[str], pool: Array, measured: Array 
         )
     if (np.isfinite(scores) & (twice < scores - margin)).all():
         raise LabError(
-            f"criterion '{own.name}' gives {count} poses {scores[0]:.4g}, and {twice[0]:.4g} if each is measured twice; "
-            "larger is better: turn the sign of its score"
+            f"criterion '{own.name}' gives {count} poses {scores[0]:.4g}, and {twice[0]:.4g} if each is measured twice"
+            "; larger is better: turn the sign of its score"
         )
     if goal.weight is not None:
         stated = -np.log(np.einsum("pq,nqp->n", goal.weight, np.linalg.inv(matrices)))
