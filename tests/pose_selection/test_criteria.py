@@ -1,5 +1,7 @@
 """Observability indices: closed forms, identities, scaling, and slopes."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers.robots import IRB120
@@ -161,7 +163,7 @@ class LinkLengths(Criterion):
         return -np.log(self.covariance(information)[..., own, own].sum(axis=-1))
 
 
-OPTIONS = {"poses": 14, "candidates": 60, "starts": 1, "seed": 3, "no_check": True}
+OPTIONS: dict[str, Any] = {"poses": 14, "candidates": 60, "starts": 1, "seed": 3, "no_check": True}
 
 
 def test_a_criterion_knows_which_row_is_which_parameter() -> None:
@@ -202,7 +204,7 @@ def test_a_weight_changes_the_search_alone_and_growth_brings_a_certificate() -> 
     assert plain.efficiency is None and other.efficiency is not None and 0.8 < other.efficiency <= 1
 
 
-WRONG = {
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "raises": ({"score": lambda self, m: 1 / 0}, "raises ZeroDivisionError: division by zero; repair it"),
     "index": (
         {"score": lambda self, m: m[..., 99, 99]},
