@@ -164,8 +164,8 @@ class Criterion(ABC):
         >>> class Lengths(lab.Criterion):
         ...     name = "lengths"
         ...     def score(self, information):
-        ...         own = [name.startswith("link") and name.endswith((".a", ".d")) for name in self.names]
-        ...         return -np.log(self.covariance(information)[..., own, own].sum(axis=-1))
+        ...         links = [n.startswith("link") and n.endswith((".a", ".d")) for n in self.names]
+        ...         return -np.log(self.covariance(information)[..., links, links].sum(axis=-1))
         >>> plan = lab.design("irb120", poses=14, candidates=100, starts=1, criterion=Lengths())
         >>> [name for name in plan.parameter_names if name.endswith((".a", ".d"))]
         ['link1.a', 'link2.a', 'link3.d', 'link3.a', 'link4.d', 'link4.a', 'link5.d', 'link5.a']
