@@ -40,7 +40,8 @@ for the calls of one program.
 """
 
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from inspect import isabstract
@@ -60,6 +61,7 @@ __all__ = [
     "load_all",
     "load_part",
     "load_reference",
+    "own_errors",
     "own_part",
     "registered",
 ]
@@ -197,6 +199,28 @@ def own_part(given: object, kind: type[_Part], what: str, names: Collection[str]
     if name in names:
         raise LabError(f"{what} '{name}': the lab has one of that name; give yours another")
     return given
+
+
+@contextmanager
+def own_errors(what: str, name: str, *passed: type[Exception]) -> Iterator[None]:
+    """Turn the errors of a user's part into one line that names it.
+
+    Args:
+        what: the kind of part, e.g. ``criterion``.
+        passed: errors that the lab handles, which stay as they are.
+
+    Raises:
+        LabError: the part raised an error.
+    """
+    try:
+        yield
+    except passed:
+        raise
+    except LabError as error:
+        raise LabError(f"{what} '{name}': {error}") from error
+    except Exception as error:
+        cause = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise LabError(f"{what} '{name}' raises {cause}; repair it") from error
 
 
 def load_part(group: str, name: str, kind: type[_Part], what: str) -> _Part:

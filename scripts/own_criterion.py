@@ -1,4 +1,4 @@
-"""A criterion of your own: poses for the parameter that is known worst, beside those for all parameters alike."""
+"""Criteria of your own: poses for the parameter that is known worst, and for the lengths of the links alone."""
 
 import numpy as np
 
@@ -12,18 +12,24 @@ class WorstParameter(lab.Criterion):
 
     def score(self, information):
         """Larger is better; information matrices ``(..., p, p)`` give scores ``(...)``."""
-        size = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 1e-300))
-        whole = information / size[..., :, None] / size[..., None, :]
-        singular = np.linalg.eigvalsh(whole)[..., 0] < 1e-12
-        whole[singular] = np.eye(whole.shape[-1])
-        variances = np.diagonal(np.linalg.inv(whole), axis1=-2, axis2=-1) / size**2
-        return np.where(singular, -np.inf, -np.log(variances.max(axis=-1)))
+        variances = np.diagonal(self.covariance(information), axis1=-2, axis2=-1)
+        return -np.log(variances.max(axis=-1))
 
 
-own = WorstParameter()
-for criterion in ("O1", "A", own):
+class LinkLengths(lab.Criterion):
+    """The trace of the covariance of the links' lengths: base, tool and angles do not count."""
+
+    name = "lengths"
+
+    def score(self, information):
+        """``names`` says which row is which parameter."""
+        lengths = [name.startswith("link") and name.endswith((".a", ".d")) for name in self.names]
+        return -np.log(self.covariance(information)[..., lengths, lengths].sum(axis=-1))
+
+
+own = WorstParameter(), LinkLengths()
+for criterion in ("O1", "A", *own):
     plan = lab.design("irb120", poses=14, candidates=100, starts=1, criterion=criterion)
-    jacobian = plan.design.jacobian.reshape(-1, plan.design.jacobian.shape[-1])
-    worst = np.exp(-0.5 * own.score((jacobian.T @ jacobian)[None])[0])
+    worst, lengths = (np.exp(-each.with_names(plan.parameter_names).score(plan.information) / 2) for each in own)
     name = plan.to_dict()["criterion"]
-    print(f"{name:6} worst parameter {worst:.4f} of its tolerance, O1 {plan.indices.o1:.0f}")
+    print(f"{name:7} worst parameter {worst:.4f} of its tolerance, lengths {lengths:.4f}, O1 {plan.indices.o1:.0f}")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, OtherEstimate
 from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
-from lab.extension_points import added, load_part, own_part
+from lab.extension_points import added, load_part, own_errors, own_part
 from lab.kinematics.model import Model
 
 __all__ = ["LEAST_SQUARES", "EstimationProblem", "Estimator", "Poses", "estimated", "estimator_named", "own_estimator"]
@@ -162,13 +162,8 @@ def estimated(estimator: Estimator, problem: EstimationProblem, plain: Fit, sigm
     Raises:
         LabError: the estimator raises an error, or returns something else than values and a covariance.
     """
-    try:
+    with own_errors("estimator", estimator.name):
         returned = estimator.estimate(problem)
-    except LabError as error:
-        raise LabError(f"estimator '{estimator.name}': {error}") from error
-    except Exception as error:
-        cause = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        raise LabError(f"estimator '{estimator.name}' raises {cause}; repair it") from error
     size = len(problem.names)
     values, covariance = _checked(estimator.name, returned, size)
     whole = plain.values.copy()

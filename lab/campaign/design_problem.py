@@ -36,7 +36,7 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.parameter import indices_of_groups
 from lab.noise.instruments import Instrument, is_isotropic, observing
-from lab.pose_selection.criteria import Criterion, Scaling, criterion, is_singular
+from lab.pose_selection.criteria import CRITERIA, Criterion, Scaling, criterion, is_singular, prepared
 from lab.pose_selection.exchange import (
     Aim,
     Design,
@@ -389,7 +389,7 @@ def _problem_of_sensor(options: DesignOptions, robot: Robot, progress: Progress,
         model=options.model,
         pool=pool * factors,
         sensitivity=partial(_scaled, readings, factors),
-        goal=criterion(options.criterion, len(retained), scored) if own is None else own,
+        goal=_goal(options, own, [seen.names[i] for i in retained], pool * factors, scored),
         before=np.empty((0, *pool.shape[1:])),
         whitened=readings,
         test=test,
@@ -531,16 +531,37 @@ def _case(
     factors = scaling.columns([model.seen.parameters[i] for i in retained], pool)
     test = derivatives.unweighted(test_inputs).reshape(-1, 3, len(retained))  # every target counts
     scored = test[:: -(-len(test) // _TEST_SCORED)] * factors
+    before = jacobians(already) * factors
     return Case(
         arm=number,
         model=model.name,
         pool=pool * factors,
         sensitivity=partial(_scaled, jacobians, factors),
-        goal=criterion(options.criterion, len(retained), scored) if own is None else own,
-        before=jacobians(already) * factors,
+        goal=_goal(options, own, [model.seen.names[i] for i in retained], pool * factors, scored, before),
+        before=before,
         whitened=derivatives.whitened,
         test=test,
     )
+
+
+def _goal(
+    options: DesignOptions,
+    own: Criterion | None,
+    names: Sequence[str],
+    pool: Array,
+    scored: Array,
+    before: Array | None = None,
+) -> Criterion:
+    """Return the criterion of a case: the lab's, or a user's that knows the names of the parameters.
+
+    Args:
+        pool: ``(m, r, f)`` scaled sensitivities of the candidates, ``before`` those of the poses measured before.
+        scored: ``(t, 3, f)`` scaled Jacobians at test poses.
+    """
+    goal = criterion(options.criterion, len(names), scored) if own is None else own
+    if goal.name in CRITERIA:
+        return goal
+    return prepared(goal, names, pool, 0.0 if before is None else information(before))
 
 
 def _task(

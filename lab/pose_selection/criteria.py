@@ -8,10 +8,11 @@ ranking of designs is independent of units. So are those of G and I, variances o
 condition number and A depend on the scaling.
 """
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
-from lab.extension_points import added, load_part, own_part
+from lab.extension_points import added, load_part, own_errors, own_part
 from lab.kinematics.parameter import Parameter
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "is_singular",
     "own_criterion",
     "predict",
+    "prepared",
     "refuse_unknown",
     "smallest_count",
     "worst_tests",
@@ -43,6 +45,8 @@ _CHARACTERISTIC_LENGTH_M = 0.300
 _TINY = 1e-300
 _ROUNDING = 1e-14  # of the largest singular value: taken as zero
 _STEP = 1e-5  # of the information, for differences of a score
+_UNKNOWN = 1e200  # variance of a parameter of singular information
+_TRIED_SETS = 8  # random sets of poses by which an own criterion is checked
 _SINGULAR = 1e-13  # smallest eigenvalue of an information matrix of unit diagonal
 
 
@@ -138,14 +142,37 @@ class Criterion(ABC):
     Your own is a subclass with a ``name`` and a ``score``. ``lab.design(criterion=...)`` takes an object of it; if a
     package registers it as an entry point of ``lab.criteria``, commands and studies take it by name.
 
+    The information M ``(p, p)`` is the sum of J'J over the poses, J ``(r, p)`` the derivatives of a pose's readings by
+    the identifiable parameters. With the scaling ``whitened`` (the usual one), readings count in standard deviations
+    of the instrument's noise, and parameters in tolerances (0.5 mm, 1.5 mrad): M^-1 is the covariance of the parameters
+    in tolerances. With ``raw``, ``length`` and ``unit`` readings of points count in mm (``unit``: m) without the noise,
+    and parameters in the units of the scaling.
+
+    Targets, models and the arm change p. Choose parameters by ``names``, not by numbers of rows.
+
     Attributes:
         name: in options and results.
-        weight: W ``(p, p)`` of a score -log tr(W M^-1); None for the others.
+        names: of the parameters, one for each row of M; set before a search, empty before that.
+        weight: W ``(p, p)`` of a score -log tr(W M^-1); None for others. It changes the search, not the goal: every
+            candidate is tried in place of a pose, by updates of M^-1; without it, 256 random ones by whole scores.
         growth: by how much the score grows where the information grows e-fold, of a score that is concave and smooth
-            (G: the least of such); None for others, of which no bound is known.
+            (G: the least of such), 1 for one with a ``weight``. With it, ``certificate`` bounds the efficiency; None
+            for others, of which no bound is known.
+
+    Example:
+        >>> import lab, numpy as np
+        >>> class Lengths(lab.Criterion):
+        ...     name = "lengths"
+        ...     def score(self, information):
+        ...         links = [n.startswith("link") and n.endswith((".a", ".d")) for n in self.names]
+        ...         return -np.log(self.covariance(information)[..., links, links].sum(axis=-1))
+        >>> plan = lab.design("irb120", poses=14, candidates=100, starts=1, criterion=Lengths())
+        >>> [name for name in plan.parameter_names if name.endswith((".a", ".d"))]
+        ['link1.a', 'link2.a', 'link3.d', 'link3.a', 'link4.d', 'link4.a', 'link5.d', 'link5.a']
     """
 
     name: str
+    names: tuple[str, ...] = ()
     weight: Array | None = None
     growth: float | None = None
 
@@ -154,11 +181,28 @@ class Criterion(ABC):
         """Return the scores of information matrices, worse than any other where singular.
 
         Args:
-            information: ``(..., p, p)``, of whitened parameters.
+            information: ``(..., p, p)``, in the units of the scaling.
 
         Returns:
             The scores ``(...)``.
         """
+
+    def with_names(self, names: Sequence[str]) -> Self:
+        """Return a copy for the parameters of these names, one for each row of the information.
+
+        A search does so before its first score; ``plan.parameter_names`` are those of a design.
+        """
+        named = copy.copy(self)
+        object.__setattr__(named, "names", tuple(names))  # of a frozen dataclass, too
+        return named
+
+    def covariance(self, information: Array) -> Array:
+        """Return the inverses of information matrices ``(..., p, p)``; 1e200 times the identity where singular."""
+        scaled, size, singular = _unit_diagonal(information)
+        scaled[singular] = np.eye(information.shape[-1])
+        inverse: Array = np.linalg.inv(scaled) / size[..., :, None] / size[..., None, :]
+        inverse[singular] = _UNKNOWN * np.eye(information.shape[-1])
+        return inverse
 
     def slope(self, information: Array) -> Array:
         """Return the symmetric derivative ``(p, p)`` of the score by the information ``(p, p)``.
@@ -182,7 +226,10 @@ def refuse_unknown(name: str, *others: str) -> None:
     if name not in names:
         if (meant := next((each for each in names if each.casefold() == name.casefold()), None)) is not None:
             raise LabError(f"criterion '{name}' is unknown: write {meant}")
-        raise LabError(f"criterion '{name}' is unknown: choose one of {', '.join(names)}")
+        raise LabError(
+            f"criterion '{name}' is unknown: choose one of {', '.join(names)}; for one of your own install the package "
+            f"whose entry point of lab.criteria is named '{name}', or give lab.design the object"
+        )
 
 
 def own_criterion(given: object) -> Criterion:
@@ -192,6 +239,107 @@ def own_criterion(given: object) -> Criterion:
         LabError: it is no ``Criterion``, or has no name of its own.
     """
     return own_part(given, Criterion, "criterion", CRITERIA)  # type: ignore[type-abstract]
+
+
+def prepared(own: Criterion, names: Sequence[str], pool: Array, measured: Array | float = 0.0) -> Criterion:
+    """Return a user's criterion for a search: with the names of the parameters, its errors in one line.
+
+    It is tried on some random sets of poses.
+
+    Args:
+        names: ``(p,)`` of the parameters.
+        pool: ``(m, r, p)``, Jacobians of the candidates.
+        measured: information ``(p, p)`` of poses measured before.
+
+    Raises:
+        LabError: it raises an error, returns no scores, scores all sets alike, scores twice the information lower,
+            or has a weight that is not that of its score.
+    """
+    goal = _Own.of(own, names)
+    m, rows, p = pool.shape
+    count = min(m, 2 * -(-p // rows))
+    rng = np.random.default_rng(0)
+    sets = np.stack([pool[rng.choice(m, count, replace=False)].reshape(-1, p) for _ in range(_TRIED_SETS)])
+    matrices = np.swapaxes(sets, 1, 2) @ sets + measured
+    matrices = matrices[~is_singular(matrices)]
+    if len(matrices) < 2:  # the search says what is missing
+        return goal
+    scores, twice = goal.score(matrices), goal.score(2 * matrices)
+    goal.score(matrices[0])
+    margin = 1e-9 * np.maximum(1.0, np.abs(scores))
+    if (scores == scores[0]).all():
+        raise LabError(
+            f"criterion '{own.name}' gives {len(scores)} random sets of {count} poses the same score, {scores[0]:g}: "
+            "it cannot choose; return a number that depends on the information"
+        )
+    if (np.isfinite(scores) & (twice < scores - margin)).all():
+        raise LabError(
+            f"criterion '{own.name}' gives {count} poses {scores[0]:.4g}, and {twice[0]:.4g} if each is measured twice"
+            "; larger is better: turn the sign of its score"
+        )
+    if goal.weight is not None:
+        stated = -np.log(np.einsum("pq,nqp->n", goal.weight, np.linalg.inv(matrices)))
+        if not np.allclose(np.diff(stated), np.diff(scores), rtol=1e-3, atol=1e-6):
+            raise LabError(
+                f"criterion '{own.name}' has a weight W, but its score is not -log tr(W M^-1); set weight to None"
+            )
+    return goal
+
+
+@dataclass(frozen=True)
+class _Own(Criterion):
+    """A user's criterion, whose errors name it.
+
+    Attributes:
+        inner: it, with the names of the parameters.
+    """
+
+    inner: Criterion
+    name: str
+    names: tuple[str, ...]
+    weight: Array | None
+    growth: float | None
+
+    @classmethod
+    def of(cls, own: Criterion, names: Sequence[str]) -> "_Own":
+        """Return a criterion with these names.
+
+        Raises:
+            LabError: it cannot be copied, or its weight is none.
+        """
+        with own_errors("criterion", own.name):
+            inner = own.with_names(names)
+            weight = None if inner.weight is None else np.asarray(inner.weight, dtype=np.float64)
+            growth = inner.growth
+        if weight is not None and weight.shape != (len(names), len(names)):
+            raise LabError(
+                f"criterion '{own.name}' has a weight of shape {weight.shape} for {len(names)} parameters; give "
+                f"({len(names)}, {len(names)})"
+            )
+        return cls(inner, own.name, tuple(names), weight, growth)
+
+    def score(self, information: Array) -> Array:
+        with own_errors("criterion", self.name):
+            scores = np.asarray(self.inner.score(information), dtype=np.float64)
+        if scores.shape != (wanted := information.shape[:-2]):
+            raise LabError(
+                f"criterion '{self.name}' returns scores of shape {scores.shape} for information of shape "
+                f"{information.shape}; return {wanted}"
+            )
+        if np.isnan(scores).any():
+            raise LabError(
+                f"criterion '{self.name}' returns NaN; return a finite score, and -inf where information is singular"
+            )
+        return scores
+
+    def slope(self, information: Array) -> Array:
+        with own_errors("criterion", self.name, np.linalg.LinAlgError):  # a search goes on from an impossible step
+            slope = np.asarray(self.inner.slope(information), dtype=np.float64)
+        if slope.shape != information.shape:
+            raise LabError(
+                f"criterion '{self.name}' returns a slope of shape {slope.shape}; return {information.shape}"
+            )
+        return slope
 
 
 def criterion(name: str, size: int, test: Array | None = None) -> Criterion:

@@ -205,10 +205,12 @@ def planning_model(robot: _Model, targets: Sequence[str], instrument: Instrument
         spec.add_pair(geomname1=one, geomname2=other, margin=max(0.0, min(margin, least - _CLEARANCE_SLACK_M)))
     acceptance = view_of(robot, instrument).acceptance_rad
     narrower = acceptance - min(INCIDENCE_MARGIN_RAD, _MARGIN_SHARE * acceptance)
+    model = compiled(robot.path, spec)
+    model.opt.disableflags |= robot.model.opt.disableflags  # of a robot that is not checked, which its spec lacks
     return replace(
         robot,
         spec=spec,
-        model=compiled(robot.path, spec),
+        model=model,
         acceptance_rad=robot.acceptance_rad if acceptance >= np.pi else narrower,
     )
 

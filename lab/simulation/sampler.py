@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
-from lab.extension_points import added, load_part, own_part
+from lab.extension_points import added, load_part, own_errors, own_part
 
 __all__ = ["NORMAL", "Sampler", "drawn", "own_sampler", "sampler_named"]
 
@@ -66,13 +66,8 @@ def drawn(sampler: Sampler, rng: np.random.Generator, shape: tuple[int, ...]) ->
     Raises:
         LabError: it raises an error, or draws something else than finite numbers of this shape.
     """
-    try:
+    with own_errors("sampler", sampler.name):
         errors = np.asarray(sampler.draw(rng, shape), dtype=np.float64)
-    except LabError as error:
-        raise LabError(f"sampler '{sampler.name}': {error}") from error
-    except Exception as error:
-        cause = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        raise LabError(f"sampler '{sampler.name}' raises {cause}; repair it") from error
     if errors.shape != shape or not np.isfinite(errors).all():
         raise LabError(f"sampler '{sampler.name}' draws shape {errors.shape}; draw finite numbers of shape {shape}")
     return errors

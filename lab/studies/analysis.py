@@ -34,6 +34,7 @@ from lab.core.significance import STUDY_COMPARISON
 from lab.studies.grid import FACTORS, Cell, is_any
 
 __all__ = [
+    "COMPARED",
     "LEAST_ROBOTS",
     "RESAMPLES",
     "Analysis",
@@ -146,7 +147,7 @@ def groups(cells: Sequence[Cell], free: Collection[str]) -> tuple[CellGroup, ...
     Subsets of another group are left out.
     """
     rest = [name for name in FACTORS if name not in free]
-    varying = [name for name in rest if len({getattr(cell, name) for cell in cells}) > 1]
+    varying = [name for name in rest if len(_levels(cells, name)) > 1]
     found: dict[tuple[int, ...], CellGroup] = {}
     for key in dict.fromkeys(tuple(getattr(cell, name) for name in rest) for cell in cells):
         wanted = dict(zip(rest, key, strict=True))
@@ -237,7 +238,8 @@ class CampaignArray:
         return flat.reshape(self.shape)
 
 
-_COMPARED = ("fresh_mean_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad", "mixed_rms")  # less is better
+COMPARED = ("fresh_mean_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad", "link_length_rms_mm",
+            "link_angle_rms_mrad", "mixed_rms")  # fmt: skip  # less is better
 _TIED = 1e-12  # scores within this, relative to the largest, are equal
 
 Kind = Literal["ratio", "difference"]
@@ -342,7 +344,14 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Analysis:
-    """Results of a study's analysis."""
+    """Results of a study's analysis.
+
+    Attributes:
+        cells: the combinations of the factors, in the order of their numbers.
+        means: of each cell and metric: ``cell``, ``metric``, ``mean``, ``lower``, ``upper``.
+        comparisons: of each metric and factor, the ``pairs`` and ``ranks`` of the cells that agree in all other factors
+            (``group``).
+    """
 
     cells: tuple[Cell, ...]
     means: tuple[Mean, ...]
@@ -483,7 +492,7 @@ def analysed(
     columns: Mapping[str, NDArray[Any]],
     cells: Sequence[Cell],
     seed: int = 0,
-    metrics: Sequence[str] = _COMPARED,
+    metrics: Sequence[str] = COMPARED,
     factors: Sequence[str] | None = None,
 ) -> Analysis:
     """Compute the means of every cell by every column, and comparisons by some metrics and factors.

@@ -70,8 +70,11 @@ COLUMNS = {  # of every campaign's row, and what they mean
     "fresh_mean_mm": "mean position error over the validation poses, without noise",
     "fresh_p95_mm": "95 % of these errors are smaller",
     "fresh_worst_mm": "largest of these errors",
-    "length_rms_mm": "root mean square error of the identified lengths, in the canonical gauge",
+    "length_rms_mm": "root mean square error of the identified lengths, of base and tool too; parameters that no "
+    "measurement can tell apart from others stay at nominal, in the arm's true values too",
     "angle_rms_mrad": "the same of the identified angles",
+    "link_length_rms_mm": "the same of the lengths of the arm's own dimensions, without base, tool and effects",
+    "link_angle_rms_mrad": "the same of the angles of the arm's own dimensions",
     "mixed_rms": "the same of all identified parameters, in mm and rad as they are, as the thesis takes it",
     "nees": "squared parameter errors by their predicted covariance, a parameter: one on average",
     "before_mm": "mean position error over the validation poses with nominal links, base and tool fitted",

@@ -24,6 +24,7 @@ __all__ = [
     "NONE",
     "OF_PLAN",
     "POINTS",
+    "RANKED",
     "USUAL",
     "Cell",
     "Study",
@@ -37,6 +38,8 @@ ANY: Final = "any"  # scaling of a cell that is the same in all scalings
 NONE = "none"  # the effects of a rigid arm; no plan
 USUAL = "usual"  # the parameters that are identifiable
 POINTS = "points"
+RANKED = ("fresh_mean_mm", "fresh_p95_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad", "link_length_rms_mm",
+          "link_angle_rms_mrad", "mixed_rms", "before_mm", "steps")  # fmt: skip  # metrics of which less is better
 OF_PLAN = 0  # poses of a cell whose plan says how many
 CAMPAIGNS_A_TASK = 2000  # that are fitted together: about half a second
 _ALONE_A_TASK = 20  # that are fitted one by one: about half a minute
@@ -154,6 +157,7 @@ class Study:
         factors: values of the factors; the default for others.
         parameters: sets of parameters to identify, by name, beside ``usual``.
         effects: sets of effects of the arm, by name, beside ``none``.
+        metric: by which terminal and page rank the cells.
     """
 
     name: str = "study"
@@ -167,6 +171,7 @@ class Study:
     factors: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     parameters: Mapping[str, Fitting] = field(default_factory=dict)
     effects: Mapping[str, Effects] = field(default_factory=dict)
+    metric: str = RANKED[0]
 
     def __post_init__(self) -> None:
         if not self.name or Path(self.name).name != self.name or not self.name.isprintable():
@@ -176,6 +181,8 @@ class Study:
         for name, limit in (("robots", ROBOTS), ("draws", DRAWS), ("fresh", POSES)):
             whole(name, getattr(self, name), 1, limit)
         TARGETS("targets", self.targets)
+        if self.metric not in RANKED:
+            raise LabError(f"metric '{self.metric}' is none of which less is better: give one of {', '.join(RANKED)}")
         for kind, values in self.factors.items():
             if kind not in FACTORS:
                 raise LabError(f"factor '{kind}' is unknown; there are {', '.join(FACTORS)}")

@@ -33,18 +33,24 @@ __all__ = ["NOT_CONVERGED", "RANK_DEFICIENT", "identified_campaigns", "parameter
 
 NOT_CONVERGED, RANK_DEFICIENT = "not converged", "rank deficient"
 _NONE = float("nan")
-_NUMBERS = ("fresh_mean_mm", "fresh_p95_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad", "mixed_rms", "nees",
-            "before_mm")  # fmt: skip
+_NUMBERS = ("fresh_mean_mm", "fresh_p95_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad",
+            "link_length_rms_mm", "link_angle_rms_mrad", "mixed_rms", "nees", "before_mm")  # fmt: skip
 
 
 def parameter_errors(off: Array, parameters: Sequence[Parameter]) -> dict[str, Array]:
-    """Return the root mean squares ``(b,)`` of errors ``(b, f)`` (SI) of lengths, of angles, and of both together."""
+    """Return the root mean squares ``(b,)`` of errors ``(b, f)`` (SI) of lengths, of angles, and of both together.
+
+    Those of the links are of the arm's own dimensions alone.
+    """
     angular = np.array([each.is_angle for each in parameters], dtype=bool)
     linear = np.array([each.kind == "length" for each in parameters], dtype=bool)
+    link = np.array([each.is_link for each in parameters], dtype=bool)
     lengths, angles = MM.of(off[:, linear]), off[:, angular]
     return {
         "length_rms_mm": _rms(lengths),
         "angle_rms_mrad": MRAD.of(_rms(angles)),
+        "link_length_rms_mm": _rms(MM.of(off[:, linear & link])),
+        "link_angle_rms_mrad": MRAD.of(_rms(off[:, angular & link])),
         "mixed_rms": _rms(np.concatenate([lengths, angles], axis=1)),
     }
 

@@ -200,7 +200,8 @@ def _resume(folder: Path, study: Study) -> _Store:
     there, here = read_structured(folder / _CONFIG, _Begun, _MEND), _described(study)
     old, new = there.options, _plain(here[_CONFIG])["options"]
     what = other_version(there.versions, here[_CONFIG]["versions"])
-    if what is None and (other := next((name for name in new if old.get(name) != new[name]), None)):
+    told = [name for name in new if name != "metric"]  # which changes the page alone
+    if what is None and (other := next((name for name in told if old.get(name) != new[name]), None)):
         raise LabError(
             f"{folder}: holds another study ({other} is {old.get(other)} there, {new[other]} here); "
             "give the folder of this one, or begin it in a folder of its own"

@@ -86,6 +86,13 @@ class Frobenius(lab.Criterion):
         return 2 * information
 
 
+class Far(lab.Criterion):
+    name = "far"
+
+    def score(self, information):
+        return information[..., 99, 99]
+
+
 class Spoken:
     """A language of robots of two joints."""
 
@@ -141,7 +148,7 @@ def lab(site: Path, *lines: str, cwd: Path | None = None) -> list[tuple[int, str
 def site(tmp_path: Path) -> Path:
     sections = "[lab.sections]\nscale = weighing:SCALE\nat_inspection = weighing:INSPECTED\n"
     commands = "[lab.commands]\nweigh = weighing:WEIGH\n[lab.languages]\nspoken = weighing:Spoken\n"
-    commands += "[lab.criteria]\nfrobenius = weighing:Frobenius\nvolume = weighing:Volume\n"
+    commands += "[lab.criteria]\nfar = weighing:Far\nfrobenius = weighing:Frobenius\nvolume = weighing:Volume\n"
     package(tmp_path, "weighing", commands + sections, COMMAND)
     return tmp_path
 
@@ -215,19 +222,22 @@ def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(s
         'name = "grid"\nrobot = "scara"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\n'
         'criterion = ["random", "volume"]\nposes = 12\n'
     )
+    (site / "far.toml").write_text((site / "grid.toml").read_text().replace("volume", "far"))
     design = "design --robot course2r --poses 6 --candidates 60 --starts 1 --json"
-    own, known, refused, study, blind = lab(
+    own, known, refused, study, blind, failed = lab(
         site,
         f"{design} --criterion frobenius --out own",
         f"{design} --out known",
         f"{design} --criterion frobenios",
         "study grid.toml --workers 1 --json --out study",
         "design --robot scara --criterion frobenius --poses 8 --candidates 60",
+        "study far.toml --workers 1 --out far",
     )
+    assert failed[0] == 2 and "criterion 'far' raises IndexError: index 99 is out of bounds" in failed[2]
     assert own[0] == known[0] == 0, own[2] + known[2]
     first, second = json.loads(own[1]), json.loads(known[1])
     assert first["criterion"] == "frobenius" and first["indices"]["o1"]["value"] < second["indices"]["o1"]["value"]
-    assert refused[0] == 2 and refused[2].rstrip().endswith("A, G, I, frobenius, volume")
+    assert refused[0] == 2 and "A, G, I, far, frobenius, volume; for one of your own" in refused[2]
     assert study[0] == 0, study[2]
     assert blind[0] == 2 and "criterion frobenius chose 8 poses that cannot tell all" in blind[2]
     package(site, "parts", OWN_PARTS)

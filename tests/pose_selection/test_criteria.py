@@ -1,5 +1,7 @@
 """Observability indices: closed forms, identities, scaling, and slopes."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers.robots import IRB120
@@ -151,3 +153,99 @@ def test_a_criterion_of_one_s_own_needs_a_score_alone() -> None:
 def test_what_is_no_criterion_is_refused(given: object) -> None:
     with pytest.raises(lab.LabError, match=r"give an object of a subclass of lab.Criterion"):
         lab.design("irb120", criterion=given)
+
+
+class LinkLengths(Criterion):
+    """The trace of the covariance of the links' lengths."""
+
+    name = "lengths"
+
+    def score(self, information: np.ndarray) -> np.ndarray:
+        own = [name.startswith("link") and name.endswith((".a", ".d")) for name in self.names]
+        return -np.log(self.covariance(information)[..., own, own].sum(axis=-1))
+
+
+OPTIONS: dict[str, Any] = {"poses": 14, "candidates": 60, "starts": 1, "seed": 3, "no_check": True}
+
+
+def test_a_criterion_knows_which_row_is_which_parameter() -> None:
+    """Its design shows the lengths better than O1's; names and information are those of the plan, of any targets."""
+    own = LinkLengths()
+    for targets in (("p1",), ("p1", "p2")):
+        mine, o1 = (lab.design("irb120", criterion=each, targets=targets, **OPTIONS) for each in (own, "O1"))
+        score = [own.with_names(plan.parameter_names).score(plan.information) for plan in (mine, o1)]
+        assert score[0] > score[1] + 0.05 and score[0] == mine.problem.goal.score(mine.information)
+        assert len(mine.parameter_names) == len(mine.information)
+        assert sum(name.startswith("tool.") for name in mine.parameter_names) == 3 * len(targets)
+    assert own.names == ()
+    lengths = [i for i, name in enumerate(NAMES) if name.startswith("link") and name.endswith((".a", ".d"))]
+    rows = jacobian(15, 3).reshape(-1, len(NAMES))
+    covariance = np.linalg.inv(rows.T @ rows)
+    expected = -np.log(sum(covariance[i, i] for i in lengths))
+    assert own.with_names(NAMES).score(rows.T @ rows) == pytest.approx(expected)
+
+
+def test_the_covariance_of_singular_information_is_larger_than_any() -> None:
+    rows = np.stack([jacobian(15, seed).reshape(-1, 27) for seed in range(2)])
+    rows[1, :, 4] = 0.0
+    whole, blind = Product().covariance(np.swapaxes(rows, 1, 2) @ rows)
+    np.testing.assert_allclose(whole @ rows[0].T @ rows[0], np.eye(27), atol=1e-6)
+    assert np.isfinite(blind).all() and (np.diag(blind) > 1e100).all()
+
+
+def _weighted(self: Criterion) -> np.ndarray:
+    return np.diag([float(name.startswith("link") and name.endswith((".a", ".d"))) for name in self.names])
+
+
+def test_a_weight_changes_the_search_alone_and_growth_brings_a_certificate() -> None:
+    weighted = type("Weighted", (LinkLengths,), {"name": "weighted", "weight": property(_weighted), "growth": 1.0})()
+    plain, other = (lab.design("irb120", criterion=each, **OPTIONS) for each in (LinkLengths(), weighted))
+    assert other.problem.goal.score(other.information) == pytest.approx(
+        plain.problem.goal.score(plain.information), abs=0.05
+    )
+    assert plain.efficiency is None and other.efficiency is not None and 0.8 < other.efficiency <= 1
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "raises": ({"score": lambda self, m: 1 / 0}, "raises ZeroDivisionError: division by zero; repair it"),
+    "index": (
+        {"score": lambda self, m: m[..., 99, 99]},
+        r"raises IndexError: index 99 is out of bounds for axis 1 with size 27; repair it",
+    ),
+    "shape": (
+        {"score": lambda self, m: np.zeros(3)},
+        r"returns scores of shape \(3,\) for information of shape \(8, 27, 27\); return \(8,\)",
+    ),
+    "text": (
+        {"score": lambda self, m: "high"},
+        "raises ValueError: could not convert string to float: 'high'; repair it",
+    ),
+    "nan": ({"score": lambda self, m: np.full(m.shape[:-2], np.nan)}, "returns NaN; return a finite score"),
+    "equal": (
+        {"score": lambda self, m: -np.ones(m.shape[:-2])},
+        "gives 8 random sets of 18 poses the same score, -1: it cannot choose",
+    ),
+    "sign": (
+        {"score": lambda self, m: -LinkLengths.score(self, m)},
+        "gives 18 poses .*, and .* if each is measured twice; larger is better: turn the sign of its score",
+    ),
+    "slope": ({"slope": lambda self, m: m["x"]}, "raises IndexError: .*; repair it"),
+    "flat slope": ({"slope": lambda self, m: m[0]}, r"returns a slope of shape \(27,\); return \(27, 27\)"),
+    "weight": ({"weight": np.eye(27)}, r"has a weight W, but its score is not -log tr\(W M\^-1\); set weight to None"),
+    "narrow": ({"weight": np.eye(3)}, r"has a weight of shape \(3, 3\) for 27 parameters; give \(27, 27\)"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_criterion_is_refused_in_one_line(name: str) -> None:
+    changed, said = WRONG[name]
+    with pytest.raises(LabError, match=f"^criterion 'wrong' {said}") as raised:
+        lab.design("irb120", criterion=type("Wrong", (LinkLengths,), {"name": "wrong", **changed})(), **OPTIONS)
+    assert "\n" not in str(raised.value)
+
+
+def test_an_unknown_name_says_how_an_own_criterion_gets_one() -> None:
+    with pytest.raises(
+        LabError, match=r"entry point of lab.criteria is named 'lengths', or give lab.design the object"
+    ):
+        lab.design("irb120", criterion="lengths")

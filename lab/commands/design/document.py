@@ -594,10 +594,11 @@ def _checked(result: DesignResult) -> str:
 def _candidates(values: dict[str, Any]) -> str:
     found, lost = values["candidates"], values["candidates"]["rejected"]
     singular = f"{lost['singularity']:,} near a parallel singularity, " if lost["singularity"] else ""
+    collided = f"{lost['collision']:,} in collision, " if values["checked"] else ""
     unseen = "without enough corners in a picture" if values["corners"] else "not visible to the tracker"
     return (
         f"{found['feasible']:,} feasible candidates of {found['drawn']:,} drawn; rejected: {lost['limits']:,} near a "
-        f"joint limit, {singular}{lost['collision']:,} in collision, {lost['visibility']:,} {unseen}."
+        f"joint limit, {singular}{collided}{lost['visibility']:,} {unseen}."
     )
 
 

@@ -223,6 +223,16 @@ class DesignResult(Result):
         return text + (f" and the {moved} poses that the ascent moved away from candidates" if moved else "")
 
     @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the identifiable parameters ``(p,)``, in the order of rows and columns of ``information``."""
+        return tuple(self.problem.seen.names[i] for i in self.problem.structure.identifiable)
+
+    @property
+    def information(self) -> Array:
+        """Information matrix ``(p, p)`` of the poses with those measured before, in the units of the scaling."""
+        return information(np.concatenate([self.design.jacobian, self.problem.before]))
+
+    @property
     def pose_ids(self) -> tuple[str, ...]:
         """Numbers from 1 in the order of the tour, after those of the poses measured already."""
         first = len(self.problem.already) + 1

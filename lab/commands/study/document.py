@@ -20,19 +20,26 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure as Drawing
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import LogLocator, NullLocator
 
-from lab.commands.study.run import StudyResult, circumstances, failures_text, level_text, plain_level
+from lab.commands.study.run import (
+    StudyResult,
+    circumstances,
+    failures_text,
+    level_text,
+    plain_level,
+    shown_metrics,
+)
 from lab.core.errors import LabError
 from lab.render import document as doc
 from lab.render.charts.chart import axes_picture, log_ticks, save_figure
 from lab.render.charts.marks import Axes as ChartAxes
+from lab.render.charts.marks import round_numbers
 from lab.render.comparison_plots import ColourScale, heat_map
 from lab.render.document import capital, sentence, short
 from lab.render.style import COLOUR_SCALE, FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
 from lab.studies.analysis import LEAST_ROBOTS, Analysis, CellGroup, Comparison, Kind, Mean, Pair, Rank, groups
 from lab.studies.campaigns import origin_of
-from lab.studies.grid import ANY, FACTORS, Cell, is_any
+from lab.studies.grid import ANY, FACTORS, RANKED, Cell, is_any
 
 __all__ = [
     "analysis_sections", "comparison_sentence", "effect_text", "factor_sentence", "first_picture", "pictures_of",
@@ -58,6 +65,8 @@ _METRICS = {
     "fresh_worst_mm": ("worst error on validation poses", "mm"),
     "length_rms_mm": ("RMS error of the lengths", "mm"),
     "angle_rms_mrad": ("RMS error of the angles", "mrad"),
+    "link_length_rms_mm": ("RMS error of the arm's own lengths", "mm"),
+    "link_angle_rms_mrad": ("RMS error of the arm's own angles", "mrad"),
     "mixed_rms": ("RMS error of all parameters", "mm and rad"),
     "nees": ("NEES per parameter, 1 expected", ""),
     "before_mm": ("mean error on validation poses before the calibration", "mm"),
@@ -82,6 +91,8 @@ _WORDS = {
     "payload_kg": "payload",
     "model": "fitted model",
 }
+_PRICED = {"poses", "targets", "instrument", "noise", "observe", "position_sigma_mm", "rotation_sigma_mrad"}
+_LEAST_TICKS = 3  # of a logarithmic axis
 _WIDE = 10  # a ratio's upper end over its lower
 _EQUAL = 1e-5  # ratios are equal within this, as fits end so near to their minimum
 _TOO_FEW = "too few robots for an interval"
@@ -101,7 +112,9 @@ def _factor_text(factor: str) -> str:
 
 def _varying(cells: Sequence[Cell]) -> tuple[str, ...]:
     """The factors of which there is more than one level."""
-    return tuple(name for name in FACTORS if len({getattr(cell, name) for cell in cells}) > 1)
+    return tuple(
+        name for name in FACTORS if len({level for cell in cells if not is_any(name, level := getattr(cell, name))}) > 1
+    )
 
 
 def effect_text(pair: Pair, kind: Kind, *, note: bool = True) -> str:
@@ -268,10 +281,11 @@ def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
     title = f"{_metric_text(metric, unit=False)}: means with 95 % intervals over robots"
     figure = _panels(shown, draw, title, (3.6, 3.6), sharey=True)
     drawn = [end for i in {i for group in shown for i in group.cells} for end in (means[i].mean, means[i].lower)]
-    if min((end for end in drawn if isfinite(end)), default=0.0) > 0:  # what cannot be negative
+    is_positive = min((end for end in drawn if isfinite(end)), default=0.0) > 0
+    if is_positive:
         _logarithmic(figure.axes[0], "y")
     figure.supxlabel(_factor_text(factor), fontsize=10)
-    figure.supylabel(_metric_text(metric), fontsize=10)
+    figure.supylabel(_metric_text(metric) + (" (log scale)" if is_positive else ""), fontsize=10)
     if line:
         handles = {str(h.get_label()): h for axes in figure.axes for h in axes.get_legend_handles_labels()[0]}
         shown_lines = [handles[name] for name in names]
@@ -282,12 +296,14 @@ def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
 
 
 def _logarithmic(axes: Axes, which: Literal["x", "y"]) -> None:
-    """Make an axis logarithmic, with plain numbers at 1, 2 and 5 times powers of ten."""
+    """Make an axis logarithmic, with plain numbers at three ticks or more, also of a range far below a decade."""
     axes.set(**{f"{which}scale": "log"})
+    low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
+    log_ticks(axes, which, low, high)
     axis = axes.xaxis if which == "x" else axes.yaxis
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_locator(NullLocator())
+    if len(axis.get_ticklocs()) < _LEAST_TICKS:
+        ticks = [tick for tick in round_numbers(low, high, 4).tolist() if low <= tick <= high]
+        axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
 
 
 def _line_factor(cells: Sequence[Cell], factor: str) -> str | None:
@@ -364,12 +380,12 @@ def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> D
         axes.plot(1.0 if kind == "ratio" else 0.0, 0, "D", color=REFERENCE, markersize=5)
         axes.text(1.02, 0, "best", transform=axes.get_yaxis_transform(), va="center", fontsize=8)
         _rows(axes, each, cells)
-        if kind == "ratio" and most > _FAR:
-            _logarithmic(axes, "x")
 
     text = _metric_text(comparisons[0].metric, unit=False)
     title = f"{text} by {_factor_text(free[0])}, against the best: same robots, same noise"
     figure = _panels(comparisons, draw, title, (4.6, 0.9 + 0.33 * _most_rows(comparisons)), sharex=True)
+    if kind == "ratio" and most > _FAR:
+        _logarithmic(figure.axes[0], "x")
     measure = (
         "ratio to the best" if kind == "ratio" else f"difference from the best, {_metric_text(comparisons[0].metric)}"
     )
@@ -450,13 +466,14 @@ def _panels(
     return figure
 
 
-_SHOWN_METRICS = ("fresh_mean_mm", "fresh_worst_mm")  # of the figures and the page; the CSV files have all
-
-
 @lru_cache(maxsize=1)
 def pictures_of(result: StudyResult) -> dict[str, doc.Picture]:
     """Return the figures of a study, by the names of their files."""
-    return {name: made for metric in _SHOWN_METRICS for name, made in study_pictures(result.analysis, metric).items()}
+    return {
+        name: made
+        for metric in shown_metrics(result.done.study)
+        for name, made in study_pictures(result.analysis, metric).items()
+    }
 
 
 def first_picture(result: StudyResult) -> doc.Picture:
@@ -483,7 +500,7 @@ def study_document(result: StudyResult) -> doc.Document:
                 f"{study.robots} robots, measured {study.draws} times each with the same noise.",
                 "note",
             ),
-            *analysis_sections(result.analysis, _SHOWN_METRICS),
+            *analysis_sections(result.analysis, shown_metrics(study)),
             doc.Section("Figures", tuple(_figures(pictures_of(result))), shown_in=doc.PAGE),
             doc.Paragraph(
                 f"{done.computed:,} of {study.campaigns:,} simulated calibrations computed{speed}.",
@@ -497,7 +514,7 @@ def study_document(result: StudyResult) -> doc.Document:
 
 def _card(result: StudyResult) -> doc.Card:
     study, cells = result.done.study, result.analysis.cells
-    metric = _SHOWN_METRICS[0]
+    metric = study.metric
     means = [mean for mean in result.analysis.means if mean.metric == metric and isfinite(mean.mean)]
     about = f"{capital(_metric_text(metric, unit=False))} of {study.robot}, mean over {study.robots} robots."
     if not means:
@@ -506,9 +523,11 @@ def _card(result: StudyResult) -> doc.Card:
     names = _varying(cells)
     called = circumstances({name: getattr(cells[best.cell], name) for name in names}) or "one cell"
     interval = f" (95 %: {short(best.lower)} to {short(best.upper)})" if isfinite(best.lower) else ""
-    numbers = [(f"lowest mean error{interval}", short(best.mean, "mm"), "")]
+    unit = _METRICS.get(metric, ("", ""))[1]
+    what = "mean error" if metric == RANKED[0] else "mean"
+    numbers = [(f"lowest {what}{interval}", short(best.mean, unit), "")]
     if len(means) > 1:
-        numbers.append(("highest mean error", short(worst.mean, "mm"), ""))
+        numbers.append((f"highest {what}", short(worst.mean, unit), ""))
     picture = _overview_picture(result.analysis, metric, best)
     others = circumstances(_others(cells, best.cell))
     caption = f"Means over the robots; the scale is logarithmic.{f' Other factors: {others}.' if others else ''}"
@@ -528,9 +547,12 @@ def _next_step(analysis: Analysis, metric: str, robots: int, best: str) -> str:
     if robots < LEAST_ROBOTS:
         return f"Give {LEAST_ROBOTS} robots or more: of {robots} no difference is certain."
     pairs = [pair for each in analysis.comparisons if each.metric == metric for pair in each.pairs]
+    has_price = bool(_PRICED & set(_varying(analysis.cells)))
     if any(not pair.is_significant for pair in pairs):
-        return f"Use {best}. Where a difference is not significant, choose the cheaper level, or study more robots."
-    return f"Use {best}. The answers below say how much worse a cheaper level is."
+        which = "the cheaper level" if has_price else "either"
+        return f"Use {best}. Where a difference is not significant, choose {which}, or study more robots."
+    others = "a cheaper level is" if has_price else "the others are"
+    return f"Use {best}. The answers below say how much worse {others}."
 
 
 def _plane(cells: Sequence[Cell]) -> tuple[str, str] | None:

@@ -9,22 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 from lab.commands.command_line import options_of, takes
 from lab.commands.options import StudyOptions
-from lab.commands.result import Result
+from lab.commands.result import Result, number
 from lab.commands.run_folder import free_name
 from lab.core.errors import LabError, error_context
 from lab.extension_points import load_reference
 from lab.formats.csv_table import text_cell
 from lab.render.terminal import bars
-from lab.studies.analysis import Analysis, Comparison, analysed
+from lab.studies.analysis import COMPARED, Analysis, Comparison, Mean, analysed
 from lab.studies.campaigns import refuse_impossible
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
-from lab.studies.grid import FACTORS, NONE, Cell, Study, is_any, read_study
+from lab.studies.grid import FACTORS, NONE, RANKED, Cell, Study, is_any, read_study
 from lab.studies.run import StudyDone, read_campaigns, run_study
 
 if TYPE_CHECKING:
     from lab.render.document import Section
 
-__all__ = ["StudyResult", "circumstances", "failures_text", "level_text", "plain_level", "study", "write_csv"]
+__all__ = ["StudyResult", "circumstances", "failures_text", "level_text", "plain_level", "shown_metrics", "study",
+           "write_csv"]  # fmt: skip
 
 _UNITS = {"poses": " poses", "position_sigma_mm": " mm", "rotation_sigma_mrad": " mrad", "noise": " times the noise",
           "payload_kg": " kg"}  # fmt: skip
@@ -79,7 +80,8 @@ class StudyResult(Result):
 
     Attributes:
         done: where the simulated calibrations are, and what this run added to them.
-        analysis: means, comparisons and ranks.
+        analysis: ``means`` of each cell and metric, and ``comparisons`` of each metric and factor, with ``pairs`` and
+            ``ranks``; ``cells`` are the combinations of the factors.
     """
 
     command = "study"
@@ -101,13 +103,23 @@ class StudyResult(Result):
         return section
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the values that ``--json`` prints."""
+        """Return the values that ``--json`` prints: pairs and ranks by the metrics that terminal and page show."""
         failed = [(mean.not_converged, mean.failures) for mean in self.analysis.means if mean.metric == _COUNTED]
         cells = [
             cell | {"failed": count, "failures": dict(failures)}
             for cell, (count, failures) in zip(self.done.summary["cells"], failed, strict=True)
         ]
-        return self.done.summary | {"cells": cells}
+        shown = shown_metrics(self.done.study)
+        means = ([mean.cell, mean.metric, *_mean_numbers(mean)] for mean in self.analysis.means)
+        pairs = (row for row in _pair_rows(self.analysis) if row[0] in shown)
+        ranks = ([*row[: len(_RANKS)], row[len(_RANKS) :]] for row in _rank_rows(self.analysis) if row[0] in shown)
+        return self.done.summary | {
+            "cells": cells,
+            "metric": self.done.study.metric,
+            "means": _objects(("cell", "metric", *_MEAN_NUMBERS), means),
+            "pairs": _objects(_PAIRS, pairs),
+            "ranks": _objects((*_RANKS, "chances"), ranks),
+        }
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """The columns of ``means.csv``: a row for each cell and metric; NaN where there is no interval."""
@@ -121,6 +133,19 @@ class StudyResult(Result):
         self.report(folder / "report.html")
 
 
+def shown_metrics(known: Study) -> tuple[str, ...]:
+    """Return the metrics of the page and the figures, that of the study first, which the terminal shows."""
+    return tuple(dict.fromkeys((known.metric, RANKED[0], "fresh_worst_mm")))
+
+
+def _objects(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[dict[str, Any]]:
+    """Return rows as objects, with null for a number that is not finite."""
+    return [
+        {name: number(each) if isinstance(each, float) else each for name, each in zip(names, row, strict=True)}
+        for row in rows
+    ]
+
+
 def write_csv(folder: Path, analysis: Analysis) -> None:
     """Write ``means.csv``, ``pairs.csv`` and ``ranks.csv``; an empty cell is a number that there is not."""
     _write(folder / "means.csv", _MEANS, _mean_rows(analysis))
@@ -131,7 +156,8 @@ def write_csv(folder: Path, analysis: Analysis) -> None:
 
 _COUNTED = "steps"  # the metric of every study by whose means failures are counted
 _COUNTS = ("campaigns", "not_converged", "used", "robots")
-_MEANS = ("cell", *FACTORS, "metric", "mean", "lower_95", "upper_95", *_COUNTS, "failures")
+_MEAN_NUMBERS = ("mean", "lower_95", "upper_95", *_COUNTS)
+_MEANS = ("cell", *FACTORS, "metric", *_MEAN_NUMBERS, "failures")
 _GROUP = ("metric", "factor", "group")
 _PAIRS = (*_GROUP, "first_cell", "second_cell", "first", "second", "kind", "second_to_first", "lower_95", "upper_95",
           "p", "p_holm", "used", "left_out", "robots")  # fmt: skip
@@ -147,9 +173,11 @@ def _mean_columns(analysis: Analysis) -> Mapping[str, Sequence[Any]]:
 def _mean_rows(analysis: Analysis) -> Iterable[list[Any]]:
     for mean in analysis.means:
         levels = [_written(getattr(analysis.cells[mean.cell], name)) for name in FACTORS]
-        counts = [getattr(mean, name) for name in _COUNTS]
-        numbers = [mean.mean, mean.lower, mean.upper, *counts]
-        yield [mean.cell, *levels, mean.metric, *numbers, failures_text(mean.failures)]
+        yield [mean.cell, *levels, mean.metric, *_mean_numbers(mean), failures_text(mean.failures)]
+
+
+def _mean_numbers(mean: Mean) -> list[float]:
+    return [mean.mean, mean.lower, mean.upper, *(getattr(mean, name) for name in _COUNTS)]
 
 
 def _written(level: Any) -> Any:
@@ -231,4 +259,5 @@ def _run(options: StudyOptions, known: Study) -> StudyResult:
 def _analysis(done: StudyDone) -> Analysis:
     campaigns = read_campaigns(done.folder)
     columns = {name: campaigns[name].to_numpy() for name in campaigns.column_names}
-    return analysed(columns, done.study.cells, done.study.seed)
+    metrics = tuple(dict.fromkeys((*COMPARED, done.study.metric)))
+    return analysed(columns, done.study.cells, done.study.seed, metrics)

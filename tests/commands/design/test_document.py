@@ -69,3 +69,11 @@ def test_targets_that_no_pose_reaches_are_named_with_their_frame(tmp_path: Path)
     file.write_text("\n".join([head, moon]))
     with pytest.raises(lab.LabError, match=r"none of its 1 points, whose coordinates are in the instrument's frame"):
         warned(str(file))
+
+
+def test_a_plan_that_is_not_checked_rejects_no_collision() -> None:
+    """With contacts some candidates collide; without, none does, and the text does not count them."""
+    checked, free = (lab.design("irb120", poses=10, candidates=60, starts=1, no_check=each) for each in (False, True))
+    assert checked.problem.candidates.rejected["collision"] > 0 and "in collision" in checked.summary()
+    assert free.problem.candidates.rejected["collision"] == 0 and "in collision" not in free.summary()
+    assert "Nothing was checked for collisions" in free.summary() and free.tour.via == 0
