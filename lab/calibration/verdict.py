@@ -229,7 +229,8 @@ def _determination(checks: Sequence[Check], gate_m: float | None) -> tuple[Answe
     reasons += [each for each in checks if each.name == "determination.limit" and each.outcome == "failed"]
     reasons += [each for each in far if each.name == "links.tolerances"]
     uncovered = [each for each in checks if each.name == "determination.cover" and each.outcome == "failed"]
-    if reasons and not uncovered and gate_m is not None and error.data["region"].p95_m <= gate_m:
+    region = error.data["region"]  # with the base placed anew it bounds no error that a gate limits
+    if reasons and not uncovered and gate_m is not None and not region.anew and region.p95_m <= gate_m:
         return Answer("does not matter", (error, reasons[0])), []
     reasons += uncovered
     if error.outcome == "failed" and gate_m is None:  # a gate is judged by the errors of the validation
