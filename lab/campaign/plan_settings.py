@@ -47,7 +47,7 @@ class PlanSettings:
         names = [
             name
             for name in self.values
-            if self._same(name, getattr(options, name)) and not self._same(name, getattr(default, name))
+            if self._is_own(name, getattr(options, name)) and not self._is_own(name, getattr(default, name))
         ]
         if not names:
             return ""
@@ -69,18 +69,21 @@ class PlanSettings:
             if not self._same(name, given := getattr(options, name))
         )
 
-    def _same(self, name: str, given: object) -> bool:
-        """Check whether a value is the plan's: for files by their content."""
+    def _is_own(self, name: str, given: object) -> bool:
+        """Check whether a value is the plan's own: of a file, its copy."""
         ours = self.values[name]
-        if isinstance(ours, list):
-            return ours == list(given) if isinstance(given, tuple | list) else False
-        if given == ours or (given is not None and str(given) in (str(ours), str(self.stated[name]))):
-            return True
-        if given is None or ours is None:
-            return False
+        plain = list(given) if isinstance(given, tuple) else str(given) if isinstance(given, Path) else given
+        return plain == ours
+
+    def _same(self, name: str, given: object) -> bool:
+        """Check whether a value is equal to the plan's: of a file, by its content."""
+        ours = self.values[name]
+        if self._is_own(name, given) or given is None or ours is None:
+            return self._is_own(name, given)
         (file, ends), (own, own_ends) = parted(str(given)), parted(str(ours))
-        files = Path(file).is_file() and Path(own).is_file()
-        return files and ends == own_ends and file_digest(Path(file)) == file_digest(Path(own))
+        if Path(file).is_file() and Path(own).is_file():
+            return ends == own_ends and file_digest(Path(file)) == file_digest(Path(own))
+        return False
 
 
 def settings_of_plan(plan: Path, *, clearances: bool = False) -> PlanSettings | None:
