@@ -73,7 +73,7 @@ class PlanSettings:
         """Check whether a value is the plan's own: of a file, its copy."""
         ours = self.values[name]
         plain = list(given) if isinstance(given, tuple) else str(given) if isinstance(given, Path) else given
-        return plain == ours
+        return bool(plain == ours)
 
     def _same(self, name: str, given: object) -> bool:
         """Check whether a value is equal to the plan's: of a file, by its content."""

@@ -152,9 +152,9 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each[0] for each in common))]
     with _one_line_errors(program, flags, [f"--{name}" for name in positional(kind)]):
         found = tyro.cli(made, prog=program, description="", args=rest, registry=_numbers(), add_help=False)
-    given_flags = (getattr(found, name, False) for name in ("overwrite", "json", "resume"))
+    overwrite, json, resume = (bool(getattr(found, name, False)) for name in ("overwrite", "json", "resume"))
     chosen, notes = _noted(command, _with_ends(found), kind, stated)
-    return Arguments(chosen, getattr(found, "out", None), *given_flags, notes)
+    return Arguments(chosen, getattr(found, "out", None), overwrite, json, resume, notes)
 
 
 _CHECKED_ANEW = ("cell", "clearance_mm", "self_clearance_mm")  # in which lab design --check may differ from the plan
@@ -182,9 +182,7 @@ def _value_of(flag: str, arguments: Sequence[str]) -> str | None:
     return values[-1] if values else None
 
 
-def _noted(
-    command: Command, options: Any, kind: type[Any], stated: PlanSettings | None
-) -> tuple[Any, tuple[str, ...]]:
+def _noted(command: Command, options: Any, kind: type[Any], stated: PlanSettings | None) -> tuple[Any, tuple[str, ...]]:
     """Return the options with what they take from the plan of a measurement file, and lines on what was taken."""
     if stated is not None:
         expected = _CHECKED_ANEW if command.plan == "check" else ()

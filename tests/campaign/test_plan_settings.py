@@ -124,7 +124,7 @@ def test_identify_reads_a_filled_in_plan_as_it_was_made(own: Path, capsys: pytes
     assert in_python.options.instrument == "leica-at960" and in_python.options.cell is not None
     told = ran("identify plan/day.csv --noise-mm 0.02 --no-recording --out b", capsys)
     assert options("b")["instrument"] is None and "--instrument" not in told
-    assert main("identify plan/day.csv --robot course2r --out c".split()) == 2  # its joints have other names
+    assert main(["identify", "plan/day.csv", "--robot", "course2r", "--out", "c"]) == 2  # its joints have other names
     assert "warning: --robot is course2r, but the plan in plan was made with arm.urdf\n" in capsys.readouterr().err
 
 

@@ -22,7 +22,7 @@ from lab.commands.result import Result, joint_values, number
 from lab.commands.run_folder import joint_columns
 from lab.core.errors import LabError, counted, option_name
 from lab.core.limits import TABLE_BYTES, WAYPOINTS
-from lab.core.measurements import Measurements, measured
+from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extension_points import load_reference

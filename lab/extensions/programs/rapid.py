@@ -313,7 +313,8 @@ class Rapid(SixAxisLanguage):
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write the procedure ``measure_poses_from_1`` (the first id): home, every pose with a wait, home."""
         ids = tour.ids
-        routine = _name("measure_poses", f"_from_{_name(ids[0])[:_MAX_FIRST]}")
+        end = f"_from_{_name(ids[0])[:_MAX_FIRST]}"  # so that a plan and what extends it can both be loaded
+        routine = _name("measure_poses", end)
         names, moves = ["home"], ["    TPErase;", _move("home", "tool0")]
         pose_names = _distinct_names([_pose_stem(each) for each in ids])
         pose, via = 0, 0
@@ -339,7 +340,9 @@ class Rapid(SixAxisLanguage):
             f"  ! {COMPARE_ONE_POSE}",
             f"  ! Declare the tool's load in place of tool0. Call {routine} from your main routine.",
         ]
-        name = _name(f"plan_{tour.robot}", f"_from_{_name(ids[0])[:_MAX_FIRST]}")  # so that a plan and what extends it can both be loaded
+        name = _name(
+            f"plan_{tour.robot}", f"_from_{_name(ids[0])[:_MAX_FIRST]}"
+        )  # so that a plan and what extends it can both be loaded
         return _module(name, [*head, *targets], routine, moves)
 
     def target_moves(self, moves: TargetMoves) -> bytes:

@@ -95,3 +95,22 @@ def test_names_of_a_module_differ_for_any_ids() -> None:
     reached = np.array([found.targets[move.target].joints for move in found.moves])
     np.testing.assert_allclose(reached, stops, atol=1e-8)
     assert "pose012," in text and "pose001_2," in text
+
+
+NAMED = {
+    "KRL": r"^DEF (\w+)\(\)",
+    "FANUC": r"^/PROG +(\w+)",
+    "VAL3": r'<Program name="(\w+)">',
+    "JBI": r"^//NAME (\w+)",
+}
+
+
+@pytest.mark.parametrize("language", [each for each in languages() if each.name in NAMED], ids=lambda each: each.name)
+def test_a_program_has_the_name_of_its_file(language: Language, plan: DesignResult, tmp_path: Path) -> None:
+    """Controllers of these languages find a program by the name of its file."""
+    replace(plan, options=replace(plan.options, controller=language.name.lower())).write_files(tmp_path)
+    files = sorted(tmp_path.glob(f"*{language.suffix}"))
+    assert len(files) == (plan.payload_changes + 1)
+    for path in files:
+        found = re.search(NAMED[language.name], path.read_bytes().decode("ascii").replace("\r\n", "\n"), re.MULTILINE)
+        assert found is not None and found[1].lower() == re.sub(r"\W", "_", path.stem).lower()
