@@ -340,9 +340,7 @@ class Rapid(SixAxisLanguage):
             f"  ! {COMPARE_ONE_POSE}",
             f"  ! Declare the tool's load in place of tool0. Call {routine} from your main routine.",
         ]
-        name = _name(
-            f"plan_{tour.robot}", f"_from_{_name(ids[0])[:_MAX_FIRST]}"
-        )  # so that a plan and what extends it can both be loaded
+        name = _name(f"plan_{tour.robot}", end)
         return _module(name, [*head, *targets], routine, moves)
 
     def target_moves(self, moves: TargetMoves) -> bytes:
