@@ -431,7 +431,7 @@ def load_robot(
         The robot, with warnings on its files.
 
     Raises:
-        LabError: there is no such robot (the message lists all), or it or its cell cannot be read.
+        LabError: there is no such robot, or it or its cell cannot be read.
 
     Example:
         >>> import lab
