@@ -18,6 +18,7 @@ _Options = TypeVar("_Options")
 _SETTINGS = ("robot", "cell", "targets", "instrument")
 _OF_PICTURES = ("observe", "cameras")  # of a plan for pictures
 _CLEARANCES = ("clearance_mm", "self_clearance_mm")
+_USUAL_ROBOT = "irb120"  # of every command
 _USUAL_INSTRUMENT = "uniform-8um"  # of a plan whose user named none
 
 
@@ -131,7 +132,7 @@ def filled_in(options: _Options, file: Path) -> tuple[_Options, tuple[str, ...]]
     if given["robot"] is not None and found.only(["robot"]).differences(options):
         return options, warnings  # of another robot nothing is taken
     taken: dict[str, Any] = {}
-    if given["robot"] is None:
+    if given["robot"] is None and found.values["robot"] != _USUAL_ROBOT:
         taken["robot"] = found.values["robot"]
     if given["cell"] is None and (cell := found.values.get("cell")) is not None:
         taken["cell"] = Path(cell)
