@@ -161,12 +161,15 @@ def _run_command(command: "Command", arguments: list[str]) -> int:
 
     with starting(f"lab {command.name}"):
         from lab.commands.command_line import parsed
+        from lab.commands.program import say
 
         command.load_options()
     requested = parsed(command, arguments)
     options = requested.options  # lab design has an option --check, so its own refusals are called otherwise
     if (check := getattr(options, "refuse_nonsense", None) or getattr(options, "check", None)) is not None:
         check()  # before there is a folder
+    for note in requested.notes:
+        say(note)
     own = getattr(options, "out", None)  # some commands write only where they are asked to
     before: list[tuple[Path, bytes]] = [] if own is None else [(own, _checksums(own))]
     try:

@@ -76,11 +76,15 @@ def own_models() -> dict[str, Path]:
     return found | {path.stem: path for path in families if path.stem not in found and doubled[path.stem] == 1}
 
 
+_SHOWN = 5  # names in a message
+_USUAL = ("irb120", "ur5e", "panda", "kr6_r900", "scara")
+
+
 def description_of(robot: str) -> Path:
     """Return the file that describes a robot: a name of the lab's own, a path, or a name of ``robot_descriptions``.
 
     Raises:
-        LabError: there is none (the message lists those there are).
+        LabError: there is none (the message has the nearest names).
     """
     models = own_models()
     path = models.get(robot, Path(robot))
@@ -94,9 +98,11 @@ def description_of(robot: str) -> Path:
     why = "neither MJCF, URDF nor TOML" if path.exists() else "no such model or file"
     near = get_close_matches(robot.lower().replace("-", "_"), models, 1, cutoff=0.75)
     meant = f" (is {near[0]} meant?)" if near and not path.exists() else ""
-    names = {path: name for name, path in models.items()}.values()  # the shortest of each
+    names = list({path: name for name, path in models.items()}.values())  # the shortest of each
+    shown = list(dict.fromkeys([*get_close_matches(robot.lower(), names, _SHOWN, cutoff=0.5), *_USUAL]))[:_SHOWN]
     raise LabError(
-        f"robot '{robot}': {why}{meant}; there are {', '.join(names)}, or give a path to .xml, .urdf or .toml"
+        f"robot '{robot}': {why}{meant}; there are {', '.join(shown)} and {len(names) - len(shown)} others (the page "
+        "Robots of the documentation lists them), or give a path to .xml, .urdf or .toml"
     )
 
 

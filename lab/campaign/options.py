@@ -223,7 +223,8 @@ class DesignOptions:
         made = self.no_check or self.extend is not None or self.controller is not None
         if self.check is not None and made:
             raise LabError(
-                "--check: leave out --no-check, --extend and --controller beside it; they are of plans that are made"
+                "--check: leave out --no-check, --extend and --controller beside it; they are of plans that are made. "
+                "For a program of the same poses run lab design --config, with the plan's config.json, and --controller"
             )
         self._refuse_those_of_points()
         whole("--seed", self.seed, 0, SEED)

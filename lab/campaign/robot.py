@@ -49,6 +49,7 @@ from lab.simulation.closed_robot import (
 )
 from lab.simulation.model import OpenModel, Origin, RobotModel, SerialModel, TreeModel
 from lab.simulation.model_files import MJCF, TREE_MJCF, URDF, XACRO, load_model, loads_of
+from lab.simulation.plausibility import implausible_robot
 from lab.simulation.true_robot import (
     GeometryErrors,
     TrueOpenRobot,
@@ -430,7 +431,7 @@ def load_robot(
         The robot, with warnings on its files.
 
     Raises:
-        LabError: there is no such robot (the message lists all), or it or its cell cannot be read.
+        LabError: there is no such robot, or it or its cell cannot be read.
 
     Example:
         >>> import lab
@@ -516,6 +517,8 @@ def _read(path: Path, sha256: str, ends: str = "") -> Robot:
         if loaded.fixed_joints:
             why = "move no tip, or the base: they are" if ends else "are taken for a gripper's, and"
             warnings = (*warnings, f"{', '.join(loaded.fixed_joints)} {why} held at zero")
+        chains = loaded.chain.chains if isinstance(loaded, TreeModel) else (loaded.chain,)
+        warnings = (*warnings, *implausible_robot(chains, str(path)))
         if isinstance(loaded, TreeModel):
             return TreeRobot(replace(loaded, origin=Origin(str(path), sha256, load=_load_again)), warnings)
         model = loaded

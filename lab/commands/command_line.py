@@ -12,7 +12,7 @@ from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, 
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, signature
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -20,9 +20,10 @@ from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_origin,
 import tyro
 from threadpoolctl import threadpool_limits
 
-from lab.campaign.config_file import read_options
+from lab.campaign.config_file import CONFIG_FILE, read_options
 from lab.campaign.model_files import joined
 from lab.campaign.option_types import Flag, number, whole_number
+from lab.campaign.plan_settings import PlanSettings, filled_in, settings_of_plan
 from lab.commands.help_text import HELP_FLAGS, ROBOT, help_text
 from lab.commands.registry import Command
 from lab.commands.run_folder import positional
@@ -116,6 +117,7 @@ class Arguments:
     overwrite: bool  # whether an earlier run in that folder is replaced
     json: bool  # whether to print the result as JSON
     resume: bool  # whether to go on with a run that was interrupted
+    notes: tuple[str, ...] = ()  # lines on what was taken from a plan, and where options differ from it
 
 
 def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
@@ -126,6 +128,9 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     """
     kind = command.load_options()
     rest, default = _configured(command, kind, with_present_flags(list(arguments)))
+    stated = _stated_by_plan(command, rest) if default is None else None
+    if stated is not None:
+        default = structured(stated.folder / CONFIG_FILE, kind, stated.values)
     if asked := [each for each in rest if each in HELP_FLAGS]:
         print(help_text(command, every="--help-all" in asked, defaults=default))
         raise SystemExit(0)
@@ -147,8 +152,46 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each[0] for each in common))]
     with _one_line_errors(program, flags, [f"--{name}" for name in positional(kind)]):
         found = tyro.cli(made, prog=program, description="", args=rest, registry=_numbers(), add_help=False)
-    given_flags = (getattr(found, name, False) for name in ("overwrite", "json", "resume"))
-    return Arguments(_with_ends(found), getattr(found, "out", None), *given_flags)
+    overwrite, json, resume = (bool(getattr(found, name, False)) for name in ("overwrite", "json", "resume"))
+    chosen, notes = _noted(command, _with_ends(found), kind, stated)
+    return Arguments(chosen, getattr(found, "out", None), overwrite, json, resume, notes)
+
+
+_CHECKED_ANEW = ("cell", "clearance_mm", "self_clearance_mm")  # in which lab design --check may differ from the plan
+
+
+def _stated_by_plan(command: Command, arguments: Sequence[str]) -> PlanSettings | None:
+    """Return the settings of the plan that an option names; None without one, or for a file that no design made."""
+    given = _value_of(f"--{command.plan}", arguments) if command.plan else None
+    if given is None:
+        return None
+    found = settings_of_plan(Path(given), clearances=command.plan == "check")
+    if found is None:
+        return None
+    if command.plan == "check":  # is of measured points
+        return found.only([name for name in found.values if name not in ("observe", "cameras")])
+    if _value_of("--observe", arguments) not in (None, found.observe):  # by another instrument
+        return found.only([name for name in found.values if name not in ("observe", "cameras", "instrument")])
+    return found
+
+
+def _value_of(flag: str, arguments: Sequence[str]) -> str | None:
+    """Return the value of an option's last occurrence; None without one."""
+    values = [after for each, after in pairwise(arguments) if each == flag]
+    values += [each.partition("=")[2] for each in arguments if each.startswith(f"{flag}=")]
+    return values[-1] if values else None
+
+
+def _noted(command: Command, options: Any, kind: type[Any], stated: PlanSettings | None) -> tuple[Any, tuple[str, ...]]:
+    """Return the options with what they take from the plan of a measurement file, and lines on what was taken."""
+    if stated is not None:
+        expected = _CHECKED_ANEW if command.plan == "check" else ()
+        differ = stated.only([name for name in stated.values if name not in expected]).differences(options)
+        note = stated.taken_note(options, kind())
+        return options, (*((note,) if note else ()), *(f"warning: {each}" for each in differ))
+    if command.plan == "file":
+        return filled_in(options, options.file)
+    return options, ()
 
 
 def _with_ends(found: Any) -> Any:

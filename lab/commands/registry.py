@@ -46,6 +46,8 @@ class Command:
         resumed: it keeps pieces of its work as they are done, and goes on with them where ``--resume`` asks for it.
         examples: two usual lines of arguments, shown in its help.
         groups: of its options, in the order of its help; without them the help shows all options in one.
+        plan: the option whose file may be a plan in the folder of a run of ``lab design``: robot, cell, targets and
+            instrument that are not given are those of that run.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Command:
     resumed: bool = False
     examples: tuple[str, ...] = ()
     groups: tuple[OptionGroup, ...] = ()
+    plan: str = ""
 
     def load_options(self) -> type[Any]:
         """The class of its options."""
@@ -148,6 +151,7 @@ COMMANDS = (
         "calibrate-{robot}-seed{seed}",
         examples=("--robot tx40 --poses 60 --seed 1", "--stiffness-nm-per-rad 1e5 --payload-kg 0,3 --model auto"),
         groups=_VIRTUAL_GROUPS,
+        plan="plan",
     ),
     Command(
         "identify",
@@ -160,6 +164,7 @@ COMMANDS = (
             "day.csv --robot ur10 --model auto --robust --out runs/ur10",
         ),
         groups=_MEASURED_GROUPS,
+        plan="file",
     ),
     Command(
         "example",
@@ -187,6 +192,7 @@ COMMANDS = (
             "--accuracy-mm 0.05 --instrument leica-at960 --out runs/plan",
         ),
         groups=_DESIGN_GROUPS,
+        plan="check",
     ),
     Command(
         "next",

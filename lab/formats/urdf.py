@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,7 @@ __all__ = [
     "xacro_properties",
 ]
 
+_LISTED = 12  # links in a message
 _PLACEHOLDER_KG = 1e-3
 _GYRATION_M = 0.05
 _ABOUT = """\
@@ -252,12 +254,17 @@ def mesh_files(path: Path) -> Iterator[Path]:
 
 
 def _refuse_loose_joints(path: Path, root: ET.Element) -> None:
-    """Refuse joints that do not name the two links that they join."""
+    """Refuse joints that do not name the two links that they join, or name one that is not there."""
+    links = {"world", *(name for each in root.iter("link") if (name := each.get("name")))}
     for joint in root.findall("joint"):
         for part in ("parent", "child"):
-            if (link := joint.find(part)) is None or not link.get("link"):
-                name = joint.get("name", "without a name")
+            name, link = joint.get("name", "without a name"), joint.find(part)
+            if link is None or not (named := link.get("link")):
                 raise LabError(f'{path}: joint {name} names no {part} link; give it a <{part} link="..."/>')
+            if named not in links:
+                near = get_close_matches(named, links, 1)
+                meant = f"is {near[0]} meant?" if near else f"there are {', '.join(sorted(links)[:_LISTED])}"
+                raise LabError(f"{path}: joint {name}: its {part} link '{named}' is not in the file; {meant}")
 
 
 def _keep_solid_shapes(root: ET.Element) -> None:

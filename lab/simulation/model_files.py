@@ -212,8 +212,8 @@ def _joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tu
     return (
         lower,
         upper,
-        _urdf_speeds(path, names) if speed is None else speed,
-        (np.full(len(names), np.nan) if acceleration is None else acceleration),
+        _urdf_limits(path, names, "velocity") if speed is None else speed,
+        _urdf_limits(path, names, "acceleration") if acceleration is None else acceleration,
     )
 
 
@@ -230,21 +230,21 @@ def _per_joint(path: Path, model: mujoco.MjModel, key: str, names: Sequence[str]
     return np.asarray(numbers * scale)
 
 
-def _urdf_speeds(path: Path, names: Sequence[str]) -> Array:
-    """Return the speeds ``(n,)`` of a URDF's ``<limit velocity>``, which MuJoCo drops; NaN without any."""
+def _urdf_limits(path: Path, names: Sequence[str], key: str) -> Array:
+    """Return the ``velocity`` or ``acceleration`` ``(n,)`` of a URDF's ``<limit>``, which MuJoCo drops; NaN if none."""
     text = path.read_bytes()
     if b"<robot" not in text or b"<!" in text.replace(b"<!--", b""):  # no entities: they can be made to explode
         return np.full(len(names), np.nan)
     limits = {joint.get("name"): joint.find("limit") for joint in ET.fromstring(text).iter("joint")}
-    speeds = np.full(len(names), np.nan)
+    found = np.full(len(names), np.nan)
     for i, name in enumerate(names):
         limit = limits.get(name)
-        given = None if limit is None else limit.get("velocity")
+        given = None if limit is None else limit.get(key)
         try:
-            speeds[i] = float(given) if given else np.nan
+            found[i] = float(given) if given else np.nan
         except ValueError as error:
-            raise LabError(f"{path}: joint {name}: velocity is {given!r}; give a number") from error
-    return np.where(speeds > 0, speeds, np.nan)
+            raise LabError(f"{path}: joint {name}: {key} is {given!r}; give a number") from error
+    return np.where((found > 0) & np.isfinite(found), found, np.nan)
 
 
 _LISTED = 12  # bodies in a message

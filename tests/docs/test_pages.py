@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+import xml.etree.ElementTree as ET
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -37,7 +38,7 @@ from lab.simulation.collisions import random_poses
 from lab.studies.grid import read_study
 
 SCRIPTS = {path.read_text(encoding="utf-8"): path.stem for path in (ROOT / "scripts").glob("*.py")}
-LANGUAGES = {"sh", "text", "python", "toml"}
+LANGUAGES = {"sh", "text", "python", "toml", "xml"}
 named = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 
@@ -60,6 +61,8 @@ def write_files(page: Page, folder: Path) -> None:
             (folder / "daily.csv").write_text(block)
         if block.startswith(("// Working", "Pose,J1")):
             (folder / ("tracker.txt" if block.startswith("//") else "poses.csv")).write_text(block)
+    for block in page.of("xml"):
+        (folder / f"{ET.fromstring(block).get('name')}.urdf").write_text(block)
     for block in page.of("toml"):
         if "[factors]" in block:
             name = "compliant.toml" if "compliant arms" in block else "grid.toml"
@@ -173,6 +176,17 @@ def test_a_toml_file_is_read_by_the_lab(page: Page, block: str, tmp_path) -> Non
     else:
         robot = read_table(path)
         assert robot.chain.prismatic == (False, True) and not robot.warnings
+
+
+URDFS = [(page, block) for page in PAGES for block in page.of("xml")]
+
+
+@pytest.mark.parametrize(("page", "block"), URDFS, ids=[page.name for page, _ in URDFS])
+def test_a_urdf_is_read_without_a_warning(page: Page, block: str, tmp_path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(block)
+    robot = load_virtual(str(path))
+    assert not robot.warnings and (robot.chain.acceleration > 0).all()
 
 
 @named

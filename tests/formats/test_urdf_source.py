@@ -1,5 +1,6 @@
 """URDFs from elsewhere: meshes of every kind wherever they are, grippers, bases that touch the first link."""
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -140,6 +141,10 @@ def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
     for part in ("parent", "child"):
         path.write_text(urdf("box.stl").replace(f'<{part} link="upper"/>', f"<{part}/>"))
         with pytest.raises(LabError, match=f"names no {part} link; give it a <{part}"):
+            read_urdf(path)
+    for part, words in (("parent", "is upper meant?"), ("child", "is upper meant?")):
+        path.write_text(urdf("box.stl").replace(f'<{part} link="upper"/>', f'<{part} link="uper"/>'))
+        with pytest.raises(LabError, match=rf"its {part} link 'uper' is not in the file; {re.escape(words)}"):
             read_urdf(path)
     path.write_text("<robot>")
     with pytest.raises(LabError, match="not a readable MJCF or URDF"):

@@ -22,6 +22,7 @@ from lab.campaign.config_file import robot_of_file
 from lab.campaign.instruments import named_instrument
 from lab.campaign.option_groups import Fitting
 from lab.campaign.options import VirtualCampaign
+from lab.campaign.plan_settings import filled_in
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.campaign.task_region import task_region
 from lab.campaign.virtual_robot import (
@@ -411,9 +412,10 @@ def identify(
         27
     """
     if isinstance(measurements, MeasuredCampaign):
+        measurements = filled_in(measurements, measurements.file)[0]
         named_there = replace(measurements, robot=measurements.robot_named)
         with status("identifying") as stage:
-            return _of_measurements(named_there, load_robot(named_there.robot_named, measurements.cell), stage)
+            return _of_measurements(named_there, load_robot(named_there.robot_named, named_there.cell), stage)
     own = _own(options, "estimator", own_estimator)
     loaded, given = robot_of("lab.identify", measurements, robot), {}
     named = {"file": measurements, "validate": options.pop("validate", None)}
@@ -421,7 +423,10 @@ def identify(
         if isinstance(value, Measurements):
             given[option] = value
             named[option] = f"{option} in memory"
-    requested = options_of("lab.identify", MeasuredCampaign, {**named, "robot": loaded.source, **options})
+    requested = options_of("lab.identify", MeasuredCampaign, {**named, "robot": None, **options})
+    if robot is None and "file" not in given:
+        requested = filled_in(requested, requested.file)[0]
+    requested = replace(requested, robot=loaded.source)
     with status("identifying") as stage:
         return _of_measurements(requested, loaded.placed_in(requested.cell), stage, given, own)
 

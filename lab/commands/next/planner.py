@@ -130,6 +130,12 @@ class PosePlanner:
         self._device = observing(named_instrument(instrument), "points")
         self._chain = rated(self.problem.robot.chain)[0]
 
+    @property
+    def nothing_measured(self) -> Measurements:
+        """The measurements before the session: those of the plan's targets, without a row."""
+        names, targets = self.problem.robot.chain.joint_names, self.options.targets
+        return measured(names, np.empty((0, len(names))), targets, np.empty((0, len(targets), 3)))
+
     @cached_property
     def _prior(self) -> Array:
         """Information of tolerances: one of each link's parameter, next to none of base and tool."""
@@ -163,8 +169,7 @@ class PosePlanner:
         """
         problem = self.problem
         if data is None:
-            size = len(problem.robot.chain.joint_names)
-            data = measured(problem.robot.chain.joint_names, np.empty((0, size)), (), np.empty((0, 0, 3)))
+            data = self.nothing_measured
         joints = data.joints[data.seen.all(axis=1)]
         start = at if at is not None else data.joints[-1] if len(data) else problem.access.hubs[0]
         scaled = information(problem.sensitivity(joints)) if len(joints) else np.zeros_like(self._prior)

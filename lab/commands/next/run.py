@@ -22,7 +22,7 @@ from lab.commands.result import Result, joint_values, number
 from lab.commands.run_folder import joint_columns
 from lab.core.errors import LabError, counted, option_name
 from lab.core.limits import TABLE_BYTES, WAYPOINTS
-from lab.core.measurements import Measurements, measured
+from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extension_points import load_reference
@@ -209,7 +209,7 @@ def next_pose(
             live = load_reference("lab.commands.next.recording:LiveView")(asked.connect, planner)  # loads rerun
         stage("proposal")
         found = list[tuple[Measurements, Proposal]]()
-        for data in (given,) if given is not None else _growing(asked, file, chain):
+        for data in (given,) if given is not None else _growing(asked, file, planner):
             _refuse_other_robot(data, planner.problem.robot)
             _refuse_other_targets(file or "measurements", data, planner.options.targets)
             seen = data.with_points()
@@ -242,7 +242,8 @@ def _planned(
             raise LabError(f"{folder}: names no instrument; give {option_name('instrument')}")
         file = asked.file or folder / MEASUREMENTS_FILE
         chain = load_virtual(campaign.robot or "irb120", campaign.cell).chain
-        targets = (given if given is not None else _read(file, chain)).targets
+        data = given if given is not None else _read(file, chain)
+        targets = () if data is None else data.targets
         known = {name: getattr(campaign, name) for name in ("robot", "cell", "instrument")} | {"targets": targets}
     else:
         raise LabError(f"{folder}: is a run of lab {config.command}; {_MEND}")
@@ -265,24 +266,21 @@ def _refuse_other_targets(what: str | Path, data: Measurements, planned: tuple[s
         )
 
 
-def _read(file: Path, chain: JointSpec) -> Measurements:
-    """The rows of a file; none where a session has not begun, and the file has a header alone."""
+def _read(file: Path, chain: JointSpec) -> Measurements | None:
+    """The rows of a file; None where a session has not begun, and the file has a header alone."""
     if file.is_file() and len(read_text(file, TABLE_BYTES).strip().splitlines()) < 2:
-        return _nothing(chain)
+        return None
     return read_measurements(file, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
 
 
-def _nothing(chain: JointSpec) -> Measurements:
-    return measured(chain.joint_names, np.empty((0, chain.size)), (), np.empty((0, 0, 3)))
-
-
-def _growing(asked: NextOptions, file: Path | None, chain: JointSpec) -> Iterator[Measurements]:
+def _growing(asked: NextOptions, file: Path | None, planner: PosePlanner) -> Iterator[Measurements]:
     """The measurements of a file, and again after each change of what is measured where the file is followed."""
+    chain = planner.problem.robot.chain
     if file is None:
-        yield _nothing(chain)
+        yield planner.nothing_measured
         return
     state, since, unreadable = _state(file), time.monotonic(), None
-    data = _read(file, chain)
+    data = _read(file, chain) or planner.nothing_measured
     yield data
     while asked.follow and time.monotonic() - since < asked.patience_s:
         try:
@@ -292,7 +290,7 @@ def _growing(asked: NextOptions, file: Path | None, chain: JointSpec) -> Iterato
         if (latest := _state(file)) == state:
             continue
         try:
-            found = _read(file, chain)
+            found = _read(file, chain) or planner.nothing_measured
         except LabError:  # a row is being written
             unreadable = unreadable or time.monotonic()
             if time.monotonic() - unreadable > _UNREADABLE_S:

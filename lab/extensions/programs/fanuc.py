@@ -28,6 +28,7 @@ from lab.extensions.programs.steps import (
     move_steps,
     numbers,
     path_steps,
+    program_name,
     tour_steps,
 )
 from lab.formats.programs.program_text import (
@@ -46,7 +47,7 @@ from lab.formats.programs.program_text import (
     masked,
     whole_number,
 )
-from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
+from lab.formats.programs.protocol import PROGRAM, MeasuringTour, PathMoves, TargetMoves
 
 __all__ = ["FanucLs"]
 
@@ -162,22 +163,24 @@ class FanucLs(SixAxisLanguage):
         return _Reader(text, outside, masked(text, r"(?<=[:\s])![^\r\n]*")).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        """Write ``MEASURE_POSES``: home, every pose with a wait, home."""
-        return _listing("MEASURE_POSES", [f"{len(tour.ids)} POSES"], tour.checked, tour_steps(tour))
+        """Write the program of the file's name: home, every pose with a wait, home."""
+        return _listing(
+            program_name(tour.file_name).upper(), [f"{len(tour.ids)} POSES"], tour.checked, tour_steps(tour)
+        )
 
     def target_moves(self, moves: TargetMoves) -> bytes:
-        """Write ``MOVE_TO_TARGETS`` through joint positions; tool and frame are comments, to be entered by hand."""
+        """Write ``PROGRAM`` through joint positions; tool and frame are comments, to be entered by hand."""
         frames = [
             *(f"UTOOL {each}" for each in _frame(moves.T_last_tool)),
             *(f"UFRAME {each}" for each in _frame(moves.T_frame0_instrument)),
         ]
-        return _listing("MOVE_TO_TARGETS", [f"{len(moves.ids)} TARGETS", *frames], moves.checked, move_steps(moves))
+        return _listing(PROGRAM.upper(), [f"{len(moves.ids)} TARGETS", *frames], moves.checked, move_steps(moves))
 
     def path_moves(self, moves: PathMoves) -> bytes:
-        """Write ``MOVE_ALONG_PATH``; positions are joint positions on lines and circles, too."""
+        """Write ``PROGRAM``; positions are joint positions on lines and circles, too."""
         notes = [f"{len(moves.ids)} POINTS", *(f"UTOOL {each}" for each in _frame(moves.T_last_tool))]
         notes += ["CORRECTION IS IN THE JOINTS"] if moves.corrected else []
-        return _listing("MOVE_ALONG_PATH", notes, moves.checked, path_steps(moves))
+        return _listing(PROGRAM.upper(), notes, moves.checked, path_steps(moves))
 
 
 def _listing(name: str, notes: list[str], checked: bool, steps: list[Step]) -> bytes:

@@ -33,6 +33,7 @@ from lab.extensions.programs.steps import (
     move_steps,
     numbers,
     path_steps,
+    program_name,
     tour_steps,
 )
 from lab.formats.programs.program_text import (
@@ -191,11 +192,18 @@ class Jbi(SixAxisLanguage):
         return _Reader(text, outside).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        """Write ``PLAN``: home, every pose with a wait, home; of the flange (tool 0), in the robot's frame."""
+        """Write the job of the file's name: home, every pose with a wait, home; of the flange (tool 0)."""
         notes = [f"{len(tour.ids)} POSES OF THE FLANGE", "TOOL 0 HAS TO BE ZERO"]
         steps, postures = tour_steps(tour), _postures(tour.postures)
         head = ["///TOOL 0", "///POSTYPE ROBOT"]
-        return _job("PLAN", head, [*notes, *_checked(tour.checked)], steps, postures, postures.Ts_frame0_last)
+        return _job(
+            program_name(tour.file_name).upper(),
+            head,
+            [*notes, *_checked(tour.checked)],
+            steps,
+            postures,
+            postures.Ts_frame0_last,
+        )
 
     def target_moves(self, moves: TargetMoves) -> bytes:
         """Write ``PROGRAM`` in user frame 1 with tool 1; both are comments, to be entered by hand."""
@@ -206,11 +214,11 @@ class Jbi(SixAxisLanguage):
         return _job("PROGRAM", _USER_HEAD, notes, move_steps(moves), postures, Ts)
 
     def path_moves(self, moves: PathMoves) -> bytes:
-        """Write ``PATH`` in user frame 1 with tool 1; a circle begins with its start position."""
+        """Write ``PROGRAM`` in user frame 1 with tool 1; a circle begins with its start position."""
         frames = _frames(moves.T_last_tool, moves.T_frame0_base)
         correction = ["CORRECTION IS IN THE POSITIONS"] if moves.corrected else []
         notes = [f"{len(moves.ids)} POINTS", *correction, *_checked(moves.checked), *frames]
-        return _job("PATH", _USER_HEAD, notes, path_steps(moves), _postures(moves.postures), moves.Ts_base_tool)
+        return _job("PROGRAM", _USER_HEAD, notes, path_steps(moves), _postures(moves.postures), moves.Ts_base_tool)
 
 
 def _postures(postures: Postures | None) -> Postures:

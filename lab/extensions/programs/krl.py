@@ -30,6 +30,7 @@ from lab.extensions.programs.steps import (
     numbers,
     path_notes,
     path_steps,
+    program_name,
     tour_notes,
     tour_steps,
 )
@@ -50,7 +51,7 @@ from lab.formats.programs.program_text import (
     values_of,
     whole_number,
 )
-from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
+from lab.formats.programs.protocol import PROGRAM, MeasuringTour, PathMoves, TargetMoves
 
 __all__ = ["Krl"]
 
@@ -284,26 +285,26 @@ class Krl(SixAxisLanguage):
         return _Reader(text, outside, masked(text, r"[;&][^\r\n]*")).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        """Write ``measure_poses``: home, every pose with a wait, home."""
+        """Write the program of the file's name: home, every pose with a wait, home."""
         head = [
             *(f"; {note}" for note in tour_notes(tour)),
             f"; {_COMPARE_ONE_POSE}",
             "; Declare the tool's load before.",
         ]
-        return _module("measure_poses", head, [], tour_steps(tour))
+        return _module(tour.file_name, head, [], tour_steps(tour))
 
     def target_moves(self, moves: TargetMoves) -> bytes:
-        """Write ``move_to_targets`` through axis positions, with their tool and base."""
+        """Write ``program`` through axis positions, with their tool and base."""
         head = [
             *(f"; {note}" for note in move_notes(moves, "axes")),
             "; $TOOL and $BASE suit the controller's nominal links best. They hold where its flange is the last",
             "; frame of the lab's table, and its robot root is frame 0 of it. Declare the tool's load before.",
         ]
         frames = [f"$TOOL = {_frame(moves.T_last_tool)}", f"$BASE = {_frame(moves.T_frame0_instrument)}"]
-        return _module("move_to_targets", head, frames, move_steps(moves))
+        return _module(PROGRAM, head, frames, move_steps(moves))
 
     def path_moves(self, moves: PathMoves) -> bytes:
-        """Write ``move_along_path``; lines and circles are of the tool in the points' base."""
+        """Write ``program``; lines and circles are of the tool in the points' base."""
         head = [
             *(f"; {note}" for note in path_notes(moves)),
             f"; {_COMPARE_ONE_POSE}",
@@ -312,11 +313,11 @@ class Krl(SixAxisLanguage):
         ]
         frames = [f"$TOOL = {_frame(moves.T_last_tool)}", f"$BASE = {_frame(moves.T_frame0_base)}"]
         frames += ["$ORI_TYPE = #VAR", "$CIRC_TYPE = #BASE"]
-        return _module("move_along_path", head, frames, path_steps(moves))
+        return _module(PROGRAM, head, frames, path_steps(moves))
 
 
 def _module(name: str, head: list[str], frames: list[str], steps: list[Step]) -> bytes:
-    lines = [f"DEF {re.sub(r'[^A-Za-z0-9_]', '_', name)}()", *head, "BAS(#INITMOV, 0)", f"BAS(#VEL_PTP, {_PER_CENT})"]
+    lines = [f"DEF {program_name(name)}()", *head, "BAS(#INITMOV, 0)", f"BAS(#VEL_PTP, {_PER_CENT})"]
     lines += frames
     via = ""
     for step in steps:

@@ -18,7 +18,7 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.programs.aggregate import Value, arguments, numbers_in, read_value
-from lab.extensions.programs.steps import COMPARE_ONE_POSE, SixAxisLanguage, check_comment, path_steps
+from lab.extensions.programs.steps import COMPARE_ONE_POSE, SixAxisLanguage, ascii_text, check_comment, path_steps
 from lab.formats.programs.program_text import (
     QUATERNION,
     Allowed,
@@ -284,6 +284,7 @@ def _allowed(configuration: Sequence[Number]) -> Allowed:
 _AXES = 6
 _SPEED = "v200"
 _MAX_NAME = 32
+_MAX_FIRST = 12  # characters of the first id in a name
 _MAX_ID = 60  # characters of an id in a comment
 _PREFIX = "j_"  # of joint targets: no reserved word and nothing of the controller begins so
 _TOOL, _WORK_OBJECT = "calibration_tool", "instrument_frame"
@@ -312,8 +313,10 @@ class Rapid(SixAxisLanguage):
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write the procedure ``measure_poses_from_1`` (the first id): home, every pose with a wait, home."""
         ids = tour.ids
-        routine = f"measure_poses_from_{ids[0]}"
+        end = f"_from_{_name(ids[0])[:_MAX_FIRST]}"  # so that a plan and what extends it can both be loaded
+        routine = _name("measure_poses", end)
         names, moves = ["home"], ["    TPErase;", _move("home", "tool0")]
+        pose_names = _distinct_names([_pose_stem(each) for each in ids])
         pose, via = 0, 0
         for is_pose in tour.measured[1:-1] >= 0:
             if not is_pose:
@@ -321,14 +324,15 @@ class Rapid(SixAxisLanguage):
                 names.append(f"via{via:03d}")
                 moves.append(_move(names[-1], "tool0"))
                 continue
-            names.append(f"pose{int(ids[pose]):03d}")
+            names.append(pose_names[pose])
             moves += [
                 _move(names[-1], "tool0"),
-                f'    TPWrite "Pose {ids[pose]}: {pose + 1} of {len(ids)}";',
+                f'    TPWrite "Pose {ascii_text(ids[pose])}: {pose + 1} of {len(ids)}";',
                 f"    WaitTime {PAUSE_S};",
             ]
             pose += 1
-        targets = [_joint_target(name, row) for name, row in zip(names, _degrees(tour.waypoints), strict=False)]
+        waypoints = tour.waypoints[:-1]  # the last is home again
+        targets = [_joint_target(name, row) for name, row in zip(names, _degrees(waypoints), strict=True)]
         moves += [_move("home", "tool0"), '    TPWrite "All poses measured";']
         head = [
             f"  ! {len(ids)} poses to measure, ids as in plan.csv, in an order that is short at full joint speed.",
@@ -336,7 +340,7 @@ class Rapid(SixAxisLanguage):
             f"  ! {COMPARE_ONE_POSE}",
             f"  ! Declare the tool's load in place of tool0. Call {routine} from your main routine.",
         ]
-        name = _name(f"plan_{tour.robot}", f"_from_{ids[0]}")  # so that a plan and what extends it can both be loaded
+        name = _name(f"plan_{tour.robot}", end)
         return _module(name, [*head, *targets], routine, moves)
 
     def target_moves(self, moves: TargetMoves) -> bytes:
@@ -355,7 +359,7 @@ class Rapid(SixAxisLanguage):
             f"  PERS tooldata {_TOOL}:=[TRUE,{_pose_text(moves.T_last_tool)},{_LOAD}];",
             f'  PERS wobjdata {_WORK_OBJECT}:=[FALSE,TRUE,"",{_pose_text(moves.T_frame0_instrument)},{_SAME}];',
         ]
-        names = _target_names(ids)
+        names = _distinct_names([_PREFIX + each for each in ids])
         targets, lines, via = [], ["    TPErase;"], 0
         for i, degrees in zip(moves.which.tolist(), _degrees(moves.waypoints), strict=True):
             via += i < 0
@@ -377,7 +381,7 @@ class Rapid(SixAxisLanguage):
             f"  PERS tooldata {_PATH_TOOL}:=[TRUE,{_pose_text(moves.T_last_tool)},{_LOAD}];",
         ]
         targets, lines, via = [], list[str](), ""
-        names = _target_names([f"{i + 1}_{each}" for i, each in enumerate(moves.ids)])
+        names = _distinct_names([f"{_PREFIX}{i + 1}_{each}" for i, each in enumerate(moves.ids)])
         for step, name, degrees in zip(path_steps(moves), names, _degrees(moves.waypoints), strict=True):
             targets.append(_joint_target(name, degrees))
             robtarget = f"CalcRobT({name},{_PATH_TOOL})"
@@ -400,14 +404,20 @@ def _shortened(text: str) -> str:
     return text if len(text) <= _MAX_ID else text[: _MAX_ID - 3] + "..."
 
 
-def _target_names(ids: Sequence[str]) -> list[str]:
-    """Return a legal name for each id; RAPID ignores case."""
+def _pose_stem(id_: str) -> str:
+    """Return the name of a pose to measure: ``pose012`` of 12, ``pose001_2`` of the second visit 1_2."""
+    number, rest = re.match(r"(\d*)(.*)", id_, re.DOTALL).groups()  # type: ignore[union-attr]
+    return f"pose{number:>03}{rest}"
+
+
+def _distinct_names(texts: Sequence[str]) -> list[str]:
+    """Return a legal name for each text, none twice; RAPID ignores case."""
     names: dict[str, str] = {}
-    next_of: dict[str, int] = {}  # next number, of ids with equal beginnings
-    for each in ids:
-        stem = _name(_PREFIX + each)
+    next_of: dict[str, int] = {}  # next number, of texts with equal beginnings
+    for each in texts:
+        stem = _name(each)
         for i in itertools.count(next_of.get(stem.lower(), 1)):
-            name = _name(_PREFIX + each, f"_{i}" if i > 1 else "")
+            name = _name(each, f"_{i}" if i > 1 else "")
             if name.lower() not in names:
                 break
         next_of[stem.lower()] = i + 1

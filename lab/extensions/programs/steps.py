@@ -1,5 +1,6 @@
 """Make a program's steps: waypoints, waits, and comments."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ from lab.kinematics.joints import JointSpec
 
 __all__ = [
     "COMPARE_ONE_POSE", "SixAxisLanguage", "Step", "ascii_text", "check_comment", "move_notes", "move_steps", "numbers",
-    "path_notes", "path_steps", "tour_notes", "tour_steps",
+    "path_notes", "path_steps", "program_name", "tour_notes", "tour_steps",
 ]  # fmt: skip
 
 _CHECKED = "Checked free of collisions in the lab's model only: run it slowly first."
@@ -143,6 +144,11 @@ def check_comment(checked: bool) -> str:
 def numbers(values: Array | Sequence[float], digits: int) -> list[str]:
     """Write numbers in plain digits, zero without a sign."""
     return [f"{value + 0.0:.{digits}f}" for value in np.round(np.asarray(values), digits)]
+
+
+def program_name(file: str) -> str:
+    """Return the name of a program in a file of this name without its suffix: letters, digits and underscores."""
+    return re.sub(r"[^A-Za-z0-9_]", "_", file)
 
 
 def ascii_text(text: str) -> str:

@@ -31,6 +31,7 @@ from lab.extensions.programs.steps import (
     numbers,
     path_notes,
     path_steps,
+    program_name,
     tour_notes,
     tour_steps,
 )
@@ -50,7 +51,7 @@ from lab.formats.programs.program_text import (
     masked,
     values_of,
 )
-from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
+from lab.formats.programs.protocol import PROGRAM, MeasuringTour, PathMoves, TargetMoves
 
 __all__ = ["Val3"]
 
@@ -209,15 +210,15 @@ class Val3(SixAxisLanguage):
         return _Reader(text, outside, comments, comments.replace("{", "[").replace("}", "]")).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        """Write ``measurePoses``: home, every pose with a wait, home."""
+        """Write the program of the file's name: home, every pose with a wait, home."""
         head = [
             *(f"  // {note}" for note in tour_notes(tour)),
             f"  // {COMPARE_ONE_POSE}",
         ]
-        return _program("measurePoses", {"jTo": "joint"}, head, tour_steps(tour))
+        return _program(tour.file_name, {"jTo": "joint"}, head, tour_steps(tour))
 
     def target_moves(self, moves: TargetMoves) -> bytes:
-        """Write ``moveToTargets`` through joint positions, with their tool and frame."""
+        """Write ``program`` through joint positions, with their tool and frame."""
         head = [
             *(f"  // {note}" for note in move_notes(moves)),
             "  // Tool and frame suit the controller's nominal links best. They hold where its flange is the last",
@@ -226,10 +227,10 @@ class Val3(SixAxisLanguage):
             f"  trFrame={_frame(moves.T_frame0_instrument)}",
         ]
         local = {"jTo": "joint", "trTool": "trsf", "trFrame": "trsf"}
-        return _program("moveToTargets", local, head, move_steps(moves))
+        return _program(PROGRAM, local, head, move_steps(moves))
 
     def path_moves(self, moves: PathMoves) -> bytes:
-        """Write ``moveAlongPath``; the controller computes points of lines and circles from joint positions."""
+        """Write ``program``; the controller computes points of lines and circles from joint positions."""
         head = [
             *(f"  // {note}" for note in path_notes(moves)),
             f"  // {COMPARE_ONE_POSE}",
@@ -237,7 +238,7 @@ class Val3(SixAxisLanguage):
             "  mPath=mNomSpeed",
         ]
         local = {"jTo": "joint", "pVia": "point", "pTo": "point", "tPath": "tool", "mPath": "mdesc"}
-        return _program("moveAlongPath", local, head, path_steps(moves))
+        return _program(PROGRAM, local, head, path_steps(moves))
 
 
 def _program(name: str, local: dict[str, str], head: list[str], steps: list[Step]) -> bytes:
@@ -251,7 +252,7 @@ def _program(name: str, local: dict[str, str], head: list[str], steps: list[Step
     text = [
         '<?xml version="1.0" encoding="utf-8" ?>',
         f'<Programs xmlns:xsi="{_INSTANCE}" xmlns="{_SPACE}">',
-        f'  <Program name="{name}">',
+        f'  <Program name="{program_name(name)}">',
         "    <Locals>",
         *variables,
         "    </Locals>",

@@ -12,12 +12,15 @@ from lab.core.se3 import Array
 from lab.formats.programs.program_text import Outside, PoseSpelling, Postures, ProgramText
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["ANY_DIGITS", "PAUSE_S", "Language", "MeasuringTour", "MoveKind", "PathMoves", "TargetMoves"]
+__all__ = [
+    "ANY_DIGITS", "PAUSE_S", "PLAN", "PROGRAM", "Language", "MeasuringTour", "MoveKind", "PathMoves", "TargetMoves",
+]  # fmt: skip
 
 MoveKind = Literal["joint", "line", "via", "circle"]
 
 ANY_DIGITS = (int(DIGITS.most), int(DIGITS.most))  # for controllers that read any floating point number
 PAUSE_S = 3  # at each measured pose
+PLAN, PROGRAM = "plan", "program"  # names of the files, before their suffix
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,11 @@ class MeasuringTour:
     checked: bool = True
     postures: Postures | None = None
     station: str = ""
+
+    @property
+    def file_name(self) -> str:
+        """Name of the tour's file, before its suffix: many controllers want the program to have the same name."""
+        return PLAN + (f"_{self.station}" if self.station else "")
 
 
 @dataclass(frozen=True)

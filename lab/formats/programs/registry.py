@@ -10,7 +10,7 @@ from lab.core.errors import LabError, error_context, option_name
 from lab.core.limits import PROGRAM_TARGETS
 from lab.extension_points import choice_of, load_all
 from lab.formats.programs.program_text import Outside, ProgramText, refuse_unknown_frames, values_of
-from lab.formats.programs.protocol import Language, MeasuringTour, PathMoves, TargetMoves
+from lab.formats.programs.protocol import PLAN, PROGRAM, Language, MeasuringTour, PathMoves, TargetMoves
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     Controller = str
 else:
     Controller = choice_of(_GROUP)  # the languages' names
-PLAN, PROGRAM = "plan", "program"  # names of the files, before their suffix
 
 
 @cache
@@ -99,7 +98,7 @@ def plan_or_refusal(joints: JointSpec, controller: str | None, stations: Sequenc
 def plan_files(joints: JointSpec, controller: str | None, tour: MeasuringTour) -> dict[str, bytes]:
     """Return the tour in the controller's language, by file name; empty without one."""
     language = _language(joints, controller)
-    return {} if language is None else {_plan_file(language, tour.station): language.measuring_tour(tour)}
+    return {} if language is None else {tour.file_name + language.suffix: language.measuring_tour(tour)}
 
 
 def target_files(joints: JointSpec, controller: str | None, moves: TargetMoves) -> dict[str, bytes]:

@@ -209,3 +209,14 @@ def test_poses_for_the_cross_validation_alone_are_called_so() -> None:
         easy.summary().split()
     )
     assert not fine.proposal.for_validation and "cross-validation" not in fine.summary()
+
+
+def test_a_session_of_two_targets_begins_without_a_row(tmp_path: Path) -> None:
+    """Before the first measurement: no file, or a file with a header alone."""
+    made = lab.design("scara", poses=8, candidates=60, starts=1, targets=("p1", "p2"))
+    first = lab.next_pose(made, candidates=60)
+    (tmp_path / "begun.csv").write_text("id,q1_deg,q2_deg,q3_mm,q4_deg,p1_x_mm,p1_y_mm,p1_z_mm\n")
+    begun = lab.next_pose(made, tmp_path / "begun.csv", candidates=60)
+    for each in (first, begun):
+        assert each.joints is not None and each.proposal.measured == 0 and each.data.targets == ("p1", "p2")
+    np.testing.assert_array_equal(first.joints, begun.joints)
