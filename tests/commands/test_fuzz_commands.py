@@ -67,7 +67,7 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
     "certify by a tracker": ("tracker", "certify run --instrument {}"),
     "reproduce": ("answers", "reproduce elastic --mark {}"),
     "check": ("daily", "check irb {}"),
-    "verify by its checksums": ("run's SHA256SUMS", "verify {} day.csv"),
+    "verify by its checksums": ("run's SHA256SUMS", "verify {} day.csv --force"),
     "migrate by its checksums": ("run's SHA256SUMS", "migrate {}"),
     **{
         f"{command.split()[0]} of an old run's {name}": (f"run's {name}", command)
@@ -78,7 +78,7 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
         f"{command.split()[0]} of a run's {name}": (f"run's {name}", command)
         for name in ("config.json", "result.json", "parameters.json", "covariance.csv")
         for command in (
-            "verify {} day.csv --accept-edited",
+            "verify {} day.csv --accept-edited --force",
             "compensate day.csv --run {} --no-check --accept-edited",
             "certify {} --accept-edited",
             "compare {} other --accept-edited",
