@@ -32,12 +32,10 @@ def print_document(document: doc.Document, console: Console | None = None, *, wa
     """Print a document.
 
     Args:
-        console: standard output by default; where that is no terminal, lines are as long as they are, unless the
-            environment variable COLUMNS has a width.
+        console: standard output by default; where that is no terminal, lines are as long as they are.
         warnings: whether warnings are shown; not where they were reported elsewhere.
     """
-    whole = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()  # of which the console knows the width
-    console = console or Console(highlight=False, markup=False, width=None if whole else _UNWRAPPED)
+    console = console or Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _UNWRAPPED)
     console.print(RichText(document.title, style="bold"), soft_wrap=True)
     _print(console, shown(document.blocks, "terminal"), warnings)
 

@@ -168,6 +168,7 @@ class LinkLengths(Criterion):
 OPTIONS: dict[str, Any] = {"poses": 14, "candidates": 60, "starts": 1, "seed": 3, "no_check": True}
 
 
+@pytest.mark.thorough
 def test_a_criterion_knows_which_row_is_which_parameter() -> None:
     """Its design shows the lengths better than O1's; names and information are those of the plan, of any targets."""
     own = LinkLengths()
@@ -197,6 +198,7 @@ def _weighted(self: Criterion) -> np.ndarray:
     return np.diag([float(name.startswith("link") and name.endswith((".a", ".d"))) for name in self.names])
 
 
+@pytest.mark.thorough
 def test_a_weight_changes_the_search_alone_and_growth_brings_a_certificate() -> None:
     weighted = type("Weighted", (LinkLengths,), {"name": "weighted", "weight": property(_weighted), "growth": 1.0})()
     plain, other = (lab.design("irb120", criterion=each, **OPTIONS) for each in (LinkLengths(), weighted))

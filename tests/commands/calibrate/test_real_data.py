@@ -117,7 +117,8 @@ def test_irb120_with_a_wire(holdout: float | None) -> None:
     said = "\n".join(outcome.warnings)
     assert "before rows 140, 506: 3 anchors" in said and "row 950" in said
     assert "rounded to 0.1°, which causes errors of 0.27" in said
-    assert outcome.verdict.word == "doubtful" and outcome.verdict.reasons[0].name == "accuracy.gain"
+    assert outcome.verdict.word == "doubtful"
+    assert {"accuracy.gain", "determination.limit"} <= {each.name for each in outcome.verdict.reasons}
 
 
 def test_panda_with_sockets(tmp_path) -> None:

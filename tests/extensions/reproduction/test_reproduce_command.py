@@ -338,15 +338,3 @@ def test_the_title_of_marks_counts_right_wrong_and_blank(exercise: Path, tmp_pat
     states = [mark.state for mark in result.marks or ()]
     right = states.count("right")
     assert result.document().title == f"staubli: {right} of {len(states)} answers right, 1 wrong, 1 blank"
-
-
-def test_printed_lines_keep_to_a_width_that_is_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "exercise.csv"
-    path.write_text('item,value\n"Section 8.5, rates: dpx",k + q1\n', encoding="utf-8")
-    for columns, fits in (("90", True), ("", False)):
-        monkeypatch.setenv("COLUMNS", columns)
-        assert main(["reproduce", "course", "--mark", str(path), "--out", str(tmp_path / f"run{columns}")]) == 1
-        table = capsys.readouterr().out.partition("0 of 15 right")[2].partition("run: ")[0]
-        assert (max(map(len, table.splitlines())) <= 90) is fits
