@@ -37,13 +37,15 @@ def path_of(name: str, folder: Path) -> str:
     return name
 
 
-def floor_ratios(robot: str, seeds: range) -> list[float]:
-    """Mean errors on fresh poses over sqrt(rank / poses) sigma."""
-    ratios = []
+def floor_ratios(robot: str, seeds: range, alarms: int = 0) -> list[float]:
+    """Mean errors on fresh poses over sqrt(rank / poses) sigma, of campaigns that are good but for false alarms."""
+    ratios, words = [], []
     for seed in seeds:
         seen = calibrate(VirtualCampaign(robot=robot, seed=seed, poses=60)).to_dict()
-        assert seen["verdict"] == "good" and seen["rank"] == RANKS[Path(robot).name]
+        words.append(seen["verdict"])
+        assert seen["rank"] == RANKS[Path(robot).name]
         ratios.append(seen["after_mm"]["mean"] / (np.sqrt(seen["rank"] / 60) * seen["noise_mm"]))
+    assert words.count("good") >= len(words) - alarms and set(words) <= {"good", "doubtful"}
     return ratios
 
 
@@ -56,7 +58,7 @@ def test_a_campaign_ends_at_the_statistical_floor(name: str, tmp_path: Path) -> 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RANKS)
 def test_twenty_campaigns_end_at_the_statistical_floor(name: str, tmp_path: Path) -> None:
-    ratios = floor_ratios(path_of(name, tmp_path), range(1, 21))
+    ratios = floor_ratios(path_of(name, tmp_path), range(1, 21), alarms=2)  # two tests at 1 %: 3 of 20 have p = 0.007
     assert max(ratios) < 1.6 and np.median(ratios) < 1.12
 
 
