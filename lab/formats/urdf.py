@@ -264,7 +264,9 @@ def _refuse_loose_joints(path: Path, root: ET.Element) -> None:
             if named not in links:
                 near = get_close_matches(named, links, 1)
                 meant = f"is {near[0]} meant?" if near else f"there are {', '.join(sorted(links)[:_LISTED])}"
-                raise LabError(f"{path}: joint {name}: its {part} link '{named}' is not in the file; {meant}")
+                raise LabError(
+                    f"{path}: joint {name}: its {part} link '{named}' is not in the file; {meant} (mend its name)"
+                )
 
 
 def _keep_solid_shapes(root: ET.Element) -> None:

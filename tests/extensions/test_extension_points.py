@@ -262,7 +262,7 @@ def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(s
         "('runout',)",
         "estimator kallman: unknown; give one of least-squares, kalman",
         "sampler uniform: unknown; give one of normal, tolerances",
-        "own_effects runup: unknown; packages add runout",
+        "own_effects runup: unknown; packages add runout; did you mean runout?",
         "error_terms bows: unknown; packages add bow",
     ], loaded.stderr
     (site / "grid.toml").write_text(

@@ -28,7 +28,19 @@ from lab.render.phrases.verdict import next_step
 from lab.render.phrases.verify import next_step as after_verification
 from lab.render.phrases.verify import parameter_text
 
-SENTENCES = {"words", "reason", "reasons", "warnings", "adequacy", "why_not", "rule_words", "source", "seconds", "run"}
+SENTENCES = {
+    "words",
+    "reason",
+    "reasons",
+    "warnings",
+    "adequacy",
+    "why_not",
+    "rule_words",
+    "source",
+    "seconds",
+    "run",
+    "run_sha256",
+}
 
 
 def without_sentences(value: Any) -> Any:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lab.campaign.robot import load_robot, load_virtual
+from lab.simulation.plausibility import implausible_robot
 
 URDF = """<robot name="arm">
   <link name="base"/><link name="upper"/><link name="lower"/>
@@ -47,6 +48,12 @@ def test_a_description_in_another_unit_is_doubted(
 def test_no_robot_of_the_lab_is_doubted() -> None:
     for name in ("irb120", "torso", "rail", "ur5", "panda"):
         assert not [each for each in load_virtual(name).warnings if "from its base" in each or "look like" in each]
+
+
+def test_each_tip_is_looked_at_and_told_once(tmp_path: Path) -> None:
+    chain = loaded(tmp_path, 250, 450, 2.9).chain
+    (doubt,) = implausible_robot((chain, chain), "two.urdf")
+    assert doubt.startswith("two.urdf: the arm reaches ") and not implausible_robot((), "none.urdf")
 
 
 def test_a_urdf_gives_accelerations(tmp_path: Path) -> None:
