@@ -202,25 +202,27 @@ def own_part(given: object, kind: type[_Part], what: str, names: Collection[str]
 
 
 @contextmanager
-def own_errors(what: str, name: str, *passed: type[Exception]) -> Iterator[None]:
+def own_errors(what: str, name: str, *passed: type[Exception], function: str = "") -> Iterator[None]:
     """Turn the errors of a user's part into one line that names it.
 
     Args:
         what: the kind of part, e.g. ``criterion``.
         passed: errors that the lab handles, which stay as they are.
+        function: that is called, of a part with several.
 
     Raises:
         LabError: the part raised an error.
     """
+    part = f"{what} '{name}'"
     try:
         yield
     except passed:
         raise
     except LabError as error:
-        raise LabError(f"{what} '{name}': {error}") from error
+        raise LabError(str(error) if str(error).startswith(f"{part}: ") else f"{part}: {error}") from error
     except Exception as error:
         cause = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        raise LabError(f"{what} '{name}' raises {cause}; repair it") from error
+        raise LabError(f"{part}{function and f': {function}'} raises {cause}; repair it") from error
 
 
 def load_part(group: str, name: str, kind: type[_Part], what: str) -> _Part:

@@ -5,6 +5,7 @@
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -84,16 +85,17 @@ class Effects:
 
     def call(self, part: SimulatedEffect, function: str, *arguments: Any) -> Any:
         """Call a function of an effect; an error in one that is not the lab's is a LabError that names it."""
+        with self._reporting(part, function):
+            return getattr(part, function)(*arguments)
+
+    def _reporting(self, part: SimulatedEffect, function: str) -> AbstractContextManager[None]:
         if type(part) not in self.own:
-            return getattr(part, function)(*arguments)
-        with own_function(self._name(part), f"{type(part).__name__}.{function}"):
-            return getattr(part, function)(*arguments)
+            return nullcontext()
+        return own_function(self._name(part), f"{type(part).__name__}.{function}")
 
     def _is_on(self, part: ScattersJoints | DisplacesReadings | ShapesNoise) -> bool:
         assert isinstance(part, SimulatedEffect)
-        if type(part) not in self.own:
-            return part.is_on
-        with own_function(self._name(part), f"{type(part).__name__}.is_on"):
+        with self._reporting(part, "is_on"):
             return bool(part.is_on)
 
     def _array(self, part: SimulatedEffect, function: str, shape: tuple[int, ...], *arguments: Any) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.extension_points import own_errors
 from lab.kinematics.effects.effect import ArmFacts, Effect, FittedGroup, Moves, Offsets, structure_values
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
@@ -36,16 +37,8 @@ def own_function(effect: str, function: str) -> Iterator[None]:
     Raises:
         LabError: the function raises an error, which is chained.
     """
-    start = f"effect '{effect}': "
-    try:
-        with np.errstate(all="ignore"):  # what comes of it is checked
-            yield
-    except LabError as error:
-        text = str(error)
-        raise LabError(text if text.startswith(start) else start + text) from error
-    except Exception as error:
-        cause = " ".join(str(error).split())
-        raise LabError(f"{start}{function} raises {type(error).__name__}: {cause}; repair it") from error
+    with own_errors("effect", effect, function=function), np.errstate(all="ignore"):  # what comes of it is checked
+        yield
 
 
 def finite_of(effect: str, function: str, returned: object, shape: tuple[int, ...], what: str = "numbers") -> Array:
