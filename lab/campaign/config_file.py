@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from lab.campaign.model_files import parted
 from lab.core.errors import LabError
 from lab.core.limits import TEXT_BYTES
-from lab.core.whole_folder import CHECKSUMS, edited_files, file_digest
+from lab.core.whole_folder import CHECKSUMS, edited_files, file_digest, listed_digests
 from lab.formats.structured import read_structured, read_text, structured
 
 __all__ = [
@@ -130,8 +130,8 @@ def input_names(folder: Path) -> tuple[str, ...]:
     there = [path for path in (folder / INPUTS).rglob("*") if path.is_file()]
     names = {path.relative_to(folder).as_posix() for path in there}
     if (folder / CHECKSUMS).is_file():
-        lines = read_text(folder / CHECKSUMS, TEXT_BYTES).splitlines()
-        names |= {name for line in lines if (name := line.partition("  ")[2]).startswith(f"{INPUTS}/")}
+        listed = listed_digests(read_text(folder / CHECKSUMS, TEXT_BYTES))
+        names |= {name for name in listed if name.startswith(f"{INPUTS}/")}
     return tuple(sorted(names))
 
 

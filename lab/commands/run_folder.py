@@ -36,6 +36,7 @@ from lab.core.whole_folder import (
     file_digest,
     is_being_written,
     keeping,
+    listed_digests,
     resolved,
 )
 from lab.formats.structured import read_bytes, read_json, read_text
@@ -400,7 +401,7 @@ def listed_files(folder: Path) -> tuple[str, ...]:
     """Return the files of a run that its checksums list, as far as they are there; a recording may be deleted."""
     if not (folder / CHECKSUMS).is_file():
         return ()
-    names = (line.partition("  ")[2] for line in read_text(folder / CHECKSUMS, TEXT_BYTES).splitlines())
+    names = listed_digests(read_text(folder / CHECKSUMS, TEXT_BYTES))
     return tuple(name for name in names if (folder / name).is_file())
 
 

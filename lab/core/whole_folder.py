@@ -39,6 +39,7 @@ __all__ = [
     "keep_checked",
     "keeping",
     "left_of",
+    "listed_digests",
     "of_one",
     "piece_files",
     "place_of_draft",
@@ -136,12 +137,15 @@ def checksum_lines(folder: Path) -> str:
 
 def edited_files(folder: Path, text: str, names: Sequence[str]) -> tuple[str, ...]:
     """Return those of the named files that differ from the lines of ``sha256sum``: changed, added or gone."""
-    digests: dict[str, str] = {}
-    for line in text.splitlines():
-        digest, _, name = line.partition("  ")
-        digests[name] = digest
+    digests = listed_digests(text)
     found = {name: file_digest(folder / name) for name in names if (folder / name).is_file()}
     return tuple(name for name in names if found.get(name) != digests.get(name))
+
+
+def listed_digests(text: str) -> dict[str, str]:
+    """Return the SHA-256 by file name that lines of ``sha256sum`` list."""
+    lines = (line.partition("  ") for line in text.splitlines())
+    return {name: digest for digest, _, name in lines}
 
 
 def file_digest(path: Path) -> str:
