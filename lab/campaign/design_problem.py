@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.regions import region_of_points
+from lab.calibration.regions import region_of_points, without_columns
 from lab.calibration.stations import STATION_POINTS
 from lab.campaign.instruments import named_instrument
 from lab.campaign.option_groups import Fitting
@@ -418,18 +418,12 @@ def _placed_anew(arm: RigidArm, joints: Array, values: Array, retained: tuple[in
     Args:
         retained: f parameters, of which those after the arm's move no point.
     """
-    jacobian = arm.observe(joints, values)[1].reshape(-1, len(arm.names))
+    jacobian = arm.observe(joints, values)[1].reshape(-1, 3, len(arm.names))
     own = [i for i in retained if i < len(arm.names)]
-    placing, sizes, _ = np.linalg.svd(
-        jacobian[:, indices_of_groups(arm.parameters, ["base", "tool"])], full_matrices=False
-    )
-    placing = placing[:, sizes > _NO_MOTION * sizes[0]]
-    found = np.zeros((len(jacobian), len(retained)))
-    found[:, : len(own)] = jacobian[:, own] - placing @ (placing.T @ jacobian[:, own])
-    return found.reshape(-1, 3, len(retained))
-
-
-_NO_MOTION = 1e-9  # of the largest motion of points
+    placing = jacobian[..., list(indices_of_groups(arm.parameters, ["base", "tool"]))]
+    found = np.zeros((*jacobian.shape[:2], len(retained)))
+    found[..., : len(own)] = without_columns(jacobian[..., own], placing)
+    return found
 
 
 @dataclass(frozen=True)
