@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from closed_loop import compensator_of
 from scipy.optimize import least_squares
-from shared import Answer, Document, Flag, paragraphs, run_script
+from shared import Answer, Document, Flag, paragraphs, processor, run_script
 
 import lab
 from lab.calibration.batch import align, fit_points
@@ -159,15 +159,8 @@ def over_yardstick(parts: Sequence[Callable[[], dict[str, float]]]) -> tuple[dic
 
 def machine() -> str:
     """The processor's name and how many of them, Python and numpy, and whether the kernels are compiled."""
-    info = Path("/proc/cpuinfo")
-    models = [line.split(":", 1)[1].strip() for line in _lines(info) if line.startswith("model name")]
     kernels = "compiled kernels" if compiled() else "no compiled kernels"
-    name = models[0] if models else platform.processor() or platform.machine()
-    return f"{os.cpu_count()} x {name}, Python {platform.python_version()}, numpy {np.__version__}, {kernels}"
-
-
-def _lines(path: Path) -> list[str]:
-    return path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    return f"{processor()}, Python {platform.python_version()}, numpy {np.__version__}, {kernels}"
 
 
 def peak_beyond_result_mb(call: Callable[[], tuple[np.ndarray, np.ndarray]]) -> float:

@@ -23,7 +23,7 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from shared import Answer, Document, Flag, Section, Table, paragraphs, run_script, short
+from shared import Answer, Document, Flag, Section, Table, paragraphs, processor, run_script, short
 
 import lab
 from lab.core.errors import LabError
@@ -502,11 +502,7 @@ def jobs_done(
 
 def machine() -> str:
     """Return the processor's name, how many of them, and this Python."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text(encoding="utf-8").splitlines() if info.is_file() else []
-    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    name = models[0] if models else platform.processor() or platform.machine()
-    return f"{os.cpu_count()} x {name}, {platform.system()}, Python {platform.python_version()}"
+    return f"{processor()}, {platform.system()}, Python {platform.python_version()}"
 
 
 def _load() -> float | None:

@@ -7,6 +7,8 @@ processes of a study call functions of importable modules only, so that a script
 import csv
 import json
 import math
+import os
+import platform
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -41,6 +43,7 @@ __all__ = [
     "mark_ratios",
     "named_values",
     "paragraphs",
+    "processor",
     "run_script",
     "save_figure",
     "short",
@@ -98,6 +101,14 @@ def _finite(value: Any) -> Any:
 def paragraphs(lines: Sequence[str]) -> tuple[Paragraph, ...]:
     """Return lines of text as blocks of a document."""
     return tuple(Paragraph(line) for line in lines)
+
+
+def processor() -> str:
+    """Return the name of this machine's processor, and how many of them."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.is_file() else []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return f"{os.cpu_count()} x {models[0] if models else platform.processor() or platform.machine()}"
 
 
 def named_values(result: Mapping[str, float]) -> list[str]:

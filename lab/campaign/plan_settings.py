@@ -43,6 +43,10 @@ class PlanSettings:
         kept = {name: value for name, value in self.values.items() if name in names}
         return replace(self, values=kept)
 
+    def without(self, *names: str) -> "PlanSettings":
+        """Return the settings but those of these names."""
+        return self.only([name for name in self.values if name not in names])
+
     def taken_note(self, options: object, default: object) -> str:
         """Describe in one line what options took from the plan that is not their default; "" for nothing."""
         names = [

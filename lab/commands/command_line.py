@@ -169,9 +169,9 @@ def _stated_by_plan(command: Command, arguments: Sequence[str]) -> PlanSettings 
     if found is None:
         return None
     if command.plan == "check":  # is of measured points
-        return found.only([name for name in found.values if name not in ("observe", "cameras")])
+        return found.without("observe", "cameras")
     if _value_of("--observe", arguments) not in (None, found.observe):  # by another instrument
-        return found.only([name for name in found.values if name not in ("observe", "cameras", "instrument")])
+        return found.without("observe", "cameras", "instrument")
     return found
 
 
@@ -186,7 +186,7 @@ def _noted(command: Command, options: Any, kind: type[Any], stated: PlanSettings
     """Return the options with what they take from the plan of a measurement file, and lines on what was taken."""
     if stated is not None:
         expected = _CHECKED_ANEW if command.plan == "check" else ()
-        differ = stated.only([name for name in stated.values if name not in expected]).differences(options)
+        differ = stated.without(*expected).differences(options)
         note = stated.taken_note(options, kind())
         return options, (*((note,) if note else ()), *(f"warning: {each}" for each in differ))
     if command.plan == "file":

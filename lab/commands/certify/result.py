@@ -423,7 +423,7 @@ def _next_step(result: Certificate) -> str:
     if found.decision == "does not conform":
         return "Calibrate again with more poses or another model, or give a larger tolerance."
     if found.decision == "not decided":
-        largest = max(result.budgets[0].lines, key=lambda line: line.share)
+        largest = _largest(result)
         return f"Reduce the uncertainty: {100 * largest.share:.0f} % of its variance is of {largest.quantity.label}."
     if result.details.missing:
         return f"State what is missing in --details, then sign: {missing_text(result.details.missing)}."
@@ -614,7 +614,7 @@ def _validated(result: Certificate) -> tuple[doc.Block, ...]:
     )
     if _is_wide(found):
         times = short(found.expected_rms_m / found.observed_rms_m)
-        largest = max(result.budgets[0].lines, key=lambda line: line.share).quantity.label
+        largest = _largest(result).quantity.label
         chance = f"p = {1 - found.p:.2g}" if 1 - found.p >= _LEAST_P else f"p < {_LEAST_P:g}"
         text = (
             f"On {poses} the errors are smaller than the budget predicts, {times} times ({chance}). U is on the safe "
@@ -627,6 +627,11 @@ def _validated(result: Certificate) -> tuple[doc.Block, ...]:
         )
     caption = "Errors, mm. Predicted by the budget without the line for lack of fit"
     return doc.Table(("error", "observed", "predicted"), tuple(rows), caption), doc.Paragraph(text)
+
+
+def _largest(result: Certificate) -> BudgetLine:
+    """Return the largest contribution to the uncertainty of a position."""
+    return max(result.budgets[0].lines, key=lambda line: line.share)
 
 
 def _is_wide(found: LackOfFit) -> bool:
