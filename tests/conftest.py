@@ -53,12 +53,14 @@ def pytest_collection() -> Generator[None, object, object]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Only tests marked ``figures`` draw and record, fixtures that they are the first to ask for included.
+    """Only tests marked ``figures`` draw and record, and only these and those marked ``pages`` write pages.
 
+    Fixtures that they are the first to ask for are included.
     Messages name options as flags, whether a test runs a command or makes the call that it is; that a call names
     arguments is for ``tests/core/test_errors.py``.
     """
-    drawn = nullcontext() if item.get_closest_marker("figures") else nothing_drawn()
+    pages = item.get_closest_marker("pages") is not None
+    drawn = nullcontext() if item.get_closest_marker("figures") else nothing_drawn(pages=pages)
     with drawn, options_as_flags():
         return (yield)
 

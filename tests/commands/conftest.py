@@ -41,7 +41,7 @@ def seven() -> CalibrationResult:
 @pytest.fixture(scope="session")
 def seven_run(tmp_path_factory: pytest.TempPathFactory, seven: CalibrationResult) -> Path:
     """The folder of that calibration, without pictures."""
-    with nothing_drawn():
+    with nothing_drawn(pages=True):
         return seven.save(tmp_path_factory.mktemp("runs") / "seven")
 
 

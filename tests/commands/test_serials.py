@@ -39,6 +39,7 @@ def result_of(folder: Path) -> dict:
     return json.loads((folder / "result.json").read_text())
 
 
+@pytest.mark.pages
 @pytest.mark.thorough
 def test_whatever_is_built_on_a_run_has_its_arm(place: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(place)

@@ -72,6 +72,7 @@ def test_a_run_has_its_sections_and_figures(drawn_run: Path) -> None:
     assert (drawn_run / "report.html").stat().st_size < 1e6
 
 
+@pytest.mark.pages
 def test_its_numbers_are_those_of_the_result(seven_run: Path, seven) -> None:
     seen = Page(seven_run / "report.html")
     result = json.loads((seven_run / "result.json").read_text())
@@ -157,6 +158,7 @@ CASES = {
 }
 
 
+@pytest.mark.pages
 @pytest.mark.thorough
 @pytest.mark.parametrize("case", CASES)
 def test_virtual_runs_of_every_end_are_told(case: str, tmp_path: Path) -> None:
@@ -172,6 +174,7 @@ def test_virtual_runs_of_every_end_are_told(case: str, tmp_path: Path) -> None:
     assert ("Outliers: " in " ".join(seen.headings)) is bool(found.fit.outliers)
 
 
+@pytest.mark.pages
 def test_a_run_that_is_not_judged(seven, tmp_path: Path) -> None:
     file = tmp_path / "few.csv"
     write_measurements(file, seven.measurements.take(range(11)), seven.robot.chain.prismatic)
@@ -183,6 +186,7 @@ def test_a_run_that_is_not_judged(seven, tmp_path: Path) -> None:
     assert list(seen.figures) == FIGURES[1:]
 
 
+@pytest.mark.pages
 def test_held_out_poses_are_drawn_where_they_are(seven, tmp_path: Path) -> None:
     file = tmp_path / "all.csv"
     write_measurements(file, seven.measurements, seven.robot.chain.prismatic)
@@ -227,6 +231,7 @@ def test_a_joint_that_errs_like_a_sine_is_seen_in_its_picture_alone() -> None:
     assert all("no trend" in each.label for each in plain[: found.robot.chain.size])
 
 
+@pytest.mark.pages
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "rows", "options"),

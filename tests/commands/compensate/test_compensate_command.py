@@ -222,6 +222,7 @@ def test_a_run_that_is_not_good_is_refused_unless_forced(run: Path, tmp_path, ca
     assert f"the verdict of the run is '{verdict}'" in said.err and "is implausible" in said.err
 
 
+@pytest.mark.pages
 def test_a_doubtful_run_is_used_and_its_reasons_are_repeated(run: Path, tmp_path, capsys) -> None:
     doubt = {"verdict": "doubtful", "reason": "lack of fit", "reasons": ["lack of fit"], "gate_mm": 0.25}
     changed = copied(run, tmp_path, "result.json", lambda text: json.dumps({**json.loads(text), **doubt}))

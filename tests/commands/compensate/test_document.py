@@ -17,6 +17,7 @@ from lab.render.document import short
 NASTY = """<script>alert("$x_1$")</script>&'<b>"""
 
 
+@pytest.mark.pages
 @pytest.mark.thorough
 def test_corrected_targets_are_listed_and_those_that_fail(seven_run: Path, tmp_path: Path) -> None:
     """Also where a single target is there, and where none is reached."""

@@ -280,6 +280,7 @@ def test_unnamed_parts_and_masses_of_meshes_do_not_matter(folder: Path, capfd: p
     assert run("inspect run/calibrated.xml --json") == 0
 
 
+@pytest.mark.pages
 def test_an_inspection_is_kept_where_that_is_asked_for(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert run("inspect arm.toml --json --out looked") == 0
     result = json.loads((folder / "looked" / "result.json").read_text())

@@ -108,6 +108,7 @@ def test_one_arm_is_of_one_serial_and_robot(tmp_path: Path) -> None:
     assert {(each.serial, each.robot) for each in found} == {("A-1", "irb120"), ("A-1", "ur5"), (None, "irb120")}
 
 
+@pytest.mark.pages
 @pytest.mark.parametrize(
     ("damage", "says"),
     [
@@ -132,6 +133,7 @@ def test_a_broken_run_is_named_and_blocks_no_other(tmp_path: Path, damage: Any, 
     assert says in Page(out / "report.html").text
 
 
+@pytest.mark.pages
 def test_copies_inside_of_runs_and_other_commands_are_passed_over(tmp_path: Path) -> None:
     run = calibrated(tmp_path / "run", "2026-01-10")
     checked = verified(tmp_path / "check", run, "2026-02-10")
@@ -277,6 +279,7 @@ def test_arms_are_in_the_order_of_what_needs_attention_and_say_what_to_do(tmp_pa
     assert "Next: Nothing now. The next check is due on 2026-02-05." in fine
 
 
+@pytest.mark.pages
 def test_of_many_arms_the_first_are_open_and_the_rest_is_folded(tmp_path: Path) -> None:
     for i in range(18):
         calibrated(tmp_path / "runs" / f"{i}", "2026-01-10", "bad" if i == 17 else "good", serial=f"A-{i:02}")

@@ -116,6 +116,7 @@ def test_the_most_frequent_reasons_are_named_and_the_others_counted() -> None:
     assert failures_text([]) == ""
 
 
+@pytest.mark.pages
 @pytest.mark.thorough
 def test_failures_are_in_the_json_by_reason(tmp_path, capsys, monkeypatch) -> None:
     """Twelve poses are too few for compliance and harmonics, which is known of each campaign alone."""

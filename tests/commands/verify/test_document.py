@@ -15,6 +15,7 @@ from lab.formats.measurement_csv import write_measurements
 from lab.render.document import short
 
 
+@pytest.mark.pages
 def test_a_verification_says_good_or_what_has_moved(seven_run: Path, tmp_path: Path, seven) -> None:
     points = seven.measurements.points
     for name, shift, count in (("good", 0.0, 8), ("one", 0.0, 1), ("moved", 2e-4, 8)):

@@ -20,6 +20,7 @@ from lab.formats.drives_toml import Drives, drives_lines, read_drives
 from lab.render.document import Card, plain
 
 
+@pytest.mark.pages
 def test_it_prints_the_base_parameters_and_their_formulas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["dynamics", "--robot", "tx40", "--json", "--out", str(tmp_path / "run")]) == 0
     seen = json.loads(capsys.readouterr().out)
@@ -83,6 +84,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, di
     return code, json.loads(said.out) if said.out else {}, said.err
 
 
+@pytest.mark.pages
 @pytest.mark.thorough
 def test_torques_give_the_arm_and_its_load(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = (files / "both.csv", "--validate", files / "both.csv", "--out", tmp_path / "run")

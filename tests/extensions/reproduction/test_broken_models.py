@@ -172,6 +172,7 @@ def differing(robot: str, loaded_by: dict[tuple[str, str], set[str]]) -> dict[st
     return found
 
 
+@pytest.mark.pages
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     "wrong",

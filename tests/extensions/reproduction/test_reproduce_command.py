@@ -43,6 +43,7 @@ def filled(exercise: Path, path: Path, wrong: str = "", blank: str = "") -> Path
     return path
 
 
+@pytest.mark.pages
 def test_a_source_is_written_as_a_page_with_values(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "staubli", "--json", "--out", str(tmp_path / "run")]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -61,6 +62,7 @@ def test_a_source_is_written_as_a_page_with_values(tmp_path: Path, capsys: pytes
         assert missing.number in page
 
 
+@pytest.mark.pages
 def test_an_exercise_has_no_answers(exercise: Path) -> None:
     told = json.loads((exercise.parent / "result.json").read_text(encoding="utf-8"))
     assert all(set(answer) == {"name", "unit"} for item in told["items"] for answer in item["answers"])
@@ -158,6 +160,7 @@ def test_ranges_of_numbers_are_spelled_out() -> None:
     assert labels("Remark on fewer than six joints") == ()
 
 
+@pytest.mark.pages
 def test_an_exercise_of_one_item_asks_hints_and_is_solved_on_request(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -217,6 +220,7 @@ def test_a_solution_is_one_of_an_exercise(capsys: pytest.CaptureFixture[str]) ->
     assert "no item '77'" in capsys.readouterr().err
 
 
+@pytest.mark.pages
 def test_a_page_shows_a_matrix_as_a_matrix(tmp_path: Path) -> None:
     """Rows of a matrix are rows of its table, with the lab's values beside it, and one state for the matrix."""
     result = reproduce("thesis", item="Equations III.6 to III.11")
@@ -253,6 +257,7 @@ def test_a_title_never_counts_nothing(item: str, title: str) -> None:
     assert reproduce("staubli", item=item).document().title == title
 
 
+@pytest.mark.pages
 def test_the_card_counts_what_agrees_and_names_a_next_step(tmp_path: Path) -> None:
     def card(result: ReproductionResult) -> str:
         page = result.report(tmp_path / "page.html").read_text(encoding="utf-8")
@@ -275,6 +280,7 @@ def test_the_card_counts_what_agrees_and_names_a_next_step(tmp_path: Path) -> No
     assert "<span>right</span> <b>1</b>" in shown and "<span>wrong</span> <b>1</b>" in shown and "try " in shown
 
 
+@pytest.mark.pages
 def test_entries_that_are_not_right_are_marked_in_the_matrix(tmp_path: Path) -> None:
     page = reproduce("course", item="8.4").report(tmp_path / "page.html").read_text(encoding="utf-8")
     marked_entries = re.findall(r"<td><strong>([^<]+)</strong>", page)
@@ -293,6 +299,7 @@ def test_what_cannot_be_read_is_no_erratum() -> None:
     assert rows == {2, 5, 6} and all(a.check(a.right) for a in result.answers if a.state == "unreadable")
 
 
+@pytest.mark.pages
 def test_the_page_s_commands_work_in_their_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -321,6 +328,7 @@ def test_a_file_that_is_not_there_is_named(
     assert not Path("runs").exists()
 
 
+@pytest.mark.pages
 def test_the_next_step_names_the_file_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "my run"
     assert main(["reproduce", "course", "--exercise", "--item", "7.1", "--out", str(folder)]) == 0
