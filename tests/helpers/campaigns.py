@@ -5,9 +5,9 @@
 - ``run_of(robot, **options)`` is the folder of that calibration, without figures and recording.
 - ``own_copy(run, folder)`` is a copy of such a folder, for a test that changes it or writes beside it.
 
-The same options give the same object, so nothing of it may be changed: arrays refuse to be written, and a test of what a
-run writes or draws makes its own. Ask for what others ask for: ``calibration(seed=7)`` where any calibration serves,
-targets p1 and p2 where two are needed (``TWO``), and ``poses=12`` only where few poses are the subject.
+The same options give the same object, so nothing of it may be changed: arrays refuse to be written, and a test of what
+a run writes or draws makes its own. Ask for what others ask for: ``calibration(seed=7)`` where any calibration serves,
+targets p1 and p2 where two are needed (``TWO``), and few poses only where they are the subject.
 """
 
 import atexit
