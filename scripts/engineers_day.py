@@ -5,6 +5,7 @@ it goes in a real cell: through the files that a tracker and a controller write,
 floor is what the same measurements leave of the error with the effects that the arm has: noise and nothing else.
 """
 
+import sys
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +13,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).with_name("experiments")))
 from day_files import controller_log, leica, ur5e_urdf
 from shared import Answer, Document, named_values, paragraphs, run_script
 

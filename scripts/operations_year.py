@@ -8,6 +8,7 @@ serial numbers are those of the public calls, and the folder at the end is one t
 """
 
 import resource
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import date
@@ -16,6 +17,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).with_name("experiments")))
 from shared import Answer, Document, Flag, Row, Section, Table, paragraphs, run_script
 
 import lab

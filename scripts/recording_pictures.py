@@ -66,7 +66,7 @@ PICTURES: Final[Mapping[str, Shown]] = {
         "--bad-share 0.05 --robust",
         14.0,
     ),
-    "closed_loop.png": Shown("python scripts/closed_loop.py --arms 1", 60, line=3),
+    "closed_loop.png": Shown("python scripts/experiments/closed_loop.py --arms 1", 60, line=3),
 }
 
 

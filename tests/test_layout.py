@@ -54,7 +54,7 @@ def names_in(path: Path) -> frozenset[str]:
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             if "lab." in node.value:
                 names |= set(re.findall(r"lab(?:\.\w+)+", node.value))
-            elif re.fullmatch(r"\w+\.py", node.value) and (script := ROOT / "scripts" / node.value).is_file():
+            elif re.fullmatch(r"\w+\.py", node.value) and (script := next((ROOT / "scripts").rglob(node.value), None)):
                 names |= names_in(script)
     return frozenset(names)
 

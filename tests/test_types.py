@@ -102,7 +102,7 @@ words: list[str] = result.summary()  # wrong
 
 @pytest.mark.thorough
 def test_the_stub_holds_every_call_with_its_options() -> None:
-    assert STUB.read_text(encoding="utf-8") == stub_text(), "run scripts/public_stub.py"
+    assert STUB.read_text(encoding="utf-8") == stub_text(), "run scripts/maintenance/public_stub.py"
 
 
 @pytest.mark.thorough

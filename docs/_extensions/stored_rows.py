@@ -1,7 +1,8 @@
 """Tables of stored rows: `source-rows`, of docs/reference/source_rows.toml, and `stored-rows`, of docs/results/stored.
 
-`source-rows` lists what the four sources ask for. `stored-rows NAME` shows figures that scripts/stored_results.py has
-measured, with their commands (option `commands`), and below them when and on which machine.
+`source-rows` lists what the four sources ask for. `stored-rows NAME` shows figures that
+scripts/experiments/stored_results.py has measured, with their commands (option `commands`), and below them when and on
+which machine.
 """
 
 import json
@@ -156,7 +157,7 @@ def recorded(table: Mapping[str, Any], name: str) -> str:
         load = max(row.get("other_processes", 0) for row in rows)
         beside = f", with up to {load:.0f} other processes beside" if load >= 1 else ""
         sentences.append(f"{dates}{some}: {machine}{beside}.")
-    return f"{' '.join(sentences)} `python scripts/stored_results.py --only '{name}:*'` measures them anew."
+    return f"{' '.join(sentences)} `python scripts/experiments/stored_results.py --only '{name}:*'` measures them anew."
 
 
 class StoredRows(SphinxDirective):

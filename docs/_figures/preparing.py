@@ -311,10 +311,10 @@ def one_socket() -> Figure:
 
 @drawn
 def ranks_by_kind() -> Figure:
-    """What each kind of measurement identifies of an arm, as scripts/artefact_ranks.py counts it."""
+    """What each kind of measurement identifies of an arm, as scripts/examples/artefact_ranks.py counts it."""
     figure, (axes,) = panels(height=4.4)
     with contextlib.redirect_stdout(io.StringIO()) as printed:
-        runpy.run_path(str(PAGES.parents[1] / "scripts" / "artefact_ranks.py"))
+        runpy.run_path(str(PAGES.parents[1] / "scripts" / "examples" / "artefact_ranks.py"))
     for row, line in enumerate(printed.getvalue().splitlines()[1:]):
         kind, own, size = line[:32].strip(), int(line[37:61]), line[61:].strip()
         colour = BLUE if size == "identified" else RED

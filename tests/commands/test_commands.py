@@ -300,7 +300,7 @@ def test_a_person_reads_the_outcome(tmp_path, capsys) -> None:
 
 
 def test_the_first_script_says_what_the_command_says(seven: Path, tmp_path, monkeypatch, capsys) -> None:
-    script = ROOT / "scripts" / "first_calibration.py"
+    script = ROOT / "scripts" / "examples" / "first_calibration.py"
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(script), run_name="__main__")
     printed = capsys.readouterr().out

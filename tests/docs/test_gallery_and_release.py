@@ -19,7 +19,7 @@ def test_every_picture_and_figure_is_in_the_gallery_with_its_page() -> None:
     for each in ENTRIES:
         page = (DOCS / f"{each['page']}.md").read_text(encoding="utf-8")
         assert each.get("picture", each.get("drawn", "")) in page, each
-        script = re.search(r"scripts/\w+\.py", each.get("command", ""))
+        script = re.search(r"scripts/[\w/]+\.py", each.get("command", ""))
         assert script is None or (ROOT / script[0]).exists()
 
 

@@ -37,7 +37,7 @@ from lab.sensors.cameras.rig import read_rig
 from lab.simulation.collisions import random_poses
 from lab.studies.grid import read_study
 
-SCRIPTS = {path.read_text(encoding="utf-8"): path.stem for path in (ROOT / "scripts").glob("*.py")}
+SCRIPTS = {path.read_text(encoding="utf-8"): path.stem for path in (ROOT / "scripts").rglob("*.py")}
 LANGUAGES = {"sh", "text", "python", "toml", "xml"}
 named = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
@@ -132,7 +132,7 @@ PROGRAMS = {
 @pytest.mark.thorough
 @pytest.mark.parametrize("script", sorted({script for script, _ in PROGRAMS}))
 def test_a_program_is_a_script_and_prints_what_is_shown_below_it(script: str, tmp_path) -> None:
-    path = ROOT / "scripts" / f"{script}.py"
+    (path,) = (ROOT / "scripts").rglob(f"{script}.py")
     if absent := [name for name in imported(path) if find_spec(name) is None]:
         pytest.skip(f"{absent[0]} is not installed")
     command = [sys.executable, str(path)]

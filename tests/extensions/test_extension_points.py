@@ -242,7 +242,7 @@ def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(s
     assert blind[0] == 2 and "criterion frobenius chose 8 poses that cannot tell all" in blind[2]
     package(site, "parts", OWN_PARTS)
     for name in ("own_parts", "own_kalman"):
-        shutil.copy(ROOT / "scripts" / f"{name}.py", site)
+        shutil.copy(ROOT / "scripts" / "examples" / f"{name}.py", site)
     named = "--estimator kalman --sampler tolerances --observe low-beam --instrument photogrammetry --error-terms bow"
     fitted = f"--own-effects runout:mrad=0.2 --model runout {named} --poses 60 --no-recording --json".split()
     found = python(site, "-m", "lab", "calibrate", *fitted, "--out", "own_parts_run")

@@ -44,7 +44,7 @@ def answer_of(name: str, *flags: object) -> Any:
 
 def answer_in_processes(name: str, *flags: object) -> Any:
     """The answer of a script run as a program of its own, with as many processes as it likes."""
-    command = [sys.executable, str(ROOT / "scripts" / name), *map(str, flags), "--json"]
+    command = [sys.executable, str(ROOT / "scripts" / "experiments" / name), *map(str, flags), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
     assert not done.stderr, "in a pipe there are no bars"
     return json.loads(done.stdout)

@@ -35,7 +35,7 @@ def test_every_table_of_a_maker_has_poses_of_its_urdf_and_a_row_on_the_page() ->
 
 @pytest.mark.parametrize("name", POSES)
 def test_the_last_frame_is_where_the_maker_s_urdf_has_it(name: str) -> None:
-    """Stored poses, which ``scripts/robots_against_urdf.py`` reads off the URDF of that commit without the lab."""
+    """Stored poses, which ``robots_against_urdf.py`` reads off the URDF of that commit without the lab."""
     stored = POSES[name]
     assert len(stored["commit"]) == 40 and (stored["repository"], stored["commit"]) == tuple(
         robots_against_urdf.URDFS[name].source

@@ -28,7 +28,7 @@ SCENES = [name for path, name in ROBOTS.items() if "/" not in name or path.paren
 
 
 def mjcf_of(description):
-    """Where ``scripts/build_closed_models.py`` writes it."""
+    """Where ``build_closed_models.py`` writes it."""
     return description.with_name("robot.xml" if description.stem == "mechanism" else f"{description.stem}.xml")
 
 
@@ -111,7 +111,7 @@ def test_limits_in_mujoco_are_those_of_the_description(path) -> None:
 
 @pytest.mark.parametrize("path", CLOSED, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_the_mjcf_of_a_mechanism_is_what_its_description_says(path) -> None:
-    """``scripts/build_closed_models.py`` writes it: the same numbers, whatever MuJoCo's layout of a file."""
+    """``build_closed_models.py`` writes it: the same numbers, whatever MuJoCo's layout of a file."""
     built, read = load_robot(str(path)).model.model, mujoco.MjModel.from_xml_path(str(mjcf_of(path)))
     for name in ("body_pos", "body_quat", "jnt_axis", "jnt_range", "qpos0", "site_pos", "eq_data", "tendon_length0"):
         np.testing.assert_allclose(getattr(read, name), getattr(built, name), rtol=0, atol=1e-12, err_msg=name)

@@ -15,7 +15,7 @@ RESULT = {"verdict": "good", "outliers": ["4"], "rank": 27, "residual_mm": 0.004
 
 
 def script(name: str) -> ModuleType:
-    spec = util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
+    spec = util.spec_from_file_location(name, ROOT / "scripts" / "maintenance" / f"{name}.py")
     assert spec and spec.loader
     module = util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up

@@ -7,7 +7,7 @@ import pytest
 from helpers.robots import ROOT
 from shared import run_script
 
-SCRIPTS = [path for path in sorted((ROOT / "scripts").glob("*.py")) if "__main__" in path.read_text(encoding="utf-8")]
+SCRIPTS = [path for path in sorted((ROOT / "scripts").rglob("*.py")) if "__main__" in path.read_text(encoding="utf-8")]
 NO_STUDIES = {f"build_{what}" for what in ("closed_models", "irb120_shells", "kernels")} | {
     "own_corrector",
     "own_effect",
@@ -24,7 +24,7 @@ NO_STUDIES = {f"build_{what}" for what in ("closed_models", "irb120_shells", "ke
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", [path.stem for path in SCRIPTS if path.stem not in NO_STUDIES])
 def test_a_script_runs_as_a_program(name: str) -> None:
-    command = [sys.executable, str(ROOT / "scripts" / f"{name}.py"), "--help"]
+    command = [sys.executable, str(next((ROOT / "scripts").rglob(f"{name}.py"))), "--help"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert f"{name}.py [-h]" in done.stdout and "--json" in done.stdout and not done.stderr
 

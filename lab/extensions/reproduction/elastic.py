@@ -210,14 +210,15 @@ ELASTIC = Source(
     "elastic",
     "Benmisra 2007, programming of industrial robots (Blida), section 3-2-3 on: elastic links",
     with_exercises((
-        Item("Equation 3.21", "The elastic error", _errors, "python scripts/elastic_error_absorbed.py",
+        Item("Equation 3.21", "The elastic error", _errors, "python scripts/experiments/elastic_error_absorbed.py",
              "Of the IRB 120 with its upper arm and forearm as tubes of aluminium under gravity, by the lab's beams, "
              "at random poses; the displacements are scaled to 1 mm and 1 mrad at most."),
         Item("Equations 3.22 to 3.29", "Elementary matrices", _rotations, "lab kinematics rx130 --symbolic",
              "The matrices of single motions; the link matrices of the command are their products."),
         Item("Equations 3.30 to 3.34", "Small displacements and turns", _small,
              note="The order of the turns matters by the square of their size: 1e-6 at 1 mrad."),
-        Item("Equations 3.35, 3.36 a", "The corrected direct model", _chain, "python scripts/elastic_links_found.py",
+        Item("Equations 3.35, 3.36 a", "The corrected direct model", _chain,
+             "python scripts/experiments/elastic_links_found.py",
              "Of the IRB 120's printed Denavit-Hartenberg table. T_flex stands at the segment's far end, with whole "
              "rotations in the lab."),
         Item("Equations 3.36 b to 3.38, figure 3.7", "Compensation", _compensation,
@@ -228,7 +229,7 @@ ELASTIC = Source(
         Item("Remark on fewer than six joints", "Components that no joint can make", _planar,
              "lab compensate TARGETS.csv --run RUN", "TARGETS.csv and RUN are targets and a calibration of your own."),
         Item("Equations 3.39, 3.40", "Calibration and deformations", _calibrated,
-             "python scripts/elastic_error_absorbed.py"),
+             "python scripts/experiments/elastic_error_absorbed.py"),
     ), ELASTIC_EXERCISES),
     (
         Missing("Figures 3.4, 3.5", "A segment rigid and deformed", "illustrations of the frames of 3.22"),

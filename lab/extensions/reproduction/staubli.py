@@ -178,11 +178,12 @@ STAUBLI = Source(
     (
         Missing("Figures 1, 2", "Frames of base and tool", "illustrations of 1.3 and 1.5"),
         Missing("Introduction, 95 %", "The share of geometric errors", "a quotation of Judd and Knasinski 1990 without "
-                "data; python scripts/geometric_share.py tells the share on virtual arms"),
+                "data; python scripts/experiments/geometric_share.py tells the share on virtual arms"),
         Missing("Section 1.2", "The four steps",
                 "words: lab design, calibrate, identify and compensate are these steps"),
         Missing("Section 1.4, chapters 2 to 5, appendices", "Methods, results, dynamics",
-                "the text breaks off at 1.4; python scripts/global_or_sequential.py compares the two methods"),
+                "the text breaks off at 1.4; python scripts/experiments/global_or_sequential.py compares the two "
+                "methods"),
     ),
     begin="1.2",
 )  # fmt: skip

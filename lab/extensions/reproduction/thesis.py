@@ -274,17 +274,17 @@ _CALIBRATION_ITEMS = (
          "--free 'link1.*,link5.alpha,link6.d,link6.a'",
          "At the flange's origin. r is d and l is a of table III.2. At a target off the last axis 22 of the 24 are "
          "determined."),
-    Item("Table IV.2", "True and estimated parameters", _estimates, "python scripts/thesis_tables.py",
+    Item("Table IV.2", "True and estimated parameters", _estimates, "python scripts/experiments/thesis_tables.py",
          f"The true value, then O1 to O5 and the condition number. Each estimate is of one draw of the noise. Ours is "
          f"the range of {_DRAWS:,} draws at poses chosen here by the same index. In three rows the printed estimate is "
          "that of dropped parameters whose values are not printed: ours is the range without them; with d2 = "
          "0.60, a5 = 0.36 and d5 = 0.93 mm off the three rows come out as printed."),
-    Item("Table IV.3", "RMS, MAE and RSD", _performance, "python scripts/thesis_tables.py",
+    Item("Table IV.3", "RMS, MAE and RSD", _performance, "python scripts/experiments/thesis_tables.py",
          f"O1 to O5, then the condition number. Each value is of one draw of the noise. The lab's is the range of "
          f"{_DRAWS:,} draws at poses chosen here by the same index, with d2 = 0.60, a5 = 0.36 and d5 = 0.93 mm off, as "
          "of table IV.2. The RSD is the "
          "standard deviation of the 19 errors."),
-    Item("Conclusion", "Which index is the best", _best, "python scripts/thesis_tables.py"),
+    Item("Conclusion", "Which index is the best", _best, "python scripts/experiments/thesis_tables.py"),
 )  # fmt: skip
 
 
@@ -317,7 +317,7 @@ def _against_poses() -> tuple[Answer, ...]:
 
 
 def _best_curves() -> tuple[Answer, ...]:
-    best = searched("O1", 0, _SEARCHED, _STARTS)  # as scripts/best_o1.py does
+    best = searched("O1", 0, _SEARCHED, _STARTS)  # as scripts/experiments/best_o1.py does
     return (at_least("the best O1 of 20 poses", f"{_PRINTED_BEST:.4f}", float(indices(best.jacobian).o1)),)
 
 
@@ -341,10 +341,12 @@ def _trace_picture() -> tuple[Picture, ...]:
 
 
 _CURVE_ITEMS = (
-    Item("Figure IV.1", "O1 against the number of poses", _against_poses, "python scripts/best_o1.py --ignore-limits",
+    Item("Figure IV.1", "O1 against the number of poses", _against_poses,
+         "python scripts/experiments/best_o1.py --ignore-limits",
          "The curve is printed without numbers. It flattens because O1 is divided by √n: it measures information per "
          "pose, and does not say that more poses stop helping.", _curve_picture),
-    Item("Figure IV.2", "Convergence of the search for O1", _best_curves, "python scripts/best_o1.py --ignore-limits",
+    Item("Figure IV.2", "Convergence of the search for O1", _best_curves,
+         "python scripts/experiments/best_o1.py --ignore-limits",
          f"{_STARTS} starts among {_SEARCHED:,} candidates, without joint limits as in the thesis; the dashed line is "
          "the printed maximum.", _trace_picture),
 )  # fmt: skip

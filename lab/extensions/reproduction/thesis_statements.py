@@ -197,7 +197,7 @@ STATEMENT_ITEMS = (
          "0.01 mrad (1σ) of each motor, and springs of one stiffness at each; equal tolerances of all link parameters: "
          "0.5 mm and 1.5 mrad for legs of 1 m; equal calibrations: 30 random poses, noise of ±8 µm. Means over the "
          "workspace, 95 % intervals."),
-    Item("Chapter I, section V.3", "Ranking of error sources", _ranking, "python scripts/error_sources.py",
+    Item("Chapter I, section V.3", "Ranking of error sources", _ranking, "python scripts/experiments/error_sources.py",
          "RMS position error of 200 virtual arms by each source alone. Joints: zeros (1.5 mrad, 1σ), gains (50 ppm); "
          "geometry: all other table entries (0.5 mm, 1.5 mrad); the rest: joints of 1e5 Nm/rad under their own weight "
          "and 0 to 2 kg, runout of 0.1 mrad, backlash of 0.05 mrad, 5 K of warming. The order depends on these sizes. "

@@ -1,7 +1,7 @@
 """Compiled kernels of ``kernels.c``, with numpy as a fallback.
 
 A compiled walk of one pose takes some microseconds, in numpy half a millisecond for any number of poses.
-``scripts/build_kernels.py`` compiles it, which ``pip install`` runs.
+``scripts/maintenance/build_kernels.py`` compiles it, which ``pip install`` runs.
 """
 
 import importlib

@@ -151,7 +151,9 @@ def test_what_an_earlier_build_left_is_not_taken(monkeypatch: pytest.MonkeyPatch
 
 
 def build_script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("build_kernels", ROOT / "scripts" / "build_kernels.py")
+    spec = importlib.util.spec_from_file_location(
+        "build_kernels", ROOT / "scripts" / "maintenance" / "build_kernels.py"
+    )
     assert spec is not None and spec.loader is not None
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)

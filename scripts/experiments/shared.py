@@ -40,6 +40,7 @@ __all__ = [
     "Row",
     "Section",
     "Table",
+    "example",
     "mark_ratios",
     "named_values",
     "paragraphs",
@@ -101,6 +102,14 @@ def _finite(value: Any) -> Any:
 def paragraphs(lines: Sequence[str]) -> tuple[Paragraph, ...]:
     """Return lines of text as blocks of a document."""
     return tuple(Paragraph(line) for line in lines)
+
+
+def example(name: str) -> Any:
+    """Return the module of an example of the documentation."""
+    folder = str(Path(__file__).parents[1] / "examples")
+    if folder not in sys.path:
+        sys.path.append(folder)
+    return import_module(name)
 
 
 def processor() -> str:

@@ -24,7 +24,7 @@ import numpy as np
 import peers
 from numpy.typing import NDArray
 from scipy import stats
-from shared import Answer, Block, Document, Flag, Section, Table, paragraphs, run_script, short
+from shared import Answer, Block, Document, Flag, Section, Table, example, paragraphs, run_script, short
 
 import lab
 from lab.calibration.estimate import Estimate
@@ -62,7 +62,7 @@ class Options:
     data: Path | None = None
     """Folder with the data that do not come with the lab."""
     folder: Path = Path("build/peers")
-    """Folder of the environments of pybotics and FIGAROH, as `scripts/peers.py` makes them."""
+    """Folder of the environments of pybotics and FIGAROH, as `scripts/experiments/peers.py` makes them."""
     limit_s: float = 600
     """Seconds that another package may take for a set."""
     write: Flag = False
@@ -297,9 +297,9 @@ def _with_own_points(task: Task, estimate: Estimate, inputs: Array) -> Array:
 
 
 def learned(task: Task, *_others: Any) -> Predictions:
-    """What scikit-learn's Gaussian process adds to the geometry, as in ``scripts/own_corrector.py``."""
+    """What scikit-learn's Gaussian process adds to the geometry, as in ``scripts/examples/own_corrector.py``."""
     try:
-        from own_corrector import LearnedCorrector
+        LearnedCorrector = example("own_corrector").LearnedCorrector
     except ImportError as error:
         raise LabError(f"scikit-learn is missing: {error}") from error
     _refuse_sessions(task)

@@ -9,9 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from own_kalman import KalmanFilter
-from own_robust import Tukey
-from shared import Answer, Document, Flag, Paragraph, Row, Table, run_script, short
+from shared import Answer, Document, Flag, Paragraph, Row, Table, example, run_script, short
 
 import lab
 from lab.calibration.identify import IdentifyOptions, identify
@@ -33,7 +31,8 @@ from lab.studies import executors
 
 ROBOT, INSTRUMENT, TARGET = "irb120", "uniform-8um", ("p1",)
 LEAST_SQUARES, LEARNED = "least squares", "learned corrector"
-ESTIMATORS = {"Kalman, textbook": KalmanFilter(0), "Kalman, iterated": KalmanFilter(), "Tukey": Tukey()}
+_KALMAN, _TUKEY = example("own_kalman").KalmanFilter, example("own_robust").Tukey
+ESTIMATORS = {"Kalman, textbook": _KALMAN(0), "Kalman, iterated": _KALMAN(), "Tukey": _TUKEY()}
 CONDITIONS: Mapping[str, Effects] = {
     "noise alone": Effects(),
     "5 % outliers": Effects(bad_share=0.05),
@@ -100,8 +99,7 @@ class Together(lab.Estimator):
 
 def of_arm(options: Options, condition: str, number: int) -> dict[str, Array]:
     """Return the mean errors ``(draws,)`` mm of each estimator, in the campaigns with one arm."""
-    from own_corrector import LearnedCorrector
-
+    LearnedCorrector = example("own_corrector").LearnedCorrector
     robot, device = load_virtual(ROBOT), instrument(INSTRUMENT)
     arm, nominal = robot.arm(TARGET), robot.arm(TARGET).nominal(robot.tool)
     seed = options.seed + number

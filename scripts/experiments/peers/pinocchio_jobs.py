@@ -1,4 +1,4 @@
-"""Pinocchio's part of ``scripts/peers.py``: the works that are timed."""
+"""Pinocchio's part of ``scripts/experiments/peers.py``: the works that are timed."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""scipy's part of ``scripts/peers.py``: an arm of numpy alone, written for comparison, and the works that are timed."""
+"""scipy's part of ``peers.py``: an arm of numpy alone, written for comparison, and the works that are timed."""
 
 import numpy as np
 from scipy.optimize import least_squares, minimize

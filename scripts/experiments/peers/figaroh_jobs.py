@@ -1,4 +1,4 @@
-"""FIGAROH's part of ``scripts/peers.py``: three jobs, and the works that are timed."""
+"""FIGAROH's part of ``scripts/experiments/peers.py``: three jobs, and the works that are timed."""
 
 import shutil
 import sys

@@ -1,4 +1,4 @@
-"""EAIK's part of ``scripts/peers.py``: the works that are timed."""
+"""EAIK's part of ``scripts/experiments/peers.py``: the works that are timed."""
 
 import numpy as np
 from eaik.IK_DH import DhRobot

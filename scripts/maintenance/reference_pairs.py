@@ -4,8 +4,8 @@ Each pair is a robot, joint positions and measured points with the least-squares
 covariance and predicted points. Kinematics, derivatives and the fit are written here anew, in mpmath with 60 digits;
 nothing of the lab is imported. ``docs/reference/reference_pairs.md`` has the formulas.
 
-    python scripts/reference_pairs.py                 # all sets, several minutes
-    python scripts/reference_pairs.py scara ppp       # some
+    python scripts/maintenance/reference_pairs.py                 # all sets, several minutes
+    python scripts/maintenance/reference_pairs.py scara ppp       # some
 """
 
 import argparse
@@ -20,7 +20,7 @@ from mpmath import mp, mpf
 
 __all__ = ["DIGITS", "FOLDER", "SETS", "calculate", "inputs", "observed", "radians", "read", "start_of"]
 
-FOLDER = Path(__file__).parents[1] / "docs" / "reference" / "pairs"
+FOLDER = Path(__file__).parents[2] / "docs" / "reference" / "pairs"
 Number = Any  # an mpf: mpmath has no types
 Vector = list[Number]
 Matrix = list[Vector]

@@ -1,4 +1,4 @@
-"""The part of MuJoCo and its ``minimize`` in ``scripts/peers.py``: three jobs, and the works that are timed."""
+"""The part of MuJoCo and its ``minimize`` in ``peers.py``: three jobs, and the works that are timed."""
 
 import sys
 from pathlib import Path

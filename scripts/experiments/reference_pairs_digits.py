@@ -25,7 +25,7 @@ from lab.core.se3 import Array
 
 __all__ = ["FOLDER", "Digits", "answer", "compared", "measured", "required", "robot_of", "wishes"]
 
-FOLDER = Path(__file__).parents[1] / "docs" / "reference" / "pairs"
+FOLDER = Path(__file__).parents[2] / "docs" / "reference" / "pairs"
 MOST_DIGITS = 16.0  # of a double
 LEAST_SIZE = 1e-3  # m or rad: smaller parameters are compared as if they had this size
 _TARGET_DIGITS = 8.0  # of a well-conditioned set

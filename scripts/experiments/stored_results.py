@@ -4,7 +4,7 @@ Each table is a file of docs/results/stored: its columns, and rows of numbers wi
 row that is measured takes the place of the stored row of its name; the others stay, with their older dates. The pages
 are built from these files, and the numbers that texts quote are compared with them by a test.
 
-    python scripts/stored_results.py --only 'accuracy:UR5*'
+    python scripts/experiments/stored_results.py --only 'accuracy:UR5*'
 """
 
 import contextlib
@@ -47,7 +47,7 @@ from lab.noise.instruments import instrument
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track
 
-STORED = Path(__file__).parents[1] / "docs" / "results" / "stored"
+STORED = Path(__file__).parents[2] / "docs" / "results" / "stored"
 MODELS = Path("models")
 Values = Mapping[str, Any]
 
@@ -176,7 +176,7 @@ def virtual_robots(options: Options) -> Iterator[Row]:
 
 
 def speed(options: Options) -> Iterator[Row]:
-    """Yield the figures of ``scripts/benchmark.py``, measured once for all of its rows."""
+    """Yield the figures of ``scripts/experiments/benchmark.py``, measured once for all of its rows."""
     found = dict[str, float]()
 
     def figure(name: str) -> Values:
@@ -185,7 +185,7 @@ def speed(options: Options) -> Iterator[Row]:
         return {"ms": found[name], "yardsticks": found[f"{name}, yardsticks"]}
 
     for name in benchmark.BUDGET_MS:
-        yield Row(name, partial(figure, name), "python scripts/benchmark.py")
+        yield Row(name, partial(figure, name), "python scripts/experiments/benchmark.py")
 
 
 def compiled_over_numpy(rounds: int = 5) -> Mapping[str, Callable[[], Values]]:
@@ -256,7 +256,7 @@ def inverses(options: Options) -> Iterator[Row]:
 
 
 def page_sizes(options: Options) -> Iterator[Row]:
-    """Yield how long pages take, of ``scripts/page_benchmark.py``."""
+    """Yield how long pages take, of ``scripts/experiments/page_benchmark.py``."""
     found = dict[str, Any]()
 
     def figure(name: str) -> Values:
@@ -265,12 +265,15 @@ def page_sizes(options: Options) -> Iterator[Row]:
         return {**found[name], "scene": "yes" if found[name]["scene"] else "no"}
 
     for name in page_benchmark.PAGES:
-        yield Row(name, partial(figure, name), "python scripts/page_benchmark.py")
+        yield Row(name, partial(figure, name), "python scripts/experiments/page_benchmark.py")
 
 
 def learning(options: Options) -> Iterator[Row]:
-    """Yield mean errors of set C by how many of its poses are fitted (``scripts/learning_curve.py``)."""
-    poses, command = (100, 200, 400, 800, 1900), "python scripts/learning_curve.py --file models/ur10/measured/"
+    """Yield mean errors of set C by how many of its poses are fitted (``learning_curve.py``)."""
+    poses, command = (
+        (100, 200, 400, 800, 1900),
+        "python scripts/experiments/learning_curve.py --file models/ur10/measured/",
+    )
     command += "ur10_ipa_C.csv --robot ur10 --poses 100 200 400 800 1900 --models"
 
     def measured(model: str) -> Values:
@@ -283,8 +286,10 @@ def learning(options: Options) -> Iterator[Row]:
 
 
 def extrapolated(options: Options) -> Iterator[Row]:
-    """Yield errors and coverage where nothing was measured, of set D (``scripts/extrapolation.py``)."""
-    command = "python scripts/extrapolation.py --file models/ur10/measured/ur10_ipa_D.csv --robot ur10 --count 4 "
+    """Yield errors and coverage where nothing was measured, of set D (``extrapolation.py``)."""
+    command = (
+        "python scripts/experiments/extrapolation.py --file models/ur10/measured/ur10_ipa_D.csv --robot ur10 --count 4 "
+    )
 
     def measured(kind: Any, model: str) -> Values:
         file = MODELS / "ur10" / "measured" / "ur10_ipa_D.csv"
@@ -298,7 +303,7 @@ def extrapolated(options: Options) -> Iterator[Row]:
 
 
 def estimators(options: Options) -> Iterator[Row]:
-    """Yield four estimators on the same 10,000 campaigns of each condition (``scripts/compare_estimators.py``)."""
+    """Yield four estimators on the same 10,000 campaigns of each condition (``compare_estimators.py``)."""
 
     def measured(condition: str, name: str) -> Values:
         if condition not in found:
@@ -314,7 +319,7 @@ def estimators(options: Options) -> Iterator[Row]:
     names = (compare_estimators.LEAST_SQUARES, *compare_estimators.ESTIMATORS, compare_estimators.LEARNED)
     for condition in compare_estimators.CONDITIONS:
         for name in names:
-            shown = f"python scripts/compare_estimators.py --conditions {shlex.quote(condition)}"
+            shown = f"python scripts/experiments/compare_estimators.py --conditions {shlex.quote(condition)}"
             yield Row(f"{condition}, {name}", partial(measured, condition, name), shown)
 
 

@@ -1,4 +1,4 @@
-"""The part of pybotics in ``scripts/peers.py``: three jobs, and the works that are timed."""
+"""The part of pybotics in ``scripts/experiments/peers.py``: three jobs, and the works that are timed."""
 
 import numpy as np
 from pybotics.geometry import vector_2_matrix

@@ -1,4 +1,4 @@
-"""The lab's part of ``scripts/peers.py``: three jobs, and the works that are timed."""
+"""The lab's part of ``scripts/experiments/peers.py``: three jobs, and the works that are timed."""
 
 import sys
 from pathlib import Path

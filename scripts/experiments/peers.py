@@ -33,11 +33,11 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.pose_selection.exchange import Certificate, certify
 from lab.render.markdown import to_markdown
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FOLDER = Path(__file__).with_name("peers")
 PAGE = ROOT / "docs" / "results" / "peers.md"
 STORED = PAGE.with_suffix(".json")
-BEGIN, END = "<!-- printed by scripts/{}.py -->\n", "<!-- end -->\n"
+BEGIN, END = "<!-- printed by scripts/experiments/{}.py -->\n", "<!-- end -->\n"
 TABLE = [[0, 290, 0, -90], [-90, 0, 270, 0], [0, 0, 70, -90], [0, 302, 0, 90], [0, 0, 0, -90], [180, 72, 0, 0]]
 TARGET = [60, 0, 40]
 JOBS = ("fit", "own_residual", "study")

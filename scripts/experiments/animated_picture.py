@@ -27,7 +27,7 @@ from lab.render.scene import magnification, moved
 from lab.render.style import ARM, ARROW_AFTER, BEFORE, GRID, INK, MUTED, rgb
 from lab.simulation.meshes import arm_shells, body_poses
 
-ROOT: Final = Path(__file__).parents[1]
+ROOT: Final = Path(__file__).parents[2]
 DATA: Final = "models/ur5/measured/ur5_jacobi_1000.csv"
 COMMAND: Final = f"lab identify {DATA} --robot ur5 --holdout 0.3 --model auto"
 DESCRIPTION: Final = 0x010E  # the tag ImageDescription of EXIF

@@ -1,7 +1,9 @@
 """Measure the structure of a checkout: modules, lines, imports, circles, and what one identification enters.
 
-Usage: ``python scripts/structure.py [ROOT] [--measurements FILE]``. Prints one JSON object. Files are read as text;
-only the last four rows run something: ``lab identify`` on a measurement file, with every call between modules noted.
+Usage: ``python scripts/maintenance/structure.py [ROOT] [--measurements FILE]``.
+
+Prints one JSON object. Files are read as text; only the last four rows run something: ``lab identify`` on a measurement
+file, with every call between modules noted.
 """
 
 import argparse
@@ -212,7 +214,7 @@ def structure(root: Path, measurements: Path | None = None) -> dict[str, Any]:
 def main() -> None:
     """Print the figures of a checkout."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("root", type=Path, nargs="?", default=Path(__file__).resolve().parents[1])
+    parser.add_argument("root", type=Path, nargs="?", default=Path(__file__).resolve().parents[2])
     parser.add_argument("--measurements", type=Path, help="a file of an IRB 120, on which lab identify is run")
     given = parser.parse_args()
     print(json.dumps(structure(given.root.resolve(), given.measurements), indent=1))

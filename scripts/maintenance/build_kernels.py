@@ -1,6 +1,6 @@
 """Compiles the kinematic kernels, where there is a C compiler; pip runs it, and so can you after a change.
 
-    python scripts/build_kernels.py
+    python scripts/maintenance/build_kernels.py
 
 Without a compiler, or where it fails, the package is complete all the same: numpy does what the kernels would do.
 """
@@ -20,7 +20,7 @@ try:
 except ImportError:  # run by hand
     BuildHookInterface = object
 
-FOLDER = Path(__file__).resolve().parents[1] / "lab" / "kinematics" / "compiled"
+FOLDER = Path(__file__).resolve().parents[2] / "lab" / "kinematics" / "compiled"
 BUILT = "machine_code.pyd" if os.name == "nt" else "machine_code.abi3.so"
 FLAGS = ["-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC", "-w"]
 

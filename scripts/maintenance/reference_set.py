@@ -4,8 +4,8 @@ Each command runs in a process of its own, with either checkout as ``PYTHONPATH`
 that the first checkout wrote, so that both compute from the same numbers. Answers that are in the folder already are
 read, not computed again. Sentences are not compared: they may change.
 
-Usage: ``python scripts/reference_set.py BEFORE AFTER --folder FOLDER --data DATA [--only PART] [--json]``; exit code 1
-if an answer differs.
+Usage: ``python scripts/maintenance/reference_set.py BEFORE AFTER --folder FOLDER --data DATA [--only PART]
+[--json]``; exit code 1 if an answer differs.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Writes the MJCF of the mechanisms in models/ from their descriptions, for MuJoCo's own tools.
 
-    python scripts/build_closed_models.py
+    python scripts/maintenance/build_closed_models.py
 
 ``mechanism.toml`` becomes ``robot.xml``, any other description an MJCF of its own name. Rods and legs are tendons with
 an equality each; the file rests in the nominal position, with its loops closed.
