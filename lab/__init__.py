@@ -142,10 +142,6 @@ def __getattr__(name: str) -> object:
         if name in registered("lab.names"):
             value = globals()[name] = load("lab.names", name)
             return value
-        from lab.core.deprecation import NAMES, with_present_name
-
-        if name in NAMES:
-            return __getattr__(with_present_name(NAMES, name, "lab.", 1))
     for extension, names in _EXTENSIONS.items():
         if name in names:
             raise AttributeError(

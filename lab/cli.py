@@ -98,7 +98,6 @@ def _report_error(arguments: list[str], error: Exception) -> tuple[str, int]:
 def _run(arguments: list[str]) -> int:
     from lab.commands.program import output_may_close
     from lab.commands.registry import all_commands, command_named
-    from lab.core.deprecation import COMMANDS, with_present_name
     from lab.core.errors import LabError
 
     if not arguments:
@@ -110,13 +109,12 @@ def _run(arguments: list[str]) -> int:
             print(f"lab {lab.__version__}" if arguments[0] == "--version" else _help())
         return 0
     if arguments[0] == "--completion":
-        from lab.commands.completion import completion_script
+        from lab.commands.command_line import print_completion
 
         with output_may_close():
-            print(completion_script(" ".join(arguments[1:])), end="")
+            print_completion(" ".join(arguments[1:]))
         return 0
-    name = with_present_name(COMMANDS, arguments[0], "lab ", 1)
-    return _run_command(command_named(name), arguments[1:])
+    return _run_command(command_named(arguments[0]), arguments[1:])
 
 
 def _help() -> str:

@@ -52,7 +52,7 @@ def test_every_name_is_there_and_no_other() -> None:
         _ = lab.calibrat
 
 
-ABOUT_FOLDERS = {"migrate", "open"}  # a program has results in memory
+ABOUT_FOLDERS = {"open"}  # a program has results in memory
 
 
 def test_every_command_is_a_call_with_the_command_s_options() -> None:

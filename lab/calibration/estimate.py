@@ -63,7 +63,7 @@ class EstimatedParameter:
         nominal: its value in the nominal model, with base and tool fitted.
         exported: its value in the most likely arm among those that predict the same.
         status: ``identified``; ``held`` at nominal on request; ``fixed`` there because an error of it cannot be
-            distinguished from others'; ``not seen`` at these poses; None in files of older versions that lack it.
+            distinguished from others'; ``not seen`` at these poses; None in files that lack it.
         weakly_observable: whether it was identified, but is known no better than to a millimetre or milliradian.
         aliases: of one that is fixed, the parameters that an error of it goes into, and how much of it.
     """
@@ -229,8 +229,8 @@ class Estimate(Value, ArmOnArrays):
             ``arm``; None where they are not estimates.
         process: the offsets of the joints that no group explains; None where they were not fitted.
         measured: the fitted joint positions, and what the model may lack beyond them; None where not known.
-        prior_acts_in: in how many directions tolerances of manufacture took part in the fit; None where a run of an
-            older version does not keep it.
+        prior_acts_in: in how many directions tolerances of manufacture took part in the fit; None where a run
+            does not keep it.
     """
 
     rigid: RigidArm
@@ -417,7 +417,7 @@ class Estimate(Value, ArmOnArrays):
     def extrapolated(self, joints: Array) -> NDArray[np.bool_]:
         """Find the positions among ``(n, joints)`` that no fitted pose is near, where the model lacks something.
 
-        Nowhere for a run of an older version, which does not keep its poses.
+        Nowhere for a run that does not keep its poses.
         """
         measured = self.measured
         if measured is None or not (measured.is_worse_beyond or self.process is not None):

@@ -1,4 +1,4 @@
-"""An estimate as files of a run's folder: one function writes them, one reads them, of today's and of older versions.
+"""An estimate as files of a run's folder: one function writes them, one reads them, of the current schema.
 
 ``parameters.json`` has a row for each parameter, ``covariance.csv`` the covariance of the identified ones,
 ``result.json`` the noise and the measured range, ``fitted_poses.csv`` the fitted joint positions, and ``residual.csv``
@@ -15,7 +15,7 @@ import numpy as np
 
 from lab.calibration.estimate import CarriedLoad, Estimate, EstimatedParameter, NominalArm, in_another_session
 from lab.calibration.extrapolation import MeasuredRange, PoseCover
-from lab.calibration.residual.process import COMPONENTS, GROUP, UPPER_QUARTILE, JointProcess
+from lab.calibration.residual.process import COMPONENTS, GROUP, JointProcess
 from lab.core.errors import LabError, error_context
 from lab.core.limits import LENGTH_M, NUMBER_SIZE
 from lab.core.linear_model import refuse_impossible_covariance
@@ -44,7 +44,6 @@ __all__ = [
     "measured_range_to_dict",
     "read_cover",
     "read_estimate",
-    "read_estimate_files",
     "read_residual",
     "residual_columns",
     "residual_to_dict",
@@ -68,34 +67,26 @@ class ResidualSizes:
     p: float
     variances: Mapping[str, float]
     upper_quartiles: Mapping[str, float]
-    variance_errors: Sequence[Sequence[float]] | None = None
+    variance_errors: Sequence[Sequence[float]]
     bound_factor: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse a set without some component, or with a variance below zero, with a LabError."""
         for name in ("variances", "upper_quartiles"):
             sizes = getattr(self, name)
-            if missing := [each for each in self.components if each not in sizes]:
+            if missing := [each for each in COMPONENTS if each not in sizes]:
                 raise LabError(f"residual.{name}: '{missing[0]}' is missing")
             if min(sizes.values()) < 0:
                 raise LabError(f"residual.{name}: a variance is not below zero")
         if not self.bound_factor > 0:
             raise LabError("residual.bound_factor: a factor of variances is above zero")
-        if self.variance_errors is not None and np.shape(self.variance_errors) != (len(COMPONENTS),) * 2:
+        if np.shape(self.variance_errors) != (len(COMPONENTS),) * 2:
             raise LabError(f"residual.variance_errors: not {len(COMPONENTS)} rows of {len(COMPONENTS)} numbers")
 
     @property
-    def components(self) -> tuple[str, ...]:
-        """Components of the run: older versions have no smooth ones, and no covariance of variances."""
-        return COMPONENTS if self.variance_errors is not None else tuple(c for c in COMPONENTS if c[:6] != "smooth")
-
-    @property
     def errors(self) -> Array:
-        """Covariance ``(c, c)`` of the variances; of an older run from its upper quartiles, fully correlated."""
-        if self.variance_errors is not None:
-            return np.array(self.variance_errors)
-        apart = [self.upper_quartiles.get(c, 0.0) - self.variances.get(c, 0.0) for c in COMPONENTS]
-        return np.outer(apart, apart) / UPPER_QUARTILE**2
+        """Covariance ``(c, c)`` of the variances."""
+        return np.array(self.variance_errors)
 
 
 @dataclass(frozen=True)
@@ -218,7 +209,7 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
     Raises:
         LabError: a file is missing, does not hold what a run writes, or is of another robot.
     """
-    files = read_estimate_files(folder)
+    files = _read_estimate_files(folder)
     rows = tuple(row for row in files.rows if row.status != _CONVERTED)
     found, names = files.content, [row.name for row in rows]
     targets = tuple(
@@ -261,7 +252,7 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
     return estimate if shared is None else replace(estimate, shared=in_another_session(shared, estimate))
 
 
-def read_estimate_files(folder: Path) -> _EstimateFiles:
+def _read_estimate_files(folder: Path) -> _EstimateFiles:
     """Read the files of a run's folder that an estimate is made from.
 
     Raises:
@@ -307,7 +298,7 @@ def _write_json(path: Path, content: Any) -> None:
 
 def _read_covariance(path: Path) -> tuple[tuple[str, ...], Array]:
     if not path.is_file():
-        raise LabError(f"{path}: is missing: an older version of the lab made this run; make it again")
+        raise LabError(f"{path}: is missing; make the run again")
     table = CsvTable(path)
     labels = table.texts("parameter")
     if labels is None or tuple(table.header[1:]) != labels:
@@ -411,7 +402,7 @@ def measured_range_from_dict(
     """Return the range that ``measured_range_to_dict`` made; None where it made none.
 
     Args:
-        cover: the fitted poses; None where the run keeps none, as those of older versions.
+        cover: the fitted poses; None where the run keeps none.
 
     Raises:
         LabError: it lacks a joint or a number, or limits are the wrong way round.

@@ -1,7 +1,7 @@
 """Read ``config.json`` of a run: its command, its options, and its inputs.
 
-A run keeps a copy of each input file in its folder ``inputs``, which later commands read. A run
-of an older version keeps none: there the file that its options name is used, if it has the run's checksum.
+A run keeps a copy of each input file in its folder ``inputs``, which later commands read. Of a file without a copy the
+file that its options name is used, if it has the run's checksum.
 """
 
 from collections.abc import Mapping
@@ -16,10 +16,12 @@ from lab.core.whole_folder import CHECKSUMS, edited_files, file_digest, listed_d
 from lab.formats.structured import read_structured, read_text, structured
 
 __all__ = [
-    "CONFIG_FILE", "INPUTS", "RunConfig", "RunInputs", "input_names", "read_config", "read_options", "robot_of_file",
+    "CONFIG_FILE", "INPUTS", "SCHEMA", "RunConfig", "RunInputs", "input_names", "read_config", "read_options",
+    "robot_of_file",
 ]  # fmt: skip
 
 _Options = TypeVar("_Options")
+SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas describes it
 CONFIG_FILE, INPUTS = "config.json", "inputs"
 _FILES = (".toml", ".xml", ".urdf")  # descriptions of robots, instruments and cells, unlike names of the lab's own
 
@@ -29,10 +31,11 @@ class RunConfig:
     """Content of ``config.json`` of a run.
 
     Attributes:
-        schema: zero for a run of a version without a schema.
+        schema: version of what the run's files hold; ``SCHEMA`` alone is read.
         options: those of the command, as plain values.
         inputs_sha256: checksum of each input, by its path as given.
         inputs: path of each input's copy in the run's folder, by the same key.
+        versions: of the lab and of libraries that made the run.
     """
 
     options: Mapping[str, Any]
@@ -41,9 +44,16 @@ class RunConfig:
     schema: int = 0
     inputs_sha256: Mapping[str, str] = field(default_factory=dict)
     inputs: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Refuse copies outside of the folder of copies, with a LabError."""
+        """Refuse another schema, and copies outside of the folder of copies, with a LabError."""
+        if self.schema != SCHEMA:
+            lab = self.versions.get("virtual-calibration-lab", "")
+            raise LabError(
+                f"schema: lab {lab or 'of an unknown version'} wrote this run with schema {self.schema}, and this lab "
+                f"reads schema {SCHEMA} alone; make the run again, or use that lab"
+            )
         for copy in self.inputs.values():
             parts = PurePosixPath(copy).parts
             if parts[:1] != (INPUTS,) or ".." in parts:

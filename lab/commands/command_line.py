@@ -7,7 +7,7 @@ alone; without it, or for an unknown event, tyro's box is shown.
 
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, make_dataclass, replace
 from difflib import get_close_matches
 from functools import wraps
@@ -25,13 +25,14 @@ from lab.campaign.model_files import joined
 from lab.campaign.option_types import Flag, number, whole_number
 from lab.campaign.plan_settings import PlanSettings, filled_in, settings_of_plan
 from lab.commands.help_text import HELP_FLAGS, ROBOT, help_text
-from lab.commands.registry import Command
+from lab.commands.registry import Command, all_commands
 from lab.commands.run_folder import positional
-from lab.core.deprecation import with_present_flags, with_present_options
 from lab.core.errors import LabError
 from lab.formats.structured import structured
 
-__all__ = ["Arguments", "options_of", "parsed", "takes"]
+__all__ = ["Arguments", "options_of", "parsed", "print_completion", "takes"]
+
+SHELLS = ("bash", "zsh", "fish")
 
 try:
     from tyro import _errors as events
@@ -127,7 +128,7 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
         LabError: they cannot be parsed, or ``--config`` names what is no run's ``config.json``.
     """
     kind = command.load_options()
-    rest, default = _configured(command, kind, with_present_flags(list(arguments)))
+    rest, default = _configured(command, kind, arguments)
     stated = _stated_by_plan(command, rest) if default is None else None
     if stated is not None:
         default = structured(stated.folder / CONFIG_FILE, kind, stated.values)
@@ -135,6 +136,18 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
         print(help_text(command, every="--help-all" in asked, defaults=default))
         raise SystemExit(0)
     rest = _with_switches_on(kind, rest)
+    made = _arguments(command, kind, default)
+    program = f"lab {command.name}"
+    flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each.name for each in fields(made)[1:]))]
+    with _one_line_errors(program, flags, [f"--{name}" for name in positional(kind)]):
+        found = tyro.cli(made, prog=program, description="", args=rest, registry=_numbers(), add_help=False)
+    overwrite, json, resume = (bool(getattr(found, name, False)) for name in ("overwrite", "json", "resume"))
+    chosen, notes = _noted(command, _with_ends(found), kind, stated)
+    return Arguments(chosen, getattr(found, "out", None), overwrite, json, resume, notes)
+
+
+def _arguments(command: Command, kind: type[Any], default: Any = None) -> Any:
+    """Return a class of all arguments of a command: its own options, then those that every command takes."""
     # Without the empty help, tyro parses this source anew on each call, in search of one.
     titled = Annotated[kind, tyro.conf.arg(name="", help="")]  # type: ignore[valid-type]
     given = tyro.conf.OmitArgPrefixes[titled]
@@ -147,14 +160,22 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     if ROBOT in _names(kind):
         tips = tyro.conf.UseAppendAction[tuple[str, ...]]
         common = [*common, ("tip", tips, field(default=())), ("base", str, field(default=""))]
-    made: Any = make_dataclass("Arguments", [options, *common])
-    program = f"lab {command.name}"
-    flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each[0] for each in common))]
-    with _one_line_errors(program, flags, [f"--{name}" for name in positional(kind)]):
-        found = tyro.cli(made, prog=program, description="", args=rest, registry=_numbers(), add_help=False)
-    overwrite, json, resume = (bool(getattr(found, name, False)) for name in ("overwrite", "json", "resume"))
-    chosen, notes = _noted(command, _with_ends(found), kind, stated)
-    return Arguments(chosen, getattr(found, "out", None), overwrite, json, resume, notes)
+    return make_dataclass("Arguments", [options, *common])
+
+
+def print_completion(shell: str) -> None:
+    """Print tyro's script that makes a shell complete the commands of ``lab`` and their options.
+
+    Raises:
+        LabError: the shell is none of ``SHELLS``.
+    """
+    if shell not in SHELLS:
+        raise LabError(f"--completion {shell}".rstrip() + f": give {', '.join(SHELLS[:-1])} or {SHELLS[-1]}")
+    commands = {each.name: _arguments(each, each.load_options()) for each in all_commands()}
+    with suppress(SystemExit):
+        tyro.extras.subcommand_cli_from_dict(
+            commands, prog="lab", args=["--tyro-print-completion", shell], registry=_numbers()
+        )
 
 
 _CHECKED_ANEW = ("cell", "clearance_mm", "self_clearance_mm")  # in which lab design --check may differ from the plan
@@ -355,7 +376,6 @@ def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Calla
 
         @wraps(function)
         def call(*given: Any, **options: Any) -> Any:
-            options = with_present_options(options, 1)
             named = dict(zip(shown.parameters, given, strict=False)) | options
             _refuse_twice(f"lab.{function.__name__}", kind, called, named)
             _refuse_unused(f"lab.{function.__name__}", unused, named)

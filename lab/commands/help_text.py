@@ -35,7 +35,7 @@ _OUTPUT = OptionGroup("output", ("out", "overwrite", "json", "resume", "config")
 
 @dataclass(frozen=True)
 class Option:
-    """An argument of a command, as help and completion show it.
+    """An argument of a command, as help shows it.
 
     Attributes:
         name: of the field.

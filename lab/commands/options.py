@@ -34,7 +34,6 @@ __all__ = [
     "ExampleOptions",
     "ImportOptions",
     "InspectOptions",
-    "MigrateOptions",
     "NextOptions",
     "OpenOptions",
     "PredictOptions",
@@ -290,21 +289,6 @@ class OpenOptions:
     """The folder of a run."""
     viewer: Flag = False
     """Open the recording in the rerun viewer instead of the page in the browser."""
-
-
-@dataclass(frozen=True)
-class MigrateOptions:
-    """Runs of an older lab."""
-
-    folder: tyro.conf.Positional[Path]
-    """The folder of a run, or the folder that holds the folders of runs."""
-    date: str | None = None
-    """Measurement date for a run without one, YYYY-MM-DD."""
-
-    def check(self) -> None:
-        """Refuse what is no day, with a LabError."""
-        if self.date is not None:
-            day("--date", self.date)
 
 
 @dataclass(frozen=True)

@@ -295,13 +295,6 @@ COMMANDS = (
         examples=("--angles 30,90,10", "--axis 1,1,0 --angle 45"),
     ),
     Command(
-        "migrate",
-        "Give runs of an older lab what those of today have: schema, checksums, and a date.",
-        "lab.commands.options:MigrateOptions",
-        "lab.commands.migrate:migrate",
-        examples=("runs", "runs/january --date 2026-01-12"),
-    ),
-    Command(
         "study",
         "Run many simulated calibrations: a grid of factors, times robots, times draws of the noise.",
         "lab.commands.options:StudyOptions",

@@ -19,7 +19,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from lab.campaign.config_file import CONFIG_FILE, INPUTS, input_names, read_config
+from lab.campaign.config_file import CONFIG_FILE, INPUTS, SCHEMA
 from lab.campaign.model_files import is_own, parted
 from lab.commands.program import was_interrupted
 from lab.commands.registry import command_named
@@ -47,9 +47,9 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 __all__ = [
-    "LOAD_FILE", "SCHEMA", "VIA", "Waypoints", "check_edits", "command_line", "free_name", "input_files", "is_older",
-    "joint_columns", "listed_files", "positional", "provenance_section", "refuse_edits", "refuse_own_name",
-    "run_folder", "unfinished", "write_config", "write_json",
+    "LOAD_FILE", "VIA", "Waypoints", "check_edits", "command_line", "free_name", "input_files",
+    "joint_columns", "listed_files", "positional", "provenance_section", "refuse_own_name", "run_folder",
+    "unfinished", "write_config", "write_json",
 ]  # fmt: skip
 
 _OF_RUN = (".json", ".csv", ".toml", ".xml")  # files of a run that others build on: all but page and recording
@@ -168,7 +168,6 @@ _FILES = {  # and programs: a folder with anything else is not replaced
     "recording.rrd", "model.py", "model.c", "model.m",
     "report.html",
 }  # fmt: skip
-SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas describes it
 _LONGEST_STEM = 100  # characters of a folder's default name
 _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 
@@ -363,8 +362,6 @@ _ACCEPT_EDITED = "--accept-edited"
 def check_edits(folder: Path, names: Sequence[str], *, accept: bool) -> tuple[str, ...]:
     """Refuse files of a run that were changed since it was written, or return a warning where they are accepted.
 
-    A run of an older lab without checksums is read with a warning.
-
     Args:
         names: of the files that matter, as far as they are there.
 
@@ -377,24 +374,9 @@ def check_edits(folder: Path, names: Sequence[str], *, accept: bool) -> tuple[st
         if not edited:
             return ()
         found = f"{', '.join(edited)} {'was' if len(edited) == 1 else 'were'} changed since the run was written"
-    elif is_older(folder):
-        return (
-            f"{folder}: an older version of the lab made this run, without checksums: edits cannot be detected; "
-            f"lab migrate {folder} adds them",
-        )
     if not accept:
         raise LabError(f"{folder}: {found}; repeat the run, or accept the edits by {_ACCEPT_EDITED}")
     return (f"{folder}: {found}: the edited files are used",)
-
-
-def refuse_edits(folder: Path) -> None:
-    """Refuse a run any file of which was changed since it was written.
-
-    Raises:
-        LabError: one was, or the checksums of a run that had some are gone.
-    """
-    own = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path != folder / CHECKSUMS)
-    check_edits(folder, sorted({*(path.as_posix() for path in own), *input_names(folder)}), accept=False)
 
 
 def listed_files(folder: Path) -> tuple[str, ...]:
@@ -403,11 +385,6 @@ def listed_files(folder: Path) -> tuple[str, ...]:
         return ()
     names = listed_digests(read_text(folder / CHECKSUMS, TEXT_BYTES))
     return tuple(name for name in names if (folder / name).is_file())
-
-
-def is_older(folder: Path) -> bool:
-    """Decide whether a lab without versions of the schema made this run."""
-    return read_config(folder).schema == 0
 
 
 _LABEL = "work.json"

@@ -552,7 +552,7 @@ def _dated(options: TrendOptions, left_out: list[str]) -> Iterator[DatedRun]:
         if config.command not in CALIBRATIONS:
             left_out.append(f"{folder}: is no run of lab calibrate or lab identify, and is left out")
         elif config.options.get("date") is None:
-            left_out.append(f"{folder}: has no date, and is left out; lab migrate {folder} --date YYYY-MM-DD adds it")
+            left_out.append(f"{folder}: has no date, and is left out; identify again with --date YYYY-MM-DD")
         elif options.serial not in (None, serial := config.options.get("serial")):
             of = "has no serial number" if serial is None else f"is of the arm {serial}"
             left_out.append(f"{folder}: {of}, and is left out of the trend of {options.serial}")

@@ -9,12 +9,11 @@ import signal
 import sys
 import threading
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from helpers.bad_input import contents, run, the_line
-from helpers.writing_commands import COMMANDS, MIGRATE, ended, forked, inputs_of_commands, older_run, whole
+from helpers.writing_commands import COMMANDS, ended, forked, inputs_of_commands, whole
 
 from lab.core.whole_folder import draft_of
 
@@ -91,85 +90,6 @@ def test_of_two_writers_the_second_is_told(name: str, place: Path, tmp_path: Pat
         assert ended(child) == 2
     assert "run: is being written by another run" in the_line(said.read_text())
     assert sorted(path.name for path in place.glob(".run.*")) == []
-
-
-@pytest.fixture
-def older(place: Path) -> Path:
-    """A run as an older lab wrote it, which lab migrate writes again where it stands."""
-    older_run(place)
-    return place / "older"
-
-
-def test_a_migration_without_room_leaves_the_run_as_it_was(older: Path, place: Path, tmp_path: Path) -> None:
-    before = contents(place)
-
-    def full() -> int:
-        without_room()
-        return run(MIGRATE)
-
-    assert ended(forked(full, said := tmp_path / "said")) == 2
-    assert "older: cannot be written (File too large); nothing was changed" in the_line(said.read_text())
-    assert contents(place) == before
-
-
-def test_a_migration_whose_draft_goes_away_leaves_the_run_as_it_was(older: Path, place: Path, tmp_path: Path) -> None:
-    before, over = contents(place), threading.Event()
-
-    def taken_away() -> None:  # at once: who deletes file by file goes on in the folder that the draft becomes
-        while not over.wait(0.0005):
-            for draft in place.glob(".older.partial-*"):
-                with suppress(OSError):
-                    draft.rename(tmp_path / str(time.monotonic_ns()))
-
-    thread = threading.Thread(target=taken_away)
-    child = forked(lambda: run(MIGRATE), said := tmp_path / "said")
-    thread.start()
-    code = ended(child)
-    over.set()
-    thread.join()
-    assert (code == 2 and the_line(said.read_text()) and contents(place) == before) or (code == 0 and whole(older))
-
-
-def test_a_second_migration_is_told(older: Path, place: Path, tmp_path: Path) -> None:
-    before = contents(place)
-    with draft_of(older, replacing=True) as draft:
-        assert ended(forked(lambda: run(MIGRATE), said := tmp_path / "said")) == 2
-        assert "older: is being written by another run" in the_line(said.read_text())
-        shutil.copytree(older, draft, dirs_exist_ok=True)
-    assert contents(place) == before
-
-
-@pytest.mark.parametrize("kind", ["link", "folder", "pipe"])
-def test_a_run_with_what_is_no_file_is_not_migrated(kind: str, older: Path, place: Path, tmp_path: Path) -> None:
-    """A link to the folder above would be copied into itself without end, and a pipe waited for."""
-    stray = older / "stray"
-    {"link": lambda: stray.symlink_to(".."), "folder": stray.mkdir, "pipe": lambda: os.mkfifo(stray)}[kind]()
-    try:
-        before = sorted(path.name for path in place.iterdir())
-        assert ended(forked(lambda: run(MIGRATE), said := tmp_path / "said")) == 2
-        assert "older: holds stray, which is not a file of a run" in the_line(said.read_text())
-        assert sorted(path.name for path in place.iterdir()) == before
-    finally:
-        shutil.rmtree(older)
-
-
-@pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGINT])
-def test_a_migration_that_is_ended_leaves_the_old_run_or_the_new_one(
-    ending: signal.Signals, older: Path, place: Path, tmp_path: Path
-) -> None:
-    """At moments over its time: before it begins, while it copies, while it puts the new run in its place."""
-    old = contents(older)
-    for i in range(12):
-        child = forked(lambda: run(MIGRATE), said := tmp_path / "said")
-        time.sleep(0.004 * i)
-        os.kill(child, ending)
-        ended(child)
-        now = contents(older) if older.exists() else {}
-        aside = list(place.glob(".older.replaced-*"))
-        assert now == old or aside or whole(older), said.read_text()
-        assert ended(forked(lambda: run(MIGRATE))) == 0 and whole(older)
-        assert not list(place.glob(".older.*"))
-        older_run(place)
 
 
 @pytest.mark.parametrize("name", EACH[:-1])

@@ -1,6 +1,8 @@
 """One entry registers a command: its options become its command line, and its refusals one line."""
 
 import re
+import shutil
+import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -144,3 +146,30 @@ def test_truth_values_of_older_calls_and_runs_are_read() -> None:
         structured("", Fitting, {"prior": "sometimes"})
     with pytest.raises(LabError, match="--prior sometimes: give auto, on, off"):
         Fitting(prior="sometimes").check()
+
+
+def test_bash_completes_commands_options_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    if shutil.which("bash") is None:
+        pytest.skip("no bash")
+    assert main(["--completion", "bash"]) == 0
+    script = tmp_path / "lab.bash"
+    script.write_text(capsys.readouterr().out, encoding="utf-8")
+    wanted = {
+        "cal": {"calibrate"},
+        "calibrate --pos": {"--poses", "--position-sigma-mm"},
+        "identify a --prior o": {"on", "off"},
+    }
+    lines = [
+        f'COMP_WORDS=(lab {each}); COMP_CWORD={len(each.split())}; _tyro_lab; echo "${{COMPREPLY[*]}}"'
+        for each in wanted
+    ]
+    done = subprocess.run(
+        ["bash", "-c", "\n".join([f"source {script}", *lines])], capture_output=True, text=True, check=True
+    )
+    assert [set(line.split()) for line in done.stdout.splitlines()] == list(wanted.values())
+
+
+@pytest.mark.parametrize("given", [["ksh"], [], ["bash", "zsh"]])
+def test_completion_of_another_shell_is_refused(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--completion", *given]) == 2
+    assert "give bash, zsh or fish" in capsys.readouterr().err

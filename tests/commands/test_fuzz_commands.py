@@ -68,11 +68,9 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
     "reproduce": ("answers", "reproduce elastic --mark {}"),
     "check": ("daily", "check irb {}"),
     "verify by its checksums": ("run's SHA256SUMS", "verify {} day.csv --force"),
-    "migrate by its checksums": ("run's SHA256SUMS", "migrate {}"),
     **{
-        f"{command.split()[0]} of an old run's {name}": (f"run's {name}", command)
+        f"trend of a run's {name}": (f"run's {name}", "trend history --accept-edited --force")
         for name in ("config.json", "result.json", "parameters.json")
-        for command in ("migrate {}", "trend history --accept-edited --force")
     },
     **{
         f"{command.split()[0]} of a run's {name}": (f"run's {name}", command)
@@ -123,29 +121,20 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / "irb" / name).write_bytes(content)
     shutil.copy(folder / "irb" / "measurements.csv", folder / "day.csv")
     shutil.copytree(folder / "other", folder / "history" / "first")
-    shutil.copytree(folder / "irb", folder / "old")
-    (folder / "old" / "SHA256SUMS").unlink()
-    (folder / "old" / "config.json").write_text(older((folder / "irb" / "config.json").read_text()))
     (folder / "weighted").mkdir()
-    (folder / "weighted" / "config.json").write_text('{"options": {}}')
+    (folder / "weighted" / "config.json").write_text('{"schema": 1, "options": {}}')
     return folder
-
-
-def older(config: str) -> str:
-    """What a lab without versions of the schema wrote."""
-    return config.replace('"schema": 1,', "")
 
 
 def given(name: str, seed: str | None, place: Path) -> str:
     """The command line of a case, its changed file written; without a seed the file is as it should be."""
     kind, command = COMMANDS[name]
-    text, old = KINDS[kind].text(), command.startswith("migrate") and kind != "run's SHA256SUMS"
-    text = older(text) if old else text
+    text = KINDS[kind].text()
     content = text.encode() if seed is None else mutated(text, RandomChance(seed))
     if kind.startswith("run's "):
         history = place / "history"  # of two dated runs, one of which is changed
         folder = history / "changed" if "history" in command else place / "changed"
-        shutil.copytree(place / ("old" if old else "irb"), folder)
+        shutil.copytree(place / "irb", folder)
         (folder / KINDS[kind].name).write_bytes(content)
         return command.format("changed")
     if kind == "load":

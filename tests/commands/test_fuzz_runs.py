@@ -36,7 +36,6 @@ COMMANDS = {
     "predict": "predict changed day.csv --force",
     "compare": "compare changed other --force",
     "trend": "trend . --force",
-    "migrate": "migrate changed",
     "calibrate": "calibrate --config changed/config.json",
     "calibrate with a load": "calibrate --poses 12 --load changed",
     "study": "study study.toml --workers 1 --resume",
@@ -137,12 +136,7 @@ def wrong_with(name: str, seed: int, place: Path, capfd: pytest.CaptureFixture[s
     shutil.copytree(place / "base" / {"calibrate with a load": "payload", "study": "study"}.get(name, "run"), folder)
     accepted = name in ("certify", "verify", "compensate", "compare", "trend") and chance.randrange(2) == 0
     argv = f"{COMMANDS[name]} --json" + (" --accept-edited" if accepted else "")
-    if name == "migrate":  # a run of an older version has no checksums
-        (folder / "SHA256SUMS").unlink()
-        config = json.loads((folder / "config.json").read_text())
-        (folder / "config.json").write_text(json.dumps({key: config[key] for key in config if key != "schema"}))
-    else:
-        argv += f" --out {'changed' if name == 'study' else 'built'}"
+    argv += f" --out {'changed' if name == 'study' else 'built'}"
     path = chance.choice([each for each in changed_files(name, folder) if each.exists()])
     path.write_text(edited(path, chance))
     try:
@@ -157,7 +151,7 @@ def wrong_with(name: str, seed: int, place: Path, capfd: pytest.CaptureFixture[s
         return None
     said = "changed since the run was written: the edited files are used" in err or "checksums are missing" in err
     said = said or (name == "trend" and "the run is left out" in err)
-    if code in (0, 1) and (said or name in ("migrate", "calibrate", "calibrate with a load", "study")):
+    if code in (0, 1) and (said or name in ("calibrate", "calibrate with a load", "study")):
         return None
     return f"{seed}: {path.name}, code {code}, {told[:2]}"
 

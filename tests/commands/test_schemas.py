@@ -12,12 +12,13 @@ import pytest
 from helpers.bad_input import run as run_line
 from helpers.robots import ROOT
 from helpers.writing_commands import COMMANDS as EXAMPLES
-from helpers.writing_commands import inputs_of_commands, older_run
+from helpers.writing_commands import inputs_of_commands
 
 import lab
+from lab.campaign.config_file import SCHEMA
 from lab.cli import main
 from lab.commands.registry import all_commands, command_named
-from lab.commands.run_folder import SCHEMA, write_json
+from lab.commands.run_folder import write_json
 
 FILES = ("config", "parameters", "result")
 FILE_OF = {"calibrate": "result", "identify": "result", "certify": "certificate"}  # of other commands their name
@@ -27,7 +28,6 @@ MORE = {
     "design": ("design --check plan/plan.csv",),
     "inspect": ("inspect delta",),
     "example": ("example", "example panda --out examples"),
-    "migrate": ("migrate older",),
     "open": ("open day",),
     "status": ("status broken",),
     "dynamics": ("dynamics --robot scara --symbolic",),
@@ -66,7 +66,6 @@ def test_runs_hold_what_the_schemas_say(runs: list[Path]) -> None:
         part = {name: value for name, value in result.items() if name != "answers"}
         with pytest.raises(jsonschema.ValidationError, match="answers"):
             jsonschema.validate(part, schema("result"))
-        jsonschema.validate(part | {"migrated": True}, schema("result"))
 
 
 def test_a_run_knows_its_inputs(runs: list[Path]) -> None:
@@ -100,7 +99,6 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         inputs_of_commands(folder)
-        older_run(folder)
         shutil.copytree("history/day", "one/day")
         shutil.copytree("history/day", "broken/day")
         (folder / "broken" / "day" / "result.json").write_text("{")

@@ -1,7 +1,6 @@
 """Every command that writes a folder with small inputs, run in forks of the tests' process."""
 
 import os
-import shutil
 import signal
 import sys
 import time
@@ -20,7 +19,7 @@ from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
 from lab.formats.measurement_csv import write_measurements
 from lab.simulation.collisions import random_poses
 
-__all__ = ["COMMANDS", "MIGRATE", "ended", "forked", "inputs_of_commands", "older_run", "weighted", "whole"]
+__all__ = ["COMMANDS", "ended", "forked", "inputs_of_commands", "weighted", "whole"]
 
 STUDY = """\
 name = "small"
@@ -54,18 +53,6 @@ COMMANDS = {
     "rotation": "rotation --angles 10,20,30",
     "workspace": "workspace carrier/cartesian --places 200",
 }
-
-
-MIGRATE = "migrate older"  # which writes into the folder that it is given
-
-
-def older_run(folder: Path) -> None:
-    """A run as a lab wrote it that had no schema and no checksums."""
-    shutil.rmtree(folder / "older", ignore_errors=True)
-    shutil.copytree(folder / "day", folder / "older")
-    (folder / "older" / CHECKSUMS).unlink()
-    config = folder / "older" / "config.json"
-    config.write_text(config.read_text().replace('"schema": 1,', "", 1))
 
 
 def inputs_of_commands(folder: Path) -> Path:

@@ -83,8 +83,6 @@ class RunVerdict:
     noise_model: NoiseModel | None = None
     reasons: tuple[str, ...] = ()
     gate_mm: float | None = None
-    schema: int = 0
-    migrated: bool = False
 
     @property
     def usable(self) -> bool:
@@ -205,21 +203,15 @@ class CalibrationRun(Value):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings for whoever builds on the run."""
-        return (*self.robot.warnings, *self.edits, *self._named(self._older), *self._doubts)
+        return (*self.robot.warnings, *self.edits, *self._doubts)
 
     @property
     def named_warnings(self) -> tuple[str, ...]:
         """Warnings of the run, each with the run's folder, for commands that check several runs."""
-        return (*self._named(self.robot.warnings), *self.edits, *self._named((*self._older, *self._doubts)))
+        return (*self._named(self.robot.warnings), *self.edits, *self._named(self._doubts))
 
     def _named(self, messages: Sequence[str]) -> list[str]:
         return [f"{self.folder}: {each}" for each in messages]
-
-    @property
-    def _older(self) -> list[str]:
-        if self.result.schema > 0 and not self.result.migrated:
-            return []
-        return ["an older version of the lab made this run, and judged it by other rules"]
 
     @property
     def _doubts(self) -> list[str]:
@@ -319,9 +311,8 @@ def read_header(folder: Path) -> tuple[RunConfig, RunVerdict, _Campaign]:
         raise LabError(f"{folder}: is no run of lab calibrate or lab identify; give the folder of one")
     verdict = read_structured(folder / RESULT_FILE, RunVerdict, _MEND)
     options = structured(f"{folder / CONFIG_FILE}: options", CALIBRATIONS[config.command], config.options, extra=True)
-    if config.schema:  # what an older version let pass may be refused today
-        with error_context(folder / CONFIG_FILE):
-            options.check()
+    with error_context(folder / CONFIG_FILE):
+        options.check()
     return config, verdict, options
 
 

@@ -241,7 +241,7 @@ class CalibrationResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``result.json`` holds and ``--json`` prints. Lengths in mm."""
-        from lab.commands.run_folder import SCHEMA
+        from lab.campaign.config_file import SCHEMA
 
         identification, nothing = self.identification, {MM: float("nan")}
         noises, residuals = (

@@ -61,7 +61,7 @@ _SIGNED = (MEASUREMENTS_FILE, PARAMETERS_FILE, COVARIANCE_FILE, RESULT_FILE)  # 
 def digests_of(folder: Path) -> dict[str, str]:
     """Return the SHA-256, by file, of what the certificate of a run comes from, and of its list of checksums.
 
-    That list has a line for every other file of the run; a run of an older lab has none.
+    That list has a line for every other file of the run.
     """
     return {name: file_digest(folder / name) for name in (*_SIGNED, CHECKSUMS) if (folder / name).is_file()}
 

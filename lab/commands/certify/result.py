@@ -140,7 +140,7 @@ class Certificate(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints: lengths in mm, other quantities in the units that they name."""
-        from lab.commands.run_folder import SCHEMA
+        from lab.campaign.config_file import SCHEMA
 
         result = self.calibrated.result
         return {

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lab.campaign.config_file import CONFIG_FILE, RunConfig, read_config, read_options
+from lab.campaign.config_file import CONFIG_FILE, SCHEMA, RunConfig, read_config, read_options
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
 from lab.commands.calibrate.load_run import CALIBRATIONS, MEASUREMENTS_FILE
@@ -228,7 +228,7 @@ def _planned(
 ) -> tuple[dict[str, Any], Path | None]:
     """The arguments of a planner, by a run or a plan in memory, and the measurement file."""
     folder, file = asked.plan, asked.file
-    config = RunConfig({}, "design") if plan is not None else read_config(folder, _MEND)
+    config = RunConfig({}, "design", schema=SCHEMA) if plan is not None else read_config(folder, _MEND)
     if config.command == "design":
         plan = plan or read_options(folder / CONFIG_FILE, "design", DesignOptions)
         if plan.observe != "points":

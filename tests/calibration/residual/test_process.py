@@ -175,23 +175,6 @@ def test_a_file_gives_the_same_process_and_one_that_was_cut_is_refused(tmp_path:
         sizes({**content, "variance_errors": [[1.0]]})
 
 
-def test_a_run_of_an_older_version_has_no_smooth_components_and_upper_quartiles_alone(tmp_path: Path) -> None:
-    process = JointProcess(
-        np.zeros((2, 6)), np.ones((2, 1), bool), SIZES, np.diag(SIZES**2), np.zeros((2, 6)), TURNING, 0.1
-    )
-    write_residual(tmp_path / "residual.csv", process, residual_columns(IRB120.chain, (), ("p1",)))
-    content = residual_to_dict(process)
-    assert content is not None
-    old = {name: content[name] for name in ("poses", "p", "noise_mm", "joint_scatter_mrad")}
-    for name in ("variances", "upper_quartiles"):
-        old[name] = {key: size for key, size in content[name].items() if not key.startswith("smooth")}
-    read = read_residual(tmp_path, sizes(old), IRB120.chain, (), ("p1",))
-    assert np.array_equal(read.variances, [*SIZES[:8], 0.0, 0.0]) and read.factor == 1.0
-    assert np.allclose(read.upper[:8], process.upper[:8]) and not read.upper[8:].any()
-    with pytest.raises(LabError, match="'smooth 1' is missing"):
-        sizes({**old, "variance_errors": content["variance_errors"]})
-
-
 def test_components_have_names_of_their_own() -> None:
     rng = np.random.default_rng(6)
     joints = rng.standard_normal((2, 6))
