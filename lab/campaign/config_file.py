@@ -47,13 +47,7 @@ class RunConfig:
     versions: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Refuse another schema, and copies outside of the folder of copies, with a LabError."""
-        if self.schema != SCHEMA:
-            lab = self.versions.get("virtual-calibration-lab", "")
-            raise LabError(
-                f"schema: lab {lab or 'of an unknown version'} wrote this run with schema {self.schema}, and this lab "
-                f"reads schema {SCHEMA} alone; make the run again, or use that lab"
-            )
+        """Refuse copies outside of the folder of copies, with a LabError."""
         for copy in self.inputs.values():
             parts = PurePosixPath(copy).parts
             if parts[:1] != (INPUTS,) or ".." in parts:
@@ -82,7 +76,7 @@ class RunInputs:
         """Return the copy of an input, or the input itself if it is the run's; names of the lab's own are unchanged.
 
         Raises:
-            LabError: the run keeps no copy, and the file is missing, is another one, or has no checksum in the run.
+            LabError: the run keeps no copy, and the file is missing or another one.
         """
         file, ends = parted(str(given))
         path, valid = Path(file), self.config.inputs_sha256.get(file)
@@ -90,11 +84,9 @@ class RunInputs:
             return copy
         if valid is None and path.suffix not in _FILES:
             return Path(f"{path}{ends}")
-        what = "config.json has no checksum of it"
-        if valid is not None:
-            if path.is_file() and file_digest(path) == valid:
-                return Path(f"{path}{ends}")
-            what = f"the file of that name is {'another one' if path.is_file() else 'not there'}"
+        if path.is_file() and file_digest(path) == valid:
+            return Path(f"{path}{ends}")
+        what = f"the file of that name is {'another one' if path.is_file() else 'not there'}"
         raise LabError(
             f"{self.folder}: keeps no copy of its input {given}, and {what}; put the run's own file there, or make the "
             "run again"
@@ -110,6 +102,17 @@ class RunInputs:
         return value if copy is None else str(copy)
 
 
+def _read(path: Path, mend: str) -> RunConfig:
+    config = read_structured(path, RunConfig, mend)
+    if config.schema != SCHEMA:
+        wrote = config.versions.get("virtual-calibration-lab", "of unknown version")
+        raise LabError(
+            f"{path}: is of schema {config.schema}, written by lab {wrote}; this lab reads schema {SCHEMA}: make the run "
+            "again, or use that lab"
+        )
+    return config
+
+
 def read_config(folder: Path, mend: str = "give the folder of a run of the lab") -> RunConfig:
     """Read ``config.json`` of a run.
 
@@ -119,7 +122,7 @@ def read_config(folder: Path, mend: str = "give the folder of a run of the lab")
     Raises:
         LabError: the file cannot be read, or is not a run's.
     """
-    return read_structured(folder / CONFIG_FILE, RunConfig, mend)
+    return _read(folder / CONFIG_FILE, mend)
 
 
 def robot_of_file(path: Path) -> str | None:
@@ -154,7 +157,7 @@ def read_options(path: Path, command: str, kind: type[_Options]) -> _Options:
         LabError: the file cannot be read, is of another command, or has an unknown option, or a copy was changed.
     """
     mend, folder = "give a run's config.json", path.parent
-    config = read_structured(path, RunConfig, mend)
+    config = _read(path, mend)
     if config.command not in (command, ""):
         raise LabError(f"{path}: is of lab {config.command}, not of lab {command}; run that")
     if config.inputs and (folder / CHECKSUMS).is_file():

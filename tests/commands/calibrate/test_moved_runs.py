@@ -136,18 +136,6 @@ def test_a_run_without_copies_takes_only_its_own_inputs(
     load_run(older, cell=day / "runs" / "second" / "inputs" / "cell.toml", accept_edited=True)
 
 
-def test_a_run_without_copies_and_checksums_of_inputs_takes_none(day: Path) -> None:
-    older = without_copies(day / "runs" / "first")
-    config = json.loads((older / "config.json").read_text())
-    for key in ("schema", "inputs_sha256"):
-        del config[key]
-    config["options"]["cell"] = None
-    (older / "config.json").write_text(json.dumps(config))
-    (older / "SHA256SUMS").unlink()
-    with pytest.raises(LabError, match=r"input tracker.toml, and config.json has no checksum of it"):
-        _ = load_run(older).instrument
-
-
 def test_the_configuration_of_a_run_without_copies_takes_no_other_file(
     day: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
