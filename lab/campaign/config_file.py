@@ -107,7 +107,7 @@ def _read(path: Path, mend: str) -> RunConfig:
     if config.schema != SCHEMA:
         wrote = config.versions.get("virtual-calibration-lab", "of unknown version")
         raise LabError(
-            f"{path}: is of schema {config.schema}, written by lab {wrote}; this lab reads schema {SCHEMA}: make the run "
+            f"{path}: has schema {config.schema} of lab {wrote}; this lab reads {SCHEMA}; make the run "
             "again, or use that lab"
         )
     return config
