@@ -5,6 +5,7 @@
 Without a compiler, or where it fails, the package is complete all the same: numpy does what the kernels would do.
 """
 
+import hashlib
 import os
 import platform
 import shlex
@@ -45,10 +46,22 @@ def compiler() -> list[str]:
 
 
 def build(folder: Path = FOLDER) -> str:
-    """Compile the kernels in their folder; why that failed, or nothing."""
-    built = folder / BUILT
-    if failed := _compiled(folder, built):
+    """Compile the kernels in their folder; why that failed, or nothing.
+
+    Kernels of the same sources, compiler and system stay: pip asks for them once for the metadata and once for the
+    package.
+    """
+    built, stamp = folder / BUILT, folder / f"{BUILT}.sha256"
+    made_of = [Path(__file__).read_text(), (folder / "kernels.c").read_text(), sysconfig.get_platform(), *compiler()]
+    digest = hashlib.sha256("\n".join(made_of).encode()).hexdigest()
+    if built.exists() and stamp.exists() and stamp.read_text() == digest:
+        return ""
+    failed = _compiled(folder, built)
+    if failed:
         built.unlink(missing_ok=True)  # an earlier one belongs to other sources
+        stamp.unlink(missing_ok=True)
+    else:
+        stamp.write_text(digest)
     return failed
 
 

@@ -5,20 +5,19 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import matplotlib.image as images
 import numpy as np
 import pytest
 from helpers.browser import Browser
 from helpers.drawing import nothing_drawn
 from helpers.html_page import Page
-from matplotlib.colors import to_rgb
+from PIL import Image
 
 import lab
 from lab.cli import main
 from lab.commands.calibrate.load_run import load_run
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.render.style import AFTER, BEFORE, luminance
+from lab.render.style import AFTER, BEFORE, luminance, rgb
 
 pytestmark = [pytest.mark.figures, pytest.mark.thorough]
 
@@ -305,8 +304,8 @@ def test_every_eye_tells_before_from_after(pages: dict[str, Path], browser: Brow
             shown = []
             for kind in kinds:
                 browser.call("Emulation.setEmulatedVisionDeficiency", type=kind)
-                shown.append(images.imread(io.BytesIO(browser.picture()), format="png")[..., :3])
-            masks = [np.abs(shown[0] - to_rgb(colour)).max(axis=2) < 0.01 for colour in (BEFORE, AFTER)]
+                shown.append(np.asarray(Image.open(io.BytesIO(browser.picture())))[..., :3] / 255)
+            masks = [np.abs(shown[0] - np.array(rgb(colour)) / 255).max(axis=2) < 0.01 for colour in (BEFORE, AFTER)]
             if min(mask.sum() for mask in masks) <= 50:  # a page that shows one of them alone, or neither
                 continue
             for kind, seen in zip(kinds, shown, strict=True):

@@ -238,8 +238,8 @@ def test_every_flag_exists(capsys) -> None:
 def test_the_first_two_commands_are_what_ci_runs() -> None:
     """They install, so .ci/run executes them: it takes them from here, the first block of the README."""
     first, second = README.of("sh")[0].strip().splitlines()
-    assert first == "python3 -m venv .venv && .venv/bin/pip install -e '.[dev]' && .venv/bin/lab calibrate"
-    assert second == ".venv/bin/pytest"
+    assert first == "python3 -m venv .venv && .venv/bin/pip install -e . && .venv/bin/lab calibrate"
+    assert second == ".venv/bin/pip install -e '.[test]' && .venv/bin/pytest"
 
 
 def test_the_numbers_beside_the_picture_are_those_of_the_command(tmp_path, capsys) -> None:

@@ -16,6 +16,7 @@ from lab.commands.help_text import options_of_command
 from lab.commands.registry import all_commands, command_named
 
 pytest.importorskip("sphinx")
+pytestmark = pytest.mark.thorough  # sphinx is of the extra docs
 EXTENSIONS = ROOT / "docs" / "_extensions"
 sys.path.insert(0, str(EXTENSIONS))
 try:

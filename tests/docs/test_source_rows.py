@@ -15,6 +15,7 @@ from lab.commands.registry import command_named
 from lab.extensions.reproduction.item import source_named, sources
 
 _SPEC = importlib.util.spec_from_file_location("stored_rows", ROOT / "docs" / "_extensions" / "stored_rows.py")
+pytestmark = pytest.mark.thorough  # sphinx is of the extra docs
 LEAST = {"thesis": 31, "elastic": 16, "course": 25, "staubli": 15, "further": 11}
 
 

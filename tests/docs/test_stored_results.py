@@ -11,6 +11,7 @@ from helpers.pages import PAGES
 from helpers.robots import ROOT
 
 pytest.importorskip("sphinx")
+pytestmark = pytest.mark.thorough  # sphinx is of the extra docs
 DOCS = ROOT / "docs"
 STORED = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in (DOCS / "results" / "stored").glob("*")}
 QUOTED = tomllib.loads((DOCS / "results" / "quoted.toml").read_text(encoding="utf-8"))["quoted"]

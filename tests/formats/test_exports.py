@@ -7,7 +7,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-import yourdfpy
 from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, perturbed, somewhere
 
 from lab.campaign.robot import Robot, SerialRobot, load_robot
@@ -117,6 +116,7 @@ def test_mujoco_reads_the_urdf(exported) -> None:
 
 @pytest.mark.thorough
 def test_another_reader_reads_the_urdf(exported) -> None:
+    yourdfpy = pytest.importorskip("yourdfpy")
     folder, _, arm, values = exported
     joints, tree = poses_of(arm.chain), link_tree(arm, values)
     urdf = yourdfpy.URDF.load(str(folder / "calibrated.urdf"))

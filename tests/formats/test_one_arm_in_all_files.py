@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 import pytest
 import yaml
-import yourdfpy
 from day_files import ur5e_urdf
 from helpers.bare_python import bare_python
 from helpers.robots import perturbed, somewhere
@@ -44,7 +43,7 @@ def robot_called(name: str, folder: Path) -> Robot:
 
 
 def by_urdf(path: Path, joints: Array, links: tuple[str, ...], root: str | None = None) -> Array:
-    urdf = yourdfpy.URDF.load(str(path), load_meshes=False, build_scene_graph=True)
+    urdf = pytest.importorskip("yourdfpy").URDF.load(str(path), load_meshes=False, build_scene_graph=True)
     poses = []
     for q in joints:
         urdf.update_cfg(q)

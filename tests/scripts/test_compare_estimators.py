@@ -6,7 +6,8 @@ from helpers.run_script import threads_for_processes
 
 import lab
 
-pytest.importorskip("sklearn", reason="the extra learn is not installed")
+pytestmark = pytest.mark.thorough  # scikit-learn is of the extra dev
+pytest.importorskip("sklearn")
 compare_estimators = pytest.importorskip("compare_estimators")
 
 

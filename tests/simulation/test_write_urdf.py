@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yourdfpy
 from day_files import JOINTS, ur5e_urdf
 
 from lab.campaign.robot import load_robot
@@ -27,7 +26,9 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, str
     return path, *(robot.description(file, ("p1",), values) for file in files)
 
 
+@pytest.mark.thorough
 def test_it_moves_as_the_identified_arm(identified: tuple[Path, str, str, str], tmp_path: Path) -> None:
+    yourdfpy = pytest.importorskip("yourdfpy")
     path, text, *_ = identified
     (tmp_path / "calibrated.urdf").write_text(text)
     robot = load_robot(str(path))

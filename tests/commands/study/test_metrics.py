@@ -85,10 +85,11 @@ def test_levels_without_a_price_are_not_called_cheap() -> None:
     assert "a cheaper level is" in _next_step(priced, "fresh_mean_mm", 12, "40 poses")
 
 
+@pytest.mark.thorough
 @pytest.mark.figures
 @pytest.mark.parametrize("low", [0.0088, 0.011, 3.3])
 def test_an_axis_of_less_than_a_decade_has_ticks(low: float) -> None:
-    from matplotlib.figure import Figure
+    Figure = pytest.importorskip("matplotlib.figure").Figure
 
     axes = Figure().subplots()
     axes.plot([0, 1], [low, 1.2 * low])

@@ -5,6 +5,7 @@ import importlib.util
 import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -172,9 +173,26 @@ def test_a_build_without_a_compiler_says_so_and_leaves_nothing(tmp_path, monkeyp
     script = build_script()
     monkeypatch.setenv("CC", "no-such-compiler")
     monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / "kernels.c").write_bytes(b"")
     (tmp_path / "machine_code.abi3.so").write_bytes(b"old")
     assert "no-such-compiler" in script.build(tmp_path)
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["kernels.c"]
+
+
+def test_kernels_are_compiled_again_only_for_other_sources(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    script, made = build_script(), list[Path]()
+
+    def compiled_into(folder: Path, built: Path) -> str:
+        made.append(built)
+        built.write_bytes(b"code")
+        return ""
+
+    monkeypatch.setattr(script, "_compiled", compiled_into)
+    for text, times in ((b"one", 1), (b"one", 1), (b"two", 2)):
+        (tmp_path / "kernels.c").write_bytes(text)
+        assert script.build(tmp_path) == "" and len(made) == times
+    made[0].unlink()
+    assert script.build(tmp_path) == "" and len(made) == 3
 
 
 @compiled

@@ -1,102 +1,21 @@
-"""Charts: places and limits as matplotlib finds them, nothing of a user's taken for markup, discs where points are."""
+"""Charts: nothing of a user's taken for markup, discs where points are, colours that a dark page turns."""
 
 import re
 
 import numpy as np
 import pytest
-from matplotlib import rc_context
-from matplotlib.axes import Axes as PaperAxes
-from matplotlib.figure import Figure
 
-from lab.render.charts.chart import Chart, Sheet, axes_picture, inline_svg, log_ticks, name_points, shades
+from lab.render.charts.chart import Chart, Sheet, axes_picture, inline_svg, name_points, shades
 from lab.render.charts.marks import ROUND, Axes, Legend, cells, colour, line, marks, text_width
-from lab.render.style import FIGURE_STYLE, rgb
+from lab.render.style import rgb
 
 SIZE, MARGINS = (4.0, 3.0), (0.5, 0.5, 0.5, 0.5)
-VALUES = np.random.default_rng(3).normal(size=20)
 
 
 def charted(draw) -> Chart:
     made = Chart("c", SIZE, MARGINS, "sans")
     draw(made)
     return made
-
-
-def on_paper(draw) -> PaperAxes:
-    with rc_context(FIGURE_STYLE):
-        made = Figure(figsize=SIZE).add_axes((0.125, 1 / 6, 0.75, 2 / 3))
-        draw(made)
-    return made
-
-
-def _bars(axes: Axes) -> None:
-    axes.barh([0, 1, 2], [3.0, -1.0, 5.0], height=0.6)
-    axes.axvline(1.3)
-
-
-def _steps(axes: Axes) -> None:
-    axes.stairs([1, 4, 2], [0.5, 1, 2, 3], fill=True)
-    axes.axhline(6.0)
-
-
-def _lines(axes: Axes) -> None:
-    axes.hlines([0, 1], [-2, 0.5], [1, 3])
-    axes.vlines([4], -1, 2)
-    axes.margins(x=0.1)
-
-
-def _area(axes: Axes) -> None:
-    axes.fill_between([0, 1, 2], [0, -1, 0], [1, 2, 4])
-    axes.axhspan(-3, 2)
-
-
-def _logarithm(axes: Axes) -> None:
-    log_ticks(axes, "x", 0.02, 30.0)
-    axes.plot([0.1, 1, 10], [1, np.nan, 3], "o-")
-
-
-def _equal(axes: Axes) -> None:
-    axes.scatter([0, 10], [0, 1])
-    axes.set(xlim=(-1, 11), ylim=(-1, 2))
-    axes.set_aspect("equal")
-
-
-def _wider(axes: Axes) -> None:
-    axes.scatter([0, 10], [0, 1])
-    axes.set_aspect("equal", adjustable="datalim")
-
-
-def _matrix(axes: Axes) -> None:
-    axes.imshow(shades(np.eye(4), ("#000000", "#ffffff")))
-
-
-CASES = [
-    lambda axes: axes.plot(VALUES, VALUES**2, "s--"), _bars, _steps, _lines, _area, _logarithm, _equal,
-    _wider, _matrix,
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("draw", CASES)
-def test_values_are_where_matplotlib_puts_them(draw) -> None:
-    chart, paper = charted(draw), on_paper(draw)
-    paper.figure.draw_without_rendering()
-    across, up = chart.scales()
-    for x, y in [*zip(paper.get_xlim(), paper.get_ylim(), strict=True), (1.0, 1.5)]:
-        there = np.array([float(across(x)), chart.height - float(up(y))])
-        np.testing.assert_allclose(there, paper.transData.transform((x, y)) * 72 / paper.figure.dpi, atol=0.02)
-
-
-@pytest.mark.parametrize("ends", [(0, 1), (-3.7, 12.2), (0.0021, 0.0064), (-980, 45), (1.2e7, 9e7), (-1e-6, 2e-6)])
-def test_ticks_are_those_of_matplotlib(ends) -> None:
-    chart, paper = (made(lambda axes: axes.set(xlim=ends, ylim=ends)) for made in (charted, on_paper))
-    with rc_context(FIGURE_STYLE):
-        on_axes = paper.get_xticks(), paper.get_yticks()
-    for axis, scale, space, theirs in zip((chart.x, chart.y), chart.scales(), (27, 18), on_axes, strict=True):
-        inside = (theirs >= ends[0] - 1e-12) & (theirs <= ends[1] + 1e-12)
-        found, said = axis.found_ticks(scale, space)
-        np.testing.assert_allclose(found, theirs[inside], atol=1e-12 * max(map(abs, ends)))
-        assert len(set(said)) == len(said)
-        np.testing.assert_allclose([float(word.replace("−", "-")) for word in said], found, rtol=1e-5, atol=1e-15)
 
 
 def test_marks_lie_at_their_values() -> None:
@@ -179,45 +98,6 @@ def test_hidden_axes_have_neither_lines_nor_ticks() -> None:
     assert "<text" in shown and "<text" not in hidden and len(hidden) < len(shown)
 
 
-def test_arrows_have_the_ends_that_matplotlib_gives_them() -> None:
-    x, y, u, v = np.array([[1.0, 4.0], [2.0, 3.0], [2.0, -1.0], [0.5, np.nan]])
-    options = {"angles": "xy", "scale_units": "xy", "scale": 0.5}
-
-    def draw(axes: Axes) -> None:
-        axes.quiver(x, y, u, v, **options)
-        axes.set(xlim=(0, 10), ylim=(0, 5))
-
-    chart, paper = charted(draw), on_paper(draw)
-    paper.figure.draw_without_rendering()
-    across, up = chart.scales()
-    found = re.findall(r"M([\d.]+) ([\d.]+)l(-?[\d.]+) (-?[\d.]+)m", chart.svg())
-    assert len(found) == 1  # the other has no direction
-    start, along = np.array(found[0][:2], float), np.array(found[0][2:], float)
-    np.testing.assert_allclose(start, [float(across(1.0)), float(up(2.0))], atol=0.6)
-    tip = paper.transData.transform((1 + 2 / 0.5, 2 + 0.5 / 0.5)) * 72 / paper.figure.dpi
-    np.testing.assert_allclose((start + along) * [1, -1] + [0, chart.height], tip, atol=0.6)
-
-
-def test_axes_within_axes_are_where_matplotlib_puts_them() -> None:
-    made: list = []
-
-    def draw(axes: Axes) -> None:
-        axes.set(xlim=(0, 2), ylim=(0, 1))
-        axes.set_aspect("equal")
-        inset = axes.inset_axes((0.1, -0.3, 0.8, 0.05))
-        inset.set(xlim=(1, 3), ylim=(0, 1), xlabel="scale")
-        made.append(inset)
-
-    chart, paper = charted(draw), on_paper(draw)
-    paper.figure.draw_without_rendering()
-    svg = chart.svg()
-    across, up = made[0].scales()
-    for x, y in ((1, 0), (3, 1), (2.5, 0.5)):
-        there = np.array([float(across(x)), chart.height - float(up(y))])
-        np.testing.assert_allclose(there, made[1].transData.transform((x, y)) * 72 / paper.figure.dpi, atol=0.3)
-    assert ">scale<" in svg and len(set(re.findall(r'\bid="([^"]*)"', svg))) == 2
-
-
 def test_a_title_that_is_too_wide_is_broken_and_makes_room() -> None:
     long = "the distance from the socket before calibration, from the side and from above"
     short, wide = (charted(lambda axes, title=title: axes.set(title=title)) for title in ("short", long))
@@ -239,7 +119,6 @@ def test_named_points_say_what_they_are_within_the_axes() -> None:
     assert [each[2:] for each in chart.named_points()] == [("pose", "a\tb\n<i>", "1 mm")]
     shown = inline_svg(axes_picture("n", "l", SIZE, draw))
     assert re.search(r'data-points="(\d+)\t(\d+)\tpose\ta b &lt;i&gt;\t1 mm"', shown)
-    on_paper(draw)  # which has no names
 
 
 def test_colours_of_a_page_are_variables_but_on_areas_of_their_own() -> None:
