@@ -10,6 +10,7 @@ TYPE_CHECKING = False  # an interruption is reported from the first line on: slo
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+    from typing import Any
 
     from lab.commands.command_line import Arguments
     from lab.commands.registry import Command
@@ -48,23 +49,36 @@ _MORE_HELP = (
 
 
 def _only_our_warnings() -> None:
-    """Hide warnings of libraries for programmers, unless python -W asks for them."""
+    """Show our warnings as such; hide those of libraries for programmers, unless python -W asks for them."""
     import warnings
+
+    from lab.commands.program import say
+    from lab.core.gaps import GapWarning
 
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
+        warnings.simplefilter("default", GapWarning)
+    usual = warnings.showwarning
+
+    def shown(message: "Warning | str", category: type[Warning], *where: "Any") -> None:
+        if issubclass(category, GapWarning):
+            say(f"warning: {message}")
+        else:
+            usual(message, category, *where)
+
+    warnings.showwarning = shown
 
 
 def _ended(arguments: list[str]) -> int:
     from lab.commands import program
-    from lab.core.errors import LabError, options_as_flags
+    from lab.core.errors import LabError, options_as_flags, was_interrupted
 
     try:
         with program.output_may_close(), options_as_flags():
             return _run(arguments)
         return program.CLOSED
     except Exception as error:
-        if program.was_interrupted(error) and not isinstance(error, LabError):
+        if was_interrupted(error) and not isinstance(error, LabError):
             program.say("interrupted; nothing was written")
             return program.INTERRUPTED
         message, code = _report_error(arguments, error)
@@ -197,13 +211,15 @@ def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, 
     """
     import contextlib
     import json
+    from functools import partial
     from pathlib import Path
 
     from threadpoolctl import threadpool_limits
 
     from lab.commands.program import output_may_close, say
-    from lab.commands.run_folder import free_name, input_files, run_folder, unfinished
-    from lab.render.terminal import starting, status
+    from lab.commands.run_folder import complete, free_name, input_files, run_folder, unfinished
+    from lab.core.gaps import attempted
+    from lab.render.terminal import starting
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other
@@ -223,8 +239,9 @@ def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, 
         result: Result = run(requested.options)
         if place is not None:
             result = result.placed(place)
-            with status("writing the page and the other files"):
-                result.write(folder)
+            result.write(folder)
+    if place is not None:
+        complete(place, result.draw)
     for warning in result.warnings:
         say(f"warning: {warning}")
     with output_may_close():
@@ -233,7 +250,8 @@ def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, 
         else:
             from lab.render.terminal import print_document
 
-            print_document(result.document(), warnings=False)
+            printing = partial(print_document, result.document(), warnings=False)
+            attempted("the summary", printing, lambda _: None, passed=(OSError,))
             if (written := requested.options.out if command.writes_on_request else place) is not None:
                 print("\n".join(_where(written)))
     return result.exit_code

@@ -11,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 
 from lab.core.errors import LabError, option_name
+from lab.core.extras import how_to_install
 
 __all__ = ["description_of", "ends_of", "is_own", "joined", "models_folder", "own_models", "parted", "sha256_of"]
 
@@ -115,8 +116,7 @@ def _downloaded(name: str) -> Path:
         if error.name == f"robot_descriptions.{name}":
             raise LabError(f"robot '{name}': the package robot_descriptions has no such description") from None
         raise LabError(
-            f"robot '{name}': is a name of the package robot_descriptions, which is not installed; "
-            "pip install 'virtual-calibration-lab[robots]', or give a path to .xml, .urdf or .toml"
+            f"robot '{name}': needs {how_to_install('robot_descriptions')}, or give a path to .xml, .urdf or .toml"
         ) from None
     except Exception as error:  # of any kind, from git
         raise LabError(

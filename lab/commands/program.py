@@ -13,9 +13,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
+from lab.core.errors import was_interrupted
+
 __all__ = [
     "CLOSED", "DEFECT", "INTERRUPTED", "drop_output", "interruptible", "leave", "output_may_close", "plain_streams",
-    "say", "say_as_json", "was_interrupted", "write_log",
+    "say", "say_as_json", "write_log",
 ]  # fmt: skip
 
 DEFECT, INTERRUPTED = 70, 130  # exit codes: EX_SOFTWARE of sysexits.h; 128 + SIGINT
@@ -112,17 +114,6 @@ def drop_output() -> None:
         os.dup2(nowhere, sys.stdout.fileno())
         os.close(nowhere)
     sys.stdout = io.StringIO()
-
-
-def was_interrupted(error: BaseException | None) -> bool:
-    """Decide whether an error is, or came of, an interruption: some libraries convert it to an error of their own."""
-    seen = set[int]()  # an error may be its own cause
-    while error is not None and id(error) not in seen:
-        if isinstance(error, KeyboardInterrupt):
-            return True
-        seen.add(id(error))
-        error = error.__cause__ or error.__context__
-    return False
 
 
 @contextmanager

@@ -13,9 +13,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.extras import optional
+from lab.core.gaps import attempted
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
 from lab.core.values import Value, arrow_stream, data_frame
+from lab.core.whole_folder import draft_file
 from lab.extension_points import load_reference
 
 if TYPE_CHECKING:
@@ -111,9 +114,17 @@ class Result(Value, ABC):
     def document(self) -> "Document":
         """Build the one document that terminal, page and recording show."""
         from lab.commands.sections import added_sections
+        from lab.render.document import parts
 
-        document: Document = load_reference(self.shown_by)(self)
-        return replace(document, blocks=(*document.blocks, *added_sections(self), self.provenance()))
+        document: Document = attempted(
+            f"the text of lab {self.command}", lambda: load_reference(self.shown_by)(self), self._bare_document
+        )
+        return replace(document, blocks=(*document.blocks, *added_sections(self), *parts(self, type(self).provenance)))
+
+    def _bare_document(self, missing: str) -> "Document":
+        from lab.render.document import Document, Warnings
+
+        return Document(f"lab {self.command}", (Warnings((missing, *self.warnings)),))
 
     def provenance(self) -> "Section":
         """Build the section on what was done: enough to do it again."""
@@ -122,13 +133,14 @@ class Result(Value, ABC):
         return provenance_section(self.command, self.options, self.model_sha256, self.serial)
 
     def plot(self) -> "Figure":
-        """Draw the result's main figure (matplotlib).
+        """Draw the result's main figure by matplotlib.
 
         Raises:
-            LabError: there is nothing to draw.
+            LabError: there is nothing to draw, or matplotlib is not installed (the extra ``plots``).
         """
         if not self.drawn_by:
             raise LabError(f"the result of lab {self.command} has no figure; report(path) writes its page")
+        optional("matplotlib", "plot()")
         picture: Picture = load_reference(self.drawn_by)(self)
         return picture.draw()
 
@@ -144,23 +156,38 @@ class Result(Value, ABC):
 
         with TemporaryDirectory() as folder:
             path = Path(folder) / "recording.rrd"
-            load_reference(self.recorded_by)(path, self)
+            self._record(path)
             return notebook_viewer(path.read_bytes())
 
     def write(self, folder: Path) -> None:
-        """Write every file of the run into a folder that is there and empty; ``save`` makes it.
+        """Write all numbers of the run into a folder that is there and empty; ``save`` makes it.
 
-        ``config.json``, ``result.json``, those of ``write_files``, ``recording.rrd`` unless the options leave it out,
-        and ``report.html``.
+        They are ``config.json``, ``result.json`` and the files of ``write_files``; ``draw`` adds what is drawn.
         """
         from lab.commands.run_folder import write_config, write_json
 
         write_config(folder, self.command, self.options, self.model_sha256)
         write_json(folder / "result.json", self.saved_dict())
         self.write_files(folder)
+
+    def draw(self, folder: Path) -> None:
+        """Write ``recording.rrd``, unless the options leave it out, and ``report.html`` into the folder of the run.
+
+        The numbers are there before, and stay: what cannot be drawn is left out, with a warning.
+        """
         if self.is_recorded and not getattr(self.options, "no_recording", False):
-            load_reference(self.recorded_by)(folder / "recording.rrd", self)
-        self.report(folder / "report.html")
+            attempted("recording.rrd", lambda: self._record(folder / "recording.rrd"), _left_out)
+        attempted("report.html", lambda: self._write_page(folder / "report.html"), _left_out)
+
+    def _record(self, path: Path) -> None:
+        with draft_file(path) as draft:
+            load_reference(self.recorded_by)(draft, self)
+
+    def _write_page(self, path: Path) -> None:
+        from lab.render.page import to_html
+
+        with draft_file(path) as draft:  # a name of the user may have bytes that no character stands for
+            draft.write_text(to_html(self.document()), encoding="utf-8", errors="backslashreplace")
 
     def summary(self) -> str:
         """Return the printed output of the command, as plain text."""
@@ -174,10 +201,8 @@ class Result(Value, ABC):
         Raises:
             LabError: the file cannot be written.
         """
-        from lab.render.page import to_html
-
         try:
-            Path(path).write_text(to_html(self.document()), encoding="utf-8")
+            self._write_page(Path(path))
         except OSError as error:
             raise LabError(f"{path}: cannot be written ({error.strerror}); give another path") from error
         return Path(path)
@@ -195,7 +220,7 @@ class Result(Value, ABC):
         return arrow_stream(self.columns(), requested_schema)
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
-        """Write all files of the run into a folder, completely or not at all.
+        """Write all files of the run into a folder: the numbers completely or not at all, then page and recording.
 
         Args:
             overwrite: whether an earlier run that stands there is replaced.
@@ -205,12 +230,12 @@ class Result(Value, ABC):
         """
         from threadpoolctl import threadpool_limits
 
-        from lab.commands.run_folder import input_files, run_folder
-        from lab.render.terminal import status
+        from lab.commands.run_folder import complete, input_files, run_folder
 
-        inputs, written = input_files(self.options), "writing the page and the other files"
-        with threadpool_limits(1), run_folder(Path(folder), inputs, overwrite=overwrite) as draft, status(written):
-            self.placed(Path(folder)).write(draft)
+        placed = self.placed(Path(folder))
+        with threadpool_limits(1), run_folder(Path(folder), input_files(self.options), overwrite=overwrite) as draft:
+            placed.write(draft)
+        complete(Path(folder), placed.draw)
         return Path(folder)
 
     def __str__(self) -> str:
@@ -229,6 +254,10 @@ class Result(Value, ABC):
         page = b64encode(to_html(document).encode()).decode()
         link = f'<a download="{self.command}.html" href="data:text/html;base64,{page}">Open the page</a>'
         return f"<table>{rows}</table><p>{link}</p>"
+
+
+def _left_out(missing: str) -> None:
+    """Put nothing in place of a file that could not be made."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import os
 import platform
 import shlex
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
 from functools import cache
@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 import numpy as np
 import tyro
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from lab.campaign.config_file import CONFIG_FILE, INPUTS, SCHEMA
 from lab.campaign.model_files import is_own, parted
-from lab.commands.program import was_interrupted
 from lab.commands.registry import command_named
-from lab.core.errors import LabError
+from lab.core.errors import LabError, was_interrupted
+from lab.core.gaps import attempted
 from lab.core.limits import TABLE_BYTES, TEXT_BYTES
 from lab.core.se3 import Array
 from lab.core.version import __version__
@@ -34,20 +35,24 @@ from lab.core.whole_folder import (
     draft_of,
     edited_files,
     file_digest,
+    held,
     is_being_written,
     keeping,
+    left_of,
     listed_digests,
     resolved,
+    write_whole,
 )
 from lab.formats.structured import read_bytes, read_json, read_text
 from lab.kinematics.joints import JointSpec
 from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Table
+from lab.render.terminal import status
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 __all__ = [
-    "LOAD_FILE", "VIA", "Waypoints", "check_edits", "command_line", "free_name", "input_files",
+    "LOAD_FILE", "VIA", "Waypoints", "check_edits", "command_line", "complete", "free_name", "input_files",
     "joint_columns", "listed_files", "positional", "provenance_section", "refuse_own_name", "run_folder",
     "unfinished", "write_config", "write_json",
 ]  # fmt: skip
@@ -196,12 +201,23 @@ def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = Fals
             begun = True
             with _hide_draft_path(draft):
                 yield draft
-            (draft / CHECKSUMS).write_text(checksum_lines(draft), encoding="utf-8")
+            (draft / CHECKSUMS).write_bytes(checksum_lines(draft).encode("utf-8", "surrogateescape"))
     except OSError as error:
         why = error.strerror or error
         mend = "nothing was saved; free disk space and run again" if begun else "give --out another folder"
         text = f"writing failed ({why})" if begun else f"cannot be written ({why})"
         raise LabError(f"{out}: {text}; {mend}") from error
+
+
+def complete(out: Path, draw: Callable[[Path], None]) -> None:
+    """Add what is drawn to the folder of a run whose numbers are there, and to its checksums."""
+
+    def drawn() -> None:
+        draw(out)
+        write_whole(out / CHECKSUMS, checksum_lines(out).encode("utf-8", "surrogateescape"))
+
+    with threadpool_limits(1), held(out), status("writing the page"):
+        attempted(f"{CHECKSUMS} of page and recording", drawn, lambda _: None)
 
 
 @contextmanager
@@ -252,7 +268,7 @@ def _refuse_other_files(out: Path) -> None:
 def _is_of_run(path: Path, known: set[str]) -> bool:
     if path.is_symlink():
         return False
-    return path.is_dir() if path.name == INPUTS else path.name in known and path.is_file()
+    return path.is_dir() if path.name == INPUTS else (left_of(path) or path.name) in known and path.is_file()
 
 
 def _program_of(path: Path) -> set[str]:
@@ -319,8 +335,16 @@ def _input_hashes(options: "DataclassInstance") -> Iterator[tuple[str, str]]:
 @cache
 def _versions() -> dict[str, str]:
     """Return the versions of all software that the numbers depend on."""
-    libraries = {name: metadata.version(name) for name in _LIBRARIES}
-    return libraries | {"python": platform.python_version(), "virtual-calibration-lab": __version__}
+    installed = {name: _version(name) for name in _LIBRARIES}
+    return installed | {"python": platform.python_version(), "virtual-calibration-lab": __version__}
+
+
+def _version(library: str) -> str:
+    """Return the version of a library; without rerun there is no recording, and all else is the same."""
+    try:
+        return metadata.version(library)
+    except metadata.PackageNotFoundError:
+        return "not installed"
 
 
 def write_json(path: Path, content: Any) -> None:

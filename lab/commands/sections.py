@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from lab.extension_points import load_all
-from lab.render.document import Section
+from lab.render.document import Block, Section, guarded
 
 __all__ = ["AddedSection", "added_sections"]
 
@@ -26,6 +26,8 @@ class AddedSection(Generic[R]):
     section: Callable[[R], Section]
 
 
-def added_sections(result: Any) -> Iterator[Section]:
+def added_sections(result: Any) -> Iterator[Block]:
     """Make the sections that installed packages add to the document of a result, in the order of their names."""
-    return (each.section(result) for each in load_all(_GROUP).values() if isinstance(result, each.of))
+    for name, each in load_all(_GROUP).items():
+        if isinstance(result, each.of):
+            yield from guarded(f"the section of the extension '{name}'", lambda each=each: each.section(result))

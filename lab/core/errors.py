@@ -1,10 +1,19 @@
-"""Error messages to the user, and their grammar."""
+"""Error messages to the user, their grammar, and what an interruption becomes."""
 
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["IncompleteColumnError", "LabError", "be", "counted", "error_context", "option_name", "options_as_flags"]
+__all__ = [
+    "IncompleteColumnError",
+    "LabError",
+    "be",
+    "counted",
+    "error_context",
+    "option_name",
+    "options_as_flags",
+    "was_interrupted",
+]
 
 _as_flags = False
 
@@ -64,3 +73,14 @@ def counted(count: int, noun: str) -> str:
 def be(count: int) -> str:
     """Return the verb for a count: ``is`` or ``are``."""
     return "is" if count == 1 else "are"
+
+
+def was_interrupted(error: BaseException | None) -> bool:
+    """Decide whether an error is, or came of, an interruption: some libraries convert it to an error of their own."""
+    seen = set[int]()  # an error may be its own cause
+    while error is not None and id(error) not in seen:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        seen.add(id(error))
+        error = error.__cause__ or error.__context__
+    return False

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lab.core.errors import LabError
+from lab.core.extras import optional
 
 __all__ = ["Value", "arrow_stream", "data_frame", "same"]
 
@@ -78,11 +78,7 @@ def same(first: Any, second: Any) -> bool:
 
 def data_frame(columns: Mapping[str, Any]) -> Any:
     """Return a ``pandas.DataFrame``; raise a LabError if pandas is not installed."""
-    try:
-        import pandas  # type: ignore[import-not-found,import-untyped,unused-ignore]
-    except ImportError as error:
-        raise LabError("to_frame needs pandas, which is not installed; pip install pandas, or use columns()") from error
-    return pandas.DataFrame(dict(columns))
+    return optional("pandas", "to_frame").DataFrame(dict(columns))
 
 
 def arrow_stream(columns: Mapping[str, Any], requested_schema: object = None) -> object:

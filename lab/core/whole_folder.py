@@ -31,6 +31,7 @@ __all__ = [
     "at_once",
     "checksum_lines",
     "current_keep",
+    "draft_file",
     "draft_of",
     "edited_files",
     "file_digest",
@@ -111,8 +112,8 @@ def place_of_draft(path: Path) -> Path | None:
 
 
 def is_being_written(place: Path, but: Path | None = None) -> bool:
-    """Check whether a process is writing this folder, apart from the draft ``but``."""
-    for draft in _siblings(place, _DRAFT):
+    """Check whether a process is writing this folder, apart from the draft ``but``, or adds what is drawn to it."""
+    for draft in (place, *_siblings(place, _DRAFT)):
         if draft != but:
             with _locked(draft) as free:
                 if not free:
@@ -324,12 +325,18 @@ def current_keep() -> Keep:
 
 def write_whole(path: Path, content: Any) -> None:
     """Write a file whole, flushed to the disk, or not at all."""
+    with draft_file(path) as draft, draft.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+@contextmanager
+def draft_file(path: Path) -> Iterator[Path]:
+    """Yield the path of a draft, which becomes the file if the block succeeds, and is removed if not."""
     draft = path.parent / f".{path.name}.partial-{os.getpid()}"
     try:
-        with draft.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+        yield draft
         draft.replace(path)
     except BaseException:
         with suppress(OSError):

@@ -15,6 +15,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from lab.core.gaps import attempted
 from lab.render import document as doc
 from lab.render import style
 from lab.render.document import inlines, plain, shown
@@ -97,7 +98,7 @@ def _environment() -> Environment:
         "inlines": inlines,
         "svg": _svg,
         "dates": _dates,
-        "scene_json": _scene_json,
+        "scene_of": _scene_of,
         "chart_colours": _chart_colours,
     }
     environment.tests |= {
@@ -129,7 +130,11 @@ def _chart_colours(body: str) -> list[str]:
 def _svg(picture: doc.Picture) -> Markup:
     from lab.render.charts.chart import inline_svg  # slow to import, as all that draws
 
-    return inline_svg(picture)
+    return attempted(f"the figure '{picture.name}'", lambda: inline_svg(picture), _gap)
+
+
+def _gap(missing: str) -> Markup:
+    return Markup('<p class="note">{}</p>').format(doc.sentence(missing))
 
 
 def _spark(line: doc.Sparkline) -> Markup:
@@ -149,7 +154,13 @@ def _spark(line: doc.Sparkline) -> Markup:
     return Markup("").join([*parts, Markup("</svg>")])
 
 
-def _scene_json(scene: Any) -> Markup:
-    from lab.render.page_scene import scene_json  # which imports MuJoCo
+def _scene_of(block: doc.Scene) -> tuple[Any, Markup]:
+    """The scene of a block, and what a script reads of it; None, and what stands in its place, if it fails."""
 
-    return scene_json(scene)
+    def made() -> tuple[Any, Markup]:
+        from lab.render.page_scene import scene_json  # which imports MuJoCo
+
+        scene = block.make()
+        return scene, scene_json(scene)
+
+    return attempted(f"the scene '{block.name}'", made, lambda missing: (None, _gap(missing)))

@@ -21,11 +21,10 @@ from lab.render.charts.chart import shades
 from lab.render.document import format_magnification, short
 from lab.render.scene import Legs, MagnifiedEllipsoids, moved, world_legs
 from lab.render.style import COLOUR_SCALE, INDEX, MUTED, PREDICTED, rgb
-from lab.render.surfaces import coarse
 from lab.simulation.meshes import Shell, arm_shells, body_poses
 from lab.simulation.model import RobotModel
 
-__all__ = ["ArmScene", "Arrows", "Line", "Surface", "moments", "moving_arm", "posed_arm", "scene_json"]
+__all__ = ["ArmScene", "Arrows", "Line", "Surface", "coarse", "moments", "moving_arm", "posed_arm", "scene_json"]
 
 _MOST_FACES = 20_000  # of all shells of an arm, and of all surfaces, as drawn on a page
 _MOST_MOMENTS = 400  # of a motion
@@ -306,3 +305,28 @@ def _colours(lengths: Array) -> list[list[int]]:
         np.round(255 * shades((logs - logs.min()) / (float(np.ptp(logs)) or 1.0), COLOUR_SCALE)).astype(int).tolist()
     )
     return colours
+
+
+_FINEST_CELLS = 128  # along the longest edge of a mesh, in which corners are merged
+
+
+def coarse(vertices: NDArray[np.floating], triangles: NDArray[np.integer], most: int) -> tuple[Array, NDArray[np.int_]]:
+    """Merge the corners within each cell of a grid, as fine as leaves at most ``most`` triangles (at least 12).
+
+    Returns:
+        vertices ``(k, 3)`` m and triangles ``(f, 3)``; ``k`` is less than 65,536.
+    """
+    low, size = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
+    cells = _FINEST_CELLS
+    while True:
+        grid = np.round((vertices - low) * (cells / size)).astype(np.int_)
+        _, merged, count = np.unique(grid, axis=0, return_inverse=True, return_counts=True)
+        merged = merged.ravel()
+        corners = np.zeros((len(count), 3))
+        np.add.at(corners, merged, vertices)
+        faces = merged[triangles]
+        a, b, c = faces.T
+        faces = faces[(a != b) & (b != c) & (c != a)]
+        if (len(faces) <= most and len(count) < 2**16) or cells <= 2:
+            return corners / count[:, None], faces
+        cells = int(cells / 1.4)

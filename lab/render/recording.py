@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib import import_module
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.extras import optional
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.model import RigidArm
@@ -81,13 +80,7 @@ def notebook_viewer(recording: bytes) -> Any:
         LabError: rerun-notebook is not installed.
     """
     os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "serve-local")  # else it loads the viewer from the network
-    try:
-        widget = import_module("rerun_notebook").Viewer(width="auto", height="auto")
-    except ModuleNotFoundError as error:
-        raise LabError(
-            f"{error.name} is not installed; install virtual-calibration-lab[notebook], or save(folder) and open its "
-            "recording.rrd with: rerun"
-        ) from error
+    widget = optional("rerun_notebook", "a recording in a notebook").Viewer(width="auto", height="auto")
     widget.send_rrd(recording)
     return widget
 

@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 
-__all__ = ["coarse", "halved", "mesh_of", "write_stl"]
-
-_FINEST_CELLS = 128  # along the longest edge of a mesh, in which corners are merged
+__all__ = ["halved", "mesh_of", "write_stl"]
 
 
 def mesh_of(vertices: Array, triangles: NDArray[np.int_]) -> trimesh.Trimesh:
@@ -20,28 +18,6 @@ def mesh_of(vertices: Array, triangles: NDArray[np.int_]) -> trimesh.Trimesh:
         mesh.update_faces(mesh.nondegenerate_faces())
         mesh.merge_vertices()
     return mesh
-
-
-def coarse(vertices: NDArray[np.floating], triangles: NDArray[np.integer], most: int) -> tuple[Array, NDArray[np.int_]]:
-    """Merge the corners within each cell of a grid, as fine as leaves at most ``most`` triangles (at least 12).
-
-    Returns:
-        vertices ``(k, 3)`` m and triangles ``(f, 3)``; ``k`` is less than 65,536.
-    """
-    low, size = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
-    cells = _FINEST_CELLS
-    while True:
-        grid = np.round((vertices - low) * (cells / size)).astype(np.int_)
-        _, merged, count = np.unique(grid, axis=0, return_inverse=True, return_counts=True)
-        merged = merged.ravel()
-        corners = np.zeros((len(count), 3))
-        np.add.at(corners, merged, vertices)
-        faces = merged[triangles]
-        a, b, c = faces.T
-        faces = faces[(a != b) & (b != c) & (c != a)]
-        if (len(faces) <= most and len(count) < 2**16) or cells <= 2:
-            return corners / count[:, None], faces
-        cells = int(cells / 1.4)
 
 
 def halved(mesh: trimesh.Trimesh) -> trimesh.Trimesh:

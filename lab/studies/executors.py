@@ -25,6 +25,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
 from lab.core.errors import LabError, option_name
+from lab.core.extras import optional
 from lab.core.limits import WORKERS, whole
 from lab.extension_points import add, given_parts
 
@@ -120,12 +121,7 @@ def cluster_executor(address: str) -> Iterator[Executor]:
         LabError: the extra is not installed, or the scheduler does not answer or has no workers with the lab.
         StoppedError: a piece of work was lost with several workers, one after another.
     """
-    try:
-        from distributed import KilledWorker
-    except ModuleNotFoundError as error:
-        raise LabError(
-            f"{option_name('scheduler')} needs '{error.name}'; pip install -e '.[cluster]' in the lab's folder"
-        ) from error
+    distributed = optional("distributed", option_name("scheduler"))
     with _client(address) as client:
         try:
             client.wait_for_workers(1, timeout=CONNECTING_S)
@@ -140,7 +136,7 @@ def cluster_executor(address: str) -> Iterator[Executor]:
             )
         try:
             yield client.get_executor(pure=False)
-        except KilledWorker as error:
+        except distributed.KilledWorker as error:
             raise StoppedError(
                 "workers of the cluster ended one after another (killed, or out of memory); "
                 f"look at their logs, then {option_name('resume')} goes on"

@@ -12,9 +12,8 @@ import lab
 from lab.core.se3 import transform
 from lab.render.document import Document, Scene
 from lab.render.page import to_html
-from lab.render.page_scene import ArmScene, Arrows, Line, Surface, moments, moving_arm, posed_arm, scene_json
+from lab.render.page_scene import ArmScene, Arrows, Line, Surface, coarse, moments, moving_arm, posed_arm, scene_json
 from lab.render.scene import MagnifiedEllipsoids
-from lab.render.surfaces import coarse
 
 
 def floats(text: str) -> np.ndarray:

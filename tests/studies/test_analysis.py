@@ -16,8 +16,6 @@ from lab.commands.study.document import (
     effect_text,
     factor_sentence,
     sentences,
-    study_pictures,
-    write_figures,
 )
 from lab.commands.study.run import write_csv
 from lab.core.errors import LabError
@@ -250,8 +248,17 @@ def test_few_robots_or_draws(robots: int, draws: int, tmp_path: Path) -> None:
     write_csv(tmp_path, found)
 
 
+def figures() -> tuple:
+    """The functions that need matplotlib, which the extra ``plots`` brings."""
+    pytest.importorskip("matplotlib")
+    from lab.commands.study import figures as found
+
+    return found.study_pictures, found.write_figures
+
+
 @pytest.mark.thorough
 def test_pictures_of_one_robot_have_marks_without_intervals(tmp_path: Path) -> None:
+    study_pictures, write_figures = figures()
     pictures = study_pictures(analysis(1, 2, ("scaling",)), METRIC)
     assert len(pictures) == 3
     write_figures(tmp_path, pictures)
@@ -439,6 +446,7 @@ def test_the_terminal_fits_80_columns() -> None:
 
 @pytest.mark.thorough
 def test_pictures_have_their_labels_and_the_same_bytes(tmp_path: Path) -> None:
+    study_pictures, write_figures = figures()
     found = analysis(robots=3, draws=1, factors=("poses",))  # too few robots for a certain order
     folders = [tmp_path / name for name in ("one", "two")]
     for folder in folders:

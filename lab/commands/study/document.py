@@ -1,25 +1,12 @@
-"""Document and figures of a study: the answers, means, ranks, and its settings.
-
-matplotlib is slow to import: import this module where a picture is asked for.
-"""
+"""Document of a study: the answers, means, ranks, figures, and its settings."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
-from functools import lru_cache, partial
 from math import ceil, floor, isfinite, log10
-from pathlib import Path
-from textwrap import fill
-from typing import Any, Literal, TypeVar
+from typing import Any
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
-from matplotlib.figure import Figure as Drawing
-from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.patches import Rectangle
 
 from lab.commands.study.run import (
     StudyResult,
@@ -29,36 +16,23 @@ from lab.commands.study.run import (
     plain_level,
     shown_metrics,
 )
-from lab.core.errors import LabError
+from lab.extension_points import load_reference
 from lab.render import document as doc
-from lab.render.charts.chart import axes_picture, log_ticks, save_figure
-from lab.render.charts.marks import Axes as ChartAxes
-from lab.render.charts.marks import round_numbers
+from lab.render.charts.chart import axes_picture, log_ticks
+from lab.render.charts.marks import Axes
 from lab.render.comparison_plots import ColourScale, heat_map
 from lab.render.document import capital, sentence, short
-from lab.render.style import COLOUR_SCALE, FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
-from lab.studies.analysis import LEAST_ROBOTS, Analysis, CellGroup, Comparison, Kind, Mean, Pair, Rank, groups
+from lab.render.style import COLOUR_SCALE, PREDICTED
+from lab.studies.analysis import LEAST_ROBOTS, Analysis, Comparison, Kind, Mean, Pair, Rank
 from lab.studies.campaigns import origin_of
-from lab.studies.grid import ANY, FACTORS, RANKED, Cell, is_any
+from lab.studies.grid import FACTORS, RANKED, Cell, is_any
 
 __all__ = [
-    "analysis_sections", "comparison_sentence", "effect_text", "factor_sentence", "first_picture", "pictures_of",
-    "provenance_of", "sentences", "study_document", "study_pictures", "write_figures",
+    "analysis_sections", "behind_best", "comparison_sentence", "effect_text", "factor_sentence", "factor_text",
+    "metric_text", "provenance_of", "sentences", "study_document", "varying",
 ]  # fmt: skip
 
-_KINDS = {
-    "means": "with 95 % intervals over the robots",
-    "pairs": "each level against the best one, with 95 % intervals",
-    "ranks": "in how many of 100 resamples of the robots each level has each rank",
-}
-_FAR = 3.0  # a ratio from which the axis of ratios is logarithmic
-_GREYS = LinearSegmentedColormap.from_list("certainty", ["#ffffff", "#a3a3a3"])  # on which figures can be read
-_SHOWN = 0.005  # of the resamples: less is not written
-_MOST_ACROSS = 3  # panels side by side
-_LETTERS_AN_INCH = 11  # of a title
-_TITLE = 22  # letters in a line above a panel
 _MOST_ROWS = 12  # of a picture of levels
-_APART = 0.035  # of the axis, between the lines' marks at one level
 _METRICS = {
     "fresh_mean_mm": ("mean error on validation poses", "mm"),
     "fresh_p95_mm": ("95 % of the errors on validation poses", "mm"),
@@ -92,25 +66,24 @@ _WORDS = {
     "model": "fitted model",
 }
 _PRICED = {"poses", "targets", "instrument", "noise", "observe", "position_sigma_mm", "rotation_sigma_mrad"}
-_LEAST_TICKS = 3  # of a logarithmic axis
 _WIDE = 10  # a ratio's upper end over its lower
 _EQUAL = 1e-5  # ratios are equal within this, as fits end so near to their minimum
 _TOO_FEW = "too few robots for an interval"
 _MOST_DIGITS = 9  # after the point, to show a bound that is not zero
 
 
-def _metric_text(metric: str, unit: bool = True) -> str:
+def metric_text(metric: str, unit: bool = True) -> str:
     """A metric as people read it, e.g. "mean error on validation poses, mm"."""
     text, its_unit = _METRICS.get(metric, (metric, ""))
     return f"{text}, {its_unit}" if unit and its_unit else text
 
 
-def _factor_text(factor: str) -> str:
+def factor_text(factor: str) -> str:
     """A factor as an axis names it."""
     return _AXES.get(factor, factor)
 
 
-def _varying(cells: Sequence[Cell]) -> tuple[str, ...]:
+def varying(cells: Sequence[Cell]) -> tuple[str, ...]:
     """The factors of which there is more than one level."""
     return tuple(
         name for name in FACTORS if len({level for cell in cells if not is_any(name, level := getattr(cell, name))}) > 1
@@ -213,7 +186,7 @@ def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
     if not lost:
         return []
     worst = max(means, key=lambda each: each.not_converged / max(each.campaigns, 1))
-    where = circumstances({name: getattr(cells[worst.cell], name) for name in _varying(cells)})
+    where = circumstances({name: getattr(cells[worst.cell], name) for name in varying(cells)})
     reasons: Counter[str] = Counter()
     for each in means:
         reasons.update(dict(each.failures))
@@ -228,263 +201,9 @@ def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
     ]
 
 
-def study_pictures(analysis: Analysis, metric: str) -> dict[str, doc.Picture]:
-    """A metric's means, pairs and ranks by every factor that is compared, by the names of their files."""
-    by_factor: dict[tuple[str, ...], list[Comparison]] = {}
-    for each in analysis.comparisons:
-        if each.metric == metric and each.ranks:
-            by_factor.setdefault(each.group.free, []).append(each)
-    made: dict[str, doc.Picture] = {}
-    for free, comparisons in by_factor.items():
-        draw: dict[str, Callable[[], Drawing]] = {
-            "means": partial(_means_figure, analysis, metric, free[0]),
-            "pairs": partial(_pairs_figure, comparisons, analysis.cells),
-        }
-        if any(rank.lowest < rank.highest for each in comparisons for rank in each.ranks):
-            draw["ranks"] = partial(_ranks_figure, comparisons, analysis.cells)  # none where each rank is certain
-        answers = capital(factor_sentence(comparisons, analysis.cells))
-        for kind, figure in draw.items():
-            name = f"{metric}-{'-'.join(free)}-{kind}"
-            shown = f"{capital(_metric_text(metric, unit=False))} by {' and '.join(map(_factor_text, free))}"
-            made[name] = doc.Picture(name.replace("_", "-"), f"{shown}, {_KINDS[kind]}. {answers}.", figure)
-    return made
-
-
-def write_figures(folder: Path, pictures: Mapping[str, doc.Picture]) -> None:
-    """Write pictures, by the names of their files, each as PNG and SVG."""
-    for name, picture in pictures.items():
-        save_figure(folder, name, picture.draw())
-
-
-def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
-    """A metric against a factor with 95 % intervals, a line a level of another one, a panel where the rest agrees."""
-    cells = analysis.cells
-    line = _line_factor(cells, factor)
-    means = {mean.cell: mean for mean in analysis.means if mean.metric == metric}
-    shown = groups(cells, [factor, line] if line else [factor])
-    names = list(dict.fromkeys(_line_name(cells[i], line) for group in shown for i in group.cells))
-    positions = _positions([_axis_level(cells[i], factor) for group in shown for i in group.cells])
-
-    def draw(axes: Axes, group: CellGroup) -> None:
-        for k, name in enumerate(names):
-            mine = [
-                (positions[_axis_level(cells[i], factor)], means[i])
-                for i in group.cells
-                if _line_name(cells[i], line) == name
-            ]
-            if mine:
-                _line(axes, mine, k, len(names), label=name, joined=not _named(positions))
-        axes.set_xticks(list(positions.values()), [str(level) for level in positions])
-        axes.set_xlim(-0.1, 1.1)
-        axes.set_title(fill(circumstances(group.shared), _TITLE), fontsize=10)
-
-    title = f"{_metric_text(metric, unit=False)}: means with 95 % intervals over robots"
-    figure = _panels(shown, draw, title, (3.6, 3.6), sharey=True)
-    drawn = [end for i in {i for group in shown for i in group.cells} for end in (means[i].mean, means[i].lower)]
-    is_positive = min((end for end in drawn if isfinite(end)), default=0.0) > 0
-    if is_positive:
-        _logarithmic(figure.axes[0], "y")
-    figure.supxlabel(_factor_text(factor), fontsize=10)
-    figure.supylabel(_metric_text(metric) + (" (log scale)" if is_positive else ""), fontsize=10)
-    if line:
-        handles = {str(h.get_label()): h for axes in figure.axes for h in axes.get_legend_handles_labels()[0]}
-        shown_lines = [handles[name] for name in names]
-        figure.legend(
-            shown_lines, names, title=_factor_text(line), loc="outside right center", fontsize=9, handlelength=3.5
-        )
-    return figure
-
-
-def _logarithmic(axes: Axes, which: Literal["x", "y"]) -> None:
-    """Make an axis logarithmic, with plain numbers at three ticks or more, also of a range far below a decade."""
-    axes.set(**{f"{which}scale": "log"})
-    low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
-    log_ticks(axes, which, low, high)
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    if len(axis.get_ticklocs()) < _LEAST_TICKS:
-        ticks = [tick for tick in round_numbers(low, high, 4).tolist() if low <= tick <= high]
-        axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
-
-
-def _line_factor(cells: Sequence[Cell], factor: str) -> str | None:
-    """The factor of the lines: preferably one whose every level is a level of its own."""
-    others = [name for name in _varying(cells) if name != factor]
-    whole = (n for n in others if not any(is_any(n, getattr(cell, n)) for cell in cells))
-    return next(whole, others[0] if others else None)
-
-
-def _line_name(cell: Cell, line: str | None) -> str:
-    return level_text(cell, [line]) if line else ""
-
-
-def _axis_level(cell: Cell, factor: str) -> Any:
-    """A level as an axis orders it: a number, or its text."""
-    level = getattr(cell, factor)
-    is_number = isinstance(level, int | float) and not isinstance(level, bool) and not is_any(factor, level)
-    return level if is_number else plain_level(factor, level)
-
-
-def _positions(levels: Sequence[Any]) -> dict[Any, float]:
-    """Return the axis positions of a factor's levels, 0 to 1: numbers by their logarithm, names side by side."""
-    levels = sorted(dict.fromkeys(levels), key=lambda level: level == ANY)
-    if _named(levels):
-        return {level: k / max(1, len(levels) - 1) for k, level in enumerate(levels)}
-    low, span = min(levels), max(np.log(max(levels) / min(levels)), 1e-9)
-    return {level: float(np.log(level / low) / span) for level in sorted(levels)}
-
-
-def _named(levels: Iterable[Any]) -> bool:
-    return any(isinstance(level, str) for level in levels)
-
-
-def _line(axes: Axes, mine: Sequence[tuple[float, Mean]], number: int, lines: int, *, label: str, joined: bool) -> None:
-    """Draw the means of one level, offset a little so that intervals do not hide each other."""
-    colour, mark, dash = SERIES[number % len(SERIES)]
-    ordered = sorted(mine, key=lambda each: each[0])
-    x = np.array([place for place, _ in ordered]) + _APART * (number - (lines - 1) / 2)
-    y, lower, upper = np.array([(mean.mean, mean.lower, mean.upper) for _, mean in ordered]).T
-    axes.errorbar(
-        x,
-        y,
-        [y - lower, upper - y],
-        color=colour,
-        marker=mark,
-        linestyle=dash if joined else "none",
-        label=label,
-        markersize=5,
-        linewidth=1.1,
-        elinewidth=1.6,
-        capsize=3,
-    )
-
-
-def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Drawing:
-    """Draw a forest plot of the excess of each cell over the best, with 95 % intervals, a panel a group."""
-    free, kind = comparisons[0].group.free, comparisons[0].kind
-    most = max((pair.effect for each in comparisons for pair in _behind(each) if isfinite(pair.effect)), default=1.0)
-
-    def draw(axes: Axes, each: Comparison) -> None:
-        axes.axvline(1.0 if kind == "ratio" else 0.0, color=REFERENCE, linewidth=1)
-        for row, pair in enumerate(_behind(each), start=1):
-            colour = PREDICTED if pair.is_significant else MUTED
-            axes.hlines(row, pair.lower, pair.upper, color=colour, linewidth=2)
-            axes.plot(
-                pair.effect,
-                row,
-                "o",
-                color=colour,
-                markerfacecolor=colour if pair.is_significant else "white",
-                markersize=5,
-            )
-            axes.text(1.02, row, effect_text(pair, kind), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
-        axes.plot(1.0 if kind == "ratio" else 0.0, 0, "D", color=REFERENCE, markersize=5)
-        axes.text(1.02, 0, "best", transform=axes.get_yaxis_transform(), va="center", fontsize=8)
-        _rows(axes, each, cells)
-
-    text = _metric_text(comparisons[0].metric, unit=False)
-    title = f"{text} by {_factor_text(free[0])}, against the best: same robots, same noise"
-    figure = _panels(comparisons, draw, title, (4.6, 0.9 + 0.33 * _most_rows(comparisons)), sharex=True)
-    if kind == "ratio" and most > _FAR:
-        _logarithmic(figure.axes[0], "x")
-    measure = (
-        "ratio to the best" if kind == "ratio" else f"difference from the best, {_metric_text(comparisons[0].metric)}"
-    )
-    figure.supxlabel(
-        f"{measure}, 95 % interval of each pair; hollow: no significant difference (Holm, 5 %)", fontsize=10
-    )
-    return figure
-
-
-def _behind(comparison: Comparison) -> list[Pair]:
+def behind_best(comparison: Comparison) -> list[Pair]:
+    """Return each level that is not the best one, as its pair with the best."""
     return [comparison.against(comparison.ranks[0].cell, rank.cell) for rank in comparison.ranks[1:]]
-
-
-def _rows(axes: Axes, comparison: Comparison, cells: Sequence[Cell]) -> None:
-    """A row a cell, the best at the top."""
-    names = [level_text(cells[rank.cell], comparison.group.free) for rank in comparison.ranks]
-    axes.set_yticks(range(len(names)), names)
-    axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_title(fill(circumstances(comparison.group.shared), _TITLE), fontsize=10)
-
-
-def _most_rows(comparisons: Sequence[Comparison]) -> int:
-    return max(len(each.ranks) for each in comparisons)
-
-
-def _ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Drawing:
-    """The share of resamples in which each cell has each rank, its 95 % set framed, a panel a group."""
-    free = comparisons[0].group.free
-
-    def draw(axes: Axes, each: Comparison) -> None:
-        chances = np.array([rank.chances for rank in each.ranks])
-        axes.grid(visible=False)
-        axes.imshow(100 * chances, cmap=_GREYS, vmin=0, vmax=100, aspect="auto")
-        for (row, column), chance in np.ndenumerate(chances):
-            if chance >= _SHOWN:
-                axes.text(column, row, f"{100 * chance:.0f}", ha="center", va="center", fontsize=8)
-        for row, rank in enumerate(each.ranks):
-            wide = rank.highest - rank.lowest + 0.9
-            corner = (rank.lowest - 1.45, row - 0.43)
-            axes.add_patch(Rectangle(corner, wide, 0.86, fill=False, edgecolor=REFERENCE, linewidth=1.6))
-        axes.set_xticks(range(len(chances)), [str(1 + k) for k in range(len(chances))])
-        _rows(axes, each, cells)
-
-    text = _metric_text(comparisons[0].metric, unit=False)
-    rows = _most_rows(comparisons)
-    title = f"{text}: ranks by {_factor_text(free[0])}"
-    figure = _panels(comparisons, draw, title, (1.4 + 0.45 * rows, 0.9 + 0.33 * rows))
-    figure.supxlabel("rank; framed: 95 % set of ranks", fontsize=10)
-    scale = ScalarMappable(Normalize(0, 100), _GREYS)
-    figure.colorbar(scale, ax=figure.axes, label="of the resamples of robots, %", pad=0.02, fraction=0.03, aspect=12)
-    return figure
-
-
-_Shown = TypeVar("_Shown")
-
-
-def _panels(
-    shown: Sequence[_Shown],
-    draw: Callable[[Axes, _Shown], None],
-    title: str,
-    size: tuple[float, float],
-    sharex: bool = False,
-    sharey: bool = False,
-) -> Drawing:
-    across = min(len(shown), _MOST_ACROSS)
-    down = ceil(len(shown) / across)
-    with matplotlib.rc_context(FIGURE_STYLE):
-        figure = Drawing(
-            figsize=(max(6.5, across * size[0] + 1), down * size[1] + 1.2),
-            layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.06),
-        )
-        panels = figure.subplots(down, across, sharex=sharex, sharey=sharey, squeeze=False).ravel()
-        for axes, each in zip(panels, shown, strict=False):
-            draw(axes, each)
-        for axes in panels[len(shown) :]:
-            axes.remove()
-        figure.suptitle(fill(title, int(_LETTERS_AN_INCH * figure.get_figwidth())), fontsize=11)
-    return figure
-
-
-@lru_cache(maxsize=1)
-def pictures_of(result: StudyResult) -> dict[str, doc.Picture]:
-    """Return the figures of a study, by the names of their files."""
-    return {
-        name: made
-        for metric in shown_metrics(result.done.study)
-        for name, made in study_pictures(result.analysis, metric).items()
-    }
-
-
-def first_picture(result: StudyResult) -> doc.Picture:
-    """Return the means of the first factor that varies.
-
-    Raises:
-        LabError: nothing varies.
-    """
-    for picture in pictures_of(result).values():
-        return picture
-    raise LabError("no factor of the study has two levels, so the page has no figures; give a factor two levels")
 
 
 def study_document(result: StudyResult) -> doc.Document:
@@ -501,7 +220,7 @@ def study_document(result: StudyResult) -> doc.Document:
                 "note",
             ),
             *analysis_sections(result.analysis, shown_metrics(study)),
-            doc.Section("Figures", tuple(_figures(pictures_of(result))), shown_in=doc.PAGE),
+            *doc.parts(result, _figures),
             doc.Paragraph(
                 f"{done.computed:,} of {study.campaigns:,} simulated calibrations computed{speed}.",
                 shown_in=doc.TERMINAL,
@@ -516,11 +235,11 @@ def _card(result: StudyResult) -> doc.Card:
     study, cells = result.done.study, result.analysis.cells
     metric = study.metric
     means = [mean for mean in result.analysis.means if mean.metric == metric and isfinite(mean.mean)]
-    about = f"{capital(_metric_text(metric, unit=False))} of {study.robot}, mean over {study.robots} robots."
+    about = f"{capital(metric_text(metric, unit=False))} of {study.robot}, mean over {study.robots} robots."
     if not means:
         return doc.Card(doc.Badge("none converged", "bad"), (), about, "See why in the table of means.")
     best, worst = min(means, key=lambda each: each.mean), max(means, key=lambda each: each.mean)
-    names = _varying(cells)
+    names = varying(cells)
     called = circumstances({name: getattr(cells[best.cell], name) for name in names}) or "one cell"
     interval = f" (95 %: {short(best.lower)} to {short(best.upper)})" if isfinite(best.lower) else ""
     unit = _METRICS.get(metric, ("", ""))[1]
@@ -547,7 +266,7 @@ def _next_step(analysis: Analysis, metric: str, robots: int, best: str) -> str:
     if robots < LEAST_ROBOTS:
         return f"Give {LEAST_ROBOTS} robots or more: of {robots} no difference is certain."
     pairs = [pair for each in analysis.comparisons if each.metric == metric for pair in each.pairs]
-    has_price = bool(_PRICED & set(_varying(analysis.cells)))
+    has_price = bool(_PRICED & set(varying(analysis.cells)))
     if any(not pair.is_significant for pair in pairs):
         which = "the cheaper level" if has_price else "either"
         return f"Use {best}. Where a difference is not significant, choose {which}, or study more robots."
@@ -557,23 +276,23 @@ def _next_step(analysis: Analysis, metric: str, robots: int, best: str) -> str:
 
 def _plane(cells: Sequence[Cell]) -> tuple[str, str] | None:
     """Return two factors of which all levels are combined; None where fewer vary."""
-    names = [name for name in _varying(cells) if not any(is_any(name, getattr(cell, name)) for cell in cells)]
+    names = [name for name in varying(cells) if not any(is_any(name, getattr(cell, name)) for cell in cells)]
     return (names[0], names[1]) if len(names) > 1 else None
 
 
 def _others(cells: Sequence[Cell], best: int) -> dict[str, Any]:
     """Return the levels of the best cell of the factors that the map does not show; none where there is no map."""
     plane = _plane(cells)
-    return {} if plane is None else {n: getattr(cells[best], n) for n in _varying(cells) if n not in plane}
+    return {} if plane is None else {n: getattr(cells[best], n) for n in varying(cells) if n not in plane}
 
 
 def _overview_picture(analysis: Analysis, metric: str, best: Mean) -> doc.Picture | None:
     """Draw the means of all levels: of two factors as a map, the others as in the best cell; of one in a row each."""
     cells = analysis.cells
     means = {mean.cell: mean for mean in analysis.means if mean.metric == metric}
-    lowest = circumstances({name: getattr(cells[best.cell], name) for name in _varying(cells)})
-    label = f"{capital(_metric_text(metric))}: lowest with {lowest}"
-    if any(mean.mean <= 0 for mean in means.values()) or not _varying(cells):
+    lowest = circumstances({name: getattr(cells[best.cell], name) for name in varying(cells)})
+    label = f"{capital(metric_text(metric))}: lowest with {lowest}"
+    if any(mean.mean <= 0 for mean in means.values()) or not varying(cells):
         return None
     if (plane := _plane(cells)) is None:
         return _rows_picture(cells, means, metric, label)
@@ -589,26 +308,26 @@ def _overview_picture(analysis: Analysis, metric: str, best: Mean) -> doc.Pictur
     shares = np.log(values / low) / np.log(high / low)
     ticks = [m * 10.0**p for p in range(floor(log10(low)), ceil(log10(high)) + 1) for m in (1, 2, 5)]
     marked = [(float(np.log(tick / low) / np.log(high / low)), f"{tick:g}") for tick in ticks if low <= tick <= high]
-    scale = ColourScale(COLOUR_SCALE, marked or [(0.0, short(low)), (1.0, short(high))], _metric_text(metric))
+    scale = ColourScale(COLOUR_SCALE, marked or [(0.0, short(low)), (1.0, short(high))], metric_text(metric))
     texts = [[short(value) if isfinite(value) else "" for value in line] for line in values.tolist()]
     names = [[plain_level(name, level) for level in of] for name, of in zip(plane, (rows, columns), strict=True)]
-    titles = _factor_text(plane[0]), _factor_text(plane[1])
+    titles = factor_text(plane[0]), factor_text(plane[1])
     return heat_map("overview", label, names[0], names[1], shares, scale, texts, height=0.4, titles=titles)
 
 
 def _rows_picture(cells: Sequence[Cell], means: Mapping[int, Mean], metric: str, label: str) -> doc.Picture:
     order = sorted((i for i in means if isfinite(means[i].mean)), key=lambda i: means[i].mean)[:_MOST_ROWS]
-    names = [level_text(cells[i], _varying(cells)) for i in order]
+    names = [level_text(cells[i], varying(cells)) for i in order]
     at = np.arange(len(order))[::-1]
     ends = np.array([(means[i].lower, means[i].mean, means[i].upper) for i in order])
 
-    def draw(axes: ChartAxes) -> None:
+    def draw(axes: Axes) -> None:
         log_ticks(axes, "x", float(np.nanmin(ends)) / 1.2, float(np.nanmax(ends)) * 1.2)
         known = np.isfinite(ends[:, 0])
         axes.hlines(at[known], ends[known, 0], ends[known, 2], colors=PREDICTED, linewidth=2)
         axes.plot(ends[:, 1], at, "o", color=PREDICTED, markersize=6)
         axes.set_yticks(at, names)
-        axes.set(ylim=(-0.6, len(order) - 0.4), xlabel=_metric_text(metric))
+        axes.set(ylim=(-0.6, len(order) - 0.4), xlabel=metric_text(metric))
         axes.grid(visible=False, axis="y")
 
     size = (3.8, 0.8 + 0.28 * len(order))
@@ -620,14 +339,14 @@ def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[doc.S
     media = [doc.EVERYWHERE if i == 0 else doc.PAGE for i in range(len(metrics))]
     answers = [
         doc.Section(
-            capital(_metric_text(metric, unit=False)),
+            capital(metric_text(metric, unit=False)),
             (doc.Bullets(tuple(map(sentence, _answers(analysis, metric)))),),
             shown_in=media[i],
         )
         for i, metric in enumerate(metrics)
     ]
     ranks = [
-        doc.Section(f"By {_metric_text(metric)}", tuple(_ranks(analysis, metric)), shown_in=media[i])
+        doc.Section(f"By {metric_text(metric)}", tuple(_ranks(analysis, metric)), shown_in=media[i])
         for i, metric in enumerate(metrics)
     ]
     note = (
@@ -665,7 +384,7 @@ def factor_sentence(comparisons: Sequence[Comparison], cells: Sequence[Cell]) ->
     behind: dict[str, list[Pair]] = {}
     for each in ranked:
         if level_text(cells[each.ranks[0].cell], free) == first:
-            for pair in _behind(each):
+            for pair in behind_best(each):
                 behind.setdefault(level_text(cells[pair.second], free), []).append(pair)
     for name, pairs in sorted(behind.items(), key=lambda item: min(pair.effect for pair in item[1])):
         tied = sum(not pair.is_significant for pair in pairs if isfinite(pair.lower))
@@ -693,7 +412,7 @@ def _range_text(effects: Sequence[float], kind: Kind) -> str:
 
 def _means(analysis: Analysis, metrics: Sequence[str]) -> doc.Table:
     """Tabulate all cells' means with 95 % intervals over the robots; only the first metric if space is short."""
-    names = _varying(analysis.cells)
+    names = varying(analysis.cells)
     of = {(mean.cell, mean.metric): mean for mean in analysis.means}
     more = [metric for metric in (*metrics[1:], "nees", "before_mm") if (0, metric) in of]
     rows = []
@@ -709,8 +428,8 @@ def _means(analysis: Analysis, metrics: Sequence[str]) -> doc.Table:
         )
     columns: tuple[str | doc.Column, ...] = (
         *names,
-        _metric_text(metrics[0]),
-        *(doc.Column(_metric_text(metric), doc.PAGE) for metric in more),
+        metric_text(metrics[0]),
+        *(doc.Column(metric_text(metric), doc.PAGE) for metric in more),
         "failed",
     )
     robots = max(mean.robots for mean in analysis.means if mean.metric == metrics[0])
@@ -740,10 +459,12 @@ def _ranks(analysis: Analysis, metric: str) -> Iterable[doc.Table]:
         yield doc.Table(columns, tuple(rows), f"Ranks by {factors}", folded=True)
 
 
-def _figures(pictures: Mapping[str, doc.Picture]) -> Iterable[doc.Figure]:
-    for name, picture in pictures.items():
-        caption = f"{picture.label} Files: {name}.png, {name}.svg."
-        yield doc.Figure(f"{picture.name}-figure", (picture,), caption, wide=True)
+def _figures(result: StudyResult) -> doc.Section:
+    figures = [
+        doc.Figure(f"{made.name}-figure", (made,), f"{made.label} Files: {name}.png, {name}.svg.", wide=True)
+        for name, made in load_reference("lab.commands.study.figures:pictures_of")(result).items()
+    ]
+    return doc.Section("Figures", tuple(figures), shown_in=doc.PAGE)
 
 
 def provenance_of(result: StudyResult) -> doc.Section:

@@ -12,6 +12,7 @@ from lab.commands.options import StudyOptions
 from lab.commands.result import Result, number
 from lab.commands.run_folder import free_name
 from lab.core.errors import LabError, error_context
+from lab.core.gaps import attempted
 from lab.extension_points import load_reference
 from lab.formats.csv_table import text_cell
 from lab.render.terminal import bars
@@ -86,7 +87,7 @@ class StudyResult(Result):
 
     command = "study"
     shown_by = "lab.commands.study.document:study_document"
-    drawn_by = "lab.commands.study.document:first_picture"
+    drawn_by = "lab.commands.study.figures:first_picture"
 
     options: StudyOptions
     done: StudyDone
@@ -126,11 +127,17 @@ class StudyResult(Result):
         return _mean_columns(self.analysis)
 
     def write(self, folder: Path) -> None:
-        """Write the analysis: means, pairs and ranks as CSV, the figures, and ``report.html``."""
+        """Write the analysis: means, pairs and ranks as CSV."""
         write_csv(folder, self.analysis)
-        pictures = load_reference("lab.commands.study.document:pictures_of")(self)
-        load_reference("lab.commands.study.document:write_figures")(folder, pictures)
-        self.report(folder / "report.html")
+
+    def draw(self, folder: Path) -> None:
+        """Write the figures, and ``report.html``."""
+        attempted("the figures as files", lambda: self._write_figures(folder), lambda _: None)
+        super().draw(folder)
+
+    def _write_figures(self, folder: Path) -> None:
+        pictures = load_reference("lab.commands.study.figures:pictures_of")(self)
+        load_reference("lab.commands.study.figures:write_figures")(folder, pictures)
 
 
 def shown_metrics(known: Study) -> tuple[str, ...]:
@@ -253,6 +260,7 @@ def _run(options: StudyOptions, known: Study) -> StudyResult:
         raise KeyboardInterrupt(f"--resume continues the study in {folder}") from stop
     result = StudyResult(options, done, _analysis(done))
     result.write(done.folder)
+    result.draw(done.folder)
     return result
 
 

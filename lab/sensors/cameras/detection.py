@@ -1,12 +1,12 @@
 """Find the corners of boards in pictures by OpenCV (the extra ``camera``)."""
 
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.extras import optional
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.sensors.cameras.rig import Board
@@ -24,13 +24,7 @@ def _opencv() -> Any:
     Raises:
         LabError: it is not installed.
     """
-    try:
-        return import_module("cv2")
-    except ImportError as error:
-        raise LabError(
-            "corners in pictures are found by OpenCV, which is not installed: pip install "
-            "'virtual-calibration-lab[camera]', or give u_px and v_px"
-        ) from error
+    return optional("cv2", "finding corners in pictures (without columns u_px and v_px)")
 
 
 def picture_of(path: Path) -> np.ndarray:

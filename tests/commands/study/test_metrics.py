@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.commands.study.document import _logarithmic, _next_step, _varying
+from lab.commands.study.document import _next_step, varying
 from lab.core.errors import LabError
 from lab.kinematics.serial.arm import SerialArm
 from lab.studies.analysis import analysed, groups
@@ -69,8 +69,8 @@ CELLS = (Cell("random", ANY, 20), Cell("O1", ANY, 20), Cell("lengths", "whitened
 
 
 def test_the_scaling_of_one_criterion_is_no_factor_that_varies() -> None:
-    assert _varying(CELLS) == ("criterion",) and groups(CELLS, ["criterion"])[0].shared == {}
-    assert _varying((*CELLS, replace(CELLS[2], scaling="raw"))) == ("criterion", "scaling")
+    assert varying(CELLS) == ("criterion",) and groups(CELLS, ["criterion"])[0].shared == {}
+    assert varying((*CELLS, replace(CELLS[2], scaling="raw"))) == ("criterion", "scaling")
 
 
 def test_levels_without_a_price_are_not_called_cheap() -> None:
@@ -90,6 +90,7 @@ def test_levels_without_a_price_are_not_called_cheap() -> None:
 @pytest.mark.parametrize("low", [0.0088, 0.011, 3.3])
 def test_an_axis_of_less_than_a_decade_has_ticks(low: float) -> None:
     Figure = pytest.importorskip("matplotlib.figure").Figure
+    from lab.commands.study.figures import _logarithmic
 
     axes = Figure().subplots()
     axes.plot([0, 1], [low, 1.2 * low])

@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.extras import optional
 from lab.kinematics.serial.chain import COLUMNS, Chain, Convention
 
 __all__ = [
@@ -332,10 +333,4 @@ def sympy_module() -> Any:
     Raises:
         LabError: sympy is not installed.
     """
-    try:
-        import sympy
-    except ImportError as error:
-        raise LabError(
-            "models in letters need sympy, which is not installed; pip install 'virtual-calibration-lab[symbolic]'"
-        ) from error
-    return sympy
+    return optional("sympy", "a model in letters")
