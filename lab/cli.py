@@ -38,7 +38,11 @@ def main(arguments: "Sequence[str] | None" = None) -> int:
             leave(code)
         return code
     except KeyboardInterrupt:  # before there was anything to write, or while it was reported
-        print("lab: interrupted", file=sys.stderr)
+        print("lab: interrupted", file=sys.stderr, flush=True)
+        if arguments is None:
+            from lab.commands.program import leave
+
+            leave(130)
         return 130
 
 
@@ -53,15 +57,15 @@ def _only_our_warnings() -> None:
     import warnings
 
     from lab.commands.program import say
-    from lab.core.gaps import GapWarning
+    from lab.core.errors import LabWarning
 
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
-        warnings.simplefilter("default", GapWarning)
+        warnings.simplefilter("default", LabWarning)
     usual = warnings.showwarning
 
     def shown(message: "Warning | str", category: type[Warning], *where: "Any") -> None:
-        if issubclass(category, GapWarning):
+        if issubclass(category, LabWarning):
             say(f"warning: {message}")
         else:
             usual(message, category, *where)
@@ -104,6 +108,9 @@ def _report_error(arguments: list[str], error: Exception) -> tuple[str, int]:
         return f"{error.filename}: cannot be used ({error.strerror or error}); check it, or give another", 2
     if isinstance(error, MemoryError):
         return "this needs more memory than there is; give fewer rows, poses, targets or joints", 2
+    mujoco = sys.modules.get("mujoco")
+    if mujoco is not None and isinstance(error, mujoco.FatalError):
+        return f"MuJoCo cannot compute this model ({' '.join(str(error).split())}); mend the robot's or cell's file", 2
     log = write_log(arguments, error)
     kept = f"its traceback is in {log}: please report it with that file" if log else "no log of it could be written"
     return f"internal error ({type(error).__name__}: {error}); {kept}", DEFECT
@@ -154,6 +161,18 @@ def _help() -> str:
             textwrap.fill(_MORE_HELP, room, break_on_hyphens=False),
         ]
     )
+
+
+def _refuse_incomplete(command: "Command", result: object) -> None:
+    """Refuse what a command of another package returned, if it lacks what every result has."""
+    from lab.commands.result import Result
+    from lab.core.errors import LabError
+
+    start = f"lab {command.name}: {command.run} returns {type(result).__name__}"
+    if not isinstance(result, Result):
+        raise LabError(f"{start}; return a {Result.__module__}.Result")
+    if missing := [name for name in ("command", "options", "warnings", "shown_by") if not hasattr(result, name)]:
+        raise LabError(f"{start} without '{missing[0]}'; give it as a field, a property or an attribute of the class")
 
 
 def _where(place: "Path") -> list[str]:
@@ -237,6 +256,7 @@ def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, 
         with starting(f"lab {command.name}"):  # its libraries take longer than its options
             run = command.load_run()
         result: Result = run(requested.options)
+        _refuse_incomplete(command, result)
         if place is not None:
             result = result.placed(place)
             result.write(folder)

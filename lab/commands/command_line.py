@@ -136,6 +136,9 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
         print(help_text(command, every="--help-all" in asked, defaults=default))
         raise SystemExit(0)
     rest = _with_switches_on(kind, rest)
+    if default is not None:  # tyro knows a flag whose default is on by its --no-… alone
+        given_already = {f"--{name.replace('_', '-')}" for name in _flags_on(default)}
+        rest = [each for each in rest if each not in given_already]
     made = _arguments(command, kind, default)
     program = f"lab {command.name}"
     flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each.name for each in fields(made)[1:]))]
@@ -144,6 +147,16 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     overwrite, json, resume = (bool(getattr(found, name, False)) for name in ("overwrite", "json", "resume"))
     chosen, notes = _noted(command, _with_ends(found), kind, stated)
     return Arguments(chosen, getattr(found, "out", None), overwrite, json, resume, notes)
+
+
+def _flags_on(options: Any) -> Iterator[str]:
+    """Yield the flags that are on, those of groups among them."""
+    for each in fields(options):
+        value = getattr(options, each.name)
+        if is_dataclass(value):
+            yield from _flags_on(value)
+        elif value is True:
+            yield each.name
 
 
 def _arguments(command: Command, kind: type[Any], default: Any = None) -> Any:

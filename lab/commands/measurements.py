@@ -1,8 +1,11 @@
 """Make measurements and robots of arrays or files, and place their frames in the world."""
 
+import atexit
+import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -149,7 +152,7 @@ def robot_from_dh(
             p1 (30, 20, 100), p2 (-25, 30, 80) and p3 (0, -40, 90) mm; ``{"p1": [0, 0, 0]}`` is the origin of the last
             frame.
         path: the TOML file that is written, from which every command and later session can load the robot; where none
-            is given, a temporary one, so give one for runs that are to be repeated.
+            is given, one that is removed as Python ends, so give one for runs that are to be repeated.
 
     Returns:
         The robot, loaded from the file that was written.
@@ -193,12 +196,20 @@ def robot_from_dh(
     points = {str(key): length * _numbers(f"tool['{key}']", each) for key, each in (tool or {}).items()}
     if wrong := [key for key, each in points.items() if each.shape != (3,)]:
         raise LabError(f"lab.robot_from_dh: tool['{wrong[0]}'] has shape {points[wrong[0]].shape}; give three numbers")
-    file = Path(tempfile.mkdtemp(prefix="lab-robot-")) / "robot.toml" if path is None else Path(path)
+    file = Path(tempfile.mkdtemp(dir=_temporary())) / "robot.toml" if path is None else Path(path)
     try:
         file.write_text(write_table(chain, None, points), encoding="utf-8")
     except OSError as error:
         raise LabError(f"{file}: cannot be written ({error.strerror}); give another path") from error
     return load_robot(file)
+
+
+@cache
+def _temporary() -> str:
+    """Return the folder of this process for robots without a path, which is removed as it ends."""
+    folder = tempfile.mkdtemp(prefix="lab-robots-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 def _flags(prismatic: Sequence[bool], n: int) -> NDArray[np.bool_]:

@@ -21,6 +21,7 @@ __all__ = [
 ]  # fmt: skip
 
 DEFECT, INTERRUPTED = 70, 130  # exit codes: EX_SOFTWARE of sysexits.h; 128 + SIGINT
+_ENDING = ("SIGTERM", "SIGHUP")
 CLOSED = 0  # where the reader closed the output
 _LONGEST_LINE = 1000  # characters of a message: a name or a cell may have a million
 _ENCODING_ERRORS = "lab.plain"
@@ -118,7 +119,11 @@ def drop_output() -> None:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Deliver an interruption within the block wherever it comes; ignore it after the block, as the program ends."""
+    """Deliver an interruption within the block wherever it comes; ignore it after the block, as the program ends.
+
+    A request to end (SIGTERM) and a closed terminal (SIGHUP) are interruptions too, unless the program that started
+    this one has them ignored, as nohup does.
+    """
     import _thread
     import signal
     import threading
@@ -130,11 +135,16 @@ def interruptible() -> Iterator[None]:
     os.environ.setdefault("MUJOCO_GL", "disable")  # nothing opens a window; to look for one starts another process
     usual: Callable[[Any], Any] = sys.unraisablehook
     sys.unraisablehook = passed_on
+    ending = [each for name in _ENDING if (each := getattr(signal, name, None))]  # Windows has no SIGHUP
+    ending = [each for each in ending if signal.getsignal(each) == signal.SIG_DFL]
+    for each in ending:
+        signal.signal(each, signal.default_int_handler)
     try:
         yield
     finally:
         sys.unraisablehook = usual
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for each in (signal.SIGINT, *ending):
+            signal.signal(each, signal.SIG_IGN)
 
 
 def leave(code: int) -> NoReturn:

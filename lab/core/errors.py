@@ -7,6 +7,7 @@ from contextlib import contextmanager
 __all__ = [
     "IncompleteColumnError",
     "LabError",
+    "LabWarning",
     "be",
     "counted",
     "error_context",
@@ -30,6 +31,10 @@ class LabError(ValueError):
     def __init__(self, message: object = "") -> None:
         text = str(message)
         super().__init__(text if _as_flags else _FLAG.sub(_as_argument, text))
+
+
+class LabWarning(UserWarning):
+    """A warning of a call that has no result yet to hold it; the command line prints it in one line."""
 
 
 def _as_argument(found: re.Match[str]) -> str:

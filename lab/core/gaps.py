@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable
 from typing import TypeVar
 
-from lab.core.errors import LabError, was_interrupted
+from lab.core.errors import LabError, LabWarning, was_interrupted
 from lab.core.extras import how_to_install
 
 __all__ = ["GapWarning", "attempted"]
@@ -13,7 +13,7 @@ _Made = TypeVar("_Made")
 _PANIC = "PanicException"  # of rerun's own code; not an Exception
 
 
-class GapWarning(UserWarning):
+class GapWarning(LabWarning):
     """A figure, a section, a page or a recording could not be made, and is left out."""
 
 

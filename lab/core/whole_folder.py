@@ -45,7 +45,6 @@ __all__ = [
     "piece_files",
     "place_of_draft",
     "read_checked",
-    "recover",
     "resolved",
     "write_whole",
 ]
@@ -57,6 +56,7 @@ except ImportError:  # no POSIX: leftovers stay until they are removed by hand
 
 CHECKSUMS: Final = "SHA256SUMS"  # as sha256sum writes and checks it
 _DRAFT, _ASIDE = "partial", "replaced"
+_UNLOCKED_S = 60.0  # longer than a draft is without its lock
 _LEFT = re.compile(rf"\.(.+)\.(?:{_DRAFT}|{_ASIDE})-[^.]*")
 
 
@@ -79,6 +79,7 @@ def draft_of(place: Path, *, replacing: bool) -> Iterator[Path]:
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         _recover(place)
+        _sweep(place.parent)
         _refuse_to_replace(place, replacing)
         draft = Path(tempfile.mkdtemp(prefix=f".{place.name}.{_DRAFT}-", dir=place.parent))
         draft.chmod(0o777 & ~_umask())  # mkdtemp makes folders that only their owner may read
@@ -121,13 +122,16 @@ def is_being_written(place: Path, but: Path | None = None) -> bool:
     return False
 
 
-def recover(place: Path) -> None:
-    """Restore a folder and those in it after killed processes, and remove their drafts."""
-    if place.parent.is_dir():
-        _recover(place)
-    if place.is_dir():
-        for name in sorted({left[1] for path in place.iterdir() if (left := _LEFT.fullmatch(path.name))}):
-            _recover(place / name)
+def _sweep(parent: Path) -> None:
+    """Restore the folders in this one that killed processes moved aside, and remove their drafts.
+
+    A draft that was made just now may be before its lock, and stays.
+    """
+    left = [(path, found[1]) for path in parent.iterdir() if (found := _LEFT.fullmatch(path.name))]
+    for path, name in left:
+        with suppress(OSError):  # another process was faster, or may not be written
+            if time.time() - path.stat().st_mtime > _UNLOCKED_S:
+                _recover(parent / name)
 
 
 def checksum_lines(folder: Path) -> str:

@@ -5,7 +5,7 @@ cannot express the functions refuse, with the reason.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from textwrap import fill
 from types import ModuleType
@@ -91,7 +91,9 @@ def plain_model(
         first = part.stop
         if effect.plain is None or effect.moves in ("frame", "station"):
             raise LabError(f"effect {effect.name} is not among the effects that a standalone module computes")
-        terms += [dict(term) for term in effect.plain(values[part])]
+        own = effect.plain(values[part])
+        _refuse_unknown(effect.name, own)
+        terms += [dict(term) for term in own]
     chain = rigid.chain
     _, table, points = rigid.split(values[: len(rigid.names)])
     model: dict[str, Any] = {
@@ -119,6 +121,27 @@ def plain_model(
             "steps": NEWTON_STEPS,
         }
     return model
+
+
+_SIGNALS = {"position": 2, "sin": 3, "cos": 3, "condition": 3, "torque cubed": 2, "weight": 5}  # with their entries
+_FORMS = ({"joint", "times"}, {"link", "axis", "times"}, {"size"})
+
+
+def _refuse_unknown(effect: str, terms: object) -> None:
+    """Refuse terms of an effect that ``plain_arm`` has no form or signal for."""
+    for term in terms if isinstance(terms, Sequence) else (terms,):
+        if not isinstance(term, Mapping):
+            raise LabError(f"effect {effect}: plain returns {term!r}; return a list of terms of lab.formats.plain_arm")
+        if {"springs", "beams", "residual"} & term.keys():
+            continue
+        if not any(form <= term.keys() for form in _FORMS):
+            raise LabError(f"effect {effect}: plain returns a term with {', '.join(map(str, term))}, which has no form")
+        signal = term.get("of", ())
+        if not isinstance(signal, Sequence) or not signal or _SIGNALS.get(signal[0]) != len(signal):
+            raise LabError(
+                f"effect {effect}: plain returns the signal {signal!r}, which this module does not know; there are "
+                f"{', '.join(_SIGNALS)}"
+            )
 
 
 def module_text(title: str, about: str, frame: str, model: Mapping[str, Any]) -> str:

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, LabWarning
 from lab.core.se3 import Array
 from lab.core.values import Value
 from lab.formats.cell_toml import Cell
@@ -257,11 +257,19 @@ def compiled(path: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
         raise LabError(f"{path}: MuJoCo cannot build it, mend this: {' '.join(str(error).split())}") from error
 
 
+def _warned(message: str) -> None:
+    """Warn of what MuJoCo reports while it computes, without its counts, so that each warning comes once."""
+    text = " ".join(message.partition("(")[0].split())
+    warnings.warn(f"MuJoCo: {text}", LabWarning, stacklevel=2)
+
+
+mujoco.set_mju_user_warning(_warned)  # else it prints them, and writes MUJOCO_LOG.TXT into the working folder
+
+
 def update_constants(model: mujoco.MjModel) -> None:
     """Compute again what MuJoCo derives from a model whose bodies were moved in place.
 
-    Its warnings, on the terminal and in MUJOCO_LOG.TXT, are dropped: they concern the dynamics, which the lab does not
-    integrate.
+    Its warnings are dropped: they concern the dynamics, which the lab does not integrate.
     """
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)

@@ -1,5 +1,8 @@
 """From arrays: the same answers as from files, and wrong arrays refused in one line."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -151,3 +154,9 @@ def test_wrong_tables_are_refused_in_a_line(given: dict[str, object], message: s
     with pytest.raises(lab.LabError, match=message) as caught:
         robot_from_dh(**{"table": np.array(TABLE) * 1e-3, **given})  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
+
+
+def test_a_robot_without_a_path_leaves_no_file_as_python_ends(tmp_path: Path) -> None:
+    code = "import lab; [lab.robot_from_dh([[0, 0.4, 0, 1], [0, 0, 0.3, 0]]) for _ in range(2)]"
+    subprocess.run([sys.executable, "-c", code], env=os.environ | {"TMPDIR": str(tmp_path)}, check=True)
+    assert list(tmp_path.iterdir()) == []

@@ -1,9 +1,10 @@
 """One entry registers a command: its options become its command line, and its refusals one line."""
 
+import json
 import re
 import shutil
 import subprocess
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pytest
@@ -173,3 +174,20 @@ def test_bash_completes_commands_options_and_words(tmp_path: Path, capsys: pytes
 def test_completion_of_another_shell_is_refused(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--completion", *given]) == 2
     assert "give bash, zsh or fish" in capsys.readouterr().err
+
+
+def test_options_are_added_to_those_of_an_earlier_run(tmp_path: Path, throw_away: Command) -> None:
+    config = tmp_path / "config.json"
+    content = {
+        "schema": 1,
+        "command": "throw",
+        "options": {"file": "a", "count": 5, "fitting": {"robust": True, "fix": ["link1.d"]}},
+    }
+    config.write_text(json.dumps(content))
+    found = [
+        parsed(throw_away, ["--config", str(config), *more]).options
+        for more in ([], ["--robust"], ["--size", "2", "--robust"], ["--no-robust"])
+    ]
+    given = ThrowAwayOptions(Path("a"), 5, None, Fitting(robust=True, fix=("link1.d",)))
+    off = replace(given, fitting=Fitting(fix=("link1.d",)))
+    assert found == [given, given, replace(given, size=2.0), off]

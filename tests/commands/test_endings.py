@@ -6,13 +6,17 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import mujoco
 import pytest
 from helpers.bad_input import run, the_line
 from helpers.processes import interruptible
 
 from lab.commands import program, registry
+from lab.commands.result import Result
 from lab.core.errors import LabError
 
 pytestmark = pytest.mark.usefixtures("folder")
@@ -109,6 +113,40 @@ def test_a_terminal_of_any_encoding_shows_what_it_can(encoding: str, monkeypatch
         assert "0.003" in shown and "mm" in shown and ("→" in shown) == (encoding == "utf-8")
 
 
+def test_a_model_that_mujoco_cannot_compute_is_no_defect(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    raising(mujoco.FatalError("out of\nmemory"), monkeypatch)
+    assert run("inspect arm.toml") == 2
+    assert "MuJoCo cannot compute this model (out of memory)" in the_line(capfd.readouterr().err)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Unwarned(Result):
+    """A result of another package's command that lacks one of what each has."""
+
+    command = "inspect"
+    shown_by = ""
+    options: object = None
+
+    def to_dict(self) -> dict[str, Any]:
+        return {}
+
+    def columns(self) -> dict[str, Any]:
+        return {}
+
+
+@pytest.mark.parametrize(("result", "missing"), [(Unwarned(), "Unwarned without 'warnings'"), ({}, "returns dict")])
+def test_a_result_that_lacks_what_each_has_is_no_defect(
+    result: object, missing: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    usual = registry.load_reference
+    returning = {"lab.commands.inspect.run:inspect": lambda _: result}
+    monkeypatch.setattr(registry, "load_reference", lambda name: returning.get(name) or usual(name))
+    assert run("inspect arm.toml") == 2
+    assert missing in the_line(capfd.readouterr().err)
+
+
 def test_what_is_said_is_one_line_that_steers_no_terminal(capfd: pytest.CaptureFixture[str]) -> None:
     program.say("one\ntwo \x1b[31mred\x07 " + "x" * 100_000)
     err = capfd.readouterr().err
@@ -129,20 +167,20 @@ def test_a_terminal_gets_what_is_said_without_a_broken_word(
     assert max(map(len, lines)) <= 40 and " ".join(lines).split() == ["lab:", *warning.split()]
 
 
-def test_a_program_that_is_interrupted_ends_with_130_and_one_line(folder: Path) -> None:
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of POSIX")
+@pytest.mark.parametrize(
+    "name",
+    ["SIGINT", pytest.param("SIGTERM", marks=pytest.mark.thorough), pytest.param("SIGHUP", marks=pytest.mark.thorough)],
+)
+def test_a_program_that_is_ended_while_it_writes_says_so_and_leaves_nothing(name: str, folder: Path) -> None:
     before = sorted(folder.iterdir())
-    command = [
-        sys.executable,
-        "-c",
-        "from lab.cli import main; print(flush=True); raise SystemExit(main())",
-        "calibrate",
-    ]
+    command = [sys.executable, "-m", "lab", "calibrate"]
     session = {"start_new_session": True, "preexec_fn": interruptible}
     with subprocess.Popen(command, cwd=folder, stdout=-1, stderr=-1, text=True, **session) as started:
-        assert started.stdout is not None
-        started.stdout.readline()
-        time.sleep(0.05)  # it imports
-        os.killpg(started.pid, signal.SIGINT)
+        while not list(folder.glob("runs/.*.partial-*")):
+            assert started.poll() is None
+            time.sleep(0.01)
+        os.killpg(started.pid, getattr(signal, name))
         _, err = started.communicate(timeout=60)
     assert started.returncode == 130 and the_line(err).startswith("lab: interrupted")
     assert sorted(folder.iterdir()) == before

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from lab.core.errors import LabError
-from lab.core.whole_folder import checksum_lines, draft_of, edited_files, held, is_being_written, recover
+from lab.core.whole_folder import checksum_lines, draft_of, edited_files, held, is_being_written
 
 WRITER = """\
 import sys, time
@@ -77,15 +77,18 @@ def test_a_run_that_was_moved_aside_when_the_writer_was_killed_comes_back(tmp_pa
     assert names(tmp_path) == [".other.partial-y", "run"] and names(tmp_path / "run") == ["a"]
 
 
-def test_leftovers_of_a_folder_and_of_those_in_it_are_put_back_or_removed(tmp_path: Path) -> None:
-    for name in (".gone.replaced-a_1", ".there.replaced-b", ".there.partial-c", "there", ".hidden"):
+def test_leftovers_of_killed_processes_beside_a_new_folder_are_put_back_or_removed(tmp_path: Path) -> None:
+    left = (".gone.replaced-a_1", ".there.replaced-b", ".there.partial-c", ".new.partial-d", "there", ".hidden")
+    for name in left:
         (tmp_path / name).mkdir()
-    recover(tmp_path)
-    assert names(tmp_path) == [".hidden", "gone", "there"]
-    (tmp_path / ".run.replaced-d").mkdir()
-    recover(tmp_path / "run")
-    assert (tmp_path / "run").is_dir() and not (tmp_path / ".run.replaced-d").exists()
-    recover(tmp_path / "nowhere" / "run")
+        if name != ".new.partial-d":  # another process may be about to lock it
+            os.utime(tmp_path / name, (0, 0))
+    with draft_of(tmp_path / "busy", replacing=False) as draft:
+        os.utime(draft, (0, 0))  # locked, however old
+        with draft_of(tmp_path / "run", replacing=False):
+            pass
+        assert draft.is_dir()
+    assert names(tmp_path) == [".hidden", ".new.partial-d", "busy", "gone", "run", "there"]
 
 
 def test_an_interruption_while_what_was_replaced_goes_leaves_nothing(

@@ -197,3 +197,22 @@ def test_what_cannot_be_written_down_makes_a_module_that_refuses() -> None:
     for refused in (lambda: module.forward([0.0]), lambda: module.inverse(np.eye(4).tolist(), [0.0])):
         with pytest.raises(NotImplementedError, match="it has loops"):
             refused()
+
+
+@pytest.mark.parametrize(
+    ("term", "named"),
+    [
+        ({"joint": 0, "times": 1.0, "of": ["heat", 0]}, "'heat'"),
+        ({"joint": 0, "times": 1.0, "of": ["sin", 0]}, "'sin'"),
+        ({"joint": 0, "times": 1.0}, "signal"),
+        ({"joint": 0, "of": ["position", 0]}, "joint, of"),
+        (3, "3"),
+    ],
+)
+def test_an_effect_that_the_module_does_not_know_is_named(term: object, named: str) -> None:
+    arm, values, _ = arm_with("irb120", ("gear",))
+    (gear,) = arm.effects
+    other = replace(arm, effects=(replace(gear, plain=lambda _: [term]),))
+    with pytest.raises(LabError) as refused:
+        plain_model(other, values, None, TURN, {})
+    assert "effect gear" in str(refused.value) and named in str(refused.value)

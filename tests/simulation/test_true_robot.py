@@ -13,11 +13,12 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, LabWarning
 from lab.core.random import rng_for
 from lab.kinematics.serial.arm import SerialArm
 from lab.noise.instruments import INSTRUMENTS, TrackerErrors, instrument
 from lab.simulation.collisions import collides, random_poses
+from lab.simulation.model import at_zero
 from lab.simulation.model_files import calibrated_mjcf, load_model
 from lab.simulation.tracking import track
 from lab.simulation.true_robot import Perturbation, perturbed_bodies, random_perturbation, random_tracker, true_robot
@@ -277,3 +278,15 @@ def test_mujoco_says_nothing_of_the_dynamics(tmp_path, monkeypatch, capfd) -> No
     lab.simulate("far.xml", poses=3)
     assert capfd.readouterr() == ("", "") and not (tmp_path / "MUJOCO_LOG.TXT").exists()
     assert mujoco.get_mju_user_warning() is before
+
+
+def test_messages_of_mujoco_are_warnings_of_the_lab(tmp_path, monkeypatch, capfd) -> None:
+    """Sixty touched boxes need more memory than the file has: MuJoCo would print that, and leave a log."""
+    boxes = "".join(f'<geom type="box" size=".2 .2 .2" pos="{i / 20} 0 {i / 50}"/>' for i in range(60))
+    arm = '<body><joint axis="0 1 0"/><geom size="2"/></body>'
+    file = f'<mujoco><size memory="12K"/><worldbody>{boxes}{arm}</worldbody></mujoco>'
+    monkeypatch.chdir(tmp_path)
+    model = mujoco.MjModel.from_xml_string(file)
+    with pytest.warns(LabWarning, match="^MuJoCo: Too many contacts") as told:
+        mujoco.mj_collision(model, at_zero(model))
+    assert len(told) == 1 and capfd.readouterr() == ("", "") and list(tmp_path.iterdir()) == []

@@ -98,8 +98,9 @@ class ArmExport:
             apart = largest_difference(text, arm, estimate.values, inputs)
             if not apart <= _SAME_M:
                 raise LabError(f"its points at {counted(len(inputs), 'measured pose')} are {MM.text(apart, 2)} off")
-        except LabError as error:
-            reason = f"robot {name} is not in this module: {error}"
+        except (LabError, ArithmeticError, LookupError, TypeError) as error:
+            cause = error if isinstance(error, LabError) else f"it fails with {type(error).__name__}: {error}"
+            reason = f"robot {name} is not in this module: {cause}"
             return refusing_text(title, about, reason), reason
         return text, None
 
