@@ -36,8 +36,8 @@ class Gallery(SphinxDirective):
                 (picture,) = (ENTRIES.parent / "pictures").glob(f"{entry['picture']}.*")
                 card += nodes.image(uri=f"pictures/{picture.name}", alt=entry["title"])
             card += nodes.raw("", f'<p><a href="{link}">{title}</a></p>', format="html")
-            if "command" in entry:
-                card += nodes.paragraph("", "", nodes.literal(text=entry["command"]))
+            if made := entry.get("command", entry.get("made_by")):
+                card += nodes.paragraph("", "", nodes.literal(text=made))
             grid += card
         return [grid]
 

@@ -1,9 +1,6 @@
 """Draw the figures of the how-to pages on preparing and measuring while these are built."""
 
-import contextlib
-import io
 import re
-import runpy
 import tempfile
 from pathlib import Path
 
@@ -311,11 +308,11 @@ def one_socket() -> Figure:
 
 @drawn
 def ranks_by_kind() -> Figure:
-    """What each kind of measurement identifies of an arm, as scripts/examples/artefact_ranks.py counts it."""
+    """What each kind of measurement identifies of an arm, as the program of the page on artefacts prints it."""
     figure, (axes,) = panels(height=4.4)
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
-        runpy.run_path(str(PAGES.parents[1] / "scripts" / "examples" / "artefact_ranks.py"))
-    for row, line in enumerate(printed.getvalue().splitlines()[1:]):
+    text = (PAGES.parent / "reference" / "artefacts.md").read_text(encoding="utf-8")
+    printed = re.search(r"^ +rank  of them .*\n((?:.+\n)+)```$", text, re.MULTILINE)
+    for row, line in enumerate(printed[1].splitlines()):
         kind, own, size = line[:32].strip(), int(line[37:61]), line[61:].strip()
         colour = BLUE if size == "identified" else RED
         axes.barh(-row, own, color=colour, alpha=0.75, height=0.7)

@@ -1,6 +1,7 @@
 """A learned corrector of your own: scikit-learn learns what the fitted geometry leaves, over the joint positions."""
 
 import numpy as np
+import tyro
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
@@ -29,7 +30,8 @@ class LearnedCorrector:
         return np.concatenate([np.sin(joints), np.cos(joints)], axis=1)  # the same after a whole turn
 
 
-if __name__ == "__main__":
+def main():
+    """Use it."""
     day = lab.simulate("irb120", poses=200, seed=7, harmonic_mrad=0.3, stiffness_nm_per_rad=1e5)
     estimate = lab.identify(day.measurements, instrument="uniform-8um").estimate
     corrector, truth = LearnedCorrector(estimate, day.measurements), day.validation
@@ -37,3 +39,7 @@ if __name__ == "__main__":
     for name, points in predictions.items():
         error = np.linalg.norm(points - truth.points[:, 0], axis=1)
         print(f"{name}: {1e3 * error.mean():.3f} mm at poses never measured")
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 import lab
 from lab.extension_points import add
@@ -57,7 +58,8 @@ class Oil(VirtualEffect):
         return TrueOil(1e-6 * self.urad_per_k * rngs[0].standard_normal(arm.chain.size))
 
 
-if __name__ == "__main__":
+def main():
+    """Use it."""
     add("lab.effects", "oil", Oil)
     made = effect("oil", lab.load_robot("irb120").chain, None)  # refuses a wrong derivative
     print(len(made.parameters), "parameters, derivatives compared with differences")
@@ -69,3 +71,7 @@ if __name__ == "__main__":
         for model in ("geometric", "oil", "auto+oil"):
             result = lab.identify(file, robot="irb120", model=model, instrument="uniform-8um")
             print(f"{model}: {result.to_dict()['model']}, {result.after.mean:.4f} mm, {result.verdict.word}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

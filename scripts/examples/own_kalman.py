@@ -1,6 +1,7 @@
 """An extended Kalman filter as an estimator of your own, beside the lab's least squares."""
 
 import numpy as np
+import tyro
 
 import lab
 
@@ -32,9 +33,14 @@ class KalmanFilter(lab.Estimator):
         return values, covariance
 
 
-if __name__ == "__main__":
+def main():
+    """Use it."""
     day = lab.simulate("irb120", poses=40, seed=7)
     for estimator in ("least-squares", KalmanFilter()):
         result = lab.identify(day.measurements, instrument="uniform-8um", estimator=estimator)
         found = result.to_dict()
         print(f"{found['estimator']}: {found['after_mm']['mean']:.5f} mm by cross-validation, {found['verdict']}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import tyro
 
 import lab
 from lab.extension_points import add
@@ -97,7 +98,8 @@ class Tolerances(lab.Sampler):
         return rng.uniform(-np.sqrt(3), np.sqrt(3), shape)
 
 
-if __name__ == "__main__":
+def main():
+    """Use it."""
     parts = {"effects": ("runout", Runout), "sensors": ("low-beam", LowBeam), "error_terms": ("bow", Bow)}
     for group, (name, part) in parts.items():
         add(f"lab.{group}", name, part)  # a package registers them by entry points instead
@@ -114,3 +116,7 @@ if __name__ == "__main__":
     bowed = replace(day.measurements, points=moved)
     result = lab.identify(bowed, instrument="uniform-8um", error_terms=("bow",))
     print(*result.fit.noise.shared.descriptions)
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

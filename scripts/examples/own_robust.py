@@ -1,6 +1,7 @@
 """A robust M-estimator of your own: Tukey's weights of whole poses, where some readings are far off."""
 
 import numpy as np
+import tyro
 
 import lab
 
@@ -25,9 +26,14 @@ class Tukey(lab.Estimator):
         return values, scale**2 * np.linalg.inv(jacobian.T @ weighted)
 
 
-if __name__ == "__main__":
+def main():
+    """Use it."""
     day = lab.simulate("irb120", poses=60, seed=7, bad_share=0.05)
     truth = day.validation
     for estimator in ("least-squares", Tukey()):
         result = lab.identify(day.measurements, instrument="uniform-8um", estimator=estimator, validate=truth)
         print(f"{result.to_dict()['estimator']}: {result.to_dict()['after_mm']['mean']:.4f} mm at poses never measured")
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

@@ -243,8 +243,6 @@ class Options:
     """At the flange when the targets are run."""
     repeatability_mrad: float = 0.005
     """Of each joint, 1 sigma."""
-    out: Path | None = None
-    """Write the first arm's recording to this file (.rrd)."""
     json: Flag = False
     """Print one JSON object."""
 
@@ -294,14 +292,8 @@ def study(options: Options) -> dict[str, Any]:
 
 
 def closed(outcome: lab.CalibrationResult, cube: Cube, seed: int, options: Options) -> ClosedLoop:
-    """One arm's loop; the first one's is recorded."""
-    loop = close_loop(outcome, cube, instrument(options.instrument), seed, options.payload_kg, options.targets)
-    whole = bool(outcome.fit.groups) == (options.stiffness_nm_per_rad is not None)
-    if options.out is not None and seed == options.seed and whole:
-        from closed_loop_recording import record_loop
-
-        record_loop(options.out, outcome, loop)
-    return loop
+    """One arm's loop."""
+    return close_loop(outcome, cube, instrument(options.instrument), seed, options.payload_kg, options.targets)
 
 
 def figures(loops: list[ClosedLoop]) -> dict[str, Any]:

@@ -8,6 +8,8 @@ an equality each; the file rests in the nominal position, with its loops closed.
 
 from pathlib import Path
 
+import tyro
+
 from lab.campaign.model_files import models_folder
 from lab.campaign.robot import load_robot
 from lab.simulation.closed_robot import closed_mjcf
@@ -28,4 +30,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

@@ -5,6 +5,7 @@
 Without a compiler, or where it fails, the package is complete all the same: numpy does what the kernels would do.
 """
 
+import argparse
 import hashlib
 import os
 import platform
@@ -120,6 +121,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[misc]
 
 def main() -> None:
     """Compile by hand."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     failed = build()
     print(f"not compiled: {failed}" if failed else f"compiled into {FOLDER}")
 

@@ -13,6 +13,8 @@ from pathlib import Path
 from types import FunctionType, NoneType, UnionType
 from typing import Annotated, Any, ForwardRef, Literal, Union, get_args, get_origin
 
+import tyro
+
 import lab
 
 STUB = Path(lab.__file__).with_name("__init__.pyi")
@@ -128,5 +130,10 @@ def _tidied(text: str) -> str:
     return text
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Write the stub."""
     STUB.write_text(stub_text(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

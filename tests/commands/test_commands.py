@@ -1,7 +1,6 @@
 """The commands as a user calls them: what they print, what they write, what they promise."""
 
 import json
-import runpy
 import shutil
 import subprocess
 import sys
@@ -297,18 +296,6 @@ def test_a_person_reads_the_outcome(tmp_path, capsys) -> None:
     printed = capsys.readouterr().out
     for words in ("27 of 34 parameters", "before", "after", "validation", "Verdict: good", "mm (1σ, given)"):
         assert words in printed
-
-
-def test_the_first_script_says_what_the_command_says(seven: Path, tmp_path, monkeypatch, capsys) -> None:
-    script = ROOT / "scripts" / "examples" / "first_calibration.py"
-    monkeypatch.chdir(tmp_path)
-    runpy.run_path(str(script), run_name="__main__")
-    printed = capsys.readouterr().out
-    result = json.loads((seven / "result.json").read_text())
-    for name in ("before", "after"):
-        for number in ("mean", "max"):
-            assert f"{result[f'{name}_mm'][number]:.3g}" in printed
-    assert (tmp_path / "first_calibration.html").is_file()
 
 
 def test_the_default_folder_is_never_overwritten(tmp_path, monkeypatch, capsys) -> None:

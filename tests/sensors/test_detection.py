@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rendered_boards import rendered
+from helpers.rendered_boards import rendered
 
 import lab
 from lab.core import se3

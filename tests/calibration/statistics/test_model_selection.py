@@ -121,7 +121,7 @@ def test_a_rigid_arm_stays_rigid() -> None:
 
 
 def test_compliance_and_harmonics_of_a_mujoco_arm() -> None:
-    """60 random poses with 0 or 3 kg; scripts/effects_found.py does so for many arms at designed poses."""
+    """60 random poses with 0 or 3 kg."""
     robot, device = IRB120.model, instrument("uniform-8um")
     for seed in range(1):
         rng = np.random.default_rng(seed)

@@ -9,8 +9,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import parallel_robots as script
 import pytest
+from helpers import platform_campaigns as script
 from helpers.legged_platforms import Platform, platform_of
 
 from lab.calibration.identify import IdentifyOptions
