@@ -68,7 +68,7 @@ def test_every_page_is_in_the_index_and_has_a_figure_a_program_and_sources() -> 
         if stem not in lists:
             assert f"({stem}.md)" in index, stem
             kinds = " ".join(language for language, _ in page.blocks)
-            assert "{drawn}" in kinds and "{literalinclude}" in kinds and "\nSources: " in page.text, stem
+            assert "{drawn}" in kinds and "python" in kinds and "\nSources: " in page.text, stem
 
 
 def test_every_source_of_a_page_is_in_the_bibliography() -> None:

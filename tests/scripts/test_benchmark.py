@@ -1,22 +1,8 @@
 """The benchmark's clock and scale."""
 
 import benchmark
-import numpy as np
 import pytest
-from benchmark import machine, median_ms, over_yardstick, peak_beyond_result_mb
-
-
-def test_a_median_leaves_out_the_first_call() -> None:
-    calls: list[int] = []
-    assert median_ms(lambda: calls.append(1), 3) >= 0 and len(calls) == 4
-
-
-def test_memory_beyond_the_result() -> None:
-    def call() -> tuple[np.ndarray, np.ndarray]:
-        spare = np.ones(1_000_000)  # 8 MB
-        return np.zeros(10), spare[:10].copy()
-
-    assert 7.9 < peak_beyond_result_mb(call) < 9
+from benchmark import machine, median_ms, over_yardstick
 
 
 def test_ratios_to_the_yardstick_leave_the_machine_out(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from helpers.run_script import threads_for_processes
 
-import lab
-
 pytestmark = pytest.mark.thorough  # scikit-learn is of the extra dev
 pytest.importorskip("sklearn")
 compare_estimators = pytest.importorskip("compare_estimators")
@@ -29,10 +27,3 @@ def test_each_estimator_has_its_condition() -> None:
         assert abs(condition["Kalman, iterated"]["ratio"] - 1) < 0.02
     assert 1.0 < clean["Tukey"]["ratio"] < 1.3 and outliers["Tukey"]["ratio"] < 0.1
     assert gears["learned corrector"]["ratio"] < 0.99 < outliers["learned corrector"]["ratio"]
-
-
-def test_bad_options_are_refused() -> None:
-    with pytest.raises(lab.LabError, match="'hail' is none; there are noise alone"):
-        compare_estimators.answer(compare_estimators.Options(conditions=("hail",)))
-    with pytest.raises(lab.LabError, match="--campaigns 3: give at least two arms"):
-        compare_estimators.answer(compare_estimators.Options(campaigns=3))

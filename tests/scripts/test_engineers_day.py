@@ -4,8 +4,6 @@ import pytest
 from engineers_day import Options, answer
 from helpers.drawing import nothing_drawn
 
-from lab.core.errors import LabError
-
 
 def figures(options: Options) -> dict:
     with nothing_drawn():
@@ -30,8 +28,3 @@ def test_twenty_days() -> None:
     found = figures(Options(days=20, candidates=300))
     assert_good(found, 1.3)
     assert found["verified"] >= 19 and found["not_corrected"] <= 4 and found["ways_not_free"] <= 1
-
-
-def test_a_day_without_poses_is_refused() -> None:
-    with pytest.raises(LabError, match="--poses"):
-        answer(Options(poses=0))

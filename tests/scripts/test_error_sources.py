@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from error_sources import Options, answer, measured, sources_of
+from error_sources import measured, sources_of
 from helpers.run_script import answer_of
-
-from lab.core.errors import LabError
 
 UR5 = np.array([(0, 0, 0, 89.159), (90, 0, 0, 0), (0, -425, 0, 0), (0, -392.25, 0, 109.15), (90, 0, 0, 94.65),
                 (-90, 0, 0, 82.3)], dtype=float)  # alpha, a, theta, d; Craig, ° and mm  # fmt: skip
@@ -27,6 +25,7 @@ def points(table: np.ndarray, q: np.ndarray) -> np.ndarray:
     return seen @ turn.T + np.array([1.5, -0.4, 0.3])
 
 
+@pytest.mark.thorough
 def test_each_source_alone_is_found_and_noise_is_the_rest() -> None:
     rng = np.random.default_rng(0)
     q = rng.uniform(-2.8, 2.8, (300, 6))
@@ -56,10 +55,3 @@ def test_measured_positions_are_read_in_si() -> None:
 def test_geometry_comes_before_the_joints_of_both_measured_arms() -> None:
     for arm in answer_of("error_sources.py")["arms"]:
         assert arm["ratio"][2] < 1 and arm["shares"]["rest"][2] < arm["shares"]["joints"][1]
-
-
-def test_bad_input() -> None:
-    with pytest.raises(LabError, match="--robots irb120"):
-        answer(Options(robots=("irb120",)))
-    with pytest.raises(LabError, match="--folds 1"):
-        answer(Options(folds=1))

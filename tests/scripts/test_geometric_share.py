@@ -5,11 +5,10 @@ from pathlib import Path
 import geometric_share
 import numpy as np
 import pytest
-from geometric_share import Options, Share, answer, crossing, effects_at
+from geometric_share import Share, crossing, effects_at
 from helpers.run_script import answer_of
 
 from lab.campaign.option_groups import Effects
-from lab.core.errors import LabError
 
 
 def share(level: float, value: float) -> Share:
@@ -40,8 +39,3 @@ def test_a_few_arms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert small["share"] > large["share"] and small["of_square"] > small["share"]
         assert 2 < large["after_mm"] / small["after_mm"] < 4.5  # the noise is the same in both
         assert by[geometric_share.ALL, 1.0]["after_mm"] > 0.99 * small["after_mm"]
-
-
-def test_one_robot_has_no_scatter() -> None:
-    with pytest.raises(LabError, match="two --robots or more"):
-        answer(Options(robots=1))

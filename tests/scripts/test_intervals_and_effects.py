@@ -38,17 +38,6 @@ def test_intervals_hold() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("arms", [4, pytest.param(30, marks=pytest.mark.slow)])
-def test_effects_are_found(arms: int) -> None:
-    flags = ("--arms", arms, "--rigid", arms)
-    found = (answer_in_processes if arms == 30 else answer_of)("effects_found.py", *flags)
-    assert found["alone_mm"]["least"] >= 0.05 and found["after_mm"]["largest"] <= 0.006
-    assert found["both_chosen"] == found["only_these"] == arms and not found["rigid_with_groups"]
-    most = 1.15 if arms == 30 else 2.0  # of 4 arms the RMS is known to 35 %
-    assert max(found["to_predicted"]) <= most
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize("arms", [1, pytest.param(100, marks=pytest.mark.slow)])
 def test_bending_links_are_found_and_never_taken_for_joint_springs(arms: int) -> None:
     flags = ("--arms", arms, "--rigid", 3 * arms, "--curve", arms // 5, "--intervals", 10 * arms if arms > 1 else 0)
@@ -61,13 +50,6 @@ def test_bending_links_are_found_and_never_taken_for_joint_springs(arms: int) ->
         if point["left_um"] > 3:
             assert point["found"] >= 0.95 * point["arms"]
         assert point["springs alone"] <= 0.05 * point["arms"]  # else that it cannot be told apart is the right answer
-
-
-@pytest.mark.slow
-def test_bad_readings_are_named_whole() -> None:
-    found = answer_in_processes("bad_readings.py")
-    assert found["above_clean"] <= 0.08 and found["large_named"] >= 0.99 and found["small_named"] >= 0.90
-    assert 0.005 <= found["named_there"] <= 0.015
 
 
 @pytest.mark.thorough

@@ -2,20 +2,11 @@
 
 import numpy as np
 import pytest
-from noise_models import CASES, Case, errors, linear_arm, of_one_arm
-
-from lab.core.random import rng_for
+from noise_models import CASES, of_one_arm
 
 
 def summary(name: str, campaigns: int) -> dict[str, np.ndarray]:
     return of_one_arm(name, 0, campaigns)
-
-
-def test_the_errors_are_those_that_the_case_names() -> None:
-    case = Case("correlated", 1, 400)
-    arm = linear_arm(case, 0, 4)
-    made = errors(case, arm, np.zeros(4000, dtype=int), rng_for(0, "noise"))
-    assert np.mean(made[1:] * made[:-1]) / made.var() == pytest.approx(0.9, abs=0.03)
 
 
 @pytest.mark.thorough

@@ -2,9 +2,6 @@
 
 import pytest
 from helpers.run_script import answer_of
-from observability_winner import Options, answer
-
-from lab.core.errors import LabError
 
 
 @pytest.mark.thorough
@@ -21,10 +18,3 @@ def test_without_the_three_rows_the_order_is_stable_and_with_them_it_is_chance()
     for name in indices:
         own = found["scores"][name][name]  # each set is the best by its own index, as far as the search goes
         assert own > 0.99 > min(found["scores"][name].values())  # and not by all others
-
-
-def test_bad_input() -> None:
-    with pytest.raises(LabError, match="--searches 0"):
-        answer(Options(searches=0))
-    with pytest.raises(LabError, match="index 'O9' is unknown"):
-        answer(Options(indices=("O9",)))

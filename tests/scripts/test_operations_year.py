@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from operations_year import Arm, Options, answer, arms_of, lived
+from operations_year import Arm, Options, arms_of, lived
 
 import lab
-from lab.core.errors import LabError
 
 
 def test_what_happens_to_an_arm_begins_in_its_month() -> None:
@@ -36,8 +35,3 @@ def test_a_moved_zero_is_found_and_mended(tmp_path: Path) -> None:
     assert {arm.state for arm in after.values()} == {"good"}
     trend = after["A-1"].trend
     assert trend is not None and [each.named for each in trend.changes] == [("link3.theta",)]
-
-
-def test_a_folder_that_is_there_is_not_written_into(tmp_path: Path) -> None:
-    with pytest.raises(LabError, match="exists"):
-        answer(Options(arms=1, months=1, out=tmp_path))

@@ -48,12 +48,6 @@ def other():
 '''
 
 
-def test_a_job_has_its_lines_and_those_of_what_it_uses() -> None:
-    assert peers.lines_of(SOURCE, "other") == 2 + 2
-    assert peers.lines_of(SOURCE, "job") == 6 + 2 + 3 + 1  # with the helper, the class and the constant
-    assert peers.lines_of(SOURCE, "helper") == 2
-
-
 def test_the_stored_lines_are_those_of_the_scripts() -> None:
     stored = json.loads(peers.STORED.read_text(encoding="utf-8"))["jobs"]
     assert {tool: found["lines"] for tool, found in stored.items()} == peers.counted()
@@ -95,14 +89,6 @@ def test_a_wrong_request_is_one_line(given: list[str], capsys: pytest.CaptureFix
     assert stop.value.code == 2 and printed.err.startswith("lab: ") and printed.err.count("\n") == 1 and not printed.out
 
 
-def test_a_tool_that_cannot_be_installed_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    gone = peers.Tool("gone", (str(tmp_path / "no_such_package"),), ("gone",))
-    monkeypatch.setitem(peers.TOOLS, "gone", gone)
-    with pytest.raises(LabError, match=r"not installed: .*ERROR") as caught:
-        peers.environment("gone", tmp_path / "environments")
-    assert "\n" not in str(caught.value)
-
-
 @pytest.fixture(scope="module")
 def problems(tmp_path_factory: pytest.TempPathFactory) -> peers.Problems:
     """What all tools are given."""
@@ -127,26 +113,6 @@ def test_solutions_are_counted_that_meet_their_pose(problems: peers.Problems) ->
     json.dumps(found)
 
 
-def test_derivatives_agree_if_they_describe_the_same_changes(problems: peers.Problems) -> None:
-    wanted = problems.arm.observe(problems.arrays["joints"], problems.nominal)[1][:, 0]
-    turned = wanted @ np.random.default_rng(5).standard_normal((wanted.shape[2],) * 2)
-    same = peers.judged(problems, "kinematics", "parameter derivatives, 60", turned, wanted)
-    lacking = peers.judged(problems, "kinematics", "parameter derivatives, 60", wanted[:, :, :12], wanted)
-    assert same["agrees"] and not lacking["agrees"]
-    json.dumps([same, lacking])
-
-
-def test_no_choice_is_better_than_the_bound(problems: peers.Problems) -> None:
-    rng = np.random.default_rng(1)
-    for _ in range(5):
-        rows = rng.choice(peers.POOL, peers.COUNT, replace=False).astype(float)
-        found = peers.judged(problems, "select", "choose poses", rows, rows)
-        assert 0 < found["of_bound"] < 1 and found["in_common"] == peers.COUNT and found["agrees"]
-        json.dumps(found)
-    twice = np.append(rows[:-1], rows[0])
-    assert not peers.judged(problems, "select", "choose poses", twice, rows)["agrees"]
-
-
 def test_a_process_reports_its_failure_and_goes_on(tmp_path: Path) -> None:
     folder = tmp_path / "shared"
     folder.mkdir()
@@ -167,19 +133,6 @@ def test_a_process_reports_its_failure_and_goes_on(tmp_path: Path) -> None:
             ended.ask(work="inverse")
     finally:
         ended.close()
-
-
-def test_the_page_shows_the_stored_result() -> None:
-    stored = json.loads(peers.STORED.read_text(encoding="utf-8"))
-    page = peers.PAGE.read_text(encoding="utf-8")
-    assert peers.with_block(page, "peers", peers.block(peers.document(stored))) == page
-    assert (
-        stored["rounds"] >= 5
-        and stored["versions"]
-        and all(row["tool"] in stored["versions"] for row in stored["rows"])
-    )
-    with pytest.raises(LabError, match="lacks the lines"):
-        peers.with_block("# A page\n", "peers", "text")
 
 
 @pytest.mark.thorough

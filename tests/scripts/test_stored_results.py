@@ -45,11 +45,3 @@ def test_a_pattern_without_a_row_is_refused(store) -> None:
 def test_every_row_has_a_name_of_its_own(tmp_path) -> None:
     listed = answer(Options(list=True, data=tmp_path)).values["rows"]
     assert len(set(listed)) == len(listed) and {each.partition(":")[0] for each in listed} == set(TABLES)
-
-
-def test_the_largest_error_and_the_mean_of_means(monkeypatch) -> None:
-    runs = [{"before_mm": {"mean": 2.0}, "after_mm": {"mean": m, "max": 3 * m}} for m in (0.1, 0.3)]
-    monkeypatch.setattr(stored_results, "answers_of", lambda command: runs)
-    assert stored_results.validated("lab identify x") == {
-        "nominal_mm": 2.0, "calibrated_mm": pytest.approx(0.2), "largest_mm": pytest.approx(0.9),
-    }  # fmt: skip

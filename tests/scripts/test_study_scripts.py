@@ -4,10 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.pages import Page
-from helpers.robots import ROOT
-from helpers.run_script import answer_in_processes, answer_of, threads_for_processes
-from shared import run_script
+from helpers.run_script import answer_in_processes, answer_of
 from thesis_tables import predicted_rms, said
 
 import lab
@@ -26,7 +23,7 @@ from lab.extensions.reproduction.thesis_case import (
 )
 from lab.noise.instruments import instrument
 from lab.studies.campaigns import cell_poses, run_task
-from lab.studies.grid import Study, Task, read_study
+from lab.studies.grid import Study, Task
 
 ROW = list(OFFSETS).index
 
@@ -134,63 +131,6 @@ def test_thesis_tables_a_little(tmp_path: Path) -> None:
         assert (tmp_path / f"which_criterion.{kind}").stat().st_size > 10_000
 
 
-@pytest.mark.thorough
-@pytest.mark.usefixtures("quick_designs")
-def test_criteria_on_compliant_arms_a_little(tmp_path: Path) -> None:
-    """Compliance and runout are fitted: some 10 µm are left, of some 100 µm that geometry alone leaves."""
-    size = ("--robots", 6, "--draws", 3, "--poses", 20, "--criteria", "random", "O1", "--scalings", "whitened")
-    found = answer_of("thesis_tables.py", "--out", tmp_path, "--compliant", "--searches", 0, *size)
-    assert "thesis" not in found
-    rows = {(row["metric"], row["criterion"]): row for row in found["answer"]["rows"]}
-    best, random = rows["fresh_mean_mm", "O1"], rows["fresh_mean_mm", "random"]
-    assert 0.004 < best["mean"][0] < 0.02 and best["not_converged"] == 0 and best["campaigns"] == 18
-    assert 1.1 < random["to_o1"]["lower"] < random["to_o1"]["effect"] < 3
-    assert (tmp_path / "which_criterion_compliant.png").is_file()
-
-
-def instrument_means(out: Path, study: Study) -> dict[tuple[str, str, int], float]:
-    """Return the means of a study that ``lab study`` writes, by metric, instrument and number of poses."""
-    columns = lab.study(study, out=out).columns()
-    keys = ("metric", "instrument", "poses", "mean")
-    return {
-        (metric, name, int(poses)): mean for metric, name, poses, mean in zip(*(columns[k] for k in keys), strict=True)
-    }
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("quick_designs")
-def test_accuracy_versus_instrument_a_little(tmp_path: Path) -> None:
-    factors = {"instrument": ("uniform-8um", "optical-cmm"), "poses": (24,)}
-    with threads_for_processes():
-        mean = instrument_means(tmp_path / "study", Study(robots=6, draws=10, factors=factors))
-    for metric in ("fresh_mean_mm", "fresh_p95_mm"):
-        times = mean[metric, "optical-cmm", 24] / mean[metric, "uniform-8um", 24]
-        assert times == pytest.approx(30 / (8 / np.sqrt(3)), rel=0.3)  # 60 campaigns, and other poses
-    assert mean["fresh_p95_mm", "uniform-8um", 24] > 1.3 * mean["fresh_mean_mm", "uniform-8um", 24]
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("quick_designs")
-def test_what_matters_a_little(tmp_path: Path) -> None:
-    cases = ("runout 0.2 mrad once a turn", "1 % bad readings, 1 to 50 mm")
-    found = answer_of("what_matters.py", "--out", tmp_path, "--robots", 8, "--draws", 5, "--cases", *cases)
-    base = found["base_mm"]
-    ratio = {cost["name"]: 1 + cost["extra_mm"] / base for cost in found["costs"]}
-    told = {cost["name"]: cost["told"] for cost in found["costs"]}
-    assert [cost["name"] for cost in found["costs"]] == sorted(ratio, key=lambda name: -ratio[name])
-    assert base == pytest.approx(0.0040, rel=0.15)
-    assert ratio["runout 0.2 mrad once a turn"] > 10
-    assert told["runout 0.2 mrad once a turn"]
-    assert "runout 0.2 mrad once a turn" in found["words"]
-    assert (tmp_path / "what_matters.png").is_file() and (tmp_path / "what_matters.svg").is_file()
-
-
-def test_a_case_that_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stop:
-        run_script("what_matters", ["--out", str(tmp_path), "--cases", "rust"])
-    assert stop.value.code == 2 and "'rust' is none; there are stiffness" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_thesis_tables(tmp_path: Path) -> None:
     """The answer, by 10,000 paired campaigns a cell, on two cores within ten minutes."""
@@ -205,31 +145,6 @@ def test_thesis_tables(tmp_path: Path) -> None:
         assert all(fresh["O2", scaling, poses]["to_o1"]["lower"] > 1.1 for scaling in ("raw", "length", "whitened"))
         assert 0.85 < fresh["O5", "whitened", poses]["to_o1"]["effect"] < 1.1
         assert fresh["O1", "any", poses]["ranks_95"][0] <= 3
-
-
-@pytest.mark.slow
-def test_accuracy_versus_instrument(tmp_path: Path) -> None:
-    """The study of the page on instruments."""
-    (block,) = Page(ROOT / "docs" / "results" / "instruments.md").of("toml")
-    (tmp_path / "instruments.toml").write_text(block, encoding="utf-8")
-    found = instrument_means(tmp_path / "study", read_study(tmp_path / "instruments.toml"))
-    mean = {(name, poses): value for (metric, name, poses), value in found.items() if metric == "fresh_mean_mm"}
-    assert len(mean) == 25
-    order = ("uniform-8um", "leica-at960", "leica-at500", "optical-cmm")
-    for poses in (15, 20, 30, 50, 100):
-        errors_there = [mean[name, poses] for name in order]
-        assert errors_there == sorted(errors_there)
-    for name in order:
-        assert mean[name, 100] == pytest.approx(mean[name, 50] / np.sqrt(2), rel=0.05)  # the error falls by the root
-
-
-@pytest.mark.slow
-def test_what_matters(tmp_path: Path) -> None:
-    found = answer("what_matters.py", tmp_path)
-    ratio = {cost["name"]: 1 + cost["extra_mm"] / found["base_mm"] for cost in found["costs"]}
-    assert len(ratio) == 18
-    assert ratio["stiffness 1e5 Nm/rad, 0 or 3 kg"] > ratio["stiffness 1e5 Nm/rad, no load"] > 20
-    assert ratio["an arm twice as far off"] == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.thorough
@@ -249,18 +164,6 @@ def test_verifications_notice_what_moved_a_little() -> None:
         assert found[case]["named"] >= 0.8 and found[case]["wrong"] <= 0.05
 
 
-@pytest.mark.slow
-def test_verifications_notice_what_moved() -> None:
-    found = answer_in_processes("verify_study.py")
-    assert found["unchanged"]["good"] >= 0.97
-    for case in ("base", "tool", "axis 2"):
-        assert found[case]["noticed"] >= 0.95 and found[case]["named"] + found[case]["cannot_tell"] >= 0.9
-        assert found[case]["wrong"] <= 0.03
-    for noise in ("Gaussian, known", "Gaussian, estimated"):  # 9,000 files
-        assert found["level"][noise] == pytest.approx(0.01, abs=0.005)
-    assert found["level"]["uniform"] <= 0.01
-
-
 @pytest.mark.thorough
 def test_the_best_o1_of_the_thesis_case_from_two_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("best_o1.STARTS", 2)  # of twelve: fewer chances to find it
@@ -276,10 +179,3 @@ def test_the_best_o1_of_the_thesis_case(limits: bool, least: float) -> None:
     joints = np.array(found["joints_deg"])
     if limits:
         assert (np.abs(joints) <= [165, 110, 110, 160, 120, 400]).all() and (joints[:, 2] <= 70).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
-def test_the_best_o1_over_seeds(seed: int) -> None:
-    assert answer_in_processes("best_o1.py", "--seed", str(seed))["o1"] >= 12.03
-    assert answer_in_processes("best_o1.py", "--seed", str(seed), "--ignore-limits")["o1"] >= 12.25
