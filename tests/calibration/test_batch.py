@@ -173,23 +173,6 @@ def test_robots_and_noise_are_the_same_in_every_cell() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["uniform-8um", "leica-at960", "optical-cmm", "exact"])
-def test_every_instrument_reaches_its_floor(name: str) -> None:
-    study = Study(
-        robots=4, draws=10, fresh=50, factors={"criterion": ("random",), "poses": (40,), "instrument": (name,)}
-    )
-    rows = run_task(study, Task(0, 0, 4), cell_poses(study, study.cells[0]))
-    assert rows["converged"].all()
-    if name == "exact":
-        assert rows["fresh_worst_mm"].max() < 1e-9 and np.isnan(rows["nees"]).all()
-        return
-    assert rows["nees"].mean() == pytest.approx(1.0, abs=0.15)  # 40 means of 27: sigma 0.04, more among draws of one
-    sizes = {"uniform-8um": 0.0046, "leica-at960": 0.0101, "optical-cmm": 0.03}
-    assert rows["fresh_mean_mm"].mean() == pytest.approx(sizes[name] * np.sqrt(27 / 40), rel=0.35)
-    assert (rows["before_mm"] > 20 * rows["fresh_mean_mm"]).all()
-
-
-@pytest.mark.thorough
 def test_what_is_not_fitted_and_what_is_not_geometry_costs() -> None:
     content = {
         "robots": 3,

@@ -60,11 +60,6 @@ def test_a_parameter_held_lowers_the_rank_and_is_hidden_in_nothing() -> None:
     assert np.abs(found.residuals).max() > 20 * SIGMA  # it was off, and nothing else can take it over
 
 
-def test_patterns_name_parameters() -> None:
-    found = identified(campaign(2), IdentifyOptions(fix=("tool.*",)))
-    assert [ARM.names[i] for i in found.base_set.fixed if ARM.names[i].startswith("tool.")] == list(ARM.names[-3:])
-
-
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
@@ -102,17 +97,6 @@ def test_what_inspection_says_is_held() -> None:
     assert plain["held"] == plain["told_apart"] == []
 
 
-@pytest.mark.thorough
-def test_what_is_held_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    print(inspect(IRB120, targets=("p1",), fix=("tool.*",)))
-    said = " ".join(capsys.readouterr().out.split())
-    assert "fixed at nominal by --fix, though identifiable: tool.p1.x, tool.p1.y, tool.p1.z - " in said
-    assert "identifiable only because others are fixed; --free would identify any one of them: link6.theta, " in said
-    print(inspect(IRB120, targets=("p1",), fix=("link4.d",)))
-    said = " ".join(capsys.readouterr().out.split())
-    assert "though identifiable: link4.d Fixed" in said and "identifiable only because" not in said
-
-
 def test_the_condition_of_columns_of_any_size() -> None:
     straight = np.diag([1e-3, 1.0, 1e6])
     assert scaled_condition(straight) == pytest.approx(1.0)
@@ -121,31 +105,6 @@ def test_the_condition_of_columns_of_any_size() -> None:
     assert scaled_condition(leaning) == pytest.approx(20, rel=0.01)  # 2 / angle between two unit columns
     for short in (straight[:2], straight * [1.0, 0.0, 1.0], np.ones((4, 2))):
         assert np.isinf(scaled_condition(short))
-
-
-def test_freeing_what_moves_nothing_is_refused() -> None:
-    flange = ARM.assemble(np.zeros(6), IRB120.chain.table, np.zeros((1, 3)))
-    with pytest.raises(LabError, match=r"link6\.alpha is not identifiable; nothing shows it"):
-        base_set(ARM, flange, free=("link6.alpha",))
-
-
-def test_the_thesis_case() -> None:
-    """Position of the flange's origin, links alone: 19 parameters; what the dropped ones are hidden in."""
-    flange = ARM.assemble(np.zeros(6), IRB120.chain.table, np.zeros((1, 3)))
-    fix = ("base.*", "tool.*", "link2.beta", "link5.d", "link5.a")
-    found = base_set(ARM, flange, fix=fix, free=("link1.*", "link5.alpha", "link6.d", "link6.a"))
-    assert len(found.identifiable) == 19
-
-    def coefficient(fixed: str, kept: str) -> float:
-        return float(
-            found.alias[found.identifiable.index(ARM.names.index(kept)), found.fixed.index(ARM.names.index(fixed))]
-        )
-
-    assert coefficient("link2.d", "link3.d") == pytest.approx(1.0, abs=1e-9)
-    assert coefficient("link5.a", "link5.theta") == pytest.approx(-1 / 0.072, rel=1e-9)
-    assert coefficient("link5.d", "link5.alpha") == pytest.approx(1 / 0.072, rel=1e-9)
-    for nothing in ("link6.theta", "link6.alpha"):
-        assert not found.alias[:, found.fixed.index(ARM.names.index(nothing))].any()
 
 
 def test_what_is_exported_does_not_depend_on_the_representative() -> None:

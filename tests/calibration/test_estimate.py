@@ -1,19 +1,15 @@
 """An estimate: its parameters by name, what it predicts, and its way through a pickle and through files."""
 
 import pickle
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.drawing import nothing_drawn
-from helpers.estimates import nominal_estimate
-from helpers.robots import IRB120
 
 import lab
 from lab.calibration.estimate import Estimate
 from lab.calibration.estimate_files import read_estimate
-from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
@@ -51,23 +47,6 @@ def test_what_was_of_the_session_stays_out_of_the_arm(soft: lab.CalibrationResul
     rows = [estimate.identified.index(name) for name in estimate.free_names]
     assert (estimate.free_covariance == found.covariance[np.ix_(rows, rows)]).all()
     assert [estimate.arm.names[i] for i in estimate.free] == list(estimate.free_names)
-
-
-@pytest.mark.thorough
-def test_the_covariance_of_a_point_is_that_of_drawn_parameters(soft: lab.CalibrationResult) -> None:
-    """Parameters are drawn from their covariance, and the arm is asked: another way than derivatives."""
-    estimate = replace(soft.estimate, adequate=True, noise_known=True, shared=None)
-    inputs, rng = poses(estimate, 3), np.random.default_rng(0)
-    found = estimate.predict(inputs)
-    draws = np.tile(estimate.values, (3000, 1))
-    draws[:, list(estimate.free)] += rng.multivariate_normal(
-        np.zeros(len(estimate.free)), estimate.free_covariance, len(draws), method="eigh"
-    )
-    points = np.array([estimate.arm.points(inputs, each) for each in draws])
-    np.testing.assert_array_equal(found.points, estimate.arm.points(inputs, estimate.values))
-    of_draws = np.einsum("mnki,mnki->nk", points - found.points, points - found.points) / len(draws)
-    by_covariance = np.trace(found.identified, axis1=2, axis2=3)
-    np.testing.assert_allclose(by_covariance, of_draws, rtol=0.12)  # 3,000 draws: 4 standard deviations, 2 directions
 
 
 def test_the_covariance_is_that_of_differences(soft: lab.CalibrationResult) -> None:
@@ -109,14 +88,6 @@ def test_it_comes_back_from_a_pickle(soft: lab.CalibrationResult) -> None:
     np.testing.assert_array_equal(after.covariance, before.covariance)
 
 
-@pytest.mark.parametrize("name", ["delta", "scara"])
-def test_estimates_of_other_robots_come_back_from_a_pickle(name: str) -> None:
-    estimate = nominal_estimate(load_robot(name), ("p1",), ())
-    inputs = estimate.rigid.chain.random_joints(3, np.random.default_rng(0))
-    points = estimate.predict(inputs).points
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(estimate)).predict(inputs).points, points)
-
-
 def test_it_comes_back_from_its_files(soft: lab.CalibrationResult, tmp_path: Path) -> None:
     lab.save_estimate(soft.estimate, tmp_path / "alone")
     soft.save(tmp_path / "run")
@@ -131,14 +102,3 @@ def test_it_comes_back_from_its_files(soft: lab.CalibrationResult, tmp_path: Pat
     for name in ("parameters.json", "covariance.csv", "fitted_poses.csv"):
         whole, part = ((tmp_path / folder / name).read_text() for folder in ("run", "alone"))
         assert whole.startswith(part[:-4])  # a run adds rows that say the same in other parameters
-
-
-def test_a_table_of_the_lab_is_loaded_by_name(tmp_path: Path) -> None:
-    with nothing_drawn():
-        estimate = lab.calibrate("irb120", seed=7).estimate
-    lab.save_estimate(estimate, tmp_path)
-    again = lab.load_estimate(tmp_path, "irb120")
-    np.testing.assert_array_equal(again.values, estimate.values)
-    np.testing.assert_array_equal(again.subset().covariance, estimate.subset().covariance)
-    with pytest.raises(LabError, match="cannot be read"):
-        lab.load_estimate(tmp_path / "elsewhere", IRB120)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.calibration.estimator import LEAST_SQUARES, EstimationProblem, Estimator, estimator_named, own_estimator
+from lab.calibration.estimator import LEAST_SQUARES, EstimationProblem, Estimator, own_estimator
 from lab.core.errors import LabError
 
 SESSION = lab.simulate("irb120", poses=30, seed=3)
@@ -35,8 +35,8 @@ def identified(estimator: Any = LEAST_SQUARES, **options: Any) -> lab.Calibratio
     return lab.identify(SESSION.measurements, robot="irb120", estimator=estimator, **options)
 
 
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize("noise", [{"instrument": "uniform-8um"}, {"noise_mm": 0.02}, {}])
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("noise", [{"instrument": "uniform-8um"}, {}])
 def test_least_squares_by_a_users_own_code_is_the_lab_s(noise: dict[str, Any]) -> None:
     """Values, intervals and the errors of cross-validation agree, with a given noise and an estimated one."""
     own, known = identified(GaussNewton(), **noise), identified(**noise)
@@ -165,21 +165,8 @@ def test_an_estimator_has_a_name_of_its_own() -> None:
     assert own_estimator(GaussNewton).name == "gauss-newton"  # a class is as good as an object
 
 
-def test_an_unknown_name_lists_those_there_are() -> None:
-    assert estimator_named(LEAST_SQUARES) is None
-    with pytest.raises(LabError, match="estimator kalman: unknown; give one of least-squares"):
-        identified("kalman")
-
-
 def test_two_estimators_at_once_are_refused() -> None:
     with pytest.raises(LabError, match=r"estimator gauss-newton: (--)?model residual estimates the parameters, too"):
         identified(GaussNewton(), model="residual")
     with pytest.raises(LabError, match=r"estimator gauss-newton: (--)?method sequential estimates the parameters, too"):
         lab.calibrate("irb120", poses=20, observe="pose", method="sequential", estimator=GaussNewton())
-
-
-def test_a_virtual_campaign_is_estimated_by_it() -> None:
-    own, known = (lab.calibrate("irb120", poses=25, seed=5, estimator=each) for each in (GaussNewton(), LEAST_SQUARES))
-    assert own.after is not None and known.after is not None and own.comparison is not None
-    assert own.after.mean == pytest.approx(known.after.mean, rel=1e-4)
-    assert own.comparison.nees_per_parameter == pytest.approx(known.comparison.nees_per_parameter, rel=0.01)

@@ -16,7 +16,7 @@ from lab.calibration.estimate_files import (
     read_cover,
     write_cover,
 )
-from lab.calibration.extrapolation import MeasuredRange, PoseCover, distinct_poses, joint_regions, measured_range
+from lab.calibration.extrapolation import MeasuredRange, PoseCover, distinct_poses, measured_range
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import WEAK, Identification, identify
 from lab.calibration.statistics.candidate_models import TELLING, largest_useful_std
@@ -85,8 +85,8 @@ def test_how_far_beyond_is_counted_from_the_nearer_edge_and_a_whole_turn_leads_a
 
 
 def test_a_rigid_arm_has_no_slope_beyond() -> None:
-    """Level 1 %: more than 2 of 24 have a chance of 0.2 %."""
-    assert sum(ranged(campaign(seed, 0.0)[0])[1].is_worse_beyond for seed in range(24)) <= 2
+    """Level 1 %: more than 1 of 8 have a chance of 0.3 %."""
+    assert sum(ranged(campaign(seed, 0.0)[0])[1].is_worse_beyond for seed in range(8)) <= 1
 
 
 def test_an_arm_that_bends_is_told_where_it_was_not_measured() -> None:
@@ -290,17 +290,3 @@ def test_regions_of_repeated_poses_show_what_the_model_lacks_there() -> None:
     once, said = ranged(rows)[1], ranged(visited(rows, np.full(200, 5)))[1]
     assert said.cover is not None and len(said.cover.poses) == len(rows)
     assert once.growth > 0 and said.growth == pytest.approx(once.growth, rel=0.3)
-
-
-def test_regions_are_of_as_many_poses_however_often_some_are_visited() -> None:
-    """One pose in five is visited nine times: all its visits are in one region, and regions are as before."""
-    rows, turning = hidden_region(2, 1e-3)[0], np.ones(6, dtype=bool)
-    which = np.repeat(np.arange(200), np.where(np.arange(200) % 5, 1, 9))
-    labels = joint_regions(rows.joints[which], turning, 8, 0)
-    assert (labels == joint_regions(rows.joints, turning, 8, 0)[which]).all() and labels.max() == 7
-
-
-def test_a_few_poses_visited_often_are_few() -> None:
-    """Regions need poses, not rows: of 34 poses by 10 nothing is said of regions, as of 34 rows."""
-    rows = hidden_region(0, 1e-3)[0].take(np.linspace(0, 199, 34).astype(int))
-    assert ranged(visited(rows, np.full(34, 10)))[1].growth == 0

@@ -16,7 +16,6 @@ from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import measured
 from lab.kinematics.serial.arm import SerialArm
-from lab.kinematics.serial.axes_to_dh import Truth
 from lab.noise.instruments import INSTRUMENTS
 from lab.render.phrases.registry import in_one_line, phrases
 
@@ -33,7 +32,7 @@ RRRP = chain_of("rrrp", "craig", "RRRP", [0, -90, 0, 90], [0, 0, 0.4, 0.1], [0, 
 @pytest.mark.parametrize("chain", [IRB120.chain, SCARA, VERSATRAN, RRP, RRRP], ids=lambda chain: chain.name)
 def test_exact_measurements_give_the_truth(chain) -> None:
     """Every canonical parameter to 1e-11 m or rad, from a base turned and moved anyhow, in few steps."""
-    for seed in range(20):
+    for seed in range(6):
         rng = np.random.default_rng(seed)
         arm = SerialArm(chain)
         truth = truth_of(arm, rng)
@@ -45,38 +44,6 @@ def test_exact_measurements_give_the_truth(chain) -> None:
         assert np.abs(compare_with_truth(found, truth).error).max() < 1e-11
         fresh = chain.random_joints(500, rng)
         np.testing.assert_allclose(arm.points(fresh, found.values), arm.points(fresh, truth.values), atol=1e-12)
-
-
-def test_near_half_a_turn_the_covariance_belongs_to_the_values() -> None:
-    """The base's rotation vector wraps there: NEES must not see it."""
-    nees = []
-    for seed in range(30):
-        rng = np.random.default_rng(seed)
-        truth = truth_of(ARM, rng)
-        direction = rng.normal(size=3)
-        values = truth.values.copy()
-        values[3:6] = (np.pi - 1e-6) * direction / np.linalg.norm(direction)
-        joints = IRB120.chain.random_joints(50, rng)
-        points = ARM.points(joints, values) + 5e-6 * rng.normal(size=(50, 1, 3))
-        found = identify(ARM, measured(NAMES, joints, ("p1",), points), ARM.nominal(), Noise(sigma_m=5e-6))
-        assert np.linalg.norm(found.values[3:6]) <= np.pi
-        nees.append(compare_with_truth(found, Truth(ARM, values, truth.base_set)).nees_per_parameter)
-    assert np.mean(nees) == pytest.approx(1.0, abs=0.15)  # 30 means of 27: 3 sigma is 0.15
-
-
-@pytest.mark.thorough
-def test_the_base_is_found_from_anywhere() -> None:
-    """Targets 0.2 m from where the drawing has them and poses in a plane change nothing."""
-    for seed in range(60):
-        rng = np.random.default_rng(seed)
-        truth = truth_of(ARM, rng)
-        true = truth.values.copy()
-        true[-3:] = 0.2 * rng.normal(size=3)
-        joints = IRB120.chain.random_joints(12, rng)
-        data = measured(NAMES, joints, ("p1",), ARM.points(joints, true))
-        found = identify(ARM, data, ARM.nominal())
-        assert found.status == "converged"
-        assert np.nanmax(np.abs(found.residuals)) < 1e-10
 
 
 def test_what_no_pose_can_place_stays_nominal() -> None:
@@ -152,23 +119,6 @@ def test_an_estimated_sigma_takes_students_t() -> None:
         narrow.append(np.mean(np.abs(comparison.z) < 1.96))
     assert np.mean(held) == pytest.approx(0.95, abs=0.035)  # campaigns spread by 0.09: 3 sigma of 60
     assert np.mean(narrow) < 0.93
-
-
-@pytest.mark.thorough
-def test_spherical_weights_beat_equal_ones() -> None:
-    """leica-at960 has ranges 30 times better than directions: its weights use that."""
-    weighted, plain = [], []
-    device = INSTRUMENTS["leica-at960"]
-    for seed in range(25):
-        rng = np.random.default_rng(seed)
-        truth = truth_of(ARM, rng)
-        joints = IRB120.chain.random_joints(30, rng)
-        data = measured(NAMES, joints, ("p1",), device.sample(ARM.points(joints, truth.values), rng))
-        fresh = IRB120.chain.random_joints(200, rng)
-        exact = ARM.points(fresh, truth.values)
-        weighted.append(errors_at(identify(ARM, data, ARM.nominal(), Noise(device)), fresh, exact).after.mean())
-        plain.append(errors_at(identify(ARM, data, ARM.nominal()), fresh, exact).after.mean())
-    assert np.mean(weighted) < 0.8 * np.mean(plain)
 
 
 def test_a_rows_own_sigma_counts() -> None:
@@ -287,22 +237,6 @@ def test_ellipsoids_are_the_images_of_the_unit_ball() -> None:
         assert inside.max() <= 1 + 1e-9
     flat = ellipsoids(np.diag([4.0, 0.0, 1.0])[None])
     np.testing.assert_allclose(flat.half_lengths, [[2, 1, 0]], atol=1e-15)
-
-
-def test_the_covariance_is_that_of_the_errors() -> None:
-    """Monte Carlo: spread of the estimates over 100 noise draws against the stated standard deviations."""
-    rng = np.random.default_rng(8)
-    truth = truth_of(ARM, rng, base=False)
-    joints = IRB120.chain.random_joints(30, rng)
-    exact = ARM.points(joints, truth.values)
-    found = []
-    for _ in range(100):
-        data = measured(NAMES, joints, ("p1",), exact + 5e-6 * rng.normal(size=exact.shape))
-        found.append(identify(ARM, data, ARM.nominal(), Noise(sigma_m=5e-6)))
-    free = list(found[0].fit.free)
-    spread = np.std([f.values[free] for f in found], axis=0)
-    np.testing.assert_allclose(spread / found[0].std, 1, atol=0.26)  # 100 draws: sd 0.07 each
-    assert np.mean(spread / found[0].std) == pytest.approx(1, abs=0.05)
 
 
 def test_another_rotation_vector_has_the_covariance_of_a_fit_from_there() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 
-from lab.calibration import gauss_newton, identify, validation
+from lab.calibration import gauss_newton, identify
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.noise import search
 from lab.calibration.statistics import linearized as linear_problem
@@ -131,21 +131,6 @@ def test_a_block_of_poses_that_hardly_predict_themselves_needs_no_eigenvectors()
     small = rng.choice([-1.0, 1.0], (50, 1, 1)) * basis @ np.swapaxes(basis, 1, 2)
     root = linear_problem._root_near_one(small)
     np.testing.assert_allclose(root @ root @ (np.eye(3) + small), np.broadcast_to(np.eye(3), (50, 3, 3)), atol=1e-14)
-
-
-def test_rows_that_repeat_a_configuration_often_need_no_pairs() -> None:
-    """2,000 repeats of each of 20 configurations are 40 million pairs, of 0.6 GB."""
-    rng = np.random.default_rng(0)
-    joints = np.repeat(rng.uniform(-2, 2, (20, 6)), 2_000, axis=0)
-    joints += rng.uniform(-1e-4, 1e-4, joints.shape)
-    order = rng.permutation(len(joints))
-    tracemalloc.start()
-    labels = validation.configurations(joints[order])
-    most = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert most < 50e6
-    wanted = order // 2_000
-    assert len(set(zip(labels.tolist(), wanted.tolist(), strict=True))) == 20 == len(np.unique(labels))
 
 
 def test_lack_of_fit_by_repeats_holds_no_table_of_groups() -> None:

@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
-import lab
 from lab.calibration.checks import check_outlier_search
 from lab.calibration.fitted import Fitted, Judging
-from lab.calibration.fitter import FitOptions, Fitter
-from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.fitter import Fitter
 from lab.calibration.pipeline import FITTING, STEPS, PipelineOptions, identify_robot, run_steps, start
-from lab.calibration.statistics.candidate_models import FullModel
-from lab.calibration.statistics.goodness_of_fit import adequacy_of, with_intervals_of_poses
+from lab.calibration.statistics.goodness_of_fit import adequacy_of
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting
@@ -22,7 +18,6 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.gauge import base_set
-from lab.kinematics.model import Model
 from lab.noise.error_model import ErrorModel
 from lab.render.phrases.registry import phrases
 from lab.sensors.points import PointSensor
@@ -149,15 +144,6 @@ def test_a_clock_that_started_long_ago_does_not_matter() -> None:
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-8)  # 1.7e9 s hold 0.2 µs
 
 
-@pytest.mark.thorough
-def test_a_wish_is_of_whichever_model_has_it() -> None:
-    data = simulated(("harmonics",), {"sin1": 2e-4}, random_joints(60, 6), {}, 6)
-    fit = fitted(data, Noise(sigma_m=SIGMA), model="auto", fix=("joint6.sin1", "link4.d"))
-    free = [fit.identification.model.names[i] for i in fit.identification.fit.free]
-    assert "joint6.sin1" not in free and "link4.d" not in free
-    assert fit.groups[0] == "harmonics"  # what follows stands in for link4.d, which is held where it is not
-
-
 def test_a_prior_that_holds_back_is_told() -> None:
     data = simulated((), {}, random_joints(40, 7), {}, 7)
     joints = data.joints.copy()
@@ -178,37 +164,6 @@ def test_a_search_for_outliers_that_does_not_converge_is_told() -> None:
     assert "without outliers did not converge" in phrases(stuck)[0]
 
 
-@pytest.mark.thorough
-def test_what_stays_fixed_of_a_doubted_group_is_no_wish_of_the_model_without_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A drift of which these poses show a part is put aside to see whether errors wander without it."""
-    data = simulated(("drift",), {"drift.x": 2e-4}, random_joints(60, 3), {"time_s": 60.0 * np.arange(60)}, 3)
-    shown = FullModel.added
-
-    def added(large: FullModel, *of: object) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        new, fitted = shown(large, *of)
-        hidden = [i for i, name in enumerate(large.observation.model.names) if name == "drift.y"]
-        return new, tuple(i for i in fitted if i not in hidden)
-
-    monkeypatch.setattr(FullModel, "added", added)
-    fit = fitted(data, Noise(sigma_m=SIGMA), model="auto")
-    assert fit.groups == ("drift",) and fit.unshown == ("drift.y",)
-
-
-@pytest.mark.thorough
-def test_where_groups_were_searched_nobody_is_told_to_search_them() -> None:
-    """Waves of the residuals that no group has are alike at neighbouring poses, whatever was asked for."""
-    joints = random_joints(80, 4)
-    data = replace(simulated((), {}, joints + 1e-4 * np.sin(2 * joints[:, ::-1]), {}, 4), joints=joints)
-    for model in ("geometric", "gear", "auto"):
-        fit = fitted(data, model=model)
-        assert fit.remaining is not None and fit.remaining.searched == (model == "auto")
-        searched, seen = model == "auto", Observations.unweighted(data)
-        cause = phrases(with_intervals_of_poses(fit.identification, seen, searched=searched)[1])
-        assert all(("--model auto" in words) != searched for words in (*cause, *told(fit)) if "auto" in words)
-
-
 def test_where_all_poses_held_out_are_off_none_is_left_to_test_by() -> None:
     """Errors that the repeats of a pose share make no difference to that."""
     joints = np.repeat(random_joints(20, 2), 2, axis=0)
@@ -220,70 +175,11 @@ def test_where_all_poses_held_out_are_off_none_is_left_to_test_by() -> None:
         assert str(judged[0]) == str(judged[1])
 
 
-def huber(
-    model: Model, rows: Measurements, nominal: np.ndarray, noise: Noise, request: IdentifyOptions
-) -> Identification:
-    """An estimator of a caller's own: iteratively reweighted least squares with Huber's weights."""
-    found = identify(model, rows, nominal, noise, request)
-    for _ in range(10):
-        sizes = np.linalg.norm(found.residuals[:, 0], axis=1)
-        scale = np.median(sizes) / 1.54  # of the norm of three normal numbers
-        sigma_m = scale * np.sqrt(np.maximum(sizes / (1.345 * scale), 1.0))
-        found = identify(model, replace(rows, sigma_m=sigma_m), nominal, Noise(), request)
-    return found
-
-
 def spoilt_and_clean() -> tuple[Measurements, Measurements]:
     clean = simulated((), {}, random_joints(60, 8), {}, 8)
     points = clean.points.copy()
     points[::10, 0, 0] += 2e-3
     return replace(clean, points=points), clean
-
-
-def off(fit: Fitted, other: Fitted) -> float:
-    """How far two fits predict the fitted points apart, RMS (m)."""
-    inputs = other.rows.joints
-    mine, others = (each.identification.model.points(inputs, each.identification.values) for each in (fit, other))
-    return float(np.sqrt(((mine - others) ** 2).sum(axis=2).mean()))
-
-
-class Huber(lab.Estimator):
-    """The same estimator as the seam takes it: weights of whole poses by the lengths of their whitened residuals."""
-
-    name = "huber"
-
-    def estimate(self, problem: lab.EstimationProblem) -> tuple[np.ndarray, np.ndarray]:
-        values, weights = problem.start, np.ones(len(problem.points))
-        for _ in range(20):
-            residuals, jacobian = problem.linearized(values)
-            roots = np.repeat(np.sqrt(weights), 3)
-            values = values + np.linalg.lstsq(roots[:, None] * jacobian, roots * residuals)[0]
-            sizes = np.linalg.norm(problem.residuals(values).reshape(-1, 3), axis=1)
-            scale = np.median(sizes) / 1.54
-            weights = 1 / np.maximum(sizes / (1.345 * scale), 1.0)
-        weighted = np.repeat(weights, 3)[:, None] * jacobian
-        return values, scale**2 * np.linalg.inv(jacobian.T @ weighted)
-
-
-@pytest.mark.thorough
-def test_an_estimator_of_a_callers_own_takes_the_place_of_least_squares() -> None:
-    """As an option it fits every model and every fold; as a step it fits the chosen model alone."""
-    spoilt, clean = spoilt_and_clean()
-    truth, plain = identify_robot(IRB120, clean, POINTS), identify_robot(IRB120, spoilt, POINTS)
-    everywhere = identify_robot(IRB120, spoilt, PipelineOptions(PointSensor(), FitOptions(estimator=Huber())))
-
-    def fit_robustly(state: Fitted) -> Fitted:
-        fitter, (model, request) = state.fitter, state.fitter.modelled(state.groups, state.unshown)
-        found = huber(model, state.given, fitter.nominal(model), fitter.noise, request)
-        return state.with_fit(found, state.given)
-
-    once = identify_robot(IRB120, spoilt, POINTS, steps={**STEPS, "fit": fit_robustly})
-    assert off(plain, truth) > 100e-6
-    for robust in (everywhere, once):
-        assert off(robust, truth) < 20e-6
-        assert {"0", "10", "20", "30", "40", "50"} <= {pose.id for pose in robust.outliers}
-        assert robust.verdict.word in ("good", "doubtful", "bad") and robust.validation.errors is not None
-    assert np.nanmedian(everywhere.validation.errors.after) < 0.2 * np.nanmedian(once.validation.errors.after)
 
 
 def test_a_step_is_left_out() -> None:

@@ -62,9 +62,7 @@ def session(truth: Array, joints: Array, rng: np.random.Generator) -> Measuremen
     return measured(NAMES, joints, ("p1",), points)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("kind", ["line", "plane"])
-@pytest.mark.parametrize("links", ["identified", "true"])
+@pytest.mark.parametrize(("kind", "links"), [("line", "identified"), ("plane", "true")])
 def test_points_of_a_line_or_plane_are_judged(arm: tuple, kind: str, links: str) -> None:
     found, truth = arm
     rng = np.random.default_rng(8)

@@ -54,7 +54,7 @@ def test_a_measured_configuration_is_predicted_by_the_fit_of_all_others(visits: 
 def test_what_is_predicted_where_poses_were_measured_is_realised_at_new_poses_there() -> None:
     """Few poses, many parameters: as they were fitted, their errors are a quarter smaller than those of new ones."""
     rng, ratios, fitted_ratios = np.random.default_rng(3), [], []
-    for seed in range(12):
+    for seed in range(6):
         joints, new = CHAIN.random_joints(20, rng), CHAIN.random_joints(300, rng)
         found, observed = fitted(joints, seed)
         region = measured_region(found, observed, TURNING)
@@ -116,12 +116,9 @@ def moved_onto(points: np.ndarray, there: np.ndarray) -> np.ndarray:
     return a @ (u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v) + there.mean(axis=0)
 
 
-@pytest.mark.parametrize(
-    ("observe", "instrument"), [("cable", "draw-wire"), ("ball-bar", "ball-in-socket"), ("dial", "dial-indicator")]
-)
-def test_without_an_instruments_frame_errors_are_predicted_with_the_base_placed_anew(observe, instrument) -> None:
+def test_without_an_instruments_frame_errors_are_predicted_with_the_base_placed_anew() -> None:
     """Against arms drawn from the covariance, each moved onto the estimated one as measured points would move it."""
-    result = lab.calibrate("irb120", observe=observe, instrument=instrument, poses=60, seed=2)
+    result = lab.calibrate("irb120", observe="cable", instrument="draw-wire", poses=60, seed=2)
     found, predicted = result.identification, result.verdict.region
     assert found.unplaced == ("base",) and predicted.anew == ("base",)
     arm, rng = found.model.arm, np.random.default_rng(0)
@@ -138,6 +135,7 @@ def test_without_an_instruments_frame_errors_are_predicted_with_the_base_placed_
     assert drawn < predicted.rms_m < drawn * np.sqrt(factors.max()) * 1.06
 
 
+@pytest.mark.thorough
 def test_contacts_that_show_no_size_predict_nothing() -> None:
     result = lab.calibrate("irb120", observe="socket", poses=40, seed=2)
     assert np.isnan(result.verdict.region.p95_m) and result.verdict.word == "doubtful"

@@ -259,12 +259,11 @@ def test_errors_beyond_their_prediction_are_never_good() -> None:
     assert found.accuracy.standing == "doubtful"
 
 
-@pytest.mark.parametrize("gate_m", [None, 0.3e-3, 1e-3])
-@pytest.mark.parametrize("share", [0.15, 1.0])
+@pytest.mark.parametrize(("gate_m", "share"), [(None, 1.0), (0.3e-3, 0.15)])
 def test_a_more_accurate_calibration_is_never_judged_worse_for_it(gate_m: float | None, share: float) -> None:
     """The same campaign with noise from 2 µm to 5 mm, held out where it was measured: the word never gets better."""
     order = ("good", "doubtful", "bad")
-    sizes = np.geomspace(2e-6, 5e-3, 12)
+    sizes = np.geomspace(2e-6, 5e-3, 8)
     words = []
     for sigma_m in sizes:
         case = campaign(poses=20, range_share=share, validated_share=share, sigma_m=float(sigma_m))

@@ -39,11 +39,10 @@ def before_m(found: Identification, data: Measurements) -> float:
     return float(np.sqrt(np.mean(residuals[:, : observation_of(found.model).positions] ** 2)))
 
 
-@pytest.mark.parametrize("named", [*(n for n in INSTRUMENTS if n != "exact"), None])
-def test_the_nominal_model_does_not_depend_on_the_instrument_that_is_named(named: str | None) -> None:
+@pytest.mark.parametrize("named", ["leica-at960", "uniform-8um", "krypton-k600"])
+def test_the_nominal_model_does_not_depend_on_the_instrument_that_is_named(named: str) -> None:
     data = session(1, 5e-6)
-    noise = None if named is None else Noise(INSTRUMENTS[named])
-    found, plain = (identify(ARM, data, ARM.nominal(), each) for each in (noise, Noise()))
+    found, plain = (identify(ARM, data, ARM.nominal(), each) for each in (Noise(INSTRUMENTS[named]), Noise()))
     np.testing.assert_allclose(found.nominal_aligned, plain.nominal_aligned, atol=1e-12)
 
 

@@ -9,7 +9,6 @@ from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.formats.robot_toml import read_table
 from lab.kinematics.compiled import kernels
 from lab.kinematics.gauge import base_set, base_set_of, independent_columns
 from lab.kinematics.serial.arm import SerialArm
@@ -81,45 +80,20 @@ def test_the_gauge_of_the_irb120(targets: int, rank: int) -> None:
         (SCARA, 17, 11.4),
         (VERSATRAN, 23, 11.3),
         (IRB120.chain, 27, 19.4),
+        (load_robot("panda").chain, 31, None),
     ],
     ids=lambda value: getattr(value, "name", None),
 )
-def test_the_counts_of_other_arms(chain, rank: int, condition: float) -> None:
+def test_the_counts_of_other_arms(chain, rank: int, condition: float | None) -> None:
     """facts: 4R + 2P + 3 for each; the condition to a half, for other limits and lengths than ours may be meant."""
     arm = SerialArm(chain)
     structure = base_set(arm, arm.nominal())
     assert len(structure.identifiable) == rank
+    if condition is None:
+        return
     _, jacobian = arm.observe(chain.random_joints(1000, np.random.default_rng(0)), arm.nominal())
     columns = jacobian.reshape(-1, len(arm.names))[:, structure.identifiable]
     assert np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) == pytest.approx(condition, rel=0.5)
-
-
-def test_the_gauges_of_scara_and_versatran() -> None:
-    scara = SerialArm(SCARA)
-    links = {
-        scara.names[i] for i in base_set(scara, scara.nominal()).identifiable if scara.names[i][:4] in ("link", "tool")
-    }
-    assert links == {
-        *(f"link2.{c}" for c in ("alpha", "a", "beta", "theta")), "link3.alpha", "link3.beta",
-        *(f"link4.{c}" for c in ("alpha", "a", "beta")), "tool.p1.x", "tool.p1.y",
-    }  # fmt: skip
-    versatran = SerialArm(VERSATRAN)
-    links = {
-        versatran.names[i]
-        for i in base_set(versatran, versatran.nominal()).identifiable
-        if "link" in versatran.names[i]
-    }
-    assert links == {
-        "link2.alpha", "link2.beta", "link3.alpha", *(f"link4.{c}" for c in ("alpha", "a", "beta", "theta", "d")),
-        *(f"link5.{c}" for c in ("alpha", "a", "theta", "d")), "link6.alpha", "link6.a",
-    }  # fmt: skip
-
-
-@pytest.mark.parametrize(("name", "rank"), [("ur10", 27), ("panda", 31)])
-def test_the_counts_of_measured_arms(name: str, rank: int) -> None:
-    robot = load_robot(name)
-    arm = robot.arm(("p1",))
-    assert len(base_set(arm, arm.nominal()).identifiable) == rank
 
 
 def random_chain(rng: np.random.Generator, *, special: bool = True):
@@ -143,15 +117,14 @@ def random_chain(rng: np.random.Generator, *, special: bool = True):
             return chain_of("random", convention, kinds, alpha, a, rng.uniform(-90, 90, n), d)
 
 
-@pytest.mark.thorough
 def test_any_arm_has_one_vector_near_its_drawing() -> None:
-    """160 random chains: the gauge has the full rank, and a perturbed arm's axes give its parameters back.
+    """20 random chains: the gauge has the full rank, and a perturbed arm's axes give its parameters back.
 
     The perturbation is of every parameter, those that the gauge fixes too: what comes back is
     another vector, with the same positions everywhere.
     """
     rng = np.random.default_rng(6)
-    for _ in range(160):
+    for _ in range(20):
         chain = random_chain(rng)
         arm = SerialArm(chain)
         start = somewhere(arm, rng)
@@ -197,50 +170,19 @@ def left_out(chain) -> set[str]:
 
 
 def test_the_gauge_fixes_what_the_rules_fix() -> None:
-    """No parameter that the rules leave to others is identified, on 200 random arms without special angles."""
+    """No parameter that the rules leave to others is identified, on 30 random arms without special angles."""
     rng = np.random.default_rng(9)
-    for _ in range(200):
+    for _ in range(30):
         chain = random_chain(rng, special=False)
         arm = SerialArm(chain)
         kept = {arm.names[i] for i in base_set(arm, arm.nominal()).identifiable}
         assert not kept & left_out(chain), chain
 
 
-def test_the_irb120_in_closed_form() -> None:
-    """A second way for this arm: common normals, and Hayati's foot in the plane through the previous origin."""
-    rng = np.random.default_rng(7)
-    arm = SerialArm(IRB120.chain)
-    for _ in range(20):
-        start = somewhere(arm, rng)
-        axes = axes_of(arm, perturbed(arm, start, rng, 2 * MM, 5 * MM))
-        truth = parameters_from_axes(arm, axes, start)
-        by_name = dict(zip(arm.names, truth.values, strict=True))
-        z, o = axes.directions, axes.origins
-        normal = [np.cross(z[i], z[i + 1]) / np.linalg.norm(np.cross(z[i], z[i + 1])) for i in range(5)]
-        for i, link in ((0, 1), (2, 3), (3, 4), (4, 5)):
-            assert abs(abs(by_name[f"link{link}.a"]) - abs(normal[i] @ (o[i + 1] - o[i]))) < 1e-13
-            twist = np.arctan2(np.linalg.norm(np.cross(z[i], z[i + 1])), z[i] @ z[i + 1])
-            assert abs(abs(by_name[f"link{link}.alpha"]) - twist) < 1e-13
-        foot = [_foot(o[i], z[i], o[i + 1], z[i + 1]) for i in (0, 2, 3, 4)]  # (on axis i, on axis i + 1)
-        origin1 = foot[0][1]
-        origin2 = o[2] + z[2] * ((origin1 - o[2]) @ z[1]) / (z[2] @ z[1])
-        assert abs(by_name["link2.a"] - np.linalg.norm(origin2 - origin1)) < 1e-13
-        assert abs(by_name["link3.d"] - (foot[1][0] - origin2) @ z[2]) < 1e-12
-        assert abs(by_name["link4.d"] - (foot[2][0] - foot[1][1]) @ z[3]) < 1e-12
-        assert abs(by_name["link5.d"] - (foot[3][0] - foot[2][1]) @ z[4]) < 1e-12
-
-
-def _foot(o1: Array, z1: Array, o2: Array, z2: Array) -> tuple[Array, Array]:
-    """The feet of the common normal on two skew lines."""
-    system = np.column_stack([z1, -z2, np.cross(z1, z2)])
-    s, t, _ = np.linalg.solve(system, o2 - o1)
-    return o1 + s * z1, o2 + t * z2
-
-
 def test_a_drawn_arm_comes_back_from_its_axes() -> None:
     """chain_from_axes: the same positions for random distal arms, whatever table it chooses."""
     rng = np.random.default_rng(8)
-    for _ in range(50):
+    for _ in range(20):
         chain = random_chain(rng)
         arm = SerialArm(chain)
         values = somewhere(arm, rng)
@@ -268,21 +210,6 @@ def test_axes_that_no_such_chain_has_are_refused() -> None:
     directions[2], origins[2] = [1, 0, 0], [0, 0.1, 0.56]
     with pytest.raises(LabError, match="perturb less"):
         parameters_from_axes(arm, JointAxes(origins, directions, axes.targets), arm.nominal())
-
-
-def test_a_beta_of_zero_where_there_is_none_changes_nothing(tmp_path) -> None:
-    rows = zip(IRB120.chain.joint_names, IRB120.chain.table, strict=True)
-    lines = ['name = "table"', 'convention = "distal"']
-    for name, (theta, d, a, alpha, _) in rows:
-        lines += ["[[joint]]", f'name = "{name}"', f"theta_rad = {theta!r}", f"d_m = {d!r}", f"a_m = {a!r}"]
-        lines += [f"alpha_rad = {alpha!r}", "beta_deg = 0", "lower_deg = -120", "upper_deg = 120"]
-    path = tmp_path / "table.toml"
-    path.write_text("\n".join(lines).replace("np.float64(", "").replace(")", ""))
-    arm = SerialArm(read_table(path).chain)
-    assert len(arm.names) == 34 and len(base_set(arm, arm.nominal()).identifiable) == 27
-    path.write_text(path.read_text().replace("beta_deg = 0", "beta_deg = 1", 1))
-    with pytest.raises(LabError, match="beta is for links between nearly parallel axes"):
-        read_table(path)
 
 
 def test_how_many_poses_are_needed() -> None:

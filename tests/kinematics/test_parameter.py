@@ -7,20 +7,16 @@ from helpers.robots import IRB120, VERSATRAN
 from lab.calibration.initial_guess import columns_of
 from lab.calibration.prior import Tolerance, standard_deviations
 from lab.campaign.robot import load_robot, load_virtual
-from lab.core.units import DEGREES, MM, MRAD
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import GROUPS, effect
 from lab.kinematics.parameter import (
     BASE_PARAMETERS,
     Parameter,
-    indices_of_groups,
     is_reserved_owner,
     names_of,
-    section_parameter,
     targets_of,
 )
 from lab.sensors.cable import Cable
-from lab.sensors.full_pose import Poses
 from lab.sensors.plane import Planes
 from lab.sensors.socket import Sockets
 
@@ -43,15 +39,6 @@ def test_a_models_names_and_nominal_values_are_its_parameters(name: str) -> None
         assert each.is_angle == (each.symbol in ("rx", "ry", "rz", "theta", "alpha", "beta"))
         assert each.unit.si == ("rad" if each.is_angle else "m")
         assert np.isfinite(each.scale) == each.is_link
-
-
-@pytest.mark.parametrize("name", GROUPS)
-def test_an_effects_parameters_are_of_its_group(name: str) -> None:
-    made = effect(name, IRB120.chain, IRB120.loads, SESSIONS)
-    assert {each.group for each in made.parameters} == {name}
-    assert all(np.isfinite(each.scale) and each.scale > 0 and not each.nominal for each in made.parameters)
-    for each in made.parameters:
-        assert each.owner == (f"joint{each.joint + 1}" if each.joint is not None else each.owner)
 
 
 def test_units_of_effects() -> None:
@@ -79,26 +66,6 @@ def test_units_of_effects() -> None:
     assert {name: units[name] for name in expected} == expected
 
 
-def test_effects_of_joints_are_read_in_milliradians_and_frames_in_degrees() -> None:
-    found = by_name(IRB120.arm_with(("p1",), ("compliance", "harmonics")).parameters)
-    assert {name: found[name].unit for name in ("base.x", "base.rx", "link2.alpha", "joint1.sin1")} == {
-        "base.x": MM,
-        "base.rx": DEGREES,
-        "link2.alpha": DEGREES,
-        "joint1.sin1": MRAD,
-    }
-    assert found["joint2.compliance"].unit.name == "µrad/Nm"
-    assert (found["link2.alpha"].unit_of_change, found["base.x"].unit_of_change) == (MRAD, MM)
-
-
-def test_a_links_sections_have_the_units_of_their_compliances() -> None:
-    assert {each: section_parameter("g", 1, each).unit.name for each in ("ei_y", "gj", "ea")} == {
-        "ei_y": "1/(MN m²)",
-        "gj": "1/(MN m²)",
-        "ea": "1/MN",
-    }
-
-
 def test_a_slide_has_its_own_units() -> None:
     slides = [i for i, slides in enumerate(VERSATRAN.prismatic) if slides]
     made = by_name(effect("backlash", VERSATRAN, None).parameters)
@@ -122,13 +89,6 @@ def test_places_are_known_by_nothing_and_an_offset_by_its_size() -> None:
     plane = Planes(arm, arm.nominal(), (0,), ("",))
     assert names_of(plane.parameters[-3:]) == ("plane.rx", "plane.ry", "plane.z")
     assert [each.unit.si for each in plane.parameters[-3:]] == ["rad", "rad", "m"]
-
-
-def test_the_orientation_of_a_target_is_of_the_tool_and_of_no_target() -> None:
-    arm = IRB120.arm(TARGETS)
-    model = Poses(arm, "p1")
-    assert names_of(model.parameters) == model.names and targets_of(model.parameters) == TARGETS
-    assert indices_of_groups(model.parameters, ["tool"])[-3:] == tuple(range(len(arm.names), len(arm.names) + 3))
 
 
 def test_standard_deviations_are_tolerances_of_links_and_scales_of_the_rest() -> None:

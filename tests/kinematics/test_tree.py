@@ -194,19 +194,6 @@ def test_a_single_measured_tip_is_a_serial_arm() -> None:
     assert [tree.chain.joint_names[i] for i in joint] == [alone.chain.joint_names[i] for i in which]
 
 
-def test_a_skeleton_has_a_line_for_each_tip() -> None:
-    arm = arm_of("torso", *BOTH)
-    values = off_nominal(arm)
-    values[:6] = 0.0
-    joints = arm.chain.random_joints(3, np.random.default_rng(7))
-    drawn = arm.skeleton(joints, values)
-    assert len(drawn.lines) == 2
-    for k, line in enumerate(drawn.lines):
-        Ts = arm.tool(joints, values, k)[0]
-        tool = values[len(values) - 6 + 3 * k :][:3]
-        np.testing.assert_allclose(line[:, -1], Ts[:, :3, 3] - Ts[:, :3, :3] @ tool, atol=1e-13)
-
-
 def test_targets_are_named_by_their_tip() -> None:
     tree = load_robot("torso").model.chain
     for targets, says in ((("p1",), "left.p1"), (("middle.p1",), "left, right"), ((), "at least one")):

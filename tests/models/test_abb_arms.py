@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from lab.campaign.robot import load_robot
-from lab.kinematics.reach import reach_from_axis
 
 # Origins (m) and axes of the joints at zero, and the flange's distance from link 6: of the public URDFs.
 IRB140 = (
@@ -16,10 +15,6 @@ IRB2400 = (
     ((0.085, 0, 0), "x"),
 )  # fmt: skip
 URDFS = {"irb140": IRB140, "irb2400": IRB2400}
-RANGES = {
-    "irb140": ((-180, 180), (-90, 110), (-230, 50), (-200, 200), (-115, 115), (-400, 400)),
-    "irb2400": ((-180, 180), (-100, 110), (-60, 65), (-200, 200), (-120, 120), (-400, 400)),
-}
 
 
 def turned(axis: str, angle: float) -> np.ndarray:
@@ -49,22 +44,3 @@ def test_the_flange_is_where_the_public_urdf_has_it(name: str) -> None:
         p, R = flange_of(URDFS[name], q)
         np.testing.assert_allclose(T[:3, 3], p, atol=1e-12)
         np.testing.assert_allclose(T[:3, :3], R, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", RANGES)
-def test_ranges_are_those_of_the_makers_data(name: str) -> None:
-    chain = load_robot(name).chain
-    np.testing.assert_allclose(np.rad2deg([chain.lower, chain.upper]).T, RANGES[name], atol=1e-9)
-
-
-def test_the_reach_of_the_wrist_is_the_makers() -> None:
-    """810 mm stretched; the IRB 2400's axis 3 stops before, and the law of cosines gives 1550 mm."""
-    chains = {name: load_robot(name).serial_arm(("p1",)).chain for name in URDFS}
-    wrist = {name: np.array([0.0, 0.0, -URDFS[name][-1][0][0]]) for name in URDFS}
-    reach = {name: 1e3 * reach_from_axis(chain, wrist[name]) for name, chain in chains.items()}
-    assert reach["irb140"] == pytest.approx(70 + 360 + 380, abs=1e-3)
-    forearm = np.hypot(755, 135)
-    short = np.pi / 2 - (np.deg2rad(60) + np.arctan2(135, 755))  # of stretched, at q3 = -60°
-    bent = np.sqrt(705**2 + forearm**2 + 2 * 705 * forearm * np.cos(short))
-    assert reach["irb2400"] == pytest.approx(100 + bent, abs=1e-3)
-    assert reach["irb2400"] == pytest.approx(1550, abs=0.1)

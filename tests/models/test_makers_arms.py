@@ -19,7 +19,7 @@ MAKERS = sorted(
     if path.name not in ("robot.toml", "robot.xml", "scene.xml", "mechanism.toml")
     and path.parent.name not in ("carrier", "delta", "rpr3")
 )  # fmt: skip
-DEFAULT, THOROUGH = {"so101"}, {"ur5e", "fr3", "gofa", "irb2400", "xarm7"}  # of each kind of wrist one
+THOROUGH = {"ur5e", "xarm7"}  # an offset wrist, and seven joints
 ROWS = {
     cells[1].strip("`"): cells[2:]
     for line in (ROOT / "docs" / "reference" / "robots.md").read_text().splitlines()
@@ -54,29 +54,7 @@ def test_the_last_frame_is_where_the_maker_s_urdf_has_it(name: str) -> None:
         assert f"{1e6 * largest:.1f} µm" in description_of(name).with_name("README.md").read_text()
 
 
-def test_the_urdf_is_read_as_its_specification_says(tmp_path: Path) -> None:
-    """By hand: a column 1 m tall, an arm 0.5 m long that turns about y after a turn about z."""
-    urdf = tmp_path / "arm.urdf"
-    urdf.write_text(
-        '<robot name="arm"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>'
-        '<joint name="2" type="continuous"><parent link="b"/><child link="c"/><origin xyz="0 0 1"/><axis xyz="0 2 0"/>'
-        '</joint><joint name="3" type="fixed"><parent link="c"/><child link="d"/>'
-        '<origin xyz="0.5 0 0" rpy="1.5708 0 3.14159"/></joint>'
-        '<joint name="1" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>'
-    )
-    spec = robots_against_urdf.Urdf(("", ""), "", "a", "d")
-    joints = np.deg2rad([[0, 0], [90, 0], [90, 90], [0, -30]])
-    poses = robots_against_urdf.urdf_poses(urdf, spec, joints, exact=True)
-    expected = [[0.5, 0, 1], [0, 0.5, 1], [0, 0, 0.5], [0.5 * np.cos(np.pi / 6), 0, 1.25]]
-    np.testing.assert_allclose(poses[:, :3, 3], expected, atol=1e-15)
-    np.testing.assert_allclose(poses[0, :3, :3], [[-1, 0, 0], [0, 0, 1], [0, 1, 0]], atol=1e-15)  # Rz(180) Rx(90)
-    rounded = robots_against_urdf.urdf_poses(urdf, spec, joints, exact=False)
-    assert 1e-6 < np.abs(rounded - poses).max() < 1e-5
-    with pytest.raises(lab.LabError, match="there are not 3 joints"):
-        robots_against_urdf.urdf_poses(urdf, spec, np.zeros((1, 3)), exact=True)
-
-
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", ROWS)
 def test_a_row_of_the_page_is_what_lab_inspect_says(name: str) -> None:
     robot, found = load_robot(name), lab.inspect(name).to_dict()
@@ -88,7 +66,7 @@ def test_a_row_of_the_page_is_what_lab_inspect_says(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[] if name in DEFAULT else pytest.mark.thorough if name in THOROUGH else pytest.mark.slow)
+    pytest.param(name, marks=pytest.mark.thorough if name in THOROUGH else pytest.mark.slow)
     for name in ROWS
 ])  # fmt: skip
 def test_the_arm_is_inspected_calibrated_designed_for_and_compensated(

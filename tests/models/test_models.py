@@ -84,6 +84,7 @@ def test_the_command_of_a_measured_robot_s_readme_runs(folder, tmp_path, monkeyp
     assert result["status"] == "converged" and result["after_mm"]["mean"] < 0.7 * result["before_mm"]["mean"]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", SCENES)
 def test_the_scene_steps_a_second_without_a_warning(name) -> None:
     model = load_robot(name).model.model
@@ -94,6 +95,7 @@ def test_the_scene_steps_a_second_without_a_warning(name) -> None:
     assert np.isfinite(data.qpos).all() and np.abs(data.qvel).max() < 100
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "path",
     sorted(path for path in (ROOT / "models").glob("*/*.toml") if path.name != "drives.toml"),
@@ -131,28 +133,6 @@ def test_the_irb120_weighs_25_kg_and_its_links_18() -> None:
     }
     for name, mass in links.items():
         assert model.body(name).mass[0] == pytest.approx(mass, abs=6e-4)
-
-
-def gravity_torque(payload_kg: float, *, links_only: bool) -> float:
-    """Nm about axis 2, outstretched at q = 0, 90, -90, 0, 0, 0."""
-    model = mujoco.MjModel.from_xml_path(str(ROOT / "models" / "irb120" / "scene.xml"))
-    for body in range(model.nbody):
-        if links_only and model.body(body).name.startswith(("motor", "covers")):
-            model.body_mass[body] = 0.0
-            model.body_inertia[body] = 0.0
-    if payload_kg:
-        model.body("flange").mass[:] = payload_kg
-    data = mujoco.MjData(model)
-    data.qpos[:] = np.deg2rad([0, 90, -90, 0, 0, 0])
-    mujoco.mj_forward(model, data)
-    return abs(data.qfrc_bias[1])
-
-
-def test_the_gravity_torque_of_the_published_links() -> None:
-    """facts, section 6: 22.7 Nm with the 18.1 kg of links, 19.0 Nm more with 3 kg at the flange's origin."""
-    assert gravity_torque(0.0, links_only=True) == pytest.approx(22.7, abs=0.1)
-    assert gravity_torque(3.0, links_only=True) - gravity_torque(0.0, links_only=True) == pytest.approx(19.0, abs=0.1)
-    assert 26 < gravity_torque(0.0, links_only=False) < 35  # scaled up alike, the 25 kg would make 31.3
 
 
 def test_the_shells_are_closed_and_near_the_collision_shapes() -> None:

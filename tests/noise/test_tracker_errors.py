@@ -11,8 +11,6 @@ from lab.noise.instruments import (
     AIR_INDEX_PER_K,
     PLACEMENT,
     SYSTEMATIC_ERRORS,
-    Instrument,
-    SystematicError,
     TrackerErrors,
     air_index,
 )
@@ -121,20 +119,6 @@ def test_the_air_is_that_of_the_updated_formula_of_edlen() -> None:
     """1.000271628, at 20 degrees, 1013.25 hPa and 20 % humidity (NIST's calculator): dry air is 1.7e-7 above."""
     assert air_index(20.0) == pytest.approx(1.0002716291691649 + 1.7e-7, abs=3e-8)
     assert pytest.approx(-0.93e-6, abs=0.01e-6) == AIR_INDEX_PER_K
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("term", PLACEMENT, ids=lambda term: str(term.name))
-def test_the_placement_of_the_reflector_has_the_covariance_that_weighs_it(term: SystematicError) -> None:
-    errors, count = TrackerErrors(**{term.name: Uncertain(5e-6)}), 4000
-    rng = np.random.default_rng(1)
-    drawn = np.array([errors.sample(POINTS, rng) for _ in range(count)])
-    found = np.einsum("nki,nkj->kij", drawn, drawn) / count
-    expected = errors.placement_covariance(POINTS)
-    assert np.abs(found - expected).max() <= 5 * np.sqrt(3 / count) * expected.max()
-    device = Instrument("t", "spherical", 1e-6, 0.0, 2e-6, 0.0)
-    with_it = Instrument("t", "spherical", 1e-6, 0.0, 2e-6, 0.0, errors=errors)
-    np.testing.assert_allclose(with_it.covariance(POINTS, 9) - device.covariance(POINTS, 9), expected, atol=1e-24)
 
 
 def test_errors_are_multiplied_and_sorted_by_how_long_they_last() -> None:

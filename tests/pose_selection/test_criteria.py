@@ -10,7 +10,7 @@ import lab
 from lab.core.errors import LabError
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
-from lab.pose_selection.criteria import CRITERIA, Criterion, Scaling, criterion, indices
+from lab.pose_selection.criteria import CRITERIA, Criterion, Scaling, criterion, indices, prepared
 
 ARM = SerialArm(IRB120.chain)
 KEPT = list(base_set(ARM, ARM.nominal()).identifiable)
@@ -34,19 +34,6 @@ def test_closed_forms() -> None:
     assert found.g == found.i == pytest.approx(found.a)  # one test pose with J = 1: the trace of the covariance
 
 
-def test_identities_and_batches() -> None:
-    designs = np.stack([jacobian(15, seed) for seed in range(40)])
-    found = indices(designs)
-    for i, design in enumerate(designs):
-        flat = design.reshape(-1, 27)
-        information = flat.T @ flat
-        assert 2 * 27 * np.log(found.o1[i] * np.sqrt(15)) == pytest.approx(np.linalg.slogdet(information)[1])
-        assert found.o3[i] ** 2 == pytest.approx(np.linalg.eigvalsh(information)[0], rel=1e-6)
-        assert found.a[i] == pytest.approx(np.trace(np.linalg.inv(information)), rel=1e-6)
-        assert found.condition[i] == pytest.approx(1 / found.o2[i])
-        assert found.o4[i] == pytest.approx(found.o3[i] * found.o2[i])
-
-
 def test_a_design_that_misses_a_parameter_is_worth_nothing() -> None:
     blind = jacobian(15, 0)
     blind[..., 3] = 0.0
@@ -59,23 +46,6 @@ def test_a_design_that_misses_a_parameter_is_worth_nothing() -> None:
     goal = criterion("G", 27, test)
     flat, whole = blind.reshape(-1, 27), jacobian(15, 0).reshape(-1, 27)
     assert goal.score(flat.T @ flat) < goal.score(whole.T @ whole) - 10
-
-
-@pytest.mark.thorough
-def test_o1_ranks_in_all_units_alike_and_the_others_do_not() -> None:
-    """Over 200 designs, in raw units, unit columns, a characteristic length, and tolerances."""
-    designs = np.stack([jacobian(15, seed) for seed in range(200)])
-    pool = jacobian(500, 1000)
-    scalings = [Scaling(kind) for kind in ("raw", "unit", "length", "whitened")] + [Scaling("length", length_m=0.1)]
-    found = [indices(designs * scaling.columns(PARAMETERS, pool)) for scaling in scalings]
-    for one, scaling in zip(found, scalings, strict=True):
-        again = indices(designs * scaling.columns(PARAMETERS, pool), pool * scaling.columns(PARAMETERS, pool))
-        plain = indices(designs, pool)
-        np.testing.assert_allclose([again.g, again.i], [plain.g, plain.i], rtol=1e-6)  # they speak of positions
-        np.testing.assert_array_equal(again.o1, one.o1)
-    for name in ("o1", "o2", "o3", "o4", "o5", "a"):
-        orders = {tuple(np.argsort(getattr(one, name))) for one in found}
-        assert (len(orders) == 1) == (name == "o1"), name
 
 
 def test_scalings_are_what_they_say() -> None:
@@ -137,16 +107,12 @@ class Product(Criterion):
 
 
 def test_a_criterion_of_one_s_own_needs_a_score_alone() -> None:
-    """Its differences are the derivative, and its design is as good as O1's."""
+    """Its differences are the derivative."""
     rows = jacobian(9, 3).reshape(-1, len(KEPT))
     information = rows.T @ rows
     known = criterion("O1", len(information))
     own, exact = Product().slope(information), known.slope(information)
     np.testing.assert_allclose(own, exact, atol=1e-7 * np.abs(exact).max(), rtol=0)
-    options = {"poses": 14, "candidates": 60, "starts": 1, "seed": 3, "no_check": True}
-    own, o1, other = (lab.design("scara", criterion=each, **options) for each in (Product(), "O1", "O4"))
-    assert own.to_dict()["criterion"] == "product"
-    assert own.indices.o1 == pytest.approx(o1.indices.o1, rel=1e-3) and other.indices.o1 < 0.99 * o1.indices.o1
 
 
 @pytest.mark.parametrize("given", [3, Criterion, type("Nameless", (Product,), {"name": None})(), np.linalg.det])
@@ -241,13 +207,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_criterion_is_refused_in_one_line(name: str) -> None:
     changed, said = WRONG[name]
+    own = type("Wrong", (LinkLengths,), {"name": "wrong", **changed})()
     with pytest.raises(LabError, match=f"^criterion 'wrong' {said}") as raised:
-        lab.design("irb120", criterion=type("Wrong", (LinkLengths,), {"name": "wrong", **changed})(), **OPTIONS)
+        prepared(own, NAMES, jacobian(60, 3))
     assert "\n" not in str(raised.value)
-
-
-def test_an_unknown_name_says_how_an_own_criterion_gets_one() -> None:
-    with pytest.raises(
-        LabError, match=r"entry point of lab.criteria is named 'lengths', or give lab.design the object"
-    ):
-        lab.design("irb120", criterion="lengths")

@@ -23,7 +23,7 @@ def test_the_best_candidate_is_that_of_an_exhaustive_search(name: str) -> None:
     assert (np.diff(gains) <= 0).all()
 
 
-def sessions(times: float, count: int = 4000, looks: int = 30) -> float:
+def sessions(times: float, count: int = 1000, looks: int = 30) -> float:
     """Share of sessions in which the noise is found larger at one of the looks, three residuals more at each."""
     squares = times**2 * RNG.standard_normal((count, looks, 3)) ** 2
     sums = squares.sum(axis=2).cumsum(axis=1)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.robots import IRB120, SCARA
-from helpers.scenes import among_posts, small_arm
+from helpers.scenes import small_arm
 
 from lab.core.errors import LabError
 from lab.core.random import rng_for
@@ -35,7 +35,6 @@ from lab.pose_selection.tour import (
     with_reference,
 )
 from lab.simulation.candidate_poses import draw_candidates
-from lab.simulation.collisions import collides, random_poses
 from lab.simulation.free_path import path_check
 
 MODEL = IRB120.model
@@ -116,16 +115,6 @@ def test_the_day_moves_the_joints_through_all_stops() -> None:
         np.testing.assert_allclose(at, start + share * (end - start), atol=1e-12)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(3))
-def test_twelve_poses_are_ordered_exactly(seed: int) -> None:
-    joints = random_poses(MODEL, 12, np.random.default_rng(seed))
-    free = path_check(MODEL)
-    tour = plan_tour(joints, *RATES, free, rng_for(seed, "tour"))
-    assert_consistent(tour, joints, RATES, free)
-    assert tour.seconds == pytest.approx(held_karp(true_costs(RoadmapGraph(joints, *RATES, free), free)), abs=1e-9)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_twelve_poses_around_an_obstacle_are_ordered_exactly(seed: int) -> None:
     """A quarter of the moves in the plane are blocked; the optimum is over true costs, detours included."""
@@ -156,20 +145,6 @@ def test_thirty_poses_are_near_the_best_and_far_from_random() -> None:
 
 def _from_home(tour: np.ndarray) -> np.ndarray:
     return np.roll(tour, -int(np.flatnonzero(tour == 0)[0]))[1:] - 1
-
-
-@pytest.mark.thorough
-def test_a_plan_holds_when_looked_at_again_in_mujoco(tmp_path: Path) -> None:
-    """The IRB 120 among two posts: stops, and 1,000 points of each path, touch nothing."""
-    robot = among_posts(tmp_path)
-    joints, free = random_poses(robot, 20, np.random.default_rng(0)), path_check(robot)
-    tour = plan_tour(joints, *RATES, free, rng_for(0, "tour"), safe=random_poses(robot, 10, np.random.default_rng(1)))
-    as_given = RoadmapGraph(joints, *RATES, free).tour(np.arange(20))
-    assert len(as_given.waypoints) > 20 + 2 + 3  # several moves go around a post
-    for plan in (tour, as_given):
-        assert_consistent(plan, joints, RATES, free)
-        paths = np.concatenate([np.linspace(a, b, 1000) for a, b in itertools.pairwise(plan.waypoints)])
-        assert not collides(robot, paths).any()
 
 
 def test_an_arm_goes_around_a_pillar(tmp_path: Path) -> None:
@@ -212,13 +187,6 @@ def test_only_moves_that_matter_are_looked_at() -> None:
     assert 31 <= len(looked) < 0.4 * 31 * 30 / 2
 
 
-def test_one_stream_gives_one_tour() -> None:
-    joints = random_poses(MODEL, 20, np.random.default_rng(0))
-    first, again = (plan_tour(joints, *RATES, anywhere, rng_for(0, "tour")) for _ in range(2))
-    np.testing.assert_array_equal(first.order, again.order)
-    assert first.seconds == again.seconds
-
-
 def test_improved_tours_have_no_shorter_neighbour() -> None:
     """Every reversal and every segment moved, by brute force, from random tours of 8 places."""
     rng = np.random.default_rng(0)
@@ -254,15 +222,6 @@ def test_each_move_changes_the_length_by_what_was_predicted() -> None:
             np.testing.assert_allclose(lengths(cost, moved[None]) - before, change[i, j], atol=1e-12)
             tried += 1
     assert tried == 9 * 8 + 2 * 9 * (7 + 6 + 5)
-
-
-@pytest.mark.slow
-def test_kicks_find_what_descents_alone_do_not() -> None:
-    joints = random_poses(MODEL, 60, np.random.default_rng(2))
-    cost = RoadmapGraph(joints, *RATES, anywhere).cost
-    descents = improve(cost, random_starts(cost, rng_for(0, "tour")))
-    tour = plan_tour(joints, *RATES, anywhere, rng_for(0, "tour"))
-    assert tour.seconds < lengths(cost, descents).min() - 1e-6
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 4])

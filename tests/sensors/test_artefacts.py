@@ -80,7 +80,7 @@ RANKS = {  # 21 of an arm that is touched, less one where its size is free; six 
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("kind", "places", "features", "rank"), RANKS.values(), ids=RANKS)
 def test_what_artefacts_identify(kind, places, features, rank) -> None:
     model = artefact(kind, places, features)
@@ -104,6 +104,7 @@ def cubes() -> lab.MeasurementSession:
     )
 
 
+@pytest.mark.thorough
 def test_simulated_contacts_lie_on_the_faces_of_one_cube(cubes: lab.MeasurementSession) -> None:
     """MuJoCo's points: opposite faces are an edge and two radii apart, neighbours at right angles."""
     data, real = cubes.measurements, cubes.true_robot
@@ -161,6 +162,7 @@ def test_the_uncertainty_of_an_artefact_goes_into_the_size_of_the_arm(cubes: lab
         assert np.abs(found.residuals - exact.residuals).max() < 1e-7
 
 
+@pytest.mark.thorough
 def test_readings_of_an_indicator_have_a_direction() -> None:
     """Readings counted the other way give the same arm."""
     data = lab.simulate("irb120", observe="dial", poses=60, seed=4, instrument="dial-indicator").measurements
@@ -256,8 +258,8 @@ def test_a_tool_that_indicators_do_not_show_makes_no_other_robot(indicators: lab
     assert found.identification.spread == pytest.approx(1, abs=0.05)
 
 
-@pytest.mark.parametrize("factor", [1 / 25.4, 25.4])
-def test_readings_in_a_wrong_unit_are_of_no_such_robot(indicators: lab.MeasurementSession, factor: float) -> None:
+@pytest.mark.thorough
+def test_readings_in_a_wrong_unit_are_of_no_such_robot(indicators: lab.MeasurementSession) -> None:
     data = indicators.measurements
-    wrong = replace(data, conditions={**data.conditions, "dial_mm": factor * data.conditions["dial_mm"]})
+    wrong = replace(data, conditions={**data.conditions, "dial_mm": data.conditions["dial_mm"] / 25.4})
     assert lab.identify(wrong, robot="scara", observe="dial", noise_mm=0.005).verdict.word == "bad"

@@ -80,21 +80,6 @@ def test_sessions_that_are_found_begin_at_rows_of_the_file() -> None:
     assert CableSensor().with_sessions(arm, named, arm.nominal()) is named
 
 
-@pytest.mark.thorough
-def test_anchors_that_moved_are_found() -> None:
-    """From residuals alone, with rows 201 and 950 among them; and nothing is found where nothing moved."""
-    arm, data = cable_file()
-    observation, seen = CableSensor().observation(arm, data, arm.nominal())
-    starts = found_sessions(observation, seen, arm.nominal())
-    assert len(starts) == 3 and starts[0] == 0 and abs(starts[1] - 140) <= 2 and abs(starts[2] - 506) <= 2
-    spoilt = seen.points.copy()
-    spoilt[[60, 300, 301, 900]] += 0.05
-    again = found_sessions(observation, replace(seen, points=spoilt), arm.nominal())
-    assert len(again) == 3 and np.abs(np.subtract(again, starts)).max() <= 3
-    still = found_sessions(observation, seen.take(range(140, 506)), arm.nominal())
-    assert still == (0,)
-
-
 def wire_readings(seed: int, marks: list[int], move_m: float) -> tuple[Fixtures, Measurements]:
     """A wrong arm's wire lengths with 0.3 mm of noise, three of them bad; the anchor moves at these rows."""
     rng = np.random.default_rng(seed)

@@ -1,8 +1,5 @@
 """Several sensors in one fit: rows of each, ratios of their noises, and what they show together."""
 
-import pickle
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from helpers.robots import IRB120, assert_derivatives
@@ -36,7 +33,7 @@ def test_derivatives_are_those_of_the_prediction() -> None:
 
 @pytest.mark.parametrize("observe", ["points+pixels", pytest.param("socket+pixels", marks=pytest.mark.thorough)])
 def test_without_noise_everything_is_found(observe: str) -> None:
-    result = lab.calibrate("irb120", observe=observe, poses=24, seed=2, instrument="exact")
+    result = lab.calibrate("irb120", observe=observe, poses=14, seed=2, instrument="exact")
     assert result.comparison is not None and np.abs(result.comparison.error).max() < 1e-9
 
 
@@ -85,9 +82,3 @@ def test_names_that_cannot_measure_together_are_refused() -> None:
     sensor = sensor_named("points+pixels").configured(SensorOptions(), FitInputs())
     with pytest.raises(LabError, match="no row holds a corner in a picture"):
         sensor.observation(ARM, day.measurements, NOMINAL)
-
-
-def test_a_sensor_travels_between_processes() -> None:
-    sensor = replace(sensor_named("points+pixels").configured(SensorOptions(noise_px=0.2), FitInputs(noise_mm=0.1)))
-    again = pickle.loads(pickle.dumps(sensor))
-    assert again == sensor and again.ratios == pytest.approx((1.0, 2.0))

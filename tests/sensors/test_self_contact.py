@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.robots import ROOT
 
-from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import identify
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
@@ -15,7 +13,6 @@ from lab.commands.calibrate.run import MeasurementSession, measurement_session
 from lab.core.errors import LabError
 from lab.core.measurements import FIXTURE, Measurements, measured
 from lab.core.random import rng_for
-from lab.formats.measurement_csv import read_measurements, write_measurements
 from lab.kinematics.gauge import base_set
 from lab.sensors.self_contact import SelfContact, SelfContactSensor
 
@@ -142,16 +139,6 @@ def test_a_simulation_that_cannot_be(options: dict[str, object], says: str) -> N
         session_of(**options)
 
 
-def test_a_file_reads_back(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    data = session_of(poses=10).measurements
-    write_measurements(tmp_path / "m.csv", data, TORSO.chain.prismatic)
-    back = read_measurements(
-        tmp_path / "m.csv", TORSO.chain.joint_names, TORSO.chain.prismatic, columns=SelfContactSensor.columns
-    )
-    assert back.targets == BOTH and back.other["contact"] == data.other["contact"] and not back.warnings
-    np.testing.assert_array_equal(back.points, data.points)
-
-
 def test_contacts_of_noise_have_the_weight_of_points() -> None:
     """A contact is a difference of two points by the instrument's noise of one: its rows have the same sigma."""
     session = session_of(instrument="uniform-8um", poses=80)
@@ -161,24 +148,3 @@ def test_contacts_of_noise_have_the_weight_of_points() -> None:
     assert contact.sum() == 40 and rows.conditions[FIXTURE].tolist().count(0.0) == 40
     sigma = np.sqrt((found.residuals[contact, -1] ** 2).mean()) / found.sigma_m
     assert 0.6 < sigma < 1.1  # less what the parameters take up
-
-
-def test_a_tracker_s_noise_of_a_contact_is_that_where_it_is() -> None:
-    session = session_of(instrument="leica-at960", poses=60)
-    data = session.measurements
-    touching = np.array([bool(cell) for cell in data.other["contact"]])
-    gaps = np.diff(session.true_robot.points(data.joints[touching], BOTH), axis=1)[:, 0]
-    assert 1e-6 < np.sqrt((gaps**2).mean()) < 30e-6
-
-
-def test_fit_of_exact_contacts_from_afar_is_the_same() -> None:
-    truth = ALONE.rank_point(NOMINAL) + 1e-3 * rng_for(3, "arm").standard_normal(len(NOMINAL))
-    inputs = ALONE.inputs_in_contact(60, truth, rng_for(4, "poses"))
-    free = base_set(ALONE, NOMINAL).identifiable
-    exact = Observations(inputs, ALONE.points(inputs, truth), np.ones((60, 1)))
-    found = fit(ALONE, exact, free, NOMINAL, tolerance_m=1e-12).values
-    assert np.abs(ALONE.points(inputs, found)).max() < 1e-11
-
-
-def test_the_torso_is_one_of_the_labs_robots() -> None:
-    assert (ROOT / "models" / "torso" / "robot.xml").is_file() and TORSO.on_tips(("p1",)) == BOTH

@@ -16,13 +16,10 @@ from lab.simulation.tracking import VirtualMeasurement, target_rotations
 
 SEED = 3
 CASES = {  # of each kind, how many poses show all of an arm
-    "points": {"poses": 30},
-    "pose": {"poses": 20},
     "pose, mixed": {"poses": 30, "orientation_share": 0.3},
     "pose as angles": {"poses": 20, "orientation": "fixed-xyz", "method": "sequential"},
     "cable": {"poses": 60},
     "socket": {"poses": 40, "socket_distance_mm": 80.0, "fixtures": 3},
-    "socket of unknown distance": {"poses": 40, "fixtures": 3},
     "plane": {"poses": 60},
     "cube": {"poses": 80, "fixtures": 3},
     "sphere-plate": {"poses": 40, "fixtures": 2},
@@ -37,47 +34,30 @@ def campaign(name: str, **options) -> lab.CalibrationResult:
     )
 
 
-SLOW = ("points", "pose", "pose as angles", "socket of unknown distance")  # others show the same in the default run
+DEFAULT = ("pose, mixed", "cable", "plane", "ball-bar")
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CASES])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.thorough] * (n not in DEFAULT)) for n in CASES])
 def test_without_noise_an_arm_is_found_as_it_truly_is(name: str) -> None:
     """The truth is read off MuJoCo's joint axes and sites, the errors are of MuJoCo's own points."""
     result = campaign(name, instrument="exact").to_dict()
     assert result["rank"] == result["identifiable"] and result["status"] == "converged"
     assert result["truth"]["max_abs_error"] < 1e-9
-    knows_its_size = name not in ("socket of unknown distance", "plane")
+    knows_its_size = name != "plane"
     assert (result["after_mm"]["max"] < 1e-6) == knows_its_size
     assert any("do not determine the arm's size" in said for said in result["warnings"]) != knows_its_size
     assert result["before_mm"]["mean"] > 1
 
 
-NOISY = {
-    "pose": {"instrument": "krypton-k600"},
+NOISY = {  # of each error model one
     "pose, mixed": {"instrument": "leica-at960"},
     "cable": {"instrument": "draw-wire"},
-    "socket": {"instrument": "ball-in-socket"},
-    "plane": {"instrument": "touch-probe"},
-    "cube": {"instrument": "touch-probe"},
-    "sphere-plate": {"instrument": "ball-in-socket"},
     "ball-bar": {"instrument": "ball-in-socket"},
     "dial": {"instrument": "dial-indicator"},
 }
 
 
-SLOW_NOISY = ("pose", "socket", "plane", "cube", "dial")
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(
-            n, marks=pytest.mark.slow if n in SLOW_NOISY else pytest.mark.thorough if n == "sphere-plate" else ()
-        )
-        for n in NOISY
-    ],
-)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.thorough] * (n != "cable")) for n in NOISY])
 def test_with_noise_an_arm_is_found_within_it(name: str) -> None:
     found = campaign(name, **NOISY[name])
     at_fixtures = not name.startswith("pose")

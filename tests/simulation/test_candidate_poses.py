@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from helpers.robots import IRB120
-from helpers.scenes import MODEL, among_posts, small_arm
+from helpers.scenes import MODEL, small_arm
 
 from lab.core import se3
 from lab.core.errors import LabError
@@ -18,7 +18,7 @@ from lab.simulation.candidate_poses import (
     feasibility,
     field_of_view,
 )
-from lab.simulation.collisions import collides, random_poses
+from lab.simulation.collisions import collides
 from lab.simulation.free_path import path_check
 
 EXACT, CORNER_CUBE = INSTRUMENTS["exact"], INSTRUMENTS["leica-at960"]
@@ -190,10 +190,10 @@ def test_candidates_are_feasible_and_every_draw_is_accounted_for(name: str) -> N
 def test_shares_are_what_they_must_be() -> None:
     """In the margin of one limit or more: 1 - 0.9^6. A sight that sees all rejects no more than a tracker's."""
     all_seen, tracked = (
-        draw_candidates(MODEL, ("p1",), device, 2000, rng_for(0, "candidates")) for device in (EXACT, LEICA)
+        draw_candidates(MODEL, ("p1",), device, 1000, rng_for(0, "candidates")) for device in (EXACT, LEICA)
     )
     for found in (all_seen, tracked):
-        assert found.rejected["limits"] / found.drawn == pytest.approx(1 - (1 - 2 * MARGIN) ** 6, abs=0.01)
+        assert found.rejected["limits"] / found.drawn == pytest.approx(1 - (1 - 2 * MARGIN) ** 6, abs=0.014)
     assert all_seen.drawn < tracked.drawn
     none = draw_candidates(MODEL, ("p1",), EXACT, 200, rng_for(0, "candidates"), margin=0.0)
     assert none.rejected["limits"] == 0
@@ -202,10 +202,10 @@ def test_shares_are_what_they_must_be() -> None:
 def test_one_seed_gives_one_list_and_more_keeps_the_first() -> None:
     few, again, more, other = (
         draw_candidates(MODEL, ("p1",), LEICA, n, rng_for(seed, "candidates")).joints
-        for n, seed in ((900, 0), (900, 0), (1500, 0), (900, 1))
+        for n, seed in ((300, 0), (300, 0), (500, 0), (300, 1))
     )
     np.testing.assert_array_equal(few, again)
-    np.testing.assert_array_equal(few, more[:900])
+    np.testing.assert_array_equal(few, more[:300])
     assert np.abs(few - other).max() > 0.1
 
 
@@ -244,17 +244,6 @@ def test_nothing_thicker_than_a_step_is_stepped_over(tmp_path) -> None:
         blocked = path_check(small_arm(tmp_path, extra=post, on_hand=probe))
         ends = np.array([[-1.2, rng.uniform(-0.05, 0.05)], [1.2, rng.uniform(-0.05, 0.05)]])
         assert free(*ends) and not blocked(*ends) and not blocked(*ends[::-1])
-
-
-@pytest.mark.thorough
-def test_paths_agree_with_a_dense_look(tmp_path) -> None:
-    """Random moves of the IRB 120 among two posts, each at 1,500 points."""
-    robot = among_posts(tmp_path)
-    joints = random_poses(robot, 60, np.random.default_rng(5))
-    moves = list(zip(joints[::2], joints[1::2], strict=True))
-    expected = [not collides(robot, np.linspace(a, b, 1500)).any() for a, b in moves]
-    assert min(sum(expected), len(expected) - sum(expected)) > 5
-    assert [path_is_free(robot, a, b) for a, b in moves] == expected
 
 
 def test_no_point_moves_further_than_the_reach_says() -> None:

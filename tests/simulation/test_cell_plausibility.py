@@ -8,7 +8,6 @@ import pytest
 
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
-from lab.simulation.cell import edges_text
 
 BOX = '[[obstacle]]\nname = "table"\nshape = "box"\nsize_mm = {}\nposition_mm = {}\n'
 POST = '[[obstacle]]\nname = "post"\nshape = "cylinder"\nradius_mm = {}\nheight_mm = {}\nposition_mm = {}\n'
@@ -139,7 +138,3 @@ def test_what_is_surely_wrong_is_refused(folder: Path) -> None:
         (folder / "cell.toml").write_text(WRONG[name][1])
         with pytest.raises(LabError, match=words):
             load_robot(WRONG[name][0], folder / "cell.toml")
-
-
-def test_edges_are_said_in_whole_millimetres_or_three_digits() -> None:
-    assert edges_text([0.5, 1.25, 1200.4]) == "0.5 x 1.25 x 1200 mm"

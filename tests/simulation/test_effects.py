@@ -144,11 +144,6 @@ def test_without_effects_nothing_changes_not_even_a_bit() -> None:
     assert set(true_parameters(quiet).values()) == {0.0}
 
 
-def test_conditions_that_no_effect_uses_change_nothing() -> None:
-    conditions = {name: np.ones(len(JOINTS)) for name in ("payload_kg", "time_s", "approach_q2", "temp_C")}
-    np.testing.assert_array_equal(REAL.points(JOINTS, TARGETS, conditions), REAL.points(JOINTS, TARGETS))
-
-
 # Loads
 
 
@@ -165,38 +160,6 @@ def test_gravity_torques_are_those_of_the_facts() -> None:
         bare.delete(body)
     links = FlexibleArm(bare.compile(), MODEL).loads(arm.straight(OUTSTRETCHED), np.zeros(1))[0][0]
     assert -links[1] == pytest.approx(22.7, abs=0.05)
-
-
-def test_torques_do_the_virtual_work_of_gravity() -> None:
-    """Against central differences of MuJoCo's potential energy, with a payload."""
-    model = loaded_spec(2.0).compile()
-    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-    data, step = mujoco.MjData(model), 1e-5
-
-    def energy(joints: Array) -> float:
-        data.qpos[:] = joints
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_energyPos(model, data)
-        return float(data.energy[0])
-
-    arm = FlexibleArm(MODEL.model, MODEL)
-    for joints in JOINTS[:3]:
-        torques = arm.loads(arm.straight(joints[None]), np.array([2.0]))[0][0]
-        for i in range(6):
-            d = entry(i + 1, step)
-            assert torques[i] == pytest.approx((energy(joints + d) - energy(joints - d)) / (2 * step), abs=1e-7)
-
-
-def test_the_outstretched_arm_sags_as_a_lever() -> None:
-    """1e5 Nm/rad at axis 2: p1 goes down by torque over stiffness times its distance from the axis."""
-    real = drawn().with_effects(only(sprung_by(entry(2, 1e-5))))
-    level = drawn().points(OUTSTRETCHED, TARGETS)
-    for mass, torque in ((0.0, 31.902), (3.0, 31.902 + 3 * 9.81 * 0.644)):
-        sag = real.points(OUTSTRETCHED, TARGETS, {"payload_kg": np.array([mass])}) - level
-        np.testing.assert_allclose(sag[..., 2], -1e-5 * torque * level[..., 0], rtol=1e-3)
-    gain = drawn().with_effects(only(sprung_by(entry(1, 1e-5)))).points(OUTSTRETCHED, TARGETS) - level
-    np.testing.assert_allclose(gain, 0.0, atol=1e-15)  # gravity has no torque about a vertical axis
 
 
 def test_joints_are_like_sprung_hinges() -> None:
@@ -226,17 +189,6 @@ def test_joints_are_like_sprung_hinges() -> None:
         seen = real.points(joints[None], TARGETS, {"payload_kg": np.array([1.5])})[0]
         np.testing.assert_allclose(seen, expected, atol=1e-12)
         assert np.abs(real.points(joints[None], TARGETS)[0] - expected).max() > 1e-5  # the payload counts
-
-
-def test_the_settled_arm_is_in_balance() -> None:
-    """Every joint's spring holds its torque to 1e-9 Nm, by inverse dynamics of another model."""
-    compliance = np.full(6, 1e-4)
-    arm, payload = FlexibleArm(MODEL.model, MODEL), np.array([0.0, 1.0, 3.0, 2.0])
-    stand = arm.settled(JOINTS[:4], compliance, payload)
-    for i, mass in enumerate(payload):
-        model = loaded_spec(max(mass, 1e-12)).compile()
-        spring = (JOINTS[i] - stand.joints[i]) / compliance
-        np.testing.assert_allclose(spring, holding(model, stand.joints[i]), atol=1e-9)
 
 
 def test_a_slide_gives_way_in_metres_per_newton(tmp_path) -> None:
@@ -397,37 +349,6 @@ def test_readings_lag_and_points_do_not() -> None:
     np.testing.assert_allclose(data.joints[1:], 0.99 * JOINTS[1:] + 0.01 * JOINTS[:-1], atol=1e-15)
 
 
-@pytest.mark.thorough
-def test_the_same_seed_gives_the_same_campaign_and_one_effect_leaves_the_others() -> None:
-    first, again, other = (random_effects(FACTS, ALL, np.random.default_rng(seed)) for seed in (5, 5, 6))
-    rng = np.random.default_rng(5)
-    random_effects(FACTS, ALL, rng)
-    assert rng.bit_generator.state == np.random.default_rng(5).bit_generator.state
-    values, same, others = drawn_values(first), drawn_values(again), drawn_values(other)
-    for name in values:
-        np.testing.assert_array_equal(values[name], same[name])
-        assert (values[name] != others[name]).any()
-    options = (("gear_ppm", "gear"), ("backlash_mrad", "backlash_rad"), ("drift_mm_per_h", "drift_per_h"))
-    for name, column in options:
-        changed = random_effects(FACTS, replace(ALL, **{name: 0.0}), np.random.default_rng(5))
-        now = drawn_values(changed)
-        for kept in set(values) - {column}:
-            np.testing.assert_array_equal(now[kept], values[kept])
-        assert (now[column] != values[column]).any()
-    real, device = REAL.with_effects(first), INSTRUMENTS["uniform-8um"]
-    conditions = random_conditions(CHAIN, first, 40, np.random.default_rng(1), (0.0, 3.0), 3600.0)
-    one, two = (track(real, JOINTS, TARGETS, device, np.random.default_rng(9), 1, conditions) for _ in range(2))
-    np.testing.assert_array_equal(one.points, two.points)
-    quiet = REAL.with_effects(first.having(VisitScatter.none(6), Displaced.none(6), ReadingLag.none(6)))
-    np.testing.assert_array_equal(
-        track(quiet, JOINTS, TARGETS, device, np.random.default_rng(9), 1, conditions).points,
-        device.sample(real.points(JOINTS, TARGETS, conditions), np.random.default_rng(9)),
-    )
-    noise = np.random.default_rng(9)  # a second campaign of the same stream scatters anew
-    scatters = [track(real, JOINTS, TARGETS, INSTRUMENTS["exact"], noise).points for _ in range(2)]
-    assert (scatters[0] != scatters[1]).any()
-
-
 @pytest.mark.parametrize(
     ("group", "kind"),
     [
@@ -508,7 +429,6 @@ def test_the_last_move_is_kept_until_the_next_and_forgotten_between_sessions() -
     np.testing.assert_array_equal(picked.inputs([f"last move of {name}", "place in the file"])[:, 2:], [[1.0, 0.25]])
 
 
-@pytest.mark.thorough
 def test_sizes_are_what_the_effects_have() -> None:
     effects = random_effects(FACTS, ALL, np.random.default_rng(5))
     np.testing.assert_allclose(effects.part(JointSprings).compliance_rad_per_nm, [0, 1e-5, 1e-5, 0, 0, 0])

@@ -38,17 +38,6 @@ def test_what_it_says_is_what_each_place_says(name: str, clearance_mm: float, tm
     assert 0 < sum(said) < len(said)
 
 
-def test_a_look_that_vouches_for_too_much_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A clearance that is forgotten in the margin lets moves through that keep less of it."""
-    model = between_table_and_post("irb120", tmp_path, 60.0)
-    rng = np.random.default_rng(5)
-    moves = [tuple(model.chain.random_joints(2, rng)) for _ in range(40)]
-    truth = [place_by_place(model, *move) for move in moves]
-    assert [path_check(model)(*move) for move in moves] == truth
-    monkeypatch.setattr(free_path._Serial, "_clear_share", lambda self, qpos, travel, total: 1.0)
-    assert [path_check(model)(*move) for move in moves] != truth
-
-
 def test_of_a_mechanism_each_place_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     """How far its points move is an estimate, so that no look vouches for other places."""
     model = load_robot("delta").model

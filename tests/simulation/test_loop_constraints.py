@@ -104,13 +104,13 @@ def mechanism_of(name: str, limits: dict[str, tuple[float, float]], slides: bool
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "name", (*FILES, "rrr3/mechanism", "prr3/mechanism", "hexapod/mechanism", "rps3/mechanism", "rpr3/shared_pin")
 )
 def test_mujoco_and_our_closures_agree_whatever_is_off(name: str):
     case = described(name)
-    joints = case.joints(300)
+    joints = case.joints(100)
     points, jumped = case.settled(joints, case.drawn(joints))
     ours = case.arm.points(joints, case.full)
     both = ~jumped & np.isfinite(ours).all(axis=(1, 2))
@@ -182,18 +182,6 @@ def test_a_four_bar_goes_round_in_the_mode_of_its_start(turn: str, side: int):
     np.testing.assert_allclose(found, pin, rtol=0, atol=ROUNDING_M)
 
 
-def test_a_four_bar_started_anywhere_neither_changes_sides_nor_winds_up():
-    """The modes of a four-bar are the sides to which coupler and rocker bend; singular is where they are in line."""
-    case, rng = four_bar(), np.random.default_rng(7)
-    joints, start = rng.uniform(-np.pi, np.pi, (500, 1)), rng.uniform(-np.pi, np.pi, (2, 500))
-    qpos, jumped = closed_qpos(case.spec.compile(), case.mechanism, case.full, joints, start)
-    bend = np.sin(start[1] - start[0] - joints[:, 0])
-    turn, coupler, rocker = qpos[~jumped].T
-    assert (np.sin(rocker - coupler - turn) * bend[~jumped] > 0).all()
-    assert np.abs(qpos[~jumped, 1:].T - start[:, ~jumped]).max() < 2 * np.pi
-    assert 0.1 < jumped.mean() < 0.6
-
-
 def test_a_tree_without_loops_is_a_serial_arm():
     arm = SerialArm(RX130)
     values = perturbed(arm, arm.nominal(), np.random.default_rng(3), 0.01, 0.01)
@@ -209,15 +197,6 @@ def test_a_tree_without_loops_is_a_serial_arm():
     points, jumped = case.settled(joints, np.empty((0, 200)))
     assert not jumped.any()
     np.testing.assert_allclose(points, arm.points(joints, values), rtol=0, atol=ROUNDING_M)
-
-
-@pytest.mark.thorough
-def test_a_delta_is_settled_from_its_drawn_position():
-    case = described("delta/mechanism")
-    joints = case.joints(2000)
-    points, jumped = case.settled(joints, case.home(2000))
-    wrong = np.abs(points - case.arm.points(joints, case.full)).max(axis=(1, 2)) > ROUNDING_M
-    assert not wrong.any() and jumped.mean() < 0.001
 
 
 def test_a_delta_never_changes_sides():
@@ -294,15 +273,6 @@ def test_a_file_keeps_every_dimension(name: str):
         data = plainly_settled(model, dict(zip(case.mechanism.joint_names, reading, strict=True)))
         found = data.site_xpos[[model.site(name).id for name in case.tool]] - [0.0, 0.0, HEIGHT_M]
         np.testing.assert_allclose(found, points, rtol=0, atol=ROUNDING_M)
-
-
-@pytest.mark.parametrize("name", FILES[:2])
-def test_a_file_has_legs_at_home(name: str):
-    case = described(name)
-    model = mujoco.MjModel.from_xml_string(closed_mjcf(case.spec))
-    data = plainly_settled(model, {})
-    found = data.site_xpos[[model.site(name).id for name in case.tool]] - [0.0, 0.0, HEIGHT_M]
-    np.testing.assert_allclose(found, case.arm.points(case.mechanism.home[None], case.full)[0], rtol=0, atol=ROUNDING_M)
 
 
 @pytest.mark.parametrize(

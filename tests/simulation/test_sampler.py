@@ -8,7 +8,7 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_virtual
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.errors import LabError
-from lab.simulation.sampler import NORMAL, Sampler, drawn, own_sampler, sampler_named
+from lab.simulation.sampler import Sampler, own_sampler, sampler_named
 from lab.simulation.true_robot import perturbed_bodies
 
 ROBOT = load_virtual("irb120")
@@ -42,13 +42,6 @@ def test_every_body_is_off_by_what_is_drawn() -> None:
         turned = 2 * np.arccos(min(1.0, abs(float(body.quat @ nominal.quat))))
         assert turned == pytest.approx(2e-3 * np.sqrt(3), rel=1e-3)
     np.testing.assert_allclose(real.joint_offset, 3e-3)
-
-
-def test_the_usual_arms_are_those_of_standard_normal_numbers() -> None:
-    rng, same = np.random.default_rng(4), np.random.default_rng(4)
-    np.testing.assert_array_equal(drawn(NORMAL, rng, (3, 6)), same.standard_normal((3, 6)))
-    usual, named = (perturbed_arm(ROBOT, VirtualCampaign(seed=3, sampler="normal"), each) for each in (None, NORMAL))
-    np.testing.assert_array_equal(usual.model.body_pos, named.model.body_pos)
 
 
 def test_tables_and_mechanisms_are_drawn_alike() -> None:

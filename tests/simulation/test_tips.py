@@ -97,13 +97,6 @@ def test_candidate_chains_are_named_as_tips(tmp_path: Path) -> None:
         load_model(both)
 
 
-def test_targets_have_the_name_of_their_tip() -> None:
-    named = load_model(TORSO, ("left_hand", "right_hand"))
-    assert set(named.tool) == {f"{side}_hand.{p}" for side in ("left", "right") for p in ("p1", "p2", "p3")}
-    alone = load_model(TORSO, ("left",))
-    np.testing.assert_allclose(alone.tool["p1"], (0.03, 0.02, 0.1), atol=1e-12)
-
-
 @pytest.mark.parametrize("name", ["torso", "rail"])
 def test_an_identified_robot_is_written_whole(name: str, tmp_path: Path) -> None:
     """Its sites in the tracker's frame are the identified ones, and its file is a robot with the same tips."""

@@ -1,12 +1,9 @@
 """The virtual arm: its truth, its tracker's noise, its streams, its poses."""
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
-from scipy import stats
 
 import lab
 from lab.campaign.options import VirtualCampaign
@@ -16,7 +13,7 @@ from lab.core import se3
 from lab.core.errors import LabError, LabWarning
 from lab.core.random import rng_for
 from lab.kinematics.serial.arm import SerialArm
-from lab.noise.instruments import INSTRUMENTS, TrackerErrors, instrument
+from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.model import at_zero
 from lab.simulation.model_files import calibrated_mjcf, load_model
@@ -137,54 +134,6 @@ def test_a_model_that_always_touches_itself_is_refused(tmp_path) -> None:
         random_poses(load_model(path), 5, rng_for(0, "poses"))
 
 
-@pytest.mark.parametrize("name", INSTRUMENTS)
-def test_noise_is_as_stated(name: str) -> None:
-    """Sample covariance of 40,000 readings against the stated one, in the directions that matter."""
-    device, points = replace(INSTRUMENTS[name], errors=TrackerErrors()), np.tile([1.2, -1.9, 0.8], (40_000, 1))
-    error = device.sample(points, np.random.default_rng(0)) - points
-    stated = device.covariance(points[:1])[0]
-    if name == "exact":
-        assert not error.any() and not stated.any()
-        return
-    factor = np.linalg.inv(np.linalg.cholesky(stated))
-    white = error @ factor.T
-    np.testing.assert_allclose(white.T @ white / len(white), np.eye(3), atol=0.03)
-    np.testing.assert_allclose(white.mean(0), 0, atol=0.03)
-    averaged = device.sample(points, np.random.default_rng(1), readings=4) - points
-    np.testing.assert_allclose(averaged.std(0), error.std(0) / 2, rtol=0.03)
-    np.testing.assert_allclose(device.covariance(points[:1], 4), stated[None] / 4)
-
-
-def test_uniform_noise_stays_within_eight_microns() -> None:
-    error = INSTRUMENTS["uniform-8um"].sample(np.zeros((10_000, 3)), np.random.default_rng(0))
-    assert 7.99e-6 < np.abs(error).max() <= 8e-6
-    assert stats.kstest(error.ravel(), stats.uniform(-8e-6, 16e-6).cdf).pvalue > 0.01
-
-
-def test_the_leica_sees_ranges_better_than_directions() -> None:
-    """leica-at960 at 2 m: 13.5 microns across, 0.5 along the line of sight, 5 of a lock-on, 3 of the nest each."""
-    sizes = np.sqrt(np.linalg.eigvalsh(INSTRUMENTS["leica-at960"].covariance(np.array([[0, 2.0, 0]]))[0]))
-    np.testing.assert_allclose(1e6 * sizes, np.sqrt([0.5**2 + 5**2 + 3**2, *[13.5**2 + 3**2] * 2]))
-
-
-def test_a_target_straight_above_the_head_is_seen() -> None:
-    """Azimuth has no direction there; the two transverse errors have."""
-    device = replace(INSTRUMENTS["leica-at500"], errors=TrackerErrors())
-    points = np.tile([0.0, 0.0, 2.0], (40_000, 1))
-    error = device.sample(points, np.random.default_rng(0)) - points
-    np.testing.assert_allclose(error.T @ error / len(error), device.covariance(points[:1])[0], rtol=0.03, atol=2e-12)
-
-
-def test_joint_offsets_come_from_the_seed_and_leave_the_bodies_alone() -> None:
-    plain, off = (
-        random_perturbation(MODEL, 5e-4, 1.5e-3, rng_for(3, "arm"), offset_sigma=sigma) for sigma in (0.0, 1e-3)
-    )
-    np.testing.assert_array_equal(plain.position_m, off.position_m)
-    assert not plain.joint_offset.any() and 1e-4 < np.abs(off.joint_offset).max() < 5e-3
-    real = perturbed_arm(IRB120, VirtualCampaign(seed=3, offset_sigma_mrad=1.0))
-    np.testing.assert_array_equal(real.joint_offset, off.joint_offset)
-
-
 def test_a_calibrated_arm_is_a_robot_again(tmp_path) -> None:
     """Read as a drawing, nearly parallel axes get a beta, not a d of a hundred metres (facts, section 7)."""
     truth = perturbed_arm(IRB120, VirtualCampaign(seed=7)).truth(ARM.targets)
@@ -200,30 +149,6 @@ def test_a_calibrated_arm_is_a_robot_again(tmp_path) -> None:
         arm.points(joints, real.truth(arm.targets).values), real.points(joints, TARGETS), atol=1e-12
     )
     assert len(real.truth(arm.targets).base_set.identifiable) == 33
-
-
-def test_a_urdf_gives_speeds_and_the_same_kinematics(tmp_path) -> None:
-    path = tmp_path / "arm.urdf"
-    inertia = '<inertial><mass value="1"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
-    axes = [("0 0 0.3", "0 0 1"), ("0 0 0.1", "0 1 0"), ("0.4 0 0", "0 1 0"), ("0.1 0 0", "1 0 0")]
-    links = "".join(f'<link name="l{i}">{inertia if i else ""}</link>' for i in range(5))
-    joints = "".join(
-        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/><origin xyz="{xyz}"/>'
-        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" velocity="{1 + i}" effort="1"/></joint>'
-        for i, (xyz, axis) in enumerate(axes)
-    )
-    path.write_text(f'<robot name="arm">{links}{joints}</robot>')
-    robot = load_robot(str(path))
-    np.testing.assert_array_equal(robot.chain.speed, [1, 2, 3, 4])
-    arm = robot.arm(("p1",))
-    real = perturbed_arm(robot, VirtualCampaign(seed=1))
-    q = robot.chain.random_joints(200, np.random.default_rng(0))
-    np.testing.assert_allclose(arm.points(q, real.truth(arm.targets).values), real.points(q, ("p1",)), atol=1e-12)
-
-
-def test_an_unknown_instrument_lists_those_there_are() -> None:
-    with pytest.raises(LabError, match=r"leica-at960.*optical-cmm"):
-        instrument("leica")
 
 
 def test_the_tracker_reports_in_its_own_frame() -> None:

@@ -44,6 +44,7 @@ def test_a_campaign_alone_is_that_of_many_fitted_together() -> None:
     assert together["fresh_mean_mm"].max() < 0.03 and (together["failure"] == "").all()
 
 
+@pytest.mark.thorough
 def test_a_robust_fit_withstands_outliers() -> None:
     effects = {"bad": Effects(bad_share=0.1)}
     factors = {"criterion": ("random",), "poses": (30,), "effects": ("bad",), "robust": (False, True)}
@@ -52,7 +53,9 @@ def test_a_robust_fit_withstands_outliers() -> None:
     assert (robust < 0.05 * plain).all()
 
 
-@pytest.mark.parametrize(("observe", "device"), [("pose", "uniform-8um"), ("cable", "draw-wire")])
+@pytest.mark.parametrize(
+    ("observe", "device"), [pytest.param("pose", "uniform-8um", marks=pytest.mark.thorough), ("cable", "draw-wire")]
+)
 def test_what_is_measured_is_a_factor(observe: str, device: str) -> None:
     """Errors of the parameters are those that their covariance predicts: 27 or more, 2 campaigns."""
     found = rows(study_of(observe=(observe,), instrument=(device,), poses=(40,)))
@@ -96,14 +99,13 @@ def test_a_plan_s_poses_are_measured_as_they_are(tmp_path: Path) -> None:
     assert joints.shape == (30, 6) and np.allclose(joints[:, 5], 0.3)
 
 
-@pytest.mark.parametrize("prior", ["off", "auto"])
-def test_a_plan_s_payloads_are_at_its_poses(prior: str, tmp_path: Path) -> None:
-    """Together and one by one: an arm that bends under its load is identified with these, and validated without."""
+def test_a_plan_s_payloads_are_at_its_poses(tmp_path: Path) -> None:
+    """An arm that bends under its load is identified with these, and validated without."""
     plan = Path(plan_without_joint_6(tmp_path, still=False))
     lines = plan.read_text().splitlines()
     loaded = [f"{line},{3 * (i % 2)}" for i, line in enumerate(lines[1:])]
     plan.write_text("\n".join([f"{lines[0]},payload_kg", *loaded]) + "\n")
-    study = study_of(effects=("soft",), model=("geometric", "compliance"), plan=(str(plan),), prior=(prior,), draws=1)
+    study = study_of(effects=("soft",), model=("geometric", "compliance"), plan=(str(plan),), draws=1)
     refuse_impossible(study)
     joints = cell_poses(study, study.cells[0])
     assert joints.shape == (30, 7) and joints[:, 6].tolist() == [0.0, 3.0] * 15
@@ -118,16 +120,6 @@ def test_a_plan_s_payloads_are_at_its_poses(prior: str, tmp_path: Path) -> None:
     both = study_of(effects=("soft",), plan=(str(plan),), payload_kg=((2.0,),))
     with pytest.raises(LabError, match="has a column payload_kg, and --payload-kg is given too"):
         refuse_impossible(both)
-
-
-def test_more_targets_show_more_and_a_payload_shows_compliance() -> None:
-    one, three = (rows(study_of(targets=(1, 3)), cell) for cell in range(2))
-    assert (three["fresh_mean_mm"] < 0.8 * one["fresh_mean_mm"]).all()
-    study = study_of(effects=("soft",), model=("compliance",), payload_kg=((0.0,), (0.0, 3.0)), draws=1)
-    assert all(np.isfinite(rows(study, cell)["fresh_mean_mm"]).all() for cell in range(2))
-    blind = study_of(effects=("soft",), payload_kg=((0.0,), (0.0, 3.0)), draws=1)
-    without, loaded = (rows(blind, cell)["fresh_mean_mm"] for cell in range(2))
-    assert (loaded > 1.02 * without).all()  # geometry takes on the sag of the arm alone, not that of the load
 
 
 class Halfway(lab.Estimator):

@@ -87,12 +87,6 @@ def test_beside_errors_that_wander_a_change_counts_as_equally_likely_at_every_ro
 
 
 @pytest.mark.thorough
-def test_a_base_that_moves_again_and_again_wanders(day: Measurements) -> None:
-    estimate = searched(moved(day, 50e-6 * (np.arange(60) // 12 * 7 % 5))).estimate
-    assert estimate is not None and ("wandering" in estimate.kinds or len(estimate.candidates) == 3)
-
-
-@pytest.mark.thorough
 def test_it_may_move_twice(day: Measurements) -> None:
     along = 60e-6 * (np.arange(60) >= 20) - 40e-6 * (np.arange(60) >= 45)
     shared = shared_by(moved(day, along))
@@ -115,12 +109,6 @@ def test_what_is_no_change_is_not_called_one(day: Measurements, along: np.ndarra
     shared = searched(moved(day, along).take(rows)).shared
     assert (shared is None) if kind is None else (shared is not None and kind in shared.kinds)
     assert shared is None or not shared.moves
-
-
-@pytest.mark.thorough
-def test_bad_readings_at_the_beginning_are_outliers(day: Measurements) -> None:
-    found = lab.identify(moved(day, 2e-4 * (np.arange(60) == 4)), "irb120").to_dict()
-    assert found["noise_model"] is None and [pose["id"] for pose in found["outliers"]] == ["4"]
 
 
 def test_a_new_session_is_no_change_and_one_within_it_lasts(day: Measurements) -> None:
@@ -168,12 +156,3 @@ def test_times_of_some_rows_are_those_of_the_campaign(day: Measurements) -> None
     timed = replace(day, conditions={"time_s": seconds}, sessions=("a",) * 30 + ("b",) * 30)
     clock, some = Clock.of(timed), [50, 3, 31]
     np.testing.assert_allclose(row_times(timed.take(some), clock), row_times(timed)[some])
-
-
-@pytest.mark.thorough
-def test_a_virtual_base_that_moves_is_found_by_the_whole_campaign_and_the_next_day_is_unchanged() -> None:
-    found = lab.calibrate("irb120", seed=4, poses=60, effects=lab.Effects(step_mm=0.04, step_after=25)).to_dict()
-    assert found["noise_model"]["words"] == ["the base or the instrument moved by 39 µm between poses 24 and 25"]
-    assert found["truth"]["nees_per_parameter"] < 2.0 and not found["outliers"]
-    still = lab.calibrate("irb120", seed=4, poses=60).to_dict()
-    assert still["noise_model"] is None

@@ -142,19 +142,6 @@ def test_it_knows_less_where_nothing_was_measured() -> None:
     assert (squares[~there] < 3 * stats.f.ppf(0.95, 3, found.dof)).mean() > 0.93
 
 
-@pytest.mark.thorough
-def test_a_rigid_arm_has_none_to_speak_of() -> None:
-    data, fresh = campaign(60, 3, rigid=True), campaign(200, 4, rigid=True)
-    found = identify(ARM, data, NOMINAL)
-    better = with_residual(found, data)
-    errors = [
-        np.linalg.norm(each.model.points(fresh.joints, each.values) - fresh.points, axis=2).mean()
-        for each in (found, better)
-    ]
-    assert errors[1] < 1.1 * errors[0]
-    assert isinstance(better.process, PredictedBy) and better.process.process.p > 0.01
-
-
 def test_a_file_gives_the_same_process_and_one_that_was_cut_is_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     process = JointProcess(

@@ -65,16 +65,12 @@ def three_sigma(share: float, count: int) -> float:
     ("device", "shape", "poses"),
     [
         (UNIFORM, NoiseDistribution("uniform"), 30),
-        (GAUSSIAN, NoiseDistribution(), 12),
         (TRACKER, NoiseDistribution(), 30),
     ],
 )
-@pytest.mark.parametrize("draws", [10, pytest.param(50, marks=pytest.mark.slow)])
-def test_a_true_model_is_rejected_at_the_level(
-    device: Instrument, shape: NoiseDistribution, poses: int, draws: int
-) -> None:
+def test_a_true_model_is_rejected_at_the_level(device: Instrument, shape: NoiseDistribution, poses: int) -> None:
     """5 % of the campaigns, give or take 3 sigma; of 10,000 it was 4.4 to 5.0 %. Plain chi squared of uniform: 1.3."""
-    rejected = 0
+    rejected, draws = 0, 10
     for seed in range(10):
         truth, joints, rng = robot(seed, poses)
         for _ in range(draws):
@@ -223,20 +219,6 @@ def test_a_sandwich_covers_parameter_by_parameter() -> None:
         plain += error <= stats.t.ppf(0.975, 63) * np.sqrt(variance * np.diag(solution.unit_covariance()))
     assert np.abs(mended / 300 - 0.95).max() < 0.035
     assert np.std(plain / 300) > 1.4 * np.std(mended / 300)
-
-
-@pytest.mark.thorough
-def test_a_sandwich_is_unbiased_where_the_weights_are_right() -> None:
-    """CR2 by its definition: the mean over noise is s^2 (J'J)^-1."""
-    truth, joints, rng = robot(3, 30)
-    seen, solution = fitted(GAUSSIAN, truth, joints, rng, known=True)
-    linear = linearized(ARM, seen, solution.values, FREE)
-    within = linear.within(np.ones(30, dtype=bool))
-    draws = [
-        sandwich(replace(linear, residual=within.residuals(rng.normal(size=(30, 3))))).covariance for _ in range(700)
-    ]
-    ratio = np.diag(np.mean(draws, axis=0)) / np.diag(solution.unit_covariance())
-    np.testing.assert_allclose(ratio, 1, atol=0.06)  # a variance of 10 to 20 degrees has sd 0.4: 4 sigma is 0.06
 
 
 def test_repeats_of_a_configuration_are_one_cluster_of_a_sandwich() -> None:

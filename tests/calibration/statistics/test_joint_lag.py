@@ -64,13 +64,12 @@ def found_in(data: Measurements, rivals: bool = True) -> tuple[Lag, ...]:
 @pytest.mark.thorough
 def test_springs_that_a_model_lacks_are_no_lag() -> None:
     """Residuals of half a millimetre, which the three targets of a pose share: F of all rows takes some for a lag."""
-    for seed in range(12):
+    for seed in range(4):
         assert found_in(campaign(seed, 25, [0] * 6, SPRING)) == ()
         assert found_in(campaign(seed, 25, [0] * 6, SPRING, ("p1",), repeats=3)) == ()
 
 
-@pytest.mark.parametrize("poses", [25, 60])
-@pytest.mark.parametrize("targets", [("p1",), TARGETS], ids=["one target", "three targets"])
+@pytest.mark.parametrize(("poses", "targets"), [(60, ("p1",)), (25, TARGETS)], ids=["one target", "three targets"])
 def test_a_lag_is_found_beside_the_groups_that_an_arm_could_have(poses: int, targets: tuple[str, ...]) -> None:
     """Joints 2 and 5 short by 1e-3 and 2e-3 of the last move."""
     (lag,) = found_in(campaign(1, poses, [0, 1e-3, 0, 0, 2e-3, 0], 0.0, targets))

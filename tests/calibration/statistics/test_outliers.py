@@ -58,7 +58,7 @@ def fresh_mean(values: Array, truth: Array, rng: np.random.Generator) -> float:
 def test_bad_rows_are_named_and_do_no_harm(known: bool) -> None:
     """5 % of 60 poses off by 0.03 to 50 mm: all named, and the fresh mean as if they had not been measured."""
     large, small, ratio, good = [], [], [], 0
-    for seed in range(40):
+    for seed in range(20):
         seen, start, truth, rng = campaign(seed, known=known)
         rows, sizes = rng.choice(60, 3, replace=False), np.exp(rng.uniform(np.log(3e-5), np.log(5e-2), 3))
         found = found_in(moved(seen, rows, sizes[:, None] * directions(rng, 3)), start, rng, known=known)
@@ -70,26 +70,23 @@ def test_bad_rows_are_named_and_do_no_harm(known: bool) -> None:
         errors = [fresh_mean(v.values, truth, np.random.default_rng(seed)) for v in (found.fit, clean)]
         ratio.append(errors[0] / errors[1])
         assert (found.p_values <= 0.01).all() and found.level == 0.01 and found.sigma_given == known
-    assert all(large) and len(large) > 90  # a full study misses none of 826
+    assert all(large) and len(large) > 45  # a full study misses none of 826
     assert np.mean(small) >= 0.9
-    assert np.mean(ratio) == pytest.approx(np.sqrt(60 / 57), abs=0.05)  # each spreads by 0.07: 3 sigma is 0.033
-    assert good <= 3  # 0.4 expected at the level; Poisson: more than 3 once in 1,300
+    assert np.mean(ratio) == pytest.approx(np.sqrt(60 / 57), abs=0.05)  # each spreads by 0.07: 3 sigma is 0.047
+    assert good <= 2  # 0.2 expected at the level; Poisson: more than 2 once in 870
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("shape", "known"),
     [
         (UNIFORM, True),
         (NoiseDistribution(), False),
-        pytest.param(NoiseDistribution(), True, marks=pytest.mark.slow),
-        pytest.param(UNIFORM, False, marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize("campaigns", [40, pytest.param(100, marks=pytest.mark.slow)])
-def test_nothing_but_noise_is_named_at_the_level(shape: NoiseDistribution, known: bool, campaigns: int) -> None:
+def test_nothing_but_noise_is_named_at_the_level(shape: NoiseDistribution, known: bool) -> None:
     """10 % of the campaigns, within 99.7 %. A plug-in MAD scale has several times the level."""
-    named = 0
+    named, campaigns = 0, 40
     for seed in range(campaigns):
         seen, start, _, rng = campaign(seed, 30, shape=shape, known=known)
         named += len(found_in(seen, start, rng, known=known, shape=shape, level=0.1).rows) > 0

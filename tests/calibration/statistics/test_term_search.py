@@ -139,8 +139,8 @@ def false_alarms(noise: str, targets: tuple[str, ...], seeds: range, poses: int)
 @pytest.mark.sampled(5)
 @pytest.mark.parametrize(("noise", "targets"), KINDS)
 def test_a_rigid_arm_is_given_nothing(noise: str, targets: tuple[str, ...]) -> None:
-    """At a level of 0.5 %, 12 campaigns have 2 or more false alarms once in 600."""
-    assert false_alarms(noise, targets, range(12), 40) <= 1
+    """At a level of 0.5 %, 8 campaigns have 2 or more false alarms once in 1,400."""
+    assert false_alarms(noise, targets, range(8), 40) <= 1
 
 
 @pytest.mark.slow
@@ -150,7 +150,7 @@ def test_the_level_of_the_search(noise: str, targets: tuple[str, ...]) -> None:
     assert false_alarms(noise, targets, range(1000, 2000), 40) <= 10
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(1))
 def test_what_is_there_is_found_and_nothing_else(seed: int) -> None:
     """Two harmonics of high order on an arm: both are taken, and the error of new poses is that of the noise."""
     truth = {"joint2.sin20": 6e-5, "joint2.cos20": -4e-5, "joint1.sin33": 8e-5}

@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 from helpers.robots import ROOT
 
-from lab.calibration.identify import identify
 from lab.campaign.robot import load_robot
 from lab.core import se3
-from lab.core.measurements import measured
-from lab.core.random import rng_for
 from lab.extensions.robotics.closed.recognition import classical_model_of, working_modes
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.mobility import BodyCount, body_count, mobility
@@ -63,21 +60,3 @@ def test_its_legs_reach_a_pose_in_eight_ways() -> None:
     modes = working_modes(mechanism, course, home)
     assert len(modes) == 8 and all(mode.joints.shape == (4,) for mode in modes)
     assert min(np.abs(mode.joints - mechanism.home).max() for mode in modes) < 1e-12
-
-
-@pytest.mark.thorough
-def test_it_is_calibrated_through_the_same_seam() -> None:
-    """Without noise to 1e-9, every identified parameter off; the offset of the fourth axis among what is aliased."""
-    robot = load_robot(IRB340)
-    arm = robot.arm(("p1", "p2", "p3"))
-    nominal, rng = arm.nominal(robot.tool), rng_for(1, "arm")
-    joints = robot.chain.random_joints(60, rng)
-    exact = arm.points(joints, nominal)
-    kept = identify(arm, measured(arm.chain.joint_names, joints, arm.targets, exact), nominal).fit.free
-    true = nominal.copy()
-    true[list(kept)] += 1e-4 * rng.standard_normal(len(kept))
-    data = measured(arm.chain.joint_names, joints, arm.targets, arm.points(joints, true))
-    found = identify(arm, data, nominal)
-    assert found.status == "converged" and len(kept) == 34
-    fresh = robot.chain.random_joints(100, rng)
-    assert np.abs(arm.points(fresh, found.values) - arm.points(fresh, true)).max() < 1e-9

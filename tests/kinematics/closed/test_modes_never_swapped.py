@@ -14,12 +14,10 @@ from helpers import platform_campaigns as script
 from helpers.legged_platforms import Platform, platform_of
 
 from lab.calibration.identify import IdentifyOptions
-from lab.compensation.compensator import Compensator
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.inverse.newton import PoseTarget, reach
 from lab.simulation.closed_robot import TrueMechanism
 
@@ -150,25 +148,6 @@ def check_identified(case: Case) -> None:
     assert clear.sum() > POSES / 2 and largest(done.joints[clear] - joints[clear]) < 1e-6
 
 
-def check_compensated(case: Case) -> None:
-    """The joint positions by which the identified model hits targets are in the modes of the nominal model's."""
-    bench, arm = script.Bench.of(case.real, script.THREE, case.seed), case.robot.arm(script.THREE)
-    found, _ = bench.identified(arm, IdentifyOptions(), script.DEVICE, case.seed)
-    inverse, joints = NominalInverse(arm, found.nominal_aligned), bench.fresh[:POSES]
-    Ts = inverse.tool(joints)[0]
-    wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
-    done = Compensator(inverse, arm, found.values)(wanted, np.empty((POSES, 0)), joints)
-    there = done.converged
-    assert there.sum() > 0.8 * POSES and largest(done.joints[there] - joints[there]) < OTHER
-    reached = case.followed(found.values, done.joints[there])
-    tip = arm.T_tracker_frame0(found.values) @ reached
-    points = se3.transform(tip, arm.tool_positions(found.values)["p1"][None])[:, 0]
-    assert largest(points - wanted.positions[there]) < 1e-8
-    nominal = case.chain.nominal_values
-    before = case.signs(nominal, joints, case.followed(nominal, joints))[there]
-    assert (case.signs(found.values, done.joints[there], reached) == before).all()
-
-
 def check_motions(case: Case) -> None:
     """Direct kinematics step by step along closed motions, which end where they began.
 
@@ -197,17 +176,3 @@ CHECKS = (check_measurements, check_identified, check_motions)
 def test_one_robot_never_swaps_modes(name: str) -> None:
     for check in CHECKS:
         check(Case(name, 0))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1, 24))
-@pytest.mark.parametrize("name", ROBOTS)
-def test_modes_are_never_swapped(name: str, seed: int) -> None:
-    for check in CHECKS:
-        check(Case(name, seed))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(24))
-def test_compensation_of_a_hexapod_keeps_the_mode(seed: int) -> None:
-    check_compensated(Case("hexapod", seed))

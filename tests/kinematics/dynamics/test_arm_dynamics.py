@@ -115,31 +115,6 @@ def test_the_counts_are_those_of_the_assumptions() -> None:
     assert base_parameters(coupled, np.random.default_rng(0)).size == 60  # of 86
 
 
-def test_a_puma_560_has_36() -> None:
-    """Lengths as Armstrong, Khatib & Burdick (1986); only where axes are parallel or meet matters."""
-    alpha, a, d = np.deg2rad([0, -90, 0, 90, -90, 90]), [0, 0, 0.4318, 0.0203, 0, 0], [0, 0.2435, -0.0934, 0.4331, 0, 0]
-    rx130 = load_virtual("rx130").serial_model.chain
-    puma = rx130.with_table(np.stack([np.zeros(6), d, a, alpha, np.zeros(6)], axis=1))
-    arm = ArmDynamics(puma, DOWN, np.eye(6), motor_inertia=False, friction=False, offsets=False)
-    assert base_parameters(arm, np.random.default_rng(0)).size == 36
-
-
-def test_regrouping_reads_as_khalil_and_dombre_print_it() -> None:
-    """Of the RX 90 (2002, examples 9.3 and 9.4), of which the SCEMI has the signs: their d is a, their r is d."""
-    arm = ArmDynamics.of(load_virtual("scemi").serial_model.chain, DOWN)
-    rng = np.random.default_rng(0)
-    base = base_parameters(arm, rng)
-    formulas = {formula.label: formula.text() for formula in regrouping_formulas(arm, base, rng)}
-    assert formulas["XXR2"] == "XX2 − YY2 − a3² (M3 + M4 + M5 + M6)"
-    assert formulas["XZR2"] == "XZ2 − a3 MZ3"
-    assert formulas["MXR2"] == "MX2 + a3 (M3 + M4 + M5 + M6)"
-    assert formulas["ZZR3"] == "ZZ3 + YY4 + 2 d4 MZ4 + d4² (M4 + M5 + M6)"
-    assert formulas["MYR3"] == "MY3 + MZ4 + d4 (M4 + M5 + M6)"
-    assert formulas["XXR4"] == "XX4 − YY4 + YY5"
-    assert formulas["XXR6"] == "XX6 − YY6"
-    assert formulas["ZZ6"] == "ZZ6"
-
-
 SYMORO = """ZZR1 = IA1 + ZZ1 + YY2 + YY3 + d2*(M3 + M4 + M5 + M6)
 XXR2 = XX2 - YY2 - d2*(M3 + M4 + M5 + M6)
 XZR2 = XZ2 - d*MZ3

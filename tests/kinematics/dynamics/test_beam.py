@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.robots import IRB120, SCARA, TX40, VERSATRAN
-from scipy import integrate
 
 from lab.core import se3
 from lab.core.errors import LabError
@@ -209,12 +208,3 @@ def turned(axis: int, angle: float) -> Array:
 
 def slid(axis: int, length: float) -> Array:
     return se3.pose(np.eye(3), length * np.eye(3)[axis])
-
-
-def test_the_integral_of_the_test_is_itself_right() -> None:
-    """A spread load alone, by scipy's quadrature of w t^3 / 2EI."""
-    beam = straight(mass=2.0)
-    loads = loads_on(ZERO, ZERO, np.array([0.0, 9.81, 0.0]))
-    sag = integrate.quad(lambda t: 2.0 / L * 9.81 * t**3 / 2 / EI_Z, 0, L)[0]
-    assert integrated(beam, loads, 1 / STIFF)[1] == pytest.approx(sag, rel=1e-12)
-    assert replace(beam, mass_kg=0.0).torsor(loads, 1 / STIFF)[1] == 0.0

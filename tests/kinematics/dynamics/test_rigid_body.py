@@ -23,7 +23,6 @@ from lab.kinematics.dynamics.rigid_body import (
     pseudo_inertia,
     symmetric,
     torque_regressor,
-    wrench_regressor,
 )
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
@@ -133,16 +132,6 @@ def test_a_point_mass_at_rest_weighs_what_gravity_s_own_equations_say():
     regressor = torque_regressor(arm, arm.nominal(), joints, still, still, OBLIQUE)
     assert_allclose(regressor[:, :, 0], -loads.forces(joints, np.ones(20))[0], atol=1e-13)
     assert not regressor[:, :, 4:].any()
-
-
-def test_a_wrench_that_falls_freely_is_none():
-    arm, values = arm_of("craig")
-    motion = moving(arm.chain, 5, 6)
-    hand = hand_motion(arm, values, *motion)
-    free = replace(hand, omega=0 * hand.omega, alpha=0 * hand.alpha, acceleration=np.einsum(
-        "nji,j->ni", hand.rotation, OBLIQUE))  # fmt: skip
-    assert_allclose(wrench_regressor(free, OBLIQUE), 0, atol=1e-14)
-    assert_allclose(wrench_regressor(hand, np.tile(OBLIQUE, (5, 1))), wrench_regressor(hand, OBLIQUE), atol=0)
 
 
 def test_a_pseudo_inertia_is_positive_for_bodies_alone():

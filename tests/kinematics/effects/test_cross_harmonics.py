@@ -77,8 +77,7 @@ def test_a_joint_moves_with_the_turn_of_another_one() -> None:
     np.testing.assert_allclose(moved, arm.points(joints, nominal), atol=1e-13)
 
 
-@pytest.mark.parametrize("other", [0, 1, 3, 5])
-@pytest.mark.parametrize("link", range(6))
+@pytest.mark.parametrize(("link", "other"), [(0, 1), (1, 5), (2, 3), (3, 0), (4, 1), (5, 3)])
 def test_groups_span_every_displacement_of_a_frame(link: int, other: int) -> None:
     """Any shift and turn of a link's end, with sine and cosine of a joint, is a sum of groups and geometry."""
     arm = IRB120.arm(("p1", "p2", "p3"))
@@ -106,34 +105,26 @@ def test_a_joint_is_not_crossed_by_itself_nor_by_a_slide() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("group", ["joint2.cross6", "joint5.cross3", "link2.x_cross6", "link5.rx_cross4"])
+@pytest.mark.parametrize("group", ["joint2.cross6", "link5.rx_cross4"])
 def test_auto_finds_it_and_the_error_falls_to_the_noise(group: str) -> None:
-    for seed in (0, 1):
-        data, elsewhere = session(seed, group, 0.4e-3)
-        alone, found = (
-            lab.identify(data, robot="irb120", model=model, validate=elsewhere) for model in ("geometric", "auto")
-        )
-        assert any("cross" in name for name in found.fit.groups), found.fit.groups
-        assert found.after.mean < 0.015 and alone.after.mean > 2 * found.after.mean
-        assert alone.verdict.word != "good"
+    data, elsewhere = session(0, group, 0.4e-3)
+    alone, found = (
+        lab.identify(data, robot="irb120", model=model, validate=elsewhere) for model in ("geometric", "auto")
+    )
+    assert any("cross" in name for name in found.fit.groups), found.fit.groups
+    assert found.after.mean < 0.015 and alone.after.mean > 2 * found.after.mean
+    assert alone.verdict.word != "good"
 
 
-@pytest.mark.thorough
 def test_a_virtual_arm_has_it_only_where_it_is_asked_for() -> None:
     rngs = [np.random.default_rng(0)]
     assert not CrossHarmonics().simulated(FACTS, rngs).cross_rad.any()
     drawn = CrossHarmonics(0.3).simulated(FACTS, rngs).cross_rad
     assert np.allclose(np.linalg.norm(drawn, axis=2).max(axis=1), 0.3e-3) and not np.diagonal(drawn).any()
-    found = lab.calibrate("irb120", poses=80, seed=3, effects=lab.Effects(cross_harmonic_mrad=0.3), model="auto")
-    assert sum("cross" in name for name in found.fit.groups) >= 4
-    assert (
-        found.after.mean
-        < 0.25 * lab.calibrate("irb120", poses=80, seed=3, effects=lab.Effects(cross_harmonic_mrad=0.3)).after.mean
-    )
 
 
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize(("joint", "width"), [(1, 0.3e-3), (4, 0.3e-3), (1, 0.0)])
+@pytest.mark.thorough
+@pytest.mark.parametrize(("joint", "width"), [(4, 0.3e-3), (1, 0.0)])
 def test_play_is_found_for_the_one_joint_whose_approach_is_known(joint: int, width: float) -> None:
     """A file with the direction of approach of one joint alone; and nothing is found where there is no play."""
     data, _ = session(joint, "joint2.cross6", 0.0)
@@ -153,6 +144,7 @@ def test_play_is_found_for_the_one_joint_whose_approach_is_known(joint: int, wid
         assert [each for each in found.warnings if f"for joint {name} only: columns approach_" in each]
 
 
+@pytest.mark.thorough
 def test_of_two_names_for_the_same_the_joints_is_taken() -> None:
     """Beside geometry joint 5 by joint 6 is link 5's end about x by joint 6: the virtual arm calls it the former."""
     found = lab.calibrate("irb120", poses=70, seed=4, effects=lab.Effects(cross_harmonic_mrad=0.4), model="auto")

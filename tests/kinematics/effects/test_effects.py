@@ -189,25 +189,6 @@ def test_torques_are_those_of_mujoco() -> None:
         np.testing.assert_allclose(force[pose], pushed[speeds], atol=1e-11)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("chain", [IRB120.chain, SCARA, VERSATRAN], ids=lambda chain: chain.name)
-def test_torques_are_what_the_weight_loses(chain: Chain) -> None:
-    """Of a mass on the last link alone, m g . dp/dq by the kinematics; slides too; and the Hessian."""
-    rng = np.random.default_rng(3)
-    loads = loads_on(chain, rng)
-    joints, none = chain.random_joints(30, rng), np.zeros(30)
-    last = replace(loads, mass_kg=np.where(np.arange(chain.size) == chain.size - 1, loads.mass_kg, 0.0))
-    arm = SerialArm(chain)
-    slopes = arm.joint_jacobian(joints, arm.nominal({"p1": loads.centre_m[-1]}))[:, 0]
-    np.testing.assert_allclose(last.forces(joints, none)[0], loads.mass_kg[-1] * loads.gravity @ slopes, atol=1e-12)
-    payload = rng.uniform(0, 3, 30)
-    _, rate = loads.forces(joints, payload)
-    np.testing.assert_allclose(rate, np.swapaxes(rate, 1, 2), atol=1e-13)
-    for pose in range(30):
-        mass, at = payload[pose : pose + 1], joints[pose]
-        assert_derivatives(lambda q, mass=mass: loads.forces(q[None], mass)[0][0], rate[pose], at)
-
-
 def published_loads() -> Loads:
     """Of the links' published masses (facts.md, section 1), without the motors and covers of the lab's model."""
     robot = IRB120.model
@@ -235,22 +216,6 @@ def test_sag_outstretched() -> None:
         drop = rigid.points(joints, values[: len(rigid.names)])[0, 0] - arm.points(inputs, values)[0, 0]
         np.testing.assert_allclose(drop, torque * 1e-5 * np.array([-0.070, 0.0, lever]), atol=1e-7)  # a small turn
         assert drop[2] == pytest.approx(sag, abs=0.005e-3)
-
-
-@pytest.mark.parametrize("name", GROUPS)
-def test_rank_of_each_group(name: str) -> None:
-    """Every parameter of a group can be told apart, and none takes the place of the geometry's."""
-    rigid, arm = IRB120.arm(("p1",)), IRB120.arm_with(("p1",), (name,), SESSIONS)
-    kept = base_set(arm, arm.nominal(IRB120.tool)).identifiable
-    geometry = base_set(rigid, rigid.nominal(IRB120.tool)).identifiable
-    effects = [i for i in range(len(rigid.names), len(arm.names)) if arm.names[i] != "link1.gj"]
-    assert kept == (*geometry, *effects)
-    assert len(kept) == 27 + PARAMETERS[name]
-
-
-def test_rank_of_all_together() -> None:
-    arm = IRB120.arm_with(("p1",), ALONE, SESSIONS)
-    assert len(base_set(arm, arm.nominal(IRB120.tool)).identifiable) == 27 + sum(PARAMETERS[name] for name in ALONE)
 
 
 @pytest.mark.parametrize("name", GROUPS)

@@ -86,16 +86,14 @@ def turned_targets(chain: Chain, tilt_rad: float, seed: int) -> tuple[SerialArm,
     rng = np.random.default_rng(seed)
     arm = SerialArm(chain)
     values = perturbed(arm, somewhere(arm, rng), rng, 0.5e-3, 1e-3)
-    joints = chain.random_joints(500, rng)
+    joints = chain.random_joints(200, rng)
     Ts, jacobian = arm.tool(joints, values)
-    away = se3.exp(tilt_rad * rng.normal(size=(500, 3)))
+    away = se3.exp(tilt_rad * rng.normal(size=(200, 3)))
     clear = np.linalg.svd(jacobian, compute_uv=False)[:, -1] > 0.1
     return arm, values, PoseTarget(Ts[:, :3, 3], away @ Ts[:, :3, :3]).take(np.flatnonzero(clear)), joints[clear]
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", FEW)
-@pytest.mark.parametrize("tilt_rad", [0.0, 1e-3, 0.02, 0.5])
+@pytest.mark.parametrize(("name", "tilt_rad"), [("scara", 0.02), ("five", 0.0), ("five", 0.5)])
 def test_the_place_is_met_and_the_rotation_as_near_as_can_be(name: str, tilt_rad: float) -> None:
     chain, (arm, values, wanted, joints) = FEW[name], turned_targets(FEW[name], tilt_rad, 1)
     start, nothing = joints + np.random.default_rng(2).normal(scale=0.01, size=joints.shape), np.empty((len(joints), 0))
@@ -133,15 +131,6 @@ def test_what_is_within_reach_is_all_of_it_with_six_joints_and_a_projection_with
     made = four @ shortest_step(four, 1e-2 * errors, yes)[:, :, None]
     gentle = np.abs(shortest_step(four, 1e-2 * errors, yes)).max(axis=1) < 0.29
     np.testing.assert_allclose(made[gentle, :, 0], 1e-2 * (errors * [1, 1, 1, 0, 0, 1])[gentle], atol=1e-12)
-
-
-def test_a_place_alone_takes_the_shortest_way_with_any_number_of_joints() -> None:
-    arm, values, wanted, joints = turned_targets(SCARA, 0.0, 4)
-    anywhere = PoseTarget(wanted.positions, np.full_like(wanted.rotations, np.nan))
-    start = joints + np.random.default_rng(5).normal(scale=0.01, size=joints.shape)
-    found = reach(arm, values, anywhere, start, np.empty((len(wanted), 0)))
-    assert found.arrived.all() and not found.errors[:, 3:].any()
-    assert np.linalg.norm(found.joints - start, axis=1).max() < 0.2
 
 
 def test_a_scara_upside_down_or_out_of_reach_ends_somewhere() -> None:
@@ -209,18 +198,18 @@ def test_a_drawing_has_as_many_ways_as_its_form(chain: Chain, count: int) -> Non
     arm, rng = SerialArm(chain), np.random.default_rng(12)
     drawing = NominalInverse(arm, somewhere(arm, rng))
     assert (drawing.closed_form is None) == (chain is ASKEW)
-    joints = chain.random_joints(30, rng)
+    joints = chain.random_joints(10, rng)
     Ts, _ = drawing.tool(joints)
     turns, nowhere = Ts[:, :3, :3].copy(), np.full(joints.shape, np.nan)
     found = drawing.solutions(PoseTarget(Ts[:, :3, 3], turns), nowhere)
-    assert found.gap_m.shape == (30, count)
+    assert found.gap_m.shape == (10, count)
     turns[::2] = np.nan
     mixed = drawing.solutions(PoseTarget(Ts[:, :3, 3], turns), nowhere)
-    assert mixed.gap_m.shape == (30, 8)
+    assert mixed.gap_m.shape == (10, 8)
     if chain is not ASKEW:
         np.testing.assert_array_equal(mixed.joints[1::2, :count], found.joints[1::2])
         assert np.isinf(mixed.gap_m[1::2, count:]).all()
-    liked, order = ordered(chain, mixed, nowhere, np.zeros((30, 8), dtype=bool))
+    liked, order = ordered(chain, mixed, nowhere, np.zeros((10, 8), dtype=bool))
     assert np.isfinite(liked).all() and (order[1::2, 0] < count).all()
     back = drawing.tool(liked[:, 0])[0]
     assert np.linalg.norm(back[:, :3, 3] - Ts[:, :3, 3], axis=1).max() < 1e-9

@@ -1,7 +1,5 @@
 """Forward kinematics and its derivatives: against MuJoCo, the literature's numbers, and complex steps."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from helpers.robots import (
@@ -73,16 +71,6 @@ def test_prismatic_arm_in_closed_form() -> None:
     np.testing.assert_allclose(place, np.column_stack([-q3 * np.sin(q1), q3 * np.cos(q1), q2]), atol=1e-15)
 
 
-def test_scara_in_closed_form() -> None:
-    arm = SerialArm(SCARA)
-    joints = SCARA.random_joints(200, np.random.default_rng(0))
-    q1, q2, q3, _ = joints.T
-    place = arm.flange(joints, arm.nominal())[:, :3, 3]
-    x = 0.4 * np.cos(q1) + 0.25 * np.cos(q1 + q2)
-    y = 0.4 * np.sin(q1) + 0.25 * np.sin(q1 + q2)
-    np.testing.assert_allclose(place, np.column_stack([x, y, q3]), atol=1e-15)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_kinematics_is_the_product_of_its_matrices(name: str) -> None:
     """An independent second way: 4x4 matrices multiplied in the order that each convention states."""
@@ -130,27 +118,6 @@ def test_derivatives_of_a_joint_that_counts_backwards() -> None:
     assert_derivatives(lambda q: arm.points(q[None], values)[0], derivative, joints[0])
     mirrored = SerialArm(RX130).points(joints * chain.sign, values)
     np.testing.assert_array_equal(arm.points(joints, values), mirrored)
-
-
-@dataclass(frozen=True)
-class _OneWrongColumn:
-    arm: SerialArm
-    column: int
-
-    def observe(self, joints: Array, values: Array) -> tuple[Array, Array]:
-        points, jacobian = self.arm.observe(joints, values)
-        jacobian = jacobian.copy()
-        jacobian[..., self.column] *= 1 + 1e-6
-        return points, jacobian
-
-
-@pytest.mark.parametrize("name", ["link2.beta", "base.ry", "link4.alpha", "tool.p1.z"])
-def test_the_harness_sees_a_wrong_column(name: str) -> None:
-    arm = SerialArm(IRB120.chain)
-    values, joints = arm.nominal(), IRB120.chain.random_joints(5, np.random.default_rng(4))
-    _, jacobian = _OneWrongColumn(arm, arm.names.index(name)).observe(joints, values)
-    with pytest.raises(AssertionError, match=f"column {arm.names.index(name)}"):
-        assert_derivatives(lambda v: arm.points(joints, v), jacobian, values)
 
 
 def test_batches_do_not_depend_on_their_size() -> None:

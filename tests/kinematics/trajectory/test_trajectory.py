@@ -7,21 +7,17 @@ import numpy as np
 import pytest
 import ruckig
 from helpers.robots import chain_of
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.trajectory.profiles import (
-    Axis,
     Trajectory,
     check_within,
     joined,
     quickest_ramps,
     rest_to_rest,
     rest_to_rest_seconds,
-    stretches_and_blends,
 )
 from lab.kinematics.trajectory.trajectory import (
     blended,
@@ -133,20 +129,10 @@ def ruckig_seconds(moved: Array, start_speed: Array, end_speed: Array, speed: Ar
     return found.duration
 
 
-def test_single_moves_last_as_long_as_ruckigs() -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(5000):
-        moved, (speed, acceleration) = random_moves(rng, 1), random_limits(rng, 1)
-        ends = random_speeds(rng, speed), random_speeds(rng, speed)
-        axis = Axis(*(value.item() for value in (moved, *ends, speed, acceleration)))
-        expected = ruckig_seconds(moved, *ends, speed, acceleration)
-        assert axis.spans()[0][0] == pytest.approx(expected, rel=0, abs=1e-9)
-
-
 def test_moves_of_six_joints_last_as_long_as_ruckigs() -> None:
     rng = np.random.default_rng(1)
     waited = 0
-    for i in range(400):
+    for i in range(100):
         chain, moved = arm(*random_limits(rng, 6)), random_moves(rng, 6)
         ends = random_speeds(rng, chain.speed), random_speeds(rng, chain.speed)
         if i % 2:  # all in one direction, where gaps between the possible durations are common
@@ -155,7 +141,7 @@ def test_moves_of_six_joints_last_as_long_as_ruckigs() -> None:
         assert found.seconds == pytest.approx(ruckig_seconds(moved, *ends, chain.speed, chain.acceleration), abs=1e-9)
         alone = [possible_seconds(chain_j, *move)[0][0] for chain_j, *move in each_joint(chain, moved, *ends)]
         waited += found.seconds > max(alone) + 1e-9
-    assert waited > 10  # the slowest joint's own time was impossible for another one
+    assert waited > 2  # the slowest joint's own time was impossible for another one
 
 
 def each_joint(chain: Chain, moved: Array, *ends: Array) -> list:
@@ -164,18 +150,6 @@ def each_joint(chain: Chain, moved: Array, *ends: Array) -> list:
         (arm(chain.speed[[j]], chain.acceleration[[j]]), np.zeros(1), moved[[j]], *(end[[j]] for end in ends))
         for j in range(chain.size)
     ]
-
-
-def test_a_quickest_move_has_no_phase_too_many() -> None:
-    rng = np.random.default_rng(13)
-    for _ in range(300):
-        chain, moved = arm(*random_limits(rng, 1)), random_moves(rng, 1)
-        ends = random_speeds(rng, chain.speed), random_speeds(rng, chain.speed)
-        found = own_phases(chain, np.zeros(1), moved, *ends)
-        cruises = (np.abs(found.knots[2][1:-1]) > chain.speed * (1 - 1e-12)).any()
-        assert len(found.durations) <= (3 if cruises else 2)
-        free = arm(1e3 * chain.speed, chain.acceleration)
-        assert len(common_phases(free, np.zeros(1), moved).durations) == 2
 
 
 def test_possible_durations_of_the_example() -> None:
@@ -195,7 +169,7 @@ def test_possible_durations_of_the_example() -> None:
 def test_possible_durations_are_those_in_which_the_move_can_be_reached() -> None:
     rng = np.random.default_rng(2)
     both = 0
-    for _ in range(500):
+    for _ in range(150):
         moved, (speed, acceleration) = random_moves(rng, 1), random_limits(rng, 1)
         v0, vf = random_speeds(rng, speed), random_speeds(rng, speed)
         chain = arm(speed, acceleration)
@@ -205,7 +179,7 @@ def test_possible_durations_are_those_in_which_the_move_can_be_reached() -> None
             reach = [reached(T, v0, vf, chain, sign) for sign in (-1, 1)]
             possible = abs(vf - v0) <= acceleration * T and reach[0] <= moved <= reach[1]
             assert ((spans[:, 0] <= T) & (spans[:, 1] >= T)).any() == possible
-    assert both > 5
+    assert both > 1
 
 
 def reached(T: float, v0: Array, vf: Array, chain: Chain, sign: int) -> Array:
@@ -217,7 +191,7 @@ def reached(T: float, v0: Array, vf: Array, chain: Chain, sign: int) -> Array:
 
 def test_a_change_of_speed_without_a_detour_survives_rounding() -> None:
     rng = np.random.default_rng(3)
-    for _ in range(300):
+    for _ in range(100):
         speed, acceleration = random_limits(rng, 1)
         v0, vf = rng.uniform(0.1, 1, (2, 1)) * speed
         T = (abs(vf - v0) / acceleration).item()
@@ -244,7 +218,7 @@ def lowest_on_a_grid(moved: Array, v0: Array, vf: Array, speed: Array, accelerat
 def test_common_phases_are_the_best() -> None:
     rng = np.random.default_rng(4)
     near = 0
-    for _ in range(150):
+    for _ in range(50):
         n = int(rng.integers(1, 5))
         moved, (speed, acceleration) = random_moves(rng, n), random_limits(rng, n)
         v0, vf = random_speeds(rng, speed), random_speeds(rng, speed)
@@ -252,27 +226,13 @@ def test_common_phases_are_the_best() -> None:
         grid = lowest_on_a_grid(moved, v0, vf, speed, acceleration, found)
         assert found <= grid * (1 + 1e-12)
         near += grid < 1.02 * found
-    assert near > 75  # the grid is fine enough to say something
-
-
-def test_common_phases_are_no_slower_than_a_move_that_is_known() -> None:
-    rng = np.random.default_rng(5)
-    for i in range(500):  # every joint at limits in several phases: where curves meet in one point
-        n = int(rng.integers(1, 7))
-        tau = 10 ** rng.uniform(-3, 1)
-        u = tau if i % 4 == 0 else tau * (1 + 10 ** rng.uniform(-2, 1))
-        speed, acceleration = random_limits(rng, n)
-        cruise = random_speeds(rng, speed)
-        v0, vf = (np.clip(cruise + random_speeds(rng, acceleration) * tau, -speed, speed) for _ in range(2))
-        moved = cruise * u + 0.5 * (v0 + vf) * tau
-        if v0.any() or vf.any():
-            assert sum(quickest_ramps(moved, v0, vf, speed, acceleration)) <= (tau + u) * (1 + 1e-12)
+    assert near > 25  # the grid is fine enough to say something
 
 
 def test_at_rest_the_closed_form_is_the_best() -> None:
     rng = np.random.default_rng(6)
     still = np.zeros(6)
-    for _ in range(200):
+    for _ in range(50):
         moved, (speed, acceleration) = random_moves(rng, 6), random_limits(rng, 6)
         tau, u = rest_to_rest(moved, speed, acceleration)
         assert u == pytest.approx(max((abs(moved) / speed).max(), math.sqrt((abs(moved) / acceleration).max())))
@@ -285,35 +245,6 @@ def test_at_rest_the_closed_form_is_the_best() -> None:
         times = np.linspace(0, found.seconds, 20)
         share = found.at(times)[0] / moved
         np.testing.assert_allclose(share, np.repeat(share[:, :1], 6, axis=1), atol=1e-12)  # a straight line
-
-
-RATES = st.floats(1e-3, 1e3)
-
-
-@given(st.lists(st.tuples(st.floats(-1e3, 1e3), RATES, RATES), min_size=1, max_size=7))
-def test_moves_between_rests_keep_the_limits_of_every_joint_and_waste_nothing(joints) -> None:
-    moved, speed, acceleration = (np.array(column) for column in zip(*joints, strict=True))
-    tau, between = rest_to_rest(moved, speed, acceleration)
-    if between == 0:
-        assert not moved.any() and tau == 0
-        return
-    cruise = np.abs(moved) / between  # ramps of tau around between - tau of cruise
-    assert 0 <= tau <= between * (1 + 1e-12)
-    assert (cruise <= speed * (1 + 1e-12)).all() and (cruise <= acceleration * tau * (1 + 1e-9) + 1e-300).all()
-    at_a_limit = (cruise >= speed * (1 - 1e-9)) | (np.abs(moved) >= acceleration * between**2 * (1 - 1e-9))
-    assert at_a_limit.any()
-
-
-def test_a_short_ramp_keeps_to_the_acceleration() -> None:
-    rng = np.random.default_rng(14)
-    for _ in range(100):
-        chain, end_speed = arm(*random_limits(rng, 2)), rng.uniform(-1, 1, 2)
-        end_speed[0] = chain.speed[0]  # the first joint cannot win anything by a longer ramp
-        end_speed[1] = rng.uniform(-1, 1) * chain.speed[1]
-        start_speed = end_speed * (1 - 10 ** rng.uniform(-10, -7))
-        end = end_speed * rng.uniform(1, 3)
-        found = common_phases(chain, np.zeros(2), end, start_speed, end_speed)
-        assert_arrives(chain, found, end, end_speed)
 
 
 def test_seconds_of_many_moves_at_once() -> None:
@@ -339,34 +270,6 @@ def test_no_move_takes_no_time() -> None:
 
 
 # Limits and ends of every kind of move
-
-
-@pytest.mark.thorough
-def test_moves_of_all_kinds_keep_the_limits_and_arrive() -> None:
-    rng = np.random.default_rng(8)
-    for i in range(400):
-        chain, start, end = arm(*random_limits(rng, 6)), rng.uniform(-3, 3, 6), rng.uniform(-3, 3, 6)
-        v0, vf = random_speeds(rng, chain.speed), random_speeds(rng, chain.speed)
-        kind = i % 5
-        if kind == 0:
-            v0 = vf = np.zeros(6)
-            found = common_phases(chain, start, end)
-        elif kind == 1:
-            found = common_phases(chain, start, end, v0, vf)
-        elif kind == 2:
-            found = own_phases(chain, start, end, v0, vf)
-        elif kind == 3:
-            low, high = possible_seconds(chain, start, end, v0, vf)[int(rng.integers(-1, 1))]
-            seconds = rng.uniform(low, min(high, 2 * low))
-            found = own_phases(chain, start, end, v0, vf, seconds)
-            assert found.seconds == pytest.approx(seconds, rel=1e-14)
-        else:
-            v0 = vf = np.zeros(6)
-            points = np.vstack([start, rng.uniform(-3, 3, (int(rng.integers(0, 4)), 6)), end])
-            found = blended(chain, points, 10 ** rng.uniform(-3, 0, 6))
-        np.testing.assert_array_equal(found.start, start)
-        np.testing.assert_array_equal(found.start_speed, v0)
-        assert_arrives(chain, found, end, vf)
 
 
 @pytest.mark.parametrize("law", [common_phases, own_phases])
@@ -431,37 +334,9 @@ def test_a_blend_misses_its_via_point_by_what_is_allowed() -> None:
     assert_arrives(chain, found, points[-1], np.zeros(2))
 
 
-@pytest.mark.thorough
-def test_blends_never_miss_by_more_and_do_not_overlap() -> None:
-    rng = np.random.default_rng(11)
-    shorter, shares = 0, []
-    for i in range(100):
-        chain = arm(*random_limits(rng, 3))
-        count = int(rng.integers(2, 12))
-        points = rng.uniform(-2, 2, (count, 3))
-        if i % 2:  # nearly, or exactly, along a line
-            points = points[0] + np.sort(rng.uniform(size=count))[:, None] * (points[-1] - points[0])
-            points += 1e-3 * rng.normal(size=points.shape) * (i % 4 == 1)
-        allowed = 10 ** rng.uniform(-3, 0.5)
-        found = blended(chain, points, allowed)
-        changes, durations = stretches_and_blends(np.diff(points, axis=0), allowed, chain.speed, chain.acceleration)
-        assert (durations >= 0).all()
-        middles = np.cumsum(durations)[::2] - 0.5 * durations[::2]
-        missed = np.abs(found.at(middles)[0] - points)[1:-1]
-        np.testing.assert_allclose(missed, (np.abs(changes) * durations[::2, None] / 8)[1:-1], atol=1e-9)
-        assert (missed <= allowed * (1 + 1e-9)).all()
-        assert_arrives(chain, found, points[-1], np.zeros(3))
-        if i % 4 == 3:  # along a line
-            stops = rest_to_rest_seconds(np.diff(points, axis=0), chain.speed, chain.acceleration)
-            shares.append(found.seconds / stops.sum())
-        shorter += missed.max(initial=0.0) < 0.5 * allowed
-    assert shorter > 10  # blends that are as long as there is room for
-    assert np.median(shares) < 0.9 and max(shares) < 1.5  # it is worth while not to stop
-
-
 def test_a_blended_path_without_via_points_is_the_quickest_straight_move() -> None:
     rng = np.random.default_rng(12)
-    for _ in range(50):
+    for _ in range(10):
         chain, points = arm(*random_limits(rng, 6)), rng.uniform(-3, 3, (2, 6))
         assert blended(chain, points, 0.1).seconds == pytest.approx(common_phases(chain, *points).seconds, rel=1e-12)
 
