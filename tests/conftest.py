@@ -1,7 +1,6 @@
-"""Provide what every test may ask for; set one BLAS thread a process, and keep compiled modules.
+"""Provide what every test may ask for, and keep compiled modules.
 
-On a busy machine small matrices wait a hundred times longer for a second thread. Without compiled modules each process
-that the tests start compiles the whole package again.
+Without compiled modules each process that the tests start compiles the whole package again.
 """
 
 import gc
@@ -17,8 +16,6 @@ from hypothesis import settings
 
 from lab.core.errors import options_as_flags
 
-for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")  # before numpy is imported; commands started by tests inherit it
 os.environ["BROWSER"] = "true"  # the program, which opens nothing
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
