@@ -16,11 +16,11 @@ from lab.commands.calibrate.run import MeasurementSession
 from lab.commands.certify.result import Certificate
 from lab.commands.check import CheckResult
 from lab.commands.check_plan import CheckPlan
-from lab.commands.compare import ComparisonResult
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.design.run import DesignResult, PlanCheckResult
 from lab.commands.example import ExampleResult
+from lab.commands.history.result import HistoryResult
 from lab.commands.import_measurements.run import ImportResult
 from lab.commands.inspect.run import Inspection
 from lab.commands.measurements import (
@@ -36,24 +36,20 @@ from lab.commands.next.run import NextPoseResult
 from lab.commands.options import (
     CertifyOptions,
     CheckOptions,
-    CompareOptions,
     ExampleOptions,
+    HistoryOptions,
     ImportOptions,
     InspectOptions,
     NextOptions,
     PredictOptions,
     RotationOptions,
-    StatusOptions,
     StudyOptions,
-    TrendOptions,
     VerifyOptions,
 )
 from lab.commands.predict import PredictionResult
 from lab.commands.result import Result
 from lab.commands.rotation import Rotation
-from lab.commands.status import StatusResult
 from lab.commands.study.run import StudyResult
-from lab.commands.trend import TrendResult
 from lab.commands.verify import VerificationResult
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -103,11 +99,11 @@ __all__ = [
     "calibrate",
     "certify",
     "check",
-    "compare",
     "compensate",
     "design",
     "dynamics",
     "example",
+    "history",
     "identify",
     "import_measurements",
     "inspect",
@@ -126,10 +122,8 @@ __all__ = [
     "save_estimate",
     "simulate",
     "solve_kinematics",
-    "status",
     "study",
     "trajectory",
-    "trend",
     "verify",
     "workspace",
     "world_frames",
@@ -210,12 +204,6 @@ def check(
     force: bool = False,
     accept_edited: bool = False,
 ) -> CheckResult | CheckPlan: ...
-def compare(
-    runs: Sequence[str | Path | CalibrationResult] | CompareOptions,
-    *,
-    force: bool = False,
-    accept_edited: bool = False,
-) -> ComparisonResult: ...
 def compensate(
     targets: str | Path | Targets | CompensateOptions | None = None,
     run: str | Path | CalibrationResult | None = None,
@@ -301,6 +289,19 @@ def example(
     *,
     out: str | Path | None = None,
 ) -> ExampleResult: ...
+def history(
+    runs: str | Path | CalibrationResult | Sequence[str | Path | CalibrationResult] | HistoryOptions,
+    *,
+    kept: Sequence[str] = ...,
+    serial: str | None = None,
+    every_days: int = 35,
+    on: str | None = None,
+    require: Literal["good"] | None = None,
+    force: bool = False,
+    accept_edited: bool = False,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+) -> HistoryResult: ...
 def identify(
     measurements: str | Path | Measurements | MeasuredCampaign,
     robot: str | Path | Robot | None = None,
@@ -496,15 +497,6 @@ def solve_kinematics(
     out: str | Path | None = None,
     overwrite: bool = False,
 ) -> KinematicsResult: ...
-def status(
-    folder: str | Path | StatusOptions,
-    *,
-    every_days: int = 35,
-    on: str | None = None,
-    require: Literal["good"] | None = None,
-    out: str | Path | None = None,
-    overwrite: bool = False,
-) -> StatusResult: ...
 def study(
     config: str | Path | Study | StudyOptions,
     *,
@@ -539,14 +531,6 @@ def trajectory(
     force: bool = False,
     accept_edited: bool = False,
 ) -> TrajectoryResult: ...
-def trend(
-    folder: str | Path | TrendOptions,
-    *,
-    kept: Sequence[str] = ...,
-    serial: str | None = None,
-    force: bool = False,
-    accept_edited: bool = False,
-) -> TrendResult: ...
 def verify(
     run: str | Path | CalibrationResult | VerifyOptions,
     measurements: str | Path | Measurements | None = None,

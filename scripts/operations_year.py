@@ -4,7 +4,7 @@ Virtual IRB 120 with three targets and the uniform noise of 8 µm. Each arm is c
 a month, on the 8th; where a verification is bad, it is calibrated anew a week later. Half of the arms stay as they are.
 The zero of one joint moves in two arms; two have a crash, which moves three zeros; in two the zero of joint 2 wears
 slowly. What moves is what the controller does not know: the joint positions of the file are off by it. Runs, dates and
-serial numbers are those of the public calls, and the folder at the end is one that ``lab status`` reads.
+serial numbers are those of the public calls, and the folder at the end is one that ``lab history`` reads.
 """
 
 import resource
@@ -182,10 +182,10 @@ def answer(options: Options) -> Answer:
         began = _processor_s()
         lives = [lived(arm, runs, options, options.seed + i) for i, arm in enumerate(arms_of(options))]
         lived_s = _processor_s() - began
-        status = lab.status(runs, on=_day(options.months))
-        status_s = _processor_s() - began - lived_s
+        history = lab.history(runs, on=_day(options.months))
+        history_s = _processor_s() - began - lived_s
         disk = sum(path.stat().st_size for path in runs.rglob("*") if path.is_file())
-    return _told(lives, {arm.serial or "": arm.state for arm in status.arms}, disk, (lived_s, status_s))
+    return _told(lives, {arm.serial or "": arm.state for arm in history.arms}, disk, (lived_s, history_s))
 
 
 def _processor_s() -> float:
@@ -204,7 +204,7 @@ def _told(lives: list[Life], states: Mapping[str, str], disk: int, seconds: tupl
         "found": len(found),
         "disk_bytes": disk,
         "processor_s": seconds[0],
-        "status_processor_s": seconds[1],
+        "history_processor_s": seconds[1],
         "arms": [
             {
                 "serial": each.arm.serial,
@@ -222,7 +222,7 @@ def _told(lives: list[Life], states: Mapping[str, str], disk: int, seconds: tupl
     }
     said = (
         f"{checks} verifications of an unchanged arm: {false} false alarms (1 % are meant). {len(found)} of "
-        f"{len(changed)} changes found. Disk {disk / 1e6:.1f} MB, processor {seconds[0] / 60:.1f} min, lab status "
+        f"{len(changed)} changes found. Disk {disk / 1e6:.1f} MB, processor {seconds[0] / 60:.1f} min, lab history "
         f"{seconds[1]:.1f} s."
     )
     return Answer(

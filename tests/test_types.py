@@ -47,8 +47,7 @@ targets: lab.CompensationResult = lab.compensate("targets.csv", result)
 points: lab.PredictionResult = lab.predict([[0.0] * 6], result)
 lab.verify("run", "new.csv")
 lab.check("run", "daily.csv", since="2026-03-02")
-lab.compare(["first", "second"])
-lab.status("runs")
+lab.history(["first", "second"])
 arms: lab.Result = lab.example("ur5", out="data")
 load: lab.PayloadResult = lab.payload("load.csv", "tx40")
 lab.dynamics("torques.csv", "tx40")
@@ -68,7 +67,7 @@ next_one: lab.Result = lab.next_pose("plan", day.measurements, accuracy_mm=0.02)
 printed: lab.Result = lab.reproduce("thesis")
 reached: lab.Result = lab.workspace(["irb120", "tx40"], orientations=30)
 turned: lab.Result = lab.rotation(angles=(30.0, 90.0, 10.0), order="zyx")
-followed: lab.Result = lab.trend("runs", kept=["base"])
+followed: lab.Result = lab.history("runs", kept=["base"])
 one: np.ndarray = robot.points([0.0] * 6)
 many: np.ndarray = estimate.parameter_jacobian(np.zeros((9, 6)))
 left = estimate.residuals(np.zeros((9, 6)), np.zeros((9, 3)))
@@ -89,7 +88,7 @@ lab.identify("day.csv", gate_mm="0.1")  # wrong
 lab.design("irb120", criterion=abs)  # wrong
 lab.measurements([[0.0] * 6], [[0.0] * 3])  # wrong
 lab.robot_from_dh([[0.0] * 4], convention="denavit")  # wrong
-lab.compare("first", "second")  # wrong
+lab.history("first", "second")  # wrong
 lab.import_measurements("tracker.txt")  # wrong
 lab.identfy("day.csv")  # wrong
 robot.nam  # wrong

@@ -30,17 +30,15 @@ __all__ = [
     "By",
     "CertifyOptions",
     "CheckOptions",
-    "CompareOptions",
     "ExampleOptions",
+    "HistoryOptions",
     "ImportOptions",
     "InspectOptions",
     "NextOptions",
     "OpenOptions",
     "PredictOptions",
     "RotationOptions",
-    "StatusOptions",
     "StudyOptions",
-    "TrendOptions",
     "VerifyOptions",
 ]
 
@@ -133,7 +131,7 @@ class VerifyOptions:
     serial: str | None = None
     """The serial number of the arm that was measured; refused where the run is of another one."""
     date: str | None = None
-    """The day of the measurements, YYYY-MM-DD, by which lab status puts verifications in order."""
+    """The day of the measurements, YYYY-MM-DD, by which lab history puts verifications in order."""
     require: Literal["good"] | None = None
     """Exit with 3 where the measurements are within the predicted error of a run that is not good itself."""
     no_recording: NoRecording = False
@@ -218,50 +216,15 @@ class CertifyOptions:
 
 
 @dataclass(frozen=True)
-class CompareOptions:
-    """Calibrations of a robot to compare."""
+class HistoryOptions:
+    """Runs of one arm to compare, or folders of the runs of one or many arms."""
 
     runs: tyro.conf.Positional[tuple[Path, ...]]
-    """The folders of two or more runs of lab calibrate or lab identify, the earliest first."""
-    force: Flag = False
-    """Also compare runs whose verdict is bad or not judged."""
-    accept_edited: Flag = False
-    """Also read runs whose files were edited after writing."""
-
-    def check(self) -> None:
-        """Refuse fewer than two runs, with a LabError."""
-        if len(self.runs) < 2:
-            raise LabError("lab compare: give the folders of two or more runs")
-
-
-@dataclass(frozen=True)
-class TrendOptions:
-    """A folder of dated runs of one robot."""
-
-    folder: tyro.conf.Positional[Path]
-    """The folder that holds the folders of the runs of lab calibrate or lab identify, each made with --date."""
+    """Folders of runs of one arm, the earliest first; or folders that contain runs, at any depth."""
     kept: Names = ()
-    """Parts that were not set up anew between the runs, to compare with the links: base, tool, or base,tool."""
+    """Parts that were not set up anew between the calibrations, to compare with the links: base, tool, or base,tool."""
     serial: str | None = None
-    """Follow only the arm with this serial number, if the folder holds runs of several."""
-    force: Flag = False
-    """Also use runs whose verdict is bad or not judged."""
-    accept_edited: Flag = False
-    """Also read runs whose files were changed since they were written."""
-
-    def check(self) -> None:
-        """Refuse what is no part of the setup, with a LabError."""
-        check_serial(self.serial)
-        if stray := sorted(set(self.kept) - {"base", "tool"}):
-            raise LabError(f"--kept {stray[0]}: unknown; give base, tool or base,tool")
-
-
-@dataclass(frozen=True)
-class StatusOptions:
-    """A folder of runs of one or many arms."""
-
-    folder: tyro.conf.Positional[Path]
-    """The folder that contains the runs, at any depth."""
+    """Only the arm with this serial number."""
     every_days: int = 35
     """An arm is due this many days after its last calibration or verification (five weeks suit a monthly check), and a
     bad one at once."""
@@ -269,13 +232,22 @@ class StatusOptions:
     """Date of the state, YYYY-MM-DD, today by default; later runs are ignored."""
     require: Literal["good"] | None = None
     """Exit with code 3 if no arm is bad but one is not good."""
+    force: Flag = False
+    """Also compare calibrations whose verdict is bad or not judged."""
+    accept_edited: Flag = False
+    """Also read runs whose files were edited after writing."""
     out: Path | None = None
-    """A folder for the page, status.csv, result.json and status.prom; by default nothing is written."""
+    """A folder for the page, history.csv, result.json and history.prom; by default nothing is written."""
     overwrite: Flag = False
     """Replace an earlier run in that folder."""
 
     def check(self) -> None:
-        """Refuse what is no day or no number of days, with a LabError."""
+        """Refuse options that make no sense, with a LabError that names them."""
+        if not self.runs:
+            raise LabError("lab history: give the folders of runs, or a folder that contains runs")
+        if stray := sorted(set(self.kept) - {"base", "tool"}):
+            raise LabError(f"--kept {stray[0]}: unknown; give base, tool or base,tool")
+        check_serial(self.serial)
         whole("--every-days", self.every_days, 1, DAYS)
         if self.on is not None:
             day("--on", self.on)

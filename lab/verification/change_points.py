@@ -1,4 +1,4 @@
-"""Compare calibrations of one robot: two of them, or a series by a sequential change-point test.
+"""Find when the parameters of a robot changed, by a sequential change-point test of its calibrations.
 
 The calibrations of a series are independent. Where nothing changes, their estimates x_j scatter about one value with
 their covariances C_j. After each new calibration every change point t is tried: the weighted means before and after it
@@ -10,8 +10,9 @@ The k-th test of a year rejects at the level a / (k (k + 1)), corrected for dire
 These levels add up to less than a for any number of tests, so an unchanged robot raises an alarm in at most a share a
 of the years, however often it is measured.
 
-Two calibrations alone are compared by d' (C1 + C2)^-1 d, which is chi squared where the noise of both is given, else F
-(Seber & Lee 2003, section 4.3). Parameters are named by Holm's procedure (1979).
+The test finds the change and names the direction; its size is the difference d itself, with the interval of C. That
+interval covers whatever else has changed. The interval of the least-squares estimate is narrower, and covers only if
+nothing else changed by however little (``scripts/experiments/history_study.py``).
 """
 
 from collections.abc import Sequence
@@ -23,9 +24,9 @@ from lab.calibration.estimate import IdentifiedSubset
 from lab.core.linear_model import half_width_95, p_value_of_squares
 from lab.core.probability import chi2_isf, t_isf, t_sf
 from lab.core.se3 import Array
-from lab.core.significance import TREND_YEAR, VERIFICATION
+from lab.core.significance import TREND_YEAR
 
-__all__ = ["POWER", "ChangePoint", "Difference", "Directions", "Series", "difference_of", "levels"]
+__all__ = ["POWER", "ChangePoint", "Directions", "Series", "levels"]
 
 POWER = 0.95  # with which a minimum detectable change is found
 _YEAR = 365.25  # days
@@ -55,7 +56,7 @@ class ChangePoint:
         found_at: index of the calibration that raised the alarm.
         named: the directions that may have changed, the likeliest first: of several, any one explains the change
             unless ``several``.
-        changes, half_widths: of each, with half of its 95 % interval.
+        changes, half_widths: of each, with half of its 95 % interval, whatever else has changed.
         several: whether no direction explains the change alone; ``named`` are then those that surely changed.
         p: chance of so strong an alarm in the test that raised it, if nothing had changed; ``level`` is that test's.
     """
@@ -185,23 +186,20 @@ class Series:
         after, found_at, p = alarm
         before, later = self._pooled(first, after), self._pooled(after + 1, end)
         information, d = _of_difference(before.information, later.information), later.mean - before.mean
-        variance = 1 / np.einsum("ic,ij,jc->c", self._columns, information, self._columns)
-        sizes = variance * (self._columns.T @ information @ d)
-        squares = sizes**2 / variance
+        squares = (self._columns.T @ information @ d) ** 2 / np.einsum(
+            "ic,ij,jc->c", self._columns, information, self._columns
+        )
         freedom = min(self._freedom[first : end + 1])
         best, dof = float(squares.max()), None if np.isinf(freedom) else int(freedom)
         left = float(d @ information @ d) - best
         several = len(d) > 1 and float(p_value_of_squares(left, len(d) - 1, dof)) < _MORE
-        level = self._levels[found_at]
-        if several:
-            covariance = np.linalg.inv(information)
-            own = np.diag(covariance)
-            chance = 2 * t_sf(np.abs(d) / np.sqrt(own), freedom) * len(d)
+        level, std = self._levels[found_at], np.sqrt(np.diag(np.linalg.inv(information)))
+        if several:  # the first directions are the parameters
+            chance = 2 * t_sf(np.abs(d) / std, freedom) * len(d)
             retained = [i for i in np.argsort(chance, kind="stable").tolist() if chance[i] < level]
-            sizes, variance = d * self._scale, own * self._scale**2  # the first directions are the parameters
         else:
             retained = [i for i in np.argsort(-squares, kind="stable").tolist() if best - squares[i] < _APART]
-        halves = half_width_95(freedom) * np.sqrt(variance)
+        sizes, halves = self._sizes(d, half_width_95(freedom) * std)
         return ChangePoint(
             after,
             found_at,
@@ -213,59 +211,21 @@ class Series:
             level,
         )
 
+    def _sizes(self, d: Array, halves: Array) -> tuple[Array, Array]:
+        """Return the size of each direction ``(c,)`` and half of its 95 % interval, whatever else has changed.
+
+        It is that of the parameter that shows the direction best: of a parameter itself, its difference.
+
+        Args:
+            d: ``(f,)`` the differences of the parameters, over their scale.
+            halves: halves of their intervals.
+        """
+        best = np.abs(self._columns / halves[:, None]).argmax(axis=0)
+        share = self._columns[best, np.arange(len(best))]
+        return d[best] / share, halves[best] / np.abs(share)
+
 
 def _of_difference(before: Array, after: Array) -> Array:
     """Return the information ``(..., f, f)`` of the difference of two means, (A^-1 + B^-1)^-1."""
     information: Array = before @ np.linalg.solve(before + after, after)
     return (information + np.swapaxes(information, -1, -2)) / 2
-
-
-@dataclass(frozen=True)
-class Difference:
-    """The second calibration less the first.
-
-    Attributes:
-        changes, half_widths: ``(f,)`` differences with half of their 95 % intervals.
-        p: the chance of differences as large, of all parameters together, if nothing has changed.
-    """
-
-    names: tuple[str, ...]
-    changes: Array
-    half_widths: Array
-    p: float
-    moved: tuple[str, ...]
-
-    @property
-    def changed(self) -> bool:
-        """Check whether the test of all parameters rejects at a level of 1 %."""
-        return self.p < VERIFICATION
-
-
-def difference_of(first: IdentifiedSubset, second: IdentifiedSubset) -> Difference:
-    """Compare two calibrations that identified the same parameters."""
-    assert first.names == second.names
-    changes = second.values - first.values
-    turns = np.array(first.is_angle)
-    changes = np.where(turns, np.remainder(changes + np.pi, 2 * np.pi) - np.pi, changes)
-    covariance = first.covariance + second.covariance
-    known = [dof for dof in (first.dof, second.dof) if dof is not None]
-    dof = min(known) if known else None
-    std = np.sqrt(np.diag(covariance))
-    z = changes / std
-    square = float(z @ np.linalg.solve(covariance / np.outer(std, std), z))
-    p = float(p_value_of_squares(square, len(z), dof))
-    freedom = np.inf if dof is None else float(dof)
-    moved = _holm(2 * t_sf(np.abs(z), freedom)) if p < VERIFICATION else []
-    half_widths = half_width_95(freedom) * std
-    return Difference(first.names, changes, half_widths, p, tuple(first.names[i] for i in moved))
-
-
-def _holm(p_values: Array) -> list[int]:
-    """Return the hypotheses that Holm's procedure rejects, the smallest p first."""
-    order = np.argsort(p_values, kind="stable")
-    rejected = []
-    for rank, i in enumerate(order.tolist()):
-        if p_values[i] >= VERIFICATION / (len(p_values) - rank):
-            break
-        rejected.append(i)
-    return rejected

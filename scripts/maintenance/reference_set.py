@@ -61,7 +61,7 @@ answer["inverse"] = lab.solve_kinematics("irb120", pose=(302, 0, 558, 0, 90, 0))
 answer["design"] = lab.design("irb120", poses=10, candidates=100, starts=1, no_check=True).to_dict()
 answer["verify"] = lab.verify(result, lab.simulate("irb120", poses=8, seed=32).measurements, force=True).to_dict()
 other = lab.identify(lab.simulate("irb120", poses=30, seed=31, targets=("p1", "p2")).measurements, robot="irb120")
-answer["compare"] = lab.compare([result, other], force=True).to_dict()
+answer["history"] = lab.history([result, other], force=True).to_dict()["arms"]
 print(json.dumps(answer))
 """
 COMMANDS: Mapping[str, str] = {
@@ -115,10 +115,9 @@ COMMANDS: Mapping[str, str] = {
     "verify, same arm": "verify {first}/default {first}/default/measurements.csv --force",
     "certify": "certify {first}/default",
     "certify, real arm": "certify {first}/liaowu",
-    "compare": "compare {first}/default {first}/dh --force",
-    "compare, sessions": "compare {first}/history/day1 {first}/history/day2 --force",
-    "trend": "trend {first}/history",
-    "status": "status {first}/history --on 2026-03-01",
+    "history, robots": "history {first}/default {first}/dh --force",
+    "history, two runs": "history {first}/history/day1 {first}/history/day2 --force",
+    "history": "history {first}/history --on 2026-03-01",
     "payload": "payload --robot tx40 --simulate --seconds 4 --rate-hz 100",
     "dynamics": "dynamics --robot course2r --simulate --rate-hz 100 --rounds 0",
     "dynamics, base parameters": "dynamics --robot tx40 --without motor-inertia,friction,offsets",
@@ -278,7 +277,7 @@ def _run(root: Path, folder: Path, name: str, words: str) -> Mapping[str, Any]:
         out = Path(asked[asked.index("--out") + 1]) if "--out" in asked else own
         if asked and "--out" not in asked and asked[0] != "inspect":
             asked += ["--out", str(own)]
-        if asked and asked[0] != "status" and "--no-recording" in _help(root, asked[0]):
+        if asked and asked[0] != "history" and "--no-recording" in _help(root, asked[0]):
             asked.append("--no-recording")
         surroundings = os.environ | {"PYTHONPATH": str(root), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         command = [sys.executable, "-m", "lab", *asked, "--json"] if asked else [sys.executable, "-c", _CALL]

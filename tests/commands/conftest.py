@@ -1,6 +1,7 @@
 """A working folder for commands, and runs of them that are made once."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from helpers.drawing import nothing_drawn
 from lab.campaign.options import VirtualCampaign
 from lab.cli import main
 from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.calibrate.run import calibrate
+from lab.commands.calibrate.run import calibrate, identify, simulate
 
 
 @pytest.fixture
@@ -69,4 +70,22 @@ def drawn_study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _written(tmp_path_factory: pytest.TempPathFactory, name: str, *arguments: str) -> Path:
     folder = tmp_path_factory.mktemp("runs") / name
     assert main([*arguments, "--out", str(folder), "--json"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def dated_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four dated calibrations in 30 poses each; before the last the zero of joint 3 moved by 0.5 mrad. Read only."""
+    day = simulate("irb120", poses=120, seed=7, targets=("p1", "p2", "p3")).measurements
+    folder = tmp_path_factory.mktemp("dated")
+    with nothing_drawn():
+        for i, at in enumerate(("2026-01-10", "2026-02-11", "2026-03-09", "2026-04-14")):
+            part = day.take(range(30 * i, 30 * i + 30))
+            if i == 3:
+                joints = part.joints.copy()
+                joints[:, 2] -= 0.5e-3  # the controller reports less than where the joint stands
+                part = replace(part, joints=joints)
+            identify(part, robot="irb120", instrument="uniform-8um", date=at, no_recording=True).save(
+                folder / f"run{3 - i}"
+            )
     return folder

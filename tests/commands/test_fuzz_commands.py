@@ -69,7 +69,7 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
     "check": ("daily", "check irb {}"),
     "verify by its checksums": ("run's SHA256SUMS", "verify {} day.csv --force"),
     **{
-        f"trend of a run's {name}": (f"run's {name}", "trend history --accept-edited --force")
+        f"history of a run's {name}": (f"run's {name}", "history history --accept-edited --force")
         for name in ("config.json", "result.json", "parameters.json")
     },
     **{
@@ -79,7 +79,7 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
             "verify {} day.csv --accept-edited --force",
             "compensate day.csv --run {} --no-check --accept-edited",
             "certify {} --accept-edited",
-            "compare {} other --accept-edited",
+            "history {} other --accept-edited",
         )
     },
     **{

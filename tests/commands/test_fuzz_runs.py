@@ -34,8 +34,8 @@ COMMANDS = {
     "verify": "verify changed day.csv --force",
     "compensate": "compensate day.csv --run changed --no-check --force",
     "predict": "predict changed day.csv --force",
-    "compare": "compare changed other --force",
-    "trend": "trend . --force",
+    "history": "history changed other --force",
+    "history of a folder": "history . --force",
     "calibrate": "calibrate --config changed/config.json",
     "calibrate with a load": "calibrate --poses 12 --load changed",
     "study": "study study.toml --workers 1 --resume",
@@ -134,7 +134,9 @@ def wrong_with(name: str, seed: int, place: Path, capfd: pytest.CaptureFixture[s
     """What was wrong with how a command ended that was given a changed run, if anything."""
     chance, folder = random.Random(f"{name} {seed}"), place / "changed"
     shutil.copytree(place / "base" / {"calibrate with a load": "payload", "study": "study"}.get(name, "run"), folder)
-    accepted = name in ("certify", "verify", "compensate", "compare", "trend") and chance.randrange(2) == 0
+    accepted = (
+        name in ("certify", "verify", "compensate", "history", "history of a folder") and chance.randrange(2) == 0
+    )
     argv = f"{COMMANDS[name]} --json" + (" --accept-edited" if accepted else "")
     argv += f" --out {'changed' if name == 'study' else 'built'}"
     path = chance.choice([each for each in changed_files(name, folder) if each.exists()])
@@ -150,7 +152,7 @@ def wrong_with(name: str, seed: int, place: Path, capfd: pytest.CaptureFixture[s
     if code == 2 and len(told) == 1 and told[0].startswith("lab: "):
         return None
     said = "changed since the run was written: the edited files are used" in err or "checksums are missing" in err
-    said = said or (name == "trend" and "the run is left out" in err)
+    said = said or (name == "history of a folder" and "left out" in err)
     if code in (0, 1) and (said or name in ("calibrate", "calibrate with a load", "study")):
         return None
     return f"{seed}: {path.name}, code {code}, {told[:2]}"

@@ -101,7 +101,7 @@ def test_help_names_defaults_that_there_are() -> None:
     assert "in 1 % of clean campaigns. (given)" in whole
     whole = " ".join(help_text(command_named("import")).split())
     assert "usage: lab import POINTS --joints PATH [OPTIONS]" in whole and "a log over time. (required)" in whole
-    assert "usage: lab compare RUNS [RUNS ...] [OPTIONS]" in help_text(command_named("compare"))
+    assert "usage: lab history RUNS [RUNS ...] [OPTIONS]" in help_text(command_named("history"))
     assert "usage: lab workspace [ROBOTS ...] [OPTIONS]" in help_text(command_named("workspace"))
 
 

@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.figures, pytest.mark.thorough]
 LOOK = (Path(__file__).parents[1] / "helpers" / "page_look.js").read_text(encoding="utf-8")
 SCREENS = [(1400, "light"), (1400, "dark"), (768, "light"), (390, "light"), (390, "dark")]
 PAPER_PX = 695  # A4 within the page's margins
-MOST_SHEETS = {"run": 8, "plan": 4, "inspect": 3, "verify": 3, "compensate": 4, "compare": 3, "trend": 4, "certify": 4}
+MOST_SHEETS = {"run": 8, "plan": 4, "inspect": 3, "verify": 3, "compensate": 4, "history": 4, "certify": 4}
 DETAILS = """
 certificate = { number = "42", date = 2026-03-31, issued_by = "Us", operator = "A <b>B</b>", place = "Hall 3" }
 robot.serial_number = "R1"
@@ -61,8 +61,7 @@ def pages(tmp_path_factory, drawn_run: Path, drawn_plan: Path, drawn_study: Path
         "verify": [drawn_run, folder / "again.csv"],
         "compensate": [folder / "targets.csv", "--run", drawn_run],
         "certify": [history / "run0", "--details", folder / "details.toml"],
-        "compare": [history / "run0", history / "run1"],
-        "trend": [history],
+        "history": [history / "run0", history / "run1"],
     }
     for name, arguments in commands.items():
         assert main([name, *map(str, arguments), "--out", str(folder / name), "--json"]) in (0, 1)

@@ -6,7 +6,7 @@ from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.options import CompareOptions
+from lab.commands.options import HistoryOptions
 from lab.commands.run_folder import command_line
 
 
@@ -24,5 +24,5 @@ def test_a_command_line_gives_the_options_back(tmp_path: Path, capsys) -> None:
 
 
 def test_several_words_without_a_flag_stand_side_by_side() -> None:
-    told = command_line("compare", CompareOptions((Path("a b"), Path("c"))))
-    assert told == "lab compare 'a b' c"
+    told = command_line("history", HistoryOptions((Path("a b"), Path("c"))))
+    assert told == "lab history 'a b' c"

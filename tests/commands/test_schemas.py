@@ -24,12 +24,11 @@ FILES = ("config", "parameters", "result")
 FILE_OF = {"calibrate": "result", "identify": "result", "certify": "certificate"}  # of other commands their name
 MORE = {
     "verify": ("verify day few.csv --force --refit base --serial A-17 --date 2026-02-01 --noise-mm 0.01",),
-    "trend": ("trend one",),
     "design": ("design --check plan/plan.csv",),
     "inspect": ("inspect delta",),
     "example": ("example", "example panda --out examples"),
     "open": ("open day",),
-    "status": ("status broken",),
+    "history": ("history broken", "history one/day"),
     "dynamics": ("dynamics --robot scara --symbolic",),
     "kinematics": ("kinematics scara --symbolic --symbolic-inverse --inverse-jacobian",),
     "study": ("study one.toml --workers 1 --out st",),
@@ -122,7 +121,7 @@ def test_the_json_of_every_command_is_as_its_schema_says(
 ) -> None:
     arguments = line.split()
     out = tmp_path / "out"
-    writes = command_named(name).folder or name in ("kinematics", "workspace", "status", "rotation")
+    writes = command_named(name).folder or name in ("kinematics", "workspace", "history", "rotation")
     arguments += ["--out", str(out)] if writes else []
     arguments += ["--no-recording"] if name in RECORDED else []
     capsys.readouterr()

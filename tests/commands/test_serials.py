@@ -44,7 +44,7 @@ def result_of(folder: Path) -> dict:
 def test_whatever_is_built_on_a_run_has_its_arm(place: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(place)
     assert result_of(place / "a17")["serial"] == "A-17" and result_of(place / "old")["serial"] is None
-    commands = ("verify a17 new.csv", "compensate new.csv --run a17 --no-check", "certify a17", "trend a")
+    commands = ("verify a17 new.csv", "compensate new.csv --run a17 --no-check", "certify a17", "history a")
     (place / "a").mkdir()
     shutil.copytree(place / "a17", place / "a" / "a17")
     for command in commands:
@@ -57,7 +57,7 @@ def test_whatever_is_built_on_a_run_has_its_arm(place: Path, tmp_path: Path, mon
     assert '"serial": null' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("command", ["verify a17 new.csv --serial A-18", "compare a17 a18", "certify a17 --details d"])
+@pytest.mark.parametrize("command", ["verify a17 new.csv --serial A-18", "history a17 a18", "certify a17 --details d"])
 def test_runs_of_two_arms_are_refused_in_one_line(place: Path, command: str, monkeypatch, capsys) -> None:
     monkeypatch.chdir(place)
     (place / "d").write_text(DETAILS.format("A-18"))
@@ -70,7 +70,7 @@ def test_the_same_arm_and_an_unnamed_one_go_together(place: Path) -> None:
     assert lab.verify(place / "a17", place / "new.csv", serial="A-17").serial == "A-17"
     assert lab.verify(place / "old", place / "new.csv", serial="A-18").serial == "A-18"
     with pytest.raises(LabError, match="has the parameters of"):  # and not: of another arm
-        lab.compare([place / "a17", place / "old"])
+        lab.history([place / "a17", place / "old"])
 
 
 def test_details_without_a_serial_number_get_that_of_the_run(place: Path, tmp_path: Path) -> None:

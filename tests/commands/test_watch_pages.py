@@ -38,13 +38,14 @@ def pages(tmp_path_factory: pytest.TempPathFactory, seven_run: Path, drawn_study
         assert main([*verified, "--out", str(runs / "check")]) == 1
     commands = {
         "verify": [runs / "2026-01-10", folder / "new.csv"],
-        "compare": [runs / "2026-01-10", runs / "2026-02-11"],
-        "trend": [runs],
-        "status": [runs, "--on", ON],
+        "history": [runs, "--on", ON],
+        "two": [runs / "2026-01-10", runs / "2026-02-11"],
         "certify": [runs / "2026-01-10"],
     }
     for name, arguments in commands.items():
-        assert main([name, *map(str, arguments), "--out", str(folder / name), "--json"]) in (0, 1)
+        assert main(
+            ["history" if name == "two" else name, *map(str, arguments), "--out", str(folder / name), "--json"]
+        ) in (0, 1)
     assert main(["certify", str(seven_run), "--out", str(folder / "example"), "--json"]) == 0
     found = {name: folder / name / "report.html" for name in (*commands, "example")}
     return found | {"study": drawn_study / "report.html"}
@@ -56,9 +57,8 @@ PLACES = """
 """
 SAID = {  # of each page: the arm, the answer, a number's unit, and how the next step begins
     "verify": ("irb120 A-1", "bad", " mrad", "Set the zero of joint 3 anew"),
-    "compare": ("irb120 A-1", "changed", " mrad", "Use the last calibration, 2026-02-11"),
-    "trend": ("irb120 A-1", "changed between 2026-01-10 and 2026-02-11", " mm", "Use the calibration of 2026-02-11"),
-    "status": ("1 arm on 2026-03-20", "1 due", " mm", "Verify irb120 A-1"),
+    "history": ("irb120 A-1", "changed between 2026-01-10 and 2026-02-11", " mm", "Use the calibration of 2026-02-11"),
+    "two": ("irb120 A-1", "changed", " mm", "Use the calibration of 2026-02-11"),
     "certify": ("irb120 A-1", "conforms", " mm", "State what is missing in --details"),
     "example": ("irb120", "EXAMPLE", " mm", "Measure the real arm"),
     "study": ("irb120", "20 poses", " mm", "Give 5 robots or more"),

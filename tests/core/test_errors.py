@@ -40,7 +40,7 @@ def test_a_call_names_arguments_and_its_command_flags(monkeypatch: pytest.Monkey
         ("--noise-mm -1: give a number", "noise_mm -1: give a number"),
         ("--holdout and --holdout-last both set it; give one", "holdout and holdout_last both set it; give one"),
         ("day.csv: mend it, or take the right --robot", "day.csv: mend it, or take the right robot"),
-        ("run lab status runs --on 2026-01-01, or --force", "run lab status runs --on 2026-01-01, or force"),
+        ("run lab history runs --on 2026-01-01, or --force", "run lab history runs --on 2026-01-01, or force"),
         ("my--file.csv: not there; /a/--b neither; 3 -- 4", "my--file.csv: not there; /a/--b neither; 3 -- 4"),
     ],
 )

@@ -16,9 +16,8 @@ import lab
 from lab.calibration.noise.rigid_distances import InstrumentNoise
 from lab.calibration.verdict import Answer
 from lab.commands.certify.run import certify
-from lab.commands.options import CertifyOptions, TrendOptions
+from lab.commands.options import CertifyOptions
 from lab.commands.result import Result
-from lab.commands.trend import trend
 from lab.core.checks import Check
 from lab.core.measurements import Measurements
 from lab.core.units import MM
@@ -84,9 +83,8 @@ def of_runs(folder: Path) -> Iterator[Result]:
     yield lab.verify(folder / "one", second)
     yield lab.verify(folder / "one", moved)
     yield certify(CertifyOptions(folder / "one"))
-    yield lab.compare([folder / "one", folder / "two"])
-    yield trend(TrendOptions(folder))
-    yield lab.status(folder)
+    yield lab.history([folder / "one", folder / "two"])
+    yield lab.history(folder)
 
 
 def of_measurements() -> Iterator[Result]:

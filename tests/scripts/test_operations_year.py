@@ -29,9 +29,9 @@ def test_a_moved_zero_is_found_and_mended(tmp_path: Path) -> None:
     assert moved.found == 0 and moved.size_mrad == pytest.approx(0.15) and moved.calibrations == 2
     assert moved.false_alarms == still.false_alarms == 0 and moved.checks == 2
     assert not list(tmp_path.rglob("recording.rrd"))
-    shown = {arm.serial: arm for arm in lab.status(tmp_path, on="2024-03-10").arms}  # before it is mended
+    shown = {arm.serial: arm for arm in lab.history(tmp_path, on="2024-03-10").arms}  # before it is mended
     assert {name: arm.state for name, arm in shown.items()} == {"A-1": "bad", "A-2": "good"}
-    after = {arm.serial: arm for arm in lab.status(tmp_path, on="2024-04-10").arms}
+    after = {arm.serial: arm for arm in lab.history(tmp_path, on="2024-04-10").arms}
     assert {arm.state for arm in after.values()} == {"good"}
     trend = after["A-1"].trend
     assert trend is not None and [each.named for each in trend.changes] == [("link3.theta",)]

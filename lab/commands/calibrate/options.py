@@ -53,7 +53,7 @@ class _MeasurementFile:
     require: Literal["good"] | None = None
     """Exit with 3 where the verdict is doubtful or nothing was validated; a bad one exits with 1 in any case."""
     date: str | None = None
-    """The day of the measurements, YYYY-MM-DD, by which lab trend puts runs in order."""
+    """The day of the measurements, YYYY-MM-DD, by which lab history puts runs in order."""
     serial: str | None = None
     """The serial number of the arm; whatever is built on the run inherits it, and refuses another arm's."""
     no_recording: NoRecording = False

