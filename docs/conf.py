@@ -25,6 +25,7 @@ extensions = [
     "gallery",
     "mathml",
     "stored_rows",
+    "exercises",
     "search_terms",
 ]
 exclude_patterns = ["_extensions", "_figures", "paper"]

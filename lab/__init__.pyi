@@ -427,9 +427,6 @@ def reproduce(
     source: str | ReproduceOptions,
     *,
     item: str | None = None,
-    exercise: bool = False,
-    solution: bool = False,
-    mark: str | Path | None = None,
 ) -> ReproductionResult: ...
 def rotation(
     options: RotationOptions | None = None,

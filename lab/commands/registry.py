@@ -72,12 +72,7 @@ class Command:
         return run
 
     def folder_name(self, options: Any) -> str:
-        """Return the default name of the folder of a run with these options.
-
-        It is "" for a command without one, and where the options' ``lists_only`` is true: a list is no run.
-        """
-        if getattr(options, "lists_only", False):
-            return ""
+        """Return the default name of the folder of a run with these options; "" for a command without one."""
         names = [name for _, name, _, _ in Formatter().parse(self.folder) if name]
         given = {name: getattr(options, name) for name in names}
         stems = {name: "simulated" if value is None else Path(str(value)).stem for name, value in given.items()}

@@ -169,7 +169,7 @@ _FILES = {  # and programs: a folder with anything else is not replaced
     "result.json", "calibrated.xml", "calibrated.toml", "calibrated.urdf", "calibrated_origins.xacro",
     "ur_kinematics.yaml", "calibration.conf", "calibrated.py", "next.csv", "predicted.csv", "nominal.toml",
     "joints.csv", "cartesian.csv", "plan.csv", "trajectory.csv", "corrected.csv", "load.csv", "motion.csv",
-    "another.csv", "values.csv", "exercise.csv", "workspace.csv", "sensor.toml", "history.csv", "history.prom",
+    "another.csv", "values.csv", "workspace.csv", "sensor.toml", "history.csv", "history.prom",
     "recording.rrd", "model.py", "model.c", "model.m",
     "report.html",
 }  # fmt: skip

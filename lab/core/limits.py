@@ -18,10 +18,10 @@ from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 
 __all__ = [
-    "BRACKETS", "CAMPAIGNS", "CANDIDATES", "CANDIDATE_POINTS", "CELLS", "CLOCKS_S", "CLOCK_DRIFT_PPM", "COLUMNS",
+    "CAMPAIGNS", "CANDIDATES", "CANDIDATE_POINTS", "CELLS", "CLOCKS_S", "CLOCK_DRIFT_PPM", "COLUMNS",
     "CONFIGURATIONS", "COORDINATE_SIZE", "COPIES", "CORNERS", "CORRECTION_A_M", "CORRECTION_D_M", "CORRECTION_RAD",
     "COUNTS", "COUPLING_SIZE", "DAYS", "DEPTH", "DESIGN_POINTS", "DIGITS", "DISTANCE_MM", "DRAWN_POINTS", "DRAWS",
-    "EARTH_GRAVITY", "ELEVATION_DEG", "FIXTURES", "FORMULA", "FRAMES", "FRICTION_PERCENT", "GEAR", "HOLDOUT",
+    "EARTH_GRAVITY", "ELEVATION_DEG", "FIXTURES", "FRAMES", "FRICTION_PERCENT", "GEAR", "HOLDOUT",
     "HUMIDITY_PERCENT", "JOINTS",
     "JOINT_SPAN", "LENGTH_M", "LIMITS", "LINE", "LINE_OF_TEXT", "MESH_BYTES", "MOMENTS", "MOTOR_ZERO_DEG", "NAME",
     "NESTED_ELEMENTS", "NUMBER_SIZE", "OPTION_SIZE", "ORIENTATIONS", "PASSED", "PATIENCE_S", "PAYLOAD_KG",
@@ -114,8 +114,6 @@ DRAWN_POINTS = Limit("points of all draws of a study's robot", 20_000_000, "they
 PLACES = Limit("places of a workspace", 2_000_000, "200,000 give the volume to a thousandth")
 ORIENTATIONS = Limit("orientations at a place", 10_000, "60 cover the sphere to 30°")
 ROUNDS = Limit("rounds of a path's search", 100, "one gives a nearly equal path")
-BRACKETS = Limit("levels of nested brackets in a formula", 50, "the formulas of the sources nest at most five")
-FORMULA = Limit("characters of a formula", 1_000, "the longest of the sources has some hundred")
 LINE_OF_TEXT = Limit("characters of a text in a certificate", 200, "it has one line on the page")
 DAYS = Limit("days between checks", 3_660, "checks ten years apart show no trend")
 CONFIGURATIONS = Limit("configurations of a daily check", 50, "four tell most causes apart")

@@ -108,14 +108,11 @@ class Block:
 
 @dataclass(frozen=True)
 class Paragraph(Block):
-    """A text; as a ``lead`` it is larger, as a ``note`` smaller. Spaces between its parts are part of them.
-
-    As a ``hint`` it is folded on a page, until a reader wants it.
-    """
+    """A text; as a ``lead`` it is larger, as a ``note`` smaller. Spaces between its parts are part of them."""
 
     kind: ClassVar[str] = "paragraph"
     text: Text
-    role: Literal["", "lead", "note", "hint"] = ""
+    role: Literal["", "lead", "note"] = ""
 
     def _reduced(self, medium: _Medium) -> Iterable[Block]:
         return (self,) if plain(self.text) else ()

@@ -23,7 +23,7 @@ def _blocks(blocks: Iterable[doc.Block], level: int) -> Iterable[str]:
                 yield f"{'#' * level} {_escaped(block.title)}"
                 yield from _blocks(block.blocks, level + 1)
             case doc.Paragraph():
-                yield ("Hint: " if block.role == "hint" else "") + _to_inline(block.text)
+                yield _to_inline(block.text)
             case doc.Command():
                 yield f"    {block.text}"
             case doc.Bullets():

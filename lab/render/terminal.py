@@ -56,8 +56,7 @@ def _print(console: Console, blocks: Iterable[doc.Block], warnings: bool) -> Non
                 console.print(RichText(block.title, style="bold"))
                 _print(console, block.blocks, warnings)
             case doc.Paragraph():
-                hint = RichText("Hint: ", style="bold") if block.role == "hint" else RichText()
-                console.print(hint + _styled(block.text))
+                console.print(_styled(block.text))
             case doc.Matrices():
                 _print_matrices(console, block)
             case doc.Command():

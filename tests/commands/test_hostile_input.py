@@ -364,12 +364,7 @@ COMMAND_LINES = (
     "rotation --axis 0,0,1 --angle 1e300",
     "rotation --matrix 1,0,0,0,1,0,0,0,-1",
     "rotation --matrix 1,2,3,4,5,6,7,8,9",
-    "reproduce thesis --exercise --mark good.csv",
-    "reproduce elastic --mark good.csv",
     "reproduce elastic --item 99.9",
-    "reproduce elastic --solution",
-    "reproduce elastic --mark folder",
-    "reproduce elastic --mark pipe",
 )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ def test_every_file_that_a_command_writes_can_be_replaced(tmp_path) -> None:
     package = Path(lab.commands.__path__[0]).parent
     for module in (each for each in package.rglob("*.py") if each.parent.name != "study"):  # that goes on in its folder
         written |= set(re.findall(r"folder / \"([a-z_]+\.[a-z]+)\"", module.read_text(encoding="utf-8")))
-    assert {"result.json", "trajectory.csv", "values.csv", "workspace.csv", "exercise.csv"} <= written
+    assert {"result.json", "trajectory.csv", "values.csv", "workspace.csv"} <= written
     folder = tmp_path / "run"
     folder.mkdir()
     for name in (*written, CHECKSUMS):

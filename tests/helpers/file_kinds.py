@@ -22,9 +22,6 @@ from lab.campaign.robot import load_robot
 from lab.commands.calibrate.load_run import load_run
 from lab.commands.hand_load import read_hand_load
 from lab.extensions.dynamics.load_files import read_load, read_loads, read_motion, read_mounting
-from lab.extensions.reproduction.answer import formula, number
-from lab.extensions.reproduction.item import Computed, Exercise, Item
-from lab.extensions.reproduction.marking import marked
 from lab.extensions.robotics.trajectory.motion import read_path
 from lab.formats.cell_toml import read_cell
 from lab.formats.certificate_toml import read_certificate_details
@@ -190,11 +187,6 @@ ei_nm2 = 2e4
 gj_nm2 = 1e4
 ea_n = 1e8
 """
-ITEM = "Equations 3.22 to 3.29"  # of the source that lab reproduce elastic computes
-LABELS = ("3.24 Trans(x, L)(1,1)", "3.24 Trans(x, L)(1,4)", "Rot(x, r)(2,3)")
-ANSWERS = "item,value,unit\n" + "".join(
-    f'"{ITEM}: {label}",{value},\n' for label, value in zip(LABELS, ("1", "L", "-sin(r)"), strict=True)
-)
 CORRECTIONS = "[mounting]\ncalibration_status = 2 # 2: linearised\n" + "".join(
     f"delta_{name} = [1e-5, 0.25, -0.25, 1e-4, -3e-05, 0]\n" for name in ("theta", "a", "d", "alpha")
 )
@@ -253,15 +245,6 @@ def _calibrated(path: Path) -> object:
     finally:
         for name in others:
             path.with_name(name).unlink()
-
-
-def _marked(path: Path) -> object:
-    """The answers to an exercise of a number and two formulas."""
-    letters = {"L": np.array([2.0, 3.0]), "r": np.array([0.3, -0.4])}
-    shown = (number(LABELS[0], "", 1.0), formula(LABELS[1], "L", letters["L"], letters))
-    asked = (*shown, formula(LABELS[2], "-sin(r)", -np.sin(letters["r"]), letters))
-    item = Item(ITEM, "what is asked", exercise=Exercise("Find them.", "Look.", ("They follow.",)))
-    return marked(path, (Computed(item, asked),))
 
 
 @cache
@@ -347,7 +330,6 @@ KINDS: dict[str, FileKind] = {
     "corners": _kind("v.csv", CORNERS, lambda path: read_corners(read_loose(path, 3), PointColumns())),
     "columns": _kind("c.toml", COLUMNS, read_column_map),
     "elastic links": _kind("a.toml", ARM_TOML + LINKS, read_table),
-    "answers": _kind("e.csv", ANSWERS, _marked),
     "corrections": _kind("calibration.conf", CORRECTIONS, read_corrections),
     **{
         f"run's {name}": FileKind(name, _text_of(name), _calibrated)

@@ -264,11 +264,3 @@ def test_matrices_are_in_brackets_and_side_by_side() -> None:
     page = shown_in["page"]
     assert "A &lt;b&gt;" in page and page.count('<div class="matrix">') == 2 and page.count("<table>") == 3
     assert "| **s1** | 0 |" in shown_in["recording"] and "**agrees**" in shown_in["recording"]
-
-
-def test_a_hint_is_folded_on_a_page_alone() -> None:
-    shown_in = render(Document("Hints", (Paragraph("Square both <sides>.", "hint"),)))
-    assert (
-        '<details class="hint"><summary>Hint</summary><p>Square both &lt;sides&gt;.</p></details>' in shown_in["page"]
-    )
-    assert "Hint: Square both <sides>." in shown_in["terminal"] and "Hint: Square both" in shown_in["recording"]

@@ -6,9 +6,9 @@ __all__ = ["REPRODUCE"]
 
 REPRODUCE = Command(
     "reproduce",
-    "Compute the tables, figures and examples of a source again, or set and mark them as an exercise.",
+    "Compute the tables, figures and examples of a source again, each exercise with its solution.",
     "lab.extensions.reproduction.options:ReproduceOptions",
     "lab.extensions.reproduction.result:reproduce",
     "reproduce-{source}",
-    examples=("thesis --item III", "course --item 8.6 --exercise"),
+    examples=("thesis --item III", "course --item 8.6"),
 )

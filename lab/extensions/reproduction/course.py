@@ -1,6 +1,5 @@
 """Compute the examples of Mallem 2011 on serial robots: arms, rotations, motion, volumes; and define the source."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +9,6 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
-from lab.extensions.reproduction.course_exercises import COURSE_EXERCISES
 from lab.extensions.reproduction.course_machines import CARRIER_ITEMS, PARALLEL_ITEMS, VERSATRAN_ITEMS
 from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter, with_exercises
 from lab.extensions.reproduction.models import SAMPLES, as_row, matrix_formulas, nominal_chain, sampled, serial
@@ -201,7 +199,7 @@ def _blocks() -> tuple[Answer, ...]:
     return (
         holds("the block at the upper right is 0", float(np.abs(zero).max())),
         holds("J⁻¹ by blocks", _gap(whole, pseudo_inverse(J, least=0.0))),
-        word("J⁺", "(JᵗJ⁻)⁻¹Jᵗ", right if misses < 1e-9 else "another", right=right, also=("inv(JᵗJ)Jᵗ",),
+        word("J⁺", "(JᵗJ⁻)⁻¹Jᵗ", right if misses < 1e-9 else "another", right=right,
              erratum=f"J⁻ stands for J; and of a redundant arm J⁺ is Jᵗ(JJᵗ)⁻¹, since JᵗJ is singular (rank {rank} of "
              f"{many.shape[2]} for the Panda)"),
         holds("(JᵗJ)⁻¹Jᵗ of the SCARA's four joints", misses),
@@ -401,7 +399,7 @@ def _exact() -> tuple[Answer, ...]:
     drawn, phase = (("0", "-30"), ("90", "0"), ("0", "30")), "1.34164"
     rates = ("50", "12.396"), ("-50", "-3.855"), ("-50", "3.855"), ("50", "-12.396")
     return (
-        replace(number("X of P2", "0.86", side, "m"), in_exercise=False),
+        number("X of P2", "0.86", side, "m"),
         *(answer for i in range(3) for answer in as_row(f"q1 and q2 at P{i}", (
             number(f"q{j + 1} at P{i}", "", float(degrees[i, j]), "°", right=f"{drawn[i][j]}.000") for j in range(2)))),
         *as_row("speeds of q1 and q2 at P1", (
@@ -498,7 +496,7 @@ COURSE = Source(
         *in_chapter("10 Trajectories", _MOTION_ITEMS),
         *in_chapter("11 Parallel robots", PARALLEL_ITEMS),
         *in_chapter("Annex", (_PRODUCT_ITEM, *_ROTATION_ITEMS)),
-    ), COURSE_EXERCISES),
+    ), "course"),
     (
         Missing("Sections 1 to 4", "Robotics, its disciplines, parts and functions", "words and illustrations"),
         Missing("Sections 5.1 to 5.5", "Definitions of the models",
@@ -510,5 +508,4 @@ COURSE = Source(
         Missing("Sections 11.1, 11.2, 11.4.1 to 11.4.3", "Kinds of joints and robots",
                 "tables of symbols and drawings; lab inspect delta, hexapod, rpr3, prr3 and rrr3 have such robots"),
     ),
-    begin="7.1",
 )  # fmt: skip

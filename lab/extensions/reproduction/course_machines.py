@@ -1,7 +1,6 @@
 """Compute the machines of Mallem 2011: the Versatran, carriers, parallel robots."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from typing import TypeVar
@@ -179,10 +178,8 @@ def _inverse() -> tuple[Answer, ...]:
         "q4": "atan2(−w zz, w (c1 zx + s1 zy))",
         "q6": "atan2(w (c1 yy − s1 yx), w (s1 xx − c1 xy))",
     }
-    also = {"q3": (f"−{right['q3']}",), "q1": ("atan2(px7 − r7 zx, −(py7 − r7 zy))",)}
     return tuple(
-        formula(name, "", v[name], v, right=text, also=also.get(name, ()), angle=name not in ("q2", "q3"),
-                unknown=("px", "py", "pz"))
+        formula(name, "", v[name], v, right=text, angle=name not in ("q2", "q3"))
         for name, text in right.items()
     )  # fmt: skip
 
@@ -369,9 +366,8 @@ def _two_legs() -> tuple[Answer, ...]:
     return (
         formula("ρ1²", "x^2 + y^2", v["ρ1"] ** 2, v),
         formula("ρ2²", "(x − L)^2 + y^2", v["ρ2"] ** 2, v),
-        formula("X", "(ρ1^2 − ρ2^2 + L^2)/(2 L)", v["x"], v, unknown=("x", "y")),
-        formula("Y", "√(ρ1^2 − ((ρ1^2 − ρ2^2 + L^2)/(2 L))^2)", v["y"], v,
-                also=("−√(ρ1^2 − ((ρ1^2 − ρ2^2 + L^2)/(2 L))^2)",), unknown=("x", "y")),
+        formula("X", "(ρ1^2 − ρ2^2 + L^2)/(2 L)", v["x"], v),
+        formula("Y", "√(ρ1^2 − ((ρ1^2 − ρ2^2 + L^2)/(2 L))^2)", v["y"], v),
         *matrix_formulas("A", "2 x | 2 y; 2 x − 2 L | 2 y", A, v),
         *matrix_formulas("B", "−2 ρ1 | 0; 0 | −2 ρ2", B, v),
         holds("dX = A⁻¹ B dq", float(np.abs(np.linalg.solve(A, B) - numeric).max()), within=1e-6,
@@ -406,8 +402,7 @@ def _three_legs() -> tuple[Answer, ...]:
         formula("ρ2²", "(x + l2 cos(φ) − c2)^2 + (y + l2 sin(φ))^2", rho[:, 1] ** 2, v),
         formula("ρ3²", "(x + l3 cos(φ + θ) − c3)^2 + (y + l3 sin(φ + θ) − d3)^2", rho[:, 2] ** 2, v),
         holds("the legs' lines in one point: singular", float(np.abs(meeting).max()), within=1e-6),
-        replace(number("distance from singular with the platform in the middle", "", float(middle[0]), digits=4),
-                in_exercise=False),
+        number("distance from singular with the platform in the middle", "", float(middle[0]), digits=4),
         *(
             number(f"mobility of the {kind}", "3", body_count(nominal_mechanism(name).tree).mobility)
             for kind, name in (("3-RPR", "rpr3"), ("3-PRR", "prr3"), ("3-RRR", "rrr3"))

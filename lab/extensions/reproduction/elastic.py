@@ -12,7 +12,6 @@ from lab.core.se3 import Array
 from lab.extensions.reproduction.answer import Answer, holds
 from lab.extensions.reproduction.item import Item, Missing, Source, with_exercises
 from lab.extensions.reproduction.models import SAMPLES, Sampled, link_matrices, matrix_formulas, sampled
-from lab.extensions.reproduction.other_exercises import ELASTIC_EXERCISES
 from lab.extensions.reproduction.thesis_model import printed_links
 from lab.extensions.robotics.trajectory.tracking import Correction, compensated, elastic_errors, greville
 from lab.kinematics.dynamics.beam import COMPLIANCES, MATERIALS, Beam, loads_on, tube
@@ -230,10 +229,9 @@ ELASTIC = Source(
              "lab compensate TARGETS.csv --run RUN", "TARGETS.csv and RUN are targets and a calibration of your own."),
         Item("Equations 3.39, 3.40", "Calibration and deformations", _calibrated,
              "python scripts/experiments/elastic_error_absorbed.py"),
-    ), ELASTIC_EXERCISES),
+    ), "elastic"),
     (
         Missing("Figures 3.4, 3.5", "A segment rigid and deformed", "illustrations of the frames of 3.22"),
         Missing("Numbers", "Measured or computed examples", "the section prints no numbers"),
     ),
-    begin="3.22",
 )  # fmt: skip

@@ -1,9 +1,11 @@
 """Numbered items of a source with the texts of their exercises, and the registered sources."""
 
 import re
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from lab.core.errors import LabError
 from lab.extension_points import choice_of, load, registered
@@ -39,24 +41,17 @@ class Exercise:
 
     Attributes:
         question: what is sought, with what is given, in sentences.
-        hint: to the question, without its answer.
         steps: way to the solution, in order.
         given: letters and values, an entry each.
         table: rows of a table that is given; the first has the headings.
-        sketch: draws what is given.
-        earlier: further things that are given, each the answer to an item: its number, and what it answers. Where
-            that item is asked along, its answer is not shown.
-        table_of: number of the item that asks for the table, likewise; "" of a table that none asks for.
+        sketch: robot that is drawn, and its joint positions in ° and mm; "" where none is.
     """
 
     question: str
-    hint: str
     steps: tuple[str, ...]
     given: tuple[str, ...] = ()
     table: tuple[tuple[str, ...], ...] = ()
-    sketch: "Callable[[], tuple[Picture, ...]]" = tuple
-    earlier: tuple[tuple[str, str], ...] = ()
-    table_of: str = ""
+    sketch: tuple[str, tuple[float, ...]] = ("", ())
 
 
 @dataclass(frozen=True)
@@ -84,9 +79,27 @@ class Item:
     exercise: Exercise | None = None
 
 
-def with_exercises(items: Sequence[Item], texts: Mapping[str, Exercise]) -> tuple[Item, ...]:
-    """Return the items with the texts of their exercises, by their numbers."""
+def with_exercises(items: Sequence[Item], name: str) -> tuple[Item, ...]:
+    """Return the items with the texts of their exercises, which are in ``exercises/NAME.toml``."""
+    path = Path(__file__).parent / "exercises" / f"{name}.toml"
+    rows = tomllib.loads(path.read_text(encoding="utf-8"))["exercise"]
+    texts = {row.pop("item"): _exercise(row) for row in rows}
+    if unknown := texts.keys() - {item.number for item in items}:
+        raise LabError(f"{path}: '{sorted(unknown)[0]}' is no item of the source")
     return tuple(replace(item, exercise=texts.get(item.number)) for item in items)
+
+
+def _exercise(row: Mapping[str, Any]) -> Exercise:
+    """Return the exercise of a row; a line break within a text is a space."""
+
+    def lines(name: str) -> tuple[str, ...]:
+        return tuple(" ".join(text.split()) for text in row.get(name, ()))
+
+    sketch = row.get("sketch", {"robot": "", "joints": ()})
+    return Exercise(
+        " ".join(row["question"].split()), lines("steps"), lines("given"),
+        tuple(tuple(cells) for cells in row.get("table", ())), (sketch["robot"], tuple(sketch["joints"])),
+    )  # fmt: skip
 
 
 def in_chapter(title: str, items: Sequence[Item]) -> tuple[Item, ...]:
@@ -112,14 +125,12 @@ class Source:
         title: author, year and title.
         items: in the order of the text.
         missing: items that cannot be computed, in the order of the text.
-        begin: number of the item that a student begins with.
     """
 
     name: str
     title: str
     items: tuple[Item, ...]
     missing: tuple[Missing, ...]
-    begin: str = ""
 
     def chosen(self, text: str) -> tuple[Item, ...]:
         """Return the items of a number (``8.6``, ``III.24``, ``Table IV.2``) or a chapter (``8``, ``III``).

@@ -53,20 +53,9 @@ class Sampled:
 
     @property
     def variables(self) -> dict[str, Array]:
-        """Joint positions q1 ... in rad and the source's units of length, and the constant lengths of its table."""
+        """Joint positions q1 ... in rad and the source's units of length."""
         scale = np.where(self.arm.chain.prismatic, self.unit, 1.0)
-        joints = {f"q{i + 1}": column for i, column in enumerate((self.joints * scale).T)}
-        return joints | {name: np.full(len(self.joints), length) for name, length in self._lengths().items()}
-
-    def _lengths(self) -> dict[str, float]:
-        """Return the lengths that are not zero by the letters of sources: a and d, or a or d and r of Khalil's."""
-        chain = self.arm.chain
-        along, across = (("r",), ("a", "d")) if chain.convention == "craig" else (("d", "r"), ("a",))
-        found: dict[str, float] = {}
-        for i, (_, d, a, *_) in enumerate(chain.table * self.unit):
-            for letters, length in ((along, 0.0 if chain.prismatic[i] else d), (across, a)):
-                found |= {f"{letter}{i + 1}": float(length) for letter in letters if length}
-        return found
+        return {f"q{i + 1}": column for i, column in enumerate((self.joints * scale).T)}
 
     def between(self, first: int, last: int) -> Array:
         """Return poses ``(n, 4, 4)`` of one frame in another, lengths in the source's unit."""

@@ -9,7 +9,6 @@ from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.item import Item, Missing, Source, with_exercises
 from lab.extensions.reproduction.models import SAMPLES, as_row, link_matrices, matrix_formulas, sampled, serial
-from lab.extensions.reproduction.other_exercises import STAUBLI_EXERCISES
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.khalil_frames import khalil_frame, pose_of
@@ -174,7 +173,7 @@ STAUBLI = Source(
         Item("Section 1.3.5", "β between parallel axes", _identifiable, "lab inspect rx130"),
         Item("Figure 3", "A small variation of an axis", _misaligned,
              note="Without β the parameter r of a misaligned axis jumps to minus d over the misalignment."),
-    ), STAUBLI_EXERCISES),
+    ), "staubli"),
     (
         Missing("Figures 1, 2", "Frames of base and tool", "illustrations of 1.3 and 1.5"),
         Missing("Introduction, 95 %", "The share of geometric errors", "a quotation of Judd and Knasinski 1990 without "
@@ -185,5 +184,4 @@ STAUBLI = Source(
                 "the text breaks off at 1.4; python scripts/experiments/global_or_sequential.py compares the two "
                 "methods"),
     ),
-    begin="1.2",
 )  # fmt: skip

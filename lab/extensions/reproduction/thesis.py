@@ -1,6 +1,5 @@
 """Compute chapter IV of Mahdadi and Bouafia 2020, the 19 parameters and tables IV.1 to IV.3; and define the source."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,7 +11,6 @@ from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, at_least, drawn, given, holds, number, word
 from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter, with_exercises
 from lab.extensions.reproduction.models import as_row, link_matrices, matrix_formulas
-from lab.extensions.reproduction.other_exercises import THESIS_EXERCISES
 from lab.extensions.reproduction.thesis_case import (
     CRITERIA,
     DROPPED,
@@ -166,7 +164,7 @@ def _retained() -> tuple[Answer, ...]:
     return (
         number("parameters retained of 24", "19", len(identifiable)),
         *(
-            replace(answer, in_exercise=False)
+            answer
             for start in range(0, len(_SYMBOLS), _LINE)
             for answer in as_row(
                 f"retained {start + 1} to {min(start + _LINE, len(_SYMBOLS))}",
@@ -434,7 +432,7 @@ THESIS = Source(
         *in_chapter("Chapter IV, choice of the index", (
             *_CALIBRATION_ITEMS[:_BEFORE_CURVES], *_CURVE_ITEMS, *_CALIBRATION_ITEMS[_BEFORE_CURVES:],
         )),
-    ), THESIS_EXERCISES),
+    ), "thesis"),
     (
         Missing("Figures I.1, I.2, I.3, I.5", "Robots", "photographs"),
         Missing("Table I.1, rows 3, 6 and 8", "Versatility, payload by mass, dynamics of parallel and serial robots",
@@ -448,5 +446,4 @@ THESIS = Source(
                 "statements of what is multiplied; the results are the items above"),
         Missing("Equation IV.11", "The change of a link's matrix", "notation"),
     ),
-    begin="III.12",
 )  # fmt: skip

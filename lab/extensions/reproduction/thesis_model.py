@@ -1,6 +1,5 @@
 """Compute chapter III of Mahdadi and Bouafia 2020: direct and inverse model of the IRB 120."""
 
-from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -80,9 +79,7 @@ def _sizes() -> tuple[Answer, ...]:
     return (
         number("reach of the wrist's centre", "580", float(np.linalg.norm(centre - shoulder, axis=1).max()), "mm"),
         number("depth below the base", "112", -float(centre[:, 2].min()), "mm"),
-        replace(
-            number("mass", "25", float(load_virtual("irb120").model.model.body_mass[1:].sum()), "kg"), in_exercise=False
-        ),
+        number("mass", "25", float(load_virtual("irb120").model.model.body_mass[1:].sum()), "kg"),
     )
 
 
@@ -258,7 +255,7 @@ def _eight_solutions() -> Array:
 def _solutions() -> tuple[Answer, ...]:
     ours = np.rad2deg(_eight_solutions())
     return tuple(
-        replace(answer, any_order="the eight solutions")
+        answer
         for k in range(8)
         for answer in as_row(f"{k + 1}: q1 to q6", (
             number(f"q{j + 1} of solution {k + 1}", row[k], float(ours[k, j]), "°") for j, row in enumerate(_SOLUTIONS)

@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.campaign.robot import load_robot
 from lab.core.units import MM
-from lab.extensions.reproduction.answer import Answer, number
+from lab.extensions.reproduction.answer import Answer, number, stated
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.thesis_claims import (
     PAIRS,
@@ -34,12 +34,6 @@ __all__ = ["STATEMENT_ITEMS"]
 _GROWING = ("irb120", "irb140", "irb2400", "rx130", "ur5")
 
 
-def _stated(name: str, printed: str, *, holds: bool | None, found: str, why: str = "") -> Answer:
-    """Compare a statement in words; ``why`` it does not hold, and None where the interval leaves it open."""
-    reason = why if holds is False else ""
-    return Answer(name, printed, found, "", "", holds, reason, lambda text: False, "word", in_exercise=False)
-
-
 def _workspaces() -> tuple[Answer, ...]:
     answers = []
     for name in WORKSPACE_ARMS:
@@ -48,7 +42,7 @@ def _workspaces() -> tuple[Answer, ...]:
         answers.append(number(f"{robot}, reach of the wrist's centre", "", float(MM.of(reach)), "mm", digits=0))
         size, half = space.measured.size, 1.96 * space.measured.standard_error
         found = f"{size:.2f} ({size - half:.2f} to {size + half:.2f}) m³"
-        answers.append(_stated(f"{robot}, volume", "", holds=None, found=found))
+        answers.append(stated(f"{robot}, volume", "", holds=None, found=found))
     return tuple(answers)
 
 
@@ -101,7 +95,7 @@ def _compared() -> tuple[Answer, ...]:
         sides = {ratio.side for ratio in ratios.values()}
         holds = None if not printed or 0 in sides or len(sides) > 1 else sides == {1}
         found = "; ".join(f"{pair}: serial over parallel {ratio}" for pair, ratio in ratios.items())
-        answers.append(_stated(name, printed, holds=holds, found=found, why=_WHY.get(name, "")))
+        answers.append(stated(name, printed, holds=holds, found=found, why=_WHY.get(name, "")))
     return tuple(answers)
 
 
@@ -114,7 +108,7 @@ def _direct_models() -> Answer:
     modes = classical.modes(chain.home[None])[0]
     count = int(np.isfinite(modes).all(axis=1).sum())
     found = f"solutions of the direct model: delta {count}, a serial arm 1"
-    return _stated("kinematic models", "parallel complex, serial simple", holds=count > 1, found=found)
+    return stated("kinematic models", "parallel complex, serial simple", holds=count > 1, found=found)
 
 
 def _grows() -> tuple[Answer, ...]:
@@ -123,13 +117,13 @@ def _grows() -> tuple[Answer, ...]:
         grown = growth_along(name)
         steps = grown.steps
         answers.append(
-            _stated(f"{name}, mean of the arms", "grow from the base to the effector",
+            stated(f"{name}, mean of the arms", "grow from the base to the effector",
                     holds=True if all(step.side > 0 for step in steps) else None,
                     found=f"last frame over first {grown.whole}; the least step {min(steps, key=lambda s: s.value)}")
         )  # fmt: skip
         share = grown.monotone
         answers.append(
-            _stated(f"{name}, every arm at every step", "",
+            stated(f"{name}, every arm at every step", "",
                     holds=None, found=f"in {100 * share.value:.0f} % of arms ({100 * share.lower:.0f} to "
                     f"{100 * share.upper:.0f})")
         )  # fmt: skip
@@ -144,19 +138,19 @@ def _ranking() -> tuple[Answer, ...]:
             first, second = paired_ratio(rms["joints"], rms["geometry"]), paired_ratio(rms["geometry"], rms["other"])
             needed = float(1.5 / first.value)
             answers.append(
-                _stated(f"{name}, {words}: joints before geometry", "joints first",
+                stated(f"{name}, {words}: joints before geometry", "joints first",
                         holds=None if not first.side else first.side > 0, found=f"joints over geometry {first}",
                         why=f"at equal tolerances the reverse: zeros off by {needed:.1f} mrad (1σ) and more come first")
             )  # fmt: skip
             answers.append(
-                _stated(f"{name}, {words}: geometry before the rest", "geometry second",
+                stated(f"{name}, {words}: geometry before the rest", "geometry second",
                         holds=None if not second.side else second.side > 0, found=f"geometry over the rest {second}",
                         why="the other sources are larger")
             )  # fmt: skip
     own = thesis_arm_sources()
     ratio = ratio_of(own["joints"], own["geometry"])
     answers.append(
-        _stated("the arm of table IV.2: joints before geometry", "joints first",
+        stated("the arm of table IV.2: joints before geometry", "joints first",
                 holds=None if not ratio.side else ratio.side > 0, found=f"joints over geometry {ratio}",
                 why="lengths and α of the thesis' own arm displace its flange more than the five zeros do")
     )  # fmt: skip
@@ -170,14 +164,14 @@ def _contradicts() -> tuple[Answer, ...]:
         share = found.disagree(*names)
         text = f"{100 * share.value:.0f} % of pairs ({100 * share.lower:.0f} to {100 * share.upper:.0f})"
         answers.append(
-            _stated(f"{', '.join(names)} order two sets differently", "in some cases", holds=share.lower > 0,
+            stated(f"{', '.join(names)} order two sets differently", "in some cases", holds=share.lower > 0,
                     found=text, why="no pair was found")
         )  # fmt: skip
     pair = found.example()
     for name in ("O1", "O2", "O3"):
         first, second = found.scores[name][pair]
         answers.append(
-            _stated(f"an example, {name} of both sets", "", holds=None,
+            stated(f"an example, {name} of both sets", "", holds=None,
                     found=f"{first:.4g} and {second:.4g}: {'first' if first > second else 'second'} set")
         )  # fmt: skip
     return tuple(answers)

@@ -1,23 +1,23 @@
-"""Break each model of the sources once: its rows differ, and those computed from them, and no others."""
+"""Break each model and each function of the sources once: their rows differ, so no exercise has a wrong solution."""
 
 import importlib
 import pkgutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from helpers.computed_sources import ITEMS
 
 import lab.extensions.reproduction as package
 from lab.campaign.robot import load_robot
-from lab.extensions.reproduction import models
-from lab.extensions.reproduction.item import Computed, source_named, sources
-from lab.extensions.reproduction.options import ReproduceOptions
-from lab.extensions.reproduction.result import ReproductionResult
+from lab.core import se3
+from lab.extensions.reproduction import course, course_machines, models, staubli, thesis, thesis_model
+from lab.extensions.reproduction.item import Item
 from lab.kinematics.serial.chain import COLUMNS
 
-SLOW = ("Table IV.2", "Table IV.3", "Figure IV.1", "Figure IV.2", "Conclusion", "Section 6.1")  # searches, volumes
 MODULES = [
     importlib.import_module(f"{package.__name__}.{each.name}") for each in pkgutil.iter_modules(package.__path__)
 ]
@@ -132,11 +132,11 @@ def forget() -> None:
 
 
 @pytest.fixture
-def breaking(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Break], None]]:
-    """What breaks a model until the end of the test."""
+def breaking(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[object, str, object], None]]:
+    """What replaces a function until the end of the test."""
 
-    def broken(wrong: Break) -> None:
-        monkeypatch.setattr(models, "load_robot", wrong.of)
+    def broken(module: object, name: str, function: object) -> None:
+        monkeypatch.setattr(module, name, function)
         forget()
 
     yield broken
@@ -144,52 +144,27 @@ def breaking(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Break], None
     forget()
 
 
-@pytest.fixture(scope="session")
-def loaded_by() -> dict[tuple[str, str], set[str]]:
-    """The robots whose models each item loads, by source and number: no other model can change an item."""
-    found: dict[tuple[str, str], set[str]] = {}
-    with pytest.MonkeyPatch.context() as patch:
-        for source in sources():
-            for item in source_named(source).items:
-                if item.number not in SLOW:
-                    names = found.setdefault((source, item.number), set())
-                    patch.setattr(models, "load_robot", lambda name, names=names: names.add(name) or load_robot(name))
-                    forget()
-                    assert all(answer.state != "differs" for answer in item.answers())
-    forget()
-    return found
+Breaking = Callable[[object, str, object], None]
 
 
-def differing(robot: str, loaded_by: dict[tuple[str, str], set[str]]) -> dict[str, list[Computed]]:
-    """The items with rows that differ among those that load a robot's model, by source."""
-    found: dict[str, list[Computed]] = {}
-    for name in sources():
-        items = [each for each in source_named(name).items if robot in loaded_by.get((name, each.number), ())]
-        computed = (Computed(item, item.answers()) for item in items)
-        rows = [each for each in computed if any(answer.state == "differs" for answer in each.answers)]
-        if rows:
-            found[name] = rows
-    return found
+def items_named(numbers: frozenset[str] | set[str]) -> list[Item]:
+    return [item for _, item in ITEMS if item.number in numbers]
+
+
+def differs(item: Item) -> bool:
+    return any(answer.state == "differs" for answer in item.answers())
 
 
 @pytest.mark.pages
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    "wrong",
-    CASES,
-    ids=lambda wrong: f"{wrong.robot} {wrong.place[0]} {wrong.place[1]} {wrong.change or 'sign'}",
+    "wrong", CASES, ids=lambda wrong: f"{wrong.robot} {wrong.place[0]} {wrong.place[1]} {wrong.change or 'sign'}"
 )
-def test_a_broken_model_turns_its_rows_and_no_others(
-    wrong: Break, breaking: Callable[[Break], None], loaded_by: dict[tuple[str, str], set[str]], tmp_path
-) -> None:
-    breaking(wrong)
-    found = differing(wrong.robot, loaded_by)
-    assert {each.item.number for rows in found.values() for each in rows} == wrong.differing
-    for name, rows in found.items():
-        result = ReproductionResult(ReproduceOptions(name), source_named(name), tuple(rows), None)
-        assert result.exit_code == 1 and result.to_dict()["differ"] == len(result.wrong) == len(result.warnings)
-        page = result.report(tmp_path / "page.html").read_text(encoding="utf-8")
-        assert all(words.split("'")[0] in page for words in result.warnings) and "differs" in page
+def test_a_broken_model_turns_its_rows_and_no_others(wrong: Break, breaking: Breaking) -> None:
+    """No others of those that some number of this robot is in."""
+    breaking(models, "load_robot", wrong.of)
+    of_robot = frozenset[str]().union(*(case.differing for case in CASES if case.robot == wrong.robot))
+    assert {item.number for item in items_named(of_robot) if differs(item)} == wrong.differing
 
 
 ROWS = {  # of the table and the link matrices: what one number of a link is in
@@ -202,19 +177,73 @@ ROWS = {  # of the table and the link matrices: what one number of a link is in
 
 @pytest.mark.parametrize("place", ROWS, ids=str)
 def test_of_a_table_and_the_link_matrices_only_the_rows_of_that_link_differ(
-    place: tuple[int, str], breaking: Callable[[Break], None]
+    place: tuple[int, str], breaking: Breaking
 ) -> None:
-    breaking(Break("irb120", place, 1.0, frozenset()))
+    breaking(models, "load_robot", Break("irb120", place, 1.0, frozenset()).of)
     row, entries = ROWS[place]
     for number, names in (("Table III.2", {row}), ("Equations III.6 to III.11", {*entries.split()})):
-        (item,) = (each for each in source_named("thesis").items if each.number == number)
+        (item,) = items_named({number})
         assert {answer.name for answer in item.answers() if answer.state == "differs"} == names
 
 
+VOLUMES = {"cylindrical": "alpha", "anthropomorphic": "a", "cartesian": "alpha", "spherical": "alpha", "scara": "a"}
+
+
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["cylindrical", "anthropomorphic", "cartesian", "spherical", "scara"])
-def test_a_broken_carrier_has_another_volume(name: str, breaking: Callable[[Break], None]) -> None:
-    place = (2, "alpha") if name in ("cartesian", "cylindrical", "spherical") else (1, "a")
-    breaking(Break(f"carrier/{name}", place, 20.0, frozenset()))
-    (item,) = (each for each in source_named("course").items if each.number == "Section 6.1")
+@pytest.mark.parametrize("name", VOLUMES)
+def test_a_broken_carrier_has_another_volume(name: str, breaking: Breaking) -> None:
+    place = (1 if VOLUMES[name] == "a" else 2, VOLUMES[name])
+    breaking(models, "load_robot", Break(f"carrier/{name}", place, 20.0, frozenset()).of)
+    (item,) = items_named({"Section 6.1"})
     assert len([answer for answer in item.answers() if answer.state == "differs"]) == 2  # its volume, and the formulas
+
+
+def _other_convention(convention: str, *table: np.ndarray) -> np.ndarray:
+    return models.link_matrices("distal" if convention == "craig" else "craig", *table)
+
+
+def _one_less(right: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda J, order: SimpleNamespace(identifiable=right(J, order).identifiable[:-1])
+
+
+TURNED = {"Annex, A3.3 to A3.6, figure A3.1", "Annex, A3.7 to A3.11", "Equations 3.22 to 3.29"}
+FUNCTIONS: list[tuple[Any, str, Callable[..., Any], set[str]]] = [  # the broken one as a function of the right one
+    (course, "pseudo_inverse", lambda right: lambda J, **options: 1.001 * right(J, **options),
+     {"Section 5.6", "Section 10.3, question 2"}),
+    (course, "rates", lambda right: lambda J, twists: SimpleNamespace(rank=np.array([6])), {"Section 6.2"}),
+    (course_machines, "type_2", lambda right: lambda *x: right(*x)._replace(values=(right(*x).values[0][:1],)),
+     {"Section 7.4"}),
+    (course_machines, "link_matrices", lambda right: _other_convention, {"Section 8.1"}),
+    (staubli, "link_matrices", lambda right: _other_convention, {"Equation 1.2"}),
+    (thesis_model, "link_matrices", lambda right: _other_convention, {"Equations III.1, III.2, III.5, IV.10"}),
+    (thesis, "link_matrices", lambda right: _other_convention, {"Equation IV.12", "Equations IV.13 to IV.18"}),
+    (se3, "exp", lambda right: lambda r: right(-r), TURNED),
+    (se3, "rotation_from_roll_pitch_yaw", lambda right: lambda angles: right(angles[..., ::-1]),
+     {"Annex, A3.2", "Table III.3"}),
+    (se3, "skew", lambda right: lambda r: right(r * np.array([1, 1, 0])),
+     {"Annex, A3.1", "Equations IV.5 to IV.9, IV.25, IV.26"}),
+    (np.linalg, "inv", lambda right: lambda T: np.swapaxes(T, -1, -2), {"Equation III.15"}),
+    (thesis, "base_set_of", _one_less, {"Table IV.1"}),
+    (thesis, "_campaigns", lambda right: lambda name: 2 * [np.full((1000, 19), 1.0 + len(name))], {"Conclusion"}),
+    (staubli, "pose_of", lambda right: lambda row: right(row * np.array([1, 0, 1, 1, 1, 1])),
+     {"Equations 1.3, 1.5", "Equations 1.4, 1.6"}),
+    (staubli, "base_set_of", _one_less, {"Section 1.3.5"}),
+    (staubli, "khalil_frame", lambda right: lambda T: SimpleNamespace(values=-right(T).values), {"Figure 3"}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "broken", "numbers"), FUNCTIONS, ids=[f"{each[0].__name__}.{each[1]}" for each in FUNCTIONS]
+)
+def test_a_broken_function_turns_the_exercises_that_it_solves(
+    module: Any, name: str, broken: Callable[..., Any], numbers: set[str], breaking: Breaking
+) -> None:
+    breaking(module, name, broken(getattr(module, name)))
+    assert {item.number for item in items_named(numbers) if differs(item)} == numbers
+
+
+def test_every_exercise_is_turned_by_a_broken_model_or_function() -> None:
+    turned = frozenset[str]({"Section 6.1"}).union(
+        *(case.differing for case in CASES), *(each[3] for each in FUNCTIONS)
+    )
+    assert {item.number for _, item in ITEMS if item.exercise is not None} - turned == set()
