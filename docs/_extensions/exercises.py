@@ -42,7 +42,11 @@ def shown(item: Item, exercise: Exercise) -> Iterator[nodes.Node]:
             text = to_text(Document("", (block,)), 100).strip("\n")
             yield nodes.literal_block(text, text, language="text")
         elif isinstance(block, Table) and block.rows:
-            yield table_of(block.headings, [[plain(cell) for cell in row] for row in block.rows], (40, 45, 15))
+            rows = [
+                (name, f"`{text}`", unit) for name, text, unit in ([plain(cell) for cell in row] for row in block.rows)
+            ]
+            wide = 3 if any(unit for *_, unit in rows) else 2
+            yield table_of(block.headings[:wide], [row[:wide] for row in rows], (40, 45, 15)[:wide])
     yield nodes.raw("", "</details>", format="html")
 
 
