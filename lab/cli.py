@@ -64,11 +64,11 @@ def _only_our_warnings() -> None:
         warnings.simplefilter("default", LabWarning)
     usual = warnings.showwarning
 
-    def shown(message: "Warning | str", category: type[Warning], *where: "Any") -> None:
+    def shown(message: "Warning | str", category: type[Warning], *where: "Any", **more: "Any") -> None:
         if issubclass(category, LabWarning):
             say(f"warning: {message}")
         else:
-            usual(message, category, *where)
+            usual(message, category, *where, **more)
 
     warnings.showwarning = shown
 
@@ -236,16 +236,13 @@ def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, 
     from threadpoolctl import threadpool_limits
 
     from lab.commands.program import output_may_close, say
-    from lab.commands.run_folder import complete, free_name, input_files, run_folder, unfinished
+    from lab.commands.run_folder import complete, free_name, input_files, run_folder
     from lab.core.gaps import attempted
     from lab.render.terminal import starting
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other
         place = requested.out
-        if command.resumed:
-            own = place or getattr(requested.options, "out", None)
-            stack.enter_context(unfinished(command.name, requested.options, own, resume=requested.resume))
         if place is None and (name := command.folder_name(requested.options)):
             place = free_name(Path("runs"), name)
         if place is not None:

@@ -1,9 +1,8 @@
 """Set up and solve the design problem of a measurement session: candidates, sensitivities, reachability."""
 
 import copy
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -26,7 +25,6 @@ from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD, joints_to_si
-from lab.core.whole_folder import Columns, Keep, at_once, current_keep
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.arm import Arm, ArmWithEffects
 from lab.kinematics.effects.effect import PAYLOAD, SessionInfo
@@ -80,7 +78,6 @@ __all__ = [
     "waypoints_in_order",
 ]
 
-_BLOCK = 500  # paths that are checked, and stored, together
 HUBS = 20  # candidates tried as waypoints to others
 
 
@@ -163,7 +160,7 @@ def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[A
 
 
 def waypoints_in_order(
-    chain: JointSpec, access: ReachabilityGraph, joints: Array, progress: Progress = no_progress, keep: Keep = at_once
+    chain: JointSpec, access: ReachabilityGraph, joints: Array, progress: Progress = no_progress
 ) -> tuple[Array, NDArray[np.int_]]:
     """Find a free path from home through poses in the given order, and home again.
 
@@ -171,7 +168,6 @@ def waypoints_in_order(
         chain: with known rates.
         joints: ``(n, joints)``, each with a free path to it.
         progress: called with the number of checked paths.
-        keep: stores the checked paths.
 
     Returns:
         Joint positions ``(s, joints)`` to move to one after the other, each in a straight line of all joints, and
@@ -187,21 +183,12 @@ def waypoints_in_order(
 
     nodes = np.concatenate([home[None], joints, home[None]])
 
-    def paths(first: int, last: int) -> Columns:
-        waypoints, which = [], []
-        for i in range(first, last):
-            progress(i, len(joints) + 1)
-            path = fastest_path(nodes[i], nodes[i + 1], access.hubs, chain, free)[1:]
-            waypoints.append(path)
-            which.append(np.append(np.full(len(path) - 1, -1), i if i < len(joints) else -1))
-        return {"stops": np.concatenate(waypoints), "which": np.concatenate(which)}
-
     waypoints, which = [home[None]], [np.array([-1])]
-    for first in range(0, len(joints) + 1, _BLOCK):
-        last = min(first + _BLOCK, len(joints) + 1)
-        piece = keep("ways", [np.array([first]), nodes[first : last + 1], access.hubs], partial(paths, first, last))
-        waypoints.append(piece["stops"])
-        which.append(piece["which"])
+    for i in range(len(joints) + 1):
+        progress(i, len(joints) + 1)
+        path = fastest_path(nodes[i], nodes[i + 1], access.hubs, chain, free)[1:]
+        waypoints.append(path)
+        which.append(np.append(np.full(len(path) - 1, -1), i if i < len(joints) else -1))
     return np.concatenate(waypoints), np.concatenate(which)
 
 
@@ -322,7 +309,6 @@ def pose_problem(
         options.candidates,
         rng_for(options.seed, "candidates"),
         progress=progress,
-        keep=current_keep(),
     )
     payloads = np.array(options.payload_kg)
     inputs = _carrying(_assigned(options, model, device, candidates.joints), payloads)
@@ -370,7 +356,7 @@ def _problem_of_sensor(options: DesignOptions, robot: Robot, progress: Progress,
     planned = sensor.planned(model)
     rng = rng_for(options.seed, "candidates")
     candidates = draw_candidates(
-        model, (), named_instrument("exact"), options.candidates, rng, progress=progress, keep=current_keep(),
+        model, (), named_instrument("exact"), options.candidates, rng, progress=progress,
         sees=planned.sees,
     )  # fmt: skip
     seen = planned.near(candidates.joints)
@@ -831,21 +817,14 @@ def best_design(options: DesignOptions, problem: PoseProblem, count: int, progre
 
 
 def _begun(problem: PoseProblem, count: int, rng: np.random.Generator, *, first: bool) -> Design:
-    """Compute one start, exchanged and moved uphill once; it is stored with the generator's state after it."""
-
-    def work() -> Columns:
-        if len(problem.cases) == 1:
-            found = [_nominal(problem, problem.cases[0], count, rng)]
-        elif first:
-            found = _from_nominal(problem, count, rng)
-        else:
-            found = [_exchanged_worst(problem, count, rng)]
-        design = max((_uphill(problem, each, 1) for each in found), key=lambda each: each.score)
-        return asdict(design) | {"score": np.array(design.score), "state": _state(rng)}
-
-    found = current_keep()("start", [np.array([count]), _state(rng), problem.inputs, problem.already], work)
-    rng.bit_generator.state = json.loads(str(found["state"]))
-    return Design(found["rows"], found["joints"], found["jacobian"], float(found["score"]))
+    """Compute one start, exchanged and moved uphill once."""
+    if len(problem.cases) == 1:
+        found = [_nominal(problem, problem.cases[0], count, rng)]
+    elif first:
+        found = _from_nominal(problem, count, rng)
+    else:
+        found = [_exchanged_worst(problem, count, rng)]
+    return max((_uphill(problem, each, 1) for each in found), key=lambda each: each.score)
 
 
 def _from_nominal(problem: PoseProblem, count: int, rng: np.random.Generator) -> list[Design]:
@@ -862,10 +841,6 @@ def _from_nominal(problem: PoseProblem, count: int, rng: np.random.Generator) ->
             single.append((start.rows, replace(moved, jacobian=seen, score=aim.score(seen))))
     rows, best = max(single, key=lambda each: each[1].score)
     return [best, _exchanged_worst(problem, count, rng, rows)]
-
-
-def _state(rng: np.random.Generator) -> NDArray[np.str_]:
-    return np.array(json.dumps(rng.bit_generator.state))
 
 
 def _of_one(case: Case) -> OneCriterion:

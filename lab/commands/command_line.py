@@ -117,7 +117,6 @@ class Arguments:
     out: Path | None  # the run's folder; None for the default one
     overwrite: bool  # whether an earlier run in that folder is replaced
     json: bool  # whether to print the result as JSON
-    resume: bool  # whether to go on with a run that was interrupted
     notes: tuple[str, ...] = ()  # lines on what was taken from a plan, and where options differ from it
 
 
@@ -144,9 +143,9 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each.name for each in fields(made)[1:]))]
     with _one_line_errors(program, flags, [f"--{name}" for name in positional(kind)]):
         found = tyro.cli(made, prog=program, description="", args=rest, registry=_numbers(), add_help=False)
-    overwrite, json, resume = (bool(getattr(found, name, False)) for name in ("overwrite", "json", "resume"))
+    overwrite, json = (bool(getattr(found, name, False)) for name in ("overwrite", "json"))
     chosen, notes = _noted(command, _with_ends(found), kind, stated)
-    return Arguments(chosen, getattr(found, "out", None), overwrite, json, resume, notes)
+    return Arguments(chosen, getattr(found, "out", None), overwrite, json, notes)
 
 
 def _flags_on(options: Any) -> Iterator[str]:
@@ -168,8 +167,6 @@ def _arguments(command: Command, kind: type[Any], default: Any = None) -> Any:
     common: list[Any] = [("json", Flag, field(default=False))]
     if "out" not in _names(kind):  # of a command that looks after its folder itself
         common = [("out", Path | None, field(default=None)), ("overwrite", Flag, field(default=False)), *common]
-    if command.resumed:
-        common = [*common, ("resume", Flag, field(default=False))]
     if ROBOT in _names(kind):
         tips = tyro.conf.UseAppendAction[tuple[str, ...]]
         common = [*common, ("tip", tips, field(default=())), ("base", str, field(default=""))]

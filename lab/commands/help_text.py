@@ -80,8 +80,6 @@ def options_of_command(command: Command, defaults: Any = None) -> tuple[Option, 
         text = folder if command.folder else "A folder for the page and the result; by default none is written."
         common += [Option("out", "PATH", text), Option("overwrite", "", "Replace an earlier run in that folder.")]
     common.append(Option("json", "", "Print the result as one JSON object."))
-    if command.resumed and "resume" not in names:
-        common.append(Option("resume", "", "Go on with the run in --out that was interrupted or killed."))
     if ROBOT in names:
         common += [Option("tip", "NAME", _TIP), Option("base", "NAME", _BASE)]
     if command.folder:

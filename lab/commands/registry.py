@@ -43,7 +43,6 @@ class Command:
         folder: the name of a run's folder, with options in braces (of files and robots their stems); "" for a command
             that writes no run, or looks after its folder itself.
         writes_on_request: it has no such name, and writes a run only where ``--out`` names its folder.
-        resumed: it keeps pieces of its work as they are done, and goes on with them where ``--resume`` asks for it.
         examples: two usual lines of arguments, shown in its help.
         groups: of its options, in the order of its help; without them the help shows all options in one.
         plan: the option whose file may be a plan in the folder of a run of ``lab design``: robot, cell, targets and
@@ -56,7 +55,6 @@ class Command:
     run: str
     folder: str = ""
     writes_on_request: bool = False
-    resumed: bool = False
     examples: tuple[str, ...] = ()
     groups: tuple[OptionGroup, ...] = ()
     plan: str = ""
@@ -181,7 +179,6 @@ COMMANDS = (
         "lab.campaign.options:DesignOptions",
         "lab.commands.design.run:design",
         "design-{robot}-seed{seed}",
-        resumed=True,
         examples=(
             "--robot tx40 --poses 30 --cell cell.toml",
             "--accuracy-mm 0.05 --instrument leica-at960 --out runs/plan",
@@ -214,7 +211,6 @@ COMMANDS = (
         "lab.commands.compensate.options:CompensateOptions",
         "lab.commands.compensate.run:compensate",
         "compensate-{source}",
-        resumed=True,
         examples=("targets.csv --run runs/day --out runs/corrected", "--program weld.ls --run runs/day"),
         groups=_COMPENSATION_GROUPS,
     ),

@@ -1,4 +1,4 @@
-"""Write folders of runs whole, resume them, and check them for edits; keep their inputs and versions with them."""
+"""Write folders of runs whole, and check them for edits; keep their inputs and versions with them."""
 
 import itertools
 import json
@@ -23,21 +23,19 @@ from threadpoolctl import threadpool_limits
 from lab.campaign.config_file import CONFIG_FILE, INPUTS, SCHEMA
 from lab.campaign.model_files import is_own, parted
 from lab.commands.registry import command_named
-from lab.core.errors import LabError, was_interrupted
+from lab.core.errors import LabError
 from lab.core.gaps import attempted
-from lab.core.limits import TABLE_BYTES, TEXT_BYTES
+from lab.core.limits import TEXT_BYTES
 from lab.core.se3 import Array
 from lab.core.version import __version__
 from lab.core.whole_folder import (
     CHECKSUMS,
-    Pieces,
     checksum_lines,
     draft_of,
     edited_files,
     file_digest,
     held,
     is_being_written,
-    keeping,
     left_of,
     listed_digests,
     resolved,
@@ -54,7 +52,7 @@ if TYPE_CHECKING:
 __all__ = [
     "LOAD_FILE", "VIA", "Waypoints", "check_edits", "command_line", "complete", "free_name", "input_files",
     "joint_columns", "listed_files", "positional", "provenance_section", "refuse_own_name", "run_folder",
-    "unfinished", "write_config", "write_json",
+    "write_config", "write_json",
 ]  # fmt: skip
 
 _OF_RUN = (".json", ".csv", ".toml", ".xml")  # files of a run that others build on: all but page and recording
@@ -409,100 +407,6 @@ def listed_files(folder: Path) -> tuple[str, ...]:
         return ()
     names = listed_digests(read_text(folder / CHECKSUMS, TEXT_BYTES))
     return tuple(name for name in names if (folder / name).is_file())
-
-
-_LABEL = "work.json"
-_PARTS = {"command": "command", "options": "option", "files": "content of", "versions": "version of"}
-_MAX_FILES = 100  # of a run that is built on
-_NO_PART = ("out", "overwrite")  # options that do not change the result
-
-
-@contextmanager
-def unfinished(command: str, options: Any, out: Path | None, *, resume: bool) -> Iterator[None]:
-    """Keep pieces of the work inside the block beside the run's folder until that is complete.
-
-    Args:
-        out: the run's folder; None where none is written, and nothing is kept.
-        resume: whether to use pieces that an earlier run with the same options kept; else they are removed.
-
-    Raises:
-        LabError: the pieces are of other options, other files or another version.
-    """
-    if out is None:
-        if resume:
-            raise LabError("--resume continues an interrupted run: give its folder by --out")
-        yield
-        return
-    folder = _beside(out)
-    work = _work(command, options)
-    if resume:
-        _refuse_other(out, folder, work)
-    else:
-        shutil.rmtree(folder, ignore_errors=True)
-    pieces = Pieces(folder, _LABEL, json.dumps(work, indent=1).encode())
-    try:
-        with keeping(pieces):
-            yield
-    except BaseException as stop:
-        if was_interrupted(stop) and folder.is_dir():
-            raise KeyboardInterrupt(f"to continue, repeat the command with --out {out} --resume") from stop
-        if pieces.kept and isinstance(stop, LabError) and not isinstance(stop.__cause__, OSError):
-            shutil.rmtree(folder, ignore_errors=True)  # it cannot be done: there is nothing to go on with
-        raise
-    shutil.rmtree(folder, ignore_errors=True)
-
-
-def _beside(out: Path) -> Path:
-    try:
-        place = resolved(out)
-    except OSError as error:
-        raise LabError(f"{out}: cannot be written ({error.strerror}); give --out another folder") from error
-    return place.parent / f".{place.name}.unfinished"
-
-
-def _work(command: str, options: Any) -> dict[str, Any]:
-    """Return what pieces depend on: options, content of the files that they name, and versions; JSON types."""
-    requested = {name: value for name, value in asdict(options).items() if name not in _NO_PART}
-    own = getattr(options, "out", None)
-    files = {str(path): _content(path) for path in input_files(options) if path != own}
-    work = {"command": command, "options": requested, "files": files, "versions": _versions()}
-    plain: dict[str, Any] = json.loads(json.dumps(work, default=str))
-    return plain
-
-
-def _content(path: Path) -> str:
-    """The checksum of a file, or of the tables and values of a folder; "" of what its reader refuses."""
-    with suppress(OSError):
-        if path.is_dir():
-            own = sorted(each for each in path.iterdir() if each.suffix in _OF_RUN)[:_MAX_FILES]
-            return sha256("".join(map(_content, own)).encode()).hexdigest()
-        if path.is_file() and path.stat().st_size <= TABLE_BYTES.most:  # no device, and nothing without end
-            return file_digest(path)
-    return ""
-
-
-def _refuse_other(out: Path, folder: Path, work: dict[str, Any]) -> None:
-    """Pieces of other work; where none are, the work begins."""
-    if not (folder / _LABEL).exists():
-        return
-    there = read_json(folder / _LABEL, "leave out --resume to start again")
-    if there == work:
-        return
-    stated: dict[str, Any] = there if isinstance(there, dict) else {}
-    for part, description in _PARTS.items():
-        if stated.get(part) != work[part]:
-            what = f"another {description}{_other(stated.get(part), work[part])}"
-            raise LabError(
-                f"{out}: was interrupted with {what}; give the same inputs, or leave out --resume to start again"
-            )
-    raise LabError(f"{out}: its saved intermediate results are damaged; leave out --resume to start again")
-
-
-def _other(old: Any, new: Any) -> str:
-    """The first name whose value is not the same, after a space."""
-    if not (isinstance(old, dict) and isinstance(new, dict)):
-        return ""
-    return next((f" {name}" for name in sorted({*old, *new}) if old.get(name) != new.get(name)), "")
 
 
 VIA = "via"  # the purpose of a stop that is only passed

@@ -11,7 +11,6 @@ or two joints move the tool on a line or a surface: it is brought to the place t
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
-from lab.core.whole_folder import Columns, Keep, at_once
 from lab.kinematics.differential import SINGULAR_M
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
@@ -186,7 +184,6 @@ class Compensator:
         refusals: why a configuration is refused; None without given obstacles.
         bound: message on why no other IK solution is tried where reference joint positions are given.
         progress: takes how many targets are corrected of how many, as the work goes on.
-        keep: how the targets that are corrected are kept.
 
     Raises:
         LabError: the arm cannot bring its tool to places all around it.
@@ -198,7 +195,6 @@ class Compensator:
     refusals: _Refusals | None = None
     bound: str = REQUESTED_BRANCH
     progress: Progress = no_progress
-    keep: Keep = at_once
 
     def __post_init__(self) -> None:
         arm, chain = self.nominal.arm, self.nominal.arm.chain
@@ -221,28 +217,18 @@ class Compensator:
         count, before, whole = len(wanted), self.nominal.arm.chain.home, dict[str, Any]()
         for first in range(0, max(count, 1), _BLOCK):
             part = np.arange(first, min(first + _BLOCK, count))
-            some = wanted.take(part)
-            of = [some.positions, some.rotations, conditions[part], reference[part], before, self.values]
-            piece = dict(self.keep("targets", of, partial(self._piece, *of[:-1])))
-            before = piece.pop("before")
-            for name, values in piece.items():
-                texts = values.dtype.kind == "U"
+            some, before = self._corrected(wanted.take(part), conditions[part], reference[part], before)
+            for name, values in ((each.name, getattr(some, each.name)) for each in fields(Compensation)):
+                texts = isinstance(values, tuple)
                 if not first:
                     whole[name] = [] if texts else np.empty((count, *values.shape[1:]), values.dtype)
                 if texts:
-                    whole[name] += values.tolist()
+                    whole[name] += values
                 else:
                     whole[name][part] = values
             self.progress(part.size + first, count)
         whole |= {name: tuple(texts) for name, texts in whole.items() if isinstance(texts, list)}
         return Compensation(**whole)
-
-    def _piece(self, positions: Array, rotations: Array, conditions: Array, reference: Array, before: Array) -> Columns:
-        """Return a piece of the targets as arrays by name, and the joint positions ``before`` the next ones."""
-        some, last = self._corrected(PoseTarget(positions, rotations), conditions, reference, before)
-        columns = {each.name: getattr(some, each.name) for each in fields(Compensation)}
-        texts = {name: np.array(value, dtype=np.str_) for name, value in columns.items() if isinstance(value, tuple)}
-        return columns | texts | {"before": last}
 
     def _corrected(
         self, wanted: PoseTarget, conditions: Array, reference: Array, before: Array

@@ -1,36 +1,26 @@
-"""Folders written whole or not at all, and finished pieces of work from which a killed run resumes.
+"""Folders and files written whole or not at all, and files with a checksum beside them.
 
 A folder is written under a temporary name, locked, and renamed; the lock ends with its process, so that leftovers of a
-killed process are recognized. Each piece has a checksum beside it.
+killed process are recognized.
 """
 
 import errno
 import hashlib
-import io
 import os
 import re
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, Final
-
-import numpy as np
-from numpy.typing import NDArray
 
 from lab.core.errors import LabError, option_name
 
 __all__ = [
     "CHECKSUMS",
-    "Columns",
-    "Keep",
-    "Pieces",
-    "at_once",
     "checksum_lines",
-    "current_keep",
     "draft_file",
     "draft_of",
     "edited_files",
@@ -38,10 +28,8 @@ __all__ = [
     "held",
     "is_being_written",
     "keep_checked",
-    "keeping",
     "left_of",
     "listed_digests",
-    "of_one",
     "piece_files",
     "place_of_draft",
     "read_checked",
@@ -244,87 +232,8 @@ def _umask() -> int:
     return mask
 
 
-_LEFT_OVER = re.compile(r"\.(.+)\.partial-\d+")  # a file that a killed process left unfinished
-_MIN_CPU_S = 5.0  # pieces are kept only after this processor time
 _SUM = ".sha256"
-
-Columns = Mapping[str, NDArray[Any]]
-Keep = Callable[[str, Sequence[NDArray[Any]], Callable[[], Columns]], Columns]
-
-
-def at_once(stage: str, of: Sequence[NDArray[Any]], work: Callable[[], Columns]) -> Columns:
-    """Do a piece of work without keeping it."""
-    return work()
-
-
-def of_one(keep: Keep, *names: str) -> Keep:
-    """Return a ``Keep`` whose pieces also depend on names, e.g. of several robots."""
-
-    def kept(stage: str, of: Sequence[NDArray[Any]], work: Callable[[], Columns]) -> Columns:
-        return keep(stage, [np.array(names), *of], work)
-
-    return kept
-
-
-class Pieces:
-    """Finished pieces of one run, in a folder that is made with the first piece.
-
-    Called with a stage's name, input arrays and the work, it returns the kept piece of the same stage and arrays, or
-    does the work.
-
-    Attributes:
-        kept: True if this process has kept a piece.
-    """
-
-    def __init__(self, folder: Path, label: str, content: bytes) -> None:
-        """Begin or resume.
-
-        Args:
-            label: name of a file that identifies the run.
-            content: its content.
-        """
-        self.folder, self.kept = folder, False
-        self._label, self._content, self._begun, self._full = label, content, time.process_time(), False
-
-    def __call__(self, stage: str, of: Sequence[NDArray[Any]], work: Callable[[], Columns]) -> Columns:
-        """Return a piece as arrays by name."""
-        path = self.folder / f"{stage}-{_digest(of)}.npz"
-        kept = _unpacked(read_checked(path))
-        if kept is not None:
-            return kept
-        made = work()
-        if not self._full and time.process_time() - self._begun > _MIN_CPU_S:
-            self._keep(path, made)
-        return made
-
-    def _keep(self, path: Path, made: Columns) -> None:
-        """Write a piece; on a full disk no further ones are kept."""
-        try:
-            if not self.kept:
-                self.folder.mkdir(exist_ok=True)
-                write_whole(self.folder / self._label, self._content)
-            keep_checked(path, _packed(made))
-            self.kept = True
-        except OSError:
-            self._full = True
-
-
-_CURRENT: ContextVar[Keep] = ContextVar("keep", default=at_once)
-
-
-@contextmanager
-def keeping(keep: Keep) -> Iterator[None]:
-    """Keep the pieces of work within the block."""
-    token = _CURRENT.set(keep)
-    try:
-        yield
-    finally:
-        _CURRENT.reset(token)
-
-
-def current_keep() -> Keep:
-    """Return the ``Keep`` of the running work; by default nothing is kept."""
-    return _CURRENT.get()
+_LEFT_OVER = re.compile(r"\.(.+)\.partial-\d+")  # a file that a killed process left unfinished
 
 
 def write_whole(path: Path, content: Any) -> None:
@@ -377,25 +286,3 @@ def read_checked(path: Path) -> bytes | None:
 
 def _sum_line(content: bytes, path: Path) -> str:
     return f"{hashlib.sha256(content).hexdigest()}  {path.name}\n"
-
-
-def _digest(arrays: Sequence[NDArray[Any]]) -> str:
-    """Return a digest of types, shapes and numbers."""
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(f"{array.dtype.str}{array.shape};".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:32]
-
-
-def _packed(columns: Columns) -> bytes:
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **columns)
-    return buffer.getvalue()
-
-
-def _unpacked(content: bytes | None) -> Columns | None:
-    if content is None:
-        return None
-    with np.load(io.BytesIO(content), allow_pickle=False) as found:
-        return {name: found[name] for name in found.files}

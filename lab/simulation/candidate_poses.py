@@ -20,7 +20,6 @@ from lab.core.measurements import STATION, Measurements
 from lab.core.progress import Progress, no_progress
 from lab.core.random import ScrambledSobol
 from lab.core.se3 import Array
-from lab.core.whole_folder import Keep, at_once
 from lab.noise.instruments import FieldOfView, Instrument
 from lab.simulation.collisions import LOWER_CLEARANCE, collision_flags, keeps_clearances, kinematics_at, most_frequent
 from lab.simulation.model import RobotModel
@@ -76,7 +75,6 @@ def draw_candidates(
     rng: np.random.Generator,
     margin: float = MARGIN,
     progress: Progress = no_progress,
-    keep: Keep = at_once,
     sees: _Feasible | None = None,
 ) -> Candidates:
     """Draw ``count`` feasible poses from a scrambled Sobol sequence over the joints' limits.
@@ -85,7 +83,6 @@ def draw_candidates(
 
     Args:
         progress: called with the number found.
-        keep: stores the checked draws.
         sees: test of joint positions ``(n, joints)`` in place of the instrument's view, which few poses pass: it
             comes before that of collisions.
 
@@ -110,8 +107,7 @@ def draw_candidates(
         else:
             _refuse_unseen(robot, reasons, count)
         block = robot.chain.lower + sobol.points(_BLOCK) * (robot.chain.upper - robot.chain.lower)
-        judged = keep("candidates", [block], lambda block=block: {"reasons": first_reason(block)})  # type: ignore[misc]
-        draws, reasons = np.concatenate([draws, block]), np.concatenate([reasons, judged["reasons"]])
+        draws, reasons = np.concatenate([draws, block]), np.concatenate([reasons, first_reason(block)])
     drawn = int(np.flatnonzero(reasons < 0)[count - 1]) + 1
     draws, reasons = draws[:drawn], reasons[:drawn]
     return Candidates(draws[reasons < 0], drawn, _counted(reasons))

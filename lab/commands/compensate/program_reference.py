@@ -12,7 +12,7 @@ are those after the best rigid motion of all.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise, product
 
 import numpy as np
@@ -28,7 +28,6 @@ from lab.core.probability import f_isf
 from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
-from lab.core.whole_folder import Columns, Keep, at_once
 from lab.formats.programs.program_text import ArmShape, Move, ProgramText, TargetText
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns
@@ -368,7 +367,6 @@ def _sizes(slopes: Array) -> Array:
 _REACHED_M = 1e-6  # a pose that a solution misses by less is reached
 _STEP_M, _STEP_RAD = 0.01, np.deg2rad(2.0)  # along a line of the tool, between two checked poses
 _MAX_CHECKS = 400
-_BLOCK = 200  # paths that are checked and stored together
 _POSES_DESCRIBED = 200  # along a joint path that is not free
 _JUMP_RAD = 0.5  # of a joint between two checked poses of a line: it passes a singularity
 
@@ -440,7 +438,6 @@ def paths_touched(
     moves: Sequence[Move],
     names: Sequence[str],
     progress: Progress = no_progress,
-    keep: Keep = at_once,
 ) -> tuple[tuple[int, str], ...]:
     """Find the collisions on the moves from target to target in the order of the text, by line.
 
@@ -448,29 +445,18 @@ def paths_touched(
         joints: ``(t, 6)`` rad at each target of the text, corrected or as it stays; NaN where they are unknown.
         names: of the targets.
         progress: receives the number of checked paths.
-        keep: stores the collisions found on them.
     """
     free, pairs, found = path_check(model), list(pairwise(moves)), list[tuple[int, str]]()
 
-    def touched(first: int) -> Columns:
-        messages = list[tuple[int, str]]()
-        for done, (before, move) in enumerate(pairs[first : first + _BLOCK], start=first):
-            progress(done, len(pairs))
-            start, end = joints[before.target], joints[move.target]
-            if not np.isfinite([start, end]).all() or before.target == move.target:
-                continue
-            line = move.motion == "line"
-            message = _on_line(model, nominal, start, end) if line else _of_joints(model, free, start, end)
-            if message:
-                messages.append(
-                    (move.line, f"on the way from {names[before.target]} to {names[move.target]}, {message}")
-                )
-        lines, texts = [line for line, _ in messages], [message for _, message in messages]
-        return {"lines": np.array(lines, dtype=np.int_), "texts": np.array(texts, dtype=np.str_)}
-
-    for first in range(0, len(pairs), _BLOCK):
-        piece = keep("program", [np.array([first]), joints], partial(touched, first))
-        found += zip(piece["lines"].tolist(), piece["texts"].tolist(), strict=True)
+    for done, (before, move) in enumerate(pairs):
+        progress(done, len(pairs))
+        start, end = joints[before.target], joints[move.target]
+        if not np.isfinite([start, end]).all() or before.target == move.target:
+            continue
+        line = move.motion == "line"
+        message = _on_line(model, nominal, start, end) if line else _of_joints(model, free, start, end)
+        if message:
+            found.append((move.line, f"on the way from {names[before.target]} to {names[move.target]}, {message}"))
     return tuple(found)
 
 

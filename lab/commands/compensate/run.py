@@ -21,7 +21,6 @@ from lab.core.measurements import LAST_MOVE, asked, last_moves
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MICRONS, MM
-from lab.core.whole_folder import current_keep
 from lab.formats.measurement_csv import ObservedColumns
 from lab.formats.target_csv import Targets, read_targets
 from lab.kinematics.effects.effect import PAYLOAD
@@ -114,9 +113,8 @@ def _of_program(options: CompensateOptions, run: CalibrationRun) -> Compensation
         names = [each.name for each in program.read.targets]
         with status("checking") as stage:
             paths = paths_touched(
-                run.robot.model, program.nominal, configurations, program.read.moves, names, partial(stage, "ways"),
-                current_keep(),
-            )  # fmt: skip
+                run.robot.model, program.nominal, configurations, program.read.moves, names, partial(stage, "ways")
+            )
     assert done.program is not None
     return replace(done, program=replace(done.program, touching_paths=paths))
 
@@ -163,9 +161,9 @@ def _corrected(
     target = run.estimate.arm.targets.index(targets.tool)
     wanted = PoseTarget(targets.positions, targets.rotations @ run.estimate.R_last_tool.T)
     may_not = refusals(run.robot.model, access) if (checked := _is_checked(options, run)) else None
-    keep, bound = current_keep(), REQUESTED_BRANCH if program is None else _CONFIGURATION_REASON
+    bound = REQUESTED_BRANCH if program is None else _CONFIGURATION_REASON
     compensator = Compensator(
-        run.estimate.nominal_inverse(target), run.estimate.arm, run.estimate.values, may_not, bound, keep=keep
+        run.estimate.nominal_inverse(target), run.estimate.arm, run.estimate.values, may_not, bound
     )
     found, conditions = _in_their_order(compensator, wanted, conditions, targets)
     corrected = None
@@ -184,7 +182,7 @@ def _corrected(
     path, which = found.joints[rows], np.arange(len(rows))
     if access is not None:
         with status("checking") as stage:
-            path, which = waypoints_in_order(rated(run.robot.chain)[0], access, path, partial(stage, "ways"), keep)
+            path, which = waypoints_in_order(rated(run.robot.chain)[0], access, path, partial(stage, "ways"))
     waypoints = Waypoints(path, which, [targets.ids[i] for i in rows], "target")
     done = CompensationResult(
         options, run, targets, wanted, found, inputs, without, waypoints, checked, messages, corrected

@@ -32,7 +32,6 @@ WORKSPACE = Command(
     "lab.extensions.robotics.workspace.options:WorkspaceOptions",
     "lab.extensions.robotics.workspace.run:workspace",
     writes_on_request=True,
-    resumed=True,
     examples=("irb120", "carriers --out runs/carriers"),
 )
 

@@ -18,7 +18,6 @@ from lab.core import se3
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.whole_folder import Keep, at_once
 from lab.extensions.robotics.workspace.boundary import boundary, carrier_volume, solid_volume
 from lab.extensions.robotics.workspace.membership import Domain, Membership, domain_of, memberships
 from lab.kinematics.differential import WEIGHTS
@@ -115,14 +114,12 @@ def measured(
     count: int,
     rng: np.random.Generator,
     progress: Progress = no_progress,
-    keep: Keep = at_once,
 ) -> _Measured:
     """Estimate the size of the reached part of a domain.
 
     Args:
         count: approximate number of places.
         progress: receives the number of places tested so far.
-        keep: keeps finished blocks, of this robot alone.
     """
     edge = max(round((count / 2) ** (1 / domain.size)), 3)
     shape = (edge,) * domain.size
@@ -130,7 +127,7 @@ def measured(
     corners = np.stack(np.meshgrid(*[np.arange(edge)] * domain.size, indexing="ij"), axis=-1).reshape(-1, domain.size)
     pairs = domain.low + (corners[:, None] + rng.random((len(corners), 2, domain.size))) * step
     flat = pairs.reshape(-1, domain.size)
-    reached = _reached(domain, membership, flat, progress, keep).reshape(-1, 2)
+    reached = _reached(domain, membership, flat, progress).reshape(-1, 2)
     weights = domain.weights(flat).reshape(-1, 2) * step.prod()
     parts = weights * reached
     return _Measured(
@@ -141,16 +138,13 @@ def measured(
     )  # fmt: skip
 
 
-def _reached(
-    domain: Domain, membership: Membership, coordinates: Array, progress: Progress, keep: Keep
-) -> NDArray[np.bool_]:
+def _reached(domain: Domain, membership: Membership, coordinates: Array, progress: Progress) -> NDArray[np.bool_]:
     """Test whether coordinates ``(n, d)`` are reached, in blocks."""
     reached = np.empty(len(coordinates), dtype=np.bool_)
     for first in range(0, len(coordinates), _BLOCK):
         progress(first, len(coordinates))
         some = coordinates[first : first + _BLOCK]
-        piece = keep("places", [some], lambda some=some: {"reached": domain.reached(membership, some)})  # type: ignore[misc]
-        reached[first : first + _BLOCK] = piece["reached"]
+        reached[first : first + _BLOCK] = domain.reached(membership, some)
     return reached
 
 
@@ -325,7 +319,6 @@ def workspace_of(
     count: int | None,
     rng: np.random.Generator,
     progress: Progress = no_progress,
-    keep: Keep = at_once,
 ) -> Workspace:
     """Measure a robot's workspace.
 
@@ -333,7 +326,6 @@ def workspace_of(
         values: parameters ``(p,)`` with one target.
         count: number of sampled places; by default as many as take a few seconds.
         progress: receives the number of places tested so far.
-        keep: keeps finished blocks, of this robot alone.
 
     Raises:
         LabError: the point stays on a line or a surface, which has no volume.
@@ -341,7 +333,7 @@ def workspace_of(
     domain = domain_of(arm, values)
     by_place, by_pose = memberships(arm, values)
     some = _places_in_seconds(arm, by_place) if count is None else count
-    found = measured(domain, by_place, some, rng, progress, keep)
+    found = measured(domain, by_place, some, rng, progress)
     return Workspace(arm, values, domain, by_place, by_pose, found, _orientations_of(arm, values))
 
 

@@ -13,7 +13,6 @@ from lab.campaign.robot import Robot, load_robot
 from lab.commands.command_line import options_of, takes
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.whole_folder import current_keep, of_one
 from lab.extensions.robotics.workspace.measure import workspace_of
 from lab.extensions.robotics.workspace.membership import anyhow
 from lab.extensions.robotics.workspace.options import WorkspaceOptions
@@ -74,8 +73,7 @@ def _robot_workspace(robot: Robot, options: WorkspaceOptions, stage: Stage) -> R
     arm = robot.arm(("p1",))
     values = arm.nominal({"p1": options.tool_m})
     progress = partial(stage, f"{robot.name}, 1 of 2, places")
-    keep = of_one(current_keep(), robot.source, robot.sha256)
-    space = workspace_of(arm, values, options.places, rng_for(options.seed, "poses"), progress, keep)
+    space = workspace_of(arm, values, options.places, rng_for(options.seed, "poses"), progress)
     stage(f"{robot.name}, 2 of 2, reach and orientations")
     chain, reach = arm.dh_chain(values), None
     if chain is not None:
