@@ -52,11 +52,8 @@ def test_every_name_is_there_and_no_other() -> None:
         _ = lab.calibrat
 
 
-ABOUT_FOLDERS = {"open"}  # a program has results in memory
-
-
 def test_every_command_is_a_call_with_the_command_s_options() -> None:
-    for command in [each for each in all_commands() if each.name not in ABOUT_FOLDERS]:
+    for command in all_commands():
         call = getattr(lab, command.run.partition(":")[2])  # lab.kinematics is a package, so the call has another name
         options = {field.name for field in fields(command.load_options())} - {"fitting", "effects", "rehearsal"}
         assert options - set(inspect.signature(call).parameters) <= {"file", "config"}, command.name

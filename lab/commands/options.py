@@ -35,7 +35,6 @@ __all__ = [
     "ImportOptions",
     "InspectOptions",
     "NextOptions",
-    "OpenOptions",
     "PredictOptions",
     "RotationOptions",
     "StudyOptions",
@@ -251,16 +250,6 @@ class HistoryOptions:
         whole("--every-days", self.every_days, 1, DAYS)
         if self.on is not None:
             day("--on", self.on)
-
-
-@dataclass(frozen=True)
-class OpenOptions:
-    """A run to read."""
-
-    run: tyro.conf.Positional[Path]
-    """The folder of a run."""
-    viewer: Flag = False
-    """Open the recording in the rerun viewer instead of the page in the browser."""
 
 
 @dataclass(frozen=True)

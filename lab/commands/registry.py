@@ -255,13 +255,6 @@ COMMANDS = (
         examples=("runs/january runs/april", "runs --every-days 90 --out history"),
     ),
     Command(
-        "open",
-        "Open a run's page in the browser, or its recording in the viewer.",
-        "lab.commands.options:OpenOptions",
-        "lab.commands.open:open_run",
-        examples=("runs/day", "runs/day --viewer"),
-    ),
-    Command(
         "rotation",
         "Convert a rotation: matrix, quaternion, axis and angle, three angles in twelve orders; all solutions.",
         "lab.commands.options:RotationOptions",

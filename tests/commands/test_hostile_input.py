@@ -75,8 +75,6 @@ FOLDERS = (
     "history {} --out never",
     "history run {} --out never",
     "history {} run --out never",
-    "open {}",
-    "open {} --viewer",
     "next {} --out never",
 )
 CONFIGS = tuple(f"{name} --config {{}} --out never" for name in ("calibrate", "design"))

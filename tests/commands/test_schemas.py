@@ -27,7 +27,6 @@ MORE = {
     "design": ("design --check plan/plan.csv",),
     "inspect": ("inspect delta",),
     "example": ("example", "example panda --out examples"),
-    "open": ("open day",),
     "history": ("history broken", "history one/day"),
     "dynamics": ("dynamics --robot scara --symbolic",),
     "kinematics": ("kinematics scara --symbolic --symbolic-inverse --inverse-jacobian",),
