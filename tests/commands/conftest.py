@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from helpers.bad_input import ARM_TOML, ARM_URDF, ARM_XML, csv
 from helpers.browser import BROWSERS, Browser, installed, opened
+from helpers.campaigns import calibration, run_of, session
 from helpers.drawing import nothing_drawn
 
-from lab.campaign.options import VirtualCampaign
 from lab.cli import main
 from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.calibrate.run import calibrate, identify, simulate
+from lab.commands.calibrate.run import identify
 
 
 @pytest.fixture
@@ -36,14 +36,13 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 @pytest.fixture(scope="session")
 def seven() -> CalibrationResult:
     """The calibration of the virtual robot of seed 7."""
-    return calibrate(VirtualCampaign(seed=7))
+    return calibration(seed=7)
 
 
 @pytest.fixture(scope="session")
-def seven_run(tmp_path_factory: pytest.TempPathFactory, seven: CalibrationResult) -> Path:
-    """The folder of that calibration, without pictures."""
-    with nothing_drawn(pages=True):
-        return seven.save(tmp_path_factory.mktemp("runs") / "seven")
+def seven_run() -> Path:
+    """The folder of that calibration, without page, pictures and recording."""
+    return run_of(seed=7)
 
 
 @pytest.fixture(scope="session")
@@ -76,7 +75,7 @@ def _written(tmp_path_factory: pytest.TempPathFactory, name: str, *arguments: st
 @pytest.fixture(scope="session")
 def dated_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four dated calibrations in 30 poses each; before the last the zero of joint 3 moved by 0.5 mrad. Read only."""
-    day = simulate("irb120", poses=120, seed=7, targets=("p1", "p2", "p3")).measurements
+    day = session(poses=120, seed=7, targets=("p1", "p2", "p3")).measurements
     folder = tmp_path_factory.mktemp("dated")
     with nothing_drawn():
         for i, at in enumerate(("2026-01-10", "2026-02-11", "2026-03-09", "2026-04-14")):

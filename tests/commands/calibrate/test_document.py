@@ -73,8 +73,8 @@ def test_a_run_has_its_sections_and_figures(drawn_run: Path) -> None:
 
 
 @pytest.mark.pages
-def test_its_numbers_are_those_of_the_result(seven_run: Path, seven) -> None:
-    seen = Page(seven_run / "report.html")
+def test_its_numbers_are_those_of_the_result(seven_run: Path, seven, tmp_path: Path) -> None:
+    seen = written(tmp_path / "report.html", seven)
     result = json.loads((seven_run / "result.json").read_text())
     assert (
         seen.headings[0]
