@@ -36,12 +36,13 @@ def test_a_sag_without_mistakes_is_accepted() -> None:
     assert sag_answer(sag("tx40", 0)) == []
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("mistake", OF_SAG)
 def test_a_mistake_in_a_sag_is_not_accepted(mistake: str) -> None:
     assert sag_answer(OF_SAG[mistake](sag("tx40", 0), of_seed(0)))
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize(("method", "mistake"), [(method, name) for method in ROUTES for name in ROUTES[method]])
 def test_a_mistake_in_poses_is_not_accepted(method: str, mistake: str, tmp_path: Path) -> None:
     changed = ROUTES[method][mistake](poses("tx40", 3), of_seed(0))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.campaigns import own_copy, run_of
 from helpers.drawing import nothing_drawn
 from helpers.html_page import Page
 
@@ -28,8 +29,9 @@ def place(tmp_path_factory: pytest.TempPathFactory, seven: CalibrationResult) ->
     """The run of an arm, one of the same arm without a name, and new measurements."""
     folder = tmp_path_factory.mktemp("arms")
     with nothing_drawn():
-        for name, serial, date in (("a17", "A-17", "2026-01-10"), ("a18", "A-18", "2026-02-10"), ("old", None, None)):
+        for name, serial, date in (("a17", "A-17", "2026-01-10"), ("a18", "A-18", "2026-02-10")):
             named(seven, serial, date).save(folder / name)
+    own_copy(run_of(seed=7), folder / "old")
     new = replace(seven.measurements, points=seven.measurements.points + 1e-9).take(range(10))
     write_measurements(folder / "new.csv", new, seven.robot.chain.prismatic)
     return folder

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.campaigns import session
 from helpers.recordings import column, statics
 
 import lab
@@ -70,7 +71,7 @@ def test_without_noise_the_robot_and_the_stations_are_recovered(tmp_path: Path, 
 
 def test_stations_anywhere_tell_what_one_station_tells() -> None:
     """The same noisy points, moved by hand into other frames: everything of the robot is the same."""
-    day = lab.simulate("irb120", poses=60, seed=3, instrument="uniform-8um")
+    day = session(poses=60, seed=3, instrument="uniform-8um")
     Ts = {
         "B": se3.pose(se3.exp(np.array([0.1, 0.2, 2.9])), np.array([2.0, 3.0, -0.4])),
         "C": se3.pose(se3.exp(np.array([0.0, 0.0, np.pi])), np.array([-2.0, 1.0, 0.2])),
@@ -92,7 +93,7 @@ def test_stations_anywhere_tell_what_one_station_tells() -> None:
 
 def test_noise_is_weighed_in_the_frame_of_the_station_that_measured() -> None:
     """A tracker's noise, long across the beam, is another one in the frame of another station."""
-    day = lab.simulate("irb120", poses=40, seed=5, instrument="leica-at960")
+    day = session(poses=40, seed=5, instrument="leica-at960")
     T = se3.pose(se3.exp(np.array([0.0, 0.0, 1.5])), np.array([3.0, 0.0, 0.0]))
     data = seen_from(day.measurements, {"B": T}, ("A",) * 20 + ("B",) * 20)
     model = day.robot.arm_with(("p1",), (), SessionInfo(stations=("A", "B")))
@@ -165,7 +166,7 @@ def refused(data: Measurements) -> str:
 
 
 def test_too_few_points_of_a_station_and_rows_of_none_are_refused_in_one_line(tmp_path: Path) -> None:
-    day = lab.simulate("irb120", poses=40, seed=3, instrument="exact")
+    day = session(poses=40, seed=3, instrument="exact")
     T = {"B": se3.pose(np.eye(3), np.array([1.0, 0.0, 0.0]))}
     assert "station 'B' measured 2 points" in refused(seen_from(day.measurements, T, ("A",) * 38 + ("B",) * 2))
     assert "station 'A' measured 2 points" in refused(seen_from(day.measurements, T, ("A",) * 2 + ("B",) * 38))
@@ -174,7 +175,7 @@ def test_too_few_points_of_a_station_and_rows_of_none_are_refused_in_one_line(tm
 
 def test_a_first_station_without_any_point_is_told() -> None:
     """As where a hold-out takes all of its rows: the frame of the others is where it stood."""
-    day = lab.simulate("irb120", poses=40, seed=3, instrument="exact")
+    day = session(poses=40, seed=3, instrument="exact")
     model = day.robot.arm_with(("p1",), (), SessionInfo(stations=("A", "B", "C")))
     T = {name: se3.pose(np.eye(3), np.array([1.0, 0.0, 0.0])) for name in "BC"}
     data = seen_from(day.measurements, T, ("A",) * 10 + ("B",) * 15 + ("C",) * 15)
@@ -184,7 +185,7 @@ def test_a_first_station_without_any_point_is_told() -> None:
 
 
 def test_rows_of_unknown_stations_are_not_judged_by(tmp_path: Path) -> None:
-    day = lab.simulate("irb120", poses=60, seed=3, instrument="exact")
+    day = session(poses=60, seed=3, instrument="exact")
     T = {name: se3.pose(np.eye(3), np.array([x, 0.0, 0.0])) for name, x in (("B", 1.0), ("C", 5.0))}
     data = seen_from(day.measurements, T, ("A",) * 25 + ("B",) * 25 + ("B",) * 5 + ("C",) * 5)
     data = replace(data, use=("calibrate",) * 50 + ("test",) * 10, marked=True)
@@ -195,7 +196,7 @@ def test_rows_of_unknown_stations_are_not_judged_by(tmp_path: Path) -> None:
 
 
 def test_where_only_rows_of_unknown_stations_are_held_out_nothing_is_validated(tmp_path: Path) -> None:
-    day = lab.simulate("irb120", poses=40, seed=3, instrument="exact")
+    day = session(poses=40, seed=3, instrument="exact")
     data = replace(day.measurements, other={"station": ("A",) * 35 + ("C",) * 5}, marked=True)
     result = lab.identify(replace(data, use=("calibrate",) * 35 + ("test",) * 5), robot="irb120")
     found = result.to_dict()
@@ -205,7 +206,7 @@ def test_where_only_rows_of_unknown_stations_are_held_out_nothing_is_validated(t
 
 @pytest.mark.thorough
 def test_other_files_are_validated_from_known_stations_or_with_a_base_placed_anew(tmp_path: Path) -> None:
-    day = lab.simulate("irb120", poses=80, seed=3, instrument="exact")
+    day = session(poses=80, seed=3, instrument="exact")
     T = {"B": se3.pose(se3.exp(np.array([0.0, 0.0, 1.0])), np.array([1.0, 0.0, 0.0]))}
     data = seen_from(day.measurements, T, ("A", "B") * 40)
     fitted, other = data.take(range(50)), data.take(range(50, 80))
@@ -249,7 +250,7 @@ def test_plans_without_stations_and_verifications_from_several_are_refused(tmp_p
     (tmp_path / "plan.csv").write_text("id,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\na,0,0,0,0,30,0\n")
     with pytest.raises(LabError, match="the station is missing"):
         lab.simulate("irb120", cell=path, plan=tmp_path / "plan.csv")
-    day = lab.simulate("irb120", poses=50, seed=3)
+    day = session(poses=50, seed=3)
     result = lab.identify(day.measurements.take(range(40)), robot="irb120", instrument="uniform-8um", holdout=0.2)
     with pytest.raises(LabError, match="stations A, B; verify the rows of each alone"):
         lab.verify(result, replace(day.measurements, other={"station": ("A", "B") * 25}))

@@ -2,6 +2,7 @@
 
 - ``session(robot, **options)`` is ``lab.simulate``: measurements, the nominal robot and the true one.
 - ``calibration(robot, **options)`` is ``lab.calibrate``: the result of a whole campaign.
+- ``identification(rows, **options)`` is ``lab.identify`` of measurements in memory.
 - ``run_of(robot, **options)`` is the folder of that calibration, without figures and recording.
 - ``own_copy(run, folder)`` is a copy of such a folder, for a test that changes it or writes beside it.
 
@@ -23,7 +24,7 @@ import lab
 from helpers.drawing import nothing_drawn
 from lab.core.measurements import Measurements
 
-__all__ = ["TWO", "calibration", "own_copy", "run_of", "session"]
+__all__ = ["TWO", "calibration", "identification", "own_copy", "run_of", "session"]
 
 TWO = ("p1", "p2")
 
@@ -42,6 +43,12 @@ def calibration(robot: str = "irb120", **options: Any) -> lab.CalibrationResult:
     result = lab.calibrate(robot, **options)
     _freeze(result.fitted)
     return result
+
+
+@cache
+def identification(rows: Measurements, robot: str | None = None, **options: Any) -> lab.CalibrationResult:
+    """The identification of these measurements, which are told by their identity, with these options."""
+    return lab.identify(rows, robot, **options)
 
 
 @cache

@@ -3,15 +3,14 @@
 from pathlib import Path
 
 import pytest
+from helpers.campaigns import calibration
 
-from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.recording import record
-from lab.commands.calibrate.run import calibrate
 
 
 @pytest.fixture(scope="session")
 def outcome():
-    return calibrate(VirtualCampaign(seed=7, poses=30))
+    return calibration(seed=7, poses=30)
 
 
 @pytest.fixture(scope="session")

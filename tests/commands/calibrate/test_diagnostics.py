@@ -5,13 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.campaigns import calibration
 
 from lab.calibration.statistics.model_selection import GroupTrial
-from lab.campaign.option_groups import Effects, Fitting
-from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.figures import correlation_picture, residual_pictures, selection_picture, uncertainty_map
 from lab.commands.calibrate.result import stiffnesses
-from lab.commands.calibrate.run import calibrate
 from lab.render.charts.chart import inline_svg
 from lab.render.plots import size_maps
 
@@ -60,8 +58,8 @@ def test_predicted_errors_are_those_of_the_verdict_and_extrapolation_is_marked(s
 
 def test_stiffness_is_that_of_compliance_and_not_of_its_change_with_torque() -> None:
     """Springs that soften with torque have a positive term of the third power, which is no compliance."""
-    soft = Effects(stiffness_nm_per_rad=3e4, hardening_mrad=0.3, payload_kg=(0.0, 3.0))
-    found = calibrate(VirtualCampaign(seed=3, effects=soft, fitting=Fitting(model="compliance+hardening")))
+    soft = {"stiffness_nm_per_rad": 3e4, "hardening_mrad": 0.3, "payload_kg": (0.0, 3.0)}
+    found = calibration(seed=3, model="compliance+hardening", **soft)
     values = np.abs(found.identification.values)
     softening = stiffnesses(replace(found.identification, values=values), found.robot.chain)
     assert [each.joint for each in softening] == ["q2", "q3"]

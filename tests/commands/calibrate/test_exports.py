@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers.drawing import nothing_drawn
+from helpers.campaigns import run_of, session
 from helpers.estimates import nominal_estimate, with_values
 
 import lab
@@ -33,18 +33,11 @@ def test_a_file_of_geometry_says_what_it_lacks() -> None:
     assert comment_on_missing_effects((), bare.geometry_error(inputs), "there", module=True) == ""
 
 
-@pytest.mark.parametrize(("mistake", "seed"), [("mirrored", 1), ("joints swapped", 3)])
-def test_a_bad_run_is_written_without_the_files_that_cannot_hold_its_arm(
-    mistake: str, seed: int, tmp_path: Path
-) -> None:
-    data = lab.simulate("ur5", poses=40, seed=seed, targets=("p1",)).measurements
-    if mistake == "mirrored":
-        data = replace(data, points=data.points[..., [1, 0, 2]])
-    else:
-        data = replace(data, joints=data.joints[:, [0, 2, 1, 3, 4, 5]])
-    with nothing_drawn():
-        result = lab.identify(data, robot="ur5", noise_mm=0.01, holdout=0.3)
-        result.save(tmp_path / "run")
+def test_a_bad_run_is_written_without_the_files_that_cannot_hold_its_arm(tmp_path: Path) -> None:
+    """Of points that are mirrored."""
+    data = session("ur5", poses=40, seed=1).measurements
+    result = lab.identify(replace(data, points=data.points[..., [1, 0, 2]]), noise_mm=0.01, holdout=0.3)
+    result.save(tmp_path / "run")
     found = json.loads((tmp_path / "run" / "result.json").read_text())
     assert found["verdict"] == "bad" and (tmp_path / "run" / "calibrated.toml").is_file()
     left_out = [name for name in ("ur_kinematics.yaml", "calibration.conf") if not (tmp_path / "run" / name).exists()]
@@ -56,9 +49,8 @@ def test_a_bad_run_is_written_without_the_files_that_cannot_hold_its_arm(
     row = result.measurements.take([0])
     free = np.full((1, 3, 3), np.nan)
     targets = lab.Targets("p1", ("a",), estimate.arm.points(row.joints, estimate.values)[:, 0], free, row.joints, {})
-    with nothing_drawn():  # on request a bad run is built on, too
-        corrected = lab.compensate(targets, run=result, force=True, no_check=True)
-        corrected.save(tmp_path / "corrected")
+    corrected = lab.compensate(targets, run=result, force=True, no_check=True)  # on request it is built on, too
+    corrected.save(tmp_path / "corrected")
     assert (tmp_path / "corrected" / "calibrated.urdf").is_file()
     assert any(text.startswith(f"{left_out[0]} is not written") for text in corrected.warnings)
 
@@ -67,13 +59,12 @@ def test_a_bad_run_is_written_without_the_files_that_cannot_hold_its_arm(
 def test_an_arm_that_bends_has_its_kinematics_for_ros(tmp_path: Path) -> None:
     """Of Universal Robots: not one of the files is missing, and each says what it lacks."""
     soft = {"stiffness_nm_per_rad": 1e5, "payload_kg": (0.0, 3.0), "model": "compliance"}
-    with nothing_drawn():
-        result = lab.calibrate("ur10", poses=20, seed=2, **soft)
-        result.save(tmp_path / "run")
-        row = result.measurements.take([0])
-        free = np.full((1, 3, 3), np.nan)
-        targets = lab.Targets("p1", ("a",), row.points[:, 0], free, row.joints, row.conditions)
-        lab.compensate(targets, run=result, force=True, no_check=True).save(tmp_path / "corrected")
+    result = lab.calibrate("ur10", poses=20, seed=2, **soft)
+    result.save(tmp_path / "run")
+    row = result.measurements.take([0])
+    free = np.full((1, 3, 3), np.nan)
+    targets = lab.Targets("p1", ("a",), row.points[:, 0], free, row.joints, row.conditions)
+    lab.compensate(targets, run=result, force=True, no_check=True).save(tmp_path / "corrected")
     exports = json.loads((tmp_path / "run" / "result.json").read_text())["exports"]
     for name in ("calibrated.toml", "ur_kinematics.yaml", "calibration.conf"):
         assert exports[name]["lacks"] == ["compliance"] and exports[name]["off_mm"] > 0.1
@@ -90,11 +81,10 @@ def test_an_arm_that_bends_has_its_kinematics_for_ros(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_a_mechanism_has_a_module_that_refuses(tmp_path: Path) -> None:
-    with nothing_drawn():
-        lab.calibrate("delta", poses=20, seed=1).save(tmp_path / "run")
-    said = json.loads((tmp_path / "run" / "result.json").read_text())["exports"]["calibrated.py"]
+def test_a_mechanism_has_a_module_that_refuses() -> None:
+    run = run_of("delta", poses=20, seed=1)
+    said = json.loads((run / "result.json").read_text())["exports"]["calibrated.py"]
     assert said["has"] == [] and said["lacks"] == ["geometric"] and "loops" in said["reason"]
-    module = loaded((tmp_path / "run" / "calibrated.py").read_text(encoding="utf-8"))
+    module = loaded((run / "calibrated.py").read_text(encoding="utf-8"))
     with pytest.raises(NotImplementedError, match="loops"):
         module.forward([0.0, 0.0, 0.0])

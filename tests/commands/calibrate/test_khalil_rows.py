@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.campaigns import calibration
 
 import lab
 from lab.commands.calibrate.result import khalil_rows
@@ -11,7 +12,7 @@ from lab.kinematics.serial.khalil_frames import SYMBOLS, khalil_frame, pose_of
 
 @pytest.fixture(scope="module")
 def posed() -> lab.CalibrationResult:
-    return lab.calibrate("rx130", observe="pose", poses=40, seed=4, instrument="leica-at960")
+    return calibration("rx130", observe="pose", poses=40, seed=4, instrument="leica-at960")
 
 
 def test_the_twelve_are_the_base_and_the_tool(posed: lab.CalibrationResult) -> None:
@@ -39,6 +40,6 @@ def test_intervals_are_those_of_many_draws(posed: lab.CalibrationResult) -> None
 
 
 def test_a_point_has_no_orientation_of_its_own() -> None:
-    result = lab.calibrate("irb120", poses=20, seed=4)
+    result = calibration(seed=7)
     rows = {row["name"]: row for row in khalil_rows(result.estimate, 2.0)}
     assert "parallel" in rows["E.p1.r"]["note"] and rows["E.p1.d"]["std"] is None and len(rows) == 12

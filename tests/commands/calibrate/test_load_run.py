@@ -8,35 +8,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.campaigns import calibration, own_copy, run_of
 
-from lab.campaign.option_groups import Effects, Fitting
-from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
-from lab.cli import main
 from lab.commands.calibrate.load_run import load_run
-from lab.commands.calibrate.run import calibrate
 from lab.core.errors import LabError
 
-SOFT = ("--stiffness-nm-per-rad", "1e5", "--payload-kg", "0,3", "--model", "compliance+drift", "--hours", "1")
+SOFT = {"stiffness_nm_per_rad": 1e5, "payload_kg": (0.0, 3.0), "model": "compliance+drift", "hours": 1.0}
 
 
 @pytest.fixture(scope="module")
-def soft(tmp_path_factory) -> Path:
-    out = tmp_path_factory.mktemp("runs") / "soft"
-    assert main(["calibrate", "--seed", "3", *SOFT, "--out", str(out), "--json"]) == 0
-    return out
+def soft() -> Path:
+    return run_of(seed=3, **SOFT)
 
 
 @pytest.mark.thorough
 def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path) -> None:
     calibrated = load_run(soft)
     assert calibrated.estimate.groups == ("compliance",) and calibrated.estimate.arm.conditions == ("payload_kg",)
-    options = VirtualCampaign(
-        seed=3,
-        effects=Effects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0), hours=1.0),
-        fitting=Fitting("compliance+drift"),
-    )
-    outcome = calibrate(options)
+    outcome = calibration(seed=3, **SOFT)
     joints = calibrated.robot.chain.random_joints(100, np.random.default_rng(0))
     at_start = np.concatenate([joints, np.full((100, 1), 3.0), np.zeros((100, 1))], axis=1)
     whole = outcome.identification.model.points(at_start, outcome.identification.values)
@@ -53,8 +43,7 @@ def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path)
 
 
 def broken(soft: Path, tmp_path: Path, name: str, change) -> Path:
-    folder = tmp_path / "run"
-    shutil.copytree(soft, folder)
+    folder = own_copy(soft, tmp_path / "run")
     path = folder / name
     if change is None:
         path.unlink()
@@ -93,8 +82,7 @@ def test_a_run_that_is_none_is_told_in_one_line(soft: Path, tmp_path, name: str,
     assert str(tmp_path) in str(told.value) and "\n" not in str(told.value)
 
 
-@pytest.mark.parametrize("word", ["bad", "not judged"])
-def test_only_a_good_run_is_fit_to_build_on(soft: Path, tmp_path, word: str) -> None:
+def test_only_a_good_run_is_fit_to_build_on(soft: Path, tmp_path, word: str = "not judged") -> None:
     load_run(soft).refuse_unfit("an export")
     other = broken(soft, tmp_path, "result.json", edited(verdict=word, reason="why"))
     run = load_run(other, accept_edited=True)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.campaigns import identification, session
 
 import lab
 from lab.core.errors import LabError
@@ -16,7 +17,7 @@ from lab.render.phrases.registry import in_one_line, phrases
 
 @pytest.fixture(scope="module")
 def day() -> Measurements:
-    return lab.simulate("scara", poses=30, seed=4).measurements
+    return session("scara", poses=30, seed=4).measurements
 
 
 def doubled(data: Measurements, rows: list[int]) -> Measurements:
@@ -25,7 +26,7 @@ def doubled(data: Measurements, rows: list[int]) -> Measurements:
 
 
 def test_rows_that_are_copies_are_left_out_and_told(day: Measurements) -> None:
-    plain = lab.identify(day, robot="scara", instrument="uniform-8um", holdout=0.2)
+    plain = identification(day, robot="scara", instrument="uniform-8um", holdout=0.2)
     again = lab.identify(doubled(day, list(range(30))), robot="scara", instrument="uniform-8um", holdout=0.2)
     assert again.identification.values == pytest.approx(plain.identification.values, abs=0)
     assert (again.identification.covariance == plain.identification.covariance).all()
@@ -107,7 +108,7 @@ def test_a_mistake_is_never_good(mistake: str, robust: bool, day: Measurements) 
 @pytest.mark.thorough
 def test_a_negated_joint_is_named_whether_the_fit_shows_it_or_not() -> None:
     """A wrist with its fifth joint negated is the same arm, zeros of the fourth and sixth half a turn away."""
-    day = lab.simulate("irb120", poses=40, seed=1).measurements
+    day = session(poses=40, seed=1).measurements
 
     def said(data: Measurements) -> list[str]:
         found = lab.identify(data, robot="irb120", instrument="uniform-8um", holdout=0.2)
@@ -131,7 +132,7 @@ def test_next_to_nothing_but_copies_is_refused(day: Measurements) -> None:
 @pytest.mark.parametrize("scale", [1.01, 0.985, 1.001, 1.0])
 def test_points_in_another_scale_are_told_and_not_good(scale: float) -> None:
     """As of an instrument whose unit or whose air is wrong: all lengths grow together, and everything fits."""
-    day = lab.simulate("irb120", poses=40, seed=5).measurements
+    day = session(poses=40, seed=5).measurements
     found = lab.identify(replace(day, points=scale * day.points), robot="irb120", holdout=0.25)
     said = [reason for reason in phrases(found.verdict.reasons) if "check the scale of the points" in reason]
     assert bool(said) == (found.verdict.word != "good") == (abs(scale - 1) > 0.005)
@@ -143,7 +144,7 @@ def test_points_in_another_scale_are_told_and_not_good(scale: float) -> None:
 @pytest.mark.thorough
 def test_more_noise_than_a_bounded_one_is_no_outliers() -> None:
     """What is estimated beside an instrument's uniform noise has tails: hundreds of good poses were called off."""
-    day = lab.simulate("irb120", poses=300, seed=3).measurements
+    day = session(poses=300, seed=3).measurements
     noise = 80e-6 * np.random.default_rng(1).standard_normal(day.points.shape)
     found = lab.identify(replace(day, points=day.points + noise), robot="irb120", instrument="uniform-8um")
     assert any("lack of fit: the residuals are" in each for each in found.warnings)
@@ -151,7 +152,7 @@ def test_more_noise_than_a_bounded_one_is_no_outliers() -> None:
 
 
 def test_a_column_of_noise_in_two_units_is_told_and_not_good() -> None:
-    day = lab.simulate("irb120", poses=60, seed=5).measurements
+    day = session(poses=60, seed=5).measurements
     sigma = np.full(len(day), 8e-6 / np.sqrt(3))
     for factor in (1e3, 1.0):
         mixed = replace(day, sigma_m=np.where(np.arange(len(day)) % 3 == 0, factor * sigma, sigma))

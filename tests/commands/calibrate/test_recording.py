@@ -2,15 +2,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.campaigns import TWO, calibration, session
 from helpers.recordings import FLOAT32, column, in_world, needs_vulkan, rrd, statics, views_of
 from helpers.robots import ROOT, data_file
 from rerun.chunk import RrdReader
 
+import lab
 from lab.calibration.identify import ellipsoids, identify, mapping_ellipsoids, position_covariance
-from lab.campaign.option_groups import Effects, Fitting
-from lab.commands.calibrate.recording import parameters_text, record
-from lab.commands.calibrate.run import MeasuredCampaign, VirtualCampaign, calibrate
-from lab.commands.calibrate.run import identify as identify_file
+from lab.commands.calibrate.recording import record
 from lab.commands.calibrate.scene import scene
 from lab.core import se3
 from lab.kinematics.serial.arm import SerialArm
@@ -85,28 +84,6 @@ def test_ellipsoids_are_those_computed(recording, outcome, name):
     np.testing.assert_allclose(centers, in_world(outcome, targets), rtol=0, atol=2 * FLOAT32)
 
 
-@pytest.mark.parametrize("name", ["mapping", "uncertainty"])
-def test_each_half_axis_has_its_length_in_mm_beyond_its_tip(recording, outcome, name):
-    fitted, identification = outcome.fitted, outcome.identification
-    shapes = (
-        mapping_ellipsoids(identification, fitted.joints)
-        if name == "mapping"
-        else ellipsoids(position_covariance(identification, fitted.joints))
-    )
-    entity = f"/world/ellipsoid/{name}"
-    rows, labels = column(recording, f"{entity}/lengths", "Points3D:labels")
-    assert rows == list(range(len(fitted)))
-    numbers = np.array([[float(label.removesuffix(" mm")) for label in row] for row in labels])
-    np.testing.assert_allclose(numbers, 1e3 * shapes.half_lengths, rtol=6e-3)  # three digits
-    places = np.array(column(recording, f"{entity}/lengths", "Points3D:positions")[1])
-    centers = np.array(column(recording, f"{entity}/shape", "Ellipsoids3D:centers")[1])
-    axes = np.array(column(recording, f"{entity}/axes", "Arrows3D:vectors")[1])
-    out = np.linalg.norm(places - centers, axis=2)
-    assert (out > 1.1 * np.linalg.norm(axes, axis=2)).all()  # outside
-    cosines = np.einsum("nai,nai->na", places - centers, axes) / out / np.linalg.norm(axes, axis=2)
-    np.testing.assert_allclose(cosines, 1, atol=1e-4)
-
-
 def test_the_frames_of_base_and_tool_are_the_arms(recording, outcome):
     """The tool's stands at the first target, turned as the last frame; both move with the arm on the way."""
     arm, joints = outcome.rigid(outcome.identification.values)[0], outcome.fitted.joints
@@ -138,32 +115,18 @@ def test_the_program_tells_each_pose_when_the_arm_is_there(recording, outcome):
         assert float(line.split(": ")[1].split(" mm")[0]) == pytest.approx(1e3 * error, rel=6e-3)
 
 
-def test_the_summary_is_short_and_the_whole_document_is_behind_it(recording, outcome):
-    summary, details = text_of(recording, "/summary"), text_of(recording, "/details")
-    assert len(summary.splitlines()) < 25 < len(details.splitlines())
-    assert outcome.document().title in summary and outcome.document().title in details
-    assert "What is shown" in summary and "Before and after" in details and "Before and after" not in summary
-
-
-def test_the_way_through_a_plan_is_the_arms(tmp_path):
+def test_the_way_through_a_plan_is_the_arms(recording, tmp_path):
     """From pose to pose with all joints moving together, as the arm does: no straight chord."""
-    session = calibrate(VirtualCampaign(seed=4, poses=12))
-    joints = session.measurements.joints
-    rows = [",".join(map(str, row)) for row in joints.tolist()]
-    plan = tmp_path / "plan.csv"
-    plan.write_text(
-        ",".join(f"{name}_rad" for name in session.measurements.joint_names) + "\n" + "\n".join(rows) + "\n"
-    )
-    outcome = calibrate(VirtualCampaign(seed=4, plan=plan))
+    lab.write_measurements(tmp_path / "plan.csv", session(seed=4, poses=12).measurements)
+    outcome = lab.calibrate("irb120", seed=4, plan=tmp_path / "plan.csv")
     record(tmp_path / "planned.rrd", outcome)
     (strip,) = statics(tmp_path / "planned.rrd", "/world/path", "LineStrips3D:strips")
     arm, values = outcome.rigid(outcome.identification.values)
     middle = (outcome.fitted.joints[2] + outcome.fitted.joints[3]) / 2  # halfway of a move
     halfway = in_world(outcome, arm.points(middle[None], values)[:, 0])
     assert np.linalg.norm(np.array(strip) - halfway, axis=1).min() < 1e-5
-    record(tmp_path / "random.rrd", session)
-    with pytest.raises(AssertionError):
-        statics(tmp_path / "random.rrd", "/world/path", "LineStrips3D:strips")
+    with pytest.raises(AssertionError):  # of random poses
+        statics(recording, "/world/path", "LineStrips3D:strips")
 
 
 def test_the_arrows_are_the_errors_times_the_factor_shown(recording, outcome):
@@ -223,15 +186,15 @@ def test_the_drawn_hand_carries_the_predicted_targets(outcome):
 
 
 def test_the_same_seed_gives_an_equal_recording_and_another_does_not(recording, tmp_path, home):
-    for name, seed in (("same", 7), ("other", 8)):
-        record(tmp_path / f"{name}.rrd", calibrate(VirtualCampaign(seed=seed, poses=30)))
+    record(tmp_path / "same.rrd", lab.calibrate("irb120", seed=7, poses=30))
+    record(tmp_path / "other.rrd", calibration(poses=12))
     done = rrd(home, "compare", "--unordered", recording, tmp_path / "same.rrd")
     assert done.returncode == 0, done.stderr
     assert rrd(home, "compare", "--unordered", recording, tmp_path / "other.rrd").returncode != 0
 
 
 def test_unseen_targets_are_left_out(tmp_path, home):
-    outcome = calibrate(VirtualCampaign(seed=3, targets=("p1", "p2")))
+    outcome = calibration(seed=3, targets=TWO)
     points = outcome.fitted.points.copy()
     points[4], points[5, 0], points[6, 1] = np.nan, np.nan, np.nan
     fitted = replace(outcome.fitted, points=points)
@@ -254,10 +217,11 @@ def test_unseen_targets_are_left_out(tmp_path, home):
     assert column(path, "/program", "TextLog:text")[1][4] == [f"pose {fitted.ids[4]}: no target was seen"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("poses", [9, 50])
 def test_without_noise_known_or_estimated_there_is_no_uncertainty(tmp_path, home, poses):
     """Nine poses of one target give as many equations as parameters: sigma stays unknown; with 50 it is zero."""
-    outcome = calibrate(VirtualCampaign(seed=1, poses=poses, instrument="exact"))
+    outcome = calibration(seed=1, poses=poses, instrument="exact")
     sigma = outcome.identification.sigma_m
     assert np.isnan(sigma) if poses == 9 else sigma < 1e-12
     path = tmp_path / "unknown.rrd"
@@ -269,7 +233,7 @@ def test_without_noise_known_or_estimated_there_is_no_uncertainty(tmp_path, home
 
 @pytest.mark.thorough
 def test_a_table_is_drawn_with_rods_and_many_poses_are_thinned_out(tmp_path, home):
-    outcome = identify_file(MeasuredCampaign(data_file("ur10_ipa_D.csv"), robot="ur10"))
+    outcome = lab.identify(data_file("ur10_ipa_D.csv"), "ur10")
     path = tmp_path / "table.rrd"
     record(path, outcome)
     assert rrd(home, "verify", path).returncode == 0
@@ -325,16 +289,6 @@ def test_drawn_rows_span_all_poses():
     assert len(rows) == MOST_POSES == len(set(rows.tolist())) and (rows[0], rows[-1]) == (0, 2772)
 
 
-def test_the_parameter_table_names_every_parameter(outcome):
-    text = parameters_text(outcome)
-    fit, count = outcome.identification.fit, outcome.fitted.seen.sum()
-    steps = text.partition("## Convergence")[2].strip().splitlines()[2:]
-    residuals = [float(line.split("|")[2].replace(",", "")) for line in steps]
-    np.testing.assert_allclose(residuals, np.sqrt(2 * np.array(fit.cost_trace) / (3 * count)), rtol=6e-3)
-    for name in outcome.identification.model.names:
-        assert text.count(f"| {name} |") == 1
-
-
 SHAPES = """<mujoco><worldbody><body name="a"><joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
 <geom type="box" size="1 2 3" pos="9 0 0" quat="1 1 0 0"/></body>
 <body name="b"><geom type="cylinder" size="1 2"/></body>
@@ -360,8 +314,7 @@ def test_shells_enclose_their_geoms(tmp_path):
 
 def test_poses_that_are_off_are_marked_and_keep_their_numbers(tmp_path, home):
     """What is left out is drawn where it was measured; the others stand at their rows of the file."""
-    effects = Effects(bad_share=0.08, bad_mm=(5.0, 50.0))
-    outcome = calibrate(VirtualCampaign(seed=2, effects=effects, fitting=Fitting(robust=True)))
+    outcome = calibration(seed=2, bad_share=0.08, bad_mm=(5.0, 50.0), robust=True)
     assert len(outcome.fit.outliers) >= 2 and {pose.id for pose in outcome.fit.outliers} == set(outcome.bad)
     path = tmp_path / "off.rrd"
     record(path, outcome)

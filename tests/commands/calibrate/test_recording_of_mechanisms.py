@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import rerun as rr
+from helpers.campaigns import calibration
 from helpers.recordings import column, rrd, statics
 from rerun.chunk import RrdReader
 
@@ -132,7 +133,7 @@ def test_a_tracker_that_no_model_draws_stands_on_the_floor(recorded):
 
 
 def test_a_serial_arm_has_no_legs_and_no_entity_for_them(tmp_path):
-    outcome = calibrate(VirtualCampaign(poses=12))
+    outcome = calibration(poses=12)
     shown = scene(outcome)
     assert shown.legs.ends.shape == (12, 0, 2, 3) and shown.legs.measured == ()
     record(tmp_path / "serial.rrd", outcome)

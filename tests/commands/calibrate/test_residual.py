@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.drawing import nothing_drawn
+from helpers.campaigns import calibration, session
 from helpers.robots import data_file
 
 import lab
@@ -16,14 +16,14 @@ from lab.formats.measurement_csv import read_measurements
 WAVING = {"poses": 60, "seed": 3, "harmonic2_mrad": 0.3, "instrument": "uniform-8um"}
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def result() -> CalibrationResult:
-    return lab.calibrate("irb120", model="residual", **WAVING)
+    return calibration(model="residual", **WAVING)
 
 
 @pytest.mark.thorough
 def test_it_lowers_the_error_at_poses_that_were_not_measured(result: CalibrationResult) -> None:
-    geometry, found = lab.calibrate("irb120", **WAVING).to_dict(), result.to_dict()
+    geometry, found = calibration(**WAVING).to_dict(), result.to_dict()
     assert found["after_mm"]["mean"] < 0.15 * geometry["after_mm"]["mean"]
     assert found["before_mm"]["mean"] == pytest.approx(geometry["before_mm"]["mean"])  # nominal links have none of it
     assert found["model"] == "geometric+residual" and found["residual"]["p"] < 1e-9
@@ -35,7 +35,7 @@ def test_it_lowers_the_error_at_poses_that_were_not_measured(result: Calibration
 @pytest.mark.thorough
 def test_targets_are_corrected_by_it_and_a_folder_says_the_same(result: CalibrationResult, tmp_path: Path) -> None:
     result.save(tmp_path / "run")
-    day = lab.simulate("irb120", **WAVING)
+    day = session(**WAVING)
     joints = day.robot.chain.random_joints(6, np.random.default_rng(1)) * 0.6
     wanted = day.true_robot.points(joints, ("p1",))[:, 0]
     file = tmp_path / "targets.csv"
@@ -50,7 +50,7 @@ def test_targets_are_corrected_by_it_and_a_folder_says_the_same(result: Calibrat
 
 @pytest.mark.thorough
 def test_an_unchanged_arm_is_verified_and_a_changed_one_is_not(result: CalibrationResult) -> None:
-    day = lab.simulate("irb120", **{**WAVING, "poses": 10})
+    day = session(**{**WAVING, "poses": 10})
     assert lab.verify(result, day.measurements).to_dict()["good"]
     moved = day.measurements.points + np.array([2e-3, 0.0, 0.0]) * (np.arange(10) % 2)[:, None, None]
     assert not lab.verify(result, replace(day.measurements, points=moved)).to_dict()["good"]
@@ -77,14 +77,14 @@ def test_auto_beside_it_chooses_as_auto_does() -> None:
     assert beside.to_dict()["after_mm"]["mean"] < alone.to_dict()["after_mm"]["mean"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("model", ["drift+residual", "sessions+residual"])
 def test_a_run_beside_effects_of_a_session_is_written_and_read(model: str, tmp_path: Path) -> None:
     """Its offsets are predicted without the conditions that only drift or sessions ask for."""
-    data = lab.simulate("irb120", poses=40, seed=3, harmonic2_mrad=0.3, instrument="uniform-8um").measurements
+    data = session(poses=40, seed=3, harmonic2_mrad=0.3, instrument="uniform-8um").measurements
     data = replace(data, sessions=("a",) * 20 + ("b",) * 20, points=data.points + 1e-5 * np.arange(40)[:, None, None])
     result = lab.identify(data, robot="irb120", model=model, noise_mm=0.008)
-    with nothing_drawn():
-        folder = result.save(tmp_path / "run")
+    folder = result.save(tmp_path / "run")
     joints = data.joints[:5] + 0.01
     read, held = lab.load_estimate(folder).predict(joints), result.estimate.predict(joints)
     np.testing.assert_allclose(read.points, held.points, atol=1e-12)

@@ -15,14 +15,13 @@ from helpers.robots import ROOT
 import lab
 from lab.cli import main
 from lab.commands.certify.inputs import digests_of
-from lab.commands.certify.result import Certificate, _dof_text, missing_text
+from lab.commands.certify.result import Certificate
 from lab.commands.certify.run import certify
 from lab.commands.options import CertifyOptions
 from lab.compensation.iso9283 import repeatability
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.whole_folder import checksum_lines
-from lab.formats.certificate_toml import CertificateDetails
 from lab.formats.measurement_csv import read_measurements, write_measurements
 
 TRACKER = """
@@ -97,11 +96,6 @@ def groups(found: Certificate) -> set[str]:
     return {line.quantity.group for line in found.budgets[0].lines}
 
 
-@pytest.mark.parametrize(("count", "words"), [(12.0, "12.0"), (127_010_271.0, "∞"), (np.inf, "∞")])
-def test_degrees_of_freedom_without_end_are_infinite(count: float, words: str) -> None:
-    assert _dof_text(count) == words
-
-
 @pytest.mark.pages
 @thorough
 def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
@@ -123,29 +117,9 @@ def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
     early = certify(CertifyOptions(Path("known"), Path("early.toml")))
     assert any("of 2026-04-01 is later than this certificate of 2026-03-31" in said for said in early.warnings)
     assert not early.issued and early.conformity is None and early.exit_code == 1
-    assert "not issued" in early.summary() and early.to_dict()["implausible"][0]["impossible"]
-    page = " ".join(found.summary().split())
-    assert "calibration certificate 42" in page and "A <b>B</b>" in page and "Not measured: pose repeat" in page
-
-
-def test_what_is_missing_is_named_in_words() -> None:
-    words = missing_text(CertificateDetails().missing)
-    assert len(words.split(", ")) == len(CertificateDetails().missing) and "_" not in words and "." not in words
-    assert "the serial number of the reflector" in words and "the temperature of the room" in words
-
-
-@thorough
-def test_a_certificate_of_measurements_is_no_example_and_says_what_is_missing(here: Path) -> None:
-    found = certify(CertifyOptions(Path("known")))
-    document = found.document()
-    assert not found.is_example and not document.mark and "EXAMPLE" not in found.summary()
-    said = " ".join(found.summary().split())
-    assert "conforms with the tolerance of 0.100 mm" in said and "then sign: the number of the certificate" in said
-    assert said.index("Next:") < said.index("Uncertainty budget")
-    (session,) = (each for each in document.blocks if getattr(each, "title", "") == "Calibrated robot and measurement")
-    empty = [row[:2] for table in session.blocks for row in table.rows if row[2] == "not stated"]
-    assert len(empty) == len(found.details.missing) + 1 and ("", "date of issue") in empty
-    assert ("Reflector", "serial number") in empty
+    assert early.to_dict()["implausible"][0]["impossible"]
+    assert not found.is_example and not found.document().mark
+    assert len(certify(CertifyOptions(Path("known"))).details.missing) == 10
 
 
 @pytest.mark.pages
@@ -389,24 +363,3 @@ def test_a_validation_file_shows_the_accuracy_of_the_calibrated_model(here: Path
     anew = certify(CertifyOptions(Path("placed")))  # the base of the run is not that of the validation
     assert anew.to_dict()["iso_9283"]["of_fitted_rows"]
     assert "--holdout" not in anew.summary() and "under Results" in " ".join(anew.summary().split())
-
-
-@thorough
-def test_errors_far_below_the_budget_are_called_smaller(here: Path) -> None:
-    found = certify(CertifyOptions(Path("known")))
-    assert found.validation is not None
-    as_large = replace(found, validation=replace(found.validation, p=0.5, sigma_m=0.0))
-    smaller = replace(found, validation=replace(found.validation, p=0.99999, sigma_m=0.0, expected_rms_m=1e-4,
-                                                observed_rms_m=5e-5))  # fmt: skip
-    assert "as large as the budget predicts" in " ".join(as_large.summary().split())
-    said = " ".join(smaller.summary().split())
-    assert "smaller than the budget predicts, 2.00 times" in said and "as large as" not in said
-
-
-@thorough
-def test_the_next_step_names_the_largest_contribution(here: Path) -> None:
-    found = certify(CertifyOptions(Path("known"), tolerance_mm=0.03))
-    largest = max(found.budgets[0].lines, key=lambda line: line.share)
-    assert found.conformity is not None
-    undecided = replace(found, conformity=replace(found.conformity, decision="not decided"))
-    assert largest.quantity.label in " ".join(undecided.summary().split()).split("Next:")[1].split("Results")[0]

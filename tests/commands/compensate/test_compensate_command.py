@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from helpers.campaigns import run_of
 from helpers.robots import IRB120, ROOT, perturbed, somewhere
 
 from lab.campaign.robot import load_robot
@@ -29,18 +30,13 @@ FILES = {
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
-    out = tmp_path_factory.mktemp("runs") / "rigid"
-    assert main(["calibrate", "--seed", "3", "--out", str(out), "--json"]) == 0
-    return out
+def run() -> Path:
+    return run_of(seed=3)
 
 
 @pytest.fixture(scope="module")
-def soft(tmp_path_factory) -> Path:
-    out = tmp_path_factory.mktemp("runs") / "soft"
-    bends = ["--stiffness-nm-per-rad", "1e5", "--payload-kg", "0,3", "--model", "compliance"]
-    assert main(["calibrate", "--seed", "3", *bends, "--out", str(out), "--json"]) == 0
-    return out
+def soft() -> Path:
+    return run_of(seed=3, stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0), model="compliance")
 
 
 def poses(calibrated: CalibrationRun, count: int) -> Array:
@@ -188,15 +184,6 @@ def test_hysteresis_is_corrected_in_the_order_of_the_targets(tmp_path, capsys) -
     same = np.abs(forth - back).max(axis=1) < 0.01  # the same solution of the inverse
     assert same.sum() >= 4 and (width > 1e-4).all()
     np.testing.assert_allclose((forth - back)[same], (-width / 2 * (signs[0] - signs[1]))[same], atol=1e-8)
-
-
-def test_it_prints_for_a_person(run: Path, tmp_path, capsys) -> None:
-    Ts = poses(load_run(run), 3)
-    Ts[1, :3, 3] += 4.0
-    write_targets(tmp_path / "targets.csv", Ts)
-    assert main(["compensate", str(tmp_path / "targets.csv"), "--run", str(run), "--out", str(tmp_path / "out")]) == 1
-    said = capsys.readouterr().out
-    assert "2 of 3 targets of p1 corrected" in said and "t1" in said and "out of reach" in said
 
 
 def copied(run: Path, tmp_path: Path, name: str, change) -> Path:

@@ -2,7 +2,6 @@
 """Programs whose targets are corrected in their text, as a user calls it: what is hit, what stays, what is refused."""
 
 import json
-import textwrap
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,10 +19,8 @@ from helpers.controller_programs import (
     spelt,
 )
 from helpers.estimates import with_values
-from helpers.robots import IRB120, ROOT
 from scipy.spatial.transform import Rotation
 
-import lab
 from lab.cli import main
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by
 from lab.commands.calibrate.result import CalibrationResult
@@ -35,8 +32,7 @@ from lab.commands.run_folder import _refuse_other_files
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.formats.programs.program_text import ArmShape, Outside
-from lab.formats.programs.registry import read_program
+from lab.formats.programs.program_text import ArmShape
 from lab.simulation.collisions import collides
 
 TOOL = posed(Rotation.from_rotvec([0.3, 0, 0.1]), np.array([0.01, 0.02, 0.1]))
@@ -71,54 +67,6 @@ def options_for(language: str, folder: Path, made: Written, **more: object) -> C
     frames = "; ".join(f"{name}={','.join(spelt(language, T, 10))}" for name, T in pairs)
     pulses = tuple(PULSES.tolist()) if language == "jbi" else ()
     return CompensateOptions(Path("run"), program=path, frames=frames, pulses_per_deg=pulses, **more)
-
-
-def values_in(language: str, text: bytes, folder: Path) -> list[tuple[str, Array]]:
-    """The numbers of the poses and joint positions of a program, by name."""
-    frames = dict.fromkeys(("UTOOL[2]", "UFRAME[3]", "TOOL[2]", "USER[3]"), (0.0,) * 6)
-    outside = Outside(frames if language in ("fanuc", "jbi") else {}, tuple(PULSES))
-    read = read_program(folder / f"a{END[language]}", text.decode("latin-1"), IRB120.chain, None, outside)[1]
-    return [("pose" if each.spelling else "joints", each.joints if not each.spelling else each.values)
-            for each in read.targets]  # fmt: skip
-
-
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_the_real_arm_is_where_the_program_says(
-    language: str, seven: CalibrationResult, calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The controller's arm takes the printed numbers; the calibrated arm then has its tool where they were meant."""
-    from lab.commands.compensate import run as command
-
-    monkeypatch.setattr(command, "calibrated_by", lambda *_, **__: calibrated)
-    made, joints = made_program(language, calibrated)
-    options = options_for(language, tmp_path, made, no_check=True)
-    result = lab.compensate(
-        run=seven, program=options.program, frames=options.frames, pulses_per_deg=options.pulses_per_deg, no_check=True
-    )
-    assert result.exit_code == 0 and result.program is not None
-    assert not result.program.uncorrected and len(result.reached) == 4
-    assert 0.1 < result.to_dict()["correction_mm"]["max"] < 20
-
-    (arm, values), reference = calibrated.estimate.geometry, result.reference
-    assert reference is not None
-    at = result.found.joints  # the solution that the controller takes of the printed numbers, held against them below
-    found = values_in(language, result.program.content, tmp_path)
-    T_base = np.eye(4) if language == "urscript" else TABLE
-    chain = calibrated.robot.arm(("p1",))
-    drawn = chain.nominal({"p1": np.zeros(3)})
-    kinds = [kind for kind, _ in found]
-    assert sorted(kinds) == ["joints", "pose", "pose", "pose"]
-    wanted = chain.tool(np.concatenate([joints, joints[:1]]), drawn)[0]  # of the flange, in the base, as the text says
-    T_frame0_instrument = se3.inverse(arm.T_tracker_frame0(values))
-    real = T_frame0_instrument @ arm.flange(at, values) @ reference.flange.T_last_flange
-    for i, (kind, numbers) in enumerate(found):
-        if kind == "joints":
-            np.testing.assert_allclose(numbers, at[i], atol=3e-5 if language in ("jbi", "fanuc") else 2e-5)
-        else:
-            printed = T_base @ read_back(language, numbers) @ se3.inverse(TOOL)
-            np.testing.assert_allclose(printed, chain.tool(at[i : i + 1], drawn)[0][0], atol=3e-5)
-        nearest = np.linalg.norm(wanted[:, :3, 3] - real[i, :3, 3], axis=1).argmin()
-        np.testing.assert_allclose(real[i], wanted[nearest], atol=3e-5)  # of the digits that were read
 
 
 def test_ways_are_the_programs_also_to_and_from_what_is_not_corrected(
@@ -285,16 +233,6 @@ def test_the_programs_that_are_spoilt_are_good(name: str, calibrated: Calibratio
     (tmp_path / name).write_text(GOOD[name], newline="")
     opened = open_program(CompensateOptions(Path("run"), program=tmp_path / name), calibrated)
     assert len(opened.targets) == 1 and not opened.left and not opened.read.uncorrected
-
-
-def test_the_page_shows_what_is_read(calibrated: CalibrationRun, tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "how_to" / "correct_program.md").read_text(encoding="utf-8")
-    module = textwrap.dedent(page[page.index("   MODULE Pick") : page.index("   ```", page.index("   MODULE Pick"))])
-    (tmp_path / "Pick.mod").write_text(module)
-    opened = open_program(CompensateOptions(Path("run"), program=tmp_path / "Pick.mod"), calibrated)
-    assert opened.targets.ids == ("pPick", "pPlace") and not opened.left
-    (left,) = opened.read.uncorrected
-    assert f"line {left.line}, `{left.reason}`" in page.replace("\n   ", " ")
 
 
 OPTIONS = [

@@ -25,7 +25,6 @@ from lab.formats.measurement_csv import read_measurements
 from lab.formats.programs.protocol import MeasuringTour
 from lab.noise.instruments import instrument
 from lab.render.charts.chart import inline_svg
-from lab.render.markdown import to_markdown
 from lab.simulation.tracking import track
 from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 
@@ -348,18 +347,3 @@ def test_a_robust_plan_states_its_payloads_and_calibrate_measures_with_them(
     assert found["status"] == "converged" and found["poses"] == 10
     data = read_measurements(Path("run/measurements.csv"), ("q1", "q2", "q3"), (False,) * 3)
     np.testing.assert_array_equal(data.conditions["payload_kg"], loads)
-
-
-@pytest.mark.thorough
-def test_the_document_of_a_robust_plan_says_for_what_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("arm.xml").write_text(ARM_XML)
-    plain = DesignOptions("arm.xml", candidates=30, starts=1, poses=6)
-    robust = design(replace(plain, worst_of=1, model="geometric+compliance", payload_kg=(0.0, 2.0), criterion="I"))
-    text = to_markdown(robust.document())
-    assert "worst of 2 cases: the nominal arm and 1 perturbed ones" in text
-    assert "certified efficiency" in text and "poses with 2 kg" in text
-    nominal = design(plain)
-    alone = to_markdown(nominal.document())
-    assert "worst of" not in alone and "certified efficiency" not in alone and "payload" not in alone
-    assert nominal.to_dict()["worst"] is None

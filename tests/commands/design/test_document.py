@@ -1,6 +1,7 @@
 """The page of a plan."""
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -30,9 +31,14 @@ def test_a_plan_says_its_predicted_errors(drawn_plan: Path) -> None:
     assert len(seen.table("index")) == len(result["indices"]) and "D-efficiency" in seen.text
 
 
+@cache
+def planned() -> lab.DesignResult:
+    return lab.design("irb120", poses=10, candidates=60, starts=1)
+
+
 def test_the_tour_is_played_through_its_poses() -> None:
     """By an own way: the bodies at the joint positions of each pose; the moves take as long as the tour's."""
-    plan = lab.design("irb120", poses=10, candidates=60, starts=1)
+    plan = planned()
     scene, problem = page_scene(plan), plan.problem
     assert len(scene.stops) == len(plan.joints) == len(scene.names)
     assert (np.diff(scene.times) >= 0).all() and scene.times[0] == 0.0
@@ -73,7 +79,7 @@ def test_targets_that_no_pose_reaches_are_named_with_their_frame(tmp_path: Path)
 
 def test_a_plan_that_is_not_checked_rejects_no_collision() -> None:
     """With contacts some candidates collide; without, none does, and the text does not count them."""
-    checked, free = (lab.design("irb120", poses=10, candidates=60, starts=1, no_check=each) for each in (False, True))
+    checked, free = planned(), lab.design("irb120", poses=10, candidates=60, starts=1, no_check=True)
     assert checked.problem.candidates.rejected["collision"] > 0 and "in collision" in checked.summary()
     assert free.problem.candidates.rejected["collision"] == 0 and "in collision" not in free.summary()
     assert "Nothing was checked for collisions" in free.summary() and free.tour.via == 0

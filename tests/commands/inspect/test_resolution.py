@@ -75,10 +75,3 @@ def test_unknown_encoders_are_not_given(capsys) -> None:
     for steps in ((1.0, 2.0), (0.0,), (-1.0,), (float("nan"),)):
         with pytest.raises(LabError, match="--joint-steps: give one number above zero for all joints, or 6 of them"):
             encoders_of(chain, steps)
-
-
-def test_the_page_has_a_figure_and_a_table() -> None:
-    shown = str(lab.inspect("irb120", joint_steps=(0.001,)))
-    assert "One count of an encoder moves p1 by up to 13.2 µm (q2)" in shown and "encoder of" in shown
-    blocks = resolution_blocks(lab.inspect("irb120", joint_steps=(0.001,)).to_dict()["resolution"])
-    assert blocks[2].pictures[0].name == "resolution"

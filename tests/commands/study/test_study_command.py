@@ -11,8 +11,6 @@ from helpers.drawing import nothing_drawn
 from helpers.run_script import threads_for_processes
 
 from lab.cli import main
-from lab.commands.study.run import circumstances, failures_text, level_text
-from lab.studies.grid import ANY, OF_PLAN, Cell
 
 GRID = """
 name = "a <small> one"
@@ -87,33 +85,6 @@ def test_a_name_is_one_folder(tmp_path, capsys) -> None:
     (tmp_path / "grid.toml").write_text('name = "a/b"\n')
     assert main(["study", str(tmp_path / "grid.toml")]) == 2
     assert "name 'a/b': give a name without slashes" in capsys.readouterr().err
-
-
-def test_levels_are_shown_in_plain_words() -> None:
-    soft = Cell(
-        model="compliance", robust=True, targets=3, payload_kg=(0.0, 2.5), plan="some/where/mine.csv", poses=OF_PLAN
-    )
-    words = {
-        "model": "compliance",
-        "robust": "robust",
-        "targets": "3 targets",
-        "payload_kg": "0 or 2.5 kg",
-        "plan": "mine.csv",
-        "poses": "any",
-    }
-    assert {name: level_text(soft, [name]) for name in words} == words
-    assert level_text(Cell(), ["robust"]) == "not robust" and level_text(Cell(), ["targets"]) == "1 target"
-    assert (
-        level_text(Cell(), ["plan"]) == "chosen poses" and level_text(Cell(), ["payload_kg"]) == "that of the effects"
-    )
-    shared = {"scaling": ANY, "poses": OF_PLAN, "model": "compliance", "prior": "auto", "payload_kg": (3.0,)}
-    assert circumstances(shared) == "model compliance, prior auto, payload 3 kg"
-
-
-def test_the_most_frequent_reasons_are_named_and_the_others_counted() -> None:
-    reasons = [("not converged", 1200), ("rank deficient", 3), ("refused: a", 2), ("refused: b", 1), ("refused: c", 1)]
-    assert failures_text(reasons) == "1,200 not converged; 3 rank deficient; 2 refused: a; 2 for other reasons"
-    assert failures_text([]) == ""
 
 
 @pytest.mark.pages
