@@ -88,11 +88,13 @@ FITTING = [
     configured("not JSON", "poses: 3", "not JSON"),
     configured("a list", "[]", "is to be a group of options"),
     configured("of another command", '{"command": "identify", "options": {}}', "lab identify"),
-    configured("unknown option", '{"options": {"pose": 12}}', "'pose'", "poses"),
-    configured("wrong kind", '{"options": {"poses": "many"}}', "'many'", "poses"),
-    configured("wrong group", '{"options": {"effects": 3}}', "'effects'"),
-    configured("a truth in a list", '{"options": {"effects": {"payload_kg": [true]}}}', "[True]", "payload_kg'"),
-    configured("a number among names", '{"options": {"targets": ["p1", 1]}}', "'targets'"),
+    configured("unknown option", '{"schema": 1, "options": {"pose": 12}}', "'pose'", "poses"),
+    configured("wrong kind", '{"schema": 1, "options": {"poses": "many"}}', "'many'", "poses"),
+    configured("wrong group", '{"schema": 1, "options": {"effects": 3}}', "'effects'"),
+    configured(
+        "a truth in a list", '{"schema": 1, "options": {"effects": {"payload_kg": [true]}}}', "[True]", "payload_kg'"
+    ),
+    configured("a number among names", '{"schema": 1, "options": {"targets": ["p1", 1]}}', "'targets'"),
 ]
 
 PLANS = [
