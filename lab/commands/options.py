@@ -382,9 +382,6 @@ class NextOptions:
     """Go on as the file grows, and propose a pose after each new row, until the accuracy is reached."""
     patience_s: float = 600.0
     """End following if the file has not grown for so long, s."""
-    connect: str | None = None
-    """Also show every proposal in a running rerun viewer at this address: rerun+http://127.0.0.1:9876/proxy is that
-    of a viewer on this machine."""
     candidates: int = 2000
     """How many feasible poses to choose from."""
     no_recording: NoRecording = False

@@ -64,7 +64,6 @@ class Skeleton:
 
     Attributes:
         lines: ``(n, c, 3)`` each: one along a chain, with its corners; one along each leg of a mechanism.
-        frame_lines: ``(n, f, 3)`` each: straight from frame to frame.
         frames: ``(n, f, 3)`` the frames on the lines, last that of the targets.
         origins: ``(n, f, 3)`` all frames, from the base outward to that of the targets.
         rods: ``(n, rods, 2, 3)`` ends of a mechanism's rods, and of legs whose length is a joint position, the base's
@@ -73,7 +72,6 @@ class Skeleton:
     """
 
     lines: list[Array]
-    frame_lines: list[Array]
     frames: Array
     origins: Array
     rods: Array

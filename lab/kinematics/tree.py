@@ -361,7 +361,7 @@ class TreeArm:
             frames.append(line[:, ::2])
         last = [line[:, -1:] for line in lines]
         every = np.concatenate([*(line[:, :-1] for line in frames), *last], axis=1)
-        return Skeleton(lines, frames, every, every, np.empty((len(joints), 0, 2, 3)), ())
+        return Skeleton(lines, every, every, np.empty((len(joints), 0, 2, 3)), ())
 
     def column_priority(self) -> tuple[int, ...]:
         """Return the base, the mounts, the links as in a serial arm's canonical gauge, the targets, then all others.

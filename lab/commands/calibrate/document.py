@@ -13,13 +13,11 @@ from lab.calibration.prior import ActingPrior
 from lab.calibration.statistics.remaining_error import ExplainedError
 from lab.calibration.verdict import Answer, Word, rotation_noise_rad
 from lab.commands.calibrate.figures import (
-    arm_figures,
     correction_pictures,
     correlation_picture,
     error_histograms,
     has_correction,
     residual_figures,
-    selection_picture,
     singular_value_picture,
     where_figures,
 )
@@ -47,9 +45,6 @@ _MOST_ALIASES = 4
 _EXPLAINED = (
     "A group explains the error (RMS) that a measured coordinate would have without it, all other parameters refitted. "
     "The percentage is its share of the mean square error of geometry alone. Overlapping effects each look small alone."
-)
-_SELECTION = (
-    "The first bar is the hold-out error of geometry alone; the bars below show how each selected group changes it."
 )
 _CORRELATIONS = (
     "The blocks show the correlations of the identified parameters by link. Blue: both rise together; vermilion: "
@@ -102,7 +97,6 @@ def document_of(result: CalibrationResult) -> doc.Document:
             _outliers(result),
             _parameters(result),
             doc.Section("Identifiability and conditioning", _identifiability(result)),
-            doc.Section("The arm at its poses", arm_figures(result)),
         ),
     )
 
@@ -268,7 +262,6 @@ def _uncertainty(result: CalibrationResult) -> tuple[doc.Block, ...]:
         doc.Paragraph(_truth(result)),
         *_model_selection(result),
         doc.Paragraph(_EXPLAINED if result.fit.explained else "", "note", shown_in=doc.PAGE),
-        doc.Figure("selection-figure", selection_picture(result), _SELECTION),
         doc.Table(("joint", "stiffness, Nm/rad", "1σ"), stiffness),
     )
 

@@ -4,7 +4,7 @@ Positions are in the world of the model; for a robot given as a table that is fr
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -20,17 +20,15 @@ from lab.core.errors import LabError
 from lab.core.linear_model import half_width_95
 from lab.core.measurements import Measurements, rows_called, seen_mask
 from lab.core.probability import beta_ppf, normal_ppf
-from lab.core.se3 import Array, inverse, transform
+from lab.core.se3 import Array, inverse
 from lab.core.units import MM, Unit
 from lab.kinematics.parameter import Parameter
-from lab.render.charts.chart import axes_picture, cube, log_ticks, name_points, shades, view
+from lab.render.charts.chart import axes_picture, cube, log_ticks, name_points, shades
 from lab.render.charts.marks import Axes
 from lab.render.document import Block, Figure, Picture, short
 from lab.render.plots import (
-    MAP,
     MOST_POINTS,
     SMALL,
-    VIEWS,
     WIDTH,
     ArrowMap,
     SizeMap,
@@ -42,28 +40,24 @@ from lab.render.plots import (
     spread_by_size,
     trend_pictures,
 )
-from lab.render.scene import LARGEST_FACTOR, magnification, moved, skeleton
+from lab.render.scene import LARGEST_FACTOR, magnification, moved
 from lab.render.style import (
     AFTER,
     ARM,
     BEFORE,
-    HATCH_BEFORE,
     HIGHLIGHT,
     INK,
-    INSTRUMENT,
-    MEASURED,
     MUTED,
     PREDICTED,
 )
 
 __all__ = [
-    "ErrorVectors", "arm_figures", "correction_pictures", "correlation_picture", "error_histograms", "error_maps",
+    "ErrorVectors", "correction_pictures", "correlation_picture", "error_histograms", "error_maps",
     "error_vectors", "has_correction",
-    "main_picture", "residual_figures", "residual_pictures", "selection_picture", "singular_value_picture",
+    "main_picture", "residual_figures", "residual_pictures", "singular_value_picture",
     "uncertainty_map", "where_figures", "world_of",
 ]  # fmt: skip
 
-_MOST_ARMS = 12  # drawn in a picture
 _MOST_CORRECTIONS = 30  # drawn in a picture
 _WHICH: dict[JudgedBy, str] = {
     "fresh": "the validation poses, without noise",
@@ -91,19 +85,6 @@ class ErrorVectors(NamedTuple):
     names: tuple[str, ...]  # of the pose of each
     thing: str  # what the names are of
     which: str  # the poses, in words
-
-
-@dataclass(frozen=True)
-class _ArmPoses:
-    """The arm at some of its fitted poses, in the world."""
-
-    first: str  # the id of the first of them: it stretches farthest along x, so that it is seen from both sides
-    strips: tuple[Array, ...]  # lines (m, c, 3) m, along the chain or each leg
-    joints: Array  # (m, f, 3) m, the frames on them
-    tips: Array  # (m, k, 3) m, the targets at these poses
-    points: Array  # (q, 3) m: targets at all fitted poses, as measured where they are
-    measured: bool  # whether points are as measured
-    head: Array | None  # (3,) m, the instrument; None where nothing is measured in its frame
 
 
 def world_of(result: CalibrationResult) -> Array:
@@ -195,31 +176,7 @@ def _outliers(result: CalibrationResult) -> tuple[Array, tuple[str, ...]]:
     return found.reshape(-1, 3), names
 
 
-def _arm_poses(result: CalibrationResult) -> _ArmPoses:
-    """The calibrated arm at up to twelve of its fitted poses, evenly spaced, with the points of all of them."""
-    fitted, identification = result.fitted, result.identification
-    rows = np.unique(np.round(np.linspace(0, len(fitted) - 1, _MOST_ARMS)).astype(np.int_))
-    arm, values = result.rigid(identification.values)
-    T_world_frame0 = result.robot.model.T_world_frame0
-    shown = skeleton(arm, values, fitted.joints[rows])
-    lines = [moved(T_world_frame0, line) for line in shown.lines]
-    joints = moved(T_world_frame0, shown.frames)
-    tips = _predicted(result, fitted.take(rows))
-    first = int(np.argmax(np.abs(joints[:, -1, 0] - joints[:, 0, 0])))
-    order = [first, *(i for i in range(len(rows)) if i != first)]
-    shape = fitted.ids[rows[first]], tuple(line[order] for line in lines), joints[order], tips[order]
-    positions = observation_of(identification.model).positions
-    if not positions:
-        return _ArmPoses(*shape, _predicted(result, fitted).reshape(-1, 3), measured=False, head=None)
-    T_world_instrument = world_of(result)
-    model, inputs = identification.model, fitted.inputs(identification.model.conditions)
-    points = in_first_frame(model, identification.values, inputs, fitted.points[:, :positions]).reshape(-1, 3)
-    points = points[np.isfinite(points).all(axis=1)]
-    return _ArmPoses(*shape, transform(T_world_instrument, points), True, T_world_instrument[:3, 3])
-
-
 _WIDER = 1.15  # than the widest interval of a parameter that is well observed
-_FAR = 1.3  # half the edge of the arm's cube: an instrument farther off is only pointed at
 
 
 def main_picture(result: CalibrationResult) -> Picture:
@@ -316,91 +273,6 @@ def singular_value_picture(values: Array) -> tuple[Picture, ...]:
 
     label = "Singular values of the scaled Jacobian"
     return (axes_picture("singular-values", label, (WIDTH, 2.8), draw, (0.8, 0.5, 0.2, 0.15)),)
-
-
-def _arm_views(arm: _ArmPoses) -> tuple[Picture, ...]:
-    """The arm as a stick figure at its poses, with the points and the instrument, from above and from the side."""
-    if not np.isfinite(arm.joints).all():
-        return ()
-    middle, half = cube([MM.of(arm.joints), MM.of(arm.tips), MM.of(arm.points)])
-    if arm.head is not None and np.abs(MM.of(arm.head) - middle).max() < _FAR * half:
-        middle, half = cube([MM.of(arm.joints), MM.of(arm.points), MM.of(arm.head)])
-
-    def draw(axes: Axes, plane: tuple[int, int]) -> None:
-        _sticks(axes, arm, plane, middle[plane[0]])
-        if arm.head is not None:
-            _instrument(axes, MM.of(arm.head), middle, half, plane)
-        view(axes, plane, middle, half, "base")
-
-    return tuple(
-        axes_picture(
-            f"arm-{which}",
-            f"The arm at its poses, {'from above' if which == 'above' else 'from the side'}",
-            MAP,
-            lambda axes, plane=plane: draw(axes, plane),  # type: ignore[misc]
-            (0.78, 0.5, 0.1, 0.3),  # places may have four digits and a sign
-        )
-        for which, plane in VIEWS.items()
-    )
-
-
-def _sticks(axes: Axes, arm: _ArmPoses, plane: tuple[int, int], middle: float) -> None:
-    size = 9 if len(arm.points) <= 200 else 4
-    points = MM.of(arm.points[:: max(1, len(arm.points) // 1000)][:, plane])
-    axes.scatter(points[:, 0], points[:, 1], s=size, c=MEASURED, zorder=3, linewidths=0)
-    shown = [slice(0, 1), slice(1, None)] if len(arm.tips) > 1 else [slice(0, 1)]
-    for rows in reversed(shown):  # the others first: few artists, since each takes its time
-        first = rows.start == 0
-        colour, wide = (HIGHLIGHT, 2.6) if first else (ARM, 1.1)
-        joints = MM.of(arm.joints[rows][..., plane])  # (m, f, 2)
-        tips = MM.of(arm.tips[rows][..., plane])  # (m, k, 2)
-        held = np.stack([np.broadcast_to(joints[:, -1:], tips.shape), tips], axis=-2)
-        axes.plot(*_parted(held), ":", color=colour, linewidth=0.8, zorder=2)
-        links = [_parted(MM.of(strip[rows][..., plane])) for strip in arm.strips]
-        axes.plot(
-            *np.concatenate(links, axis=1),
-            "-",
-            color=colour,
-            linewidth=wide,
-            alpha=1.0 if first else 0.75,
-            zorder=4 if first else 1,
-            solid_capstyle="round",
-        )
-        if first:
-            _at_point(axes, tips[0, 0], f"pose {arm.first}", HIGHLIGHT, left=tips[0, 0, 0] > middle)
-        dot = 3.5 if first else 1.8
-        axes.plot(*joints.reshape(-1, 2).T, "o", color=colour, markersize=dot, zorder=4 if first else 1)
-
-
-def _at_point(axes: Axes, at: Array, text: str, colour: str, *, left: bool) -> None:
-    """Words beside a point, on an area of their own."""
-    box = {"boxstyle": "round,pad=0.1", "facecolor": "#ffffff", "edgecolor": "none"}
-    axes.annotate(
-        text, at, xytext=(-5 if left else 5, 6), textcoords="offset points", color=colour, fontweight="bold",
-        ha="right" if left else "left", bbox=box, zorder=6,
-    )  # fmt: skip
-
-
-def _parted(lines: Array) -> Array:
-    """Lines ``(..., c, 2)`` as one ``(2, n)``, with NaN between them."""
-    return np.pad(lines, [*[(0, 0)] * (lines.ndim - 2), (0, 1), (0, 0)], constant_values=np.nan).reshape(-1, 2).T
-
-
-def _instrument(axes: Axes, head: Array, middle: Array, half: float, plane: tuple[int, int]) -> None:
-    position, centre = head[list(plane)], middle[list(plane)]
-    away = position - centre
-    if np.abs(head - middle).max() < half:
-        axes.plot(*position, "P", color=INSTRUMENT, markersize=9, linestyle="", zorder=5)
-        _at_point(axes, position, "instrument", INSTRUMENT, left=away[0] > 0)
-        return
-    edge = away * half / np.abs(away).max()
-    arrow = {"arrowstyle": "-|>", "color": INSTRUMENT, "linewidth": 2.0}
-    axes.annotate("", centre + 0.98 * edge, centre + 0.78 * edge, arrowprops=arrow, zorder=5)
-    far = f"instrument, {np.linalg.norm(head - middle) / 1e3:.1f} m"
-    inward = 0.74 * edge
-    box = {"boxstyle": "round,pad=0.1", "facecolor": "#ffffff", "edgecolor": "none"}
-    side, over = ("right" if inward[0] > 0 else "left"), ("top" if inward[1] > 0 else "bottom")
-    axes.annotate(far, centre + inward, color=INSTRUMENT, fontweight="bold", ha=side, va=over, bbox=box, zorder=6)
 
 
 _QUANTILES = 120
@@ -539,35 +411,6 @@ def correlation_picture(result: CalibrationResult) -> tuple[Picture, ...]:
     return (axes_picture("correlations", label, (wide + 0.9, wide + 1.55), draw, margins),)
 
 
-def selection_picture(result: CalibrationResult) -> tuple[Picture, ...]:
-    """The hold-out error as groups are taken into the model, one after the other; nothing where there is no choice."""
-    tried = [each for each in result.groups if each.chosen and np.isfinite(each.holdout_m)]
-    if len(tried) < 2:
-        return ()
-    errors = MM.of(np.array([each.holdout_m for each in tried]))
-
-    def draw(axes: Axes) -> None:
-        at = np.arange(len(tried))[::-1]
-        axes.barh(at[0], errors[0], color=BEFORE, hatch=HATCH_BEFORE, alpha=0.75)
-        falls = errors[:-1] - errors[1:]
-        colours = [AFTER if fall >= 0 else BEFORE for fall in falls]
-        axes.barh(at[1:], falls, left=errors[1:], color=colours, alpha=0.85)
-        axes.vlines(errors[:-1], at[1:] - 0.4, at[:-1] + 0.4, color=INK, linewidth=0.8)
-        for place, error, end in zip(at, errors, np.maximum(errors, np.roll(errors, 1)), strict=True):
-            right = error if place == at[0] else end
-            falls_to = "" if place == at[0] else "→ "
-            axes.annotate(f"\u00a0{falls_to}{short(error)}", (right, place), va="center", ha="left")
-        axes.set_yticks(at, [each.name for each in tried])
-        names = [each.name for each in tried]
-        name_points(axes, "group", errors, at, names, [f"{short(error)} mm" for error in errors.tolist()])
-        axes.set(xlabel="hold-out error, mm", xlim=(0, 1.3 * errors.max()))
-        axes.locator_params(axis="x", nbins=5)
-        axes.grid(visible=False, axis="y")
-
-    label = f"Model selection: the hold-out error falls from {short(errors[0])} to {short(errors[-1])} mm"
-    return (axes_picture("selection", label, (WIDTH, 0.8 + 0.24 * len(tried)), draw, (1.6, 0.5, 0.1, 0.1)),)
-
-
 def uncertainty_map(result: CalibrationResult) -> SizeMap | None:
     """The predicted position error over random poses of the workspace; crosses: beyond the measured joints."""
     found = predicted_errors(result.identification, result.fit.measured)
@@ -661,11 +504,3 @@ def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
         Figure("residuals", pictures[:joints], by_joint + found),
         Figure("residuals-in-time", pictures[joints:], in_time),
     )
-
-
-def arm_figures(result: CalibrationResult) -> tuple[Block, ...]:
-    """The arm at its poses."""
-    arm = _arm_poses(result)
-    points = "measured points" if arm.measured else "tool points predicted by the calibrated model"
-    caption = f"Lines connect the joints of the calibrated arm at {len(arm.joints)} poses; dots are all {points}."
-    return (Figure("arm", _arm_views(arm), caption),)

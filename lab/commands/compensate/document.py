@@ -11,15 +11,13 @@ from lab.commands.result import joint_values
 from lab.commands.run_folder import VIA
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.measurements import evenly
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.programs.registry import path_file, refusal
 from lab.render import document as doc
-from lab.render.charts.chart import cube
 from lab.render.document import capital, fixed, short
 from lab.render.page_scene import ArmScene, Arrows, posed_arm
-from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
+from lab.render.plots import Spread, histograms
 from lab.render.scene import drawn_rows, magnification, magnified, moved, reach_of
 from lab.render.style import BEFORE, rgb
 
@@ -30,7 +28,6 @@ _SCENE = (
     "The arm at the corrected targets. Orange arrows lead from each target to where the arm goes without correction; "
     "ellipsoids show the error to expect with it. The darker a point, the larger that error."
 )
-_NEAR = 2.0  # times half the edge of the targets' cube: what is farther off is not drawn
 _SHAPED = 4  # targets: fewer are brought onto each other by a rigid motion, whatever their errors are, or nearly
 _MOST_LISTED = 100  # targets, in each table
 
@@ -69,7 +66,6 @@ def compensation_document(result: CompensationResult) -> doc.Document:
                 ),
             ),
             *_program(result),
-            doc.Section("Where the targets are", _map(result)),
             doc.Section("Every target", _every_target(result), shown_in=doc.PAGE),
         ),
     )
@@ -282,28 +278,6 @@ def _histograms(result: CompensationResult) -> tuple[doc.Figure, ...]:
 def _finite(result: CompensationResult, lengths: Array) -> Array:
     lengths = lengths[result.reached]
     return np.asarray(lengths[np.isfinite(lengths)])
-
-
-def _map(result: CompensationResult) -> tuple[doc.Block, ...]:
-    reached, positions = result.reached, result.targets.positions
-    if not len(reached):
-        return ()
-    rows = reached[spread_by_size(result.correction_m[reached])]
-    off = positions[~result.found.converged]
-    middle, half = cube([positions[reached]])
-    near = (np.abs(off - middle) < _NEAR * half).all(axis=1)
-    off, some = off[near], evenly(int(near.sum()), MOST_POINTS)
-    crosses = off if some is None else off[some]
-    shown = SizeMap(
-        positions[rows], result.correction_m[rows], "correction of a target", crosses, "not reached", "targets"
-    )
-    frame = "The targets in the frame of the instrument that measured the arm, as in their file."
-    if result.program is not None:
-        frame = "The targets in the frame of the instrument that measured the arm."
-    caption = f"{frame} The darker a target, the farther it is moved."
-    if beyond := int((~near).sum()):
-        caption += f" Not reached, and too far away to be drawn: {beyond}."
-    return (doc.Figure("where", size_maps(shown), caption),)
 
 
 def _every_target(result: CompensationResult) -> tuple[doc.Block, ...]:

@@ -19,11 +19,10 @@ from lab.kinematics.joints import JointSpec
 from lab.pose_selection.exchange import information
 from lab.pose_selection.tour import rated, tour_trajectory
 from lab.render import document as doc
-from lab.render.charts.chart import axes_picture, cube, shades, view
-from lab.render.charts.marks import Axes, colour
+from lab.render.charts.chart import axes_picture, shades
+from lab.render.charts.marks import Axes
 from lab.render.document import fixed, sentence, short
 from lab.render.page_scene import ArmScene, Line, moments
-from lab.render.plots import SQUARE, VIEWS
 from lab.render.scene import (
     MOST_POSES,
     Legs,
@@ -36,19 +35,13 @@ from lab.render.scene import (
 )
 from lab.render.style import (
     ARM,
-    AXIS,
     BOUND,
-    EQUAL_CONTRAST,
     GRID,
-    INDEX,
-    INK,
-    INSTRUMENT,
     ORDER_SCALE,
     REFERENCE,
     RMS,
     TICK,
     WORST,
-    luminance,
     rgb,
 )
 from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_body_poses
@@ -60,7 +53,6 @@ __all__ = [
     "main_picture",
     "page_scene",
     "plan_scene",
-    "pose_pictures",
 ]
 
 _STEP_S = 0.1  # between two pictures of the moving arm
@@ -89,7 +81,6 @@ class PlanScene:
     shells: tuple[Shell, ...]  # of the drawn bodies
     bodies: dict[str, Array]  # world poses (s, 4, 4) by name
     origins: Array  # (s, f, 3) of the arm's frames
-    home: tuple[Array, ...]  # lines (f, 3) from frame to frame, of the arm at home
     legs: Legs  # in the world
     mapping: MagnifiedEllipsoids  # sensitivity of the position to the scaled parameters
     uncertainty: MagnifiedEllipsoids  # predicted 1 sigma of the first target after calibration
@@ -100,12 +91,6 @@ class PlanScene:
     moving: dict[str, Array]
     moving_legs: Legs
     moving_points: Array
-
-    @property
-    def head(self) -> Array:
-        """The tracker's at its first station ``(3,)``."""
-        head: Array = self.Ts_world_station[0, :3, 3]
-        return head
 
     @property
     def heads(self) -> Array:
@@ -146,7 +131,6 @@ def plan_scene(plan: DesignResult) -> PlanScene:
         visible,
         body_poses(model, arm, values, waypoints),
         moved(frame0, skeleton(arm, values, waypoints).origins),
-        tuple(moved(frame0, line[0]) for line in skeleton(arm, values, waypoints[:1]).frame_lines),
         legs,
         magnified(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker, reach),
         magnified(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker, reach),
@@ -181,51 +165,28 @@ def _shapes(plan: DesignResult) -> tuple[Array, Array]:
 
 
 _HALF, _WIDE = (4.8, 2.9), (8.0, 2.6)  # inches
-_ROOM = 0.2  # around the poses, of their width: for the legend
 _ERROR_POWER = {"A": 0.5, "G": 0.5, "I": 0.5}  # from an efficiency, a ratio of variances, to a ratio of errors
-_EDGE = 0.94  # of the half of a picture
-_NUMBER = 6.5  # points, of a pose's number
 _TICKS = (1, 2, 3, 5)  # of each power of ten
 
 
-def _curve_pictures(plan: DesignResult) -> tuple[doc.Picture, ...]:
-    """Predicted errors against the number of poses with the plan's; beside them O1, where each number was designed."""
+def main_picture(plan: DesignResult) -> doc.Picture:
+    """Return the predicted errors against the number of poses, with the plan's."""
     chosen = len(plan.joints), plan.prediction.coverage_radius
-    scaling = plan.problem.scaling.describe()
-    errors = axes_picture(
+    return axes_picture(
         "curve", "Predicted error against the number of poses", _HALF,
         lambda axes: _draw_errors(axes, plan.curve, chosen), (0.65, 0.5, 0.15, 0.3),
     )  # fmt: skip
-    if not plan.options.curve:  # of a continuous design O1 is the same for any number
-        return (errors,)
-    information = axes_picture(
-        "information", "O1 against the number of poses", _HALF,
-        lambda axes: _draw_information(axes, plan.curve, scaling, chosen[0]), (0.65, 0.5, 0.15, 0.3),
-    )  # fmt: skip
-    return errors, information
 
 
-def main_picture(plan: DesignResult) -> doc.Picture:
-    """Return the predicted errors against the number of poses."""
-    return _curve_pictures(plan)[0]
-
-
-def pose_pictures(plan: DesignResult) -> tuple[doc.Picture, ...]:
-    """The targets from above and from the side, and the joint positions in their ranges."""
-    targets = (
-        axes_picture(f"poses-{name}", f"The targets from {'the side' if name == 'side' else name}", SQUARE,
-                     lambda axes, plane=plane: _draw_targets(axes, plan_scene(plan), plane),  # type: ignore[misc]
-                     (0.75, 0.5, 0.15, 0.3))
-        for name, plane in VIEWS.items()
-    )  # fmt: skip
-    joints = axes_picture(
+def _joints_picture(plan: DesignResult) -> doc.Picture:
+    """Return the joint positions of the poses in their ranges."""
+    return axes_picture(
         "joints", "The joint positions in their ranges", _WIDE,
         lambda axes: _joints(axes, plan.problem.robot.chain, plan.joints), (1.0, 0.15, 0.2, 0.3),
     )  # fmt: skip
-    return (*targets, joints)
 
 
-def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, float] | None = None) -> None:
+def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, float]) -> None:
     """Draw predicted errors on validation poses (µm, logarithmic) against the number of poses."""
     poses = [step.poses for step in curve]
     drawn = [MICRONS.of(np.array([_rms(s.prediction.rms) for s in curve]))]
@@ -236,11 +197,10 @@ def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, flo
     ):
         drawn.append(MICRONS.of(np.array(values)))
         axes.plot(poses, drawn[-1], style, color=tint, label=label, markersize=5)
-    if chosen is not None:
-        text = f"this plan: {chosen[0]} poses, {short(MICRONS.of(chosen[1]))} µm"
-        drawn.append(np.array([MICRONS.of(chosen[1])]))
-        axes.axvline(chosen[0], color=REFERENCE, linewidth=1)
-        axes.plot([chosen[0]], drawn[-1], "D", color=REFERENCE, markersize=8, label=text, zorder=4)
+    text = f"this plan: {chosen[0]} poses, {short(MICRONS.of(chosen[1]))} µm"
+    drawn.append(np.array([MICRONS.of(chosen[1])]))
+    axes.axvline(chosen[0], color=REFERENCE, linewidth=1)
+    axes.plot([chosen[0]], drawn[-1], "D", color=REFERENCE, markersize=8, label=text, zorder=4)
     every = np.concatenate(drawn)
     low, high = float(every.min()) / 1.2, float(every.max()) * 1.2
     ticks = [m * 10.0**e for e in range(-9, 9) for m in _TICKS if low <= m * 10.0**e <= high]
@@ -251,81 +211,13 @@ def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, flo
     axes.legend(loc="upper right")
 
 
-def _draw_information(axes: Axes, curve: Sequence[DesignStep], scaling: str, chosen: int | None = None) -> None:
-    """Draw O1, the information per pose, against the number of poses."""
-    o1 = [step.o1 for step in curve]
-    axes.plot([step.poses for step in curve], o1, "D--", color=INDEX, markersize=4)
-    if chosen is not None:
-        axes.axvline(chosen, color=REFERENCE, linewidth=1)
-    axes.set(xlabel="poses", ylabel=f"O1 ({scaling})", title="Information per pose", ylim=(0, 1.1 * max(o1)))
-
-
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def _first_visits(points: Array) -> tuple[NDArray[np.int_], list[int]]:
-    """Rows of points ``(n, 3)`` mm at which a place is visited first, and how often each is: a reference pose again."""
-    places: dict[tuple[float, ...], list[int]] = {}
-    for row, point in enumerate(np.round(points, 3)):
-        places.setdefault(tuple(point + 0.0), []).append(row)
-    return np.array([rows[0] for rows in places.values()], int), [len(rows) for rows in places.values()]
 
 
 def _in_order(rows: NDArray[np.int_], count: int) -> Array:
     """The colours ``(n, 3)`` of rows ``(n,)`` of so many: dark for the first, light for the last."""
     return shades(rows / max(count - 1, 1), ORDER_SCALE)
-
-
-def _draw_targets(axes: Axes, shown: PlanScene, plane: tuple[int, int]) -> None:
-    """Target positions in mm on a plane of the world, with the way between them, the arm at home and the tracker."""
-    i, j = plane
-    mm = 1e3
-    every = mm * shown.points[shown.measured, 0]
-    middle, half = cube([mm * shown.path, every, *(mm * line for line in shown.home)], _ROOM)
-    view(axes, plane, middle, half, "world", "targets")
-    axes.plot(mm * shown.path[:, i], mm * shown.path[:, j], color=AXIS, linewidth=0.6, alpha=0.8, label="their path")
-    for k, line in enumerate(mm * each for each in shown.home):
-        label = "" if k else "robot at home"
-        axes.plot(line[:, i], line[:, j], "o-", color=ARM, linewidth=5, alpha=0.45, markersize=6, label=label)
-    rows, visits = _first_visits(every)
-    points, tints = every[rows][:, plane], _in_order(rows, len(every))
-    axes.scatter(
-        points[:, 0], points[:, 1], s=110, c=tints, edgecolors="white", linewidths=1, label="at a pose", zorder=3
-    )
-    for row, place, tint, times in zip(rows, points, tints, visits, strict=True):
-        ink = "white" if luminance(tint) < EQUAL_CONTRAST else "black"
-        own = {"boxstyle": "circle,pad=0.05", "facecolor": colour(tint), "edgecolor": "none"}  # where points overlap
-        axes.annotate(shown.ids[row], place, ha="center", va="center", fontsize=_NUMBER, color=ink, bbox=own, zorder=4)
-        if times > 1:
-            axes.annotate(
-                f"{times} visits", place, xytext=(8, 5), textcoords="offset points", fontsize=7, color=INK,
-                bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none"}, zorder=5,
-            )  # fmt: skip
-    via = ~shown.measured
-    via[[0, -1]] = False
-    if via.any():
-        passed = mm * shown.points[via, 0]
-        axes.plot(passed[:, i], passed[:, j], "x", color=REFERENCE, label="passed only", zorder=3)
-    head, reasons = _at_edge(mm * shown.head - middle, half, plane)
-    axes.plot(
-        [middle[i] + head[0]], [middle[j] + head[1]], "P", color=INSTRUMENT, markersize=12, label=reasons, zorder=4
-    )
-    if j == 2:
-        axes.axhline(0.0, color=TICK, linewidth=1)
-    axes.legend(loc="best", frameon=True)
-
-
-def _at_edge(head: Array, half: float, plane: tuple[int, int]) -> tuple[Array, str]:
-    """Return the drawn position of a tracker at ``(3,)`` mm from the middle on a plane ``(2,)``, and its label.
-
-    A tracker beyond the picture is drawn at its edge.
-    """
-    seen = head[list(plane)]
-    beyond = float(np.abs(seen).max()) / (_EDGE * half)
-    if beyond <= 1:
-        return seen, "tracker"
-    return seen / beyond, f"to the tracker, {np.linalg.norm(seen) / 1e3:.1f} m"
 
 
 def _joints(axes: Axes, chain: JointSpec, joints: Array) -> None:
@@ -357,12 +249,10 @@ _INDICES = {
     "g": "G, worst predicted variance",
     "i": "I, mean predicted variance",
 }
-_CURVE = "Predicted error against the number of poses. The line marks this plan."
-_O1 = "The index O1, information per pose: it flattens while the error still falls."
-_POSES = (
-    "The upper plots show the targets at the poses, numbered in the order of the tour from first (dark) to last "
-    "(light). The lower plot shows the position of each joint in its range."
+_JOINTS = (
+    "The position of each joint in its range at each pose, in the order of the tour from first (dark) to last (light)."
 )
+_CURVE = "Predicted error against the number of poses. The line marks this plan."
 _OF = {
     "designs": "Each row is a design with that number of poses.",
     "continuous design": "The rows scale the certificate's continuous design, which distributes any number of poses "
@@ -380,12 +270,11 @@ def design_document(result: DesignResult) -> doc.Document:
     """The predicted error, the tour, the certificate and the indices of the choice."""
     values = result.to_dict()
     session = SessionDuration.of(result.tour)
-    curves = _curve_pictures(result)
     lead = doc.Paragraph(f"{_chosen(values)} {_predicted(values)}{_worst(values)}", "lead", shown_in=doc.NARROW)
     return doc.Document(
         f"{values['robot']}: {values['poses']} poses to measure",
         (
-            _card(result, values, session, curves[0]),
+            _card(result, values, session),
             lead,
             doc.Warnings(result.warnings),
             doc.Section(
@@ -408,13 +297,12 @@ def design_document(result: DesignResult) -> doc.Document:
                         ),
                         folded=True,
                     ),
-                    doc.Figure("poses-figure", pose_pictures(result), _POSES),
+                    doc.Figure("poses-figure", (_joints_picture(result),), _JOINTS),
                 ),
             ),
             doc.Section(
                 "Number of poses",
                 (
-                    doc.Figure("information-figure", curves[1:], _O1),
                     _steps(values),
                     doc.Paragraph(f"{_BOUND} {_OF[values['curve_of']]}", "note"),
                 ),
@@ -427,7 +315,7 @@ def design_document(result: DesignResult) -> doc.Document:
     )
 
 
-def _card(result: DesignResult, values: dict[str, Any], session: SessionDuration, curve: doc.Picture) -> doc.Card:
+def _card(result: DesignResult, values: dict[str, Any], session: SessionDuration) -> doc.Card:
     """Summarise the plan: whether it can be run, how many poses, what error to expect, and the next step."""
     predicted, options, chain = values["predicted_mm"], result.options, result.problem.robot.chain
     badge = doc.Badge("free of collisions", "good")
@@ -451,7 +339,7 @@ def _card(result: DesignResult, values: dict[str, Any], session: SessionDuration
         f"Predicted after calibration: root mean square over {_region_text(result)}, by the noise of "
         f"{values['instrument']} alone; the bound that 95 % are below holds in 95 % of such calibrations.",
         ("Run the plan ", how, *measure, "; then give it to lab identify."),
-        (doc.Figure("curve-figure", (curve,), _CURVE),),
+        (doc.Figure("curve-figure", (main_picture(result),), _CURVE),),
     )
 
 

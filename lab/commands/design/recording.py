@@ -169,7 +169,7 @@ def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
 
 def _blueprint(shown: PlanScene, *, designed: bool) -> rrb.Blueprint:
     """The arm large, the two ellipsoids beside it, text and curves at hand, that of O1 where it is ``designed``."""
-    controls = rec.eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.head)
+    controls = rec.eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.Ts_world_station[0, :3, 3])
     factors = [format_magnification(each.factor) for each in (shown.uncertainty, shown.mapping)]
     close = rrb.Tabs(
         rec.close_view("ellipsoid/uncertainty", f"Predicted uncertainty (1σ) {factors[0]}", shown.reach_m),

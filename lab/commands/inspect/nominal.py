@@ -30,7 +30,7 @@ from lab.render.document import Block, Bullets, Paragraph, Table
 
 __all__ = [
     "ClosedShape", "closed_blocks", "closed_nominal", "closed_shape", "closed_shape_of", "serial_blocks",
-    "serial_frames", "serial_nominal", "serial_shape", "shape_of", "tree_blocks", "tree_nominal", "tree_shape",
+    "serial_frames", "serial_nominal", "serial_shape", "shape_of", "tree_blocks", "tree_nominal",
 ]  # fmt: skip
 
 _TRIES = 200  # poses from which a singular one is sought
@@ -208,11 +208,6 @@ def _placed(T: Array) -> dict[str, Any]:
         "position_mm": [tidy(x) for x in MM.of(T[:3, 3])],
         "rotation_vector_deg": [tidy(x) for x in turn],
     }
-
-
-def tree_shape(_: TreeChain) -> dict[str, Any]:
-    """No reach and no singularities: of one chain alone."""
-    return {"reach_mm": None, "singularities": []}
 
 
 def tree_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:

@@ -13,15 +13,11 @@ from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
 from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.model import RigidArm
-from lab.render.charts.chart import axes_picture, log_ticks
-from lab.render.charts.marks import Axes
-from lab.render.document import Block, Figure, Paragraph, Picture, Table
-from lab.render.style import PREDICTED, TICK
+from lab.render.document import Block, Paragraph, Table
 
 __all__ = ["encoders_of", "resolution", "resolution_blocks"]
 
 _POSES = 500  # random ones within the limits
-_LEAST_MM = 1e-12  # a smaller motion by a count is drawn as none
 
 
 def encoders_of(chain: JointSpec, steps: Sequence[float]) -> Encoders | None:
@@ -78,7 +74,7 @@ def _sizes(unit: str, found: Array) -> dict[str, float | None]:
 
 
 def resolution_blocks(values: Mapping[str, Any] | None) -> tuple[Block, ...]:
-    """Return the resolution as a paragraph, a table by encoder, and a figure; of unknown encoders a note."""
+    """Return the resolution as a paragraph and a table by encoder; of unknown encoders a note."""
     if values is None:
         text = (
             "The resolution is not given: the increments of the encoders are not known. Give --joint-steps, or "
@@ -99,26 +95,8 @@ def resolution_blocks(values: Mapping[str, Any] | None) -> tuple[Block, ...]:
     )
     heads = ("encoder of", "least, µm", "mean", "most", "least, m°", "mean", "most")
     caption = "Motion of the target by one count of each encoder: least, mean and largest over the poses."
-    return Paragraph(text), Table(heads, rows), Figure("resolution", (_picture(values),), caption)
+    return Paragraph(text), Table(heads, rows, caption)
 
 
 def _um(size: float | None) -> str:
     return "–" if size is None else f"{1e3 * size:.3g}"
-
-
-def _picture(values: Mapping[str, Any]) -> Picture:
-    names = [each["joint"] for each in values["encoders"]]
-    least, mean, most = (
-        1e3 * np.maximum([each[f"{name}_mm"] for each in values["encoders"]], _LEAST_MM)
-        for name in ("min", "mean", "max")
-    )
-
-    def draw(axes: Axes) -> None:
-        places = np.arange(len(names))
-        low = np.maximum(least, 1e-3 * most.max())
-        axes.vlines(places, low, most, color=TICK, linewidth=4)
-        axes.plot(places, np.maximum(mean, low), "o", color=PREDICTED, markersize=5)
-        log_ticks(axes, "y", float(low.min()) / 1.5, 1.5 * float(most.max()))
-        axes.set(xticks=places, xticklabels=names, xlabel="encoder of joint", ylabel="µm by one count")
-
-    return axes_picture("resolution", "Resolution at the tool, by encoder", (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15))

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,6 @@ from lab.commands.inspect.nominal import (
     serial_shape,
     tree_blocks,
     tree_nominal,
-    tree_shape,
 )
 from lab.commands.inspect.resolution import encoders_of, resolution, resolution_blocks
 from lab.commands.options import InspectOptions
@@ -267,7 +265,7 @@ def _inspection_document(result: Inspection) -> Document:
                 ),
             ),
             Section("Resolution at the tool", resolution_blocks(values["resolution"])),
-            Section("Layout", _layout(result.robot.chain)),
+            Section("Layout", layout_blocks(chain) if isinstance(chain := result.robot.chain, Mechanism) else ()),
             *((_cell_section(values, result.robot),) if "cell" in values else ()),
             Section("Identifiability", (*_identifiable(result), *_fixed(result))),
             Section("Conditioning", tuple(_conditioning(result))),
@@ -302,11 +300,6 @@ def _page_scene(result: Inspection) -> ArmScene:
     arm = robot.arm(result.options.targets)
     values = _nominal(result.options, robot)[: len(arm.names)]
     return replace(posed_arm(robot.model, arm, values, robot.chain.home[None], ["home"]), all_text="")
-
-
-def _layout(chain: JointSpec) -> tuple[Block, ...]:
-    """Return the layout graph of a mechanism with loops; nothing for a serial arm."""
-    return layout_blocks(chain) if isinstance(chain, Mechanism) else ()
 
 
 def _singular_values_picture(result: Inspection) -> Picture:
@@ -435,7 +428,7 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
     requested = named(arm.names, "--fix", options.fix)
     fixed_names = [arm.names[i] for i in structure.fixed_observable]
     nominal_model, shape = _described(robot.chain)
-    if robot.chain.has_loops:  # of a mechanism alone
+    if isinstance(robot.chain, Mechanism):
         shape["not_fixed"] = len(arm.names) - len(requested)
     values = {
         "robot": robot.name,
@@ -485,22 +478,11 @@ def _nominal(options: InspectOptions, robot: Robot) -> Array:
     return robot.arm_with(options.targets, options.groups).nominal(tool)
 
 
-@singledispatch
-def _described(joints: JointSpec) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The nominal model and the shape of a kind of robot, as plain values: each kind registers its own."""
-    raise NotImplementedError(type(joints))
-
-
-@_described.register
-def _(chain: Chain) -> tuple[dict[str, Any], dict[str, Any]]:
+def _described(chain: JointSpec) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the nominal model and the shape of a robot as plain values; several tips have no shape of their own."""
+    if isinstance(chain, Mechanism):
+        return closed_nominal(chain), closed_shape(chain)
+    if isinstance(chain, TreeChain):
+        return tree_nominal(chain), {"reach_mm": None, "singularities": []}
+    assert isinstance(chain, Chain)
     return serial_nominal(chain), serial_shape(chain)
-
-
-@_described.register
-def _(mechanism: Mechanism) -> tuple[dict[str, Any], dict[str, Any]]:
-    return closed_nominal(mechanism), closed_shape(mechanism)
-
-
-@_described.register
-def _(tree: TreeChain) -> tuple[dict[str, Any], dict[str, Any]]:
-    return tree_nominal(tree), tree_shape(tree)

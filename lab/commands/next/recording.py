@@ -1,9 +1,7 @@
-"""Proposed poses as a rerun recording, and live in a viewer: the arm at each, what was measured, and the accuracy."""
+"""Proposed poses as a rerun recording: the arm at each, what was measured, and the accuracy."""
 
 import hashlib
-import socket
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import numpy as np
 import rerun as rr
@@ -11,7 +9,6 @@ import rerun.blueprint as rrb
 
 from lab.commands.next.planner import PosePlanner, Proposal
 from lab.commands.next.run import NextPoseResult, proposal_text
-from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.core.units import MICRONS
 from lab.render.recording import (
@@ -32,10 +29,9 @@ from lab.render.scene import moved, reach_of, skeleton, world_legs
 from lab.render.style import RGB_CURRENT, RGB_MEASURED, RGB_UNCERTAINTY
 from lab.simulation.meshes import body_poses, shells
 
-__all__ = ["LiveView", "record_proposals"]
+__all__ = ["record_proposals"]
 
 _TIMELINE, _ACCURACY, _NEXT = "poses_measured", "accuracy_um", "next"
-_TIMEOUT_S = 3.0
 
 
 def record_proposals(path: Path, result: NextPoseResult) -> None:
@@ -46,33 +42,6 @@ def record_proposals(path: Path, result: NextPoseResult) -> None:
         for proposal in result.proposals:
             scene.show(result.data, proposal)
         log_texts(recording, result.document())
-
-
-class LiveView:
-    """A running rerun viewer that shows each proposal as it is made."""
-
-    def __init__(self, address: str, planner: PosePlanner) -> None:
-        """Connect.
-
-        Raises:
-            LabError: no viewer answers at the address.
-        """
-        parts = urlsplit(address)
-        try:
-            socket.create_connection((parts.hostname or "", parts.port or 9876), _TIMEOUT_S).close()
-        except (OSError, ValueError) as error:
-            raise LabError(
-                f"{option_name('connect')} {address}: no viewer answers ({error}); start one with: rerun"
-            ) from error
-        self._recording = rr.RecordingStream(f"lab next, {planner.problem.robot.name}")
-        self._recording.connect_grpc(address)
-        self._recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        self._scene = _Scene(self._recording, planner)
-
-    def show(self, data: Measurements, proposal: Proposal) -> None:
-        """Show a proposal with the measurements so far."""
-        self._scene.show(data, proposal)
-        self._recording.flush()
 
 
 class _Scene:

@@ -25,7 +25,6 @@ from lab.core.limits import TABLE_BYTES, WAYPOINTS
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extension_points import load_reference
 from lab.formats.csv_table import write_columns
 from lab.formats.measurement_csv import read_measurements
 from lab.formats.structured import read_text
@@ -38,9 +37,7 @@ from lab.render.document import (
     Card,
     Code,
     Document,
-    Figure,
     Paragraph,
-    Picture,
     Scene,
     Section,
     Table,
@@ -51,7 +48,6 @@ from lab.render.document import (
     short,
 )
 from lab.render.scene import MOST_POSES
-from lab.render.style import GATE, PREDICTED
 from lab.render.terminal import status
 
 __all__ = ["NextPoseResult", "next_pose", "proposal_text"]
@@ -63,7 +59,6 @@ _OF_PLAN = (
 )  # fmt: skip
 _NEXT_FILE = "next.csv"
 _SHOWN = "The arm at the pose to measure next, with the target's place there and at the poses measured so far."
-_PROGRESS = "The predicted error as the session went on, on a logarithmic axis."
 _MEND = "give the folder of a run of lab design, lab identify or lab calibrate"
 
 
@@ -204,9 +199,6 @@ def next_pose(
         requested, file = _planned(asked, given, plan.options if isinstance(plan, DesignResult) else None)
         planner = PosePlanner(**requested, progress=partial(stage, "candidates"))
         chain = planner.problem.robot.chain
-        live = None
-        if asked.connect is not None:
-            live = load_reference("lab.commands.next.recording:LiveView")(asked.connect, planner)  # loads rerun
         stage("proposal")
         found = list[tuple[Measurements, Proposal]]()
         for data in (given,) if given is not None else _growing(asked, file, planner):
@@ -216,8 +208,6 @@ def next_pose(
             found.append((data, planner.propose(seen.only("calibrate"), at=seen.joints[-1] if len(seen) else None)))
             if asked.follow:
                 say(proposal_text(chain, found[-1][1]))
-            if live is not None:
-                live.show(*found[-1])
             if found[-1][1].reached:
                 break
     return NextPoseResult(asked, planner, found[-1][0], tuple(proposal for _, proposal in found))
@@ -430,7 +420,7 @@ def _way(result: NextPoseResult) -> Table:
 
 
 def _progress(result: NextPoseResult) -> tuple[Block, ...]:
-    """Tabulate and draw the predicted errors of a session that was followed."""
+    """Tabulate the predicted errors of a session that was followed."""
     if len(result.proposals) < 2:
         return ()
     table = Table(
@@ -441,25 +431,4 @@ def _progress(result: NextPoseResult) -> tuple[Block, ...]:
             for each in result.proposals
         ),
     )  # fmt: skip
-    known = [(each.measured, MM.of(each.accuracy_m)) for each in result.proposals if each.accuracy_m is not None]
-    figure: tuple[Block, ...] = ()
-    if len(known) > 1:
-        figure = (Figure("progress-figure", (_progress_picture(known, result.planner.accuracy_m),), _PROGRESS),)
-    return (Section("Session so far", (table, *figure), shown_in=PAGE),)
-
-
-def _progress_picture(known: Sequence[tuple[int, float]], wanted_m: float | None) -> Picture:
-    from lab.render.charts.chart import axes_picture, log_ticks  # slow to import
-
-    poses, errors = zip(*known, strict=True)
-    ends = [*errors, *([] if wanted_m is None else [MM.of(wanted_m)])]
-
-    def draw(axes: Any) -> None:
-        axes.plot(poses, errors, "o-", color=PREDICTED, markersize=4)
-        log_ticks(axes, "y", min(ends) / 1.3, 1.3 * max(ends))
-        if wanted_m is not None:
-            axes.axhline(MM.of(wanted_m), color=GATE, linewidth=1.2, linestyle="--")
-            axes.annotate("wanted", (poses[0], MM.of(wanted_m)), xytext=(2, 3), textcoords="offset points", color=GATE)
-        axes.set(xlabel="poses measured", ylabel="predicted, mm")
-
-    return axes_picture("progress", "Predicted error by poses measured", (5.6, 2.6), draw, (0.8, 0.5, 0.1, 0.1))
+    return (Section("Session so far", (table,), shown_in=PAGE),)

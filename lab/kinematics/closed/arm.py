@@ -189,7 +189,7 @@ class ClosedArm:
             drawn += sides
             measured += [rod.joint is not None] * len(sides)
         rods = np.stack(drawn, axis=1) if drawn else np.empty((len(joints), 0, 2, 3))
-        return Skeleton(lines, lines, frames, origins, rods, tuple(measured))
+        return Skeleton(lines, frames, origins, rods, tuple(measured))
 
     def _hinges(self, joints: Array, values: Array) -> list[Array | None]:
         """Return the axis ``(n, 3)`` of the short sides of each parallelogram, or None for a rod.

@@ -190,7 +190,7 @@ class SerialArm:
         """Return the chain as one line with corners, in frame 0."""
         line = self.corners(joints, values)
         frames = line[:, ::2]
-        return Skeleton([line], [frames], frames, frames, np.empty((len(joints), 0, 2, 3)), ())
+        return Skeleton([line], frames, frames, np.empty((len(joints), 0, 2, 3)), ())
 
     def corners(self, joints: Array, values: Array) -> Array:
         """Return the chain in frame 0 as a line ``(n, 2 joints + 1, 3)``; every other corner is a frame's origin.

@@ -2,7 +2,6 @@
 
 import errno
 import json
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -173,20 +172,6 @@ def fill_disk_at(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
         return file
 
     monkeypatch.setattr(Path, "open", full)
-
-
-def test_a_recording_that_fails_leaves_no_run(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    def fail(path: Path, outcome: object) -> None:
-        path.write_bytes(b"half")
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(sys.modules["lab.commands.calibrate.recording"], "record", fail)
-    before = contents(folder)
-    assert run(CALIBRATE) == 2
-    assert "No space left on device" in the_line(capfd.readouterr().err)
-    assert contents(folder) == before
 
 
 def test_a_run_that_cannot_be_put_in_place_leaves_the_earlier_one(

@@ -1,14 +1,12 @@
 """The pictures by which a fit is checked: what their labels say, against the numbers themselves."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers.campaigns import calibration
 
-from lab.calibration.statistics.model_selection import GroupTrial
-from lab.commands.calibrate.figures import correlation_picture, residual_pictures, selection_picture, uncertainty_map
+from lab.commands.calibrate.figures import correlation_picture, residual_pictures, uncertainty_map
 from lab.commands.calibrate.result import stiffnesses
 from lab.render.charts.chart import inline_svg
 from lab.render.plots import size_maps
@@ -33,18 +31,6 @@ def test_the_strongest_correlation_is_named(seven) -> None:
     i, j = np.unravel_index(np.abs(np.triu(matrix, 1)).argmax(), matrix.shape)
     names = [found.model.names[k] for k in found.fit.free]
     assert names[i] in picture.label and names[j] in picture.label
-
-
-def test_the_path_of_model_selection_is_drawn_where_there_was_one(seven) -> None:
-    assert selection_picture(seven) == ()
-    tried = (
-        GroupTrial("geometry", 0, 0.4e-3, np.nan, 0.0, True),
-        GroupTrial("gear", 6, 0.39e-3, 0.4, 1.0, False),
-        GroupTrial("compliance", 6, 0.1e-3, 1e-9, -99.0, True),
-    )
-    chosen = replace(seven, fit=replace(seven.fit, selection=SimpleNamespace(groups=tried)))
-    (picture,) = selection_picture(chosen)
-    assert picture.label == "Model selection: the hold-out error falls from 0.400 to 0.100 mm"
 
 
 def test_predicted_errors_are_those_of_the_verdict_and_extrapolation_is_marked(seven) -> None:

@@ -27,9 +27,9 @@ from lab.render.terminal import to_text
 
 SECTIONS = ["Errors and reasons", "Before and after calibration", "Errors over the workspace",
             "Uncertainty and goodness of fit", "Parameters", "Identifiability and conditioning",
-            "The arm at its poses", "What was done", "Glossary"]  # fmt: skip
+            "What was done", "Glossary"]  # fmt: skip
 FIGURES = ["errors-figure", "arm-scene", "where", "uncertainty", "residuals", "residuals-in-time", "corrections",
-           "singular-values-figure", "correlations-figure", "arm"]  # fmt: skip
+           "singular-values-figure", "correlations-figure"]  # fmt: skip
 NASTY = """<script>alert("$x_1$")</script>&'<b>"""
 
 
@@ -49,7 +49,7 @@ def test_a_run_has_its_sections_and_figures(drawn_run: Path) -> None:
     assert [name for name, figure in seen.figures.items() if not figure["svg"]] == ["arm-scene"]
     # one spread; two maps in two views; two maps; six joints; three axes in time and quantiles; two units; …
     assert (
-        seen.source.count("<svg") == 1 + 4 + 2 + 6 + 4 + 2 + 1 + 1 + 2
+        seen.source.count("<svg") == 1 + 4 + 2 + 6 + 4 + 2 + 1 + 1
         and seen.tags.count("h1") == 1
         and 'lang="en"' in seen.source
     )

@@ -36,7 +36,7 @@ def test_corrected_targets_are_listed_and_those_that_fail(seven_run: Path, tmp_p
         main(["compensate", targets, "--run", str(seven_run), "--out", str(out), "--json"])
         seen, result = Page(out / "report.html"), json.loads((out / "result.json").read_text())
         assert result["converged"] == reached and seen.headings[0].startswith(f"irb120: {reached} of ")
-        assert set(seen.figures) == ({"moved-figure", "targets-scene", "where"} if reached else set())
+        assert set(seen.figures) == ({"moved-figure", "targets-scene"} if reached else set())
         for each in result["failed"]:
             assert [each["id"], each["reason"]] in seen.table("target", "why it is not reached")
         if reached:

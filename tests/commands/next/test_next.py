@@ -120,7 +120,6 @@ def test_further_poses_after_an_identification() -> None:
         ("next plan none.csv", "none.csv: cannot be read"),
         ("next nothing", "nothing"),
         ("next plan --patience-s 0 --follow other.csv", "--patience-s is 0; give 0.1 to 86,400 s"),
-        ("next plan --connect rerun+http://127.0.0.1:9/proxy", "no viewer answers"),
         ("next loaded", "is a plan for model compliance; lab next is for geometry alone"),
         ("next predicted", "is a run of lab inspect; give the folder of a run of lab design"),
     ],
