@@ -378,7 +378,6 @@ def next_pose(
     instrument: str | Path | Instrument | None = None,
     follow: bool = False,
     patience_s: float = 600.0,
-    connect: str | None = None,
     candidates: int = 2000,
     no_recording: bool = False,
     seed: int = 0,
