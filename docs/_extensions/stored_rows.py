@@ -2,13 +2,15 @@
 
 `source-rows` lists what the four sources ask for. `stored-rows NAME` shows figures that
 scripts/experiments/stored_results.py has measured, with their commands (option `commands`), and below them when and on
-which machine.
+which machine. `stored-document NAME` shows what scripts/experiments/NAME.py has stored, as that script prints it.
 """
 
 import json
+import sys
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from math import floor, log10
 from pathlib import Path
 from typing import Any, ClassVar
@@ -19,6 +21,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from lab.extensions.reproduction.item import Item, source_named
+from lab.render.markdown import to_markdown
 
 DOCS = Path(__file__).parents[1]
 ROWS, STORED = DOCS / "reference" / "source_rows.toml", DOCS / "results" / "stored"
@@ -183,8 +186,24 @@ class StoredRows(SphinxDirective):
         return [*found, paragraph]
 
 
+class StoredDocument(SphinxDirective):
+    """Show the stored values of a script in its own tables."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Return the document without its title."""
+        name = self.arguments[0]
+        self.env.note_dependency(str(STORED / f"{name}.json"))
+        if (experiments := str(DOCS.parent / "scripts" / "experiments")) not in sys.path:
+            sys.path.append(experiments)
+        document = import_module(name).document(stored_table(name))
+        return self.parse_text_to_nodes(to_markdown(document).partition("\n\n")[2], allow_section_headings=True)
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register the directives."""
     app.add_directive("source-rows", SourceRows)
     app.add_directive("stored-rows", StoredRows)
+    app.add_directive("stored-document", StoredDocument)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

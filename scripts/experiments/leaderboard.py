@@ -38,7 +38,7 @@ sys.path.append(str(peers.FOLDER))
 Arm = import_module("scipy_jobs").Arm  # a chain of numpy alone, written apart from the lab
 
 SETS = Path(__file__).with_suffix(".toml")
-PAGE = peers.PAGE.with_name("leaderboard.md")
+STORED = peers.STORED.with_name("leaderboard.json")
 POSITION = ("x_mm", "y_mm", "z_mm")
 COVARIANCE = tuple(f"cov_{pair}_mm2" for pair in ("xx", "xy", "xz", "yy", "yz", "zz"))
 MEASURED = (*POSITION, "rx_deg", "ry_deg", "rz_deg")  # ends of columns that a method has to predict
@@ -66,7 +66,7 @@ class Options:
     limit_s: float = 600
     """Seconds that another package may take for a set."""
     write: Flag = False
-    """Store the scores beside those stored before, and write all into the page docs/results/leaderboard.md."""
+    """Store the scores beside those stored before; the page docs/results/leaderboard.md shows all."""
     json: Flag = False
     """Print one JSON object."""
 
@@ -576,12 +576,9 @@ def answer(options: Options) -> Answer:
         return of_predictions(options)
     values = compared(options)
     if options.write:
-        file = PAGE.with_suffix(".json")
-        values = merged(json.loads(file.read_text(encoding="utf-8")), values) if file.is_file() else values
-    shown = document(values)
-    if options.write:
-        peers.store(values, shown, PAGE, "leaderboard")
-    return Answer(values, shown)
+        values = merged(json.loads(STORED.read_text(encoding="utf-8")), values) if STORED.is_file() else values
+        STORED.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
+    return Answer(values, document(values))
 
 
 if __name__ == "__main__":

@@ -31,13 +31,10 @@ from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 from lab.pose_selection.exchange import Certificate, certify
-from lab.render.markdown import to_markdown
 
 ROOT = Path(__file__).parents[2]
 FOLDER = Path(__file__).with_name("peers")
-PAGE = ROOT / "docs" / "results" / "peers.md"
-STORED = PAGE.with_suffix(".json")
-BEGIN, END = "<!-- printed by scripts/experiments/{}.py -->\n", "<!-- end -->\n"
+STORED = ROOT / "docs" / "results" / "stored" / "peers.json"
 TABLE = [[0, 290, 0, -90], [-90, 0, 270, 0], [0, 0, 70, -90], [0, 302, 0, 90], [0, 0, 0, -90], [180, 72, 0, 0]]
 TARGET = [60, 0, 40]
 JOBS = ("fit", "own_residual", "study")
@@ -94,7 +91,7 @@ class Options:
     folder: Path = Path("build/peers")
     """Folder of the environments, kept for another run."""
     write: Flag = False
-    """Store the result, and write its tables into the page docs/results/peers.md."""
+    """Store the result, which the page docs/results/peers.md shows."""
     json: Flag = False
     """Print one JSON object."""
 
@@ -634,41 +631,14 @@ def _jobs_table(jobs: Mapping[str, Any]) -> Table:
     return Table(heads, cast(Any, tuple(rows)))
 
 
-def with_block(page: str, script: str, text: str) -> str:
-    """Return a page whose part between the markers of a script is new.
-
-    Raises:
-        LabError: the page lacks the markers.
-    """
-    begin = BEGIN.format(script)
-    before, marked, rest = page.partition(begin)
-    _, ended, after = rest.partition(END)
-    if not marked or not ended:
-        raise LabError(f"the page lacks the lines {begin.strip()} and {END.strip()}")
-    return f"{before}{begin}\n{text.strip()}\n\n{END}{after}"
-
-
-def block(shown: Document) -> str:
-    """Return a document as the part of a page, without its title."""
-    return to_markdown(shown).partition("\n\n")[2]
-
-
-def store(values: Mapping[str, Any], shown: Document, page: Path, script: str) -> None:
-    """Store values beside a page, and write the document into it."""
-    text = with_block(page.read_text(encoding="utf-8"), script, block(shown))
-    page.with_suffix(".json").write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
-    page.write_text(text, encoding="utf-8")
-
-
 def answer(options: Options) -> Answer:
     """Compare, print and, if asked, store."""
     if options.write and options.only:
         raise LabError("--write stores a whole comparison: run it without --only")
     values = compared(options)
-    shown = document(values)
     if options.write:
-        store(values, shown, PAGE, "peers")
-    return Answer(values, shown)
+        STORED.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
+    return Answer(values, document(values))
 
 
 if __name__ == "__main__":

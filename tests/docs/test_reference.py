@@ -6,14 +6,13 @@ import re
 import sys
 import tomllib
 from importlib import import_module
-from types import FunctionType
 
 import pytest
 from helpers.robots import ROOT
 
 import lab
 from lab.commands.help_text import options_of_command
-from lab.commands.registry import all_commands, command_named
+from lab.commands.registry import all_commands
 
 pytest.importorskip("sphinx")
 pytestmark = pytest.mark.thorough  # sphinx is of the extra docs
@@ -32,13 +31,6 @@ def test_every_public_name_has_a_page_of_its_own() -> None:
     assert {path for path in OBJECTS if ":" not in path} == set(lab.__all__) - {"__version__"}
     pages = [each.page.lower() for each in OBJECTS.values()]
     assert len(set(pages)) == len(pages)  # also where files do not differ in capitals
-
-
-def test_what_a_call_returns_has_a_page() -> None:
-    for path in CALLS:
-        returned = interface.spelled(inspect.signature(OBJECTS[path].value).return_annotation)
-        for name in re.findall(r"[A-Z]\w+", returned):
-            assert name in {each.name for each in OBJECTS.values()} | {"None"}, f"{path} returns {name}"
 
 
 def test_every_group_is_on_the_page_of_the_interface() -> None:
@@ -85,12 +77,6 @@ def test_a_command_shows_every_option_once_with_an_anchor(command) -> None:
         assert commands.meaning(each.help) in page or "\n\n" in each.help
 
 
-def test_units_are_those_of_the_names() -> None:
-    shown = {"noise_mm": "mm", "gear_ppm": "ppm", "stiffness_nm_per_rad": "N m/rad", "feed_mm_s2": "mm/s²", "model": ""}
-    assert {name: commands.unit_of(name) for name in shown} == shown
-    assert "float | None, mm" in interface.call_page(OBJECTS["identify"]).replace("\\", "")
-
-
 def test_a_text_is_no_markup() -> None:
     assert commands.meaning("give link4.d,tool.* by --fix, as lab identify does", "{name}") == (
         r"give link4.d,tool.\* by ``fix``, as ``lab identify`` does"
@@ -124,11 +110,6 @@ def test_links_of_pages_lead_to_pages() -> None:
             assert year in bibliography
         for author in re.findall(r"[A-Z][a-z]{3,}(?= (?:and|\())", about.get("sources", "")):
             assert author in bibliography, author
-
-
-def test_a_page_names_the_call_of_its_command() -> None:
-    assert ":py:func:`lab.identify`" in commands.command_page(command_named("identify"))
-    assert isinstance(lab.identify, FunctionType) and ":ref:`lab-identify`" in interface.call_page(OBJECTS["identify"])
 
 
 def test_the_search_knows_every_arm_and_leads_to_pages() -> None:

@@ -71,17 +71,6 @@ def test_every_item_and_command_of_a_row_exists(table) -> None:
             parsed(command_named(arguments[0]), arguments[1:])
 
 
-def test_a_test_that_does_not_exist_is_seen(table, tmp_path: Path) -> None:
-    """The negative: a row that names no test of its file."""
-    path = tmp_path / "rows.toml"
-    path.write_text(
-        '[[row]]\nsource = "thesis"\nrow = "x"\ncommand = "lab"\ntest = "tests/docs/test_pages.py::test_x"\n'
-    )
-    (row,) = table.source_rows(path)
-    name, _, function = row.held_by.partition("::")
-    assert function not in functions(ROOT / name) and "test_every_link_leads_somewhere" in functions(ROOT / name)
-
-
 def test_an_item_has_its_command_and_its_test(table) -> None:
     row = table.SourceRow("thesis", "x", item="Table III.3")
     assert row.shown_by.startswith("lab kinematics irb120") and row.held_by.endswith("[thesis-Table III.3]")
