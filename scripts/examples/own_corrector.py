@@ -2,10 +2,14 @@
 
 import numpy as np
 import tyro
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 import lab
+
+try:
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+except ImportError as error:
+    raise SystemExit("scikit-learn is missing: pip install scikit-learn") from error
 
 
 class LearnedCorrector:

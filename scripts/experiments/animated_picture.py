@@ -12,10 +12,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import trimesh
-from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
-from PIL import Image
 from shared import Answer, Document, paragraphs, run_script
 
 import lab
@@ -27,6 +23,11 @@ from lab.render.scene import magnification, moved
 from lab.render.style import ARM, ARROW_AFTER, BEFORE, GRID, INK, MUTED, rgb
 from lab.simulation.meshes import arm_shells, body_poses
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from PIL import Image
+
+NEEDS: Final = ("matplotlib", "PIL")
 ROOT: Final = Path(__file__).parents[2]
 DATA: Final = "models/ur5/measured/ur5_jacobi_1000.csv"
 COMMAND: Final = f"lab identify {DATA} --robot ur5 --holdout 0.3 --model auto"
@@ -91,6 +92,8 @@ def answer(options: Options) -> Answer:
     Raises:
         LabError: the file cannot be written.
     """
+    from PIL import Image
+
     scene = measured_scene()
     frames = [drawn(scene, number) for number in range(FRAMES)]
     about = Image.Exif()
@@ -153,16 +156,20 @@ def shrunk(number: int) -> float:
     return share * share * (3 - 2 * share)
 
 
-def drawn(scene: Scene, number: int) -> Image.Image:
+def drawn(scene: Scene, number: int) -> "Image.Image":
     """Draw a frame."""
+    from PIL import Image
+
     figure = frame_figure(scene, number)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=figure.dpi)
     return Image.open(buffer).convert("RGB")
 
 
-def frame_figure(scene: Scene, number: int) -> Figure:
+def frame_figure(scene: Scene, number: int) -> "Figure":
     """Draw a frame with matplotlib."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(SIZE[0] / 100, SIZE[1] / 100), dpi=100, facecolor="white")
     axes = figure.add_axes((0.0, 0.0, _SCENE, 1.0))
     _draw_arm(axes, scene, scene.joints[number])
@@ -196,6 +203,9 @@ def _seen(points: Array) -> Array:
 
 def _draw_arm(axes: Any, scene: Scene, joints: Array) -> None:
     """Draw the arm's surfaces, the farthest first, and its shadow on the floor."""
+    import trimesh
+    from matplotlib.collections import PolyCollection
+
     model = scene.robot.model
     bodies = body_poses(model, scene.arm, scene.values, joints[None])
     corners, colours = [], []
@@ -242,7 +252,7 @@ def _blend(share: float) -> tuple[float, ...]:
     return tuple(float(part) for part in (1 - share) * first + share * last)
 
 
-def _write(figure: Figure, scene: Scene, share: float) -> None:
+def _write(figure: "Figure", scene: Scene, share: float) -> None:
     """Write what is seen beside the arm."""
     x, poses = _SCENE + 0.01, len(scene.points)
     calibrated = share > 0.5

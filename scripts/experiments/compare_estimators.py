@@ -29,6 +29,7 @@ from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import VirtualMeasurement, track_with_errors
 from lab.studies import executors
 
+NEEDS = ("sklearn",)
 ROBOT, INSTRUMENT, TARGET = "irb120", "uniform-8um", ("p1",)
 LEAST_SQUARES, LEARNED = "least squares", "learned corrector"
 _KALMAN, _TUKEY = example("own_kalman").KalmanFilter, example("own_robust").Tukey

@@ -10,17 +10,20 @@ the compliances, so that the share does not depend on them; the errors do.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
-from shared import FIGURE_STYLE, SERIES, Answer, Document, Flag, paragraphs, run_script, save_figure
+from shared import SERIES, Answer, Document, Flag, drawing, paragraphs, run_script, save_figure
 
 from lab.campaign.robot import Robot, load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NEEDS = ("matplotlib",)
 
 EI, GJ, STIFFNESS = 48_400.0, 36_000.0, 1e5
 CAUSES: Mapping[str, Mapping[str, float]] = {
@@ -113,10 +116,9 @@ def absorbed(robot: Robot, joints: Array, cause: str, payload: str) -> dict[str,
     return {"poses": half, "elastic_mm": raw, **found, "share": 1 - found["geometry_mm"] / found["aligned_mm"]}
 
 
-def picture(rows: list[dict[str, Any]]) -> Figure:
+def picture(rows: list[dict[str, Any]]) -> "Figure":
     """What is left over what base and tool leave, by payload and workspace."""
-    with matplotlib.rc_context(FIGURE_STYLE):
-        figure = Figure(figsize=(9.0, 4.0), layout="constrained")
+    with drawing((9.0, 4.0)) as figure:
         for at, cause in enumerate(CAUSES):
             left = "" if at else "left of the elastic error, %"
             axes = figure.add_subplot(1, 2, at + 1, title=cause, ylabel=left)

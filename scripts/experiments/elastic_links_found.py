@@ -12,13 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
 from designed_campaign import POSES, DesignedCampaign
-from matplotlib.figure import Figure
-from shared import FIGURE_STYLE, SERIES, Answer, Document, Flag, Paragraph, paragraphs, run_script, save_figure
+from shared import SERIES, Answer, Document, Flag, Paragraph, drawing, paragraphs, run_script, save_figure
 from threadpoolctl import threadpool_limits
 
 from lab.campaign.option_groups import Effects
@@ -28,6 +26,11 @@ from lab.core.measurements import Measurements
 from lab.kinematics.gauge import base_set
 from lab.simulation.true_robot import TrueRobot
 from lab.studies import executors
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NEEDS = ("matplotlib",)
 
 EI = 48_400.0  # N m²: aluminium, 70 GPa, a tube of 80 x 4 mm
 TARGETS = ("p1", "p2", "p3")
@@ -183,10 +186,9 @@ def of_case(case: str, found: Sequence[Found]) -> dict[str, Any]:
     }
 
 
-def picture(curve: Sequence[dict[str, Any]]) -> Figure:
+def picture(curve: Sequence[dict[str, Any]]) -> "Figure":
     """What is said, over what geometry and joint springs leave."""
-    with matplotlib.rc_context(FIGURE_STYLE):
-        figure = Figure(figsize=(7.0, 3.4), layout="constrained")
+    with drawing((7.0, 3.4)) as figure:
         axes = figure.add_subplot(xlabel="EI, N m² (µm left by geometry and joint springs)", ylabel="arms, %")
         under = np.zeros(len(curve))
         for i, name in enumerate(SAID):

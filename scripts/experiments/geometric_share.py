@@ -9,11 +9,10 @@ a quarter to eight times representative ones. What the model leaves is not geome
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
-from shared import FIGURE_STYLE, SERIES, Answer, Document, Flag, Table, paragraphs, run_script, save_figure
+from shared import SERIES, Answer, Document, Flag, Table, drawing, paragraphs, run_script, save_figure
 
 from lab.campaign.option_groups import Effects
 from lab.core.errors import LabError
@@ -23,6 +22,11 @@ from lab.render.style import MUTED, REFERENCE
 from lab.studies.analysis import CampaignArray, resampled
 from lab.studies.grid import NONE, Study
 from lab.studies.run import study_runner
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NEEDS = ("matplotlib",)
 
 LEVELS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 SOURCES: Mapping[str, Effects] = {  # at level 1
@@ -175,9 +179,8 @@ def _table(found: Sequence[Share]) -> Table:
     return Table(heads, rows, "Mean errors on validation poses, with 95 % intervals over the arms")
 
 
-def _picture(found: Sequence[Share]) -> Figure:
-    with matplotlib.rc_context(FIGURE_STYLE):
-        figure = Figure(figsize=(7.5, 4.6), layout="constrained")
+def _picture(found: Sequence[Share]) -> "Figure":
+    with drawing((7.5, 4.6)) as figure:
         axes = figure.add_subplot(xscale="log", title="Share of the position error that is geometric")
         for i, name in enumerate((*SOURCES, ALL)):
             rows = [each for each in found if each.source == name]

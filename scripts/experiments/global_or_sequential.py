@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.special import elliprg
-from shared import FIGURE_STYLE, SERIES, Answer, Document, Flag, paragraphs, run_script, save_figure, write_rows
+from shared import SERIES, Answer, Document, Flag, drawing, paragraphs, run_script, save_figure, write_rows
 
 from lab.calibration.batch import MAX_STEPS, MeasuredPoses, StackedPoseArm, fit_poses
 from lab.campaign.robot import Robot, load_robot
@@ -33,6 +32,11 @@ from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import target_rotations
 from lab.simulation.true_robot import true_robot_from_table
 from lab.studies.analysis import RESAMPLES, resampled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NEEDS = ("matplotlib",)
 
 SIGMA_M = 1e-4  # of a coordinate
 SIGMAS_RAD = (1e-5, 1e-4, 3e-4, 1e-3)  # of an orientation, per axis
@@ -338,14 +342,13 @@ def crossing_rad(curve: Array, level: float) -> float:
     return float(np.exp(np.interp(level, curve, np.log(CURVE_RAD))))
 
 
-def picture(rows: Sequence[dict[str, float]], curve: Array, alone_mm: float, title: str) -> Figure:
+def picture(rows: Sequence[dict[str, float]], curve: Array, alone_mm: float, title: str) -> "Figure":
     """Errors on validation poses against the orientations' noise.
 
     Points are simulated, lines ``(2, CURVE_RAD)`` predicted.
     """
     noise = [row["noise_mrad"] for row in rows]
-    with matplotlib.rc_context(FIGURE_STYLE):
-        figure = Figure(figsize=(8.5, 5.5), layout="constrained")
+    with drawing((8.5, 5.5)) as figure:
         axes = figure.add_subplot(xscale="log", yscale="log", title=title)
         for name, colour, mark, size, line in (
             ("sequential", SERIES[1][0], "s--", 6.5, curve[1]),

@@ -1,6 +1,7 @@
 """Run a script: read its options, compute its answer on one thread, and print that as the lab's commands do.
 
-Each script is a module with a frozen dataclass ``Options`` and a function ``answer`` from them to an ``Answer``. The
+Each script is a module with a frozen dataclass ``Options``, a function ``answer`` from them to an ``Answer``, and
+``NEEDS``, the optional packages that it imports where it uses them. The
 processes of a study call functions of importable modules only, so that a script is imported by its name.
 """
 
@@ -10,9 +11,11 @@ import math
 import os
 import platform
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +31,7 @@ from lab.render.terminal import print_document
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = [
     "FIGURE_STYLE",
@@ -40,6 +44,7 @@ __all__ = [
     "Row",
     "Section",
     "Table",
+    "drawing",
     "example",
     "mark_ratios",
     "named_values",
@@ -80,6 +85,9 @@ def run_script(name: str, arguments: Sequence[str] | None = None) -> None:
     script = import_module(name)
     options = tyro.cli(script.Options, args=arguments, description=script.__doc__)
     try:
+        for package in getattr(script, "NEEDS", ()):
+            if find_spec(package) is None:
+                raise LabError(f"{package} is missing: pip install {package}")
         with threadpool_limits(1):
             answer: Answer = script.answer(options)
     except LabError as error:
@@ -102,6 +110,16 @@ def _finite(value: Any) -> Any:
 def paragraphs(lines: Sequence[str]) -> tuple[Paragraph, ...]:
     """Return lines of text as blocks of a document."""
     return tuple(Paragraph(line) for line in lines)
+
+
+@contextmanager
+def drawing(size: tuple[float, float]) -> Iterator["Figure"]:
+    """Give a figure of this size in inches, in the lab's style."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(FIGURE_STYLE):
+        yield Figure(figsize=size, layout="constrained")
 
 
 def example(name: str) -> Any:

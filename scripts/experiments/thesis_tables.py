@@ -11,14 +11,10 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from shared import (
-    FIGURE_STYLE,
     Answer,
     Block,
     Document,
@@ -27,6 +23,7 @@ from shared import (
     Row,
     Section,
     Table,
+    drawing,
     mark_ratios,
     paragraphs,
     run_script,
@@ -58,6 +55,12 @@ from lab.simulation.collisions import random_poses
 from lab.studies.analysis import CampaignArray, Comparison, Mean, Pair, compared, groups, means
 from lab.studies.grid import ANY, Cell, Study
 from lab.studies.run import read_store, study_runner
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NEEDS = ("matplotlib",)
 
 STUDIED = ("random", "O1", "O2", "O3", "O4", "O5")  # the condition number is O2 turned over: the same poses
 SCALED = ("raw", "unit", "length", "whitened")
@@ -290,13 +293,12 @@ _SCALING_WORDS = {
 }
 
 
-def criteria_figure(answer: CriterionComparison, metrics: Sequence[str], titles: Sequence[str], title: str) -> Figure:
+def criteria_figure(answer: CriterionComparison, metrics: Sequence[str], titles: Sequence[str], title: str) -> "Figure":
     """Errors against those of O1's poses: a row of panels a metric, a column a number of poses, a mark a scaling."""
     numbers = list(dict.fromkeys(poses for _, poses in answer.compared))
     order = _by_error(answer)
-    with matplotlib.rc_context(FIGURE_STYLE):
-        size = (max(8.5, 2.2 + 3.1 * len(numbers)), 1.5 + 2.6 * len(metrics))
-        figure = Figure(figsize=size, layout="constrained")
+    size = (max(8.5, 2.2 + 3.1 * len(numbers)), 1.5 + 2.6 * len(metrics))
+    with drawing(size) as figure:
         grid = figure.subplots(len(metrics), len(numbers), squeeze=False, sharex=True, sharey=True)
         for i, metric in enumerate(metrics):
             for j, poses in enumerate(numbers):
@@ -333,7 +335,7 @@ def _by_error(answer: CriterionComparison) -> list[str]:
     return sorted(logs, key=lambda name: (name != BASELINE, np.mean(logs[name])))
 
 
-def _criteria_panel(axes: Axes, answer: CriterionComparison, metric: str, poses: int, order: Sequence[str]) -> None:
+def _criteria_panel(axes: "Axes", answer: CriterionComparison, metric: str, poses: int, order: Sequence[str]) -> None:
     comparison = answer.compared[metric, poses]
     scalings = [scaling for scaling in _MARKS if scaling != ANY]
     pairs = [pair for each in answer.compared.values() for pair in each.pairs]

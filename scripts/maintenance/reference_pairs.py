@@ -15,8 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mpmath
-from mpmath import mp, mpf
+try:
+    import mpmath
+    from mpmath import mp, mpf
+except ImportError as error:
+    raise SystemExit("mpmath is missing: pip install mpmath") from error
 
 __all__ = ["DIGITS", "FOLDER", "SETS", "calculate", "inputs", "observed", "radians", "read", "start_of"]
 
