@@ -9,7 +9,7 @@ import io
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from shared import Answer, Document, paragraphs, run_script
