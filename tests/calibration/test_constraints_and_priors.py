@@ -10,7 +10,6 @@ from lab.calibration.identifiability import condition_of, scaled_condition, weak
 from lab.calibration.identify import IdentifyOptions, identify, most_likely_parameters
 from lab.calibration.prior import Tolerance, alias_matrix, prior_of, standard_deviations
 from lab.calibration.weights import Noise
-from lab.commands.inspect.run import inspect
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.gauge import base_set
@@ -83,20 +82,6 @@ def test_wishes_that_cannot_be_met(asked: IdentifyOptions, says: tuple[str, ...]
     assert all(part in str(error.value) for part in says)
 
 
-@pytest.mark.thorough
-def test_what_inspection_says_is_held() -> None:
-    """With the tool held, the last link can be told apart: nobody asked for it to be held."""
-    seen = inspect(IRB120, targets=("p1",), fix=("tool.*", "link4.d")).values
-    assert seen["held"] == ["link4.d", "tool.p1.x", "tool.p1.y", "tool.p1.z"]
-    assert seen["told_apart"] == ["link6.theta", "link6.d", "link6.a", "link6.alpha"]
-    assert not {*seen["held"], *seen["told_apart"]} & set(seen["aliases"])
-    for name in seen["told_apart"]:
-        freed = inspect(IRB120, targets=("p1",), fix=("tool.*", "link4.d"), free=(name,)).values
-        assert name in freed["identifiable"] and freed["rank"] == seen["rank"] + 1
-    plain = inspect(IRB120, targets=("p1",)).values
-    assert plain["held"] == plain["told_apart"] == []
-
-
 def test_the_condition_of_columns_of_any_size() -> None:
     straight = np.diag([1e-3, 1.0, 1e6])
     assert scaled_condition(straight) == pytest.approx(1.0)
@@ -120,11 +105,6 @@ def test_what_is_exported_does_not_depend_on_the_representative() -> None:
     assert usual.values[a] == NOMINAL[a]  # what is not lifted depends on it
 
 
-def test_a_lift_leaves_an_arm_as_it_was_asked_for() -> None:
-    found = identified(campaign(5), IdentifyOptions(fix=("link4.d",)))
-    np.testing.assert_array_equal(most_likely_parameters(found, NOMINAL, Tolerance()), found.values)
-
-
 def test_the_prior_of_the_base_set_is_that_of_the_drawing() -> None:
     """Draw all parameters by their tolerances and gather them: the covariance is the prior's."""
     values = somewhere(ARM, np.random.default_rng(0))
@@ -140,13 +120,6 @@ def test_the_prior_of_the_base_set_is_that_of_the_drawing() -> None:
     assert not any(ARM.names[i].startswith(PLACED) for i in prior.of)
     d3 = prior.of.index(ARM.names.index("link3.d"))
     assert size[d3] == pytest.approx(np.sqrt(2) * 0.5e-3)  # link2.d goes into it
-
-
-def test_the_posterior_does_not_depend_on_the_representative() -> None:
-    data = campaign(6, 12)
-    both = [identified(data, IdentifyOptions(s.fix, s.free, Tolerance())) for s in (IdentifyOptions(), SWAPPED)]
-    points = [ARM.points(FRESH, found.values) for found in both]
-    np.testing.assert_allclose(points[0], points[1], rtol=0, atol=1e-9)
 
 
 def test_tolerances_help_where_measurements_do_not() -> None:

@@ -146,12 +146,6 @@ def test_what_an_estimator_itself_refuses_is_passed_on() -> None:
         identified(Given(refuse))
 
 
-def test_few_poses_without_any_residual_name_the_noise() -> None:
-    few = lab.simulate("scara", poses=4, seed=3).measurements
-    with pytest.raises(LabError, match=r"estimator 'gauss-newton': .* noise; give noise_mm|poses, but the"):
-        lab.identify(few, robot="scara", estimator=GaussNewton())
-
-
 @pytest.mark.parametrize("given", [3, Estimator, np.linalg.lstsq, type("Nameless", (GaussNewton,), {"name": ""})()])
 def test_what_is_no_estimator_is_refused(given: object) -> None:
     with pytest.raises(LabError, match=r"give an object of a subclass of lab.Estimator with a name"):

@@ -20,10 +20,8 @@ from lab.calibration.extrapolation import MeasuredRange, PoseCover, distinct_pos
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import WEAK, Identification, identify
 from lab.calibration.statistics.candidate_models import TELLING, largest_useful_std
-from lab.calibration.statistics.model_selection import select
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.verdict import verdict
-from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.arm import Arm
@@ -145,25 +143,6 @@ def test_a_wave_is_useful_where_half_of_it_was_measured_and_a_ratio_where_it_is_
     assert found.tolist() == [WEAK, WEAK, TELLING, TELLING, WEAK, WEAK, WEAK, TELLING, TELLING]
 
 
-@pytest.mark.parametrize("bend", [0.0, 3e-3])
-def test_waves_that_are_hardly_measured_do_not_run_off(bend: float) -> None:
-    """What is taken for a joint that moved over a part of a turn is known there, or is not fitted."""
-    rows, beyond = campaign(3, bend)
-    chosen = select(
-        lambda groups: IRB120.arm_with(("p1",), groups),
-        rows,
-        lambda model: model.nominal(IRB120.tool),
-        Noise(None, SIGMA),
-        candidates=("harmonics", "harmonics2", "gear"),
-    )
-    found = chosen.identification
-    effects = [i for i, each in enumerate(found.fit.free) if found.model.parameters[each].group in chosen.chosen]
-    useful = largest_useful_std([found.model.parameters[found.fit.free[i]] for i in effects], rows.joints)
-    assert (found.std[effects] <= 1.2 * useful).all()
-    missed = np.linalg.norm((beyond.points - found.model.points(beyond.joints, found.values))[:, 0], axis=1)
-    assert np.median(missed) < 1e-3
-
-
 def test_a_gap_between_measured_regions_is_not_covered_although_it_is_within_the_range() -> None:
     rng = np.random.default_rng(0)
     two = np.concatenate([rng.uniform(-1.0, -0.6, (60, 2)), rng.uniform(0.6, 1.0, (60, 2))])
@@ -266,15 +245,6 @@ def test_repeats_of_poses_cover_nothing_more() -> None:
     np.testing.assert_allclose(read.beyond(apart), away, atol=1e-4)
     rows, which = distinct_poses(visits, turning)
     assert (rows == np.arange(60)).all() and (which == np.tile(np.arange(60), 12)).all()
-
-
-def test_a_dense_path_is_more_than_one_pose() -> None:
-    """Each of its poses is as near to the next as a repeat is, and its ends are far apart."""
-    path = np.linspace(0, 1, 1001)[:, None] * np.ones(3)
-    rows, which = distinct_poses(path, np.ones(3, dtype=bool))
-    assert 60 < len(rows) < 120 and rows[0] == 0
-    assert np.abs(path - path[rows[which]]).max() < 0.02
-    assert PoseCover.of(path, np.ones(3, dtype=bool)).beyond(path).max() < 1
 
 
 def visited(rows: Measurements, visits: np.ndarray) -> Measurements:

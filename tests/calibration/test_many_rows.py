@@ -125,14 +125,6 @@ def test_outliers_among_many_leave_together(monkeypatch: pytest.MonkeyPatch) -> 
     assert len(asked) < len(off)
 
 
-def test_a_block_of_poses_that_hardly_predict_themselves_needs_no_eigenvectors() -> None:
-    rng = np.random.default_rng(4)
-    basis = 0.01 * rng.standard_normal((50, 3, 2))
-    small = rng.choice([-1.0, 1.0], (50, 1, 1)) * basis @ np.swapaxes(basis, 1, 2)
-    root = linear_problem._root_near_one(small)
-    np.testing.assert_allclose(root @ root @ (np.eye(3) + small), np.broadcast_to(np.eye(3), (50, 3, 3)), atol=1e-14)
-
-
 def test_lack_of_fit_by_repeats_holds_no_table_of_groups() -> None:
     """Of 4,000 configurations, two rows each, such a table would have 0.26 GB."""
     rng = np.random.default_rng(2)

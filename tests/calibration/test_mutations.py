@@ -1,5 +1,6 @@
-"""Small wrong changes of the statistics, each of which a test named beside it has to find."""
+"""Small wrong changes of the statistics, found by their function, each of which tests named beside it have to find."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -11,69 +12,65 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 CORRELATION = "tests/noise/test_variance_components.py"
-SHARED = "tests/calibration/noise/test_error_model.py"
 ESTIMATED = "tests/verification/test_new_measurements.py"
 PROCESS = "tests/calibration/residual/test_process.py"
-TAILED = "tests/calibration/noise/test_tails.py"
 BEYOND = "tests/calibration/test_extrapolation.py"
 
 
 @dataclass(frozen=True)
 class Mutation:
-    """What stands once in ``lab``, in whichever module; what stands there instead, and the tests that find it."""
+    """An expression of a function, by its module and qualified name; what stands there instead, and tests."""
 
+    function: str
     right: str
     wrong: str
     tests: str
 
     def __str__(self) -> str:
-        return self.wrong.strip()
+        return f"{self.function}: {self.wrong}"
 
 
 MUTATIONS = [
-    Mutation("(change + rows @ known @ rows.T)", "change", ESTIMATED),
-    Mutation("1 / (1 - second / q)", "1 / (1 + second / q)", ESTIMATED),
-    Mutation("4 + (q + 2) / excess", "4 + q / excess", ESTIMATED),
-    Mutation("covariance / scale,", "covariance * scale,", ESTIMATED),
+    Mutation("verification.prediction:with_estimated_noise", "change + rows @ known @ rows.T", "change", ESTIMATED),
+    Mutation("verification.prediction:_matched", "1 - second / q", "1 + second / q", ESTIMATED),
+    Mutation("verification.prediction:_matched", "4 + (q + 2) / excess", "4 + q / excess", ESTIMATED),
     Mutation(
-        "np.diag(middle.covariance) / 2)",
-        "np.diag(middle.covariance))",
+        "noise.variance_components:small_sample",
+        "slopes / np.diag(middle.covariance) / 2",
+        "slopes / np.diag(middle.covariance)",
         CORRELATION,
     ),
+    Mutation("noise.variance_components:RestrictedProblem._autocorrelated", "1 - carry**2", "1 - carry", CORRELATION),
     Mutation(
-        "_bounded(middle.covariance, more)",
-        "_bounded(middle.covariance, -more)",
-        CORRELATION,
+        "kinematics.compiled.numpy_kernels:innovations", "gains[t] @ gains[t].T", "-gains[t] @ gains[t].T", CORRELATION
     ),
-    Mutation(
-        "minus.covariance) / (2 * _STEP)",
-        "minus.covariance) / _STEP",
-        CORRELATION,
-    ),
-    Mutation("np.maximum(1 - carry**2,", "np.maximum(1 - carry,", CORRELATION),
-    Mutation("LEAST_SHARE, 1.0)", "LEAST_SHARE, 2.0)", CORRELATION),
-    Mutation("weight = 1 / np.sqrt(1 + components", "weight = 1 / (1 + components", CORRELATION),
-    Mutation(
-        "spread - gains[t] @ gains[t].T",
-        "spread + gains[t] @ gains[t].T",
-        CORRELATION,
-    ),
-    Mutation("(self.carry**gaps)", "(self.carry + 0 * gaps)", CORRELATION),
-    Mutation("times + APART *", "times + 0 *", SHARED),
-    Mutation("(1 - self.carry) * factor**2", "(1 - self.carry) * factor", "tests/noise/test_error_model.py"),
-    Mutation(
-        "heights.max() - heights[-1] <",
-        "heights.max() - heights[-1] >",
-        "tests/calibration/noise/test_tails.py",
-    ),
-    Mutation("+ lacking.T @ by_parameters", "- lacking.T @ by_parameters", PROCESS),
-    Mutation("- half.T @ half", "+ half.T @ half", PROCESS),
-    Mutation("(1 + scaled) * np.exp(-scaled)", "np.exp(-scaled)", PROCESS),
-    Mutation("k=_NEAREST)[0][:, -1]", "k=_NEAREST)[0][:, 0] / 3", BEYOND),
-    Mutation("beyond = np.maximum(self.lower - joints, joints - self.upper)", "beyond = joints - self.upper", BEYOND),
-    Mutation("inverse @ -removed", "inverse @ removed", BEYOND),
-    Mutation("inverse @ -removed", "0 * removed", BEYOND),
+    Mutation("noise.correlation:Correlation._filter", "self.carry**gaps", "self.carry + 0 * gaps", CORRELATION),
+    Mutation("calibration.residual.process:PredictedBy.covariance", "half.T @ half", "-half.T @ half", PROCESS),
+    Mutation("calibration.residual.process:JointKernels.of_offsets", "1 + scaled", "1", PROCESS),
+    Mutation("calibration.extrapolation:MeasuredRange.beyond", "self.lower - joints", "joints - self.upper", BEYOND),
+    Mutation("calibration.extrapolation:_left_out", "inverse @ -removed", "inverse @ removed", BEYOND),
 ]
+
+
+def mutated(source: str, mutation: Mutation) -> str:
+    """The module with the expression of the function replaced, wherever it stands in it."""
+    tree, place = ast.parse(source), mutation.function.split(":")[1].split(".")
+    node: ast.AST = tree
+    for name in place:
+        (node,) = (each for each in ast.iter_child_nodes(node) if getattr(each, "name", None) == name)
+    right, wrong = (ast.parse(each, mode="eval").body for each in (mutation.right, mutation.wrong))
+    found = []
+
+    class Change(ast.NodeTransformer):
+        def visit(self, each: ast.AST) -> ast.AST:
+            if ast.dump(each) == ast.dump(right):
+                found.append(each)
+                return wrong
+            return super().visit(each)
+
+    Change().visit(node)
+    assert found, mutation
+    return ast.unparse(ast.fix_missing_locations(tree))
 
 
 @pytest.mark.slow
@@ -82,12 +79,10 @@ def test_a_wrong_change_is_found(mutation: Mutation, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "lab", tmp_path / "lab", ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("models", "scripts", "tests", "pyproject.toml"):
         (tmp_path / name).symlink_to(ROOT / name)
-    found = [path for path in tmp_path.glob("lab/**/*.py") if mutation.right in path.read_text("utf-8")]
-    assert [path.read_text("utf-8").count(mutation.right) for path in found] == [1]
-    (module,) = found
-    module.write_text(module.read_text("utf-8").replace(mutation.right, mutation.wrong), "utf-8")
+    module = tmp_path / "lab" / f"{mutation.function.split(':')[0].replace('.', '/')}.py"
+    module.write_text(mutated(module.read_text("utf-8"), mutation), "utf-8")
     command = [sys.executable, "-m", "pytest", "-n0", "-q", "-x", "-p", "no:cacheprovider"]
-    chosen = ["-m", "not slow and not thorough", mutation.tests]
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    ended = subprocess.run([*command, *chosen], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    chosen = [*command, "-m", "not slow and not thorough", mutation.tests]
+    ended = subprocess.run(chosen, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert ended.returncode == 1 and "FAILED tests" in ended.stdout, ended.stdout[-2000:] + ended.stderr[-500:]

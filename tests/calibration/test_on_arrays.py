@@ -125,27 +125,6 @@ def test_criteria_of_chosen_parameters_take_all_others_as_exact() -> None:
     assert alone["o1"] == pytest.approx(np.linalg.norm(stacked[:, 0]) / np.sqrt(len(JOINTS)), rel=1e-6)
 
 
-def test_unit_columns_have_norm_root_n() -> None:
-    chosen = ["link2.a", "link3.a", "link2.theta"]
-    columns = [ROBOT.parameter_names(["p1"]).index(name) for name in chosen]
-    stacked = ROBOT.parameter_jacobian(JOINTS, targets=["p1"])[..., columns].reshape(-1, 3)
-    s = np.linalg.svd(stacked / np.linalg.norm(stacked, axis=0), compute_uv=False)
-    found = ROBOT.criteria(JOINTS, targets=["p1"], parameters=chosen, scaling="unit")["o1"]
-    assert found == pytest.approx(np.prod(s) ** (1 / 3), rel=1e-6) and found <= 1  # not divided by the root of n
-
-
-def test_the_planned_covariance_of_chosen_parameters_is_smaller() -> None:
-    chosen = ["link2.a", "link3.a"]
-    some = ROBOT.planned_covariance(JOINTS, JOINTS[0], sigma_m=1e-5, targets="p1", parameters=chosen)
-    columns = [ROBOT.parameter_names(["p1"]).index(name) for name in chosen]
-    jacobian = ROBOT.parameter_jacobian(JOINTS, targets=["p1"])[..., columns]
-    flat = jacobian.reshape(-1, 2)
-    expected = 1e-10 * jacobian[0, 0] @ np.linalg.inv(flat.T @ flat) @ jacobian[0, 0].T
-    np.testing.assert_allclose(some[0], expected, rtol=1e-6, atol=1e-20)
-    whole = ROBOT.planned_covariance(JOINTS, JOINTS[0], sigma_m=1e-5, targets="p1")
-    assert np.trace(some[0]) < np.trace(whole[0])
-
-
 def test_the_planned_covariance_is_that_of_the_calibration(result: lab.CalibrationResult) -> None:
     """The fit's own covariance of the parameters, at the measured poses; other joints are predicted worse."""
     estimate, data = result.estimate, result.measurements

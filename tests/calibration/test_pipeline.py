@@ -6,19 +6,15 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
-from lab.calibration.checks import check_outlier_search
 from lab.calibration.fitted import Fitted, Judging
 from lab.calibration.fitter import Fitter
 from lab.calibration.pipeline import FITTING, STEPS, PipelineOptions, identify_robot, run_steps, start
-from lab.calibration.statistics.goodness_of_fit import adequacy_of
-from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.gauge import base_set
-from lab.noise.error_model import ErrorModel
 from lab.render.phrases.registry import phrases
 from lab.sensors.points import PointSensor
 
@@ -152,27 +148,6 @@ def test_a_prior_that_holds_back_is_told() -> None:
     said = told(fitted(late, prior=True))
     assert any("link4.theta is 2" in warning and "tolerances from its nominal value" in warning for warning in said)
     assert not any("tolerances from its nominal value" in w for w in told(fitted(data, prior=True)))
-
-
-def test_a_search_for_outliers_that_does_not_converge_is_told() -> None:
-    data = simulated((), {}, random_joints(40, 3), {}, 4)
-    made = fitter(data)
-    found = made.identified(data, ())[0]
-    outliers = made.outliers_of(found, data)
-    assert check_outlier_search(outliers) == []
-    stuck = check_outlier_search(replace(outliers, fit=replace(outliers.fit, status="not converged")))
-    assert "without outliers did not converge" in phrases(stuck)[0]
-
-
-def test_where_all_poses_held_out_are_off_none_is_left_to_test_by() -> None:
-    """Errors that the repeats of a pose share make no difference to that."""
-    joints = np.repeat(random_joints(20, 2), 2, axis=0)
-    data = simulated((), {}, joints, {}, 2)
-    shared = ErrorModel(SIGMA, 1.0, {"scatter": 1e-5}, None, {})
-    for noise in (Noise(), Noise(shared=shared), Noise(sigma_m=SIGMA, shared=shared)):
-        found = fitter(data, noise).identified_with(data, (), ())
-        judged = [adequacy_of(found, data, held, noise, NoiseDistribution()) for held in (None, data.take([]))]
-        assert str(judged[0]) == str(judged[1])
 
 
 def spoilt_and_clean() -> tuple[Measurements, Measurements]:

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.robots import IRB120, data_file, perturbed, somewhere
+from helpers.robots import IRB120, perturbed, somewhere
 
 from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.outliers_and_noise import outliers_among_fitted
-from lab.calibration.prior import ActingPrior, Directions, Prior, Tolerance, directions_of, prior_of
+from lab.calibration.prior import Directions, Prior, Tolerance, directions_of, prior_of
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.validation import Errors, Validation
@@ -110,14 +110,6 @@ def test_what_positions_hardly_show_stays_near_nominal() -> None:
     assert error_mm(found, true) < 1.1 * error_mm(plain, true)
 
 
-def test_less_noise_needs_less_of_it() -> None:
-    acting = []
-    for sigma in (3e-4, 8e-6, 1e-6):
-        found = identify(ARM, campaign(3, 30, sigma)[0], NOMINAL, Noise(sigma_m=sigma), AUTO)
-        acting.append(0 if found.prior is None else found.prior.acts_in)
-    assert acting[0] > acting[1] > acting[2] == 0
-
-
 def test_links_of_a_joint_that_did_not_move_stay_near_nominal() -> None:
     """Without a prior they are held there, as if they were known exactly."""
     data, true = campaign(4, 40, 1e-5, AWAY, still=1)
@@ -165,15 +157,6 @@ def test_the_sequential_method_takes_none() -> None:
     np.testing.assert_array_equal(plain.values, found.values)
 
 
-def test_rows_are_of_another_model_s_parameters_by_name() -> None:
-    acting = ActingPrior(("a", "b"), np.array([1.0, 2.0]), np.array([[3.0, 4.0]]), 1.0, 5, 2, 10.0)
-    residual, jacobian = acting.rows(0.5, ("b", "soft", "a"))(np.array([2.5, 7.0, 1.0]))
-    np.testing.assert_allclose(jacobian, [[2.0, 0.0, 1.5]])
-    np.testing.assert_allclose(residual, [-1.0])
-    own = acting.rows(0.5)(np.array([1.0, 2.5]))
-    np.testing.assert_allclose(own[0], residual)
-
-
 def test_effects_have_no_part_in_it() -> None:
     model = IRB120.arm_with(("p1",), ("compliance",))
     values = np.concatenate([NOMINAL, np.zeros(len(model.names) - len(NOMINAL))])
@@ -219,28 +202,6 @@ def test_a_link_far_from_nominal_is_bad_only_where_positions_show_it(link: str, 
     judged = verdict(surely, Validation("holdout", errors), None)
     assert judged.farthest is not None and judged.farthest.name == link
     assert (judged.word == "bad") is bad and link in in_one_line(judged.reasons)
-
-
-def ur5(**options):
-    import lab
-
-    return lab.identify(
-        data_file("ur5_jacobi_20.csv"), robot="ur5", validate=data_file("ur5_jacobi_1000.csv"), **options
-    )
-
-
-@pytest.mark.thorough
-def test_a_ur5_is_led_out_of_its_valley() -> None:
-    """20 poses with the reflector near the last axis: link5.theta 28° off without a prior."""
-    found, plain = ur5().to_dict(), ur5(prior="off").to_dict()
-    assert plain["verdict"] == "bad" and plain["status"] == "in a valley" and plain["prior"] == {
-        "mode": "off", "acts_in": 0,
-    }  # fmt: skip
-    assert found["verdict"] != "bad" and found["status"] == "converged"
-    assert found["condition"] < 1_000 < 100_000 < found["plain_condition"]
-    assert found["prior"]["acts_in"] == 2 and 1 < found["prior"]["scale"] < 3
-    assert found["after_mm"]["mean"] < 1.02 * plain["after_mm"]["mean"] < 0.3 * found["before_mm"]["mean"]
-    assert "act in 2 of 18 directions" in ur5().summary()
 
 
 def test_the_steps_before_the_prior_acts_count_too() -> None:

@@ -9,17 +9,13 @@ from helpers.robots import IRB120, perturbed, somewhere
 
 from lab.calibration.identify import Identification, identify
 from lab.calibration.validation import (
-    Errors,
-    Validation,
     configurations,
     folds,
-    hold_out,
     hold_out_last,
     rows_in_time,
     split_by_label,
     validate_file,
     validate_folds,
-    validate_rows,
 )
 from lab.calibration.verdict import verdict
 from lab.core.errors import LabError
@@ -74,17 +70,6 @@ def test_repeats_are_never_split() -> None:
         assert sorted([*fit_rows, *test_rows]) == list(range(len(joints)))
         assert not set(labels[fit_rows]) & set(labels[test_rows])
         assert len(test_rows) / len(joints) == pytest.approx(0.3, abs=0.06)
-
-
-def test_held_out_poses_are_not_fitted() -> None:
-    data, _ = campaign(60, 1)
-    rows, test = hold_out(ARM, data, 0.3, 0)
-    assert len(rows) == 42 and not set(rows.ids) & set(test.ids)
-    validation = validate_rows(fitted(rows), test)
-    assert validation.judged_by == "holdout" and validation.errors is not None
-    assert validation.errors.after.shape == (18, 1)
-    other = validate_rows(fitted(rows), hold_out(ARM, data, 0.3, 1)[1]).errors
-    assert other is not None and not np.array_equal(other.after, validation.errors.after)
 
 
 def test_the_last_rows_are_held_out_with_nothing_of_their_configurations_fitted() -> None:
@@ -202,30 +187,12 @@ def test_sessions_are_placed_on_their_reference_rows_alone() -> None:
     assert unplaced.errors is not None and unplaced.errors.after.mean() > 0.1
 
 
-def test_unmarked_files_give_every_third_row() -> None:
-    data, other = sessions(5)
-    plain = Measurements(**{**other.__dict__, "use": ("calibrate",) * 60, "marked": False})
-    validation = validate_file(fitted(data), ARM, plain, ["base", "tool"])
-    assert validation.errors is not None and validation.errors.after.shape == (40, 1)
-    assert validation.errors.after.mean() < 20e-6
-
-
 def test_too_few_reference_rows_are_refused() -> None:
     data, other = sessions(6)
     use = tuple("reference" if i % 30 == 0 else "test" for i in range(60))
     one_each = Measurements(**{**other.__dict__, "use": use})
     with pytest.raises(LabError, match=r"session 'a'.*mark more rows"):
         validate_file(fitted(data), ARM, one_each, ["base", "tool"])
-
-
-def test_just_enough_equations_do_not_place_a_base() -> None:
-    """Three reference rows are nine equations for nine unknowns, and often the wrong root: refused."""
-    data, other = sessions(8)
-    use = tuple("reference" if i % 30 < 3 else "test" for i in range(60))
-    with pytest.raises(LabError, match="mark more rows"):
-        validate_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": use}), ["base", "tool"])
-    one = tuple("reference" if i % 30 < 1 else "test" for i in range(60))
-    validate_file(fitted(data), ARM, Measurements(**{**other.__dict__, "use": one}), ["tool"])  # linear: one row does
 
 
 def test_a_condition_that_the_file_lacks_is_named() -> None:
@@ -240,31 +207,6 @@ def test_a_condition_that_the_file_lacks_is_named() -> None:
     sides["approach_q3"][7] = np.nan
     with pytest.raises(LabError, match=r"^row 7, column approach_q3: empty"):
         validate_file(found, arm, replace(data, conditions=sides), [])
-
-
-def test_a_target_that_only_one_fold_saw_is_not_judged() -> None:
-    arm = SerialArm(IRB120.chain, ("p1", "p2"))
-    rng = np.random.default_rng(9)
-    true = perturbed(arm, somewhere(arm, rng), rng, 0.5e-3, 1.5e-3)
-    joints = IRB120.chain.random_joints(60, rng)
-    points = arm.points(joints, true) + 5e-6 * rng.normal(size=(60, 2, 3))
-    points[1:, 1] = np.nan
-    data = measured(NAMES, joints, arm.targets, points)
-
-    def both(part: Measurements):
-        return identify(arm, part, arm.nominal())
-
-    validation = validate_folds(both, both(data), data, 0)
-    assert validation.errors is not None
-    assert np.isfinite(validation.errors.after[:, 0]).all() and np.isnan(validation.errors.after[:, 1]).all()
-
-
-def test_the_gate() -> None:
-    data, _ = campaign(60, 7)
-    found = fitted(data)
-    validation = Validation("fresh", Errors(np.full((3, 1), 2e-3), np.full((3, 1), 1e-3)))
-    assert verdict(found, validation, 0.9e-3).word == "bad"
-    assert verdict(found, validation, 1.1e-3).word == "good"
 
 
 def test_folds_that_cannot_be_fitted_or_lose_the_only_target_validate_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,6 @@ from helpers.fixture_data import many, measured_fixtures
 from helpers.pose_data import measured_poses
 from helpers.robots import IRB120
 
-import lab
 from lab.calibration.identify import identify
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.verdict import rotation_noise_rad, verdict
@@ -69,23 +68,3 @@ def test_points_have_no_noise_of_rotations() -> None:
     wire = many(Cable, 2)
     found = identify(wire, measured_fixtures(wire, 80, np.random.default_rng(0))[0], ARM.nominal())
     assert np.isnan(rotation_noise_rad(found))
-
-
-def test_lengths_of_a_wire_without_a_gate_miss_none() -> None:
-    """No position is predicted by them, so there is no error of an uncalibrated arm to compare with."""
-    day = lab.simulate("irb120", observe="cable", seed=11, poses=60)
-    found = lab.identify(day.measurements, observe="cable", prior="on", holdout=0.3)
-    assert all(not reason.name.startswith("accuracy.gate") for reason in found.verdict.reasons)
-    assert "nan" not in found.summary()
-
-
-@pytest.mark.thorough
-def test_contacts_that_leave_the_size_free_are_doubtful() -> None:
-    """One length stays nominal, so that all others are relative to it; a distance of sockets determines it."""
-    options = {"observe": "socket", "poses": 40, "seed": 1, "no_recording": True}
-    relative = lab.calibrate("irb120", **options)
-    assert relative.verdict.word == "doubtful" and relative.identification.lacks_size
-    assert [each.name for each in relative.verdict.reasons] == ["determination.error"]
-    known = lab.calibrate("irb120", **options, socket_distance_mm=50.0)
-    assert known.verdict.word == "good" and not known.identification.lacks_size
-    assert known.after.mean < relative.after.mean / 10

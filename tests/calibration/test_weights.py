@@ -8,12 +8,10 @@ from helpers.pose_data import measured_poses
 from helpers.robots import IRB120
 from helpers.truths import truth_of
 
-from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, identify
 from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weigh
 from lab.core.measurements import Measurements, measured
-from lab.core.probability import Uncertain
 from lab.kinematics.serial.arm import SerialArm
 from lab.noise.instruments import INSTRUMENTS, Instrument, TrackerErrors
 from lab.sensors.full_pose import Poses
@@ -99,12 +97,6 @@ def test_points_are_weighed_by_readings_nest_and_range(readings: int) -> None:
     assert known and along_m.min() > 5.8e-6
 
 
-def test_an_isotropic_instrument_weighs_its_nest() -> None:
-    device = Instrument("camera", "gaussian", radial_m=4e-6, errors=TrackerErrors(nest=Uncertain(3e-6)))
-    observed, _ = weigh(observation_of(ARM), session(6), Noise(device, readings=4))
-    np.testing.assert_allclose(observed.whiten, 1 / np.hypot(2e-6, 3e-6))
-
-
 @pytest.mark.parametrize("device", [TRACKER, INSTRUMENTS["uniform-8um"]], ids=lambda device: device.name)
 def test_rows_come_back_from_units_of_noise(device: Instrument) -> None:
     observed = weigh(observation_of(ARM), session(7), Noise(device))[0]
@@ -113,10 +105,3 @@ def test_rows_come_back_from_units_of_noise(device: Instrument) -> None:
     np.testing.assert_allclose(back, vectors, atol=1e-12)
     one = observed.in_units_of_points(observed.in_units_of_noise(vectors[..., 0]))
     np.testing.assert_allclose(one, vectors[..., 0], atol=1e-12)
-
-
-def test_numbers_that_are_alike_have_weight_one() -> None:
-    observed = weigh(observation_of(ARM), session(8), Noise(TRACKER))[0]
-    alike = observed.alike
-    assert isinstance(alike, Observations) and alike.correlation is None and (alike.whiten == 1).all()
-    assert alike.typical_weight == 1.0 and alike.points is observed.points

@@ -14,7 +14,6 @@ from helpers.robots import (
     somewhere,
 )
 
-from lab.campaign.robot import load_robot
 from lab.core.se3 import Array
 from lab.kinematics.differential import (
     ROTATION_M,
@@ -148,15 +147,6 @@ def test_an_arm_with_four_joints_has_two_directions_less() -> None:
     np.testing.assert_allclose(
         stretched / stretched[:, 1:2], np.tile([-0.25 / 0.65, 1, 0, -0.4 / 0.65], (300, 1)), atol=1e-9
     )
-
-
-def test_an_arm_with_seven_joints_can_always_move_one_way_and_stay() -> None:
-    chain = load_robot("panda").chain
-    joints = chain.random_joints(300, np.random.default_rng(5))
-    jacobian, wanted = jacobian_of(chain, joints), np.random.default_rng(6).normal(size=(300, 6))
-    clear = np.linalg.svd(WEIGHTS[:, None] * jacobian, compute_uv=False)[:, -1] > 1e-3
-    assert_inverse_of(jacobian[clear], wanted[clear], rank=6)
-    assert not rates(jacobian[clear], wanted[clear]).missing.any()
 
 
 def test_damping_makes_the_pseudo_inverse_shorter_and_nothing_else() -> None:

@@ -158,15 +158,6 @@ def test_two_arms_share_the_axis_of_the_waist() -> None:
     assert counts == [31, 31, 31 + 31 - 4]
 
 
-def test_bases_of_a_pair_are_identifiable_to_each_other() -> None:
-    arm = two_of("irb120")
-    names = {arm.names[i] for i in base_set(arm, arm.nominal()).identifiable}
-    assert {f"mount.other_q1.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")} <= names
-    alone = base_set(SerialArm(arm.chain.chains[0], ("p1",)), SerialArm(arm.chain.chains[0], ("p1",)).nominal())
-    two = base_set(SerialArm(arm.chain.chains[0], ("p1", "p2")), SerialArm(arm.chain.chains[0], ("p1", "p2")).nominal())
-    assert len(names) == len(alone.identifiable) + len(two.identifiable)
-
-
 def test_parallel_axes_have_a_beta_and_no_d() -> None:
     arm = arm_of("torso", *BOTH)
     free = {arm.names[i] for i in base_set(arm, arm.nominal()).identifiable}

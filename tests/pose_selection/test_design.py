@@ -1,7 +1,5 @@
 """Designs: exchange against brute force, the ascent, the certificate, the promise."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from helpers.robots import IRB120
@@ -118,19 +116,6 @@ def test_a_small_measured_set_is_extended(tmp_path) -> None:
     assert plan.curve[0].poses == 6 and np.isfinite(plan.curve[0].prediction.coverage_radius)
     with pytest.raises(LabError, match="6 poses or more"):
         design(DesignOptions(poses=5, candidates=100, starts=1, extend=path))
-
-
-@pytest.mark.thorough
-def test_the_continuous_design_bounds_the_curve_and_many_poses_come_near_it() -> None:
-    options = DesignOptions("course2r", poses=12, candidates=300, starts=1)
-    continuous, designed = design(options).curve, design(replace(options, curve=True)).curve
-    assert [step.poses for step in continuous] == [step.poses for step in designed]
-    ratio = [
-        b.prediction.coverage_radius / a.prediction.coverage_radius for a, b in zip(continuous, designed, strict=True)
-    ]
-    assert min(ratio) > 0.97 and ratio[-1] < 1.1 < ratio[0]  # it is D-optimal, not the best in this
-    assert all(a.o1 > 0.999 * b.o1 for a, b in zip(continuous, designed, strict=True))  # O1 is what it is best in
-    assert continuous[-1].o1 < 1.05 * designed[-1].o1
 
 
 def test_requests_that_cannot_be_met_say_why() -> None:

@@ -6,22 +6,19 @@ import numpy as np
 import pytest
 from helpers.fixture_data import many, measured_fixtures
 from helpers.pose_data import measured_poses
-from helpers.robots import IRB120, RX130, assert_derivatives, data_file
+from helpers.robots import IRB120, RX130, assert_derivatives
 
-from lab.calibration.identify import Identification, identify
+from lab.calibration.identify import identify
 from lab.calibration.observation import Observation, observation_of
 from lab.calibration.weights import Noise
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 from lab.noise.instruments import INSTRUMENTS
 from lab.sensors.cable import Cable
-from lab.sensors.full_pose import Poses, PoseSensor, balanced
-from lab.sensors.registry import sensor_named
+from lab.sensors.full_pose import Poses, balanced
 
 ARM = SerialArm(IRB120.chain)
 
@@ -113,23 +110,3 @@ def test_rows_without_an_orientation_still_give_a_position() -> None:
     found = identify(observation, replace(data, points=points), ARM.nominal())
     assert np.abs(found.values - true).max() < 1e-11
     assert np.isnan(observation.errors(replace(data, points=points), true)[1::3]).all()
-
-
-def ur10_poses(meaning: str) -> Identification:
-    robot = load_robot("ur10")
-    file = data_file("ur10_ipa_D.csv")
-    data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, columns=sensor_named("pose").columns)
-    arm = robot.arm(("p1",))
-    observation, seen = PoseSensor(meaning).observation(arm, data, arm.nominal())
-    return identify(observation, seen.take(range(0, 632, 2)), arm.nominal())
-
-
-@pytest.mark.thorough
-def test_measured_poses() -> None:
-    """Angles in their meaning agree to 0.6 mrad; in another they contradict the positions."""
-    found = ur10_poses("intrinsic-xyz")
-    assert found.status == "converged" and len(found.fit.free) == 30 and found.plausible
-    position, rotation = (float(np.sqrt((found.residuals[:, i] ** 2).mean())) for i in (0, 1))
-    assert position < 0.3e-3 and rotation < 0.8e-3
-    other = ur10_poses("fixed-xyz")
-    assert np.sqrt((other.residuals[:, 1] ** 2).mean()) > 20 * rotation

@@ -12,7 +12,6 @@ from lab.calibration.identify import IdentifyOptions, fit_base_and_tool, identif
 from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
-from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.tree import TreeArm
 from lab.sensors.cameras.rig import PX, Board, Camera, Rig, Simulated
@@ -102,17 +101,6 @@ def test_a_board_of_unknown_size_leaves_the_arm_without_one(tmp_path: Path) -> N
     assert set(ranks["free"]) - set(ranks["known"]) == {"board.board.scale"} and len(lost) == 1
     parameter = next(each for each in ARM.parameters if each.name in lost)
     assert parameter.is_link and parameter.kind == "length"
-
-
-def test_the_pose_of_a_camera_moves_what_it_sees_against_the_arm(tmp_path: Path) -> None:
-    """A camera in the hand does not see the base move with its board: that stays at the origin."""
-    data = session(HAND, tmp_path, poses=8, instrument="exact", seed=5).measurements
-    nominal = ARM.nominal(IRB120.tool)
-    model, observed = PixelSensor(HAND).observation(ARM, data, nominal)
-    structure = base_set(model, identify(model, observed, nominal).values)
-    names = [model.names[i] for i in structure.identifiable]
-    assert not any(name.startswith(("base.", "tool.")) for name in names)
-    assert sum(name.startswith(("camera.", "board.")) for name in names) == 12
 
 
 def test_wrong_corners_are_found_one_by_one(tmp_path: Path) -> None:

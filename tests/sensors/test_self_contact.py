@@ -11,7 +11,7 @@ from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import truth_of
 from lab.commands.calibrate.run import MeasurementSession, measurement_session
 from lab.core.errors import LabError
-from lab.core.measurements import FIXTURE, Measurements, measured
+from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
 from lab.kinematics.gauge import base_set
 from lab.sensors.self_contact import SelfContact, SelfContactSensor
@@ -137,14 +137,3 @@ def test_a_file_without_contacts() -> None:
 def test_a_simulation_that_cannot_be(options: dict[str, object], says: str) -> None:
     with pytest.raises(LabError, match=says):
         session_of(**options)
-
-
-def test_contacts_of_noise_have_the_weight_of_points() -> None:
-    """A contact is a difference of two points by the instrument's noise of one: its rows have the same sigma."""
-    session = session_of(instrument="uniform-8um", poses=80)
-    model, rows = SENSOR.observation(ARM, session.measurements, NOMINAL)
-    found = identify(model, rows, NOMINAL)
-    contact = np.isfinite(found.residuals[:, -1]).all(axis=1)
-    assert contact.sum() == 40 and rows.conditions[FIXTURE].tolist().count(0.0) == 40
-    sigma = np.sqrt((found.residuals[contact, -1] ** 2).mean()) / found.sigma_m
-    assert 0.6 < sigma < 1.1  # less what the parameters take up

@@ -93,17 +93,6 @@ def test_orientations_have_the_instruments_noise_and_share() -> None:
     assert np.abs(off.mean(axis=0)).max() < 4 * 200e-6 / np.sqrt(200)
 
 
-def test_what_is_not_seen_is_not_measured() -> None:
-    """Hidden targets are empty, those seen are measured as they are without occlusion."""
-    options = {"poses": 60, "seed": SEED, "instrument": "leica-at960", "targets": ("p1", "p2")}
-    all_of_them = lab.simulate("irb120", observe="pose", **options).measurements
-    some = lab.simulate("irb120", observe="pose", occlusion=True, **options).measurements
-    assert 0 < some.seen.sum() < all_of_them.seen.sum()
-    np.testing.assert_array_equal(some.points[some.seen], all_of_them.points[some.seen])
-    oriented = np.array([text != "" for text in some.other["p1_qw"]])
-    np.testing.assert_array_equal(oriented, some.seen[:, 0])
-
-
 def test_contacts_touch_within_limits_and_sockets_are_apart() -> None:
     day = lab.simulate("irb120", observe="socket", poses=24, fixtures=3, seed=SEED, socket_distance_mm=50.0)
     data, real = day.measurements, day.true_robot

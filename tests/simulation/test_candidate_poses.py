@@ -209,17 +209,6 @@ def test_one_seed_gives_one_list_and_more_keeps_the_first() -> None:
     assert np.abs(few - other).max() > 0.1
 
 
-def test_feasible_is_the_three_checks_together() -> None:
-    joints = IRB120.chain.random_joints(500, np.random.default_rng(0))
-    span = MODEL.chain.upper - MODEL.chain.lower
-    inside = ((joints > MODEL.chain.lower + MARGIN * span) & (joints < MODEL.chain.upper - MARGIN * span)).all(axis=1)
-    expected = inside & ~collides(MODEL, joints) & visible(MODEL, joints, ("p1",), LEICA)
-    check = feasibility(MODEL, ("p1",), LEICA)
-    np.testing.assert_array_equal(feasible(MODEL, joints, ("p1",), LEICA), expected)
-    np.testing.assert_array_equal([check(reading[None]).item() for reading in joints], expected)
-    assert check(np.empty((0, 6))).shape == (0,)
-
-
 def test_the_trackers_stand_is_in_the_arms_way(tmp_path) -> None:
     """At 0.6 m the outstretched arm runs into the stand; the same pose is free where the tracker is further off."""
     near, far = small_arm(tmp_path, tracker=".6 0 0"), small_arm(tmp_path)

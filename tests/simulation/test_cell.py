@@ -180,16 +180,3 @@ def test_a_plan_and_corrected_targets_keep_to_the_cell(tmp_path) -> None:
     unchecked = lab.compensate(targets, run=run, no_check=True)
     assert not unchecked.to_dict()["checked"] and any("--no-check" in words for words in unchecked.warnings)
     assert len(unchecked.waypoints.joints) == len(unchecked.reached)
-
-
-@pytest.mark.thorough
-def test_two_thousand_obstacles_are_checked_like_one(tmp_path: Path) -> None:
-    """A body for each would overflow the memory in which MuJoCo holds all pairs of bodies."""
-    box = '[[obstacle]]\nname = "box {}"\nshape = "box"\nsize_mm = [20, 20, 20]\nposition_mm = [{}, {}, 10]\n'
-    far = "".join(box.format(i, 1500 + 40 * (i % 40), 40 * (i // 40)) for i in range(1999))  # out of reach
-    alone, among = placed(tmp_path, TABLE), placed(tmp_path, TABLE + far)
-    assert among.model.model.nbody == IRB120.model.model.nbody
-    joints = IRB120.chain.random_joints(100, np.random.default_rng(8))
-    touches = collides(among.model, joints)
-    np.testing.assert_array_equal(touches, collides(alone.model, joints))
-    assert 10 < touches.sum() < 90

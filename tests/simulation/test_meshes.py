@@ -1,14 +1,11 @@
 """Shells of bodies and where they stand."""
 
 import numpy as np
-from helpers.robots import IRB120, RX130
+from helpers.robots import IRB120
 
 from lab.campaign.robot import load_robot
-from lab.formats.robot_toml import RobotTable
-from lab.simulation.build_serial import table_model
 from lab.simulation.closed_robot import random_values, true_mechanism
 from lab.simulation.meshes import body_poses, instrument_body, shells
-from lab.simulation.model import FLANGE
 
 
 def test_shells_are_closed_triangles_with_unit_normals() -> None:
@@ -29,13 +26,6 @@ def test_bodies_stand_where_the_equations_put_them() -> None:
     flange = IRB120.model.T_world_tracker @ arm.flange(joints, values)
     constant = np.linalg.inv(hand) @ flange
     np.testing.assert_allclose(constant, np.broadcast_to(constant[0], constant.shape), atol=1e-9)
-
-
-def test_a_table_alone_becomes_a_model_with_its_joints(tmp_path) -> None:
-    nothing = np.full((2, RX130.size), np.nan)
-    model = table_model(tmp_path / "arm.toml", RobotTable(RX130, None, {}, None, *nothing, ()))
-    assert model.model.njnt == 6 and model.chain == RX130 and model.shapes_assumed
-    assert model.model.site(FLANGE).name == FLANGE
 
 
 def test_a_mechanism_off_its_nominal_dimensions_stands_elsewhere() -> None:

@@ -194,13 +194,6 @@ def test_a_pair_can_be_read_from_either_end() -> None:
     assert there.effect * back.effect == pytest.approx(1) and there.lower * back.upper == pytest.approx(1)
 
 
-def test_the_order_of_the_rows_does_not_matter() -> None:
-    given, cells = study()
-    order = np.random.default_rng(11).permutation(len(given["cell"]))
-    mixed = {name: column[order] for name, column in given.items()}
-    assert analysed(mixed, cells, metrics=(METRIC,)) == analysed(given, cells, metrics=(METRIC,))
-
-
 def test_what_did_not_converge_is_left_out_of_its_pairs_and_counted() -> None:
     rng = np.random.default_rng(12)
     values, good = np.exp(rng.normal(size=(3, 10, 6))), np.ones((3, 10, 6), dtype=bool)
@@ -301,14 +294,6 @@ def test_few_robots_have_a_ratio_without_an_interval_and_a_number_of_robots_that
     half = stats.t.ppf(0.975, 4) * stats.sem(logs)
     assert [pair.lower, pair.upper] == pytest.approx(np.exp([logs.mean() - half, logs.mean() + half]), rel=1e-9)
     assert pair.p == pytest.approx(stats.ttest_1samp(logs, 0.0).pvalue, rel=1e-9)
-
-
-def test_a_mean_of_positive_numbers_has_no_end_below_zero() -> None:
-    values = np.array([0.01, 0.01, 0.02, 0.04, 0.1, 3.0])[None, :, None]
-    (mean,) = means(arranged(values), METRIC)
-    assert 0 < mean.lower < mean.mean < mean.upper
-    (signed,) = means(arranged(values - 1.0), METRIC)
-    assert signed.lower < 0  # of numbers of either sign it may be
 
 
 def test_reasons_of_failures_are_counted() -> None:

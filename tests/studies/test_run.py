@@ -293,14 +293,6 @@ def test_a_study_that_cannot_be_leaves_nothing(tmp_path: Path) -> None:
     assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.slow
-def test_a_task_that_no_worker_survives(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster.scheduler, "allowed_failures", 0)
-    said = pytest.raises(StoppedError, match="ended one after another")
-    with said, cluster_executor(cluster.scheduler_address) as executor:
-        toy(tmp_path / "study", executor, dataclasses.replace(TOY, robots=1), solving=toy_study.fatal)
-
-
 @pytest.mark.thorough
 def test_a_cluster_without_workers_or_without_the_lab(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from distributed import LocalCluster
@@ -346,18 +338,6 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pyt
     assert read_store(made).study == study
     assert main(["study", "small.toml", "--out", str(made), "--resume", "--json"]) == 0
     assert json.loads(capfd.readouterr().out)["computed"] == 0
-
-
-@pytest.mark.slow
-def test_the_command_on_a_cluster(
-    cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("small.toml").write_text(SMALL)
-    assert main(["study", "small.toml", "--workers", "2"]) == 0
-    assert main(["study", "small.toml", "--scheduler", cluster.scheduler_address]) == 0
-    assert "24 simulated calibrations" in capfd.readouterr().out
-    assert contents(Path("runs/study-small")) == contents(Path("runs/study-small-2"))
 
 
 @pytest.mark.thorough

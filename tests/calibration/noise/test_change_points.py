@@ -17,7 +17,7 @@ from lab.core.measurements import Measurements
 from lab.core.probability import f_sf
 from lab.formats.noise_model import noise_model_from_dict, noise_model_to_dict
 from lab.noise.change_points import APART, ChangePoint, before_and_after, likeliest_change
-from lab.noise.error_model import Clock, ErrorModel, row_times
+from lab.noise.error_model import ErrorModel, row_times
 
 ROBOT = load_robot("irb120")
 ARM = ROBOT.arm(("p1",))
@@ -80,12 +80,6 @@ def test_a_base_that_moved_is_told_with_its_rows_and_size(day: Measurements) -> 
     assert shared.descriptions[0].endswith(" µm between poses 40 and 41")
 
 
-def test_beside_errors_that_wander_a_change_counts_as_equally_likely_at_every_row(day: Measurements) -> None:
-    estimate = searched(moved(day, 50e-6 * (np.arange(60) >= 41))).estimate
-    assert estimate is not None
-    assert estimate.deviance == pytest.approx(estimate.likelihood.deviance + 2 * np.log(60 - 15))
-
-
 @pytest.mark.thorough
 def test_it_may_move_twice(day: Measurements) -> None:
     along = 60e-6 * (np.arange(60) >= 20) - 40e-6 * (np.arange(60) >= 45)
@@ -144,15 +138,3 @@ def test_rows_held_out_stand_on_their_side_and_on_another_day_all_are_off_by_one
     assert noise_model_from_dict({key: kept[key] for key in kept if key != "step_mm"}, {}).step_m == 0  # an older run
     with pytest.raises(LabError, match="below zero"):
         noise_model_from_dict(kept | {"step_mm": -1.0}, {})
-
-
-def test_rows_of_one_time_are_weighed(day: Measurements) -> None:
-    timed = replace(day, conditions={"time_s": 10.0 * (np.arange(60) // 2)})
-    assert shared_by(moved(timed, 20e-6 * np.sin(np.arange(60) / 4.0))).autocorrelated_m > 0
-
-
-def test_times_of_some_rows_are_those_of_the_campaign(day: Measurements) -> None:
-    seconds = np.concatenate([10.0 * np.arange(30), 400.0 + 10.0 * np.arange(30)])
-    timed = replace(day, conditions={"time_s": seconds}, sessions=("a",) * 30 + ("b",) * 30)
-    clock, some = Clock.of(timed), [50, 3, 31]
-    np.testing.assert_allclose(row_times(timed.take(some), clock), row_times(timed)[some])

@@ -9,13 +9,12 @@ import lab
 from lab.calibration.gauss_newton import Status
 from lab.calibration.identify import Identification, identify
 from lab.calibration.noise.search import search_noise
-from lab.calibration.observation import observation_of
 from lab.calibration.outliers_and_noise import noise_of
 from lab.calibration.statistics.outliers import Outliers
-from lab.calibration.weights import Noise, weigh
+from lab.calibration.weights import Noise
 from lab.campaign.robot import load_robot
 from lab.core.measurements import Measurements
-from lab.noise.error_model import Clock, ErrorModel, row_times
+from lab.noise.error_model import ErrorModel, row_times
 from lab.noise.error_term import TERMS
 
 ROBOT = load_robot("irb120")
@@ -86,21 +85,6 @@ def test_a_steady_drift_of_the_base_is_told_by_its_size() -> None:
     assert shared is not None and not shared.autocorrelated_m
     assert shared.drift_m * np.sqrt(3) == pytest.approx(30e-6, rel=0.35)  # one draw of three coefficients
     assert "drifts steadily" in shared.descriptions[0]
-
-
-def sample(scatter: float = 0.0, wandering: float = 0.0, drift: float = 0.0) -> ErrorModel:
-    values = dict(zip(ARM.names, NOMINAL.tolist(), strict=True))
-    sizes = {"scatter": scatter, "shift": wandering, "trend": drift}
-    return ErrorModel(5e-6, 1.0, sizes, Clock(10.0, 10.0), values, 0.8)
-
-
-def test_weights_hold_the_shared_errors_whether_the_instrument_is_known_or_not() -> None:
-    day = lab.simulate("irb120", seed=3, poses=6, targets=TARGETS)
-    observation, shared = observation_of(ARM), sample(scatter=30e-6, drift=20e-6)
-    known, _ = weigh(observation, day.measurements, Noise(sigma_m=5e-6, shared=shared))
-    free, _ = weigh(observation, day.measurements, Noise(shared=shared))
-    rows = np.random.default_rng(0).standard_normal(day.measurements.points.shape)
-    assert np.allclose(known.apply(rows) * 5e-6, free.apply(rows))  # the same shape, in other units
 
 
 def test_rows_are_in_time_by_their_clock_else_by_their_place() -> None:

@@ -71,19 +71,6 @@ def test_an_arm_that_grows_is_found_and_by_how_much() -> None:
     assert changes(replace(data, points=data.points + 60e-6 * away)) == []  # a scale, which no row shows
 
 
-def test_the_size_of_a_change_is_that_of_the_step() -> None:
-    data, rng = session_with_noise(1)
-    for size in (0.1e-3, 1e-3):
-        (found,) = changes(MISTAKES["the reflector was reseated"](data, rng, size))
-        assert found.data["size_m"] == pytest.approx(size, rel=0.15)
-        assert found.data["between"] == (data.ids[29], data.ids[30])
-
-
-def test_a_noise_that_was_given_too_large_hides_no_change() -> None:
-    data, rng = session_with_noise(2)
-    assert changes(MISTAKES["a zero shifted"](data, rng, 0.1e-3), Noise(sigma_m=0.1e-3))
-
-
 def shared(data: Measurements, **sizes: float) -> ErrorModel:
     carry = sizes.pop("carry", 0.0)
     return ErrorModel(9e-6, 1.0, sizes, None, {}, carry)

@@ -162,17 +162,6 @@ def test_a_file_gives_the_same_process_and_one_that_was_cut_is_refused(tmp_path:
         sizes({**content, "variance_errors": [[1.0]]})
 
 
-def test_components_have_names_of_their_own() -> None:
-    rng = np.random.default_rng(6)
-    joints = rng.standard_normal((2, 6))
-    assert len(COMPONENTS) == 2 + len(list(JointKernels(TURNING).of_offsets(joints, joints))) == len(set(COMPONENTS))
-    turned = joints + 2 * np.pi
-    for (_, near), (_, far) in zip(
-        JointKernels(TURNING).of_offsets(joints, joints), JointKernels(TURNING).of_offsets(joints, turned), strict=True
-    ):
-        assert np.allclose(near, far)  # a whole turn leads back
-
-
 @pytest.mark.parametrize(
     ("robot", "observe", "instead"), [("irb120", "pose", "--observe pose"), ("rrr3", "points", "a m")]
 )

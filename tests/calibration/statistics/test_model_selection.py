@@ -394,11 +394,6 @@ def test_parameters_too_unsure_to_tell_are_held() -> None:
     assert found.fixed == ("joint6.sin1", "joint6.cos1") and row(found, "harmonics").parameters == 10
 
 
-def test_too_few_poses() -> None:
-    found = select(irb120, example(["gear"], poses=17), nominal, Noise(None, SIGMA))
-    assert found.chosen == () and row(found, "harmonics").infeasibility_reason.startswith("too few poses for 3")
-
-
 def test_masses_and_columns_that_are_missing() -> None:
     robot = load_robot("ur10")
     rng = np.random.default_rng(2)

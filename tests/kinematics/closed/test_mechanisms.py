@@ -8,7 +8,6 @@ from helpers.robots import ROOT, RX130
 
 from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
-from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import measured
 from lab.core.se3 import Array
@@ -187,24 +186,3 @@ def test_closures_that_do_not_count_up_are_refused_with_the_mobility() -> None:
     with pytest.raises(LabError, match=r"in the nominal position \(.*\) rod"):
         rods = (replace(drawn.tree.rods[0], length_m=5.0), *drawn.tree.rods[1:])
         replace(drawn, tree=replace(drawn.tree, rods=rods)).refuse_open()
-
-
-def test_a_delta_is_drawn_with_parallelograms_along_its_hinges() -> None:
-    """Also in another posture; six ball-ended rods, and legs whose length is a joint position, stay as they are."""
-    robot = load_robot("delta")
-    arm = robot.arm(("p1",))
-    joints = arm.chain.random_joints(5, np.random.default_rng(3))
-    rods = arm.skeleton(joints, arm.nominal(robot.tool)).rods.reshape(5, 3, 4, 2, 3)  # pose, leg, side, end
-    rods, short = rods[:, :, :2], rods[:, :, 2:]
-    np.testing.assert_array_equal(short, rods.swapaxes(2, 3))  # from a corner of one long side to that of the other
-    middle = arm.rods(joints, arm.nominal(robot.tool))
-    np.testing.assert_allclose(rods.mean(axis=2), middle, atol=1e-12)
-    across = rods[:, :, 0, 0] - rods[:, :, 1, 0]
-    np.testing.assert_allclose(across, rods[:, :, 0, 1] - rods[:, :, 1, 1], atol=1e-12)
-    for leg, turned in enumerate(np.deg2rad([-90, 30, 150])):
-        hinge = np.array([-np.sin(turned), np.cos(turned), 0.0])
-        np.testing.assert_allclose(np.abs(across[:, leg] @ hinge), np.linalg.norm(across[:, leg], axis=1), rtol=1e-12)
-    for name, count in (("delta/six_rods", 6), ("rpr3", 3)):
-        other = load_robot(name)
-        at = other.arm(("p1",)).chain.random_joints(1, np.random.default_rng(3))
-        assert other.arm(("p1",)).skeleton(at, other.arm(("p1",)).nominal(other.tool)).rods.shape[1] == count

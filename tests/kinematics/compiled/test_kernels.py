@@ -17,7 +17,7 @@ from lab.core import se3
 from lab.extensions.robotics.inverse.first_joints import ThreeJoints
 from lab.extensions.robotics.inverse.five_axes import FiveAxes
 from lab.extensions.robotics.inverse.six_axes import SphericalWrist, ThreeParallel
-from lab.kinematics.compiled import kernels, numpy_kernels
+from lab.kinematics.compiled import kernels
 from lab.kinematics.inverse.closed_form import Solutions
 from lab.kinematics.inverse.newton import PoseTarget, reach
 from lab.kinematics.serial.arm import SerialArm, StackedArm
@@ -250,20 +250,6 @@ def test_all_solutions_of_three_joints_are_those_of_numpy(name: str, monkeypatch
     np.testing.assert_allclose(fast.tilt_rad[:50].min(axis=1), slow.tilt_rad[:50].min(axis=1), atol=1e-9)
 
 
-@compiled
-def test_a_hinge_of_three_joints_is_free_as_numpy_says() -> None:
-    chain = chain_of("c", "craig", "RPP", [0, 0, -90], [0] * 3, [0] * 3, [0.3, 0, 0.1])
-    form = ThreeJoints.of(chain, np.zeros(3))
-    assert form is not None
-    T = np.eye(4)
-    T[2, 3] = 0.5
-    liked = np.array([[0.7, 0, 0]])
-    fast, slow = form.solve(T[None], liked), form._solved(T[None], liked)
-    assert fast.free.any() and np.array_equal(fast.free, slow.free) and np.allclose(fast.joints[..., 0], 0.7)
-    with pytest.raises(ValueError, match="belong"):
-        kernels.three_joints(np.zeros(5), T[None], 0.0, form.branches, tilted=True)
-
-
 UR = chain_of(  # axis 2 not square to axis 1, axes 3 and 4 against it, axis 4 off axis 5
     "ur", "craig", "RRRRRR", [0, 70, 180, 180, 90, -90], [0.1, 0.1, 0.5, 0.4, 0.05, 0], [10, 20, 30, 40, 50, 60],
     [0.3, 0.05, 0.1, 0.1, 0.1, 0.1],
@@ -339,24 +325,6 @@ def test_all_solutions_of_five_axes_are_those_of_numpy(name: str, monkeypatch: p
     each_has_its_like(chain, expected, found)
     alike = np.abs(found.joints - expected.joints).max(axis=(1, 2)) < 1e-7
     assert np.array_equal(found.free[alike], expected.free[alike])
-
-
-@compiled
-@pytest.mark.parametrize("name", FIVE)
-def test_candidates_of_five_axes_settle_as_numpy_s_do(name: str) -> None:
-    """Solutions, what is near one, what is far off, and what is at a singularity."""
-    form, rng = FiveAxes.of(FIVE[name]), np.random.default_rng(7)
-    assert form is not None
-    joints = rng.uniform(-2, 2, (90, 5))
-    Ts = form.arm.flange(joints, form.arm.nominal())
-    off = rng.choice([0.0, 1e-12, 1e-6, 1e-3, 1.0], (90, 4, 1))
-    start = joints[:, None] + off * rng.standard_normal((90, 4, 5))
-    fast, fast_off = form.arm.settle(form._values, Ts, start)
-    slow, slow_off = numpy_kernels.settle(form.arm, form._values, Ts, start.copy())
-    assert np.abs(fast - slow).max() < 1e-9 and np.abs(fast_off - slow_off).max() < 1e-11
-    assert fast_off[off[..., 0] < 0.1].max() < 1e-9 < np.median(fast_off[off[..., 0] == 1.0])
-    with pytest.raises(ValueError, match="belong"):
-        form.arm.settle(form._values, Ts[:-1], start)
 
 
 def test_positive_systems_and_others_are_solved() -> None:

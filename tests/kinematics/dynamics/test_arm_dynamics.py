@@ -104,17 +104,6 @@ def test_there_are_as_many_base_parameters_as_published_and_as_the_rank_says(
     )
 
 
-def test_the_counts_are_those_of_the_assumptions() -> None:
-    chain = load_virtual("tx40").serial_model.chain
-    counts = {}
-    for what, gravity in (("axis 1", DOWN), ("tilted", np.array([3.0, 2.0, -9.0]))):
-        bare = ArmDynamics(chain, gravity, np.eye(6), motor_inertia=False, friction=False, offsets=False)
-        counts[what] = base_parameters(bare, np.random.default_rng(0)).size
-    assert counts == {"axis 1": 36, "tilted": 38}  # MX1 and MY1 feel gravity across axis 1
-    coupled = ArmDynamics.of(chain, DOWN, WRIST)
-    assert base_parameters(coupled, np.random.default_rng(0)).size == 60  # of 86
-
-
 SYMORO = """ZZR1 = IA1 + ZZ1 + YY2 + YY3 + d2*(M3 + M4 + M5 + M6)
 XXR2 = XX2 - YY2 - d2*(M3 + M4 + M5 + M6)
 XZR2 = XZ2 - d*MZ3

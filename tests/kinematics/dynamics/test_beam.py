@@ -101,16 +101,6 @@ def test_displacements_obey_maxwell_and_betti() -> None:
     assert np.linalg.eigvalsh(flexibility).min() > 0
 
 
-def test_mass_and_centre_are_kept() -> None:
-    """At the clamped end the link weighs what it weighs, where its centre is; the second moment is of its line."""
-    beam = Beam(np.array([ZERO, [0.3, 0.0, 0.0], [0.3, 0.0, 0.4]]), 2.0, np.array([0.1, -0.05, 0.3]))
-    line = np.concatenate([np.linspace(a, b, 20001)[:-1] for a, b in zip(beam.path[:-1], beam.path[1:], strict=True)])
-    share = np.repeat([0.3, 0.4], 20000) / 0.7 / 20000
-    np.testing.assert_allclose(share @ line + beam.beside_m, beam.centre_m, atol=1e-5)
-    off = line - share @ line
-    np.testing.assert_allclose(beam.second_moment, 2.0 * (share * off.T) @ off, atol=1e-5)
-
-
 def test_a_path_that_is_none_is_refused() -> None:
     with pytest.raises(LabError, match="give finite points"):
         Beam(np.zeros((1, 3)), 1.0, ZERO)

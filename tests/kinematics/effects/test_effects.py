@@ -16,10 +16,9 @@ from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.effect import HOUR_S, Effect, SessionInfo
+from lab.kinematics.effects.effect import HOUR_S, SessionInfo
 from lab.kinematics.effects.registry import GROUPS, effect
 from lab.kinematics.gauge import base_set
-from lab.kinematics.parameter import joint_parameter
 from lab.kinematics.serial.arm import SequentialBatch, SerialArm, stacked
 from lab.kinematics.serial.chain import Chain
 from lab.simulation.model_files import loads_of
@@ -233,29 +232,6 @@ def test_recovery_without_noise(name: str) -> None:
     np.testing.assert_allclose(found.values[effects], np.where(untwisted, 0.0, truth[effects]), atol=unsure)
 
 
-def third_harmonic(joint: int) -> Effect:
-    """An effect of one's own: the joint stands at q + s sin 3q + c cos 3q."""
-
-    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((*joints.shape, 2))
-        derivative[:, joint - 1, 0] = np.sin(3 * joints[:, joint - 1])
-        derivative[:, joint - 1, 1] = np.cos(3 * joints[:, joint - 1])
-        return derivative @ values, derivative
-
-    return Effect(
-        "harmonics3", tuple(joint_parameter("harmonics3", joint - 1, wave) for wave in ("sin3", "cos3")), offsets
-    )
-
-
-def test_an_effect_of_ones_own() -> None:
-    rng = np.random.default_rng(5)
-    arm = ArmWithEffects(IRB120.arm(("p1",)), (effect("harmonics", IRB120.chain, None), third_harmonic(2)))
-    truth = true_values(arm, rng)
-    found = identify(arm, seen(arm, truth, 60, rng), arm.nominal(IRB120.tool))
-    assert len(found.fit.free) == 27 + 12 + 2
-    np.testing.assert_allclose(found.values[-2:], truth[-2:], atol=1e-11)
-
-
 def test_masses_are_needed_for_gravity() -> None:
     with pytest.raises(LabError, match="table without masses; give it as MJCF or URDF"):
         load_robot("ur10").arm_with(("p1",), ("compliance",))
@@ -288,16 +264,6 @@ def test_missing_and_empty_conditions() -> None:
     late = np.where(np.arange(40) == 7, np.nan, data.conditions["time_s"])
     with pytest.raises(LabError, match="row 7, column time_s: empty"):
         identify(arm, replace(data, conditions={"time_s": late}), arm.nominal(IRB120.tool))
-
-
-def test_no_payload_column_is_no_payload() -> None:
-    rng = np.random.default_rng(7)
-    arm = IRB120.arm_with(("p1",), ("compliance",))
-    truth = true_values(arm, rng)
-    inputs = np.concatenate([IRB120.chain.random_joints(60, rng), np.zeros((60, 1))], axis=1)
-    data = measured(IRB120.chain.joint_names, inputs[:, :6], ("p1",), arm.points(inputs, truth))
-    found = identify(arm, data, arm.nominal(IRB120.tool))
-    np.testing.assert_allclose(found.values[-2:], truth[-2:], atol=1e-11)
 
 
 def test_slides_and_hinges_bear_weight_apart() -> None:

@@ -16,8 +16,6 @@ from lab.kinematics.effects.registry import (
     GROUPS,
     EffectOptions,
     describe_term,
-    effect,
-    fitted_groups,
     searched_terms,
 )
 from lab.simulation.effects import random_effects
@@ -104,16 +102,6 @@ def test_options_of_one_effect_are_checked_where_it_is_described() -> None:
         with pytest.raises(LabError, match=message):
             replace(EffectOptions(), **wrong).check()
     EffectOptions().check()
-
-
-def test_what_cannot_be_fitted_says_why() -> None:
-    for name in GROUPS:
-        assert effect(name, IRB120.chain, IRB120.loads, FACTS.sessions).name == name
-    with pytest.raises(LabError, match="robot scara is a table without masses"):
-        effect("payload", SCARA, None)
-    assert [each.meaning for each in fitted_groups() if each.name == "payload"] == [
-        "compliance with an unknown mass at the flange"
-    ]
 
 
 def test_conditions_come_in_the_order_of_a_files_columns() -> None:

@@ -10,8 +10,6 @@ from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.differential import singular_distance
-from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.registry import effect
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.closed_form import Solutions
 from lab.kinematics.inverse.newton import PoseTarget, reach, shortest_step, within_reach
@@ -43,31 +41,6 @@ def test_newton_ends_where_the_arm_is(groups: tuple[str, ...]) -> None:
     free = reach(arm, values, PoseTarget(Ts[:, :3, 3], anywhere), start, load)
     assert free.arrived.all()
     assert np.linalg.norm(free.joints - start, axis=1)[~near].max() < 0.1  # the shortest way there
-
-
-def test_effects_move_the_tool_as_they_move_its_points() -> None:
-    """A frame that drifts turns the tool too."""
-    arm = ArmWithEffects(IRB120.arm(("p1", "p2", "p3")), (effect("drift", IRB120.chain, None),))
-    values = arm.nominal(IRB120.tool)
-    values[-7:] = 1e-3, -2e-3, 3e-3, 4e-3, -5e-3, 6e-3, 1e-4
-    joints = IRB120.chain.random_joints(20, np.random.default_rng(9))
-    inputs = np.concatenate([joints, np.full((20, 1), 3600.0)], axis=1)
-    points = arm.points(inputs, values)
-    tool = values[-16:-7].reshape(3, 3)
-    for k in range(3):
-        np.testing.assert_allclose(arm.tool(inputs, values, k)[0][:, :3, 3], points[:, k], atol=1e-15)
-    turns = arm.tool(inputs, values)[0][:, :3, :3]
-    np.testing.assert_allclose(points[:, 1] - points[:, 0], (1 + 1e-4) * turns @ (tool[1] - tool[0]), atol=1e-15)
-
-
-def test_out_of_reach_newton_ends_as_near_as_it_gets() -> None:
-    arm = IRB120.arm(("p1",))
-    values = arm.nominal(IRB120.tool)
-    wanted = PoseTarget(np.array([[2.0, 0.0, 0.3]]), np.full((1, 3, 3), np.nan))
-    found = reach(arm, values, wanted, np.deg2rad([[5.0, 30, -20, 10, 20, 0]]), np.empty((1, 0)))
-    assert not found.arrived[0]
-    outstretched = 0.58 + np.linalg.norm(0.072 * np.array([0, 0, 1]) + values[-3:])
-    assert np.linalg.norm(found.errors[0, :3]) == pytest.approx(2.0 - outstretched, abs=0.01)
 
 
 # Fewer joints than a pose has freedoms

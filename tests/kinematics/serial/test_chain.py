@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from helpers.robots import (
-    EIGHT,
     IRB120,
     RX130,
     SCARA,
@@ -40,23 +39,6 @@ def test_forward_kinematics_as_printed() -> None:
     np.testing.assert_allclose(poses[0, :3, :3], [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-15)
     np.testing.assert_allclose(poses[1, :3, 3], [-0.070, -0.072, 0.862], atol=1e-15)
     np.testing.assert_allclose(poses[1, :3, :3], [[-1, 0, 0], [0, 0, -1], [0, -1, 0]], atol=1e-15)
-
-
-def test_the_eight_inverse_solutions_of_the_thesis() -> None:
-    """Newton from each printed solution to its pose (thesis III.2.2) moves no joint by more than 0.01 degrees."""
-    arm = SerialArm(IRB120.chain, ("p1", "p2", "p3"))
-    values = arm.nominal()
-    w, p, r = np.deg2rad([77.71, -0.38, 170.88])
-    rotation = se3.exp(np.array([0, 0, r])) @ se3.exp(np.array([0, p, 0])) @ se3.exp(np.array([w, 0, 0]))
-    T_base_flange = se3.pose(rotation, np.array([-0.04411, 0.38346, 0.78600]))
-    wanted = se3.transform(T_base_flange, values[-9:].reshape(3, 3))
-    for printed in EIGHT:
-        joints = np.deg2rad(printed)[None]
-        for _ in range(6):
-            error = (wanted - arm.points(joints, values)[0]).ravel()
-            joints = joints + np.linalg.lstsq(arm.joint_jacobian(joints, values)[0].reshape(9, 6), error)[0]
-        np.testing.assert_allclose(arm.flange(joints, values)[0], T_base_flange, atol=1e-12)
-        assert np.abs(np.rad2deg(joints[0]) - printed).max() < 0.01
 
 
 def test_prismatic_arm_in_closed_form() -> None:

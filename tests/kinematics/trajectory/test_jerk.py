@@ -155,17 +155,6 @@ def test_all_joints_in_common_phases_move_straight_and_one_of_them_is_at_a_limit
         assert found.seconds >= own_phases(chain, np.zeros(5), moved).seconds * (1 - 1e-12)
 
 
-def test_joints_that_are_not_synchronised_stop_as_soon_as_they_can() -> None:
-    chain, moved, *_ = random_case(np.random.default_rng(5), 6, at_rest=True)
-    moved[2] = 0.0
-    found = independent(chain, np.zeros(6), moved)
-    assert_smooth(chain, found, moved, np.zeros(6))
-    for j, each in enumerate(moved):
-        alone = common_phases(chain, np.zeros(6), np.where(np.arange(6) == j, each, 0.0)).seconds
-        at = found.at(np.array([alone, 0.98 * alone]))[0][:, j]
-        assert at[0] == pytest.approx(each, abs=1e-9) and (each == 0 or abs(at[1] - each) > 1e-9)
-
-
 def test_every_duration_that_is_said_to_be_possible_is() -> None:
     rng, gaps = np.random.default_rng(6), 0
     for _ in range(20):

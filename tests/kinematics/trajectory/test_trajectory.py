@@ -25,7 +25,6 @@ from lab.kinematics.trajectory.trajectory import (
     own_phases,
     possible_seconds,
     through,
-    unsynchronised,
 )
 
 WIDE = 1e4  # rad: limits that no overshoot reaches
@@ -105,16 +104,6 @@ def test_example_through_a_point_at_a_speed(law) -> None:
         np.testing.assert_allclose(np.degrees(found.accelerations), printed, atol=5e-5)
 
 
-def test_example_past_a_point() -> None:
-    side = math.sqrt(3) / 2
-    passed = by_place(0.1, math.sqrt(0.99), 0.5)
-    assert math.degrees(passed[0]) == pytest.approx(84.261, abs=1e-3)
-    points = np.array([by_place(side, 0, 0), passed, by_place(side, 0, 1)])
-    found = through(two_hinges(), points, np.array([[0, 0], [0, 0.2], [0, 0]]))
-    np.testing.assert_allclose(found.durations, 4 * [1.29816], atol=1e-5)
-    assert found.seconds == pytest.approx(5.19264, abs=1e-5)
-
-
 # Phases of each joint's own
 
 
@@ -189,19 +178,6 @@ def reached(T: float, v0: Array, vf: Array, chain: Chain, sign: int) -> Array:
     return 0.5 * (v0 + w) * t1 + w * (T - t1 - t3) + 0.5 * (w + vf) * t3
 
 
-def test_a_change_of_speed_without_a_detour_survives_rounding() -> None:
-    rng = np.random.default_rng(3)
-    for _ in range(100):
-        speed, acceleration = random_limits(rng, 1)
-        v0, vf = rng.uniform(0.1, 1, (2, 1)) * speed
-        T = (abs(vf - v0) / acceleration).item()
-        moved = 0.5 * (v0 + vf) * T
-        chain = arm(speed, acceleration)
-        found = own_phases(chain, np.zeros(1), moved, v0, vf)
-        assert found.seconds == pytest.approx(T, rel=1e-9)
-        assert_arrives(chain, found, moved, vf)
-
-
 # Phases in common
 
 
@@ -259,14 +235,6 @@ def test_seconds_of_many_moves_at_once() -> None:
     assert rest_to_rest_seconds(np.zeros(6), speed, acceleration) == 0
     with pytest.raises(LabError, match="joint 2: its largest acceleration is nan"):
         rest_to_rest_seconds(points, speed, np.where(np.arange(6) == 1, np.nan, acceleration))
-
-
-def test_no_move_takes_no_time() -> None:
-    for law in (common_phases, own_phases):
-        found = law(LIMITED, np.ones(2), np.ones(2))
-        assert found.seconds == 0
-        readings, speeds, accelerations = found.at(np.array([-1.0, 0.0, 1.0]))
-        assert (readings == 1).all() and not speeds.any() and not accelerations.any()
 
 
 # Limits and ends of every kind of move
@@ -408,16 +376,3 @@ def test_trajectories_that_do_not_fit_are_not_joined() -> None:
     moving = replace(back, start_speed=np.array([0.0, 0.1]))
     with pytest.raises(LabError, match=r"trajectory 2 begins where joint 2 has a speed of 0.1"):
         joined([first, moving])
-
-
-def test_joints_alone_take_the_least_of_their_possible_times() -> None:
-    """Any speeds at the ends: each joint's phases last as long as ruckig's move of that joint alone."""
-    rng = np.random.default_rng(5)
-    for _ in range(50):
-        chain = arm(*random_limits(rng, 3))
-        moved, (v0, v1) = random_moves(rng, 3), (random_speeds(rng, chain.speed) for _ in range(2))
-        phases = unsynchronised(chain, np.zeros(3), moved, v0, v1)
-        rows = zip(moved, v0, v1, chain.speed, chain.acceleration, strict=True)
-        alone = [ruckig_seconds(*(np.array([value]) for value in row)) for row in rows]
-        np.testing.assert_allclose(phases.sum(axis=1), alone, rtol=1e-6, atol=1e-9)
-        assert (phases >= 0).all()
