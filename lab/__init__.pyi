@@ -14,8 +14,6 @@ from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.run import MeasurementSession
 from lab.commands.certify.result import Certificate
-from lab.commands.check import CheckResult
-from lab.commands.check_plan import CheckPlan
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.design.run import DesignResult, PlanCheckResult
@@ -35,7 +33,6 @@ from lab.commands.next.planner import PosePlanner
 from lab.commands.next.run import NextPoseResult
 from lab.commands.options import (
     CertifyOptions,
-    CheckOptions,
     ExampleOptions,
     HistoryOptions,
     ImportOptions,
@@ -50,7 +47,9 @@ from lab.commands.predict import PredictionResult
 from lab.commands.result import Result
 from lab.commands.rotation import Rotation
 from lab.commands.study.run import StudyResult
-from lab.commands.verify import VerificationResult
+from lab.commands.verify.points import VerificationResult
+from lab.commands.verify.touch_plan import TouchPlan
+from lab.commands.verify.touches import TouchesResult
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -98,7 +97,6 @@ __all__ = [
     "__version__",
     "calibrate",
     "certify",
-    "check",
     "compensate",
     "design",
     "dynamics",
@@ -192,18 +190,6 @@ def certify(
     force: bool = False,
     accept_edited: bool = False,
 ) -> Certificate: ...
-def check(
-    run: str | Path | CalibrationResult | CheckOptions,
-    measurements: str | Path | Measurements | None = None,
-    *,
-    plan: int | None = None,
-    reference: int = 10,
-    since: str | None = None,
-    serial: str | None = None,
-    require: Literal["good"] | None = None,
-    force: bool = False,
-    accept_edited: bool = False,
-) -> CheckResult | CheckPlan: ...
 def compensate(
     targets: str | Path | Targets | CompensateOptions | None = None,
     run: str | Path | CalibrationResult | None = None,
@@ -531,16 +517,20 @@ def verify(
     run: str | Path | CalibrationResult | VerifyOptions,
     measurements: str | Path | Measurements | None = None,
     *,
+    observe: Literal["points", "socket"] | None = None,
     refit: Sequence[str] = ...,
     instrument: str | Path | Instrument | None = None,
     noise_mm: float | None = None,
     serial: str | None = None,
     date: str | None = None,
     require: Literal["good"] | None = None,
+    reference: int | None = None,
+    since: str | None = None,
+    plan: int | None = None,
     no_recording: bool = False,
     force: bool = False,
     accept_edited: bool = False,
-) -> VerificationResult: ...
+) -> VerificationResult | TouchesResult | TouchPlan: ...
 def workspace(
     robots: str | Path | Robot | Sequence[str | Robot] | WorkspaceOptions = ...,
     *,

@@ -249,7 +249,7 @@ def _is_verified(day: lab.MeasurementSession, run: Path, cell: Cell, seed: int) 
     joints = random_poses(cell.robot.model, 10, rng_for(seed, "fresh"))
     load = {"payload_kg": np.zeros(len(joints))}
     new = track(day.true_robot, joints, ("p1",), lab.instrument(INSTRUMENT), rng_for(seed, "visits"), 1, load)
-    return bool(lab.verify(run, new, force=True).verified.good)
+    return lab.verify(run, new, force=True).exit_code == 0
 
 
 if __name__ == "__main__":

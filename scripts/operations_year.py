@@ -129,12 +129,13 @@ def lived(arm: Arm, runs: Path, options: Options, seed: int) -> Life:
             current, rows.next(options.verified, month), date=day, noise_mm=NOISE_MM, no_recording=True, force=True
         )
         result.save(runs / arm.serial / f"verify-{day}")
+        bad = result.exit_code == 1
         if changed == 0:
             checks += 1
-            false += not result.good
-        elif not result.good and found is None:
+            false += bad
+        elif bad and found is None:
             found = month - arm.month, 1e3 * float(changed)
-        if not result.good:
+        if bad:
             current = _calibrated(arm, rows.next(options.poses, month), month, runs)
             calibrated_at, calibrations = month, calibrations + 1
             verdicts[current.verdict.word] = verdicts.get(current.verdict.word, 0) + 1

@@ -68,7 +68,6 @@ def test_help_shows_what_is_required() -> None:
     }
     assert {name: names for name, names in required.items() if names} == {
         "certify": ["run"],
-        "check": ["run"],
         "history": ["runs"],
         "identify": ["measurements"],
         "import_measurements": ["points", "joints"],

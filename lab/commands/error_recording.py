@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from lab.commands.compensate.result import CompensationResult
-from lab.commands.verify import VerificationResult, drawn_poses
+from lab.commands.verify.points import VerificationResult, drawn_poses
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM

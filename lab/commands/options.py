@@ -29,7 +29,6 @@ from lab.core.orientation import Order
 __all__ = [
     "By",
     "CertifyOptions",
-    "CheckOptions",
     "ExampleOptions",
     "HistoryOptions",
     "ImportOptions",
@@ -113,12 +112,15 @@ class PredictOptions:
 
 @dataclass(frozen=True)
 class VerifyOptions:
-    """A few new measurements against a calibrated arm."""
+    """A few new measurements, or daily touches of a socket, against a calibrated arm."""
 
     run: tyro.conf.Positional[Path]
     """The folder of the run that calibrated the arm."""
     file: tyro.conf.Positional[Path]
-    """New measurements, CSV."""
+    """New measurements, CSV. Or all touches of a socket so far: joint positions with the ball in it, the day in session
+    (YYYY-MM-DD)."""
+    observe: Literal["points", "socket"] | None = None
+    """What the file holds; by default points, where it has columns of them."""
     refit: Names = ()
     """What was set up anew, and is fitted: base, tool, or base,tool."""
     instrument: str | None = None
@@ -132,7 +134,14 @@ class VerifyOptions:
     date: str | None = None
     """The day of the measurements, YYYY-MM-DD, by which lab history puts verifications in order."""
     require: Literal["good"] | None = None
-    """Exit with 3 where the measurements are within the predicted error of a run that is not good itself."""
+    """Exit with 3 unless the verdict is good: the run is not good itself, several causes explain a change of the
+    touches, or none of them is tested yet."""
+    reference: int | None = None
+    """Of touches: how many checks, from the first, show how they repeat, 10 by default; the next one is tested."""
+    since: str | None = None
+    """Of touches: leave out those before this day, YYYY-MM-DD: when something was repaired or set up anew."""
+    plan: int | None = None
+    """Of touches: verify nothing, propose so many configurations at the sockets of the file, and write plan.csv."""
     no_recording: NoRecording = False
     force: Flag = False
     """Verify against a run too whose verdict is bad or not judged, and by rows that it was identified from."""
@@ -152,39 +161,26 @@ class VerifyOptions:
                 raise LabError("--instrument and --noise-mm both set the noise; give one")
         if self.instrument == "exact":
             raise LabError("--instrument exact: without noise there is nothing to test by; give --noise-mm")
-
-
-@dataclass(frozen=True)
-class CheckOptions:
-    """Daily touches of a socket by a calibrated arm."""
-
-    run: tyro.conf.Positional[Path]
-    """The folder of the run that calibrated the arm."""
-    file: tyro.conf.Positional[Path]
-    """All checks so far, CSV: joint positions with the ball in the socket, the day in session (YYYY-MM-DD)."""
-    plan: int | None = None
-    """Check nothing: propose so many configurations at the sockets that the file touches, and write plan.csv."""
-    reference: int = 10
-    """How many checks, from the first, show how touches repeat; the next one is the first that is tested."""
-    since: str | None = None
-    """Leave out checks before this day, YYYY-MM-DD: when something was repaired or set up anew."""
-    serial: str | None = None
-    """The serial number of the arm that was checked; refused where the run is of another one."""
-    require: Literal["good"] | None = None
-    """Exit with 3 unless the verdict is good: where several causes explain a change, or nothing is tested yet."""
-    force: Flag = False
-    """Check against a run too whose verdict is bad or not judged."""
-    accept_edited: Flag = False
-    """Build on a run too whose files were changed since it was written."""
-
-    def check(self) -> None:
-        """Refuse options that make no sense, with a LabError that names them."""
-        whole("--reference", self.reference, 5, DAYS)
+        if self.reference is not None:
+            whole("--reference", self.reference, 5, DAYS)
         if self.plan is not None:
             whole("--plan", self.plan, 4, CONFIGURATIONS)
-        check_serial(self.serial)
         if self.since is not None:
             day("--since", self.since)
+
+    @property
+    def of_touches(self) -> bool:
+        """True where the options say that the file holds touches."""
+        return self.observe == "socket" or self.plan is not None
+
+    def refuse_others(self, *, touches: bool) -> None:
+        """Refuse options of measured points for touches, and the other way round, with a LabError."""
+        if touches:
+            given, what = {"refit": self.refit, "instrument": self.instrument, "noise-mm": self.noise_mm}, "points"
+        else:
+            given, what = {"reference": self.reference, "since": self.since, "plan": self.plan}, "touches of a socket"
+        if stray := [name for name, value in given.items() if value not in (None, ())]:
+            raise LabError(f"--{stray[0]} is of {what}, which {self.file} does not hold; leave it out")
 
 
 @dataclass(frozen=True)

@@ -224,19 +224,11 @@ COMMANDS = (
     ),
     Command(
         "verify",
-        "Test a few new measurements against a calibrated arm; if it is no longer good, report what moved.",
+        "Test new measurements, or daily touches of a socket, against a calibrated arm; report what moved.",
         "lab.commands.options:VerifyOptions",
-        "lab.commands.verify:verify",
+        "lab.commands.verify.run:verify",
         "verify-{file}",
-        examples=("runs/day check.csv", "runs/day check.csv --refit base --require good"),
-    ),
-    Command(
-        "check",
-        "Test daily touches of one socket against a calibrated arm, and name the joint whose zero moved.",
-        "lab.commands.options:CheckOptions",
-        "lab.commands.check:check",
-        "check-{file}",
-        examples=("runs/day daily.csv --plan 5", "runs/day daily.csv --since 2026-05-04 --require good"),
+        examples=("runs/day check.csv --refit base --require good", "runs/day touches.csv --since 2026-05-04"),
     ),
     Command(
         "certify",

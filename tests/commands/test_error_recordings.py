@@ -10,7 +10,7 @@ from helpers.recordings import column, rrd, statics
 from lab.commands.calibrate.load_run import load_run
 from lab.commands.compensate.run import compensate
 from lab.commands.error_recording import record_compensation, record_verification
-from lab.commands.verify import verify
+from lab.commands.verify.run import verify
 
 pytestmark = [pytest.mark.usefixtures("strict_recordings"), pytest.mark.figures]
 

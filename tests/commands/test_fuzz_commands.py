@@ -65,7 +65,7 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
     "calibrate a mechanism": ("mechanism", "calibrate --robot {} --poses 20"),
     "compensate with a load": ("load", "compensate day.csv --run irb --load {} --accept-edited --no-check"),
     "certify by a tracker": ("tracker", "certify run --instrument {}"),
-    "check": ("daily", "check irb {}"),
+    "verify touches": ("daily", "verify irb {}"),
     "verify by its checksums": ("run's SHA256SUMS", "verify {} day.csv --force"),
     **{
         f"history of a run's {name}": (f"run's {name}", "history history --accept-edited --force")

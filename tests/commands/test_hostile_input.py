@@ -25,7 +25,7 @@ MEASUREMENTS = (
     "design --robot arm.toml --extend {} --out never",
     "payload {} --robot arm.toml --out never",
     "predict run {} --out never",
-    "check run {} --out never",
+    "verify run {} --observe socket --out never",
 )
 ROBOTS = (
     "inspect {}",
@@ -37,7 +37,7 @@ ROBOTS = (
 STUDIES = ("study {} --workers 1 --out never", "study {} --workers 1 --resume --out never")
 RUNS = (
     "verify {} good.csv --out never",
-    "check {} good.csv --out never",
+    "verify {} good.csv --observe socket --out never",
     "predict {} good.csv --out never",
     "compensate good.csv --run {} --out never",
     "payload good.csv --run {} --out never",
@@ -328,8 +328,8 @@ COMMAND_LINES = (
     "history . --every-days 0",
     "history . --on yesterday",
     "verify run good.csv --date yesterday",
-    "check run good.csv --since yesterday",
-    "check run good.csv --reference 1",
+    "verify run good.csv --since yesterday",
+    "verify run good.csv --reference 1",
     "compensate good.csv --program good.csv --run run",
     "compensate --run run",
     "compensate good.csv --run run --digits 3",

@@ -1,4 +1,4 @@
-"""Daily touches of a socket by a virtual arm, for the tests of ``lab check``."""
+"""Daily touches of a socket by a virtual arm, for the tests of ``lab verify``."""
 
 from datetime import date, timedelta
 

@@ -37,7 +37,7 @@ COMMANDS = {
     "predict": "predict day few.csv",
     "trajectory": "trajectory goals.csv --robot irb120",
     "history": "history history/day history/day2",
-    "check": "check day daily.csv",
+    "verify touches": "verify day daily.csv",
     "compensate checked": "compensate few.csv --run day",
     "design": "design --robot irb120 --poses 10 --candidates 100 --starts 1",
     "next": "next day few.csv --instrument uniform-8um --candidates 100",

@@ -143,6 +143,23 @@ def test_copies_inside_of_runs_and_other_commands_are_passed_over(tmp_path: Path
     assert [arm.serial for arm in result.arms] == ["A-1"] and not result.left_out
 
 
+def test_touches_of_a_socket_are_checks_and_plans_are_not(tmp_path: Path) -> None:
+    run = calibrated(tmp_path / "run", "2026-01-10")
+    digest = sha256((run / "result.json").read_bytes()).hexdigest()
+    for name, verdict, options in (
+        ("touches", "good", {}),
+        ("few", "not judged", {"date": "2026-03-01"}),
+        ("plan", None, {"plan": 5}),
+    ):
+        config = {"command": "verify", "model_sha256": "0" * 64, "options": {"run": str(run), **options}}
+        result = {"robot": "irb120", "serial": "A-1", "last": "2026-02-20"} | ({"verdict": verdict} if verdict else {})
+        written(tmp_path / name, config | {"inputs_sha256": {str(run): digest}}, result)
+    found = lab.history(tmp_path, on="2026-02-24")
+    (arm,) = found.arms
+    assert not found.left_out and arm.due == date(2026, 2, 20) + timedelta(35)
+    assert [each.folder.name for each in arm.verifications] == ["touches"] and arm.error_now_mm is None
+
+
 def test_the_slope_is_that_of_least_squares_with_its_interval(tmp_path: Path) -> None:
     run = calibrated(tmp_path / "run", "2026-01-01")
     errors = [0.020, 0.024, 0.023, 0.030, 0.031]

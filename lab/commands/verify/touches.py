@@ -3,32 +3,28 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.statistics.joint_rounding import by_joint_positions
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, folder_of, load_run
-from lab.commands.calibrate.run import checked
-from lab.commands.check_plan import CheckPlan, ball_columns, placed_by, planned, sockets_of
-from lab.commands.command_line import options_of, takes
-from lab.commands.options import CheckOptions
+from lab.commands.calibrate.load_run import CalibrationRun
+from lab.commands.options import VerifyOptions
 from lab.commands.result import Result, exit_code_of, number
+from lab.commands.verify.touch_plan import TouchPlan, ball_columns, placed_by, planned, sockets_of
 from lab.core.errors import LabError, counted
-from lab.core.limits import CONFIGURATIONS, called, day, one_serial
+from lab.core.limits import CONFIGURATIONS, called, day
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
 from lab.core.units import MM, MRAD, Unit
-from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.model import RigidArm
 from lab.render import document as doc
 from lab.render.document import digits_of, fixed, plus_minus, sentence, short
-from lab.sensors.registry import sensor_named
 from lab.verification.socket_checks import (
     LEAST_CONFIGURATIONS,
+    REFERENCE,
     Candidate,
     Cause,
     Change,
@@ -38,10 +34,7 @@ from lab.verification.socket_checks import (
     causes_of,
 )
 
-if TYPE_CHECKING:
-    from lab.commands.calibrate.run import CalibrationResult
-
-__all__ = ["CheckResult", "check"]
+__all__ = ["TouchesResult", "verified_touches"]
 
 _NEAR_RAD = np.deg2rad(10.0)  # within which a joint position is that of the same configuration
 _NEAR_M = 0.05  # of a slide
@@ -49,7 +42,7 @@ _BY_NAME = {"base": "the base", "tool": "the tool"}
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class CheckResult(Result):
+class TouchesResult(Result):
     """Result of testing daily touches of a socket.
 
     Attributes:
@@ -61,11 +54,11 @@ class CheckResult(Result):
         scan: all checks, tested one after the other.
     """
 
-    command = "check"
+    command = "verify"
     robot_at = "calibrated.robot"
-    shown_by = "lab.commands.check:_check_document"
+    shown_by = "lab.commands.verify.touches:_touches_document"
 
-    options: CheckOptions
+    options: VerifyOptions
     calibrated: CalibrationRun
     dates: tuple[str, ...]
     errors: Array
@@ -94,10 +87,15 @@ class CheckResult(Result):
         """The serial number of the arm, by the run or the option; None where neither states it."""
         return self.calibrated.serial or self.options.serial
 
+    @property
+    def reference(self) -> int:
+        """How many checks, from the first, show how touches repeat."""
+        return self.options.reference or REFERENCE
+
     @cached_property
     def repeatability_m(self) -> float:
         """Standard deviation (m) of a touch along an axis, over the reference checks."""
-        return float(np.sqrt(self.errors[: self.options.reference].var(axis=0, ddof=1).mean()))
+        return float(np.sqrt(self.errors[: self.reference].var(axis=0, ddof=1).mean()))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm, angles in mrad."""
@@ -180,7 +178,7 @@ class CheckResult(Result):
         if change is None:
             if self.scan.tested:
                 return f"nothing has moved in {counted(self.scan.tested, 'tested check')}"
-            left = self.options.reference + 1 - len(self.dates)
+            left = self.reference + 1 - len(self.dates)
             return f"{counted(len(self.dates), 'check')} so far: {left} more, and the last of them is tested"
         since = f"since the check of {self.dates[change.first]}"
         names = [self._moved(each) for each in change.candidates]
@@ -208,7 +206,7 @@ _ADVICE = {
 }
 
 
-def _check_document(result: CheckResult) -> doc.Document:
+def _touches_document(result: TouchesResult) -> doc.Document:
     """Build the document: what moved, what is told apart, and what the checks found."""
     verdict, change = result.verdict, result.scan.change
     kind = {"good": "good", "bad": "bad"}.get(verdict, "doubtful")
@@ -232,7 +230,7 @@ def _check_document(result: CheckResult) -> doc.Document:
     return doc.Document(f"{name}: daily check of {result.dates[-1]}", tuple(blocks))
 
 
-def _told(result: CheckResult) -> tuple[doc.Block, ...]:
+def _told(result: TouchesResult) -> tuple[doc.Block, ...]:
     rows: list[doc.Row] = []
     for each in result.distinctions:
         unit = result.unit(each.cause)
@@ -248,64 +246,15 @@ def _told(result: CheckResult) -> tuple[doc.Block, ...]:
     return doc.Table(columns, tuple(rows)), doc.Paragraph(note, "note")
 
 
-@takes(CheckOptions, file="measurements")
-def check(
-    run: "str | Path | CalibrationResult | CheckOptions",
-    measurements: str | Path | Measurements | None = None,
-    **options: Any,
-) -> CheckResult | CheckPlan:
-    """Test daily touches of a socket against a calibrated robot; if the arm moved, report which joint did.
-
-    Args:
-        run: what calibrated the robot: a result of ``calibrate`` or ``identify``, or the folder of a run; or all
-            options in one object.
-        measurements: a CSV file, or measurements in memory: joint positions with the ball in the socket, the day of
-            each row in ``session``.
-        options: those of ``lab check``, by name: ``plan``, ``reference``, ``since``, ``require``, ``serial``,
-            ``force``.
-
-    Returns:
-        Whether anything has moved, the causes that explain it, and what these configurations tell apart; with ``plan``
-        the configurations that are proposed.
+def verified_touches(
+    options: VerifyOptions, calibrated: CalibrationRun, read: Measurements
+) -> TouchesResult | TouchPlan:
+    """Test daily touches of a socket, or propose configurations for them.
 
     Raises:
-        LabError: the run is not good or of another robot, or the rows make no daily checks.
-
-    Example:
-        >>> import lab
-        >>> day = lab.simulate("irb120", observe="socket", poses=8, fixtures=1, seed=1).measurements
-        >>> touches = [i for i in range(8) if day.other["socket"][i] == "a"] * 12
-        >>> dates = [f"2026-03-{2 + i // 4:02}" for i in range(48)]
-        >>> noise = 1e-5 * (np.random.default_rng(0).normal(size=(48, 6)))
-        >>> daily = lab.measurements(day.joints[touches] + noise, robot="irb120", sessions=dates)
-        >>> lab.check(lab.calibrate("irb120", poses=30, seed=1), daily).verdict
-        'good'
+        LabError: the rows make no daily checks.
     """
-    if isinstance(run, CheckOptions):
-        run.check()
-        return _checked(run, load_run(run.run, accept_edited=run.accept_edited))
-    if measurements is None:
-        raise LabError("lab.check: give the daily touches, a file or in memory")
-    in_memory = measurements if isinstance(measurements, Measurements) else None
-    file = "measurements.csv" if in_memory is not None else str(measurements)
-    requested = options_of("lab.check", CheckOptions, {**folder_of(run), "file": file, **options})
-    requested.check()
-    return _checked(requested, calibrated_by(run, requested.run, accept_edited=requested.accept_edited), in_memory)
-
-
-def _checked(
-    options: CheckOptions, calibrated: CalibrationRun, given: Measurements | None = None
-) -> CheckResult | CheckPlan:
-    if not options.force:
-        calibrated.refuse_unfit("a daily check")
-    one_serial({str(calibrated.folder): calibrated.serial, "--serial": options.serial}, "check it against its own run")
-    chain = calibrated.robot.chain
-    if given is None:
-        columns = sensor_named("socket").columns.with_conditions(calibrated.estimate.arm.conditions)
-        read = read_measurements(options.file, chain.joint_names, chain.prismatic, columns=columns)
-    else:
-        read = checked("measurements in memory", given, calibrated.robot, points=False)
-    rows, slides = read.only("calibrate", "reference", "test"), np.array(chain.prismatic)
+    rows, slides = read.only("calibrate", "reference", "test"), np.array(calibrated.robot.chain.prismatic)
     if options.plan is not None:
         if not len(rows):
             raise LabError(f"{options.file}: holds no touch; add one of each socket, by which it is placed")
@@ -319,10 +268,10 @@ def _checked(
     labels = sockets_of(rows, table[0].tolist())
     arm, values = calibrated.estimate.geometry
     joints = rows.joints[table]  # (days, m, joints)
-    errors, causes = _errors(arm, values, joints, labels, options.reference)
+    errors, causes = _errors(arm, values, joints, labels, options.reference or REFERENCE)
     if len(days) < 2:
         raise LabError(f"{options.file}: one check has nothing to be compared with; add that of another day")
-    tests = SocketChecks(causes, options.reference)
+    tests = SocketChecks(causes, options.reference or REFERENCE)
     scan = tests.scan(errors)
     end = len(days) if scan.change is None else scan.change.first
     unchanged = [i for i in range(end) if i not in scan.bad_touches]
@@ -331,12 +280,12 @@ def _checked(
         f"a bad touch on {days[i]}: that check raised an alarm, and the next was as those before; it is left out"
         for i in scan.bad_touches
     ]
-    return CheckResult(
+    return TouchesResult(
         options, calibrated, days, errors, labels, tests.distinctions(errors[unchanged]), scan, tuple(warnings)
     )
 
 
-def _dates(options: CheckOptions, rows: Measurements) -> list[str]:
+def _dates(options: VerifyOptions, rows: Measurements) -> list[str]:
     """Return the day of each row, as ``session`` states it."""
     for i, session in enumerate(rows.sessions):
         if not session:
@@ -348,7 +297,7 @@ def _dates(options: CheckOptions, rows: Measurements) -> list[str]:
 
 
 def _by_configuration(
-    options: CheckOptions, rows: Measurements, dates: Sequence[str], slides: NDArray[np.bool_]
+    options: VerifyOptions, rows: Measurements, dates: Sequence[str], slides: NDArray[np.bool_]
 ) -> tuple[tuple[str, ...], NDArray[np.int_]]:
     """Return the days, and ``(days, m)`` the row of each configuration: the order is that of the first day.
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +16,18 @@ from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise
 from lab.campaign.instruments import named_instrument
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, folder_of, load_run
-from lab.commands.calibrate.run import checked
-from lab.commands.command_line import options_of, takes
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.options import VerifyOptions
 from lab.commands.result import Result, error_statistics, exit_code_of, number
 from lab.core.checks import Check
 from lab.core.errors import LabError, be, counted, error_context
-from lab.core.limits import called, one_serial
+from lab.core.limits import called
 from lab.core.measurements import Measurements, without_copies
 from lab.core.progress import Progress
 from lab.core.se3 import Array, inverse
 from lab.core.significance import VERIFICATION
 from lab.core.units import MM, MRAD
-from lab.formats.measurement_csv import ObservedColumns, read_measurements
+from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.model import RigidArm
 from lab.noise.instruments import observing
 from lab.render import document as doc
@@ -49,10 +47,7 @@ from lab.verification.situation import another_unit
 from lab.verification.test import Displacement, Hypothesis, Verified
 from lab.verification.test import verify as test
 
-if TYPE_CHECKING:
-    from lab.commands.calibrate.run import CalibrationResult
-
-__all__ = ["VerificationResult", "drawn_poses", "verify"]
+__all__ = ["VerificationResult", "drawn_poses", "verified_points"]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -67,8 +62,8 @@ class VerificationResult(Result):
 
     command = "verify"
     robot_at = "calibrated.robot"
-    shown_by = "lab.commands.verify:_verification_document"
-    drawn_by = "lab.commands.verify:_errors_picture"
+    shown_by = "lab.commands.verify.points:_verification_document"
+    drawn_by = "lab.commands.verify.points:_errors_picture"
     recorded_by = "lab.commands.error_recording:record_verification"
 
     options: VerifyOptions
@@ -400,73 +395,22 @@ _SPREAD_OF = 4_000  # of more poses the spread of so many is as good
 _TOO_GOOD = 1 - 1e-4  # a p-value above it: the given noise is too large
 
 
-@takes(VerifyOptions, file="measurements")
-def verify(
-    run: "str | Path | CalibrationResult | VerifyOptions",
-    measurements: str | Path | Measurements | None = None,
-    **options: Any,
+def verified_points(
+    options: VerifyOptions, calibrated: CalibrationRun, read: Measurements, *, from_file: bool
 ) -> VerificationResult:
-    """Test a few new measurements against a calibrated robot; if it is no longer good, report what moved.
-
-    Args:
-        run: what calibrated the robot: a result of ``calibrate`` or ``identify``, or the folder of a run; or all
-            options in one object.
-        measurements: a CSV file, or measurements in memory, in the frame of the run (m) unless ``refit`` says that
-            the base was set up anew.
-        options: those of ``lab verify``, by name: ``refit``, ``instrument``, ``noise_mm``, ``force``.
-
-    Returns:
-        Whether the errors are those that the calibration predicts, and what would explain them if not.
+    """Test measured points against the calibrated arm, and find what has moved where they are beyond its prediction.
 
     Raises:
-        LabError: the run is not good, is of another robot, or did not identify what was measured.
-
-    Example:
-        >>> import lab
-        >>> day = lab.simulate("irb120", poses=60, seed=7)
-        >>> old, new = day.measurements.take(range(50)), day.measurements.take(range(50, 60))
-        >>> result = lab.identify(old, robot="irb120", instrument="uniform-8um")
-        >>> lab.verify(result, new).to_dict()["good"]
-        True
+        LabError: the run did not identify what was measured, or the rows cannot be used.
     """
-    if isinstance(run, VerifyOptions):
-        run.check()
-        with status("reading the run"):
-            calibrated = load_run(run.run, accept_edited=run.accept_edited)
-        return _verified(run, calibrated)
-    if measurements is None:
-        raise LabError("lab.verify: give the new measurements, a file or in memory")
-    in_memory = measurements if isinstance(measurements, Measurements) else None
-    file = "measurements.csv" if in_memory is not None else str(measurements)
-    requested = options_of("lab.verify", VerifyOptions, {**folder_of(run), "file": file, **options})
-    requested.check()
-    by = calibrated_by(run, requested.run, accept_edited=requested.accept_edited)
-    return _verified(requested, by, in_memory)
-
-
-def _verified(
-    options: VerifyOptions, calibrated: CalibrationRun, given: Measurements | None = None
-) -> VerificationResult:
-    if not options.force:
-        calibrated.refuse_unfit("a verification")
-    stated = {str(calibrated.folder): calibrated.serial, "--serial": options.serial}
-    one_serial(stated, "verify it against a run of its own")
     _refuse_unseen_base(calibrated, options)
     with status("verifying") as stage:
-        return _tested(options, calibrated, given, stage)
+        return _tested(options, calibrated, read, stage, from_file=from_file)
 
 
 def _tested(
-    options: VerifyOptions, calibrated: CalibrationRun, given: Measurements | None, stage: Stage
+    options: VerifyOptions, calibrated: CalibrationRun, read: Measurements, stage: Stage, *, from_file: bool
 ) -> VerificationResult:
-    """The test, of a file unless measurements are given."""
-    chain = calibrated.robot.chain
-    stage("1 of 2, reading the measurements")
-    if given is None:
-        columns = ObservedColumns().with_conditions(calibrated.estimate.arm.conditions)
-        read = read_measurements(options.file, chain.joint_names, chain.prismatic, columns=columns)
-    else:
-        read = checked("measurements in memory", given, calibrated.robot)
     if calibrated.load is not None and "payload_kg" in calibrated.estimate.arm.conditions:
         read = calibrated.load.with_payload(read)
     read = without_copies(Path(options.file), read)
@@ -480,8 +424,8 @@ def _tested(
             f"{options.file}: measured from stations {', '.join(stations)}; verify the rows of each alone, with "
             "--refit base"
         )
-    fitted = _if_fitted(calibrated, options, rows) if given is None else []
-    tested = f"2 of 2, testing {len(rows):,} rows, twice or more"
+    fitted = _if_fitted(calibrated, options, rows) if from_file else []
+    tested = f"testing {len(rows):,} rows, twice or more"
     stage(tested)
     noise, stated = _noise(calibrated, options), options.noise_mm is not None or options.instrument is not None
     if not np.isfinite(calibrated.estimate.free_covariance).all():

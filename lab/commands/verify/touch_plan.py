@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.commands.calibrate.load_run import CalibrationRun
-from lab.commands.options import CheckOptions
+from lab.commands.options import VerifyOptions
 from lab.commands.result import Result, joint_values
 from lab.core.errors import LabError, counted
 from lab.core.limits import called
@@ -26,7 +26,7 @@ from lab.sensors.contact import without_gaps
 from lab.simulation.collisions import collides
 from lab.verification.socket_checks import LEAST_CONFIGURATIONS, best_configurations
 
-__all__ = ["CheckPlan", "ball_columns", "placed_by", "planned", "sockets_of"]
+__all__ = ["TouchPlan", "ball_columns", "placed_by", "planned", "sockets_of"]
 
 _CHOICES = 60  # configurations to choose from at each socket
 _DRAWN, _ROUNDS = 120, 30
@@ -36,7 +36,7 @@ _DISTINCT = 2.0  # times the distance within which a check takes two configurati
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class CheckPlan(Result):
+class TouchPlan(Result):
     """Configurations that a daily check proposes.
 
     Attributes:
@@ -46,11 +46,11 @@ class CheckPlan(Result):
         own_share: share of the least distinct cause's pattern that no other cause explains.
     """
 
-    command = "check"
+    command = "verify"
     robot_at = "calibrated.robot"
-    shown_by = "lab.commands.check_plan:_plan_document"
+    shown_by = "lab.commands.verify.touch_plan:_plan_document"
 
-    options: CheckOptions
+    options: VerifyOptions
     calibrated: CalibrationRun
     joints: Array
     sockets: tuple[str, ...]
@@ -92,7 +92,7 @@ class CheckPlan(Result):
         write_measurements(folder / "plan.csv", table, chain.prismatic)
 
 
-def _plan_document(plan: CheckPlan) -> doc.Document:
+def _plan_document(plan: TouchPlan) -> doc.Document:
     chain = plan.calibrated.robot.chain
     joints = [f"{name}, {chain.unit(i).name}" for i, name in enumerate(chain.joint_names)]
     rows = [
@@ -148,8 +148,8 @@ def ball_columns(arm: RigidArm) -> list[int]:
 
 
 def planned(
-    options: CheckOptions, calibrated: CalibrationRun, rows: Measurements, near: Array, warnings: tuple[str, ...]
-) -> CheckPlan:
+    options: VerifyOptions, calibrated: CalibrationRun, rows: Measurements, near: Array, warnings: tuple[str, ...]
+) -> TouchPlan:
     """Choose configurations at the sockets that the rows touch.
 
     Four touches or more place ball and sockets; with fewer the ball is where the run has its first target.
@@ -191,7 +191,7 @@ def planned(
     chosen, share = best_configurations(
         chain.joint_names, by_joint, slopes[:, 0][..., ball_columns(arm)], there[:, 0], count, rng, names
     )
-    return CheckPlan(
+    return TouchPlan(
         options, calibrated, every[chosen], tuple(names[i] for i in chosen), share, (*calibrated.warnings, *warnings)
     )
 

@@ -1,4 +1,4 @@
-"""``lab check``: daily touches of a socket by a virtual arm that MuJoCo moves."""
+"""``lab verify``: daily touches of a socket by a virtual arm that MuJoCo moves."""
 
 import json
 from pathlib import Path
@@ -24,7 +24,7 @@ def calibrated() -> lab.CalibrationResult:
 
 
 def test_an_unchanged_arm_is_good(calibrated: lab.CalibrationResult) -> None:
-    result = lab.check(calibrated, daily(16))
+    result = lab.verify(calibrated, daily(16))
     values = result.to_dict()
     assert values["verdict"] == "good" and result.exit_code == 0 and values["change"] is None
     assert values["checks"] == 16 and values["tested"] == 6 and values["configurations"] == 4
@@ -35,7 +35,7 @@ def test_an_unchanged_arm_is_good(calibrated: lab.CalibrationResult) -> None:
 
 def test_the_joint_that_slipped_is_named_with_its_size_and_day(calibrated: lab.CalibrationResult) -> None:
     for seed in range(2):
-        result = lab.check(calibrated, daily(16, slip_rad=SLIP, since=13, seed=seed))
+        result = lab.verify(calibrated, daily(16, slip_rad=SLIP, since=13, seed=seed))
         change = result.to_dict()["change"]
         assert result.verdict == "bad" and result.exit_code == 1
         assert change["first"] == "2026-03-15" and [each["name"] for each in change["causes"]] == ["q3"]
@@ -44,22 +44,22 @@ def test_the_joint_that_slipped_is_named_with_its_size_and_day(calibrated: lab.C
 
 
 def test_a_joint_that_looks_like_the_tool_is_doubtful(calibrated: lab.CalibrationResult) -> None:
-    result = lab.check(calibrated, daily(14, slip_rad=np.array([0, 0, 0, 0, 0, 6e-3]), since=12))
+    result = lab.verify(calibrated, daily(14, slip_rad=np.array([0, 0, 0, 0, 0, 6e-3]), since=12))
     assert result.verdict == "doubtful" and result.exit_code == 0
     kinds = {(each["kind"], each["name"]) for each in result.to_dict()["change"]["causes"]}
     assert kinds == {("joint", "q6"), ("tool", "")}
 
 
 def test_few_checks_are_not_judged_and_since_begins_anew(calibrated: lab.CalibrationResult, tmp_path: Path) -> None:
-    few = lab.check(calibrated, daily(4), require="good")
+    few = lab.verify(calibrated, daily(4), require="good")
     assert few.verdict == "not judged" and few.exit_code == 3
     rows = daily(26, slip_rad=SLIP, since=13)
-    again = lab.check(calibrated, rows, since="2026-03-15")
+    again = lab.verify(calibrated, rows, since="2026-03-15")
     assert again.verdict == "good" and again.to_dict()["checks"] == 13
     calibrated.save(tmp_path / "run")
     lab.write_measurements(tmp_path / "daily.csv", rows)
-    assert run(f"check {tmp_path}/run {tmp_path}/daily.csv --out {tmp_path}/out") == 1
-    assert run(f"check {tmp_path}/run {tmp_path}/daily.csv --since 2026-03-15 --out {tmp_path}/out2") == 0
+    assert run(f"verify {tmp_path}/run {tmp_path}/daily.csv --out {tmp_path}/out") == 1
+    assert run(f"verify {tmp_path}/run {tmp_path}/daily.csv --since 2026-03-15 --out {tmp_path}/out2") == 0
     assert (tmp_path / "out2" / "report.html").is_file()
 
 
@@ -88,18 +88,18 @@ def test_rows_that_make_no_checks_are_refused(calibrated: lab.CalibrationResult)
     }
     for name, (data, what) in cases.items():
         with pytest.raises(LabError, match=what):
-            pytest.fail(f"{name}: {lab.check(calibrated, data).verdict}")
+            pytest.fail(f"{name}: {lab.verify(calibrated, data).verdict}")
     refused = {"--reference 2": {"reference": 2}, "--since": {"since": "May"}, "no check": {"since": "2027-01-01"}}
     for what, options in refused.items():
         with pytest.raises(LabError, match=what):
-            lab.check(calibrated, good, **options)
+            lab.verify(calibrated, good, **options)
 
 
 def test_configurations_are_proposed_where_one_touch_shows_the_socket(
     calibrated: lab.CalibrationResult, tmp_path: Path
 ) -> None:
     first = daily(1).take([0])
-    plan = lab.check(calibrated, first, plan=5)
+    plan = lab.verify(calibrated, first, plan=5)
     arm, values = calibrated.estimate.geometry
     joints = np.array([each["joints"] for each in plan.to_dict()["plan"]]) * np.pi / 180
     assert joints.shape == (5, 6) and not calibrated.robot.chain.beyond_limits(joints, 1e-9).any()
@@ -107,24 +107,40 @@ def test_configurations_are_proposed_where_one_touch_shows_the_socket(
     np.testing.assert_allclose(arm.points(joints, values)[:, 0], np.tile(there, (5, 1)), atol=1e-8)
     apart = np.abs(joints[:, None] - joints).max(axis=2) + 10 * np.eye(5)
     assert apart.min() > np.deg2rad(20)
-    assert lab.check(calibrated, first, plan=12).own_share >= 0.9 * plan.own_share > 0.1
+    assert lab.verify(calibrated, first, plan=12).own_share >= 0.9 * plan.own_share > 0.1
     calibrated.save(tmp_path / "run")
     lab.write_measurements(tmp_path / "first.csv", first)
-    assert run(f"check {tmp_path}/run {tmp_path}/first.csv --plan 5 --out {tmp_path}/plan") == 0
+    assert run(f"verify {tmp_path}/run {tmp_path}/first.csv --plan 5 --out {tmp_path}/plan") == 0
     chain = calibrated.robot.chain
     columns = sensor_named("socket").columns
     back = read_measurements(tmp_path / "plan" / "plan.csv", chain.joint_names, chain.prismatic, columns=columns)
     np.testing.assert_allclose(back.joints, plan.joints, atol=1e-6)
-    schema = json.loads((ROOT / "docs" / "reference" / "schemas" / "check.schema.json").read_text())
+    schema = json.loads((ROOT / "docs" / "reference" / "schemas" / "verify.schema.json").read_text())
     jsonschema.validate(json.loads((tmp_path / "plan" / "result.json").read_text()), schema)
+
+
+def test_touches_are_known_by_what_the_file_holds(calibrated: lab.CalibrationResult, tmp_path: Path) -> None:
+    calibrated.save(tmp_path / "run")
+    for name, rows in (("daily", daily(12)), ("points", calibrated.measurements.take(range(8)))):
+        lab.write_measurements(tmp_path / f"{name}.csv", rows)
+    assert lab.verify(tmp_path / "run", tmp_path / "daily.csv").to_dict()["checks"] == 12
+    assert "poses" in lab.verify(tmp_path / "run", tmp_path / "points.csv", force=True).to_dict()
+    refused = {
+        "--refit is of points": ("daily", {"refit": ("base",)}),
+        "--since is of touches": ("points", {"since": "2026-03-02"}),
+        "day of the check": ("points", {"observe": "socket"}),
+    }
+    for what, (name, options) in refused.items():
+        with pytest.raises(LabError, match=what):
+            lab.verify(tmp_path / "run", tmp_path / f"{name}.csv", force=True, **options)
 
 
 def test_a_plan_that_cannot_be_is_refused(calibrated: lab.CalibrationResult) -> None:
     rows = daily(1)
     for count in (3, 51):
         with pytest.raises(LabError, match="--plan"):
-            lab.check(calibrated, rows, plan=count)
+            lab.verify(calibrated, rows, plan=count)
     other = rows.joints.copy()
     other[1, 1] += 0.2
     with pytest.raises(LabError, match="mm from where the other touches have socket"):
-        lab.check(calibrated, lab.measurements(other[:3], robot="irb120"), plan=4)
+        lab.verify(calibrated, lab.measurements(other[:3], robot="irb120"), plan=4)
