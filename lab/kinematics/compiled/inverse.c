@@ -855,100 +855,12 @@ static PyObject *settle(PyObject *self, PyObject *const *args, Py_ssize_t given)
     Py_RETURN_NONE;
 }
 
-/* ------------------------------------------------------------------------------------------------ a wrist of two axes */
+/* ------------------------------------------------------------------------------------------------ a planar arm between two joints */
 
-#define AT_AXIS 1e-6 /* five_axes_wrist._ON_AXIS */
-
-typedef struct { /* in the order of TwoAxisWrist's numbers */
-    double slides[3], axis[5][3], origin[3][3], start[3], held_5[3], held_across[3], across[3];
-} TwoAxes;
-
-/* A turn about an axis that brings a direction nearest to another: its angle, cosine and sine. */
-INLINE double turn_between(const double *axis, const double *from, const double *to, double *c, double *s)
-{
-    double ahead[3], along = dot3(axis, from);
-    cross3(axis, from, ahead);
-    double y = dot3(ahead, to), x = dot3(from, to) - along * dot3(axis, to), size = sqrt(x * x + y * y);
-    *c = size > 0 ? x / size : 1.0;
-    *s = size > 0 ? y / size : 0.0;
-    return atan2(y, x);
-}
-
-/* Whether P is on the axis of hinge 1 or 2, while the others turn it there: TwoAxisWrist._on_axis. */
-INLINE int on_axis(const TwoAxes *a, const double *q, const double *c, const double *s)
-{
-    double p[3] = {a->start[0], a->start[1], a->start[2]};
-    int on = 0;
-    for (int joint = 2; joint > 0; joint--) {
-        double lever[3], across[3];
-        if (a->slides[joint])
-            for (int i = 0; i < 3; i++) p[i] += q[joint] * a->axis[joint][i];
-        else {
-            less3(p, a->origin[joint], lever);
-            turn3(a->axis[joint], c[joint], s[joint], lever);
-            for (int i = 0; i < 3; i++) p[i] = a->origin[joint][i] + lever[i];
-        }
-        less3(p, a->origin[joint - 1], lever);
-        cross3(a->axis[joint - 1], lever, across);
-        on |= !a->slides[joint - 1] && dot3(across, across) < AT_AXIS * AT_AXIS;
-    }
-    return on;
-}
-
-/* two_axes(numbers, Ts, joints, near): joints 4 and 5 of candidates (n, k, 5) by the first three, as TwoAxisWrist._wrist
- * does; near (n,) is written, where P is on a hinge's axis in one of them. */
-static PyObject *two_axes(PyObject *self, PyObject *const *args, Py_ssize_t given)
-{
-    (void)self;
-    Views held = {.count = 0};
-    Py_ssize_t size, poses, out, flags;
-    const double *numbers_, *Ts;
-    double *joints;
-    unsigned char *near;
-    if (given != 4 || !(numbers_ = numbers(&held, args[0], 0, 8, &size)) || !(Ts = numbers(&held, args[1], 0, 8, &poses))
-        || !(joints = numbers(&held, args[2], 1, 8, &out)) || !(near = numbers(&held, args[3], 1, 1, &flags)))
-        return wrong(&held);
-    const TwoAxes *a = (const TwoAxes *)numbers_;
-    Py_ssize_t n = poses / 16, rows = out / FIVE, many = n ? rows / n : 1;
-    if (size * sizeof(double) != sizeof(TwoAxes) || poses != 16 * n || out != FIVE * many * n || flags != n)
-        return wrong(&held);
-    memset(near, 0, n);
-    for (Py_ssize_t row = 0; row < rows; row++) {
-        const double *T = Ts + 16 * (row / many);
-        double *q = joints + FIVE * row, c[3], s[3], fifth[3], across[3], cosine, sine;
-        for (int i = 0; i < 3; i++) {
-            fifth[i] = dot3(T + 4 * i, a->held_5);
-            across[i] = dot3(T + 4 * i, a->held_across);
-        }
-        for (int j = 0; j < 3; j++) {
-            c[j] = a->slides[j] ? 1.0 : cos(q[j]);
-            s[j] = a->slides[j] ? 0.0 : sin(q[j]);
-            if (a->slides[j]) continue;
-            turn3(a->axis[j], c[j], -s[j], fifth);
-            turn3(a->axis[j], c[j], -s[j], across);
-        }
-        q[3] = turn_between(a->axis[3], a->axis[4], fifth, &cosine, &sine);
-        turn3(a->axis[3], cosine, -sine, across);
-        q[4] = turn_between(a->axis[4], a->across, across, &cosine, &sine);
-        near[row / many] |= on_axis(a, q, c, s);
-    }
-    let_go(&held);
-    Py_RETURN_NONE;
-}
-
-/* ------------------------------------------------------------------------------------------------ planar arms on two joints */
-
-enum { MIDDLE, MIDDLE_ON_A_SLIDE, END, END_ON_PARALLEL, END_ON_A_SLIDE };
-
-typedef struct { /* in the order of five_axes_planar.numbers */
-    double kind, axis[2][3], origin[2][3], plane[3][3], back[3][3], centre[3], held_5[3], axis_5[3], start[3];
-    double size, fixed, cosine, sine;
+typedef struct { /* in the order of FiveAxes' numbers */
+    double slides, axis[2][3], origin[2][3], plane[3][3], back[3][3], centre[3], held_5[3], axis_5[3], start[3];
+    double size, unused[3];
 } Planar;
-
-INLINE void turn_back(const Planar *a, int joint, double angle, double *v)
-{
-    turn3(a->axis[joint], cos(angle), -sin(angle), v);
-}
 
 /* X, Y and Z of w . Rot(axis 1, -t) v = height as type 2. */
 INLINE void facing(const Planar *a, const double *v, double height, double equation[3])
@@ -961,12 +873,12 @@ INLINE void facing(const Planar *a, const double *v, double height, double equat
     equation[2] = height - along;
 }
 
-/* PlanarMiddle._frame_by_numpy of one pose: (5, m, n) from a pose's first number on. */
+/* FiveAxes._frame_by_numpy of one pose: (5, m, n) from a pose's first number on. */
 INLINE void middle_one(const Planar *a, const double *T, const double *liked, double *out, Py_ssize_t n, unsigned char *free_)
 {
     double lever[3], fifth[3], N[3][3], first[2], gap, offset = 0;
     const double *w = a->plane[2];
-    int roots = a->kind == MIDDLE ? 2 : 1;
+    int roots = a->slides ? 1 : 2;
     for (int i = 0; i < 3; i++) {
         lever[i] = dot3(T + 4 * i, a->centre) + T[4 * i + 3] - a->origin[0][i];
         fifth[i] = dot3(T + 4 * i, a->held_5);
@@ -1007,71 +919,7 @@ INLINE void middle_one(const Planar *a, const double *T, const double *liked, do
     }
 }
 
-INLINE double turn_to(const double *axis, const double *from, const double *to)
-{
-    double c, s;
-    return turn_between(axis, from, to, &c, &s);
-}
-
-/* PlanarEnd._frame_by_numpy of one pose. */
-INLINE void end_one(const Planar *a, const double *T, const double *liked, double *out, Py_ssize_t n)
-{
-    double place[3], seen[3], lever[3], b0[3], b1[3], first[2], second[2], gap;
-    const double *w = a->plane[2];
-    int roots = a->kind == END_ON_A_SLIDE ? 1 : 2;
-    unsigned char free_;
-    for (int i = 0; i < 3; i++) {
-        place[i] = T[4 * i + 3];
-        b0[i] = dot3(T + 4 * i, a->back[0]);
-        b1[i] = dot3(T + 4 * i, a->back[1]);
-        seen[i] = dot3(T + 4 * i, a->back[2]);
-    }
-    less3(place, a->origin[0], lever);
-    if (a->kind == END_ON_A_SLIDE) {
-        double from[3];
-        less3(a->start, a->origin[0], from);
-        first[0] = turn_to(a->axis[0], w, seen);
-        second[0] = (dot3(seen, lever) - dot3(w, from)) / dot3(w, a->axis[1]);
-    } else if (a->kind == END_ON_PARALLEL) {
-        double apart[3], from[3], ahead[3];
-        less3(a->origin[0], a->origin[1], apart);
-        less3(a->start, a->origin[1], from);
-        cross3(a->axis[0], apart, ahead);
-        double along = dot3(a->axis[0], apart) * dot3(seen, a->axis[0]), rest = dot3(w, from) - dot3(seen, lever);
-        type_2(dot3(seen, ahead), dot3(seen, apart) - along, rest - along, liked[0], first, &gap, &free_);
-        double whole = turn_to(a->axis[0], w, seen);
-        for (int r = 0; r < 2; r++) second[r] = copysign(1.0, dot3(a->axis[0], a->axis[1])) * (whole - first[r]);
-    } else {
-        type_2(a->sine, a->cosine, dot3(seen, a->axis[0]) - a->fixed, liked[1], second, &gap, &free_);
-        for (int r = 0; r < 2; r++) {
-            double turned[3] = {w[0], w[1], w[2]};
-            turn3(a->axis[1], cos(second[r]), sin(second[r]), turned);
-            first[r] = turn_to(a->axis[0], turned, seen);
-        }
-    }
-    for (int r = 0; r < roots; r++) {
-        double at[3] = {lever[0], lever[1], lever[2]}, e0[3] = {b0[0], b0[1], b0[2]}, e1[3] = {b1[0], b1[1], b1[2]};
-        turn_back(a, 0, first[r], at);
-        turn_back(a, 0, first[r], e0);
-        turn_back(a, 0, first[r], e1);
-        for (int i = 0; i < 3; i++) at[i] += a->origin[0][i];
-        if (a->kind == END_ON_A_SLIDE)
-            for (int i = 0; i < 3; i++) at[i] -= second[r] * a->axis[1][i];
-        else {
-            less3(at, a->origin[1], at);
-            turn_back(a, 1, second[r], at);
-            turn_back(a, 1, second[r], e0);
-            turn_back(a, 1, second[r], e1);
-            for (int i = 0; i < 3; i++) at[i] += a->origin[1][i];
-        }
-        const double *e = a->plane[0], *f = a->plane[1];
-        double found[5] = {first[r], second[r], atan2(dot3(f, e0) - dot3(e, e1), dot3(e, e0) + dot3(f, e1)), dot3(e, at),
-                           dot3(f, at)};
-        for (int i = 0; i < 5; i++) out[(i * roots + r) * n] = found[i];
-    }
-}
-
-/* planar_frame(numbers, Ts, liked, found, free): the two _frame_by_numpy of five_axes_planar. liked (n, 2); found (5, m, n)
+/* planar_frame(numbers, Ts, liked, found, free): FiveAxes._frame_by_numpy. liked (n, 2); found (5, m, n)
  * and free (n,) are written. */
 static PyObject *planar_frame(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
@@ -1087,167 +935,10 @@ static PyObject *planar_frame(PyObject *self, PyObject *const *args, Py_ssize_t 
         return wrong(&held);
     const Planar *a = (const Planar *)numbers_;
     if (size * sizeof(double) != sizeof(Planar)) return wrong(&held);
-    int end = a->kind >= END, roots = a->kind == MIDDLE_ON_A_SLIDE || a->kind == END_ON_A_SLIDE ? 1 : 2;
+    int roots = a->slides ? 1 : 2;
     Py_ssize_t n = poses / 16;
     if (poses != 16 * n || wishes != 2 * n || out != 5 * roots * n || flags != n) return wrong(&held);
-    for (Py_ssize_t i = 0; i < n; i++) {
-        free_[i] = 0;
-        if (end)
-            end_one(a, Ts + 16 * i, liked + 2 * i, found + i, n);
-        else
-            middle_one(a, Ts + 16 * i, liked + 2 * i, found + i, n, free_ + i);
-    }
-    let_go(&held);
-    Py_RETURN_NONE;
-}
-
-/* ------------------------------------------------------------------------------------------------ two parallel axes */
-
-#define ALIKE 1e-6 /* five_axes_pair._ALIKE and ._LOOSE */
-#define LOOSE 1e-6
-
-typedef struct { /* in the order of ParallelPair's numbers */
-    double equations[3][3][3][12], back[3][4], w[3], root[3], axis[5][3], origin[5][3];
-    double scale, size, third, pair[2], turning, across[3];
-} Pair;
-
-/* Where joints 1 to 3 bring a direction, or a point; with the third one after the pair, from where they do. */
-INLINE void first_three(const Pair *a, double D[3][4], const double c[2], const double s[2], int point, const double *from,
-                        double *to)
-{
-    double v[3] = {from[0], from[1], from[2]};
-    int after = a->third != 0;
-    if (after) {
-        for (int i = 0; i < 3; i++) v[i] -= point ? D[i][3] : 0.0;
-        for (int i = 0; i < 3; i++) to[i] = D[0][i] * v[0] + D[1][i] * v[1] + D[2][i] * v[2];
-        memcpy(v, to, sizeof v);
-    }
-    for (int k = 0; k < 2; k++) { /* joints 4 and 5, or 5 and 4 */
-        int joint = after ? 1 - k : k;
-        double lever[3] = {v[0], v[1], v[2]};
-        if (point) less3(v, a->origin[3 + joint], lever);
-        turn3(a->axis[3 + joint], c[joint], after ? s[joint] : -s[joint], lever);
-        for (int i = 0; i < 3; i++) v[i] = lever[i] + (point ? a->origin[3 + joint][i] : 0.0);
-    }
-    for (int i = 0; i < 3; i++) to[i] = after ? v[i] : dot3(D[i], v) + (point ? D[i][3] : 0.0);
-}
-
-/* ParallelPair._joints of one candidate: joints 1 to 3 by cosines and sines of joints 4 and 5. */
-INLINE void pair_joints(const Pair *a, double D[3][4], const double c[2], const double s[2], double *q)
-{
-    int first = (int)a->pair[0], second = (int)a->pair[1], third = (int)a->third;
-    const double *z = a->axis[third], *n = a->axis[second];
-    double seen[3], end[3], across[3], from[3], cosine, sine, way = third ? -1.0 : 1.0, unused[2];
-    first_three(a, D, c, s, 0, n, seen);
-    first_three(a, D, c, s, 1, a->origin[second], end);
-    first_three(a, D, c, s, 0, a->across, across);
-    q[third] = way * turn_between(z, n, seen, &cosine, &sine);
-    less3(end, a->origin[third], end);
-    turn3(z, cosine, -sine, end);
-    turn3(z, cosine, -sine, across);
-    for (int i = 0; i < 3; i++) end[i] += a->origin[third][i] - a->origin[first][i];
-    less3(a->origin[second], a->origin[first], from);
-    double turned = turn_between(n, from, end, unused, unused + 1);
-    double whole = turn_between(n, a->across, across, unused, unused + 1);
-    q[first] = way * a->turning * turned;
-    q[second] = way * (whole - turned);
-}
-
-/* ParallelPair._plain_by_numpy of one pose; whether joints 4 and 5 are well said. */
-static int pair_one(const Pair *a, const double *T, double *joints)
-{
-    static const double node[5][2] = {{1, 0}, {0.30901699437494742, 0.95105651629515357}, {-0.80901699437494742, 0.58778525229247313},
-                                      {-0.80901699437494742, -0.58778525229247313}, {0.30901699437494742, -0.95105651629515357}};
-    double D[3][4], f[12] = {1}, E[3][3][3], of[5] = {0}, line[2][3], root[4], far[3];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 4; j++) {
-            D[i][j] = j == 3 ? T[4 * i + 3] : 0.0;
-            for (int k = 0; k < 3; k++) D[i][j] += T[4 * i + k] * a->back[k][j];
-        }
-    for (int i = 0; i < 3; i++) far[i] = a->root[i] - D[i][3];
-    for (int i = 0; i < 3; i++)
-        for (int k = 0; k < 3; k++) {
-            f[1 + i] += D[k][i] * a->w[k];
-            f[4 + i] += D[k][i] * far[k];
-        }
-    for (int i = 0; i < 3; i++) f[4 + i] = (f[4 + i] - a->origin[4][i]) / a->scale;
-    cross3(f + 1, f + 4, f + 7);
-    f[10] = dot3(f + 1, f + 4);
-    f[11] = dot3(f + 4, f + 4);
-    for (int i = 0; i < 27; i++) {
-        const double *row = a->equations[0][0][0] + 12 * i;
-        double sum = 0;
-        for (int k = 0; k < 12; k++) sum += row[k] * f[k];
-        E[i / 9][i / 3 % 3][i % 3] = sum;
-    }
-    for (int k = 0; k < 5; k++) { /* det N */
-        double N[3][3], ahead[3], x = node[k][0], y = node[k][1];
-        for (int i = 0; i < 9; i++) N[i / 3][i % 3] = E[i / 3][i % 3][0] + x * E[i / 3][i % 3][1] + y * E[i / 3][i % 3][2];
-        cross3(N[1], N[2], ahead);
-        double det = dot3(N[0], ahead) / 5, c2 = x * x - y * y, s2 = 2 * x * y;
-        of[0] += det;
-        of[1] += det * x;
-        of[2] -= det * y;
-        of[3] += det * c2;
-        of[4] -= det * s2;
-    }
-    double size = fmax(fabs(of[0]), sqrt(fmax(of[1] * of[1] + of[2] * of[2], of[3] * of[3] + of[4] * of[4])));
-    int plain = size > LOOSE * a->size, after = a->third != 0;
-    double F[3][3] = {{2 * of[3], -2 * of[4], of[1]}, {-2 * of[4], -2 * of[3], -of[2]}, {of[1], -of[2], of[0]}};
-    common_lines(F, 1, line);
-    on_circle(line[0], root);
-    on_circle(line[1], root + 2);
-    for (int r = 0; r < 4; r++) {
-        double x = cos(root[r]), y = sin(root[r]);
-        double value = of[0] + 2 * (of[1] * x - of[2] * y + of[3] * (x * x - y * y) - 2 * of[4] * x * y);
-        double slope = 2 * (-of[1] * y - of[2] * x - 4 * of[3] * x * y - 2 * of[4] * (x * x - y * y));
-        if (fabs(value) < 1e-3 * fabs(slope)) { /* a step of Newton's method, on the circle */
-            double step = value / slope, dx = step * y, dy = -step * x, length = sqrt(1 + step * step);
-            root[r] -= step;
-            x = (x + dx) / length;
-            y = (y + dy) / length;
-        }
-        double A = 0, B = 0, C = 0, right = 0, ahead = 0;
-        for (int i = 0; i < 3; i++) {
-            double n[3];
-            for (int k = 0; k < 3; k++) n[k] = E[i][k][0] + x * E[i][k][1] + y * E[i][k][2];
-            A += n[1] * n[1];
-            B += n[1] * n[2];
-            C += n[2] * n[2];
-            right -= n[1] * n[0];
-            ahead -= n[2] * n[0];
-        }
-        plain &= A * C - B * B > ALIKE * (A + C) * (A + C);
-        double along = C * right - B * ahead, up = A * ahead - B * right, length = sqrt(along * along + up * up);
-        double t[2] = {length > 0 ? along / length : 1.0, length > 0 ? up / length : 0.0};
-        double c[2] = {after ? x : t[0], after ? t[0] : x}, s[2] = {after ? y : t[1], after ? t[1] : y};
-        double *q = joints + FIVE * r;
-        q[after ? 3 : 4] = root[r];
-        q[after ? 4 : 3] = atan2(t[1], t[0]);
-        pair_joints(a, D, c, s, q);
-    }
-    return plain;
-}
-
-/* parallel_pair(numbers, Ts, joints, plain): ParallelPair._plain_by_numpy where joints 4 and 5 are well said, which plain (n,)
- * tells; joints (n, 4, 5) are written. */
-static PyObject *parallel_pair(PyObject *self, PyObject *const *args, Py_ssize_t given)
-{
-    (void)self;
-    Views held = {.count = 0};
-    Py_ssize_t size, poses, out, flags;
-    const double *numbers_, *Ts;
-    double *joints;
-    unsigned char *plain;
-    if (given != 4 || !(numbers_ = numbers(&held, args[0], 0, 8, &size)) || !(Ts = numbers(&held, args[1], 0, 8, &poses))
-        || !(joints = numbers(&held, args[2], 1, 8, &out)) || !(plain = numbers(&held, args[3], 1, 1, &flags)))
-        return wrong(&held);
-    const Pair *a = (const Pair *)numbers_;
-    Py_ssize_t n = poses / 16;
-    if (size * sizeof(double) != sizeof(Pair) || poses != 16 * n || out != 4 * FIVE * n || flags != n) return wrong(&held);
-    PyThreadState *state = n > RELEASE ? PyEval_SaveThread() : NULL;
-    for (Py_ssize_t i = 0; i < n; i++) plain[i] = pair_one(a, Ts + 16 * i, joints + 4 * FIVE * i);
-    if (state) PyEval_RestoreThread(state);
+    for (Py_ssize_t i = 0; i < n; i++) middle_one(a, Ts + 16 * i, liked + 2 * i, found + i, n, free_ + i);
     let_go(&held);
     Py_RETURN_NONE;
 }

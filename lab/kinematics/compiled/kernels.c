@@ -940,7 +940,6 @@ static PyMethodDef methods[] = {
     {"innovations", (PyCFunction)(void (*)(void))innovations, METH_FASTCALL, NULL},
     {"inverse", (PyCFunction)(void (*)(void))inverse, METH_FASTCALL, NULL},
     {"observe", (PyCFunction)(void (*)(void))observe, METH_FASTCALL, NULL},
-    {"parallel_pair", (PyCFunction)(void (*)(void))parallel_pair, METH_FASTCALL, NULL},
     {"planar_frame", (PyCFunction)(void (*)(void))planar_frame, METH_FASTCALL, NULL},
     {"reach", (PyCFunction)(void (*)(void))reach, METH_FASTCALL, NULL},
     {"oriented", (PyCFunction)(void (*)(void))oriented, METH_FASTCALL, NULL},
@@ -949,7 +948,6 @@ static PyMethodDef methods[] = {
     {"three_parallel", (PyCFunction)(void (*)(void))three_parallel, METH_FASTCALL, NULL},
     {"three_joints", (PyCFunction)(void (*)(void))three_joints, METH_FASTCALL, NULL},
     {"tool", (PyCFunction)(void (*)(void))tool, METH_FASTCALL, NULL},
-    {"two_axes", (PyCFunction)(void (*)(void))two_axes, METH_FASTCALL, NULL},
     {"whiten", (PyCFunction)(void (*)(void))whiten, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };

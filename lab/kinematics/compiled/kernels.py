@@ -23,12 +23,10 @@ __all__ = [
     "eight_solutions",
     "independent",
     "innovations",
-    "parallel_pair",
     "planar_frame",
     "real",
     "solve_positive",
     "three_joints",
-    "two_axes",
     "whiten",
     "with_fallback",
 ]
@@ -264,22 +262,6 @@ def _liked(reference: Array | float, count: int, joints: int) -> Array | None:
     if isinstance(reference, float) and reference == 0.0:
         return None
     return np.ascontiguousarray(np.broadcast_to(reference, (count, joints)), dtype=np.float64)
-
-
-def parallel_pair(numbers: Array, Ts: Array) -> tuple[_Flags, Array]:
-    """Return poses ``(n,)`` whose equations determine joints 4 and 5, and candidates ``(4, 5, n)``."""
-    joints, plain = np.empty((len(Ts), 4, 5)), np.empty(len(Ts), dtype=np.bool_)
-    _CODE.parallel_pair(numbers, np.ascontiguousarray(Ts), joints, plain)
-    return plain, joints.transpose(1, 2, 0)
-
-
-def two_axes(numbers: Array, Ts: Array, first: Array) -> tuple[Array, _Flags]:
-    """Return candidates ``(k, 5, n)`` by their first three joints ``(k, 3, n)``, and poses with P on a hinge's axis."""
-    count = first.shape[2]
-    out, near = np.empty((count, len(first), 5)), np.empty(count, dtype=np.bool_)
-    out[:, :, :3] = first.transpose(2, 0, 1)
-    _CODE.two_axes(numbers, np.ascontiguousarray(Ts), out, near)
-    return out.transpose(1, 2, 0), near
 
 
 def planar_frame(numbers: Array, roots: int, Ts: Array, liked: Array) -> tuple[Array, _Flags]:

@@ -16,7 +16,6 @@ from lab.kinematics.serial.chain import Chain
 __all__ = [
     "EXACT",
     "Axes",
-    "Candidates",
     "ClosedForm",
     "Determinant",
     "Factor",
@@ -151,8 +150,6 @@ def _number(value: float) -> str:
     return f"{value:.6g}"
 
 
-# Some poses, candidate positions (k, 5, n) along the axes, and their free joints
-Candidates = tuple[slice | NDArray[np.int_], Array, NDArray[np.bool_]]
 EXACT = 1e-9  # m or rad: tolerance of a nominal model's shape
 
 
@@ -246,19 +243,6 @@ class Axes:
     def size(self) -> int:
         """Number of joints."""
         return len(self.names)
-
-    @property
-    def backwards(self) -> "Axes":
-        """Reversed arm, from the last frame to frame 0."""
-        back = se3.inverse(self.T_frame0_last)
-        origins = np.where(np.array(self.prismatic)[:, None], 0.0, se3.transform(back, self.origins))
-        directions = -self.directions @ back[:3, :3].T
-        return Axes(self.names[::-1], self.prismatic[::-1], self.sign[::-1], directions[::-1], origins[::-1], back)
-
-    def first(self, count: int) -> "Axes":
-        """Return the first joints, with the last frame at frame 0."""
-        kinds, places = (self.names[:count], self.prismatic[:count]), (self.directions[:count], self.origins[:count])
-        return Axes(*kinds, self.sign[:count], *places, np.eye(4))
 
     def carried(self, joint: int, amount: Array, points: Array) -> Array:
         """Move points ``(3, ...)`` by one joint, by amounts ``(...)`` along its axis."""

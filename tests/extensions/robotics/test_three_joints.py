@@ -35,7 +35,6 @@ CLASSICAL = {
     "SCARA, slide second": chain_of("e", "craig", "RPR", [0, 0, 0], [0, 0.4, 0.3], [0] * 3, [0.3, 0, 0]),
 }
 ALL = {**ANY, **CLASSICAL}
-COUNTS = [100, pytest.param(100_000, marks=pytest.mark.slow)]
 
 
 def form_of(chain: Chain, point: Array = POINT) -> ThreeJoints:
@@ -64,10 +63,9 @@ def apart(chain: Chain, a: Array, b: Array) -> Array:
     return np.abs(off - np.where(chain.prismatic, 0, 2 * np.pi) * np.round(off / (2 * np.pi))).max(axis=-1)
 
 
-@pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("name", ALL)
-def test_every_solution_leads_back_and_the_true_one_is_among_them(name: str, count: int) -> None:
-    chain, form = ALL[name], form_of(ALL[name])
+def test_every_solution_leads_back_and_the_true_one_is_among_them(name: str) -> None:
+    count, chain, form = 100, ALL[name], form_of(ALL[name])
     joints = drawn(chain, count, 2)
     found = form.solve(flanges(chain, joints))
     reached = found.gap_m == 0
@@ -80,8 +78,8 @@ def test_every_solution_leads_back_and_the_true_one_is_among_them(name: str, cou
     assert np.quantile(true, 0.99) < 1e-9  # with the true joints the rotation is met as well
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.sampled(6)
+@pytest.mark.parametrize("name", ["RPR", "PRP", "orthogonal", "spherical", "axes 1 and 2 parallel", "PPR"])
 def test_newton_from_anywhere_finds_no_other_solution(name: str) -> None:
     chain, starts = ALL[name], 30
     arm = SerialArm(chain, ("p1",))
@@ -96,9 +94,8 @@ def test_newton_from_anywhere_finds_no_other_solution(name: str) -> None:
     assert there.mean() > 0.3 and off.min(axis=1)[there].max() < 1e-4
 
 
-@pytest.mark.sampled(7)
-@pytest.mark.parametrize("away", [0.0, 1e-9, 1e-6])
-@pytest.mark.parametrize("name", ["anthropomorphic", "orthogonal", "spherical", "SCARA", "RRR", "PRR", "RRP"])
+@pytest.mark.parametrize("away", [0.0, 1e-6])
+@pytest.mark.parametrize("name", ["anthropomorphic", "RRR", "PRR", "RRP"])
 def test_at_a_singularity_nothing_is_lost(name: str, away: float) -> None:
     """Joints 2 and 3 are moved to where the determinant is zero, by bisection between positions of other signs."""
     chain, form = ALL[name], form_of(ALL[name])

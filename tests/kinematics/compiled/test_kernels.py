@@ -281,41 +281,19 @@ def test_all_solutions_of_three_parallel_axes_are_those_of_numpy(monkeypatch: py
 FIVE = {
     "planar arm": chain_of("p", "craig", "RRRRR", [0, 70, 180, 0, 60], [0.1, 0.05, 0.4, 0.3, 0.02],
                            [10, 20, 30, 40, 50], [0.3, 0.05, 0.02, 0.01, 0.1]),
-    "wrist": chain_of("w", "craig", "RRRRR", [0, -90, 0, -90, 90], [0, 0.05, 0.6, 0.1, 0], [0] * 5, [0, 0, 0, 0.6, 0]),
-    "held at its end": chain_of("b", "craig", "RRPRR", [0, -90, 0, -70, 80], [0, 0, 0.4, 0.1, 0.2], [10] * 5,
-                                [0.1] * 5),
-}  # fmt: skip
-
-
-SHAPES = FIVE | {
+    "with a slide": chain_of("s", "craig", "RRPRR", [0, 90, 90, -90, 90], [0, 0.05, 0.1, 0.1, 0.05], [0] * 5,
+                             [0.1] * 5),
     "on a track": chain_of("t", "craig", "PRRRR", [30, 40, 0, 0, 90], [0, 0.05, 0.4, 0.3, 0.05], [0] * 5, [0.1] * 5),
-    "planar end": chain_of("e", "craig", "RRRRR", [10, 50, 70, 0, 180], [0, 0.15, 0.1, 0.4, 0.3], [10, 20, 30, 40, 50],
-                           [0.3, 0.1, 0.05, 0.02, 0.1]),
-    "two and three parallel": chain_of("2", "craig", "RRRRR", [0, 180, 70, 0, 0], [0, 0.2, 0.1, 0.4, 0.3], [10] * 5,
-                                       [0.3, 0.05, 0.02, 0.01, 0.1]),
-    "planar base": chain_of("r", "craig", "RRRPR", [10, 0, 0, 40, 50], [0.1, 0.3, 0.4, 0.1, 0.2], [10, 20, 30, 0, 50],
-                            [0.1] * 5),
-    "axes 1 and 2 parallel": chain_of("1", "craig", "RRRRR", [0, 0, 70, 90, 110], [0, 0.2, 0.4, 0.15, 0.3],
-                                      [10, 20, 30, 40, 50], [0.3, 0.05, 0.1, 0.02, 0.1]),
-    "axes 3 and 4 parallel": chain_of("3", "craig", "RRRRR", [0, 50, 70, 180, 110], [0, 0.2, 0.4, 0.15, 0.3],
-                                      [10, 20, 30, 40, 50], [0.3, 0.05, 0.1, 0.02, 0.1]),
-    "wrist on a SCARA": chain_of("s", "craig", "RRPRR", [0, 0, 0, 30, 70], [0, 0.4, 0.25, 0, 0], [0] * 5,
-                                 [0.1, 0, 0, 0, 0]),
 }  # fmt: skip
 
 
 @compiled
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", FIVE)
 def test_all_solutions_of_five_axes_are_those_of_numpy(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where P is on the axis of a hinge, which brings more candidates, and where free joints are liked."""
-    chain, rng = SHAPES[name], np.random.default_rng(9)
+    chain, rng = FIVE[name], np.random.default_rng(9)
     fast, arm = FiveAxes.of(chain), SerialArm(chain)
     assert fast is not None
     joints = rng.uniform(-1, 1, (40, 5)) * np.where(chain.prismatic, 0.8, np.pi)
-    if name == "wrist on a SCARA":
-        joints[:3, 1] = np.pi
-        joints[:3, 1] += [0, 1e-9, 1e-7]
     Ts = arm.flange(joints, arm.nominal())
     found = fast.solve(Ts, joints)
     with numpy_alone(monkeypatch):

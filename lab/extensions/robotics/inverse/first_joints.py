@@ -55,7 +55,6 @@ __all__ = [
     "ThreeJoints",
     "carrier_of",
     "fitted_factor",
-    "polynomial_roots",
     "slid",
     "turned_back",
 ]
@@ -311,7 +310,7 @@ def slid(e: Array, f: Array, drawn_in: complex, turn_preferred: Array, slide_pre
     return Roots((direction - rest, slide), gap, (rest_free, slide_free))
 
 
-def polynomial_roots(coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _polynomial_roots(coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return the roots ``(d, n)`` of polynomials ``(d + 1, n)`` of rising powers, by companion matrices."""
     degree = len(coefficients) - 1
     last = coefficients[-1]
@@ -354,11 +353,9 @@ class ThreeJoints:
     @classmethod
     def of(cls, chain: Chain, point: Array) -> "ThreeJoints | None":
         """Return the closed form for a point ``(3,)`` m of the last frame; None where it cannot move in space."""
-        return cls.by_axes(Axes.of(chain), point) if chain.size == 3 else None
-
-    @classmethod
-    def by_axes(cls, axes: Axes, point: Array) -> "ThreeJoints | None":
-        """Return the closed form for the axes of three joints, as ``of``."""
+        if chain.size != 3:
+            return None
+        axes = Axes.of(chain)
         start = se3.transform(axes.T_frame0_last, point[None])[0]
         scale = float(np.abs(np.concatenate([axes.origins.ravel(), start, point])).max()) + 0.1
         plain = cls(axes, point, start, scale)
@@ -608,9 +605,9 @@ class ThreeJoints:
         """Return positions ``(k, n)`` of joint 3, and whether they are real roots, or nearly."""
         found = self._coefficients(wanted)[: self.degree + 1]
         if self.axes.prismatic[2]:
-            roots = polynomial_roots(found)
+            roots = _polynomial_roots(found)
             return self.scale_m * roots.real, np.abs(roots.imag) <= _OFF_CIRCLE
-        roots = polynomial_roots(np.concatenate([found[:0:-1].conj(), found]))
+        roots = _polynomial_roots(np.concatenate([found[:0:-1].conj(), found]))
         return np.angle(roots), np.abs(np.abs(roots) - 1) <= _OFF_CIRCLE
 
     def _settled(self, joints: Array, wanted: Array, steps: int) -> Array:
