@@ -251,7 +251,7 @@ def predicted_radius() -> Figure:
 def eight_solutions() -> Figure:
     """The solutions of one pose of an IRB 120, seen from the side."""
     figure, rows = plt.subplots(2, 2, figsize=(WIDE, 4.3), layout="constrained", sharex=True, sharey=True)
-    found = lab.solve_kinematics("irb120", pose=(300, 80, 420, 180, 0, 0), no_recording=True)
+    found = lab.solve_kinematics("irb120", pose=(300, 80, 420, 180, 0, 0))
     robot, shapes = lab.load_robot("irb120"), {}
     for each in found.placements:
         words = {"+": "front", "-": "back"}[each.configuration["shoulder"]], each.configuration["elbow"]
@@ -442,7 +442,7 @@ def effects_added() -> Figure:
 def carrier_volumes() -> Figure:
     """The workspaces of the five classical carriers."""
     figure, (axes,) = panels(height=3.0)
-    found = lab.workspace(["carriers"], places=100, orientations=1, no_recording=True).to_dict()["workspaces"]
+    found = lab.workspace(["carriers"], places=100, orientations=1).to_dict()["workspaces"]
     for row, each in enumerate(found):
         axes.barh(row, each["volume_m3"], color=BLUE)
         axes.text(each["volume_m3"] + 0.5, row, f"{each['volume_m3']:.4g} m³", va="center", color=BLUE)

@@ -33,8 +33,7 @@ MORE = {
     "study": ("study one.toml --workers 1 --out st",),
 }
 ONE_CAMPAIGN = 'name = "one"\nrobots = 1\ndraws = 1\nfresh = 20\n[factors]\nposes = [20]\n'
-RECORDED = {"calibrate", "identify", "verify", "compensate", "design", "payload", "dynamics", "kinematics", "workspace"}
-RECORDED |= {"next", "trajectory"}
+RECORDED = {"calibrate", "identify", "verify", "compensate", "design", "next", "trajectory"}
 
 
 def schema(name: str) -> dict:
@@ -150,8 +149,12 @@ def test_every_command_has_a_schema_and_every_recording_can_be_left_out() -> Non
 
 
 def test_a_recording_is_written_unless_it_is_left_out(tmp_path: Path) -> None:
-    result = lab.solve_kinematics("scara", joints=(10, 20, 30, 40), out=str(tmp_path / "with"))
-    without = lab.solve_kinematics("scara", joints=(10, 20, 30, 40), out=str(tmp_path / "without"), no_recording=True)
+    points = tmp_path / "points.csv"
+    points.write_text("q1_deg,q2_deg\n0,-30\n90,0\n")
+    result = lab.trajectory(points, robot="course2r")
+    without = lab.trajectory(points, robot="course2r", no_recording=True)
+    result.save(tmp_path / "with")
+    without.save(tmp_path / "without")
     assert result.to_dict() == without.to_dict()
     names = {each: {path.name for path in (tmp_path / each).iterdir()} for each in ("with", "without")}
     assert names["with"] - names["without"] == {"recording.rrd"} and names["without"] < names["with"]

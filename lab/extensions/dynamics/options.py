@@ -6,7 +6,7 @@ from typing import Literal
 
 import tyro
 
-from lab.campaign.option_types import Flag, Names, NoRecording, Numbers
+from lab.campaign.option_types import Flag, Names, Numbers
 from lab.core.errors import LabError
 from lab.core.limits import (
     FRICTION_PERCENT,
@@ -122,8 +122,6 @@ class PayloadOptions:
     """Of the joints that bear the arm, by which the cost of an uncertain load is reckoned."""
     serial: str | None = None
     """The serial number of the arm; refused where --run is of another one."""
-
-    no_recording: NoRecording = False
     rehearsal: SimulationOptions = field(default_factory=SimulationOptions)
     """The simulated session."""
 
@@ -173,8 +171,6 @@ class DynamicsOptions:
     """Print the inverse dynamics in letters: Newton and Euler's recursion with the base parameters, as a program."""
     serial: str | None = None
     """The serial number of the arm."""
-
-    no_recording: NoRecording = False
     rehearsal: SimulationOptions = field(default_factory=SimulationOptions)
     """The simulated session."""
 

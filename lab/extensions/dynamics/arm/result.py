@@ -67,7 +67,6 @@ class DynamicsResult(Result):
     command = "dynamics"
     shown_by = "lab.extensions.dynamics.arm.document:dynamics_document"
     drawn_by = "lab.extensions.dynamics.arm.document:main_picture"
-    recorded_by = "lab.extensions.dynamics.recording:record_dynamics"
 
     options: DynamicsOptions
     robot: Robot
@@ -140,11 +139,6 @@ class DynamicsResult(Result):
         )
         letters = {} if self.in_letters is None else {"newton_euler": self.in_letters.to_dict()}
         return described | measured | bodies | true | letters | {"warnings": list(self.warnings)}
-
-    @property
-    def is_recorded(self) -> bool:
-        """False where nothing was measured."""
-        return self.samples is not None
 
     def write_files(self, folder: Path) -> None:
         """Write the motions of a simulated session, and the inverse dynamics in letters as programs."""

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import trimesh
 
 from lab.core.limits import called
 from lab.core.se3 import Array
@@ -86,7 +85,6 @@ def payload_document(result: PayloadResult) -> doc.Document:
             doc.Section("Not identifiable", (doc.Bullets(tuple(map(sentence, found.unidentified))),)),
             doc.Section("Parameters fitted with it", (_nuisance_table(found),)),
             doc.Section("Measured and predicted", _fits(result)),
-            doc.Section("What is shown", (doc.Bullets(_LEGEND),), shown_in=doc.RECORDING),
         ),
     )
 
@@ -128,6 +126,8 @@ def _next(result: PayloadResult) -> str:
 
 def _page_scene(result: PayloadResult) -> ArmScene:
     """The arm along the loaded run, with the payload as the solid ellipsoid of its mass and inertia."""
+    import trimesh
+
     found, samples, robot = result.estimate, result.samples, result.robot
     assert samples is not None
     run = samples.run(True)
@@ -224,14 +224,6 @@ def share_figure(channels: Sequence[tuple[str, str]], measured: Array, residual:
 _CAPTION = (
     "What the payload adds: measured (dots), and predicted by the payload and all that was fitted with it (line)."
 )
-_LEGEND = (
-    (
-        doc.Strong("green"),
-        ": the payload, as the solid ellipsoid with its mass and inertia (a ball of steel where that is not known)",
-    ),
-    (doc.Strong("red"), ": its weight"),
-    ("curves: ", doc.Strong("green"), " with the payload, ", doc.Strong("grey"), " without"),
-)  # fmt: skip
 
 
 def true_values(phi: Array) -> dict[str, float]:

@@ -55,7 +55,6 @@ class PayloadResult(Result):
     command = "payload"
     shown_by = "lab.extensions.dynamics.payload.document:payload_document"
     drawn_by = "lab.extensions.dynamics.payload.document:main_picture"
-    recorded_by = "lab.extensions.dynamics.recording:record_payload"
 
     options: PayloadOptions
     robot: Robot
@@ -118,11 +117,6 @@ class PayloadResult(Result):
             "stiffness_nm_per_rad": [number(1 / soft) if soft else None for soft in self.cost.compliance],
             "warnings": list(self.warnings),
         } | true
-
-    @property
-    def is_recorded(self) -> bool:
-        """False where the payload was identified from sag."""
-        return self.samples is not None
 
     def write_files(self, folder: Path) -> None:
         """Write the payload for ``--load``, and what a simulated session measured."""

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from lab.campaign.option_types import Flag, Names, NoRecording, Numbers
+from lab.campaign.option_types import Flag, Names, Numbers
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE, QUATERNION_NORM
@@ -57,9 +57,8 @@ class KinematicsOptions:
     """Print the matrices and the Jacobian also in letters (needs sympy)."""
     symbolic_inverse: Flag = False
     """Print the inverse in letters: its equations by their types, and how each gives a joint (needs sympy)."""
-    no_recording: NoRecording = False
     out: Path | None = None
-    """A folder for the result, a report, a recording and a table; by default nothing is written."""
+    """A folder for the result, a report and a table; by default nothing is written."""
     overwrite: Flag = False
     """Replace an earlier run in that folder."""
 

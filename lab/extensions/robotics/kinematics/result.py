@@ -85,7 +85,6 @@ class KinematicsResult(Result):
     command = "kinematics"
     shown_by = "lab.extensions.robotics.kinematics.result:_kinematics_document"
     drawn_by = "lab.extensions.robotics.kinematics.result:_main_picture"
-    recorded_by = "lab.extensions.robotics.kinematics.recording:record_kinematics"
 
     options: KinematicsOptions
     robot: NominalRobot

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from lab.campaign.option_types import Flag, NoRecording, Numbers
+from lab.campaign.option_types import Flag, Numbers
 from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE, ORIENTATIONS, PLACES, SEED, whole
 from lab.core.se3 import Array
@@ -37,9 +37,8 @@ class WorkspaceOptions:
     """The height of the horizontal section in the base; by default the middle of what is reached."""
     seed: int = 0
     """Random seed of the places."""
-    no_recording: NoRecording = False
     out: Path | None = None
-    """A folder for the result, a report, a recording, meshes and a table; by default nothing is written."""
+    """A folder for the result, a report, meshes and a table; by default nothing is written."""
     overwrite: Flag = False
     """Replace an earlier run in that folder."""
 

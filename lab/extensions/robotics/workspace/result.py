@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from lab.campaign.robot import Robot
@@ -40,6 +39,7 @@ from lab.render.surfaces import halved, mesh_of, write_stl
 
 if TYPE_CHECKING:
     import matplotlib.axes
+    import trimesh
 
     from lab.render.page_scene import ArmScene
 
@@ -157,7 +157,6 @@ class WorkspaceResult(Result):
     command = "workspace"
     shown_by = "lab.extensions.robotics.workspace.result:_workspace_document"
     drawn_by = "lab.extensions.robotics.workspace.result:_main_picture"
-    recorded_by = "lab.extensions.robotics.workspace.recording:record_workspaces"
 
     options: WorkspaceOptions
     robots: tuple[RobotWorkspace, ...]
