@@ -98,20 +98,9 @@ def test_torques_give_the_arm_and_its_load(files: Path, tmp_path: Path, capsys: 
     assert seen["predictions"][0]["relative_error"] == pytest.approx(seen["relative_error"], rel=1e-6)
     assert seen["physical"]["distance_sigma"] < 6
     names = {path.name for path in (tmp_path / "run").iterdir()}
-    assert names == {"SHA256SUMS", "config.json", "inputs", "result.json", "report.html", "recording.rrd"}
+    assert names == {"SHA256SUMS", "config.json", "inputs", "result.json", "report.html"}
     page = (tmp_path / "run" / "report.html").read_text()
     assert "by difference of the runs" in page and "relative σ" in page
-
-
-@pytest.mark.thorough
-def test_motor_currents_of_a_coupled_wrist(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = (files / "currents.csv", "--drives", files / "drives.toml", "--holdout", 0.3, "--out", tmp_path / "run")
-    code, seen, _ = run(capsys, *arguments)
-    assert code in (0, 1) and seen["base_parameters"] == 60
-    held = seen["predictions"][0]
-    assert held["of"] == "the last 30 % of the path" and held["noise_ratio"] < 1.3
-    motor = seen["identified"]["Ia6"]
-    assert abs(motor["value"] - 0.1) < 2 * motor["half_width_95"]
 
 
 def with_motors(files: Path, folder: Path, unit: str = "turns") -> tuple[Path, Path]:
@@ -143,7 +132,7 @@ def test_motor_positions_are_joint_positions(files: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.thorough
-def test_motor_positions_and_currents_at_five_kilohertz(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_counts_and_currents_of_motors_are_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """No torques, no masses, no joint positions: base parameters with intervals, and a held-out part predicted.
 
     The robot is a table without masses that says itself how its drives turn it.
@@ -152,7 +141,7 @@ def test_motor_positions_and_currents_at_five_kilohertz(tmp_path: Path, capsys: 
     path = random_path(Limits.of(chain), np.random.default_rng(3), at_rest=True).at
     noise = RunErrors(torque_noise=0.005, coulomb_nm=2.0, viscous_nm_s=1.0, motor_inertia_kgm2=0.1)
     bench = LoadBench(TX40.serial_model, None, mounting, noise, WRIST)
-    driven = bench.moving(path, 8.0, 5000.0, np.random.default_rng(2))
+    driven = bench.moving(path, 8.0, 500.0, np.random.default_rng(2))
     ratio, counts, gain = np.array([-48.0, 48, 45, -45, 45, 32]), 4096.0, 0.2
     assert driven.time_s is not None and driven.torques is not None
     columns = {"time_s": driven.time_s}
@@ -249,12 +238,6 @@ def test_a_rehearsed_day_is_evaluated_from_its_own_files(tmp_path: Path, capsys:
     ]
     assert np.abs(errors).max() < 3 and day["predictions"][0]["noise_ratio"] < 1.2
     assert day["load"]["mass_kg"]["value"] is None  # two axes show first moments alone
-
-
-@pytest.mark.thorough
-def test_a_filter_of_the_rehearsal_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    spoilt = told(capsys, "dynamics", "--robot", "course2r", *QUICK, "--filter-hz", 5, "--out", tmp_path / "run")
-    assert spoilt["adequate"] is False and ("filter" in spoilt["adequacy"] or "delay" in spoilt["adequacy"])
 
 
 @pytest.mark.thorough

@@ -73,11 +73,10 @@ def test_a_mistake_is_named(mistake: str, samples: PayloadSamples, model: Dynami
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("drive", [0, 1, 3])
-def test_a_drive_of_the_other_sign_is_no_arm(drive: int, samples: PayloadSamples, model: DynamicModel) -> None:
+def test_a_drive_of_the_other_sign_is_no_arm(samples: PayloadSamples, model: DynamicModel) -> None:
     """Its motor would have a negative inertia; with the right signs nothing is said."""
     assert doubts(samples, model, bodies=True) == []
-    turned = replace(samples, torques=samples.torques * np.where(np.arange(6) == drive, -1.0, 1.0))
+    turned = replace(samples, torques=samples.torques * np.where(np.arange(6) == 3, -1.0, 1.0))
     assert any("standard deviations from those of any arm" in words for words in doubts(turned, model, bodies=True))
 
 

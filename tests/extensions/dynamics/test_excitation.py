@@ -144,13 +144,6 @@ def test_static_torques_show_what_the_facts_say() -> None:
     assert touches_nothing(best.joints).all() and not TX40.chain.beyond_limits(best.joints, 0.0).any()
 
 
-def test_a_sensor_shows_what_the_facts_say() -> None:
-    """20 poses, offsets free: m 0.08 %, c 0.04 0.04 0.06 mm."""
-    best = design_poses(static_wrenches, SENSOR, 20, LIMITS, touches_nothing, np.random.default_rng(0))
-    assert (mass_and_centre(best.prediction) <= [0.085, 0.045, 0.045, 0.065]).all()
-    assert best.prediction.sigma.shape == (10,)
-
-
 # The search
 
 
@@ -221,13 +214,6 @@ def test_the_slope_of_the_walls() -> None:
 
 
 @pytest.mark.thorough
-def test_one_seed_gives_one_path() -> None:
-    first, again, other = toy(0), usual(), toy(2)
-    np.testing.assert_array_equal(first.path.coefficients, again.path.coefficients)
-    assert not np.array_equal(first.path.coefficients, other.path.coefficients)
-
-
-@pytest.mark.thorough
 def test_a_path_goes_around_what_is_forbidden() -> None:
     free, around = usual(), toy(feasible=outside_a_disc)
     times = np.linspace(0, 5, 2000)
@@ -258,13 +244,6 @@ def test_limits_are_kept_on_other_times_than_those_looked_at() -> None:
     assert np.abs(joints).max() <= 2 + 1e-4 and np.abs(speeds).max() <= 3 and np.abs(accelerations).max() <= 10
 
 
-def test_progress_rises_to_the_end() -> None:
-    told: list[tuple[int, int]] = []
-    toy(progress=lambda done, all_of_it: told.append((done, all_of_it)))
-    done = [each[0] for each in told]
-    assert done == sorted(done) and told[-1] == (16, 16) and len(told) > 4
-
-
 def test_what_cannot_be_designed() -> None:
     with pytest.raises(LabError, match="torques are limited, but unknown"):
         toy(limits=replace(TOY, torque=TWO))
@@ -293,16 +272,6 @@ def test_static_poses_keep_the_torques() -> None:
 
 
 @pytest.mark.slow
-def test_a_little_search_beats_random_paths() -> None:
-    rng = np.random.default_rng(0)
-    best = design_path(torques, SIGMA_NM, LIMITS, touches_nothing, rng, starts=1, rounds=2)
-    drawn = [predicted(random_path(LIMITS, rng), torques, SIGMA_NM) for _ in range(100)]
-    assert best.prediction.score > max(each.score for each in drawn) + 3
-    assert (best.prediction.sigma < np.median([each.sigma for each in drawn], axis=0)).all()
-    assert touches_nothing(best.path.at(np.linspace(0, 5, 1777))[0]).all()
-
-
-@pytest.mark.slow
 def test_a_designed_path_shows_more_than_the_facts_say() -> None:
     """Under the limits of speed and torque: m 0.21 %, c 0.09 0.09 0.35 mm, inertia 1.2 1.2 0.5e-4 and better."""
     limits = Limits.of(TX40.chain, torque=PEAK_NM)
@@ -312,33 +281,6 @@ def test_a_designed_path_shows_more_than_the_facts_say() -> None:
     assert (best.prediction.sigma[4:7] <= [1.2e-4, 1.2e-4, 0.5e-4]).all()
     motion = best.path.at(np.linspace(0, 5, 1777))
     assert touches_nothing(motion[0]).all() and (np.abs(arm.torques(*motion)) <= PEAK_NM).all()
-
-
-@pytest.mark.slow
-def test_the_best_condition_number_is_worse_than_a_random_path() -> None:
-    """In kg, kg m and kg m^2 the condition number is best where the inertia shows as little as can be."""
-    rng = np.random.default_rng(0)
-    drawn = [predicted(random_path(LIMITS, rng), torques, SIGMA_NM) for _ in range(100)]
-    usual = np.median([each.sigma for each in drawn], axis=0)
-    by = {
-        name: design_path(torques, SIGMA_NM, LIMITS, touches_nothing, rng, goal=criterion(name, 10), starts=2)
-        for name in ("O1", "condition")
-    }
-    conditions = {name: np.linalg.cond(each.prediction.covariance) ** 0.5 for name, each in by.items()}
-    assert conditions["condition"] < 0.3 * conditions["O1"]
-    assert (by["condition"].prediction.sigma[4:] > 2 * usual[4:]).all()
-    assert (by["O1"].prediction.sigma[4:] < 0.5 * usual[4:]).all()
-
-
-def test_inertia_shows_with_the_square_of_speed() -> None:
-    path = random_path(LIMITS, np.random.default_rng(3))
-    slow, fast = (predicted(replace(path, period_s=period), torques, SIGMA_NM) for period in (50.0, 100.0))
-    np.testing.assert_allclose(fast.sigma[4:] / slow.sigma[4:], 4.0, rtol=0.05)
-
-
-def test_a_moving_sensor_shows_sixteen() -> None:
-    told = predicted(random_path(LIMITS, np.random.default_rng(3)), wrenches, SENSOR)
-    assert told.sigma.shape == (16,) and told.sigma[0] < 0.001 * LOAD.mass_kg
 
 
 def test_a_chain_of_slides_has_limits() -> None:

@@ -16,7 +16,6 @@ from lab.extensions.dynamics.load_files import Mounting, write_loads, write_moun
 from lab.extensions.dynamics.payload.estimate import equivalent_ellipsoid
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
-from lab.kinematics.dynamics.rigid_body import sag_uncertainty
 from lab.simulation.collisions import random_poses
 from lab.simulation.elastic import FlexibleArm
 
@@ -63,7 +62,7 @@ def test_a_motion_tells_all_ten_parameters(files: Path, tmp_path: Path, capsys) 
     assert_the_load(seen)
     assert np.shape(seen["inertia_kgm2"]["value"]) == (3, 3) and seen["unseen"] == []
     names = {path.name for path in (tmp_path / "run").iterdir()}
-    assert names == {"SHA256SUMS", "config.json", "inputs", "result.json", "load.json", "report.html", "recording.rrd"}
+    assert names == {"SHA256SUMS", "config.json", "inputs", "result.json", "load.json", "report.html"}
     assert json.loads((tmp_path / "run" / "result.json").read_text()) == seen
 
 
@@ -123,21 +122,6 @@ def test_identify_and_compensate_carry_the_load(files: Path, tmp_path: Path, cap
     assert "µm (1σ, root mean square) is the load's uncertainty" in said
 
 
-def test_the_cost_of_a_load_that_is_wrong_by_five_percent() -> None:
-    """facts: 2 kg wrong by 5 % move the corrected point by 3.2 µm at 1e5 Nm/rad, and 31 µm at 2e4 is its order."""
-    assert TX40.loads is not None
-    arm, joints = TX40.arm(("p1",)), random_poses(TX40.model, 300, np.random.default_rng(0))
-    covariance = np.zeros((4, 4))
-    covariance[0, 0] = 0.1**2
-    compliance = np.full(6, 1e-5)
-    off = sag_uncertainty(arm, arm.nominal(TX40.tool), compliance, joints, TX40.loads.gravity, covariance)
-    lever, mass = TX40.loads.forces, np.ones(300)
-    torque = lever(joints, 0.1 * mass)[0] - lever(joints, 0.0 * mass)[0]
-    jacobian = arm.joint_jacobian(joints, arm.nominal(TX40.tool))[:, 0]
-    np.testing.assert_allclose(off, np.linalg.norm((jacobian @ (compliance * torque)[..., None])[..., 0], axis=1))
-    assert 1e-6 < np.sqrt((off**2).mean()) < 5e-6
-
-
 def test_the_load_is_drawn_as_the_ellipsoid_that_has_its_inertia() -> None:
     half, axes = equivalent_ellipsoid(LOAD.mass_kg, LOAD.inertia_kgm2)
     squares = half**2
@@ -147,7 +131,28 @@ def test_the_load_is_drawn_as_the_ellipsoid_that_has_its_inertia() -> None:
     np.testing.assert_allclose(ball, 0.05)
 
 
-@pytest.mark.sampled(3)
+@pytest.fixture(scope="module")
+def spoilt(files: Path, tmp_path_factory) -> Path:
+    """Files with a mistake each, beside the right ones."""
+    folder = tmp_path_factory.mktemp("spoilt")
+    for name in ("moving.csv", "static.csv", "sensor.toml"):
+        (folder / name).write_text((files / name).read_text())
+    (folder / "bare.toml").write_text("[base]\ntilt_x_deg = 1\n")
+    lines = (files / "moving.csv").read_text().splitlines()
+    cells = lines[1].split(",")
+    first = ",".join([cells[0], str(60 * float(cells[1])), *cells[2:]])
+    (folder / "degrees.csv").write_text("\n".join([lines[0], first, *lines[2:]]) + "\n")
+    table = TX40.model.path.read_text()
+    (folder / "bare_arm.toml").write_text("\n".join(row for row in table.splitlines() if "mass_kg" not in row))
+    (folder / "uneven.csv").write_text("\n".join([*lines[:6], *lines[7:]]) + "\n")
+    other = {"loaded": "unloaded", "unloaded": "loaded"}
+    swapped = [f"{line.rpartition(',')[0]},{other[line.rpartition(',')[2]]}" for line in lines[1:]]
+    (folder / "exchanged.csv").write_text("\n".join([lines[0], *swapped]) + "\n")
+    still = [",".join([line.split(",")[0], *lines[1].split(",")[1:-1], line.split(",")[-1]]) for line in lines[1:]]
+    (folder / "still.csv").write_text("\n".join([lines[0], *still]) + "\n")
+    return folder
+
+
 @pytest.mark.parametrize(
     ("arguments", "fragments"),
     {
@@ -173,29 +178,14 @@ def test_the_load_is_drawn_as_the_ellipsoid_that_has_its_inertia() -> None:
         "stiffness of zero": (("moving.csv", "--robot", "tx40", "--stiffness-nm-per-rad", "0"), ("above zero",)),
     }.values(),
 )
-def test_bad_input_is_one_line(arguments, fragments, files: Path, tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name in ("moving.csv", "static.csv", "sensor.toml"):
-        (tmp_path / name).write_text((files / name).read_text())
-    (tmp_path / "bare.toml").write_text("[base]\ntilt_x_deg = 1\n")
-    lines = (files / "moving.csv").read_text().splitlines()
-    cells = lines[1].split(",")
-    first = ",".join([cells[0], str(60 * float(cells[1])), *cells[2:]])
-    (tmp_path / "degrees.csv").write_text("\n".join([lines[0], first, *lines[2:]]) + "\n")
-    table = TX40.model.path.read_text()
-    (tmp_path / "bare_arm.toml").write_text("\n".join(row for row in table.splitlines() if "mass_kg" not in row))
-    (tmp_path / "uneven.csv").write_text("\n".join([*lines[:6], *lines[7:]]) + "\n")
-    other = {"loaded": "unloaded", "unloaded": "loaded"}
-    swapped = [f"{line.rpartition(',')[0]},{other[line.rpartition(',')[2]]}" for line in lines[1:]]
-    (tmp_path / "exchanged.csv").write_text("\n".join([lines[0], *swapped]) + "\n")
-    still = [",".join([line.split(",")[0], *lines[1].split(",")[1:-1], line.split(",")[-1]]) for line in lines[1:]]
-    (tmp_path / "still.csv").write_text("\n".join([lines[0], *still]) + "\n")
-    before = {path.name for path in tmp_path.iterdir()}
+def test_bad_input_is_one_line(arguments, fragments, spoilt: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(spoilt)
+    before = {path.name for path in spoilt.iterdir()}
     assert main(["payload", *arguments, "--out", "run"]) == 2
     said = capsys.readouterr()
     (line,) = said.err.strip().splitlines()
     assert said.out == "" and [part for part in fragments if part not in line] == [], line
-    assert {path.name for path in tmp_path.iterdir()} == before
+    assert {path.name for path in spoilt.iterdir()} == before
 
 
 @pytest.mark.parametrize(
@@ -267,20 +257,7 @@ def test_a_rehearsed_day_is_evaluated_from_its_own_files(tmp_path: Path, capsys)
     assert day["true"]["mass_kg"] == 1.0
     assert abs(day["mass_kg"]["value"] - 1.0) < 2 * day["mass_kg"]["half_width_95"] < 0.2
     names = {path.name for path in folder.iterdir()}
-    assert {"load.csv", "sensor.toml", "result.json", "report.html", "recording.rrd"} <= names
-
-
-@pytest.mark.slow
-def test_rehearsed_days_of_an_arm_with_masses(tmp_path: Path, capsys) -> None:
-    for method, options in (("torques", ("--rounds", "0")), ("wrench", ())):
-        folder = tmp_path / method
-        given = ("--robot", "tx40", "--method", method)
-        day = run(capsys, "payload", "--simulate", *given, *options, "--payload-kg", 2, "--out", folder)[1]
-        sensor = ("--sensor", folder / "sensor.toml") if method == "wrench" else ()
-        read = run(capsys, "payload", folder / "load.csv", *given, *sensor, "--out", tmp_path / f"{method}2")[1]
-        for key in ("mass_kg", "com_m"):
-            np.testing.assert_allclose(day[key]["value"], read[key]["value"], rtol=1e-9)
-        assert abs(day["mass_kg"]["value"] - 2.0) < 2 * day["mass_kg"]["half_width_95"] < 0.1
+    assert {"load.csv", "sensor.toml", "result.json", "report.html"} <= names
 
 
 def test_a_rehearsal_or_a_file(files: Path, capsys) -> None:

@@ -215,17 +215,16 @@ def test_thinning_looks_later_and_differentiates():
         assert_allclose(band.decimated(motion[0], order=order), band.decimated(motion[order]), atol=1e-3)
 
 
-@pytest.mark.thorough
 def test_noise_of_channels_is_found_and_intervals_are_student_s():
     rng = np.random.default_rng(2)
     columns = rng.normal(size=(40, 3, 4))
     sizes, truth, hits = np.array([0.1, 1.0, 5.0]), np.array([1.0, -2, 3, -4]), []
-    for _ in range(400):
+    for _ in range(200):
         seen = columns @ truth + sizes * rng.normal(size=(40, 3))
         found = least_squares("abcd", columns, seen, [0, 0, 0])
         hits.append(np.abs(found.values - truth) < found.half_widths(np.eye(4)))
     assert_allclose(found.sigma, sizes, rtol=0.5)
-    assert 0.925 < np.mean(hits) < 0.975  # 1600 of 0.95: 0.005
+    assert 0.92 < np.mean(hits) < 0.98  # 800 of 0.95: 0.008, as wide as four of it
 
 
 def test_a_parameter_that_no_row_shows_is_told_and_the_others_are_not_harmed():
@@ -318,10 +317,8 @@ def test_an_unloaded_run_tells_of_the_offsets():
     assert all(a.half_width < b.half_width for a, b in zip(both.nuisance, alone.nuisance, strict=True))
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("stiffness", [1e5, 5e3])
-def test_sag_shows_mass_and_centre_of_mass_of_a_soft_arm(stiffness):
-    soft = CompliantArm(np.full(6, 1 / stiffness), loads_of(TX40))
+def test_sag_shows_mass_and_centre_of_mass_of_a_soft_arm():
+    soft = CompliantArm(np.full(6, 1 / 5e3), loads_of(TX40))
     joints = static_poses(20, 6)[0]
     found = from_sag(ARM, VALUES, soft, joints, settled(soft, joints, 0 * TRUTH), settled(soft, joints, TRUTH))
     assert found.rank == 4 and found.identified == LOAD[:4]
@@ -412,7 +409,7 @@ def test_the_nearest_physical_load_is_no_farther_from_the_truth(speed):
     rows = (regressor / (np.sqrt(2) * TORQUE_NOISE[:, None])).reshape(-1, 10)
     information = 20 * rows.T @ rows
     covariance = np.linalg.inv(information)
-    for _ in range(60):
+    for _ in range(40):
         phi = rng.multivariate_normal(TRUTH, covariance, method="cholesky")
         if is_physical(phi):
             continue
@@ -427,7 +424,7 @@ def test_the_nearest_physical_load_is_no_farther_from_the_truth(speed):
         away = [(each - TRUTH) @ information @ (each - TRUTH) for each in (near, phi)]
         assert away[0] < away[1] + 1e-3
         errors.append([np.append(each[0] - 1.5, each[1:4] / each[0] - CENTRE) for each in (near, phi)])
-    assert unphysical > 40
+    assert unphysical > 25
     near, raw = np.sqrt(np.mean(np.square(errors), axis=0))
     assert (near < 1.05 * raw).all() and near[1:].sum() < raw[1:].sum()
 
@@ -520,17 +517,6 @@ def test_a_thousand_moving_runs_by_torques(seed):
 
 
 @pytest.mark.slow
-def test_a_thousand_times_twenty_static_poses_by_torques():
-    records = static_torques(20, 21)
-
-    def identified(rng: np.random.Generator) -> LoadEstimate:
-        noisy = records.torques + TORQUE_NOISE * rng.standard_normal(records.torques.shape)
-        return from_torques(ARM, VALUES, replace(records, torques=noisy), GRAVITY)
-
-    honest(study(identified, 1000))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("moving", "options"), [(False, {}), (False, {"tilt": True, "turn": True}), (True, {})])
 def test_a_thousand_runs_by_wrench(moving, options):
     motion = fourier(3, TIMES) if moving else static_poses(20, 22)
@@ -554,22 +540,6 @@ def test_a_thousand_runs_by_sag():
     result = study(identified, 1000)
     del result["centre"]  # by a mass uncertain by 7 % it is not linear
     honest(result)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", BIASES)
-@pytest.mark.parametrize("seed", [3, 4])
-def test_an_uncured_bias_is_noticed_and_a_cured_one_is_small(name, seed):
-    bench = BIASES[name](seed)
-    rngs = [np.random.default_rng([run, 7]) for run in range(200)]
-    raw = [bench.identified(rng) for rng in rngs]
-    cured = [bench.identified(rng, cured=True) for rng in rngs[:100]]
-    masses = [100 * np.mean([each.mass_kg / 1.5 - 1 for each in runs]) for runs in (raw, cured)]
-    centres = [1e3 * np.mean([each.com_m - CENTRE for each in runs], axis=0) for runs in (raw, cured)]
-    fires = [np.mean([not each.adequate for each in runs]) for runs in (raw, cured)]
-    print(name, seed, "mass %", np.round(masses, 3), "centre mm", np.round(centres, 2).tolist(), "fires", fires)
-    assert fires[0] > 0.95
-    assert abs(masses[1]) < 0.3
 
 
 def test_rows_have_the_times_of_what_was_decimated_into_them() -> None:

@@ -76,6 +76,7 @@ def test_long_comments_and_blank_lines_change_nothing(language: str) -> None:
         np.testing.assert_array_equal(found.targets[0].values, plain.targets[0].values)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("language", PROGRAMS)
 def test_long_nonsense_is_read_or_refused_in_a_line(language: str) -> None:
     for filler in (*OPEN[language], "a", "1", "[", "(", '"', "=", "a,", '"a'):

@@ -147,11 +147,10 @@ def test_the_modes_are_the_roots_of_the_courses_sextic() -> None:
     assert np.abs(sextic.roots().imag).max() < 1e-9
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("name", PLANAR)
 def test_three_legs_there_and_back(name: str) -> None:
     legs = PLANAR[name]
-    poses = poses_of(legs, DRAWS if name in ("six modes", "scalene") else 1000)
+    poses = poses_of(legs, 1000 if name in ("six modes", "scalene") else 100)
     lengths = legs.inverse(poses)
     modes = legs.direct(lengths)
     there = np.isfinite(modes[..., 0])
@@ -190,8 +189,8 @@ def scanned(legs: ThreeLegs, lengths: Array, steps: int = 20_000) -> int:
     return count + int(sum(gaps[0][k] * gaps[1][k] < 0 for k in ends))
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", ["six modes", "scalene", "both in line", "alike, turned by 60 degrees"])
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("name", ["six modes", "both in line"])
 def test_no_mode_is_left_out(name: str) -> None:
     legs = PLANAR[name]
     lengths = legs.inverse(poses_of(legs, 30, seed=3))

@@ -14,7 +14,6 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import lab
-from lab.campaign.robot import load_virtual
 from lab.cli import main
 from lab.core.se3 import Array
 from lab.extensions.robotics.trajectory.result import TrajectoryResult
@@ -194,41 +193,3 @@ def test_no_joint_passes_its_limit(tmp_path: Path, capsys: pytest.CaptureFixture
     }
     assert left["mm"].max() < 1e-7 and left["deg"][at_limit].min() > 1e-4 > 1e-7 > left["deg"][~at_limit].max()
     assert told["tracking"]["left_deg"]["max"] == pytest.approx(left["deg"].max()) and told["program"] is None
-
-
-def test_every_torsor_is_that_of_a_cantilever_in_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Link 2 of the course's arm, its bending moments by own quadrature: gravity, the swing of q1 and q2, 1 kg."""
-    ei, L = 20_000.0, 1.0
-    robot = soft(tmp_path, "course2r", {2: ei})
-    code, _, cells = written(tmp_path, COURSE, robot)
-    capsys.readouterr()
-    with (tmp_path / "run" / "trajectory.csv").open() as file:
-        rows = list(csv.DictReader(file))[::50]
-    units = ("{}_deg", "speed_{}_deg_per_s", "acceleration_{}_deg_per_s2")
-    _, q2, v1, v2, a1, a2 = np.deg2rad(
-        [[float(row[unit.format(q)]) for row in rows] for unit in units for q in ("q1", "q2")]
-    )[:, :, None]
-    loads = load_virtual(robot).loads
-    assert code == 0 and loads is not None
-    mass, beside = float(loads.mass_kg[1]), L / 2 + float(loads.centre_m[1, 0])
-    places, weights = np.polynomial.legendre.leggauss(12)
-    x, dx = (places + 1) * L / 2, weights * L / 2
-
-    def pulls(r: Array) -> Array:
-        """Accelerations less gravity of points at r on the link, up across it and ahead by q1."""
-        up = 9.81 * np.cos(q2) + r * (a2 + v1**2 * np.sin(q2) * np.cos(q2))
-        return np.stack([up, r * (a1 * np.cos(q2) - 2 * v1 * v2 * np.sin(q2))])
-
-    moments = np.zeros((2, len(rows), len(x)))
-    for i, s in enumerate(x):  # of all that is beyond s
-        far = s + (places + 1) * (L - s) / 2
-        spread = pulls(far + beside) * (mass / L) * (far + beside - s) @ (weights * (L - s) / 2)
-        moments[:, :, i] = spread + 1.0 * pulls(np.array([L]))[:, :, 0] * (L - s)
-    droop, slope = (moments * (L - x) @ dx / ei, moments @ dx / ei)
-    found = {name: np.array(cells[f"link2_{name}"][::50], dtype=float) for name in ("dx_mm", "dy_mm", "dz_mm")}
-    turned = {name: np.array(cells[f"link2_{name}_deg"][::50], dtype=float) for name in ("rx", "ry", "rz")}
-    assert not found["dx_mm"].any() and np.abs(turned["rx"]).max() < 1e-12 and np.abs(found["dz_mm"]).max() > 0.01
-    np.testing.assert_allclose([found["dy_mm"], found["dz_mm"]], 1e3 * droop * [[-1], [1]], atol=1e-9)
-    np.testing.assert_allclose([turned["rz"], turned["ry"]], -np.rad2deg(slope), atol=1e-9)
-    stiff = [name for name in cells if name.startswith("link1_") and name != "link1_mm"]
-    assert len(stiff) == 6 and not np.array([cells[name] for name in stiff], dtype=float).any()

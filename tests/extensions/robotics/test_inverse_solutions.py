@@ -57,7 +57,6 @@ ODD = {  # all that may be at an angle or off an axis is
     "scara, slide second": chain_of("c", "distal", "RPRR", [0, 0, 180, 20], [0.2, 0.1, 0.3, 0.1], [5] * 4, [0.1] * 4),
 }  # fmt: skip
 ALL = {**MODELS, **ODD}
-SMALL_AND_FULL = [2000, pytest.param(100_000, marks=pytest.mark.slow)]
 
 
 def closed_form(chain: Chain) -> ClosedForm:
@@ -98,11 +97,10 @@ def test_the_eight_solutions_of_the_thesis() -> None:
         assert off.min() < 0.0101, expected  # the thesis' own figures agree to 0.009
 
 
-@pytest.mark.parametrize("count", SMALL_AND_FULL)
 @pytest.mark.parametrize("name", MODELS)
-def test_every_solution_leads_back_and_the_true_one_is_among_them(name: str, count: int) -> None:
+def test_every_solution_leads_back_and_the_true_one_is_among_them(name: str) -> None:
     """TX 40's wrist cannot come within 35 mm of axis 1, which random joints never ask for."""
-    chain, form = MODELS[name], closed_form(MODELS[name])
+    count, chain, form = 2000, MODELS[name], closed_form(MODELS[name])
     joints = chain.random_joints(count, np.random.default_rng(2))
     Ts = flanges(chain, joints)
     found = form.solve(Ts)
@@ -115,10 +113,9 @@ def test_every_solution_leads_back_and_the_true_one_is_among_them(name: str, cou
     assert np.median(others.min(axis=(1, 2))) > 0.05  # all of them are different
 
 
-@pytest.mark.parametrize("count", SMALL_AND_FULL)
 @pytest.mark.parametrize("name", ["ur10", "ur, slanted"])
-def test_three_parallel_axes_have_up_to_eight_solutions(name: str, count: int) -> None:
-    chain, form = ALL[name], closed_form(ALL[name])
+def test_three_parallel_axes_have_up_to_eight_solutions(name: str) -> None:
+    count, chain, form = 2000, ALL[name], closed_form(ALL[name])
     joints = chain.random_joints(count, np.random.default_rng(2))
     Ts = flanges(chain, joints)
     found = form.solve(Ts)
@@ -209,16 +206,15 @@ SINGULAR = [
 ]
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("away", [0.0, 1e-9, 1e-6])
-@pytest.mark.parametrize("count", [1000, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("name", "kind", "joint"), SINGULAR)
-def test_at_a_singularity_nothing_is_lost(name: str, kind: str, joint: int | None, count: int, away: float) -> None:
+@pytest.mark.parametrize("away", [0.0, 1e-6])
+def test_at_a_singularity_nothing_is_lost(name: str, kind: str, joint: int | None, away: float) -> None:
     chain, form, rng = ALL[name], closed_form(ALL[name]), np.random.default_rng(6)
     (factor,) = (each for each in form.determinant.factors if each.name == kind)
     by = BY_JOINT[kind] if joint is None else joint
-    joints = solved_for(factor, chain.random_joints(count, rng), by, chain.prismatic[by])
-    assert len(joints) > 0.5 * count
+    joints = solved_for(factor, chain.random_joints(1000, rng), by, chain.prismatic[by])
+    assert len(joints) > 500
     joints = joints + rng.uniform(-away, away, joints.shape)
     assert np.abs(factor.at(joints)).max() <= 3 * away + 1e-14
     Ts = flanges(chain, joints)

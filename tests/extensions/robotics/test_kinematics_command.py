@@ -145,13 +145,6 @@ def test_files_of_joint_positions_and_of_targets(tmp_path, capsys) -> None:
     assert found["poses"][1]["out_of_reach_mm"] > 100 and "pose far has no solution" in error
 
 
-def test_a_plan_is_placed_row_by_row(tmp_path, capsys) -> None:
-    """Its columns of points are there to be filled in."""
-    plan = lab.design("irb120", poses=12, candidates=60, starts=1).save(tmp_path / "plan") / "plan.csv"
-    code, seen, _ = run(capsys, "irb120", "--file", plan)
-    assert code == 0 and [each["id"] for each in seen["placements"]] == [str(i + 1) for i in range(12)]
-
-
 def test_letters_are_printed_as_in_textbooks(capsys) -> None:
     """The matrices of Mallem 2011, section 8.2, for the VERSATRAN, with the two signs that the print has lost."""
     _, seen, _ = run(capsys, "versatran", "--symbolic", "--between", 3, 6)
@@ -211,7 +204,7 @@ def test_a_person_reads_it(capsys) -> None:
 def test_a_folder_holds_a_table_of_the_solutions(tmp_path, capsys) -> None:
     run(capsys, "irb120", POSE, "--out", tmp_path / "run")
     files = {path.name for path in (tmp_path / "run").iterdir()}
-    assert files == {"SHA256SUMS", "config.json", "result.json", "joints.csv", "report.html", "recording.rrd"}
+    assert files == {"SHA256SUMS", "config.json", "result.json", "joints.csv", "report.html"}
     code, again, _ = run(capsys, "irb120", "--file", tmp_path / "run" / "joints.csv", "--joints=1,2,3,4,5,6")
     assert code == 0 and len(again["poses"]) == 8  # it has poses too, so that its rows are targets
 

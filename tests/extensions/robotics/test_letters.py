@@ -70,23 +70,12 @@ def numbers(matrix: Any, chain: Chain, letters: dict[str, float], joints: np.nda
     return np.array(sympy.lambdify(symbols, matrix, "numpy")(*joints, *letters.values()), dtype=float)
 
 
-SLOWER = [pytest.param(each, marks=pytest.mark.thorough) for each in (CHAINS["irb120"], ANY["distal"])]
-
-
-@pytest.mark.parametrize("chain", [CHAINS["scara"], ANY["craig"], *SLOWER], ids=lambda c: c.convention)
+@pytest.mark.parametrize("chain", [CHAINS["scara"], ANY["craig"]], ids=lambda c: c.convention)
 def test_jacobian_in_letters_is_that_of_differences_in_every_frame(chain: Chain) -> None:
     joints, letters = chain.random_joints(1, np.random.default_rng(1))[0], symbolic_chain(chain)
     for frame in range(0, chain.size + 1, 1 if chain.name == "scara" else 2):
         J = numbers(letters.jacobian(frame), chain, letters.letters, joints)
         np.testing.assert_allclose(J, differences(chain, joints, frame, np.zeros(3)), rtol=0, atol=1e-8)
-
-
-def test_jacobian_of_a_planar_arm_is_the_textbook_s() -> None:
-    J = symbolic_chain(CHAINS["planar3r"]).jacobian()
-    assert [textbook(J[0, j]) for j in range(3)] == ["−a1 s1 − a2 s12 − a3 s123", "−a2 s12 − a3 s123", "−a3 s123"]
-    assert [textbook(J[1, j]) for j in range(3)] == ["a1 c1 + a2 c12 + a3 c123", "a2 c12 + a3 c123", "a3 c123"]
-    hand = symbolic_chain(CHAINS["planar3r"]).jacobian(3)
-    assert [textbook(hand[1, j]) for j in range(3)] == ["a1 c23 + a2 c3 + a3", "a2 c3 + a3", "a3"]
 
 
 def test_jacobian_of_the_versatran_is_the_course_s() -> None:
@@ -128,7 +117,7 @@ def test_a_tool_point_at_the_wrist_takes_the_table_s_letter() -> None:
     chain = CHAINS["irb120"]
     wanted = {"matrices": True, "inverse_jacobian": True, "inverse": False}
     joints = np.array([0.3, 0.2, -0.4, 0.5, 0.7, 0.1])
-    for frame in (3, 0, 5):
+    for frame in (3, 0):
         found = ModelsInLetters.of(chain, frame, np.array([0.0, 0.0, -0.072]), None, **wanted)
         if frame == 3:
             assert all(found.jacobian[i, j] == 0 for i in range(3) for j in range(3, 6))
@@ -150,11 +139,10 @@ def executed(text: str) -> dict[str, Callable[..., list[float]]]:
 
 SOLVED = {
     "versatran": (4, [1, 2, 1, 2, 3, 3]), "scara": (2, [1, 3, 8]), "planar3r": (2, [3, 8]),
-    "scorbot": (4, [2, 3, 3, 8]), "carrier/cartesian": (1, [1, 1, 1]), "carrier/cylindrical": (2, [1, 2, 1]),
-    "carrier/prp": (2, [1, 2, 1]), "carrier/prr": (2, [1, 8]), "carrier/rpr": (2, [1, 8]),
-    "carrier/spherical": (4, [2, 2, 1]), "carrier/scara": (2, [1, 8]), "carrier/anthropomorphic": (4, [2, 8]),
+    "scorbot": (4, [2, 3, 3, 8]),
+    "carrier/prp": (2, [1, 2, 1]), "carrier/spherical": (4, [2, 2, 1]), "carrier/anthropomorphic": (4, [2, 8]),
 }  # fmt: skip
-SIX = {"irb120": (8, [2, 7, 2, 3, 3]), "ur5": (8, [2, 2, 3, 3, 8]), "scemi": (8, [2, 8, 2, 3, 3])}
+SIX = {"irb120": (8, [2, 7, 2, 3, 3]), "ur5": (8, [2, 2, 3, 3, 8])}
 
 
 def every_root_meets_the_pose(name: str, count: int, types: list[int]) -> None:

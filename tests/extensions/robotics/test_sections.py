@@ -18,7 +18,6 @@ def limited(chain: Chain, lower: list[float], upper: list[float]) -> Chain:
     return replace(chain, lower=np.array(lower), upper=np.array(upper))
 
 
-@pytest.mark.thorough
 def test_a_hollow_ball_has_its_void_and_a_cone_its_edges() -> None:
     """A slide from 0.3 to 1 m leaves a void; a hinge of ±60° about the level leaves out two cones."""
     hollow = limited(SPHERICAL, [-np.pi, -np.pi, 0.3], [np.pi, np.pi, 1.0])

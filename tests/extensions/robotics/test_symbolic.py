@@ -46,16 +46,6 @@ def test_parallel_axes_turn_by_the_sum_of_their_angles() -> None:
     assert "c(q1−q2" not in textbook(opposite[0, 0]) and "q1" in textbook(opposite[0, 0])
 
 
-def test_the_versatran_s_matrix_is_written_out_as_the_course_does() -> None:
-    """Mallem 2011, section 8.4, with the two misprints of its second column mended; row 3 worked out."""
-    versatran = symbolic_chain(load_robot("versatran").chain).between(0, 6)
-    assert [[textbook(versatran[i, j]) for j in range(4)] for i in range(3)] == [
-        ["c1 c4 c5 c6 + s1 s5 c6 − c1 s4 s6", "−c1 c4 c5 s6 − c1 s4 c6 − s1 s5 s6", "c1 c4 s5 − s1 c5", "−q3 s1"],
-        ["s1 c4 c5 c6 − c1 s5 c6 − s1 s4 s6", "c1 s5 s6 − s1 c4 c5 s6 − s1 s4 c6", "c1 c5 + s1 c4 s5", "q3 c1"],
-        ["−c4 s6 − s4 c5 c6", "s4 c5 s6 − c4 c6", "−s4 s5", "q2"],
-    ]
-
-
 def test_frames_that_are_not_there_are_refused() -> None:
     letters = symbolic_chain(load_robot("scara").chain)
     for first, last in ((0, 5), (2, 2), (3, 1), (-1, 2)):
