@@ -50,6 +50,7 @@ def main() -> None:
         after = json.loads(lab(folder, *identify, "--json", "--out", "ur5", "--no-recording"))["after_mm"]
         assert after["count"] == 20 and after["mean"] < 0.11, after  # models/ur5/README.md: 0.101
 
+        lab(folder, "reproduce", "staubli", "--item", "1.2")  # its exercises are data of the package
         lab(folder, "design", "--poses", "12", "--out", "plan", "--no-recording")
         assert (folder / "plan" / "plan.csv").is_file()
         lab(folder, "calibrate", "--out", "virtual")

@@ -300,7 +300,7 @@ def _exercise(exercise: Exercise, each: Computed) -> Section:
             Bullets(exercise.given),
             *([Table(exercise.table[0], exercise.table[1:])] if exercise.table else ()),
             *_sketch(exercise, each.item),
-            Bullets(tuple(f"{i}. {step}" for i, step in enumerate(exercise.steps, 1))),
+            Table(("", "way to the solution"), tuple((f"{i}.", step) for i, step in enumerate(exercise.steps, 1))),
             *solution_of(each.answers),
         ),
         folded=True,
