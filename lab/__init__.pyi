@@ -39,13 +39,11 @@ from lab.commands.options import (
     InspectOptions,
     NextOptions,
     PredictOptions,
-    RotationOptions,
     StudyOptions,
     VerifyOptions,
 )
 from lab.commands.predict import PredictionResult
 from lab.commands.result import Result
-from lab.commands.rotation import Rotation
 from lab.commands.study.run import StudyResult
 from lab.commands.verify.points import VerificationResult
 from lab.commands.verify.touch_plan import TouchPlan
@@ -60,6 +58,7 @@ from lab.extensions.reproduction.options import ReproduceOptions
 from lab.extensions.reproduction.result import ReproductionResult
 from lab.extensions.robotics.kinematics.options import KinematicsOptions
 from lab.extensions.robotics.kinematics.result import KinematicsResult
+from lab.extensions.robotics.kinematics.rotation import Rotation
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
 from lab.extensions.robotics.trajectory.result import TrajectoryResult
 from lab.extensions.robotics.workspace.options import WorkspaceOptions
@@ -116,7 +115,6 @@ __all__ = [
     "read_measurements",
     "reproduce",
     "robot_from_dh",
-    "rotation",
     "save_estimate",
     "simulate",
     "solve_kinematics",
@@ -255,7 +253,6 @@ def dynamics(
     band_hz: float = 20.0,
     symbolic: bool = False,
     serial: str | None = None,
-    no_recording: bool = False,
     simulate: bool = False,
     seed: int = 0,
     seconds: float = 10.0,
@@ -384,7 +381,6 @@ def payload(
     physical: bool = False,
     stiffness_nm_per_rad: float = 100000.0,
     serial: str | None = None,
-    no_recording: bool = False,
     simulate: bool = False,
     seed: int = 0,
     seconds: float = 10.0,
@@ -413,20 +409,6 @@ def reproduce(
     *,
     item: str | None = None,
 ) -> ReproductionResult: ...
-def rotation(
-    options: RotationOptions | None = None,
-    *,
-    matrix: Sequence[float] = ...,
-    quaternion: Sequence[float] = ...,
-    angles: Sequence[float] = ...,
-    order: Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "xyx", "xzx", "yxy", "yzy", "zxz", "zyz"] = "zyx",
-    fixed: bool = False,
-    axis: Sequence[float] = ...,
-    angle: float | None = None,
-    radians: bool = False,
-    out: str | Path | None = None,
-    overwrite: bool = False,
-) -> Rotation: ...
 def simulate(
     robot: str | Path | Robot | VirtualCampaign = "irb120",
     *,
@@ -475,10 +457,17 @@ def solve_kinematics(
     between: tuple[int, int] | None = None,
     symbolic: bool = False,
     symbolic_inverse: bool = False,
-    no_recording: bool = False,
+    angles: Sequence[float] = ...,
+    order: Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "xyx", "xzx", "yxy", "yzy", "zxz", "zyz"] = "zyx",
+    fixed: bool = False,
+    axis: Sequence[float] = ...,
+    angle: float | None = None,
+    quaternion: Sequence[float] = ...,
+    matrix: Sequence[float] = ...,
+    radians: bool = False,
     out: str | Path | None = None,
     overwrite: bool = False,
-) -> KinematicsResult: ...
+) -> KinematicsResult | Rotation: ...
 def study(
     config: str | Path | Study | StudyOptions,
     *,
@@ -540,7 +529,6 @@ def workspace(
     orientations: int = 60,
     level_mm: float | None = None,
     seed: int = 0,
-    no_recording: bool = False,
     out: str | Path | None = None,
     overwrite: bool = False,
 ) -> WorkspaceResult: ...

@@ -24,7 +24,6 @@ from lab.core.limits import (
     positive,
     whole,
 )
-from lab.core.orientation import Order
 
 __all__ = [
     "By",
@@ -35,7 +34,6 @@ __all__ = [
     "InspectOptions",
     "NextOptions",
     "PredictOptions",
-    "RotationOptions",
     "StudyOptions",
     "VerifyOptions",
 ]
@@ -317,45 +315,6 @@ class ExampleOptions:
     """The example to write, with its source and licence; without it all are listed."""
     out: Path | None = None
     """The folder to write into; the current one, if not given."""
-
-
-@dataclass(frozen=True)
-class RotationOptions:
-    """A rotation, in one of its descriptions."""
-
-    matrix: Numbers = ()
-    """Its matrix, nine numbers: the rows, one after the other."""
-    quaternion: Numbers = ()
-    """Its quaternion w,x,y,z."""
-    angles: Numbers = ()
-    """Three angles a,b,c in the order of --order."""
-    order: Order = "zyx"
-    """The axes of --angles in turn: zyx is R = Rz(a) Ry(b) Rx(c)."""
-    fixed: Flag = False
-    """Turn about fixed axes: zyx is first about z, then about y, then about x."""
-    axis: Numbers = ()
-    """Its axis x,y,z, of any length; give --angle too."""
-    angle: float | None = None
-    """The angle about --axis."""
-    radians: Flag = False
-    """Angles are in rad, given and printed; in ° by default."""
-    out: Path | None = None
-    """A folder for the result and a report; by default nothing is written."""
-    overwrite: Flag = False
-    """Replace an earlier run in that folder."""
-
-    def check(self) -> None:
-        """Refuse no description or two, with a LabError that names the options."""
-        given = [f"--{name}" for name in ("matrix", "quaternion", "angles", "axis") if getattr(self, name)]
-        if len(given) != 1:
-            both = f"{' and '.join(given)} each give a rotation" if given else "no rotation is given"
-            if not given and self.angle is not None:
-                both = "--angle is about an --axis; three angles in a row are --angles. No rotation is given"
-            raise LabError(f"{both}: give one of --matrix, --quaternion, --angles, --axis")
-        if bool(self.axis) != (self.angle is not None):
-            raise LabError("--axis and --angle belong together: give both, or neither")
-        if not self.angles and (self.fixed or self.order != "zyx"):
-            raise LabError("--order and --fixed say what --angles mean: give --angles, or leave them out")
 
 
 @dataclass(frozen=True)

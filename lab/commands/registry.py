@@ -247,14 +247,6 @@ COMMANDS = (
         examples=("runs/january runs/april", "runs --every-days 90 --out history"),
     ),
     Command(
-        "rotation",
-        "Convert a rotation: matrix, quaternion, axis and angle, three angles in twelve orders; all solutions.",
-        "lab.commands.options:RotationOptions",
-        "lab.commands.rotation:rotation",
-        writes_on_request=True,
-        examples=("--angles 30,90,10", "--axis 1,1,0 --angle 45"),
-    ),
-    Command(
         "study",
         "Run many simulated calibrations: a grid of factors, times robots, times draws of the noise.",
         "lab.commands.options:StudyOptions",

@@ -119,7 +119,7 @@ def test_the_json_of_every_command_is_as_its_schema_says(
 ) -> None:
     arguments = line.split()
     out = tmp_path / "out"
-    writes = command_named(name).folder or name in ("kinematics", "workspace", "history", "rotation")
+    writes = command_named(name).folder or name in ("kinematics", "workspace", "history")
     arguments += ["--out", str(out)] if writes else []
     arguments += ["--no-recording"] if name in RECORDED else []
     capsys.readouterr()

@@ -49,7 +49,7 @@ COMMANDS = {
     "history of arms": "history history --on 2026-03-01",
     "inspect": "inspect irb120",
     "reproduce": "reproduce elastic",
-    "rotation": "rotation --angles 10,20,30",
+    "kinematics of a rotation": "kinematics --angles 10,20,30",
     "workspace": "workspace carrier/cartesian --places 200",
 }
 

@@ -8,6 +8,11 @@ _KINEMATICS_GROUPS = (
     OptionGroup("joints and poses", ("joints", "pose", "file", "orientation"), ("coordinates", "tool_mm", "of")),
     OptionGroup("velocities", ("rates", "twist"), ("frame", "inverse_jacobian")),
     OptionGroup("models", ("matrices", "symbolic"), ("between", "symbolic_inverse")),
+    OptionGroup(
+        "a rotation, without a robot",
+        ("angles", "axis", "angle", "quaternion"),
+        ("matrix", "order", "fixed", "radians"),
+    ),
 )
 _TRAJECTORY_GROUPS = (
     OptionGroup("robot and cell", ("robot", "run", "cell"), ("tool_mm", "payload_kg", "load", "no_check")),
@@ -18,11 +23,11 @@ _TRAJECTORY_GROUPS = (
 
 KINEMATICS = Command(
     "kinematics",
-    "Place a robot: direct, inverse (all solutions) and differential models, matrices, singularities.",
+    "Place a robot: direct, inverse (all solutions) and differential models, singularities. Or convert a rotation.",
     "lab.extensions.robotics.kinematics.options:KinematicsOptions",
     "lab.extensions.robotics.kinematics.run:solve_kinematics",
     writes_on_request=True,
-    examples=("irb120 --joints 0,30,-40,0,60,0 --matrices", "delta --pose 100,50,-950"),
+    examples=("irb120 --joints 0,30,-40,0,60,0 --matrices", "--angles 30,90,10"),
     groups=_KINEMATICS_GROUPS,
 )
 

@@ -11,7 +11,7 @@ from lab.campaign.option_types import Flag, Names, Numbers
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE, QUATERNION_NORM
-from lab.core.orientation import AngleConvention
+from lab.core.orientation import AngleConvention, Order
 from lab.core.se3 import Array
 from lab.core.units import MM, joints_to_si
 from lab.formats.orientations import rotation_from_angles
@@ -57,6 +57,22 @@ class KinematicsOptions:
     """Print the matrices and the Jacobian also in letters (needs sympy)."""
     symbolic_inverse: Flag = False
     """Print the inverse in letters: its equations by their types, and how each gives a joint (needs sympy)."""
+    angles: Numbers = ()
+    """Convert a rotation, without a robot: three angles a,b,c in the order of --order."""
+    order: Order = "zyx"
+    """The axes of --angles in turn: zyx is R = Rz(a) Ry(b) Rx(c)."""
+    fixed: Flag = False
+    """Turn about fixed axes: zyx is first about z, then about y, then about x."""
+    axis: Numbers = ()
+    """Convert the rotation about an axis x,y,z, of any length; give --angle too."""
+    angle: float | None = None
+    """The angle about --axis."""
+    quaternion: Numbers = ()
+    """Convert a quaternion w,x,y,z."""
+    matrix: Numbers = ()
+    """Convert a rotation matrix, nine numbers: the rows, one after the other."""
+    radians: Flag = False
+    """The angles of a rotation are in rad, given and printed; in ° by default."""
     out: Path | None = None
     """A folder for the result, a report and a table; by default nothing is written."""
     overwrite: Flag = False
@@ -64,6 +80,10 @@ class KinematicsOptions:
 
     def check(self) -> None:
         """Refuse options that contradict each other, with a LabError that names them."""
+        if self.of_a_rotation:
+            self._check_rotation()
+        elif self.fixed or self.order != "zyx" or self.radians:
+            raise LabError("--order, --fixed and --radians say what the angles of a rotation mean: give --angles")
         if self.file is not None and self.pose:
             raise LabError("--pose and --file both set the tool's pose; give one")
         if self.rates and self.twist:
@@ -74,6 +94,25 @@ class KinematicsOptions:
             raise LabError("--of chooses among solutions; give a --pose")
         if self.frame not in ("base", "tool") and not (self.frame.isascii() and self.frame.isdigit()):
             raise LabError(f"--frame {self.frame}: give base, tool, or a frame's number, 0 for the base's")
+
+    @property
+    def of_a_rotation(self) -> bool:
+        """True where a rotation is to be converted, and there is no robot."""
+        return bool(self.angles or self.axis or self.quaternion or self.matrix) or self.angle is not None
+
+    def _check_rotation(self) -> None:
+        given = [f"--{name}" for name in ("matrix", "quaternion", "angles", "axis") if getattr(self, name)]
+        if len(given) > 1:
+            raise LabError(f"{' and '.join(given)} each give a rotation: give one of them")
+        if bool(self.axis) != (self.angle is not None):
+            raise LabError("--axis and --angle belong together: give both; three angles in a row are --angles")
+        if not self.angles and (self.fixed or self.order != "zyx"):
+            raise LabError("--order and --fixed say what --angles mean: give --angles, or leave them out")
+        unused = ("joints", "pose", "file", "rates", "twist")
+        if stray := [name for name in unused if getattr(self, name)]:
+            raise LabError(
+                f"--{stray[0]} is of a robot, and {given[0]} converts a rotation without one; give one of them"
+            )
 
     @property
     def axes(self) -> Literal["base", "tool"] | int:

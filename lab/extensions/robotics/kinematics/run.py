@@ -26,6 +26,7 @@ from lab.extensions.robotics.kinematics.models import (
 )
 from lab.extensions.robotics.kinematics.options import KinematicsOptions
 from lab.extensions.robotics.kinematics.result import KinematicsResult, Matrices
+from lab.extensions.robotics.kinematics.rotation import Rotation, converted
 from lab.formats.target_csv import holds_targets, read_joints, read_targets
 from lab.kinematics.closed.mobility import mobility_of
 from lab.kinematics.inverse.closed_form import closed_form_of
@@ -47,29 +48,47 @@ _Targets = tuple[tuple[str, ...], PoseTarget, Array]  # ids, poses and given joi
 
 
 @takes(KinematicsOptions)
-def solve_kinematics(robot: "str | Path | Robot | KinematicsOptions" = "irb120", **options: Any) -> KinematicsResult:
-    """Compute the direct, inverse and differential models of a nominal robot.
+def solve_kinematics(
+    robot: "str | Path | Robot | KinematicsOptions" = "irb120", **options: Any
+) -> KinematicsResult | Rotation:
+    """Compute the direct, inverse and differential models of a nominal robot; or convert a rotation, without a robot.
 
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
-        options: those of ``lab kinematics``, by name: ``joints`` or ``pose`` or ``file``, and the models to compute.
+        options: those of ``lab kinematics``, by name: ``joints`` or ``pose`` or ``file``, and the models to compute;
+            or one of ``matrix``, ``quaternion``, ``angles`` and ``axis`` of a rotation.
 
     Returns:
-        The robot at the joint positions, or in every solution of the poses, with Jacobian and singularities.
+        The robot at the joint positions, or in every solution of the poses, with Jacobian and singularities. Or the
+        rotation in all descriptions, with both solutions, and what is determined where one is singular.
 
     Raises:
-        LabError: there is no such robot, or an option does not fit it.
+        LabError: there is no such robot, an option does not fit it, or what is given is no rotation.
 
     Example:
         >>> import lab
         >>> found = lab.solve_kinematics("irb120", pose=(-44.11, 383.46, 786, 77.71, -0.38, 170.88))
         >>> found.to_dict()["poses"][0]["solutions"]
         8
+        >>> lab.solve_kinematics(angles=(30, 90, 0), order="zyx").to_dict()["orders"]["zyx"]["determined"]
+        'c − a'
     """
     if isinstance(robot, KinematicsOptions):
-        return _solved(robot, nominal_robot(robot.robot))
+        return _converted(robot) if robot.of_a_rotation else _solved(robot, nominal_robot(robot.robot))
+    if isinstance(robot, str):
+        requested = options_of("lab.solve_kinematics", KinematicsOptions, {"robot": robot, **options})
+        if requested.of_a_rotation:
+            return _converted(requested)
     nominal = nominal_robot(robot)
     return _solved(options_of("lab.solve_kinematics", KinematicsOptions, {"robot": nominal.source, **options}), nominal)
+
+
+def _converted(options: KinematicsOptions) -> Rotation:
+    options.check()
+    found = converted(replace(options, out=None, overwrite=False))  # the folder is no part of the result
+    if options.out is not None:
+        found.save(options.out, overwrite=options.overwrite)
+    return found
 
 
 def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult:

@@ -1,4 +1,4 @@
-"""``lab rotation``: the course's rotations, every description back to the same matrix, and what is refused."""
+"""Rotations of ``lab kinematics``: the course's, every description back to the same matrix, and what is refused."""
 
 import json
 from pathlib import Path
@@ -8,8 +8,9 @@ import pytest
 
 import lab
 from lab.cli import main
-from lab.commands.rotation import rotation
 from lab.core.errors import LabError
+
+rotation = lab.solve_kinematics
 
 
 def course(z: float, y: float, x: float) -> np.ndarray:
@@ -59,7 +60,7 @@ def test_every_description_gives_the_rotation_back() -> None:
 
 
 def test_singular_cases_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["rotation", "--angles", "30,90,10"]) == 0
+    assert main(["kinematics", "--angles", "30,90,10"]) == 0
     seen = capsys.readouterr().out
     assert "c − a alone is determined" in seen
     assert rotation(angles=(30, 90, 10)).to_dict()["orders"]["zyx"]["solutions"] == [[0, 90, -20]]
@@ -82,13 +83,14 @@ def test_a_printed_matrix_is_mended_and_others_are_refused(tmp_path: Path, capsy
         ({"axis": (0, 0, 1)}, "belong together"),
         ({"quaternion": (1, 0, 0, 0), "order": "zxz"}, "say what --angles mean"),
         ({"quaternion": (1, 0, 0, 0), "angles": (1, 2, 3)}, "each give a rotation"),
-        ({}, "no rotation is given"),
-        ({"angle": 30.0}, "--angle is about an --axis"),
+        ({"angle": 30.0}, "belong together"),
+        ({"radians": True}, "give --angles"),
+        ({"angles": (1, 2, 3), "joints": (1, 2)}, "--joints is of a robot"),
         ({"angles": (float("nan"), 0, 0)}, "give finite numbers"),
     ):
         with pytest.raises(LabError, match=message):
             rotation(**{n: tuple(map(float, v)) if isinstance(v, tuple) else v for n, v in options.items()})  # type: ignore[attr-defined]
-    assert main(["rotation", "--angles", "1,2,3", "--json", "--out", str(tmp_path / "out")]) == 0
+    assert main(["kinematics", "--angles", "1,2,3", "--json", "--out", str(tmp_path / "out")]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert json.loads((tmp_path / "out" / "result.json").read_text()) == printed
-    assert list(lab.rotation(angles=(1.0, 2.0, 3.0)).columns()) == ["order", "a_deg", "b_deg", "c_deg"]
+    assert list(rotation(angles=(1.0, 2.0, 3.0)).columns()) == ["order", "a_deg", "b_deg", "c_deg"]

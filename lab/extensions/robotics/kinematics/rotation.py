@@ -5,13 +5,11 @@ Dombre 2002, chapter 3).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from lab.commands.command_line import options_of, takes
-from lab.commands.options import RotationOptions
 from lab.commands.result import Result, tidy
 from lab.core import se3
 from lab.core.errors import LabError
@@ -19,9 +17,10 @@ from lab.core.euler import AxisAngle, EulerAngles, axis_angle, euler_angles, rot
 from lab.core.limits import OPTION_SIZE, POSITIVE_OPTION, QUATERNION_NORM, ROTATION_ERROR
 from lab.core.orientation import ORDERS
 from lab.core.se3 import Array
+from lab.extensions.robotics.kinematics.options import KinematicsOptions
 from lab.render.document import Bullets, Document, Paragraph, Section, Table, Warnings, fixed
 
-__all__ = ["Rotation", "rotation"]
+__all__ = ["Rotation", "converted"]
 
 _ROUNDED = 1e-6  # of R'R - 1: a matrix that misses it is mended, and the reader told
 _NAMES = {"zyx": "yaw, pitch, roll", "xyz": "Bryant", "zxz": "Euler"}  # the order's other name
@@ -38,10 +37,10 @@ class Rotation(Result):
         angles: in every order of axes.
     """
 
-    command = "rotation"
-    shown_by = "lab.commands.rotation:_rotation_document"
+    command = "kinematics"
+    shown_by = "lab.extensions.robotics.kinematics.rotation:_rotation_document"
 
-    options: RotationOptions
+    options: KinematicsOptions
     matrix: Array
     quaternion: Array
     axis: AxisAngle
@@ -90,41 +89,22 @@ class Rotation(Result):
         return [(alpha, beta), (alpha - np.pi if alpha > 0 else alpha + np.pi, -beta)]
 
 
-@takes(RotationOptions)
-def rotation(options: RotationOptions | None = None, **given: Any) -> Rotation:
-    """Convert a rotation between matrix, quaternion, axis and angle, and three angles in twelve orders.
-
-    Args:
-        options: all options in one object.
-        given: those of ``lab rotation``, by name: one of ``matrix``, ``quaternion``, ``angles`` and ``axis``.
-
-    Returns:
-        The rotation in all descriptions, with both solutions, and what is determined where one is singular.
+def converted(options: KinematicsOptions) -> Rotation:
+    """Convert the rotation of the options to all its descriptions.
 
     Raises:
         LabError: what is given is no rotation.
-
-    Example:
-        >>> import lab
-        >>> lab.rotation(angles=(30, 90, 0), order="zyx").to_dict()["orders"]["zyx"]["determined"]
-        'c − a'
     """
-    requested = options if options is not None else options_of("lab.rotation", RotationOptions, given)
-    R, warnings = _given(requested)
+    R, warnings = _given(options)
     quaternion = se3.quaternion_from_rotation(R)
-    plain = replace(requested, out=None, overwrite=False)
-    found = Rotation(
-        plain, R, np.where(quaternion[0] < 0, -quaternion, quaternion) + 0.0, axis_angle(R),
+    return Rotation(
+        options, R, np.where(quaternion[0] < 0, -quaternion, quaternion) + 0.0, axis_angle(R),
         tuple(euler_angles(R, order) for order in ORDERS), warnings,
     )  # fmt: skip
-    if requested.out is not None:
-        found.save(requested.out, overwrite=requested.overwrite)
-    return found
 
 
-def _given(options: RotationOptions) -> tuple[Array, tuple[str, ...]]:
+def _given(options: KinematicsOptions) -> tuple[Array, tuple[str, ...]]:
     """Return the rotation matrix that options give, and warnings."""
-    options.check()
     unit = 1.0 if options.radians else np.pi / 180
     if options.quaternion:
         quaternion = _numbers("--quaternion", options.quaternion, 4, "w,x,y,z")
