@@ -119,11 +119,6 @@ def test_the_exact_tracker_gives_the_truth() -> None:
     assert result["after_mm"]["max"] <= 1e-9 and result["truth"]["max_abs_error"] <= 1e-9
 
 
-def test_three_targets_have_rank_33() -> None:
-    result = calibration(seed=7, targets=("p1", "p2", "p3")).to_dict()
-    assert result["rank"] == 33 and result["targets"] == ["p1", "p2", "p3"]
-
-
 @pytest.mark.thorough
 def test_every_option_of_a_campaign_does_something(seven: Path) -> None:
     base = calibration(seed=7).to_dict()
@@ -176,12 +171,6 @@ def test_a_target_of_any_name_is_identified(tmp_path) -> None:
     values = {row.name: row.estimate for row in found.parameters}
     assert np.linalg.norm([values[f"tool.ball.{axis}"] for axis in "xyz"]) > 0.05
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "run" / "calibrated.xml")).site("ball").id >= 0
-
-
-def test_metres_in_a_column_of_millimetres_are_a_bad_result() -> None:
-    """They fit well, an arm a thousand times smaller: the verdict says so."""
-    found = lab.identify(replace(day(), points=day().points / 1e3))
-    assert found.exit_code == 1 and "wrong unit" in found.to_dict()["reason"]
 
 
 def test_sessions_fitted_together_are_a_warning() -> None:

@@ -178,7 +178,7 @@ def test_a_run_with_one_value_changed_is_told(name: str, place: Path, capfd: pyt
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("name", COMMANDS)
 def test_runs_with_values_changed_are_told(name: str, place: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert [said for seed in range(2, 7) if (said := wrong_with(name, seed, place, capfd))] == []
+    assert [said for seed in range(2, 4) if (said := wrong_with(name, seed, place, capfd))] == []
 
 
 @pytest.mark.slow

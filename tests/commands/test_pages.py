@@ -24,24 +24,21 @@ a,line,400,-100,400,0,0,1,0
 b,joint,300,100,400,0,0,1,0
 """
 MOVING = ("plan", "trajectory", "dynamics", "payload")  # whose slider runs over time
-LOOKED_AT = (
-    "run",
-    "plan",
-    "study",
-    "inspect",
-    "verify",
-    "history",
-    "compensate",
-    "certify",
-)  # on every screen and on paper
+# on every screen and on paper
+LOOKED_AT = ("run", "plan", "study", "inspect", "verify", "history", "compensate", "certify")
 SCENES = (*MOVING, "compensate", "next", "workspace", "kinematics", "inspect")
 
 
 @pytest.fixture(scope="module")
 def pages(
-    tmp_path_factory: pytest.TempPathFactory, drawn_run: Path, drawn_plan: Path, drawn_study: Path, dated_runs: Path
+    browser: Browser,
+    tmp_path_factory: pytest.TempPathFactory,
+    drawn_run: Path,
+    drawn_plan: Path,
+    drawn_study: Path,
+    dated_runs: Path,
 ) -> dict[str, Path]:
-    """The page of each command, by its name."""
+    """The page of each command, by its name; made where there is a browser."""
     folder = tmp_path_factory.mktemp("pages")
     calibrated = load_run(drawn_run)
     arm, values = calibrated.estimate.geometry

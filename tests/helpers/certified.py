@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 import lab
-from helpers.drawing import nothing_drawn
 from lab.certification.budget import propagated
 from lab.commands.certify.result import Certificate
 from lab.commands.certify.run import certify
@@ -103,8 +102,7 @@ def outcome(mistake: Mistake, seed: int, folder: Path) -> Outcome:
     options = {"instrument": INSTRUMENT} if mistake.stated else {}
     result = lab.identify(rows, seed=seed, **options, **({"holdout": HELD} if mistake.holdout else {}))
     folder.mkdir()
-    with nothing_drawn():
-        result.write(folder)
+    result.write(folder)
     asked = CertifyOptions(folder, tolerance_mm=1e3, accept_edited=True)
     try:
         found = certify(asked)

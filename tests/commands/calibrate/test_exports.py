@@ -33,6 +33,7 @@ def test_a_file_of_geometry_says_what_it_lacks() -> None:
     assert comment_on_missing_effects((), bare.geometry_error(inputs), "there", module=True) == ""
 
 
+@pytest.mark.thorough
 def test_a_bad_run_is_written_without_the_files_that_cannot_hold_its_arm(tmp_path: Path) -> None:
     """Of points that are mirrored."""
     data = session("ur5", poses=40, seed=1).measurements

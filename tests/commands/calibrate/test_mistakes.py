@@ -23,23 +23,24 @@ def identified(data, **options: object) -> lab.CalibrationResult:
     return lab.identify(data, robot="irb120", holdout=0.3, **options)
 
 
-@pytest.mark.sampled(14)
-@pytest.mark.parametrize(("stated", "mistake"), [(stated, mistake) for stated in STATED for mistake in MISTAKES])
-def test_no_mistake_is_good(stated: str, mistake: str) -> None:
-    assert word_of(mistake, list(STATED).index(stated), 0.1e-3, **STATED[stated]) != "good"
+@pytest.mark.sampled(10)
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_no_mistake_is_good(mistake: str) -> None:
+    seed = list(MISTAKES).index(mistake)
+    assert word_of(mistake, seed, 0.1e-3, **list(STATED.values())[seed % len(STATED)]) != "good"
 
 
+@pytest.mark.thorough
 def test_errors_correlated_in_time_are_not_covered_by_a_large_stated_noise() -> None:
     """A stated noise is white: errors of poses in a row that are alike spoil a prediction, however small they are."""
     assert word_of("correlated in time", 4, 0.1e-3, noise_mm=0.05) == "doubtful"
 
 
 def test_a_session_without_mistakes_is_good() -> None:
-    for seed, options in enumerate(({}, STATED["stated too large"])):
-        found = identified(session_with_noise(seed)[0], **options)
-        assert found.verdict.word == "good" and not found.fit.findings
-        check = found.to_dict()["prediction_at_validation"]
-        assert check["observed_95_mm"] < check["allowed_95_mm"] and not check["exceeded"]
+    found = identified(session_with_noise(0)[0])
+    assert found.verdict.word == "good" and not found.fit.findings
+    check = found.to_dict()["prediction_at_validation"]
+    assert check["observed_95_mm"] < check["allowed_95_mm"] and not check["exceeded"]
 
 
 def test_the_first_sentence_names_the_poses_and_the_size() -> None:

@@ -185,6 +185,7 @@ def test_the_drawn_hand_carries_the_predicted_targets(outcome):
     np.testing.assert_allclose(drawn, in_world(outcome, arm.points(joints, identification.values)[:, 0]), atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_same_seed_gives_an_equal_recording_and_another_does_not(recording, tmp_path, home):
     record(tmp_path / "same.rrd", lab.calibrate("irb120", seed=7, poses=30))
     record(tmp_path / "other.rrd", calibration(poses=12))

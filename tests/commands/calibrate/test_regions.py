@@ -46,6 +46,7 @@ def test_the_last_rows_are_held_out_by_command_and_call(day: Measurements) -> No
         lab.identify(day, robot="irb120", holdout_last=1.5)
 
 
+@pytest.mark.thorough
 def test_later_rows_of_another_place_are_extrapolated_and_said_to_be() -> None:
     """An arm with harmonics, measured in one half of joint 1 first: the other half is named, not promised."""
     chain, arm = lab.load_robot("irb120").chain, lab.load_robot("irb120").arm(("p1",))

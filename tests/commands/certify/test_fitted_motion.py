@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.drawing import nothing_drawn
 
 import lab
 from lab.commands.calibrate.load_run import load_run
@@ -23,8 +22,7 @@ def test_the_motion_has_the_size_of_its_parameters(group: str, tmp_path: Path) -
     options, prefix = CASES[group]
     day = lab.simulate("irb120", poses=50, seed=4, instrument="uniform-8um", **options).measurements
     result = lab.identify(day, robot="irb120", instrument="uniform-8um", model=group)
-    with nothing_drawn():
-        result.write(tmp_path)
+    result.write(tmp_path)
     calibrated = load_run(tmp_path, accept_edited=True)
     (found,) = fitted_motions(calibrated, fitted_rows(calibrated).rows, POSITIONS)
     values = {row.name: row.estimate for row in result.parameters}
@@ -39,7 +37,6 @@ def test_the_motion_has_the_size_of_its_parameters(group: str, tmp_path: Path) -
 @pytest.mark.thorough
 def test_a_run_without_such_groups_has_no_motion(tmp_path: Path) -> None:
     day = lab.simulate("irb120", poses=30, seed=4, instrument="uniform-8um").measurements
-    with nothing_drawn():
-        lab.identify(day, robot="irb120", instrument="uniform-8um").write(tmp_path)
+    lab.identify(day, robot="irb120", instrument="uniform-8um").write(tmp_path)
     calibrated = load_run(tmp_path, accept_edited=True)
     assert not list(fitted_motions(calibrated, fitted_rows(calibrated).rows, POSITIONS))

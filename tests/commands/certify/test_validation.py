@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.drawing import nothing_drawn
 
 import lab
 from lab.certification.budget import Propagation, quantities_of
@@ -25,8 +24,7 @@ def compared(folder: Path, rows: Measurements, **options: object) -> tuple[float
     """Root mean square errors of a run's validation, observed and as its budget predicts them (m)."""
     result = lab.identify(rows, robot="irb120", instrument=INSTRUMENT, **options)
     folder.mkdir()
-    with nothing_drawn():
-        result.write(folder)
+    result.write(folder)
     calibrated = load_run(folder, accept_edited=True)
     fitted = fitted_rows(calibrated)
     found: Propagation = _propagation(calibrated, fitted)

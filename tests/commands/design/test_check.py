@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.drawing import nothing_drawn
 
 from lab.campaign.options import DesignOptions
 from lab.cli import main
@@ -48,11 +47,9 @@ def checked(plan: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> tupl
 
 @pytest.mark.thorough
 def test_a_plan_can_be_run_where_it_was_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with nothing_drawn():
-        made = planned_session(DesignOptions("course2r", candidates=40, starts=1, poses=8))
-        made.save(tmp_path / "run")
-        told = ("--robot", "course2r", "--out", str(tmp_path / "again"))
-        code, found = checked(tmp_path / "run", capsys, *told)
+    made = planned_session(DesignOptions("course2r", candidates=40, starts=1, poses=8))
+    made.save(tmp_path / "run")
+    code, found = checked(tmp_path / "run", capsys, "--robot", "course2r", "--out", str(tmp_path / "again"))
     assert code == 0 and found["good"] and found["faults"] == [] and found["poses"] == 8
     for key in ("tour_seconds", "day_seconds", "reference_measurements"):
         assert found[key] == pytest.approx(made.to_dict()[key], rel=1e-6)
@@ -63,11 +60,10 @@ def test_a_plan_with_its_reference_pose_is_measured_and_checked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its rows are named, its program waits as often, the day counts them once, and a simulated day has them all."""
-    with nothing_drawn():
-        made = planned_session(DesignOptions("irb120", candidates=60, starts=1, poses=12, reference_every=5))
-        made.save(tmp_path / "run")
-        code, found = checked(tmp_path / "run", capsys, "--out", str(tmp_path / "again"))
-        day, length = simulate("irb120", plan=tmp_path / "run" / "plan.csv"), SessionDuration.of(made.tour)
+    made = planned_session(DesignOptions("irb120", candidates=60, starts=1, poses=12, reference_every=5))
+    made.save(tmp_path / "run")
+    code, found = checked(tmp_path / "run", capsys, "--out", str(tmp_path / "again"))
+    day, length = simulate("irb120", plan=tmp_path / "run" / "plan.csv"), SessionDuration.of(made.tour)
     ids = [name for name, stop in zip(made.columns()["id"], made.columns()["stop"], strict=True) if stop == "measure"]
     assert [name for name in ids if "_" in name] == ["1_2", "1_3", "1_4"] and ids.index("1_2") == 5 and ids[-1] == "1_4"
     assert code == 0 and found["poses"] == 12 and length.references == found["reference_measurements"] == 4
@@ -81,9 +77,8 @@ def test_a_plan_with_its_reference_pose_is_measured_and_checked(
 
 def test_an_obstacle_that_came_later_is_found(plan: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("wall.toml").write_text(SEES_ALL + BOX.format("2000, 2000, 100", "0, 0, 500"))
-    with nothing_drawn():
-        assert checked(plan, capsys, "--cell", "cell.toml", "--out", "free")[0] == 0
-        code, found = checked(plan, capsys, "--cell", "wall.toml", "--out", "wall")
+    assert checked(plan, capsys, "--cell", "cell.toml", "--out", "free")[0] == 0
+    code, found = checked(plan, capsys, "--cell", "wall.toml", "--out", "wall")
     assert code == 1 and not found["good"]
     assert {fault["stop"] for fault in found["faults"]} == {"home", "1", "via001", "2", "home_again"}
     assert all("wall" in fault["why"] or "box" in fault["why"] for fault in found["faults"])
@@ -91,8 +86,7 @@ def test_an_obstacle_that_came_later_is_found(plan: Path, capsys: pytest.Capture
 
 def test_narrower_limits_are_found(plan: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("narrow.toml").write_text(SEES_ALL + "[joints.q1]\nlower_deg = -45\nupper_deg = 45\n")
-    with nothing_drawn():
-        code, found = checked(plan, capsys, "--cell", "narrow.toml", "--out", "narrow")
+    code, found = checked(plan, capsys, "--cell", "narrow.toml", "--out", "narrow")
     assert code == 1 and [fault["stop"] for fault in found["faults"]] == ["2"]
 
 
@@ -100,8 +94,7 @@ def test_a_thin_wall_between_two_stops_is_found(plan: Path, capsys: pytest.Captu
     """Both stops are free, the way between them is not: the arm turns its first joint through a wall."""
     Path("two.csv").write_text("id,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\na,-40,0,0,0,30,0\nb,40,0,0,0,30,0\n")
     Path("wall.toml").write_text(SEES_ALL + BOX.format("300, 10, 900", "400, 0, 450"))
-    with nothing_drawn():
-        assert main(["design", "--check", "two.csv", "--cell", "wall.toml", "--out", "w", "--json"]) == 1
+    assert main(["design", "--check", "two.csv", "--cell", "wall.toml", "--out", "w", "--json"]) == 1
     faults = json.loads(capsys.readouterr().out)["faults"]
     assert faults == [{"stop": "b", "why": "the path to it from a does not keep the clearances"}]
 

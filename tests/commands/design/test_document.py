@@ -52,6 +52,7 @@ def test_the_tour_is_played_through_its_poses() -> None:
     assert np.linalg.norm(path.points[:, None] - points, axis=2).min(axis=0).max() < 1e-9
 
 
+@pytest.mark.thorough
 def test_targets_that_no_pose_reaches_are_named_with_their_frame(tmp_path: Path) -> None:
     robot, file = lab.load_robot("irb120"), tmp_path / "task.csv"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
-from helpers.drawing import nothing_drawn
+from helpers.campaigns import TWO, calibration, run_of
 from helpers.robots import ROOT
 
 import lab
@@ -22,13 +22,9 @@ SOFT = {"stiffness_nm_per_rad": 1e5, "payload_kg": (0.0, 3.0), "backlash_mrad": 
 
 
 @pytest.fixture(scope="module")
-def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lab.CalibrationResult]:
-    """A run of an arm that gives way, with play."""
-    folder = tmp_path_factory.mktemp("runs") / "soft"
-    with nothing_drawn():
-        result = lab.calibrate("irb120", poses=24, seed=3, targets=("p1", "p2"), **SOFT)
-        result.save(folder)
-    return folder, result
+def soft() -> tuple[Path, lab.CalibrationResult]:
+    """A run of an arm that deflects, with play."""
+    return run_of(poses=24, seed=3, targets=TWO, **SOFT), calibration(poses=24, seed=3, targets=TWO, **SOFT)
 
 
 def test_the_points_are_the_arm_s_in_both_frames(soft: tuple[Path, lab.CalibrationResult]) -> None:
@@ -104,10 +100,9 @@ def test_the_command_writes_a_table_and_json_of_its_schema(
 ) -> None:
     folder, result = soft
     write_measurements(tmp_path / "rows.csv", result.measurements.take(range(7)), (False,) * 6)
-    with nothing_drawn():
-        code = main(
-            ["predict", str(folder), str(tmp_path / "rows.csv"), "--out", str(tmp_path / "out"), "--json", "--force"]
-        )
+    code = main(
+        ["predict", str(folder), str(tmp_path / "rows.csv"), "--out", str(tmp_path / "out"), "--json", "--force"]
+    )
     printed = json.loads(capsys.readouterr().out)
     schema = json.loads((ROOT / "docs" / "reference" / "schemas" / "predict.schema.json").read_text())
     jsonschema.validate(printed, schema)
@@ -166,7 +161,7 @@ def test_a_run_that_is_not_good_is_refused() -> None:
 def test_the_true_points_are_within_the_radius() -> None:
     """95 % of the true errors, over robots; without the parameters' part far fewer are."""
     inside = []
-    for seed in range(12):
+    for seed in range(6):
         result = lab.calibrate("irb120", poses=25, seed=seed)
         fresh = result.validation.rows
         assert fresh is not None
@@ -174,4 +169,4 @@ def test_the_true_points_are_within_the_radius() -> None:
         off = np.linalg.norm(found.points - fresh.take(range(0, len(fresh), 20)).points, axis=2)
         inside.append((off <= found.radii_95["parameters"]).mean())
         assert (off > 0.2 * found.radii_95["parameters"]).any()  # the radius is no huge one
-    assert 0.85 <= np.mean(inside) <= 1.0  # twelve robots, whose poses share their robot's errors
+    assert 0.85 <= np.mean(inside) <= 1.0  # six robots, whose poses share their robot's errors
