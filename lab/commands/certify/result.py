@@ -15,6 +15,7 @@ from lab.commands.options import CertifyOptions
 from lab.commands.result import ErrorStatistics, Result, error_statistics, number, sizes_mm
 from lab.compensation.iso9283 import CYCLES
 from lab.core.checks import Check
+from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import CERTIFICATE_VALIDATION
 from lab.core.units import MICRONS, MM
@@ -92,7 +93,7 @@ class Certificate(Result):
     command = "certify"
     robot_at = "calibrated.robot"
     shown_by = "lab.commands.certify.result:_certificate_document"
-    drawn_by = "lab.commands.certify.result:_contributions_picture"
+    drawn_by = "lab.commands.certify.result:_main_picture"
 
     options: CertifyOptions
     calibrated: CalibrationRun
@@ -475,22 +476,15 @@ def _errors_picture(result: Certificate) -> tuple[doc.Picture, ...]:
     return (axes_picture("errors", label, (3.8, 2.0), draw, (1.45, 0.5, 0.15, 0.3)),)
 
 
-def _contributions_picture(budget: Budget) -> doc.Picture:
-    lines = sorted(budget.lines, key=lambda line: line.contribution_m)
-    sizes = MICRONS.of(np.array([line.contribution_m for line in lines]))
+def _main_picture(result: Certificate) -> doc.Picture:
+    """Return the errors beside U and the tolerance.
 
-    def draw(axes: Axes) -> None:
-        at = np.arange(len(lines))
-        axes.barh(at, sizes, color=AFTER, height=0.6)
-        axes.set_yticks(at, [line.quantity.name for line in lines])
-        axes.set(ylim=(-0.7, len(lines) - 0.3), xlabel="contribution to u, µm")
-        axes.grid(visible=False, axis="y")
-
-    largest = lines[-1].quantity.label
-    label = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}; the largest is of {largest}"
-    left = 0.3 + 0.078 * max(len(line.quantity.name) for line in lines)
-    size = (4.3, 0.8 + 0.24 * len(lines))
-    return axes_picture(f"budget-{budget.measurand}", label, size, draw, (left, 0.5, 0.15, 0.1))
+    Raises:
+        LabError: the run was not validated.
+    """
+    for picture in _errors_picture(result):
+        return picture
+    raise LabError("the run was not validated, so there are no errors to draw")
 
 
 def _withheld(result: Certificate) -> tuple[doc.Block, ...]:
@@ -678,13 +672,11 @@ def _budget(budget: Budget) -> tuple[doc.Block, ...]:
         f" By Monte Carlo, {budget.draws:,} draws: {fixed(MM.of(budget.drawn_m), drawn)} mm, which "
         f"{'confirms it' if budget.agrees else 'differs and is stated instead'}. {_of_kinematics(budget)}",
     )
-    drawing = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}."
-    figure = doc.Figure(f"budget-{budget.measurand}-figure", (_contributions_picture(budget),), drawing)
     caption = (
         f"Standard uncertainty u, contribution in µm, degrees of freedom ν (∞: over {_ENDLESS:,}), "
         "share of the variance in %"
     )
-    return doc.Table(tuple(columns), rows, caption), doc.Paragraph(parts), *((figure,) if len(rows) > 1 else ())
+    return doc.Table(tuple(columns), rows, caption), doc.Paragraph(parts)
 
 
 def _of_kinematics(budget: Budget) -> str:

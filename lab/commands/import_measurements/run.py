@@ -47,7 +47,6 @@ class ImportResult(Result):
     command = "import"
     robot_at = "robot"
     shown_by = "lab.commands.import_measurements.run:_import_document"
-    drawn_by = "lab.commands.import_measurements.run:_points_picture"
 
     options: ImportOptions
     robot: Robot
@@ -129,9 +128,6 @@ _WIDE = (7.0, 2.4)  # inches
 def _import_document(result: ImportResult) -> Document:
     data = result.measurements
     by_camera = result.corners is not None
-    caption = (
-        "The corners in their pictures." if by_camera else "The points in the tracker's frame, seen along its z axis."
-    )
     counts = (
         f"{counted(len(result.matching.poses), 'picture')}, {counted(len(data), 'corner')}"
         if by_camera
@@ -146,7 +142,6 @@ def _import_document(result: ImportResult) -> Document:
             *(() if by_camera else (Section("Uncertainty", (Paragraph(_uncertainty(result)),)),)),
             Section("Columns", (_columns(result),)),
             Section("Left out", (*_left_out(result),)),
-            Section("Corners" if by_camera else "Points", (Figure("points", (_points_picture(result),), caption),)),
         ),
     )
 
@@ -254,29 +249,6 @@ def _left_out(result: ImportResult) -> tuple[Paragraph | Table, ...]:
         (each.file.rsplit("/", 1)[-1], str(each.line or "–"), each.what, each.why) for each in left[:_MOST]
     ]
     return Paragraph(f"{counts}.{more}"), Table(("file", "line", "what", "why"), tuple(rows))
-
-
-def _points_picture(result: ImportResult) -> Picture:
-    if result.corners is not None:
-        return _corners_picture(result.measurements)
-    points = MM.of(result.measurements.points.reshape(-1, 3))
-    points = points[np.isfinite(points).all(axis=1)]
-
-    def draw(axes: Axes) -> None:
-        axes.scatter(points[:, 0], points[:, 1], s=12, color=AFTER)
-        axes.set(xlabel="x, mm", ylabel="y, mm")
-        axes.set_aspect("equal", adjustable="datalim")
-
-    return axes_picture("points", f"{len(points)} measured points", (4.5, 3.6), draw)
-
-
-def _corners_picture(data: Measurements) -> Picture:
-    def draw(axes: Axes) -> None:
-        axes.scatter(data.conditions["u_px"], data.conditions["v_px"], s=4, color=AFTER)
-        axes.set(xlabel="u, px", ylabel="v, px")
-        axes.set_aspect("equal", adjustable="datalim")
-
-    return axes_picture("points", f"{counted(len(data), 'corner')} in pictures", (4.5, 3.6), draw)
 
 
 _OTHER_UNIT = 15.0  # times the distances that the nominal arm has: another unit

@@ -22,6 +22,7 @@ from lab.compensation.iso9283 import repeatability
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.whole_folder import checksum_lines
+from lab.extension_points import load_reference
 from lab.formats.measurement_csv import read_measurements, write_measurements
 
 TRACKER = """
@@ -119,6 +120,7 @@ def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
     assert not early.issued and early.conformity is None and early.exit_code == 1
     assert early.to_dict()["implausible"][0]["impossible"]
     assert not found.is_example and not found.document().mark
+    assert "calibrated model" in load_reference(found.drawn_by)(found).label  # what plot() draws
     assert len(certify(CertifyOptions(Path("known"))).details.missing) == 10
 
 
