@@ -31,15 +31,11 @@ SCENES = (*MOVING, "compensate", "next", "workspace", "kinematics", "inspect")
 
 @pytest.fixture(scope="module")
 def pages(
-    browser: Browser,
-    tmp_path_factory: pytest.TempPathFactory,
-    drawn_run: Path,
-    drawn_plan: Path,
-    drawn_study: Path,
-    dated_runs: Path,
+    browser: Browser, request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, Path]:
     """The page of each command, by its name; made where there is a browser."""
-    folder = tmp_path_factory.mktemp("pages")
+    folder, names = tmp_path_factory.mktemp("pages"), ("drawn_run", "drawn_plan", "drawn_study", "dated_runs")
+    drawn_run, drawn_plan, drawn_study, dated_runs = map(request.getfixturevalue, names)
     calibrated = load_run(drawn_run)
     arm, values = calibrated.estimate.geometry
     again = session(poses=8, seed=7).measurements
