@@ -144,10 +144,9 @@ def _help() -> str:
     import textwrap
 
     import lab
-    from lab.commands.registry import all_commands
+    from lab.commands.registry import all_commands, grouped_commands
 
-    commands = all_commands()
-    width = max(len(each.name) for each in commands) + 2
+    width = max(len(each.name) for each in all_commands()) + 2
     room, rest = max(40, shutil.get_terminal_size().columns), " " * (width + 2)
     return "\n".join(
         [
@@ -155,9 +154,18 @@ def _help() -> str:
             "",
             textwrap.fill((lab.__doc__ or "").partition("\n")[0], room),
             "",
-            "commands:",
-            *(textwrap.fill(f"  {each.name:{width}}{each.help}", room, subsequent_indent=rest) for each in commands),
-            "",
+            *(
+                line
+                for title, commands in grouped_commands().items()
+                for line in (
+                    f"{title}:",
+                    *(
+                        textwrap.fill(f"  {each.name:{width}}{each.help}", room, subsequent_indent=rest)
+                        for each in commands
+                    ),
+                    "",
+                )
+            ),
             textwrap.fill(_MORE_HELP, room, break_on_hyphens=False),
         ]
     )

@@ -3,7 +3,7 @@
 Nothing of a command is imported before it is run.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any
 from lab.core.errors import LabError
 from lab.extension_points import load, load_all, load_reference, registered
 
-__all__ = ["COMMANDS", "Command", "OptionGroup", "all_commands", "command_named"]
+__all__ = ["COMMANDS", "Command", "OptionGroup", "all_commands", "command_named", "grouped_commands"]
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class Command:
         writes_on_request: it has no such name, and writes a run only where ``--out`` names its folder.
         examples: two usual lines of arguments, shown in its help.
         groups: of its options, in the order of its help; without them the help shows all options in one.
+        group: heading under which ``lab --help`` lists it, behind those of a calibration.
         plan: the option whose file may be a plan in the folder of a run of ``lab design``: robot, cell, targets and
             instrument that are not given are those of that run.
     """
@@ -58,6 +59,7 @@ class Command:
     examples: tuple[str, ...] = ()
     groups: tuple[OptionGroup, ...] = ()
     plan: str = ""
+    group: str = "other"
 
     def load_options(self) -> type[Any]:
         """The class of its options."""
@@ -145,6 +147,7 @@ COMMANDS = (
         examples=("--robot tx40 --poses 60 --seed 1", "--stiffness-nm-per-rad 1e5 --payload-kg 0,3 --model auto"),
         groups=_VIRTUAL_GROUPS,
         plan="plan",
+        group="prepare",
     ),
     Command(
         "identify",
@@ -165,6 +168,7 @@ COMMANDS = (
         "lab.commands.options:ExampleOptions",
         "lab.commands.example:example",
         examples=("ur5", "ur10-random --out data"),
+        group="measure",
     ),
     Command(
         "inspect",
@@ -221,6 +225,7 @@ COMMANDS = (
         "lab.commands.predict:predict",
         "predict-{file}",
         examples=("runs/day joints.csv", "runs/day joints.csv --load runs/load"),
+        group="use",
     ),
     Command(
         "verify",
@@ -252,8 +257,22 @@ COMMANDS = (
         "lab.commands.options:StudyOptions",
         "lab.commands.study.run:study",
         examples=("grid.toml --out runs/grid", "grid.toml --out runs/grid --resume"),
+        group="prepare",
     ),
 )
+
+
+_CALIBRATION = ("inspect", "design", "import", "identify", "next", "compensate", "certify", "verify", "history")
+_HEADINGS = ("prepare", "measure", "identify", "use", "learn")
+
+
+def grouped_commands() -> Mapping[str, tuple[Command, ...]]:
+    """Return the commands by headings: those of a calibration in the order of its steps, then the others by groups."""
+    commands = {command.name: command for command in all_commands()}
+    found = {"a calibration": tuple(commands.pop(name) for name in _CALIBRATION)}
+    headings = dict.fromkeys((*_HEADINGS, *(each.group for each in commands.values())))
+    groups = {title: tuple(each for each in commands.values() if each.group == title) for title in headings}
+    return found | {title: own for title, own in groups.items() if own}
 
 
 def all_commands() -> tuple[Command, ...]:

@@ -25,6 +25,7 @@ PAYLOAD = Command(
     "payload-{file}",
     examples=("load.csv --robot tx40 --sensor sensor.toml", "--simulate --robot tx40 --payload-kg 1.5"),
     groups=_PAYLOAD_GROUPS,
+    group="identify",
 )
 
 DYNAMICS = Command(
@@ -35,4 +36,5 @@ DYNAMICS = Command(
     "dynamics-{robot}",
     examples=("motion.csv --robot tx40 --holdout 0.3", "--simulate --robot scara --rounds 0"),
     groups=_DYNAMICS_GROUPS,
+    group="identify",
 )

@@ -11,4 +11,5 @@ REPRODUCE = Command(
     "lab.extensions.reproduction.result:reproduce",
     "reproduce-{source}",
     examples=("thesis --item III", "course --item 8.6"),
+    group="learn",
 )

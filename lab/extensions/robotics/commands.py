@@ -29,6 +29,7 @@ KINEMATICS = Command(
     writes_on_request=True,
     examples=("irb120 --joints 0,30,-40,0,60,0 --matrices", "--angles 30,90,10"),
     groups=_KINEMATICS_GROUPS,
+    group="learn",
 )
 
 WORKSPACE = Command(
@@ -38,6 +39,7 @@ WORKSPACE = Command(
     "lab.extensions.robotics.workspace.run:workspace",
     writes_on_request=True,
     examples=("irb120", "carriers --out runs/carriers"),
+    group="learn",
 )
 
 TRAJECTORY = Command(
@@ -48,4 +50,5 @@ TRAJECTORY = Command(
     "trajectory-{robot}-{points}",
     examples=("points.csv --robot irb120", "points.csv --run runs/day --payload-kg 3"),
     groups=_TRAJECTORY_GROUPS,
+    group="learn",
 )
