@@ -64,12 +64,12 @@ def corrected(of: Compensator, wanted: PoseTarget, reference: Array | None = Non
 def test_the_three_schemes_end_at_the_same_place(groups: tuple[str, ...], turned: bool) -> None:
     """Within the joints' limits; targets that are not hit say why."""
     of = compensator(groups, 3)
-    wanted = reachable(of, 150, 4)
+    wanted = reachable(of, 60, 4)
     if not turned:
-        wanted = PoseTarget(wanted.positions, np.full((150, 3, 3), np.nan))
+        wanted = PoseTarget(wanted.positions, np.full((60, 3, 3), np.nan))
     found = corrected(of, wanted)
     done = np.flatnonzero(found.converged)
-    assert len(done) >= 147 and (found.steps <= 8).mean() > 0.98
+    assert len(done) >= 58 and (found.steps <= 8).mean() > 0.96
     assert all(bool(reason) != hit for reason, hit in zip(found.reasons, found.converged, strict=True))
     assert not of.nominal.arm.chain.beyond_limits(found.joints[done], 1e-9).any()
     for joints in (found.joints, found.differential, found.cartesian):

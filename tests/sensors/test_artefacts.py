@@ -234,7 +234,7 @@ def test_an_artefact_too_large_for_the_arm_is_refused() -> None:
 
 def test_an_uncertain_artefact_needs_noise_to_be_weighed_against() -> None:
     with pytest.raises(LabError, match="--artefact-u-mm is weighed against the noise"):
-        lab.calibrate("irb120", observe="ball-bar", poses=60, instrument="exact", artefact_u_mm=0.01)
+        lab.calibrate("irb120", observe="ball-bar", poses=40, instrument="exact", artefact_u_mm=0.01)
 
 
 @pytest.fixture(scope="module")

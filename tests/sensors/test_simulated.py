@@ -34,7 +34,7 @@ def campaign(name: str, **options) -> lab.CalibrationResult:
     )
 
 
-DEFAULT = ("pose, mixed", "cable", "plane", "ball-bar")
+DEFAULT = ("pose, mixed", "cable", "ball-bar")
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.thorough] * (n not in DEFAULT)) for n in CASES])

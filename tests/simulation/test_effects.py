@@ -440,8 +440,8 @@ def test_sizes_are_what_the_effects_have() -> None:
     np.testing.assert_allclose(
         [np.linalg.norm(values["drift_per_h"][:3]), np.linalg.norm(values["drift_per_h"][3:])], [2e-5, 1e-5]
     )
-    many = [random_effects(FACTS, ALL, np.random.default_rng(seed)).part(GearErrors).gear for seed in range(500)]
-    assert np.std(many) == pytest.approx(1e-4, rel=0.05)
+    many = [random_effects(FACTS, ALL, np.random.default_rng(seed)).part(GearErrors).gear for seed in range(60)]
+    assert np.std(many) == pytest.approx(1e-4, rel=0.11)  # 360 numbers: 3 standard deviations
 
 
 def test_a_campaign_sets_what_its_effects_need() -> None:

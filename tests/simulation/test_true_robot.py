@@ -52,7 +52,7 @@ def test_equations_agree_with_mujoco() -> None:
 @pytest.mark.parametrize(("metres", "radians"), [(0.5e-3, 1.5e-3), (5e-3, 20e-3)])
 def test_the_truth_is_the_arm(metres: float, radians: float) -> None:
     """The canonical parameters reproduce the perturbed model at 1,000 poses, joint offsets included."""
-    for seed in range(10):
+    for seed in range(3):
         rng = np.random.default_rng(seed)
         off = random_perturbation(MODEL, metres, radians, rng)
         off = Perturbation(off.bodies, off.position_m, off.rotation_rad, radians * rng.normal(size=6))

@@ -414,6 +414,7 @@ def test_masses_and_columns_that_are_missing() -> None:
     )
 
 
+@pytest.mark.thorough
 def test_a_group_that_does_not_converge_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     def stubborn(model: Model, *rest) -> Identification:
         found = identify(model, *rest)
