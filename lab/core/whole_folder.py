@@ -8,8 +8,8 @@ import errno
 import hashlib
 import os
 import re
+import secrets
 import shutil
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -63,14 +63,13 @@ def draft_of(place: Path, *, replacing: bool) -> Iterator[Path]:
         OSError: it cannot be written.
     """
     new_parents = [parent for parent in place.parents if not parent.exists()]
-    draft: Path | None = None
+    draft = place.parent / f".{place.name}.{_DRAFT}-{secrets.token_hex(4)}"  # named before it is made, to be removed
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         _recover(place)
         _sweep(place.parent)
         _refuse_to_replace(place, replacing)
-        draft = Path(tempfile.mkdtemp(prefix=f".{place.name}.{_DRAFT}-", dir=place.parent))
-        draft.chmod(0o777 & ~_umask())  # mkdtemp makes folders that only their owner may read
+        draft.mkdir()
         with _locked(draft):
             if is_being_written(place, but=draft):
                 raise LabError(f"{place}: is being written by another run; wait for it, or give another folder")
@@ -78,8 +77,7 @@ def draft_of(place: Path, *, replacing: bool) -> Iterator[Path]:
             _refuse_to_replace(place, replacing)  # another process may have written it meanwhile
             _swap(draft, place)
     finally:
-        if draft is not None:
-            shutil.rmtree(draft, ignore_errors=True)
+        shutil.rmtree(draft, ignore_errors=True)
         for parent in new_parents:
             with suppress(OSError):
                 parent.rmdir()
@@ -224,12 +222,6 @@ def resolved(path: Path) -> Path:
         return path.absolute().resolve()
     except RuntimeError as error:  # Python 3.11 and 3.12
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path)) from error
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 _SUM = ".sha256"

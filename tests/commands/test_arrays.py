@@ -156,6 +156,7 @@ def test_wrong_tables_are_refused_in_a_line(given: dict[str, object], message: s
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.thorough
 def test_a_robot_without_a_path_leaves_no_file_as_python_ends(tmp_path: Path) -> None:
     code = "import lab; [lab.robot_from_dh([[0, 0.4, 0, 1], [0, 0, 0.3, 0]]) for _ in range(2)]"
     subprocess.run([sys.executable, "-c", code], env=os.environ | {"TMPDIR": str(tmp_path)}, check=True)

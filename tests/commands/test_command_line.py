@@ -149,6 +149,7 @@ def test_truth_values_of_older_calls_and_runs_are_read() -> None:
         Fitting(prior="sometimes").check()
 
 
+@pytest.mark.thorough
 def test_bash_completes_commands_options_and_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if shutil.which("bash") is None:
         pytest.skip("no bash")

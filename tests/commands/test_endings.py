@@ -174,7 +174,7 @@ def test_a_terminal_gets_what_is_said_without_a_broken_word(
 )
 def test_a_program_that_is_ended_while_it_writes_says_so_and_leaves_nothing(name: str, folder: Path) -> None:
     before = sorted(folder.iterdir())
-    command = [sys.executable, "-m", "lab", "calibrate"]
+    command = [sys.executable, "-m", "lab", "calibrate", "--poses", "20000"]  # seconds of work
     session = {"start_new_session": True, "preexec_fn": interruptible}
     with subprocess.Popen(command, cwd=folder, stdout=-1, stderr=-1, text=True, **session) as started:
         while not list(folder.glob("runs/.*.partial-*")):

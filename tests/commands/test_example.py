@@ -59,7 +59,7 @@ def test_an_example_is_written_with_source_and_licence(name: str, tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name == "panda" else pytest.mark.slow) for name in NAMES]
+    "name", [pytest.param(name, marks=pytest.mark.thorough if name == "panda" else pytest.mark.slow) for name in NAMES]
 )
 def test_the_printed_command_identifies_the_robot(name: str, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)

@@ -150,3 +150,17 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def test_an_interruption_as_the_draft_is_made_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = Path.mkdir
+
+    def made(self: Path, *given: object, **named: object) -> None:
+        usual(self, *given, **named)  # type: ignore[arg-type]
+        if ".partial-" in self.name:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "mkdir", made)
+    with pytest.raises(KeyboardInterrupt), draft_of(tmp_path / "runs" / "run", replacing=False):
+        pass
+    assert names(tmp_path) == []

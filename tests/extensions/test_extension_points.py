@@ -137,56 +137,77 @@ for line in json.loads(sys.argv[1]):
 """
 
 
-def lab(site: Path, *lines: str, cwd: Path | None = None) -> list[tuple[int, str, str]]:
+def lab(site: Path, *lines: str, cwd: Path | None = None, after: str = "") -> list[tuple[int, str, str]]:
     """Run command lines in one process; the exit code of each, and what it writes on standard output and error."""
-    done = python(site, "-c", COMMANDS, json.dumps([line.split() for line in lines]), cwd=cwd)
+    done = python(site, "-c", COMMANDS + after, json.dumps([line.split() for line in lines]), cwd=cwd)
     assert done.returncode == 0, done.stderr
     return [tuple(json.loads(each)) for each in done.stdout.splitlines()]
 
 
-@pytest.fixture
-def site(tmp_path: Path) -> Path:
+def weighing(site: Path) -> Path:
+    """Install the package of this file into a folder."""
     sections = "[lab.sections]\nscale = weighing:SCALE\nat_inspection = weighing:INSPECTED\n"
     commands = "[lab.commands]\nweigh = weighing:WEIGH\n[lab.languages]\nspoken = weighing:Spoken\n"
     commands += "[lab.criteria]\nfar = weighing:Far\nfrobenius = weighing:Frobenius\nvolume = weighing:Volume\n"
-    package(tmp_path, "weighing", commands + sections, COMMAND)
-    return tmp_path
+    package(site, "weighing", commands + sections, COMMAND)
+    return site
 
 
-def test_a_third_party_s_command_is_run_as_the_lab_s_own(site: Path) -> None:
-    done = python(site, "-m", "lab", "weigh", "2", "--json")
-    assert (done.returncode, done.stderr) == (0, "") and json.loads(done.stdout) == {"newton": pytest.approx(19.62)}
-    refused, listed, helped = lab(site, "weigh -1", "--help", "weigh --help")
-    assert refused == (2, "", "lab: give a mass above 0 kg\n")
-    assert "  weigh       Weigh a robot." in listed[1] and "  identify " in listed[1]
-    assert "Its mass." in helped[1]
+@pytest.fixture(scope="module")
+def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str, str]]:
+    """Command lines of one process, beside a package that is broken and one with the name of a core command."""
+    site = weighing(tmp_path_factory.mktemp("site"))
+    package(site, "broken", "[lab.commands]\nbroken = broken:BROKEN\n", "import a_module_that_is_not_there\n")
+    package(site, "other", "[lab.commands]\nidentify = weighing:WEIGH\n")
+    lines = ("weigh 2 --json", "weigh -1", "weigh 2", "weigh --help", "broken", "--help", "inspect course2r --out page",
+             "design --help")  # fmt: skip
+    found = dict(zip(lines, lab(site, *lines, after=SPOKEN), strict=True))
+    return found | {"page": (0, (site / "page" / "report.html").read_text(encoding="utf-8"), "")}
 
 
-def test_a_third_party_s_section_is_shown_after_those_of_its_type_of_result(site: Path) -> None:
-    (_, weighed, _), (_, inspected, _) = lab(site, "weigh 2", "inspect course2r --out page")
-    assert "It weighs 19.62 N." in weighed and "Weight: calibrated last year." in weighed
-    assert "Inspection" not in weighed
-    own, added = inspected.index("Conditioning"), inspected.index("Inspection: calibrated last year.")
-    assert own < added and "Weight:" not in inspected
-    text = (site / "page" / "report.html").read_text(encoding="utf-8")
-    assert text.rindex("Conditioning") < text.rindex("calibrated last year") < text.rindex("What was done")
-
-
-def test_a_third_party_s_language_is_chosen_by_its_name(site: Path) -> None:
-    code = """
+SPOKEN = """
 import numpy as np
-from lab.cli import main
 from lab.campaign.robot import load_robot
 from lab.formats.programs.protocol import MeasuringTour
 from lab.formats.programs.registry import plan_files, refusal
 tour = MeasuringTour("two", np.zeros((4, 2)), np.array([-1, 0, 1, -1]), ("3", "4"))
-print(plan_files(load_robot("course2r").chain, "spoken", tour), refusal(load_robot("irb120").chain, "spoken"))
-main(["design", "--help"])
+assert plan_files(load_robot("course2r").chain, "spoken", tour) == {"plan.txt": b"two: 4 stops"}
+assert refusal(load_robot("irb120").chain, "spoken") == "no spoken program for 6 joints"
 """
-    done = python(site, "-c", code)
-    said, *helped = done.stdout.splitlines()
-    assert said == "{'plan.txt': b'two: 4 stops'} no spoken program for 6 joints", done.stderr
-    assert any(",spoken," in line for line in helped)
+
+
+def test_a_third_party_s_command_is_run_as_the_lab_s_own(said: dict[str, tuple[int, str, str]]) -> None:
+    code, printed, warned = said["weigh 2 --json"]
+    assert (code, warned) == (0, "") and json.loads(printed) == {"newton": pytest.approx(19.62)}
+    assert said["weigh -1"] == (2, "", "lab: give a mass above 0 kg\n")
+    assert "Its mass." in said["weigh --help"][1]
+
+
+def test_a_third_party_s_section_is_shown_after_those_of_its_type_of_result(
+    said: dict[str, tuple[int, str, str]],
+) -> None:
+    weighed, inspected, page = (said[line][1] for line in ("weigh 2", "inspect course2r --out page", "page"))
+    assert "It weighs 19.62 N." in weighed and "Weight: calibrated last year." in weighed
+    assert "Inspection" not in weighed
+    own, added = inspected.index("Conditioning"), inspected.index("Inspection: calibrated last year.")
+    assert own < added and "Weight:" not in inspected
+    assert page.rindex("Conditioning") < page.rindex("calibrated last year") < page.rindex("What was done")
+
+
+def test_a_third_party_s_language_is_chosen_by_its_name(said: dict[str, tuple[int, str, str]]) -> None:
+    assert any(",spoken," in line for line in said["design --help"][1].splitlines())
+
+
+def test_what_cannot_be_imported_is_reported_in_a_line_and_breaks_nothing(
+    said: dict[str, tuple[int, str, str]],
+) -> None:
+    """A core command is not replaced, either."""
+    code, listed, warned = said["--help"]
+    assert code == 0 and listed.count("  identify ") == 1 and listed.count("Weigh a robot.") == 1
+    line = "extension 'broken' (broken:BROKEN) cannot be loaded (ModuleNotFoundError: No module named"
+    assert warned.startswith(f"lab: warning: {line}") and warned.count("\n") == 1
+    assert said["broken"][0] == 2 and said["broken"][2].startswith(f"lab: {line}")
+    assert said["broken"][2].count("\n") == 1
 
 
 LOADED = """
@@ -217,7 +238,8 @@ tolerances = own_parts:Tolerances
 
 
 @pytest.mark.thorough
-def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(site: Path) -> None:
+def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(tmp_path: Path) -> None:
+    site = weighing(tmp_path)
     (site / "grid.toml").write_text(
         'name = "grid"\nrobot = "scara"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\n'
         'criterion = ["random", "volume"]\nposes = 12\n'
@@ -272,22 +294,6 @@ def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(s
     )
     of_parts = python(site, "-m", "lab", "study", "grid.toml", "--workers", "1", "--json", "--out", "parts_study")
     assert of_parts.returncode == 0, of_parts.stderr
-
-
-def test_what_cannot_be_imported_is_reported_in_a_line_and_breaks_nothing(site: Path) -> None:
-    package(site, "broken", "[lab.commands]\nbroken = broken:BROKEN\n", "import a_module_that_is_not_there\n")
-    weighed, (code, listed, warned), asked = lab(site, "weigh 2 --json", "--help", "broken")
-    assert weighed[2] == ""
-    assert code == 0 and "  weigh " in listed and "  identify " in listed
-    said = "extension 'broken' (broken:BROKEN) cannot be loaded (ModuleNotFoundError: No module named"
-    assert warned.startswith(f"lab: warning: {said}") and warned.count("\n") == 1
-    assert asked[0] == 2 and asked[2].startswith(f"lab: {said}") and asked[2].count("\n") == 1
-
-
-def test_a_core_command_is_not_replaced(site: Path) -> None:
-    package(site, "other", "[lab.commands]\nidentify = weighing:WEIGH\n")
-    listed = python(site, "-m", "lab", "--help").stdout
-    assert listed.count("  identify ") == 1 and listed.count("Weigh a robot.") == 1
 
 
 @pytest.mark.thorough

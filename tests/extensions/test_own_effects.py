@@ -218,18 +218,16 @@ def test_a_file_s_column_of_one_s_own_is_read(tmp_path: Path) -> None:
     lab.write_measurements(file, day.measurements)
     assert OIL in file.read_text().partition("\n")[0]
     assert own_columns(("oil", "compliance"), ROBOT.chain, None) == (OIL,)
-    data = lab.read_measurements(file, "irb120")
     found = {
         name: lab.identify(given, robot="irb120", model=model)
         for name, given, model in (
             ("plain", file, "geometric"), ("memory", day.measurements, "oil"), ("file", file, "oil"),
-            ("read", data, "oil"),
         )
     }  # fmt: skip
-    assert found["file"].after.mean == found["read"].after.mean == found["memory"].after.mean
+    assert found["file"].after.mean == found["memory"].after.mean
     assert found["file"].after.mean < 0.5 * found["plain"].after.mean
     assert not [text for text in found["file"].warnings if OIL in text]
-    spoiled = tmp_path / "spoiled.csv"
+    data, spoiled = lab.read_measurements(file, "irb120"), tmp_path / "spoiled.csv"
     lab.write_measurements(spoiled, replace(data, other={OIL: ("warm",) * len(data)}))
     with pytest.raises(LabError, match=rf"line 2, column {OIL}: 'warm'"):
         lab.identify(spoiled, robot="irb120", model="oil")
@@ -349,17 +347,9 @@ def test_names_are_explained() -> None:
         lab.write_measurements(day.measurements, "day.csv")  # type: ignore[arg-type]
 
 
-def test_a_run_asks_for_its_package_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    add("lab.effects", "oil", _oil(DrawnOil))
-    effects = lab.Effects(own_effects=("oil:urad_per_k=20",))
-    lab.calibrate("irb120", poses=30, seed=7, model="oil", effects=effects).save(tmp_path / "run")
-    assert lab.load_run(tmp_path / "run").estimate.effects == ("oil",)
-    monkeypatch.setattr(extension_points, "_given", {})
-    with pytest.raises(LabError, match=r"install (it|the package) again"):
-        lab.load_run(tmp_path / "run")
-
-
-def test_columns_are_read_wherever_the_estimate_is_used(tmp_path: Path) -> None:
+def test_a_run_reads_its_columns_and_asks_for_its_package_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A prediction from a file has the column without a warning."""
     add("lab.effects", "oil", _oil(DrawnOil))
     effects = lab.Effects(own_effects=("oil:urad_per_k=20",))
@@ -374,3 +364,7 @@ def test_columns_are_read_wherever_the_estimate_is_used(tmp_path: Path) -> None:
     lab.write_measurements(bare, replace(day.measurements, conditions={}))
     with pytest.raises(LabError, match=f"column {OIL} is missing"):
         lab.predict(bare, tmp_path / "run", force=True)
+    assert lab.load_run(tmp_path / "run").estimate.effects == ("oil",)
+    monkeypatch.setattr(extension_points, "_given", {})
+    with pytest.raises(LabError, match=r"install (it|the package) again"):
+        lab.load_run(tmp_path / "run")

@@ -138,6 +138,7 @@ def test_an_instruments_own_noise_weighs_its_points() -> None:
         instrument("sextant")
 
 
+@pytest.mark.thorough
 def test_an_error_term_is_found_where_it_is_and_named_and_else_not() -> None:
     day = lab.simulate("irb120", poses=60, seed=7)
     along = np.linspace(-1, 1, 60) ** 2

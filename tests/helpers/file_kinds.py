@@ -85,7 +85,7 @@ fix = ["link1.*"]
 """
 SENSOR = "[base]\ntilt_x_deg = 1.5\n[sensor]\nsign = -1\nrotation_vector_deg = [0, 0, 30]\n"
 LOAD = json.dumps({"mass_kg": 1.5, "com_m": [0, 0, 0.1], "covariance_of_mass_and_moment": np.eye(4).tolist()})
-CONFIG = json.dumps({"command": "calibrate", "options": {"poses": 5, "effects": {"gear_ppm": 3.0}}, "model_sha256": ""})
+CONFIG = json.dumps({"schema": 1, "command": "calibrate", "options": {"poses": 5, "effects": {"gear_ppm": 3.0}}})
 MECHANISM = (ROOT / "models" / "rpr3" / "mechanism.toml").read_text()
 CELL = """\
 clearance_mm = 5
