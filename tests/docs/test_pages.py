@@ -230,7 +230,7 @@ def test_every_flag_exists(capsys) -> None:
         with contextlib.suppress(SystemExit):
             main(asked)
         exist |= set(re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out))
-    for page in PAGES:
+    for page in (each for each in PAGES if each.name != "CHANGELOG.md"):  # which names what is gone, too
         for name in page.names:
             if name.startswith(("--", "lab ")):
                 assert set(re.findall(r"--[a-z][a-z-]*", name)) <= exist, (page.name, name)

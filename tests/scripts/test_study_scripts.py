@@ -118,15 +118,6 @@ def test_the_number_of_poses_shows_that_o1_is_the_wrong_rule() -> None:
 
 
 @pytest.mark.thorough
-def test_verifications_notice_what_moved_a_little() -> None:
-    found = answer_of("verify_study.py", "--arms", 8, "--files", 0)
-    assert found["unchanged"]["good"] >= 0.95
-    for case in ("base", "tool", "axis 2"):
-        assert found[case]["noticed"] >= 0.95 and found[case]["named"] + found[case]["cannot_tell"] >= 0.9
-        assert found[case]["named"] >= 0.8 and found[case]["wrong"] <= 0.05
-
-
-@pytest.mark.thorough
 def test_the_best_o1_of_the_thesis_case_from_two_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("best_o1.STARTS", 2)  # of twelve: fewer chances to find it
     assert answer_of("best_o1.py", "--ignore-limits")["o1"] >= 12.25
