@@ -115,5 +115,15 @@ def test_help_is_printed_whatever_else_is_given(flag: str, capsys: pytest.Captur
 def test_help_lists_what_a_calibration_takes_first_and_every_command_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     listed = re.findall(r"^  (\w+) ", capsys.readouterr().out, re.MULTILINE)
-    assert listed[:9] == "inspect design import identify next compensate certify verify history".split()
+    assert listed[:9] == [
+        "inspect",
+        "design",
+        "import",
+        "identify",
+        "next",
+        "compensate",
+        "certify",
+        "verify",
+        "history",
+    ]
     assert sorted(listed) == sorted(command.name for command in all_commands())

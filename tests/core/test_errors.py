@@ -6,10 +6,9 @@ import pytest
 
 import lab
 from lab.cli import main
-from lab.core import errors, significance
+from lab.core import errors
 from lab.core.errors import LabError, error_context, option_name, options_as_flags
 from lab.core.limits import POSES, POSITIVE_OPTION, positive, whole
-from lab.core.orientation import ANGLE_CONVENTIONS
 
 
 def test_an_error_gets_its_context_before_it() -> None:
@@ -69,11 +68,3 @@ def test_numbers_at_the_ends_are_taken() -> None:
     whole("--poses", 5, 5, POSES)
     with pytest.raises(LabError, match=r"--poses 4: .* 5 or more"):
         whole("--poses", 4, 5, POSES)
-
-
-def test_every_level_is_a_small_chance() -> None:
-    assert all(0 < getattr(significance, name) <= 0.05 for name in significance.__all__)
-
-
-def test_conventions_of_angles_have_their_names() -> None:
-    assert ANGLE_CONVENTIONS == ("intrinsic-xyz", "fixed-xyz", "rotation-vector")

@@ -1,16 +1,14 @@
 """Limits are stated once, documented, and refuse what is beyond them."""
 
-import ast
 import re
-from collections.abc import Iterator
-from pathlib import Path
+from datetime import date
 
 import numpy as np
 import pytest
 from helpers.robots import ROOT
 
 from lab.core.errors import LabError
-from lab.core.limits import LIMITS, PAYLOAD_KG, POSES, RANGES, checked_name
+from lab.core.limits import LIMITS, PAYLOAD_KG, POSES, RANGES, called, check_serial, checked_name, day, one_serial
 
 
 def test_each_limit_and_range_is_in_the_documentation_with_its_numbers() -> None:
@@ -28,45 +26,6 @@ def test_a_range_holds_its_ends_and_no_number_beyond_them() -> None:
     with pytest.raises(LabError, match=r"^payload_kg is -1; give 0 to 1,000 kg$"):
         PAYLOAD_KG("payload_kg", -1.0)
     assert PAYLOAD_KG.outside(np.array([-1.0, 0.0, 1e3, 1e4, np.nan])).tolist() == [True, False, False, True, False]
-
-
-def is_numbers(value: ast.expr) -> bool:
-    """Whether what is assigned is a number, or a few."""
-    parts = value.elts if isinstance(value, ast.Tuple) else [value]
-    return all(isinstance(each, ast.Constant) and isinstance(each.value, float | int) for each in parts)
-
-
-def numbers_of(path: Path) -> Iterator[tuple[str, ast.If]]:
-    """Where a module refuses something by a number that is written in it: the number, or the name that it has there."""
-    tree = ast.parse(path.read_text())
-    own = {
-        name.id
-        for line in tree.body
-        if isinstance(line, ast.Assign | ast.AnnAssign) and line.value is not None and is_numbers(line.value)
-        for target in (line.targets if isinstance(line, ast.Assign) else [line.target])
-        for name in ast.walk(target)
-        if isinstance(name, ast.Name)
-    }
-    for line in ast.walk(tree):
-        if isinstance(line, ast.If) and any(isinstance(each, ast.Raise) for each in line.body):
-            for part in (
-                part for each in ast.walk(line.test) if isinstance(each, ast.Compare) for part in ast.walk(each)
-            ):
-                if isinstance(part, ast.Name) and part.id in own:
-                    yield part.id, line
-                if isinstance(part, ast.Constant) and isinstance(part.value, float | int) and abs(part.value) > 10:
-                    yield str(part.value), line
-
-
-COUNTED = {"LEAST_MOVING", "_FULL_TURNS", "hours", "seconds", "minutes", "12", "23", "59", "61"}  # rows, turns, clocks
-
-
-@pytest.mark.parametrize("room", ["lab/formats", "lab/commands"])
-def test_what_a_file_or_an_option_may_hold_is_in_the_table_alone(room: str) -> None:
-    """A bound that a reader or an option has of its own would stand in no table."""
-    files = [path for path in (ROOT / room).rglob("*.py") if room == "lab/formats" or path.name == "options.py"]
-    found = [(str(path.relative_to(ROOT)), line.lineno, said) for path in files for said, line in numbers_of(path)]
-    assert [each for each in found if each[2] not in COUNTED] == []
 
 
 def test_a_limit_lets_pass_its_own_number_and_no_more() -> None:
@@ -88,3 +47,37 @@ def test_names_that_every_file_can_hold(name: str) -> None:
 def test_names_that_some_file_cannot_hold(name: str) -> None:
     with pytest.raises(LabError, match=r"arm\.toml.*name"):
         checked_name("arm.toml", name)
+
+
+def test_a_day_is_read() -> None:
+    assert day("--date", "2028-02-29") == date(2028, 2, 29)
+
+
+ELSEWHERE = "٢٠٢٦-٠٣-٠١"
+
+
+@pytest.mark.parametrize(
+    "text", ["2026-13-01", "2027-02-29", "1.3.2026", "20260301", "2026-W10-1", "2026-3-1", ELSEWHERE, "", "yesterday"]
+)
+def test_what_is_no_day_is_refused(text: str) -> None:
+    with pytest.raises(LabError, match="is no day; write it as 2026-03-01"):
+        day("--date", text)
+
+
+def test_sources_agree_or_both_are_named() -> None:
+    assert one_serial({"a": None, "b": None}, "") is None
+    assert one_serial({"a": None, "b": "A-17", "c": "A-17"}, "") == "A-17"
+    with pytest.raises(LabError, match="c: names the arm A-18, but a names A-17; choose one"):
+        one_serial({"a": "A-17", "b": None, "c": "A-18"}, "choose one")
+
+
+@pytest.mark.parametrize("serial", ["", " A", "A\n", "A" * 300])
+def test_a_serial_is_one_line_without_blanks_around(serial: str) -> None:
+    with pytest.raises(LabError, match="--serial"):
+        check_serial(serial)
+
+
+def test_an_arm_is_called_by_its_model_and_its_serial() -> None:
+    check_serial("A 17/2")
+    check_serial(None)
+    assert (called("irb120", None), called("irb120", "A-17")) == ("irb120", "irb120 A-17")

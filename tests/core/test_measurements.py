@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lab.core.errors import LabError
-from lab.core.measurements import measured, seen_mask
+from lab.core.measurements import copied_rows, measured, seen_mask
 
 ROWS = 7
 
@@ -52,3 +52,9 @@ def test_inputs_stand_beside_the_joints() -> None:
     empty = replace(data, conditions={"time_s": np.where(np.arange(ROWS) == 3, np.nan, 1.0)})
     with pytest.raises(LabError, match="line 5, column time_s: empty"):
         empty.inputs(["time_s"])
+
+
+def test_copies_are_found_with_the_first_row_that_is_alike() -> None:
+    rows = np.array([[1.0, 2.0], [1.0, 3.0], [1.0, 2.0], [np.nan, 2.0], [1.0, 2.0], [1.0, 3.0 + 1e-15]])
+    assert copied_rows(rows) == [(2, 0), (4, 0)]
+    assert copied_rows(rows[:2]) == [] and copied_rows(rows[:0]) == []

@@ -1,6 +1,5 @@
-"""The calibrated arm in the formats of other tools, read by those tools, and the program for the controller."""
+"""The calibrated arm in the formats of other tools, read by those tools."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +11,7 @@ from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, perturbed, som
 from lab.campaign.robot import Robot, SerialRobot, load_robot
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.extensions.programs.rapid import Rapid
 from lab.formats.link_tree import link_tree
-from lab.formats.programs.protocol import TargetMoves
 from lab.formats.robot_toml import RobotTable, read_table
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
@@ -198,71 +195,3 @@ def test_the_masses_of_the_urdf_weigh_what_the_drawing_says(tmp_path: Path) -> N
         data.qpos[:] = reading
         mujoco.mj_forward(model, data)
         np.testing.assert_allclose(-data.qfrc_bias, expected, atol=1e-10)  # Nm
-
-
-IDS = ("1", "a b", "Ä", "x" * 40, "x" * 40 + "y", "a_b", "A b", "a_b_2", 'say "no"', "WHILE", "7\n8")
-NUMBER = r"(-?\d+\.?\d*(?:E\+\d+)?)"
-TRIPLE, QUADRUPLE = (rf"\[{','.join([NUMBER] * n)}\]" for n in (3, 4))
-POSE = rf"\[{TRIPLE},{QUADRUPLE}\]"
-
-
-@pytest.fixture(scope="module")
-def program() -> tuple[str, Array, Array, Array]:
-    """The module, its joints ``(n, 6)``, and the nominal arm's parameters and tool orientation that it was made of."""
-    arm, rng = IRB120.arm(("p1",)), np.random.default_rng(5)
-    values, R_last_tool = somewhere(arm, rng), se3.exp(rng.normal(size=3))
-    joints = IRB120.chain.random_joints(len(IDS), rng)
-    T_frame0_instrument = se3.inverse(se3.pose(se3.exp(values[3:6]), values[:3]))
-    T_last_tool = se3.pose(R_last_tool, arm.split(values)[2][0])
-    content = Rapid().target_moves(
-        TargetMoves("a robot – ß", IDS, joints, np.arange(len(IDS)), T_last_tool, T_frame0_instrument)
-    )
-    assert content.count(b"\n") == content.count(b"\r\n")
-    return content.decode("ascii").replace("\r\n", "\n"), joints, values, R_last_tool
-
-
-def test_the_program_moves_through_the_targets(program) -> None:
-    text, joints, _, _ = program
-    lines = text.splitlines()
-    assert text.isascii() and re.fullmatch(r"MODULE ([A-Za-z]\w{0,31})", lines[0]) and lines[-1] == "ENDMODULE"
-    target = re.compile(
-        rf"  LOCAL CONST jointtarget (\w+):=\[\[{','.join([NUMBER] * 6)}\],\[(?:9E\+09,){{5}}9E\+09\]\];"
-    )
-    found = [m.groups() for m in map(target.fullmatch, lines) if m]
-    names = [name for name, *_ in found]
-    assert all(re.fullmatch(r"[A-Za-z]\w{0,31}", name, re.ASCII) for name in names)
-    assert len({name.lower() for name in names}) == len(IDS)
-    angles = np.array([numbers for _, *numbers in found], dtype=float)
-    np.testing.assert_allclose(angles, np.rad2deg(joints), rtol=0, atol=6e-7)  # degrees
-    moves = [m[1] for m in map(re.compile(r"    MoveAbsJ (\w+),v200,fine,calibration_tool;").fullmatch, lines) if m]
-    assert moves == names and sum("MoveAbsJ " in line and line.endswith(";") for line in lines) == len(IDS)
-    for name, each in zip(names, IDS, strict=True):  # an id that no name can hold stands above the target
-        above = next(
-            lines[i - 1] for i, line in enumerate(lines) if line.startswith(f"  LOCAL CONST jointtarget {name}:")
-        )
-        assert (above == f"  ! id {each!a}") == (name != f"j_{each}")
-    known = r"\s*(!.*|MODULE.*|ENDMODULE|PROC.*|ENDPROC|(LOCAL CONST|PERS) \w+ \w+:=.*;|TPErase;|)"
-    known += r'|\s*(MoveAbsJ [\w,]+|TPWrite "[\w: ]*");'
-    assert all(re.fullmatch(known, line) for line in lines)
-
-
-def test_tool_and_work_object_are_the_nominal_arms(program) -> None:
-    """A point in the work object, by the nominal links and the tool, is where the equations have it."""
-    text, joints, values, R_last_tool = program
-    load = rf"\[{NUMBER},{TRIPLE},{QUADRUPLE},0,0,0\]"
-    tool = re.search(rf"^  PERS tooldata calibration_tool:=\[TRUE,{POSE},{load}\];$", text, re.MULTILINE)
-    work = re.search(rf'^  PERS wobjdata instrument_frame:=\[FALSE,TRUE,"",{POSE},{POSE}\];$', text, re.MULTILINE)
-    assert tool and work
-    in_tool, in_work = (np.array(m.groups(), dtype=float) for m in (tool, work))
-    assert in_tool[7] > 0 and np.linalg.norm(in_tool[8:11]) > 0  # else the controller says the load is not defined
-    np.testing.assert_array_equal(in_work[7:], [0, 0, 0, 1, 0, 0, 0])
-    for quaternion in (in_tool[3:7], in_tool[11:15], in_work[3:7]):
-        assert np.linalg.norm(quaternion) == pytest.approx(1, abs=2e-9)
-    T_last_tool, T_frame0_work = (
-        se3.pose(se3.rotation_from_quaternion(part[3:7]), 1e-3 * part[:3]) for part in (in_tool, in_work)
-    )
-    arm = IRB120.arm(("p1",))
-    T_work_tool = se3.inverse(T_frame0_work) @ arm.flange(joints, arm.nominal()) @ T_last_tool
-    np.testing.assert_allclose(T_work_tool[:, :3, 3], arm.points(joints, values)[:, 0], atol=5e-9)  # written to 1 nm
-    turn = arm.flange(joints, values)[:, :3, :3] @ R_last_tool
-    np.testing.assert_allclose(T_work_tool[:, :3, :3], turn, atol=5e-9)
