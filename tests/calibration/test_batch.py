@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, perturbed, somewhere
 
-from lab.calibration.batch import BLOCK, BatchFits, PointBatch, align, fit_points, in_nominal_frame
+from lab.calibration.batch import BLOCK, align, fit_points
 from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -46,26 +46,6 @@ def test_stacked_arms_are_where_each_is_alone(chain: Chain) -> None:
         np.testing.assert_allclose(
             jacobian[:, :, :, b].transpose(3, 2, 1, 0), derivative[..., some], rtol=0, atol=1e-14
         )
-
-
-def solved(count: int, noise_m: float, frozen: bool = False) -> tuple[Array, PointBatch, BatchFits]:
-    values, joints, points = campaigns(count, noise_m)
-    turned = align(STACKED, joints, points, NOMINAL)
-    return values, turned, fit_points(turned, NOMINAL, FREE, frozen=frozen)
-
-
-def fresh_errors(values: Array, turned: PointBatch, found: BatchFits) -> Array:
-    """Lengths ``(b, m)`` of the errors at poses that were not fitted."""
-    fresh = IRB120.chain.random_joints(200, np.random.default_rng(2))
-    exact = np.array([ARM.points(fresh, each) for each in values])
-    off = STACKED.points(fresh, found.values) - in_nominal_frame(exact, turned.Ts_instrument_nominal)
-    return np.linalg.norm(off, axis=2)[:, 0]
-
-
-def test_without_noise_the_arms_come_out() -> None:
-    values, turned, found = solved(7, 0.0)
-    assert found.converged.all() and found.steps.max() <= 5
-    assert fresh_errors(values, turned, found).max() < 1e-12
 
 
 def test_it_is_the_identifier() -> None:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, RX130, SCARA, SCEMI, TX40, VERSATRAN, chain_of, perturbed, somewhere
 
-from lab.calibration.identifiability import poses_needed
 from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
@@ -210,11 +209,6 @@ def test_axes_that_no_such_chain_has_are_refused() -> None:
     directions[2], origins[2] = [1, 0, 0], [0, 0.1, 0.56]
     with pytest.raises(LabError, match="perturb less"):
         parameters_from_axes(arm, JointAxes(origins, directions, axes.targets), arm.nominal())
-
-
-def test_how_many_poses_are_needed() -> None:
-    arm = SerialArm(IRB120.chain)
-    assert poses_needed(arm, arm.nominal()) == 9
 
 
 @pytest.mark.parametrize("compiled", [True, False])

@@ -2,18 +2,15 @@
 
 import itertools
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers.robots import IRB120, SCARA
-from helpers.scenes import small_arm
 
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
-from lab.noise.instruments import INSTRUMENTS
 from lab.pose_selection.tour import (
     DEFAULT_SLIDE_SPEED,
     DEFAULT_SPEED,
@@ -24,20 +21,14 @@ from lab.pose_selection.tour import (
     _or_moved,
     _reversed,
     _two_opt_change,
-    double_bridge,
-    improve,
     lengths,
     move_seconds,
     plan_tour,
-    random_starts,
     rated,
     tour_trajectory,
     with_reference,
 )
-from lab.simulation.candidate_poses import draw_candidates
-from lab.simulation.free_path import path_check
 
-MODEL = IRB120.model
 RATES = IRB120.chain.speed, IRB120.chain.acceleration
 FLAT = np.ones(2), np.full(2, 4.0)  # speeds and accelerations of a point in a plane
 
@@ -128,41 +119,6 @@ def test_twelve_poses_around_an_obstacle_are_ordered_exactly(seed: int) -> None:
     assert tour.seconds == pytest.approx(held_karp(cost), abs=1e-9)
 
 
-@pytest.mark.thorough
-def test_thirty_poses_are_near_the_best_and_far_from_random() -> None:
-    """Candidates that a tracker sees: within 3 % of the best of 200 restarts, 33 % below random orders."""
-    joints = draw_candidates(MODEL, ("p1",), INSTRUMENTS["leica-at960"], 30, rng_for(0, "candidates")).joints
-    free, rng = path_check(MODEL), np.random.default_rng(0)
-    tour = plan_tour(joints, *RATES, free, rng_for(0, "tour"))
-    assert_consistent(tour, joints, RATES, free)
-    roads = RoadmapGraph(joints, *RATES, free)
-    orders = [rng.permutation(30) for _ in range(200)]
-    at_random = np.mean([roads.seconds(order) for order in orders])
-    restarts = improve(true_costs(roads, free), np.array([np.append(0, order + 1) for order in orders]))
-    assert tour.seconds <= 1.03 * min(roads.seconds(_from_home(restart)) for restart in restarts)
-    assert tour.seconds <= 0.67 * at_random
-
-
-def _from_home(tour: np.ndarray) -> np.ndarray:
-    return np.roll(tour, -int(np.flatnonzero(tour == 0)[0]))[1:] - 1
-
-
-def test_an_arm_goes_around_a_pillar(tmp_path: Path) -> None:
-    """A pillar between two poses at level height: the hand is raised on the way, through the safe pose."""
-    pillar = '<geom type="box" size=".05 .05 .26" pos="0 .6 .27"/>'
-    robot = small_arm(tmp_path, extra=pillar)
-    free = path_check(robot)
-    joints, up = np.deg2rad([[50.0, 0], [130.0, 0]]), np.deg2rad([[90.0, -110]])
-    assert not free(*joints) and free(joints[0], up[0]) and free(up[0], joints[1])
-    roads = RoadmapGraph(joints, *FLAT, free, safe=up)
-    roads.settle(1, 2)
-    assert roads.cost[1, 2] == pytest.approx(2 * (np.deg2rad(110) + 0.25))  # 0.25 s a ramp
-    tour = roads.tour(np.array([0, 1]))
-    assert tour.measured.tolist() == [-1, 0, -1, 1, -1, -1]  # and the way home is blocked too
-    np.testing.assert_array_equal(tour.waypoints[[2, 4]], up[[0, 0]])
-    assert_consistent(tour, joints, FLAT, free)
-
-
 def test_the_fastest_detour_is_taken_and_costs_what_it_takes() -> None:
     """Across the disc from (0.2, 1) to (1.8, 1): by way of (1, 1.7), not (1, 3); largest-coordinate times."""
     joints, safe = np.array([[0.2, 1.0], [1.8, 1.0]]), np.array([[1.0, 3.0], [0.2, 1.8], [1.8, 1.8]])
@@ -185,26 +141,6 @@ def test_only_moves_that_matter_are_looked_at() -> None:
     joints = joints[np.hypot(*(joints - 1).T) > 0.5][:30]
     plan_tour(joints, *FLAT, free, np.random.default_rng(0))
     assert 31 <= len(looked) < 0.4 * 31 * 30 / 2
-
-
-def test_improved_tours_have_no_shorter_neighbour() -> None:
-    """Every reversal and every segment moved, by brute force, from random tours of 8 places."""
-    rng = np.random.default_rng(0)
-    points = rng.random((8, 3))
-    cost = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    starts = random_starts(cost, rng)
-    tours = improve(cost, starts)
-    assert (lengths(cost, tours) <= lengths(cost, starts)).all() and (np.sort(tours) == np.arange(8)).all()
-    for tour, length in zip(tours, lengths(cost, tours), strict=True):
-        for turned, shift in itertools.product(range(8), range(8)):
-            around = np.roll(tour, -shift)
-            near = [np.concatenate([around[:turned][::-1], around[turned:]])]
-            for size, gap in itertools.product((1, 2, 3), range(6)):
-                rest = around[size:]
-                pieces = (around[:size], around[:size][::-1])
-                near += [np.concatenate([rest[:gap], piece, rest[gap:]]) for piece in pieces]
-            assert lengths(cost, np.array(near)).min() > length - 1e-9
-    assert (np.sort(double_bridge(tours, rng)) == np.arange(8)).all()
 
 
 def test_each_move_changes_the_length_by_what_was_predicted() -> None:

@@ -108,13 +108,6 @@ def test_the_group_that_is_there_is_taken_alone(group: str) -> None:
         assert other.parameters > 0 and other.bic > taken.bic - 10
 
 
-@pytest.mark.thorough
-def test_a_rigid_arm_stays_rigid() -> None:
-    for seed in range(3):
-        found = select(irb120, example((), seed=seed), nominal, Noise(None, SIGMA))
-        assert found.chosen == () and len(found.identification.fit.free) == 27
-
-
 def test_compliance_and_harmonics_of_a_mujoco_arm() -> None:
     """60 random poses with 0 or 3 kg."""
     robot, device = IRB120.model, instrument("uniform-8um")

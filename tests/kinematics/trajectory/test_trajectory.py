@@ -13,7 +13,6 @@ from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.trajectory.profiles import (
     Trajectory,
-    check_within,
     joined,
     quickest_ramps,
     rest_to_rest,
@@ -275,12 +274,6 @@ def test_readings_speeds_and_accelerations_fit() -> None:
     np.testing.assert_allclose([sampled.min(axis=0), sampled.max(axis=0)], [lowest, highest], atol=1e-5)
 
 
-def test_a_turning_point_is_exact() -> None:
-    thrown = Trajectory(np.array([2.0, 2.0]), np.array([[-1.0], [-1.0]]), np.array([0.5]), np.array([1.5]))
-    lowest, highest = thrown.extremes
-    assert highest == 0.5 + 1.5**2 / 2 and lowest == thrown.end == 0.5 + 1.5 * 4 - 8
-
-
 # Blends
 
 
@@ -300,13 +293,6 @@ def test_a_blend_misses_its_via_point_by_what_is_allowed() -> None:
     np.testing.assert_array_equal(found.accelerations[1::2], 0.0)
     np.testing.assert_array_equal(speeds[0], 0.0)
     assert_arrives(chain, found, points[-1], np.zeros(2))
-
-
-def test_a_blended_path_without_via_points_is_the_quickest_straight_move() -> None:
-    rng = np.random.default_rng(12)
-    for _ in range(10):
-        chain, points = arm(*random_limits(rng, 6)), rng.uniform(-3, 3, (2, 6))
-        assert blended(chain, points, 0.1).seconds == pytest.approx(common_phases(chain, *points).seconds, rel=1e-12)
 
 
 # What is refused
@@ -356,13 +342,6 @@ def test_paths_that_cannot_be_are_refused() -> None:
     for error in (0.0, -1.0, math.nan, math.inf, np.ones(3)):
         with pytest.raises(LabError, match="the error at via points is"):
             blended(LIMITED, points[:2], error)
-
-
-def test_a_trajectory_beyond_the_limits_is_refused() -> None:
-    out_and_back = Trajectory(np.array([2.0]), np.array([[-1.0, 0.0]]), np.array([0.9, 0.0]), np.array([1.0, 0.0]))
-    check_within(replace(LIMITED, upper=np.array([1.4, 1.0])), out_and_back)
-    with pytest.raises(LabError, match=r"on its way from 51.5662° to 51.5662° joint q1 is at 80.2141°, beyond its"):
-        check_within(LIMITED, out_and_back)
 
 
 def test_trajectories_that_do_not_fit_are_not_joined() -> None:
