@@ -10,7 +10,6 @@ A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.en
 - ``lab.inverses``: a function from a ``Chain`` and the tool ``(3,)`` m in its last frame to a ``ClosedForm`` of
   ``lab.kinematics.inverse.closed_form``, or None if it has none for this arm.
 - ``lab.shapes``: a function from a ``Mechanism`` to the ``ClosedFormShape`` that ``lab inspect`` reports, or None.
-- ``lab.sections``: an ``AddedSection`` of ``lab.commands.sections``.
 - ``lab.criteria``: an object or a subclass of ``lab.Criterion``; the name is the value of ``--criterion``.
 - ``lab.estimators``: an object or a subclass of ``lab.Estimator``; the name is the value of ``--estimator``.
 - ``lab.effects``: a subclass of ``VirtualEffect`` of ``lab.kinematics.effects.effect``; the name is that of the group

@@ -113,13 +113,12 @@ class Result(Value, ABC):
 
     def document(self) -> "Document":
         """Build the one document that terminal, page and recording show."""
-        from lab.commands.sections import added_sections
         from lab.render.document import parts
 
         document: Document = attempted(
             f"the text of lab {self.command}", lambda: load_reference(self.shown_by)(self), self._bare_document
         )
-        return replace(document, blocks=(*document.blocks, *added_sections(self), *parts(self, type(self).provenance)))
+        return replace(document, blocks=(*document.blocks, *parts(self, type(self).provenance)))
 
     def _bare_document(self, missing: str) -> "Document":
         from lab.render.document import Document, Warnings

@@ -21,9 +21,8 @@ import tyro
 import lab
 from lab.commands.registry import Command
 from lab.commands.result import Result
-from lab.commands.sections import AddedSection
 from lab.core.errors import LabError
-from lab.render.document import Document, Paragraph, Section
+from lab.render.document import Document, Paragraph
 
 WEIGH = Command("weigh", "Weigh a robot.", "weighing:Options", "weighing:weigh")
 
@@ -59,14 +58,6 @@ weigh = Weight
 
 def document_of(weight):
     return Document("A weight", (Paragraph(f"It weighs {9.81 * weight.options.kg:.2f} N."),))
-
-
-def scale_of(result):
-    return Section("Scale", (Paragraph(f"{type(result).__name__}: calibrated last year."),))
-
-
-SCALE = AddedSection(Weight, scale_of)
-INSPECTED = AddedSection(lab.Inspection, scale_of)
 
 
 class Volume(lab.Criterion):
@@ -146,10 +137,9 @@ def lab(site: Path, *lines: str, cwd: Path | None = None, after: str = "") -> li
 
 def weighing(site: Path) -> Path:
     """Install the package of this file into a folder."""
-    sections = "[lab.sections]\nscale = weighing:SCALE\nat_inspection = weighing:INSPECTED\n"
     commands = "[lab.commands]\nweigh = weighing:WEIGH\n[lab.languages]\nspoken = weighing:Spoken\n"
     commands += "[lab.criteria]\nfar = weighing:Far\nfrobenius = weighing:Frobenius\nvolume = weighing:Volume\n"
-    package(site, "weighing", commands + sections, COMMAND)
+    package(site, "weighing", commands, COMMAND)
     return site
 
 
@@ -159,10 +149,8 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str, 
     site = weighing(tmp_path_factory.mktemp("site"))
     package(site, "broken", "[lab.commands]\nbroken = broken:BROKEN\n", "import a_module_that_is_not_there\n")
     package(site, "other", "[lab.commands]\nidentify = weighing:WEIGH\n")
-    lines = ("weigh 2 --json", "weigh -1", "weigh 2", "weigh --help", "broken", "--help", "inspect course2r --out page",
-             "design --help")  # fmt: skip
-    found = dict(zip(lines, lab(site, *lines, after=SPOKEN), strict=True))
-    return found | {"page": (0, (site / "page" / "report.html").read_text(encoding="utf-8"), "")}
+    lines = ("weigh 2 --json", "weigh -1", "weigh 2", "weigh --help", "broken", "--help", "design --help")
+    return dict(zip(lines, lab(site, *lines, after=SPOKEN), strict=True))
 
 
 SPOKEN = """
@@ -180,18 +168,7 @@ def test_a_third_party_s_command_is_run_as_the_lab_s_own(said: dict[str, tuple[i
     code, printed, warned = said["weigh 2 --json"]
     assert (code, warned) == (0, "") and json.loads(printed) == {"newton": pytest.approx(19.62)}
     assert said["weigh -1"] == (2, "", "lab: give a mass above 0 kg\n")
-    assert "Its mass." in said["weigh --help"][1]
-
-
-def test_a_third_party_s_section_is_shown_after_those_of_its_type_of_result(
-    said: dict[str, tuple[int, str, str]],
-) -> None:
-    weighed, inspected, page = (said[line][1] for line in ("weigh 2", "inspect course2r --out page", "page"))
-    assert "It weighs 19.62 N." in weighed and "Weight: calibrated last year." in weighed
-    assert "Inspection" not in weighed
-    own, added = inspected.index("Conditioning"), inspected.index("Inspection: calibrated last year.")
-    assert own < added and "Weight:" not in inspected
-    assert page.rindex("Conditioning") < page.rindex("calibrated last year") < page.rindex("What was done")
+    assert "It weighs 19.62 N." in said["weigh 2"][1] and "Its mass." in said["weigh --help"][1]
 
 
 def test_a_third_party_s_language_is_chosen_by_its_name(said: dict[str, tuple[int, str, str]]) -> None:
