@@ -301,11 +301,11 @@ class MeasuredLegs:
     sense: Array
     zero: Array
 
-    def joints(self, T_base_platform: Array) -> Array:
-        """Return the joint positions ``(joints,)`` at a pose ``(4, 4)`` (m)."""
-        lengths = np.linalg.norm(se3.transform(T_base_platform, self.far) - self.near, axis=1)
-        found = np.empty(len(self.order))
-        found[list(self.order)] = (lengths - self.zero) * self.sense
+    def joints(self, Ts_base_platform: Array) -> Array:
+        """Return the joint positions ``(..., joints)`` at poses ``(..., 4, 4)`` (m)."""
+        lengths = np.linalg.norm(se3.transform(Ts_base_platform, self.far) - self.near, axis=-1)
+        found = np.empty(lengths.shape)
+        found[..., list(self.order)] = (lengths - self.zero) * self.sense
         return found
 
 

@@ -18,13 +18,17 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.robotics.closed.recognition import ClassicalModel, classical_model_of
+from lab.extensions.robotics.closed.recognition import (
+    ClassicalModel,
+    MeasuredLegs,
+    classical_model_of,
+    measured_legs_of,
+)
 from lab.extensions.robotics.inverse.first_joints import ThreeJoints
-from lab.kinematics.closed.loop_closure import Configuration
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
 from lab.kinematics.differential import WEIGHTS
 from lab.kinematics.inverse.closed_form import Axes, ClosedForm, Solutions, closed_form_of
-from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, pose_landmarks, tool_at
+from lab.kinematics.inverse.newton import PoseTarget, pose_landmarks, tool_at
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.reach import extents
@@ -195,68 +199,42 @@ class ByRods(Membership):
     same side of the parallel singularities as the nominal position.
 
     Attributes:
-        anchors: ``(6, 3)`` m, the rods' ends in the base, and ``corners`` in the platform's frame.
-        zeros: ``(6,)`` m, the rods' lengths at joint positions zero.
-        order: ``(6,)`` the joint that measures each rod.
+        legs: the rods.
+        T_home: ``(4, 4)`` (m) the platform's pose at the nominal position.
         tool: ``(3,)`` m in the platform's frame.
     """
 
     mechanism: Mechanism
-    anchors: Array
-    corners: Array
-    zeros: Array
-    order: NDArray[np.int_]
+    legs: MeasuredLegs
     T_home: Array
     tool: Array
 
     @classmethod
     def of(cls, mechanism: Mechanism, tool: Array) -> "ByRods | None":
         """Return the closed form for a point ``(3,)`` m of the platform; None where the mechanism is another."""
-        tree = mechanism.tree
-        joints = [rod.joint for rod in tree.rods]
-        if tree.pins or len(joints) != FREEDOMS or None in joints or len(set(joints)) != mechanism.size:
+        legs = measured_legs_of(mechanism)
+        if legs is None:
             return None
-        if any(frame != tree.platform for frame, _ in tree.passive):
-            return None
-        home, dimensions = mechanism.home[None], mechanism.dimensions(mechanism.nominal_values)
-        passive = mechanism.assembled(home, mechanism.nominal_values).configuration.passive
-        at = Configuration.of(tree, dimensions, home, passive)
-        axes, origin = at.frames[tree.platform]
-        T = se3.pose(np.stack([_flat(axis) for axis in axes], axis=1), _flat(origin))
-        moves = [[tree.loose[end] for end in rod.ends] for rod in tree.rods]
-        if any(sum(each) != 1 for each in moves):
-            return None
-        ends = np.array([[_flat(at.frames[end][1]) for end in rod.ends] for rod in tree.rods])
-        rows, fixed = np.arange(FREEDOMS), np.array([each.index(False) for each in moves])
-        corners = se3.transform(se3.inverse(T), ends[rows, 1 - fixed])
-        order = np.array(joints, dtype=np.int_)
-        return cls(mechanism, ends[rows, fixed], corners, np.array(dimensions.lengths), order, T, tool)
+        home = mechanism.home[None]
+        passive = mechanism.assembled(home, mechanism.nominal_values).configuration.passive.T
+        return cls(mechanism, legs, platform_poses(mechanism, home, passive)[0], tool)
 
     def solutions(self, wanted: PoseTarget) -> Array:
         """Return the one solution."""
         Ts = se3.pose(wanted.rotations, wanted.positions - wanted.rotations @ self.tool)
-        lengths, sides = self._seen(Ts)
-        joints = np.empty((len(wanted), FREEDOMS))
-        joints[:, self.order] = (lengths - self.zeros) * self.mechanism.sign[self.order]
-        reached = ~self.mechanism.beyond_limits(joints, _SLACK_M).any(axis=1) & (sides == self._side)
+        joints = self.legs.joints(Ts)
+        reached = ~self.mechanism.beyond_limits(joints, _SLACK_M).any(axis=1) & (self._sides(Ts) == self._side)
         return np.where(reached[:, None], joints, np.nan)[:, None]
 
     @cached_property
     def _side(self) -> float:
-        return float(self._seen(self.T_home[None])[1][0])
+        return float(self._sides(self.T_home[None])[0])
 
-    def _seen(self, Ts: Array) -> tuple[Array, Array]:
-        """Return lengths ``(n, 6)`` m of the rods at poses ``(n, 4, 4)``, and the sign of their lines' determinant."""
-        levers = np.einsum("nij,kj->nki", Ts[:, :3, :3], self.corners)
-        rods = levers + Ts[:, None, :3, 3] - self.anchors
-        lengths = np.linalg.norm(rods, axis=2)
-        lines = np.concatenate([rods, np.cross(levers, rods)], axis=2)
-        return lengths, np.sign(np.linalg.det(lines))
-
-
-def _flat(vector: Array) -> Array:
-    """Return the first three rows ``(3,)`` of a vector of one pose."""
-    return np.broadcast_to(vector[:3].reshape(3, -1), (3, 1))[:, 0].copy()
+    def _sides(self, Ts: Array) -> Array:
+        """Return the sign ``(n,)`` of the determinant of the rods' lines at poses ``(n, 4, 4)``."""
+        levers = np.einsum("nij,kj->nki", Ts[:, :3, :3], self.legs.far)
+        rods = levers + Ts[:, None, :3, 3] - self.legs.near
+        return np.asarray(np.sign(np.linalg.det(np.concatenate([rods, np.cross(levers, rods)], axis=2))))
 
 
 _SLACK = 1e-9  # rad or m beyond a limit
