@@ -5,7 +5,6 @@ one), with one output every half period of its band. Its autocorrelation is zero
 1928), so white noise stays white: the effective number of samples is the number of outputs.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,18 +13,14 @@ import scipy  # its parts are loaded at their first use, which not every process
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
-__all__ = ["BAND_HZ", "SETTLING_S", "Band", "Filter", "band_of"]
+__all__ = ["BAND_HZ", "Band", "band_of"]
 
 BAND_HZ = 20.0  # half power there, nothing from twice that on; a quick arm's torques change below 10 Hz
 _MAX_BAND = 1 / 8  # of the sampling rate
-SETTLING_S = 0.5  # at each end, left out where torques came through a filter
 _SPAN = 4  # half the kernel's length in kept steps: neighbours correlate by 1e-3
 _DEPTH_DB = 200.0  # of the low-pass before differentiation: speeds and accelerations to about 1e-9 of themselves
 _FIRST = (5 / 6, -5 / 21, 5 / 84, -5 / 504, 1 / 1260)  # central differences of order ten, from the first neighbour on
 _SECOND = (5 / 3, -5 / 21, 5 / 126, -5 / 1008, 1 / 3150)
-
-Filter = Callable[[Array], Array]
-"""A linear filter along the first axis, at the file's own time step."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ _CAUSES = {
     "compliance": "compliances other than those given; identify them with a load that was weighed",
     "difference.constant": "a steady torque of each joint, as stiction leaves; approach each pose from both sides",
     "difference.delay": "a delay between torques and positions; estimate it (delay)",
-    "difference.filter": "a filter of torques but not of positions; state it (came_through), or record without",
+    "difference.filter": "a filter of torques but not of positions; record without it, or filter both",
     "difference.friction": "friction that grows with the load; estimate it (friction)",
     "difference.gains": "gains of the joints' torques",
     "sensor.base_tilt": "a base that is tilted; estimate it (tilt)",

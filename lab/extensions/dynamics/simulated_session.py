@@ -137,7 +137,7 @@ class MeasuringBench:
         return design_path(
             shown, self.largest_torques, limits, self._collision_free, rng_for(self.options.seed, "design"),
             torque=strain, period_s=self._period_s, starts=1, rounds=self.options.rounds, at_rest=True, drawn=_STARTS,
-        ).path  # fmt: skip
+        )  # fmt: skip
 
     def another(self) -> FourierPath:
         """Return a random path without collisions, to predict.
@@ -174,7 +174,7 @@ class MeasuringBench:
         sigma = np.repeat([_FORCE_N, _MOMENT_NM], 3)
         limits, strain = self._limits()
         rng = rng_for(self.options.seed, "design")
-        poses = design_poses(regressor, sigma, _POSES, limits, self._collision_free, rng, torque=strain).joints
+        poses = design_poses(regressor, sigma, _POSES, limits, self._collision_free, rng, torque=strain)
         bench = LoadBench(self._model, self.load, self.mounting, self.errors())
         return replace(bench.resting(poses, rng_for(self.options.seed, "noise")), torques=None)
 

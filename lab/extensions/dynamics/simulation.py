@@ -13,7 +13,6 @@ from typing import Any
 import mujoco
 import numpy as np
 from scipy import signal
-from scipy.interpolate import make_interp_spline
 
 from lab.core import se3
 from lab.core.errors import LabError
@@ -32,13 +31,11 @@ _PER_JOINT = (
     "torque_noise_nm",
     "coulomb_nm",
     "viscous_nm_s",
-    "servo_rad_per_nm",
     "motor_inertia_kgm2",
     "motor_coulomb_nm",
     "motor_viscous_nm_s",
 )  # errors that may be given for each joint
 _FILTER_ORDER = 2  # of the torque channel's Butterworth filter
-_SPARE = 8  # samples around a run, as knots of the spline of its shift
 
 Path = Callable[[Array], tuple[Array, Array, Array]]
 """Times ``(n,)`` s to joint positions, speeds and accelerations ``(n, J)``; also shortly before and after the run."""
@@ -116,18 +113,13 @@ class CarryingArm:
         return torques, wrench
 
 
-def own_dynamics(robot: SerialModel, gravity: Array, scale: float = 1.0) -> Dynamics:
-    """Return the arm's own inverse dynamics without a load.
-
-    Args:
-        gravity: ``(3,)`` m/s^2 in frame 0.
-        scale: of all masses and inertias: 1.1 is a model with an error of 10 %.
+def own_dynamics(robot: SerialModel, gravity: Array) -> Dynamics:
+    """Return the arm's own inverse dynamics without a load, under gravity ``(3,)`` m/s^2 in frame 0.
 
     Raises:
         LabError: no link weighs anything.
     """
-    arm = CarryingArm(robot, gravity)
-    return lambda joints, speeds, accelerations: scale * arm.torques(joints, speeds, accelerations)
+    return CarryingArm(robot, gravity).torques
 
 
 def peak_torques(robot: SerialModel) -> Array:
@@ -195,18 +187,14 @@ class RunErrors:
         coulomb_nm: Coulomb friction, Nm (N), ``(J,)``.
         viscous_nm_s: viscous friction, Nm s/rad (N s/m), ``(J,)``.
         load_friction: mu: friction grows by this share of the joint's torque.
-        stiction: share of Coulomb friction, of either sign, that may act on a joint at rest.
         lag_s: delay of the torques.
         motor_inertia_kgm2: inertia of each motor, reflected to its joint, ``(J,)``.
         motor_coulomb_nm, motor_viscous_nm_s: friction of the motors, reflected to their joints, ``(J,)``.
         torque_offset_nm: steady errors of the torques, ``(J,)``; of either sign.
         torque_filter_hz: frequency of a causal low-pass of the torques; 0 is none.
-        servo_rad_per_nm: shift of the path by the load's torque, rad/Nm (m/N), ``(J,)``.
         force_noise_n, moment_noise_nm: standard deviations of the wrist sensor.
         wrench_offset: ``(6,)`` N and Nm.
-        wrench_gain: ``(6,)`` relative errors: 0.01 reads 1 % too much.
         tilt_rad: ``(2,)``, tilt of the base beyond the given mounting.
-        turn_rad: ``(3,)``, turn of the sensor beyond the given mounting, a rotation vector.
     """
 
     encoder_rad: Array | float = 0.0
@@ -215,20 +203,16 @@ class RunErrors:
     coulomb_nm: Array | float = 0.0
     viscous_nm_s: Array | float = 0.0
     load_friction: float = 0.0
-    stiction: float = 0.0
     lag_s: float = 0.0
     motor_inertia_kgm2: Array | float = 0.0
     motor_coulomb_nm: Array | float = 0.0
     motor_viscous_nm_s: Array | float = 0.0
     torque_offset_nm: tuple[float, ...] = ()
     torque_filter_hz: float = 0.0
-    servo_rad_per_nm: Array | float = 0.0
     force_noise_n: float = 0.0
     moment_noise_nm: float = 0.0
     wrench_offset: tuple[float, ...] = (0.0,) * 6
-    wrench_gain: tuple[float, ...] = (0.0,) * 6
     tilt_rad: tuple[float, ...] = (0.0,) * 2
-    turn_rad: tuple[float, ...] = (0.0,) * 3
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -274,7 +258,7 @@ class LoadBench:
         if load is not None:
             self._arms[True] = CarryingArm(robot, gravity, load)
         self._couplings = np.eye(robot.chain.size) if couplings is None else couplings
-        self._T_last_sensor = mounting.rotation @ se3.exp(np.array(errors.turn_rad))
+        self._R_last_sensor = mounting.rotation
         self._sign, self._errors, self._size = mounting.sign, errors, robot.chain.size
         share = errors.torque_noise * peak_torques(robot) if errors.torque_noise else np.zeros(self._size)
         self._noise_nm = np.hypot(share, errors.torque_noise_nm)
@@ -288,11 +272,8 @@ class LoadBench:
         times = np.arange(round(seconds * rate_hz)) / rate_hz
         if len(times) < 2:
             raise LabError(f"{seconds:g} s at {rate_hz:g} Hz are {len(times)} samples; ask for more")
-        streams, paths = _Streams(rng), [(False, path)]
-        if True in self._arms:
-            shifted = self._shifted(path, times) if np.any(self._errors.servo_rad_per_nm) else path
-            paths = [(True, shifted), *paths]
-        runs = [self._run(each, times, loaded, streams) for loaded, each in paths]
+        streams = _Streams(rng)
+        runs = [self._run(path, times, loaded, streams) for loaded in (True, False) if loaded in self._arms]
         return self._recorded(np.tile(times, len(runs)), runs)
 
     def resting(self, joints: Array, rng: np.random.Generator) -> PayloadSamples:
@@ -303,15 +284,9 @@ class LoadBench:
         """
         if True not in self._arms:
             raise LabError("an arm without a load: poses at rest show a load alone; give one")
-        zero = np.zeros_like(joints)
-        streams, errors = _Streams(rng), self._errors
-        hanging = self._load_torque(joints, zero, zero)
-        runs = []
-        for loaded, poses in ((True, joints - errors.servo_rad_per_nm * hanging), (False, joints)):
-            torques, wrench = self._arms[loaded].torques_and_wrench(poses, zero, zero)
-            stuck = errors.stiction * errors.coulomb_nm * streams.stiction.uniform(-1.0, 1.0, joints.shape)
-            runs.append(self._read(poses, torques + stuck, wrench, loaded, streams))
-        return self._recorded(None, runs)
+        zero, streams = np.zeros_like(joints), _Streams(rng)
+        at_rest = [(loaded, self._arms[loaded].torques_and_wrench(joints, zero, zero)) for loaded in (True, False)]
+        return self._recorded(None, [self._read(joints, *found, loaded, streams) for loaded, found in at_rest])
 
     def _run(self, path: Path, times: Array, loaded: bool, streams: "_Streams") -> PayloadSamples:
         arm, late = self._arms[loaded], self._errors.lag_s
@@ -351,7 +326,7 @@ class LoadBench:
     def _read(self, joints: Array, torques: Array, wrench: Array, loaded: bool, streams: "_Streams") -> PayloadSamples:
         """Simulate the sensor readings of a run; ``wrench`` is the hand's on the load, in the last frame."""
         errors = self._errors
-        turned = (wrench.reshape(-1, 2, 3) @ self._T_last_sensor).reshape(-1, 6)  # rows: R' f
+        turned = (wrench.reshape(-1, 2, 3) @ self._R_last_sensor).reshape(-1, 6)  # rows: R' f
         noise = np.repeat([errors.force_noise_n, errors.moment_noise_nm], 3) * streams.wrench.standard_normal(
             wrench.shape
         )
@@ -359,7 +334,7 @@ class LoadBench:
             None,
             joints + errors.encoder_rad * streams.encoder.standard_normal(joints.shape),
             torques + self._noise_nm * streams.torque.standard_normal(torques.shape),
-            (1 + np.array(errors.wrench_gain)) * self._sign * turned + errors.wrench_offset + noise,
+            self._sign * turned + errors.wrench_offset + noise,
             np.full(len(joints), loaded),
         )
 
@@ -369,32 +344,9 @@ class LoadBench:
 
         return PayloadSamples(times, joined("joints"), joined("torques"), joined("wrench"), joined("loaded"))
 
-    def _load_torque(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
-        """Compute the joint torques due to the load alone, ``(n, J)``."""
-        with_load, without = (self._arms[loaded].torques(joints, speeds, accelerations) for loaded in (True, False))
-        difference: Array = with_load - without
-        return difference
-
-    def _shifted(self, path: Path, times: Array) -> Path:
-        """Shift the path by the load's torque, smoothly in time, so that speeds and accelerations fit positions.
-
-        The shift is computed on the nominal path (first order), as a spline of degree 5.
-        """
-        step = times[1] - times[0]
-        spare = _SPARE + int(np.ceil(self._errors.lag_s / step))
-        knots = times[0] + step * np.arange(-spare, len(times) + _SPARE)
-        shift = make_interp_spline(knots, -self._errors.servo_rad_per_nm * self._load_torque(*path(knots)), k=5)
-        rates = [shift, shift.derivative(1), shift.derivative(2)]
-
-        def shifted(at: Array) -> tuple[Array, Array, Array]:
-            joints, speeds, accelerations = (nominal + rate(at) for nominal, rate in zip(path(at), rates, strict=True))
-            return joints, speeds, accelerations
-
-        return shifted
-
 
 class _Streams:
     """Independent random streams: more draws of one leave the others unchanged."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self.encoder, self.torque, self.wrench, self.stiction = rng.spawn(4)
+        self.encoder, self.torque, self.wrench = rng.spawn(3)

@@ -1,5 +1,6 @@
 """Files of loaded and unloaded runs: nothing is lost, units come from names, and what is wrong is told in one line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,14 +88,6 @@ def test_units_and_names_of_columns(tmp_path) -> None:
     assert read.warnings == (f"{tmp_path / 'b.csv'}: columns note have no meaning here and are passed over",)
 
 
-def test_semicolons_and_decimal_commas(tmp_path) -> None:
-    cells = good_file(tmp_path / "a.csv")
-    with_commas = "".join(";".join(cell.replace(".", ",") for cell in row) + "\n" for row in cells)
-    (tmp_path / "b.csv").write_text(with_commas)
-    read, plain = (read_loads(tmp_path / name, NAMES, SLIDES) for name in ("b.csv", "a.csv"))
-    np.testing.assert_array_equal(read.torques, plain.torques)
-
-
 def test_a_slide_has_forces_and_lengths(tmp_path) -> None:
     cells = [["q1_mm", "f1_n", "run"], ["120.1", "3", "loaded"], ["1.5", "4", "loaded"], ["2", "5", "loaded"]]
     read = read_loads(put(tmp_path / "a.csv", cells), ("q1",), (True,), (np.zeros(1), np.ones(1)))
@@ -169,15 +162,35 @@ def test_what_is_wrong_is_told_with_its_place(name: str, tmp_path) -> None:
     assert str(told.value).startswith(str(path)) and "\n" not in str(told.value)
 
 
-def test_degrees_are_noticed_without_limits(tmp_path) -> None:
-    cells = set_cell(2, "q6_rad", "6.3")(good_file(tmp_path / "a.csv"))
-    with pytest.raises(LabError, match=r"6.3 rad is beyond its limits of -6.283 to 6.283, probably degrees"):
-        read_loads(put(tmp_path / "a.csv", cells), NAMES, SLIDES)
-
-
 def test_steps_may_differ_by_what_clocks_do(tmp_path) -> None:
     cells = set_cell(9, "time_s", repr(7 / 300 * (1 + 1e-3)))(good_file(tmp_path / "a.csv"))
     read_loads(put(tmp_path / "a.csv", cells), NAMES, SLIDES)
+
+
+def test_a_run_has_its_rows_and_its_step() -> None:
+    loaded = np.array([True, True, True, False, False])
+    times = np.array([0.0, 0.1, 0.2, 5.0, 5.5])
+    samples = PayloadSamples(times, np.arange(10.0).reshape(5, 2), np.ones((5, 2)), None, loaded, (2, 3, 4, 5, 6))
+    assert samples.step_s == pytest.approx(0.1) and samples.run(False).step_s == pytest.approx(0.5)
+    assert samples.run(True).lines == (2, 3, 4) and len(samples.run(False)) == 2
+
+
+def test_a_row_at_rest_that_is_a_copy_counts_once() -> None:
+    rng = np.random.default_rng(0)
+    joints, wrench, loaded = rng.normal(size=(4, 2)), rng.normal(size=(4, 6)), np.array([True, False, True, False])
+    plain = PayloadSamples(None, joints, None, wrench, loaded, lines=(2, 3, 4, 5))
+    rows = np.array([0, 1, 2, 3, 1, 2])
+    again = replace(plain.take(rows), lines=(2, 3, 4, 5, 6, 7)).without_copies("runs.csv")
+    assert plain.without_copies("runs.csv") is plain and again.lines == plain.lines
+    np.testing.assert_array_equal(again.joints, joints)
+    assert again.warnings == (
+        "runs.csv: 2 rows are copies of an earlier one to the last digit (the first: line 6, of line 3), which "
+        "measurements never are: left out",
+    )
+    other = replace(plain.take(rows), loaded=np.array([True, False, True, False, True, True]))
+    assert len(other.without_copies("a")) == 5  # the same numbers, once with a load and once without
+    moving = replace(plain, time_s=np.arange(4.0)).take(rows)
+    assert moving.without_copies("a") is moving
 
 
 # The mounting
@@ -246,11 +259,9 @@ def test_a_mounting_that_cannot_be_used(text: str, said: str, tmp_path) -> None:
     assert str(told.value).startswith(str(path)) and "\n" not in str(told.value)
 
 
-def test_a_mounting_file_that_is_not_there(tmp_path) -> None:
-    with pytest.raises(LabError, match="cannot be read"):
-        read_mounting(tmp_path / "none.toml")
-
-
-def test_a_rotation_is_orthonormal() -> None:
+def test_a_sign_and_a_mounting_that_are_none() -> None:
+    down = np.array([0.0, 0.0, -9.81])
+    with pytest.raises(LabError, match="sign"):
+        Mounting(down, 2.0)
     with pytest.raises(LabError, match="no rotation"):
-        Mounting(np.array([0, 0, -9.81]), 1.0, np.diag([1.0, 1.0, -1.0]))
+        Mounting(down, 1.0, np.diag([1.0, 1.0, -1.0]))

@@ -17,7 +17,6 @@ from lab.extensions.dynamics.payload.estimate import equivalent_ellipsoid
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
 from lab.simulation.collisions import random_poses
-from lab.simulation.elastic import FlexibleArm
 
 TX40 = load_virtual("tx40")
 LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5, 26, 12.5]) * 1e-4)
@@ -77,16 +76,6 @@ def test_static_poses_of_a_sensor_tell_mass_and_centre(files: Path, tmp_path: Pa
     freed = ("--tilt", "--turn", "--out", tmp_path / "freed")
     _, seen, _ = run(capsys, "payload", files / "static.csv", "--robot", "tx40", *sensor, *freed)
     assert "turn.x" in [each["name"] for each in seen["also_fitted"]]
-
-
-def test_a_load_that_hangs_aside_bends_the_arm_as_mujoco_says() -> None:
-    """Torques of a payload away from the flange's origin: the equations against the model's."""
-    assert TX40.loads is not None
-    loads = replace(TX40.loads, payload_at_m=LOAD.centre_m)
-    joints, mass = TX40.chain.random_joints(20, np.random.default_rng(1)), np.full(20, LOAD.mass_kg)
-    arm = FlexibleArm(TX40.model.model, TX40.model, LOAD.centre_m)
-    held, _ = arm.loads(arm.straight(joints), mass)
-    np.testing.assert_allclose(-held, loads.forces(joints, mass)[0], rtol=0, atol=1e-12)
 
 
 @pytest.mark.thorough

@@ -90,18 +90,6 @@ def test_a_mistake_is_named_and_is_not_good(method: str, mistake: str, samples: 
     assert found.to_dict()["implausible"] == [phrase(each) for each in found.implausible]
 
 
-@pytest.mark.parametrize("method", ["wrench", "torques"])
-def test_loaded_and_unloaded_exchanged_is_refused_or_not_good(
-    method: str, samples: PayloadSamples, tmp_path: Path
-) -> None:
-    try:
-        found = identified(replace(samples, loaded=~samples.loaded), tmp_path, method)
-    except LabError as error:
-        assert "loaded and unloaded rows are exchanged" in str(error)
-    else:
-        assert found.exit_code == 1 and found.implausible
-
-
 def test_a_centre_that_is_not_known_is_not_called_far(samples: PayloadSamples, tmp_path: Path) -> None:
     found = identified(samples, tmp_path, "wrench").estimate
     arm = ArmSize(0.6, 30.0)

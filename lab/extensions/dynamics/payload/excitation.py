@@ -2,7 +2,7 @@
 
 A path is a Fourier series of each joint (Swevers, Ganseman, Tükel, De Schutter & Van Brussel 1997). The search is that
 of ``design``: the best of a batch of random paths, then an ascent of its coefficients, within limits and around
-collisions (``PathSearch``). The score is the determinant of the information; the condition number is only reported.
+collisions (``PathSearch``). The score is the determinant of the information.
 """
 
 from collections.abc import Callable, Iterator
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from lab.core.errors import LabError
-from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import Dynamics
 from lab.kinematics.serial.chain import Chain
@@ -25,17 +24,13 @@ from lab.pose_selection.tour import rated
 __all__ = [
     "CHECKED",
     "PERIOD_S",
-    "RATE_HZ",
-    "SECONDS",
     "Box",
     "FourierPath",
     "Limits",
     "PathSearch",
-    "PredictedUncertainty",
     "Regressor",
     "design_path",
     "design_poses",
-    "predicted",
     "random_path",
 ]
 
@@ -332,73 +327,17 @@ class PathSearch:
 Regressor = Callable[[Array, Array, Array], Array]
 """Joints, speeds and accelerations ``(n, J)`` to rows ``(n, r, p)``: readings are linear in the p parameters."""
 
-SECONDS, RATE_HZ = 10.0, 1000.0
 _PATHS, _CANDIDATES = 200, 2000  # random paths and poses
 _SHRUNK = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
 _MIN_EIGENVALUE = 1e-12  # least eigenvalue of the information of unit columns, of the largest
 
 
-@dataclass(frozen=True)
-class PredictedUncertainty:
-    """Predicted uncertainty of parameters.
-
-    Attributes:
-        covariance: ``(p, p)`` of the parameters, in the regressor's units and order.
-        condition: of the regressor with columns of unit length; not a criterion of the path.
-        score: log det of the information.
-    """
-
-    covariance: Array
-    condition: float
-    score: float
-
-    @property
-    def sigma(self) -> Array:
-        """Standard deviations ``(p,)``."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @classmethod
-    def of(cls, information: Array) -> "PredictedUncertainty":
-        """Compute the uncertainty from an information matrix ``(p, p)``.
-
-        Raises:
-            LabError: not every parameter is observable.
-        """
-        size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        scaled = information / np.outer(size, size)
-        values = np.linalg.eigvalsh(scaled)
-        if values[0] < _MIN_EIGENVALUE * values[-1]:
-            raise LabError("the motion does not show every parameter; let more joints move, or free fewer parameters")
-        score = float(np.log(values).sum() + 2 * np.log(size).sum())
-        return cls(np.linalg.inv(scaled) / np.outer(size, size), float(np.sqrt(values[-1] / values[0])), score)
-
-
-@dataclass(frozen=True)
-class _PathDesign:
-    """A path and its predicted uncertainty of the parameters."""
-
-    path: FourierPath
-    prediction: PredictedUncertainty
-
-
-@dataclass(frozen=True)
-class _PoseDesign:
-    """Static poses ``(n, J)`` and their predicted uncertainty of the parameters."""
-
-    joints: Array
-    prediction: PredictedUncertainty
-
-
-def predicted(
-    path: FourierPath, regressor: Regressor, sigma: Array, seconds: float = SECONDS, rate_hz: float = RATE_HZ
-) -> PredictedUncertainty:
-    """Predict the uncertainty of the parameters that a path identifies.
-
-    Args:
-        sigma: ``(r,)``, standard deviation of a sample's rows.
-    """
-    rows = regressor(*path.at(path.period_s * np.arange(CHECKED) / CHECKED)) / sigma[:, None]
-    return PredictedUncertainty.of(seconds * rate_hz / CHECKED * information(rows))
+def _refuse_unshown(information: Array) -> None:
+    """Refuse a motion whose information ``(p, p)`` does not show every parameter, with a LabError."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values = np.linalg.eigvalsh(information / np.outer(size, size))
+    if values[0] < _MIN_EIGENVALUE * values[-1]:
+        raise LabError("the motion does not show every parameter; let more joints move, or free fewer parameters")
 
 
 def design_path(
@@ -409,16 +348,12 @@ def design_path(
     rng: np.random.Generator,
     *,
     torque: Dynamics | None = None,
-    seconds: float = SECONDS,
-    rate_hz: float = RATE_HZ,
     period_s: float = PERIOD_S,
-    goal: Criterion | None = None,
     starts: int = 4,
     rounds: int = 12,
     at_rest: bool = False,
     drawn: int = _PATHS,
-    progress: Progress = no_progress,
-) -> _PathDesign:
+) -> FourierPath:
     """Search the D-optimal path; one generator state gives one path.
 
     Args:
@@ -426,8 +361,6 @@ def design_path(
         sigma: ``(r,)``, standard deviation of a sample's rows: of a difference of torques, √2 of one's.
         feasible: readings ``(n, J)`` to collision-free ones.
         torque: of the joints, within the limits' torque; needed where that is finite.
-        seconds, rate_hz: duration and sampling rate of the measurement.
-        goal: another criterion than the determinant, of whitened rows in the regressor's units: to compare.
         starts: random paths to ascend from.
         rounds: ascents from each.
         at_rest: begin and end each period at rest.
@@ -444,17 +377,15 @@ def design_path(
         rows: Array = regressor(joints, speeds, accelerations) / sigma[:, None]
         return rows
 
-    columns = predicted(paths[0], regressor, sigma).covariance.shape[0]
-    search = PathSearch(whitened, goal or criterion("O1", columns), limits.box, allowed, period_s, shapes)
+    rows = whitened(*paths[0].at(period_s * np.arange(CHECKED) / CHECKED))
+    _refuse_unshown(information(rows))
+    search = PathSearch(whitened, criterion("O1", rows.shape[2]), limits.box, allowed, period_s, shapes)
     best = (-np.inf, shapes.T @ paths[0].coefficients)
-    for i, start in enumerate(_started(search, [shapes.T @ path.coefficients for path in paths], starts)):
+    for start in _started(search, [shapes.T @ path.coefficients for path in paths], starts):
         best = max(best, (search.score(start), start), key=itemgetter(0))
-        for j, (path, score) in enumerate(search.ascents(start, rounds)):
-            progress(i * rounds + j + 1, starts * rounds)
+        for path, score in search.ascents(start, rounds):
             best = max(best, (score, path), key=itemgetter(0))
-    progress(starts * rounds, starts * rounds)
-    found = FourierPath(shapes @ best[1], period_s)
-    return _PathDesign(found, predicted(found, regressor, sigma, seconds, rate_hz))
+    return FourierPath(shapes @ best[1], period_s)
 
 
 def design_poses(
@@ -466,8 +397,8 @@ def design_poses(
     rng: np.random.Generator,
     *,
     torque: Dynamics | None = None,
-) -> _PoseDesign:
-    """Search D-optimal static poses: exchange among random ones, then an ascent (``design``).
+) -> Array:
+    """Search D-optimal static poses ``(count, J)``: exchange among random ones, then an ascent (``design``).
 
     Args:
         regressor: of parameters observable at rest: mass and first moment, a sensor's offsets.
@@ -498,7 +429,8 @@ def design_poses(
     goal = criterion("O1", jacobian.shape[2])
     chosen = exchange(candidates, jacobian, count, goal, rng)
     best = ascend(chosen, rows, goal, may, limits.lower, limits.upper)
-    return _PoseDesign(best.joints, PredictedUncertainty.of(information(best.jacobian)))
+    _refuse_unshown(information(best.jacobian))
+    return np.asarray(best.joints)
 
 
 def _allowance(limits: Limits, feasible: Feasible, torque: Dynamics | None) -> _Allowed:

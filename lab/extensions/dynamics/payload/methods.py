@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.dynamics.filtering import BAND_HZ, SETTLING_S, Band, Filter, band_of
+from lab.extensions.dynamics.filtering import BAND_HZ, Band, band_of
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
 from lab.extensions.dynamics.payload.estimate import LoadEstimate, estimate_of, excitation_advice
 from lab.extensions.dynamics.regression import BiasCandidate, ChannelSolution, Series, check_residuals, least_squares
@@ -109,83 +108,6 @@ def _sag(arm: SerialArm, values: Array, soft: CompliantArm, joints: Array, phi: 
 _MAX_DISTANCE = 0.01  # rad or m root mean square: the weight of an arm's own links changes by half a Nm over that
 _SAME_STEP = 0.01  # of a time step
 _ROUNDING = 1e-9  # of a root mean square of some thousand readings
-_MIN_POWER = 1e-2  # of the power at rest: frequencies with less of it after a filter are not used
-
-
-@dataclass(frozen=True)
-class _SharedFilter:
-    """The one filter that torques and regressor pass.
-
-    Attributes:
-        came_through: the filter of the recorded torques; the regressor passes the same here.
-        whiten: ``(k, k)`` that makes noise white which has passed both, where there was such a filter.
-        gain: standard deviation of a kept sample where that of a reading is one.
-    """
-
-    band: Band
-    gain: float
-    came_through: Filter | None = None
-    whiten: Array | None = None
-
-    def recorded(self, torques: Array, lead_s: float = 0.0) -> Array:
-        """Decimate recorded torques ``(n, ...)``, ``lead_s`` later than the rows' times."""
-        return self._thinned(torques, lead_s, 0)
-
-    def __call__(self, values: Array, order: int = 0) -> Array:
-        """Decimate values computed from the positions ``(n, ...)``, or their derivative in time."""
-        if self.came_through:
-            values = self.came_through(values - values[0]) + values[0]
-        return self._thinned(values, 0.0, order)
-
-    @property
-    def _cut(self) -> int:
-        """Number of samples at each end in which the filter of the recorded torques settles."""
-        return round(SETTLING_S / self.band.step_s) if self.came_through else 0
-
-    def times(self, count: int) -> Array:
-        """Return the times ``(count,)`` s of decimated rows after the first sample of the run."""
-        return self.band.times(count, self.band.margin + self._cut)
-
-    def _thinned(self, values: Array, lead_s: float, order: int) -> Array:
-        thin = self.band.decimated(values[self._cut : len(values) - self._cut], lead_s, order)
-        if self.whiten is None:
-            return thin
-        white: Array = np.tensordot(self.whiten, thin, axes=1)
-        return white
-
-
-def _passed_hz(came_through: Filter, step_s: float) -> float:
-    """Return the frequency above which a filter leaves too little of noise and signal."""
-    impulse = np.zeros(2 * round(SETTLING_S / step_s) + 1)
-    impulse[len(impulse) // 2] = 1.0
-    power = np.abs(np.fft.rfft(came_through(impulse))) ** 2
-    if not (np.isfinite(power).all() and power[0] > 0):
-        raise LabError("came_through: the filter lets no steady torque pass; give a low-pass")
-    weak = np.flatnonzero(power < _MIN_POWER * power[0])
-    return float(np.fft.rfftfreq(len(impulse), step_s)[weak[0] if weak.size else -1])
-
-
-def _common_of(band: Band, rows: int, came_through: Filter | None) -> _SharedFilter:
-    """Return the filter for runs of so many rows (those of ``Band.motion``).
-
-    Noise that has passed ``came_through`` and the band's own kernel, with the response g to an impulse, has the
-    autocorrelation g * g at the steps that are kept; the inverse of its Cholesky factor whitens it.
-    """
-    if came_through is None:
-        return _SharedFilter(band, float(np.linalg.norm(band.impulse)))
-    settled = round(SETTLING_S / band.step_s)
-    if rows < 4 * settled:
-        raise LabError(f"the run is too short to let the filter settle: give at least {5 * SETTLING_S:g} s")
-    impulse = np.zeros(2 * settled + 1)
-    impulse[settled] = 1.0
-    passed = came_through(impulse)
-    response = np.convolve(passed, band.impulse)
-    gain = float(np.linalg.norm(response) / np.linalg.norm(passed))
-    retained = len(band.decimated(np.zeros(rows - 2 * settled)))
-    lags = np.correlate(response, response, "full")[len(response) - 1 :: band.every][:retained]
-    lags = np.pad(lags, (0, retained - len(lags))) / (response @ response)
-    factor = np.linalg.cholesky(scipy.linalg.toeplitz(lags))
-    return _SharedFilter(band, gain, came_through, scipy.linalg.solve_triangular(factor, np.eye(retained), lower=True))
 
 
 @dataclass(frozen=True)
@@ -202,7 +124,7 @@ class _PairedRuns:
         apart: ``(k, J, 3 J)`` columns of the two paths' differences in reading, speed and acceleration.
     """
 
-    common: _SharedFilter
+    band: Band
     joints: Array
     direction: Array
     torque: Array
@@ -214,7 +136,7 @@ class _PairedRuns:
 
     def seen(self, late_s: float) -> Array:
         """Return the load's torques ``(k, J)``, if torques lag the positions by this time."""
-        return self.common.recorded(self.torque, late_s) - self.own
+        return self.band.decimated(self.torque, late_s) - self.own
 
     def rubbing(self, phi: Array) -> Array:
         """Return columns ``(3, k, J, J)`` of friction that grows with the load, and derivatives as of ``thinned``.
@@ -223,7 +145,9 @@ class _PairedRuns:
         as recorded, its noise would be that of the difference which the columns are to explain.
         """
         more = np.abs(self.unloaded + self.regressor @ phi) - np.abs(self.unloaded)
-        return np.array([diagonal_matrices(self.common(more * self.direction, order)) for order in range(3)])
+        return np.array(
+            [diagonal_matrices(self.band.decimated(more * self.direction, order=order)) for order in range(3)]
+        )
 
 
 def _pair_runs(
@@ -233,25 +157,25 @@ def _pair_runs(
     unloaded: PayloadSamples,
     gravity: Array,
     own: Dynamics | None,
-    came_through: Filter | None, band_hz: float,
-) -> _PairedRuns:  # fmt: skip
+    band_hz: float,
+) -> _PairedRuns:
     """Bring two runs together, row by row from their beginnings."""
     assert loaded.torques is not None and unloaded.torques is not None and loaded.time_s is not None
     n = min(len(loaded), len(unloaded))
-    if came_through:
-        band_hz = min(band_hz, _passed_hz(came_through, loaded.step_s or 0.0))
     band = band_of(loaded.time_s[:n], band_hz)
     _same_step(band, unloaded)
-    common = _common_of(band, n - 2 * band.margin, came_through)
     motion, other = (band.motion(run.joints[:n]) for run in (loaded, unloaded))
     _refuse_apart(arm, motion[0] - other[0], own)
     regressor = torque_regressor(arm, values, *motion, gravity)
     alone = own(*other) if own else band.smoothed(unloaded.torques[:n])
     more = own(*motion) - alone if own else np.zeros_like(motion[0])
-    apart = np.concatenate([diagonal_matrices(common(a - b)) for a, b in zip(motion, other, strict=True)], axis=2)
+    apart = np.concatenate(
+        [diagonal_matrices(band.decimated(a - b)) for a, b in zip(motion, other, strict=True)], axis=2
+    )
+    thinned = np.array([band.decimated(regressor, order=order) for order in range(3)])
     return _PairedRuns(
-        common, motion[0], np.sign(motion[1]), band.trimmed(loaded.torques[:n] - unloaded.torques[:n]), alone,
-        common(more), regressor, np.array([common(regressor, order) for order in range(3)]), apart,
+        band, motion[0], np.sign(motion[1]), band.trimmed(loaded.torques[:n] - unloaded.torques[:n]), alone,
+        band.decimated(more), regressor, thinned, apart,
     )  # fmt: skip
 
 
@@ -286,7 +210,6 @@ def from_torques(
     own: Dynamics | None = None,
     friction: bool = False,
     delay: bool = False,
-    came_through: Filter | None = None,
     sigma: Array | None = None,
     band_hz: float = BAND_HZ,
 ) -> LoadEstimate:
@@ -298,7 +221,6 @@ def from_torques(
         friction: fit each joint's share of torque lost to friction: (|loaded| - |unloaded|) sign(speed).
             Give ``own`` with it where the joints' friction without a load is not small beside their torques.
         delay: fit the delay of the torques after the positions, the same of all joints.
-        came_through: filter of the recorded torques, which the regressor then passes too.
         sigma: ``(J,)`` noise of one reading of each torque; else it is estimated.
         band_hz: of the filter in which a motion is compared.
 
@@ -307,14 +229,12 @@ def from_torques(
     """
     loaded, unloaded = _runs(records)
     if records.time_s is None:
-        if friction or delay or came_through:
-            raise LabError(
-                "static poses show no friction, delay or filter: leave these options out, or record a motion"
-            )
+        if friction or delay:
+            raise LabError("static poses show no friction or delay: leave these options out, or record a motion")
         return _static(arm, values, loaded, unloaded, gravity, own, sigma)
-    runs = _pair_runs(arm, values, loaded, unloaded, gravity, own, came_through, band_hz)
+    runs = _pair_runs(arm, values, loaded, unloaded, gravity, own, band_hz)
     names = arm.chain.joint_names if friction else ()
-    reading = np.sqrt(2) * runs.common.gain
+    reading = float(np.sqrt(2) * np.linalg.norm(runs.band.impulse))
     given_sigma = None if sigma is None else reading * np.asarray(sigma)
     solution, late, columns = _fitted(runs, names, delay, given_sigma)
     fitted = solution.values[: columns.shape[3]]
@@ -329,8 +249,8 @@ def from_torques(
     nuisance = {name: (float(value), "") for name, value in zip(solution.names[10:], solution.values[10:], strict=True)}
     nuisance |= {"delay": (late, "s")} if delay else {}
     unidentified = excitation_advice(solution, True, arm, values, runs.joints)
-    check = check_residuals(solution, candidates, [Series(0, len(runs.own), runs.common.band.hz)])
-    times = runs.common.times(len(runs.own))
+    check = check_residuals(solution, candidates, [Series(0, len(runs.own), runs.band.hz)])
+    times = runs.band.times(len(runs.own))
     return estimate_of("torque difference, moving", solution, nuisance, unidentified, check, reading, times)
 
 
@@ -363,7 +283,7 @@ def _fitted(
             moved = max(moved, abs(float(solution.values[-1])))
         if moved < _TORQUE_STEP:
             break
-    if abs(late) > runs.common.band.every * runs.common.band.step_s:
+    if abs(late) > runs.band.every * runs.band.step_s:
         raise LabError(f"a delay of {1e3 * late:.3g} ms is too long: align torques and positions first")
     return solution, late, columns
 
