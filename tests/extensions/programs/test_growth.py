@@ -13,7 +13,7 @@ import pytest
 from helpers.robots import IRB120
 
 from lab.core.errors import LabError
-from lab.core.limits import PROGRAM_FRAMES, PROGRAM_MOVES
+from lab.core.limits import PROGRAM_FRAMES
 from lab.formats.programs.program_text import Outside, ProgramText
 from lab.formats.programs.registry import read_program
 
@@ -135,14 +135,6 @@ def calls(language: str, count: int) -> int:
 def test_twice_the_targets_take_twice_the_calls(language: str) -> None:
     calls(language, 10)  # what is only done once
     assert calls(language, 200) < 2.2 * calls(language, 100)
-
-
-def test_a_name_that_stands_for_many_poses_is_refused_before_its_moves_fill_the_memory() -> None:
-    text = "a=p[0.1,0,0.5,0,0,0]\nmovej(a)\n" * 5_000
-    with pytest.raises(
-        LabError, match=rf"moves of a program that is read are too many; give at most {PROGRAM_MOVES.shown}"
-    ):
-        read("urscript", f"set_tcp(p[0,0,0,0,0,0])\n{text}")
 
 
 def test_more_frames_than_a_controller_keeps_are_refused() -> None:

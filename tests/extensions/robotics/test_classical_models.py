@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.robotics.closed.models import AZIMUTHS_RAD, Delta, Distances, SharedPin, ThreeLegs, TwoLegs
+from lab.extensions.robotics.closed.models import AZIMUTHS_RAD, Delta, SharedPin, ThreeLegs, TwoLegs
 from lab.kinematics.closed.mobility import mobility
 
 DRAWS = 10_000
@@ -75,16 +75,6 @@ def test_two_legs_there_and_back() -> None:
     np.testing.assert_array_equal(modes[:, 1], modes[:, 0] * [1, -1])
     missed = np.linalg.norm(modes - points[:, None], axis=2).min(axis=1)
     assert (missed * TWO.distances(points).parallel).max() < 2e-14
-
-
-def test_two_legs_meet_in_the_known_places() -> None:
-    np.testing.assert_allclose(TwoLegs(4.0).direct(np.array([[5.0, 3.0]])), [[[4, 3], [4, -3]]], atol=1e-15)
-    short, long, touching, inside, negative = TWO.direct(
-        np.array([[0.3, 0.4], [2, 1], [0.3, 0.5], [1, 0.2], [-0.5, 0.5]])
-    )
-    assert np.isnan([short, long, negative]).all()
-    np.testing.assert_allclose(touching, [[0.3, 0]] * 2, atol=1e-7)
-    np.testing.assert_allclose(inside, [[1, 0]] * 2, atol=1e-7)
 
 
 def test_two_legs_matrices_are_derivatives_of_the_closure() -> None:
@@ -267,29 +257,6 @@ def test_three_legs_are_singular_where_their_lines_meet_or_are_parallel() -> Non
     assert zero.serial[0] == 0 and zero.parallel[0] < EXACT
 
 
-def test_a_platform_turned_like_its_base_is_singular_unless_by_60_degrees() -> None:
-    poses = np.column_stack([np.random.default_rng(5).uniform(-0.15, 0.15, (500, 2)), np.zeros(500)])
-    alike, sixty, half = (PLANAR[f"alike, turned {how}"] for how in ("alike", "by 60 degrees", "by half a turn"))
-    for robot in (alike, half):  # half a turn looks like 60 degrees, with other legs at the corners
-        assert robot.distances(poses).parallel.max() < EXACT
-        assert robot.distances(poses + np.array([0, 0, 0.01])).parallel.max() < 0.03
-    assert sixty.distances(poses).parallel.min() > 0.1
-
-
-def test_the_distance_of_three_legs_has_no_scale_and_no_origin() -> None:
-    poses = poses_of(SCALENE, 100)
-    here = SCALENE.distances(poses)
-    grown = ThreeLegs(7 * SCALENE.base, 7 * SCALENE.platform).distances(poses * [7, 7, 1])
-    offset = np.array([0.4, -0.9])
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    moved = poses - np.column_stack([c * offset[0] - s * offset[1], s * offset[0] + c * offset[1], 0 * c])
-    other = ThreeLegs(SCALENE.base, SCALENE.platform + offset).distances(moved)
-    for one, two, three in zip(here, grown, other, strict=True):
-        np.testing.assert_allclose(one, two, atol=EXACT)
-        np.testing.assert_allclose(one, three, atol=EXACT)
-        assert (one >= 0).all() and (one <= 1).all()
-
-
 # Exercise 11.5: legs 1 and 3 share a pin
 
 
@@ -319,14 +286,6 @@ def test_the_determinant_of_a_shared_pin_is_a_product() -> None:
     along = np.array([[0.7 - 0.6 * np.cos(1.0), 0.3 - 0.6 * np.sin(1.0), 1.0]])  # leg 2 in line with the bar
     for pose in (in_line, along):
         assert abs(PINNED.determinant(pose)[0]) < EXACT and PINNED.legs.distances(pose).parallel[0] < EXACT
-
-
-def test_a_positive_quadrant_does_not_single_a_mode_out() -> None:
-    robot = SharedPin(np.array([[0.0, 0], [4, 4], [2, 0]]), 1.0)
-    lengths = robot.legs.inverse(np.array([[1.0, 1.0, np.radians(25)]]))
-    modes = robot.direct(lengths)[0]
-    inside = modes[(modes[:, :2] > 0).all(axis=1) & (modes[:, 2] > 0) & (modes[:, 2] < PI / 2)]
-    np.testing.assert_allclose(inside, [[1, 1, np.radians(25)], [1, 1, np.radians(65)]], atol=1e-14)
 
 
 # Delta
@@ -442,18 +401,6 @@ def test_constraint_and_parallel_are_what_locks_all_six_freedoms() -> None:
     np.testing.assert_allclose(constraint, np.linalg.svd(normals, compute_uv=False)[:, -1], atol=EXACT)
 
 
-def test_delta_gains_a_turn_where_a_parallelogram_is_flat() -> None:
-    robot = Delta(0.11, 0.23, 0.46, 0.42, AZIMUTHS_RAD)
-    first = np.radians(38.0)
-    elbow = (-0.12 + 0.46 * np.cos(first)) * robot.outward[0] - 0.46 * np.sin(first) * np.array([0, 0, 1])
-    points = (elbow + 0.42 * robot.hip_axes[0])[None]  # rod 1 along its hip's axis
-    joints = robot.inverse(points)[:, 0]
-    joints[0, 0] = first
-    parallel, serial, constraint = robot.distances(points, joints)
-    assert constraint[0] < EXACT and serial[0] < EXACT and parallel[0] > 0.3  # its elbow moves across it, too
-    assert np.linalg.svd(six_rods(robot, points, joints, 0.05)[0])[1][-1] < EXACT
-
-
 def test_delta_gains_a_turn_though_nothing_is_flat_or_in_line() -> None:
     robot = Delta(0.11, 0.23, 0.46, 0.42, AZIMUTHS_RAD)
 
@@ -472,16 +419,6 @@ def test_delta_gains_a_turn_though_nothing_is_flat_or_in_line() -> None:
 
 
 # All
-
-
-def test_distances_are_between_0_and_1() -> None:
-    joints = joints_of(1000)
-    for found in (
-        TWO.distances(np.random.default_rng(10).uniform(-1, 1, (1000, 2))),
-        FLEX_PICKER.distances(FLEX_PICKER.direct(joints)[:, 0], joints),
-    ):
-        assert isinstance(found, Distances)
-        assert all(((each >= 0) & (each <= 1)).all() for each in found)
 
 
 def test_grueblers_count() -> None:

@@ -97,6 +97,7 @@ def test_the_course_s_arm_is_corrected_through_the_level(tmp_path: Path) -> None
     told = found.to_dict()["tracking"]
     assert told["error_mm"]["mean"] > 0.5 and told["left_mm"]["max"] < 1e-3 and found.exit_code == 0
     assert told["directions"] == {"position": 2, "rotation": 0} and not told["not_made_up_for"]
+    assert "position in 2 of 3 directions" in " ".join(found.summary().split())
     assert told["left_deg"]["max"] > 0.01  # the slope of the link's end remains
 
 

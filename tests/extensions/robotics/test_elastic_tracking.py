@@ -5,9 +5,8 @@ from beam_chain import BeamChain
 from helpers.robots import IRB120
 
 from lab.core.se3 import Array
-from lab.extensions.robotics.trajectory.tracking import Tracking, elastic_errors, tracking
+from lab.extensions.robotics.trajectory.tracking import Tracking, tracking
 from lab.kinematics.dynamics.beam import COMPLIANCES
-from lab.kinematics.dynamics.gravity import link_loads
 from lab.kinematics.trajectory.trajectory import through
 from lab.simulation.elastic import AT_REST, JointMotion
 
@@ -50,18 +49,6 @@ def test_a_circle_at_full_speed_is_met_by_the_chain_of_pieces() -> None:
     assert before.mean() > 5e-5 and after.max() < 2e-6
     still = np.linalg.norm(real.positions(found.corrected.joints, ("p1",), load, AT_REST)[:, 0] - wanted, axis=1)
     assert still.max() > 5 * after.max()  # inertia counts
-
-
-def test_errors_at_rest_are_those_of_gravity_alone() -> None:
-    assert IRB120.loads is not None
-    arm, links = IRB120.serial_arm(("p1",)), link_loads(IRB120.loads)
-    values, there = arm.nominal(IRB120.tool), np.deg2rad([[0.0, 30.0, 0.0, 0.0, 30.0, 0.0]])
-    found = tracked(there, np.zeros((1, 12)), 1.0)
-    loads = links.at_rest(there, np.ones(1))
-    torsors = {link: links.beams[link].torsor(loads[:, link], SECTIONS[link]) for link in (1, 3)}
-    expected = elastic_errors(arm, values, there, torsors)
-    np.testing.assert_allclose(found.total, expected.total, atol=1e-15)
-    np.testing.assert_allclose(found.parts["link 2"], expected.by_link[:, 0], atol=1e-15)
 
 
 def test_parts_add_up_and_the_whole_is_made_up_for() -> None:

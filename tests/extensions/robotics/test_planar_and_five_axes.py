@@ -12,7 +12,7 @@ from lab.core.se3 import Array
 from lab.extensions.robotics.inverse.five_axes import FiveAxes
 from lab.extensions.robotics.inverse.planar import PlanarArm
 from lab.kinematics.inverse.branches import NominalInverse
-from lab.kinematics.inverse.closed_form import Axes, ClosedForm, closed_form_of
+from lab.kinematics.inverse.closed_form import ClosedForm, closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget, reach
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
@@ -195,14 +195,6 @@ def test_the_determinant_is_that_of_the_jacobian(name: str) -> None:
             rows = np.array([form.rows(form.axes.jacobian(row, form.centre)) for row in joints])
         np.testing.assert_allclose(found, np.linalg.det(rows), atol=1e-12)
         assert np.abs(found).max() > 1e-4
-
-
-@pytest.mark.parametrize("name", ["scorbot", "on a track"])
-def test_the_axes_Jacobian_is_the_arm_s(name: str) -> None:
-    chain, arm = ALL[name], SerialArm(ALL[name], ("p1",))
-    axes, joints = Axes.of(chain), drawn(chain, 3, 13)
-    for row, J in zip(joints, arm.tool(joints, arm.nominal({"p1": POINT}))[1], strict=True):
-        np.testing.assert_allclose(axes.jacobian(row, POINT), J, atol=1e-13)
 
 
 def test_the_planar_arms_have_the_determinants_of_the_literature() -> None:

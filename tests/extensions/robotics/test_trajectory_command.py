@@ -192,25 +192,6 @@ def test_the_program_of_each_controller_has_the_same_stops_moves_and_times(tmp_p
     assert float(re.findall(r"VEL.CP = ([\d.]+)", text["KRL"])[0]) == pytest.approx(legs[0].speed_m_s, abs=1e-4)
 
 
-def test_a_run_s_program_goes_where_the_calibrated_arm_is_right(tmp_path) -> None:
-    """The flexible arm, at rest at the program's joint positions, is where the rigid one would be."""
-    soft = tmp_path / "soft.toml"
-    soft.write_text("robot = 'irb120'\n[[link]]\nnumber = 2\nei_nm2 = 5e4\n")
-    (tmp_path / "points.csv").write_text(SWING)
-    found = lab.trajectory(tmp_path / "points.csv", robot=str(soft), payload_kg=2, step_ms=100)
-    moves = path_moves(found)
-    assert (
-        moves.corrected
-        and np.abs(moves.waypoints - [leg.waypoints[0] for leg in (*found.legs, found.legs[0])]).max() > 1e-6
-    )
-    model = found.robot.serial_model
-    arm, site = FlexibleArm(model.model, model, sections=found.robot.link_compliances), model.model.site("flange").id
-    still = JointMotion(np.zeros((2, 6)), np.zeros((2, 6)))
-    stands = arm.settled(moves.waypoints, np.zeros(6), np.full(2, 2.0), still)
-    off = arm.positions(stands, [site])[:, 0] - arm.positions(arm.straight(found.legs[0].waypoints), [site])[:, 0]
-    assert 1e3 * np.linalg.norm(off, axis=1).max() < 0.02 * found.to_dict()["tracking"]["error_mm"]["max"]
-
-
 def test_what_the_arm_touches_on_its_way_is_refused_and_where(tmp_path) -> None:
     cell, line = tmp_path / "cell.toml", tmp_path / "line.csv"
     post = "[[obstacle]]\nname = 'post'\nshape = 'box'\nsize_mm = [40, 40, 400]\nposition_mm = [400, 0, {}]\n"

@@ -11,7 +11,6 @@ from lab.extensions.robotics.workspace import measure
 from lab.extensions.robotics.workspace.boundary import boundary
 from lab.extensions.robotics.workspace.measure import measured, workspace_of
 from lab.extensions.robotics.workspace.membership import ByRods, Search, anyhow, domain_of, memberships, within_turns
-from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.arm import SerialArm
@@ -175,10 +174,3 @@ def test_a_hexapod_takes_its_own_poses_by_the_lengths_of_its_legs() -> None:
     beside = replace(by_pose, T_home=np.block([[flip, np.zeros((3, 1))], [np.zeros((1, 3)), 1]]) @ by_pose.T_home
                      @ np.diag([1.0, 1.0, -1.0, 1.0]))  # fmt: skip
     np.testing.assert_allclose(beside.reached(mirrored)[1], joints, atol=1e-12)
-
-
-@pytest.mark.thorough
-def test_other_mechanisms_are_not_held_by_rods_alone() -> None:
-    for name in ("rpr3", "rrr3", "delta"):
-        chain = load_robot(name).chain
-        assert isinstance(chain, Mechanism) and ByRods.of(chain, np.zeros(3)) is None
