@@ -25,7 +25,6 @@ _CAUSES = {
     "sensor.filter": "a filter that the wrench came through",
     "sensor.mounting": "a sensor that is turned; estimate it (turn)",
     "sensor.scale": "gains of the sensor's axes; calibrate the sensor",
-    "sigma": "more than the noise's given sigma: it is larger, or the model is wrong",
     "slow": "something slow without a name, as the load's own torques are slow",
     "unequal_paths": (
         "the difference between the two runs' paths; subtract the arm's own dynamics, or better ones (own)"

@@ -33,7 +33,7 @@ class ChannelSolution:
         values: ``(p,)``; zero where they are not identifiable.
         model: the whitened columns ``(n d, p)``, row by row with its channels.
         covariances: ``(g, p, p)``, as the noise of each group of channels makes it; zero where not identifiable.
-        dof: ``(g,)`` of each group's noise; infinite where sigma was given.
+        dof: ``(g,)`` of each group's noise.
         sigma: ``(d,)`` noise of a row in each channel, in its unit.
         measured: ``(n, d)`` the measurements.
         residual: ``(n, d)`` measured less fitted, by sigma.
@@ -60,11 +60,6 @@ class ChannelSolution:
         """Covariance ``(p, p)`` of the parameters."""
         return np.asarray(self.covariances.sum(axis=0))
 
-    @property
-    def sigma_given(self) -> bool:
-        """True if sigma was given, not estimated."""
-        return bool(np.isinf(self.dof).all())
-
     def half_widths(self, slopes: Array) -> Array:
         """Return half-widths ``(k,)`` of 95 % intervals of quantities with derivatives ``(k, p)`` by the parameters.
 
@@ -77,27 +72,21 @@ class ChannelSolution:
         return half
 
 
-def least_squares(
-    names: Sequence[str], columns: Array, measured: Array, groups: Sequence[int], sigma: Array | None = None
-) -> ChannelSolution:
+def least_squares(names: Sequence[str], columns: Array, measured: Array, groups: Sequence[int]) -> ChannelSolution:
     """Estimate parameters from ``columns`` ``(n, d, p)`` and measurements ``(n, d)``.
 
-    Without a given sigma, channels of a group share one, estimated from the residuals in turn with the parameters: the
+    Channels of a group share one sigma, estimated from the residuals in turn with the parameters: the
     sum of squares by the rows less the fit's leverages, which is unbiased where all is linear.
 
     Args:
         groups: ``(d,)`` labels from 0 on; from ``_OWN_NOISE`` rows on every channel is its own group.
-        sigma: ``(d,)`` of a row, if given.
 
     Raises:
-        LabError: there are no more rows than parameters, and no sigma.
+        LabError: there are no more rows than parameters.
     """
     label = np.arange(measured.shape[1]) if len(measured) >= _OWN_NOISE else np.asarray(groups)
     count = int(label.max()) + 1
     least = _ROUNDING * max(float(np.sqrt((measured**2).mean())), 1e-300)
-    if sigma is not None:
-        found, dof = _solved(names, columns, measured, np.maximum(sigma, least)), np.full(count, np.inf)
-        return replace(found, covariances=_covariances(found, label, dof), dof=dof)
     found = _reweighted(names, columns, measured, label, least)
     dof = np.maximum(_residual_dof(found, label, count), 1.0)
     rounding = bool((found.sigma <= 1.001 * least).any())
@@ -116,7 +105,7 @@ def _reweighted(
         if free.sum() < 0.5:
             raise LabError(
                 f"{measured.size} measured numbers for {found.model.rank} unknowns leave none to tell the noise: "
-                "give more samples or poses, or the noise's sigma"
+                "give more samples or poses"
             )
         squares = np.array([(found.residual[:, label == g] ** 2).sum() for g in range(count)])
         scale = np.sqrt(np.where(free > 0.5, squares / np.maximum(free, 0.5), squares.sum() / free.sum()))
@@ -194,8 +183,6 @@ def check_residuals(
     """Run all applicable lack-of-fit tests; rows in no series are poses, or anything without order."""
     outcomes = [(_added(solution, _slow(each.columns, series)), each.name) for each in candidates]
     outcomes.append((_slowness(solution, series), "slow"))
-    if solution.sigma_given:
-        outcomes.append((_too_large(solution), "sigma"))
     tested = [(p, name) for p, name in outcomes if not np.isnan(p)]
     if not tested:
         return Check("residuals", "not tested")
@@ -217,8 +204,6 @@ def _added(solution: ChannelSolution, columns: Array) -> float:
     dof = solution.model.dof - len(pull)
     if len(pull) == 0 or dof < 3:
         return float("nan")
-    if solution.sigma_given:
-        return float(p_value_of_squares(gained, len(pull)))
     noise = max((squares - gained) / dof, 1.0 if solution.rounding else 1e-300)
     return float(p_value_of_squares(gained, len(pull), dof, noise))
 
@@ -249,9 +234,3 @@ def _slowness(solution: ChannelSolution, series: Sequence[Series]) -> float:
         return float("nan")
     mean = np.maximum(squares / dof, 1.0 if solution.rounding else 1e-300)
     return float(p_value_of_squares(mean[0] * dof[0], dof[0], dof[1], mean[1]))
-
-
-def _too_large(solution: ChannelSolution) -> float:
-    """Return the p-value of the chi-squared test of all residuals, by the given sigma."""
-    dof = solution.model.dof
-    return float(p_value_of_squares((solution.residual**2).sum(), dof)) if dof > 0 else float("nan")

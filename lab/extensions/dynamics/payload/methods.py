@@ -51,7 +51,6 @@ def from_sag(
     joints: Array,
     unloaded: Array,
     loaded: Array,
-    sigma_m: float | None = None,
 ) -> LoadEstimate:
     """Estimate mass and centre of mass from the targets' positions without and with the load, at equal joint positions.
 
@@ -61,7 +60,6 @@ def from_sag(
     Args:
         joints: joint positions ``(n, J)``.
         unloaded, loaded: ``(n, k, 3)`` m, in the tracker's frame; poses with a NaN are left out.
-        sigma_m: noise of a coordinate in one of the two; else it is estimated.
 
     Raises:
         LabError: too few poses, or no compliance.
@@ -74,7 +72,6 @@ def from_sag(
     if not both.any():
         raise LabError("no pose was seen both with and without the load: measure the same poses twice")
     joints, seen = joints[both], (loaded - unloaded)[both].reshape(int(both.sum()), -1)
-    given_sigma = None if sigma_m is None else np.full(seen.shape[1], np.sqrt(2) * sigma_m)
     without = joints + _sag(arm, values, soft, joints, np.zeros(10))[0]
     before, phi = arm.points(without, values).reshape(seen.shape), np.zeros(10)
     for _ in range(_MAX_SAG_ITERATIONS):
@@ -82,7 +79,7 @@ def from_sag(
         lever = arm.joint_jacobian(joints + sag, values).reshape(*seen.shape, -1)
         columns = lever @ slopes
         left = seen - (arm.points(joints + sag, values).reshape(seen.shape) - before) + columns @ phi
-        solution = least_squares(LOAD, columns, left, [0] * seen.shape[1], given_sigma)
+        solution = least_squares(LOAD, columns, left, [0] * seen.shape[1])
         step, phi = np.abs(solution.values - phi).max(), solution.values
         if step < _SAG_STEP:
             break
@@ -157,12 +154,11 @@ def _pair_runs(
     unloaded: PayloadSamples,
     gravity: Array,
     own: Dynamics | None,
-    band_hz: float,
 ) -> _PairedRuns:
     """Bring two runs together, row by row from their beginnings."""
     assert loaded.torques is not None and unloaded.torques is not None and loaded.time_s is not None
     n = min(len(loaded), len(unloaded))
-    band = band_of(loaded.time_s[:n], band_hz)
+    band = band_of(loaded.time_s[:n], BAND_HZ)
     _same_step(band, unloaded)
     motion, other = (band.motion(run.joints[:n]) for run in (loaded, unloaded))
     _refuse_apart(arm, motion[0] - other[0], own)
@@ -210,8 +206,6 @@ def from_torques(
     own: Dynamics | None = None,
     friction: bool = False,
     delay: bool = False,
-    sigma: Array | None = None,
-    band_hz: float = BAND_HZ,
 ) -> LoadEstimate:
     """Estimate the load from differences of torques, row by row of the two runs; four parameters of static poses.
 
@@ -221,8 +215,6 @@ def from_torques(
         friction: fit each joint's share of torque lost to friction: (|loaded| - |unloaded|) sign(speed).
             Give ``own`` with it where the joints' friction without a load is not small beside their torques.
         delay: fit the delay of the torques after the positions, the same of all joints.
-        sigma: ``(J,)`` noise of one reading of each torque; else it is estimated.
-        band_hz: of the filter in which a motion is compared.
 
     Raises:
         LabError: no torques, no or unequal runs, too few samples, paths too far apart for a run without ``own``.
@@ -231,12 +223,11 @@ def from_torques(
     if records.time_s is None:
         if friction or delay:
             raise LabError("static poses show no friction or delay: leave these options out, or record a motion")
-        return _static(arm, values, loaded, unloaded, gravity, own, sigma)
-    runs = _pair_runs(arm, values, loaded, unloaded, gravity, own, band_hz)
+        return _static(arm, values, loaded, unloaded, gravity, own)
+    runs = _pair_runs(arm, values, loaded, unloaded, gravity, own)
     names = arm.chain.joint_names if friction else ()
     reading = float(np.sqrt(2) * np.linalg.norm(runs.band.impulse))
-    given_sigma = None if sigma is None else reading * np.asarray(sigma)
-    solution, late, columns = _fitted(runs, names, delay, given_sigma)
+    solution, late, columns = _fitted(runs, names, delay)
     fitted = solution.values[: columns.shape[3]]
     candidates = [
         BiasCandidate((columns[2, ..., :10] @ fitted[:10])[..., None], "difference.filter"),
@@ -254,9 +245,7 @@ def from_torques(
     return estimate_of("torque difference, moving", solution, nuisance, unidentified, check, reading, times)
 
 
-def _fitted(
-    runs: _PairedRuns, joint_names: Sequence[str], delay: bool, sigma: Array | None
-) -> tuple[ChannelSolution, float, Array]:
+def _fitted(runs: _PairedRuns, joint_names: Sequence[str], delay: bool) -> tuple[ChannelSolution, float, Array]:
     """Iterate Gauss-Newton steps of the delay, while the columns of friction follow the estimated load.
 
     With y(t + late) = X(t) p, where X holds the regressor and the friction's columns, a step of the delay has the
@@ -268,14 +257,14 @@ def _fitted(
     """
     labels = [*LOAD, *(f"friction.{name}" for name in joint_names), *(["delay"] if delay else [])]
     columns, late = runs.thinned, 0.0
-    solution = least_squares(LOAD, columns[0], runs.seen(late), [0] * runs.own.shape[1], sigma)
+    solution = least_squares(LOAD, columns[0], runs.seen(late), [0] * runs.own.shape[1])
     fitted = np.concatenate([solution.values, np.zeros(len(joint_names))])
     for _ in range(_MAX_TORQUE_ITERATIONS if len(labels) > len(LOAD) else 0):
         if joint_names:
             columns = np.concatenate([runs.thinned, runs.rubbing(fitted[:10])], axis=3)
         step = [-(columns[1] @ fitted)[..., None]] if delay else []
         design = np.concatenate([columns[0], *step], axis=2)
-        solution = least_squares(labels, design, runs.seen(late), [0] * runs.own.shape[1], sigma)
+        solution = least_squares(labels, design, runs.seen(late), [0] * runs.own.shape[1])
         before, fitted = fitted, solution.values[: len(fitted)]
         moved = np.abs(fitted - before)[10:].max(initial=0.0)
         if delay:
@@ -295,8 +284,7 @@ def _static(
     unloaded: PayloadSamples,
     gravity: Array,
     own: Dynamics | None,
-    sigma: Array | None,
-) -> LoadEstimate:  # fmt: skip
+) -> LoadEstimate:
     assert loaded.torques is not None and unloaded.torques is not None
     if len(loaded) != len(unloaded):
         raise LabError(
@@ -308,8 +296,7 @@ def _static(
     seen = loaded.torques - unloaded.torques
     if own:
         seen = seen - (own(loaded.joints, still, still) - own(unloaded.joints, still, still))
-    given_sigma = None if sigma is None else np.sqrt(2) * np.asarray(sigma)
-    solution = least_squares(LOAD, regressor, seen, [0] * seen.shape[1], given_sigma)
+    solution = least_squares(LOAD, regressor, seen, [0] * seen.shape[1])
     steady = np.broadcast_to(np.eye(seen.shape[1]), (*seen.shape, seen.shape[1]))
     candidates = [
         BiasCandidate(steady, "difference.constant"),
@@ -401,8 +388,6 @@ def from_wrench(
     tilt: bool = False,
     turn: bool = False,
     delay: bool = False,
-    sigma: Array | None = None,
-    band_hz: float = BAND_HZ,
 ) -> LoadEstimate:
     """Estimate the load and six offsets from the wrench of the loaded run; four parameters of static poses.
 
@@ -413,8 +398,6 @@ def from_wrench(
         tilt: fit the tilt of frame 0 beyond ``mounting``.
         turn: fit the turn of the sensor beyond ``mounting``.
         delay: fit the delay of the wrench after the positions.
-        sigma: ``(6,)`` N and Nm of one reading; else it is estimated.
-        band_hz: of the filter in which a motion is compared.
 
     Raises:
         LabError: no wrench, no loaded run, too few samples, or it does not converge.
@@ -426,11 +409,10 @@ def from_wrench(
     moving = records.time_s is not None
     if delay and not moving:
         raise LabError("static poses show no delay: leave the option out, or record a motion")
-    readings = _readings(arm, values, records, mounting, band_hz)
+    readings = _readings(arm, values, records, mounting)
     labels = [*LOAD, *_OFFSETS, *(_TILT if tilt else ()), *(_TURN if turn else ()), *(("delay",) if delay else ())]
     reading = float(np.linalg.norm(readings.band.impulse)) if readings.band else 1.0
-    given_sigma = None if sigma is None else reading * np.asarray(sigma)
-    solution, mounted = _fitted_to_wrench(readings, labels, mounting, given_sigma)
+    solution, mounted = _fitted_to_wrench(readings, labels, mounting)
     series = readings.series(len(solution.residual))
     check = check_residuals(solution, _candidates(readings, solution, mounted, labels), series)
     turned = se3.log(mounting.rotation.T @ mounted.rotation)
@@ -446,7 +428,7 @@ def from_wrench(
     return estimate_of(kind, solution, nuisance, unidentified, check, reading, times)
 
 
-def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: Mounting, band_hz: float) -> _Readings:
+def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: Mounting) -> _Readings:
     loaded, unloaded = records.run(True), records.run(False)
     assert loaded.wrench is not None and unloaded.wrench is not None
     raw, still = mounting.sign * loaded.wrench, mounting.sign * unloaded.wrench
@@ -454,11 +436,11 @@ def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: 
         zero = np.zeros_like(loaded.joints)
         regressors = _regressors(hand_motion(arm, values, loaded.joints, zero, zero))
         return _Readings(None, raw, still, *(np.array([part, 0 * part, 0 * part]) for part in regressors))
-    band = band_of(loaded.time_s, band_hz)
+    band = band_of(loaded.time_s, BAND_HZ)
     regressors = _regressors(hand_motion(arm, values, *band.motion(loaded.joints)))
     if len(unloaded) and unloaded.time_s is not None:
         _same_step(band, unloaded)
-        still = band_of(unloaded.time_s, band_hz).decimated(still)
+        still = band_of(unloaded.time_s, BAND_HZ).decimated(still)
     parts = (np.array([band.decimated(part, order=order) for order in range(3)]) for part in regressors)
     return _Readings(band, band.trimmed(raw), still, *parts)
 
@@ -471,18 +453,18 @@ def _regressors(motion: HandMotion) -> tuple[Array, Array]:
 
 
 def _fitted_to_wrench(
-    readings: _Readings, labels: Sequence[str], mounting: Mounting, sigma: Array | None
+    readings: _Readings, labels: Sequence[str], mounting: Mounting
 ) -> tuple[ChannelSolution, _MountingEstimate]:
     """Iterate Gauss-Newton steps of the mounting and the delay; the other parameters are linear."""
     mounted = _MountingEstimate(mounting.gravity, mounting.rotation, np.zeros(2))
     linear = labels[:16]
     seen = np.concatenate([readings.seen(0.0), readings.still])
-    solution = least_squares(linear, _columns(readings, mounted), seen, _FORCE_AND_MOMENT, sigma)
+    solution = least_squares(linear, _columns(readings, mounted), seen, _FORCE_AND_MOMENT)
     for _ in range(_MAX_WRENCH_ITERATIONS if len(labels) > len(linear) else 0):
         freed = _freed(readings, mounted, solution.values[:10])
         design = np.concatenate([_columns(readings, mounted), *(freed[name] for name in labels[16:])], axis=2)
         seen = np.concatenate([readings.seen(mounted.late_s), readings.still])
-        solution = least_squares(labels, design, seen, _FORCE_AND_MOMENT, sigma)
+        solution = least_squares(labels, design, seen, _FORCE_AND_MOMENT)
         mounted = _stepped(mounted, dict(zip(labels, solution.values, strict=True)))
         if np.abs(solution.values[16:]).max() < _WRENCH_STEP:
             return solution, mounted
