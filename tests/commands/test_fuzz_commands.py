@@ -1,5 +1,7 @@
 """Whole commands given valid files with something changed: done, or told in one line; no defect, nothing left behind.
 
+The files of runs are changed in ``test_fuzz_runs.py``.
+
 The readers alone are tried far more often (``tests/formats/test_fuzz.py``): here what a reader lets through goes on
 into models, fits, and what is written. The long run (``-m slow``) tries as many files of each command as ``LAB_FUZZ``
 says.
@@ -13,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.bad_input import ARM_TOML, ARM_URDF, ARM_XML, csv, run
+from helpers.campaigns import own_copy, run_of
 from helpers.drawing import nothing_drawn
 from helpers.file_kinds import KINDS, LONG_RUNS, calibration, weighing
 from helpers.fuzzing import RandomChance, mutated
@@ -66,21 +69,6 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
     "compensate with a load": ("load", "compensate day.csv --run irb --load {} --accept-edited --no-check"),
     "certify by a tracker": ("tracker", "certify run --instrument {}"),
     "verify touches": ("daily", "verify irb {}"),
-    "verify by its checksums": ("run's SHA256SUMS", "verify {} day.csv --force"),
-    **{
-        f"history of a run's {name}": (f"run's {name}", "history history --accept-edited --force")
-        for name in ("config.json", "result.json", "parameters.json")
-    },
-    **{
-        f"{command.split()[0]} of a run's {name}": (f"run's {name}", command)
-        for name in ("config.json", "result.json", "parameters.json", "covariance.csv")
-        for command in (
-            "verify {} day.csv --accept-edited --force",
-            "compensate day.csv --run {} --no-check --accept-edited",
-            "certify {} --accept-edited",
-            "history {} other --accept-edited",
-        )
-    },
     **{
         f"compensate a program in {language}": (
             f"{language} program",
@@ -89,11 +77,8 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
         for language, more in {**dict.fromkeys(("rapid", "krl", "urscript", "val3"), ""), **OUTSIDE}.items()
     },
 }
-CHEAP = ("identify", "inspect a table", "payload", "kinematics", "import", "certify of a run's result.json")
-FOUND = (  # commands and seeds
-    ("compensate of a run's result.json", "compensate of a run's result.json 2"),
-    ("workspace", "workspace 1069"),
-)
+CHEAP = ("identify", "inspect a table", "payload", "kinematics", "import")
+FOUND = (("workspace", "workspace 1069"),)  # commands and seeds
 
 
 @pytest.fixture(scope="module")
@@ -114,12 +99,11 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).write_text(text)
     with nothing_drawn():
         lab.calibrate(str(folder / "arm.toml"), poses=20, seed=1).save(folder / "run")
-        lab.calibrate("irb120", poses=20, seed=2, date="2026-02-01").save(folder / "other")
+    own_copy(run_of(poses=20, seed=2), folder / "other")
     (folder / "irb").mkdir()
     for name, content in calibration().items():
         (folder / "irb" / name).write_bytes(content)
     shutil.copy(folder / "irb" / "measurements.csv", folder / "day.csv")
-    shutil.copytree(folder / "other", folder / "history" / "first")
     (folder / "weighted").mkdir()
     (folder / "weighted" / "config.json").write_text('{"schema": 1, "options": {}}')
     return folder
@@ -130,12 +114,6 @@ def given(name: str, seed: str | None, place: Path) -> str:
     kind, command = COMMANDS[name]
     text = KINDS[kind].text()
     content = text.encode() if seed is None else mutated(text, RandomChance(seed))
-    if kind.startswith("run's "):
-        history = place / "history"  # of two dated runs, one of which is changed
-        folder = history / "changed" if "history" in command else place / "changed"
-        shutil.copytree(place / "irb", folder)
-        (folder / KINDS[kind].name).write_bytes(content)
-        return command.format("changed")
     if kind == "load":
         shutil.copytree(place / "weighted", place / "changed")
         (place / "changed" / KINDS[kind].name).write_bytes(content)
@@ -157,7 +135,7 @@ def wrong_with(name: str, seed: str | None, place: Path, capfd: pytest.CaptureFi
     except TimeoutError as late:
         return f"{seed}: {late}"
     finally:
-        for path in (*place.glob("changed*"), *place.glob("history/changed")):
+        for path in place.glob("changed*"):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
     told = code in (0, 1) or (seed is not None and code == 2 and len(lines) == 1 and lines[0].startswith("lab: "))
     left = sorted({path.name for path in place.iterdir()} ^ set(before))

@@ -191,8 +191,7 @@ def test_repeats_are_found_wherever_they_are(here: Path) -> None:
         write_measurements(Path(f"repeats_{name}.csv"), rows, (False,) * 6)
     write_measurements(Path("repeated_p1.csv"), visited(day.take(np.arange(10)), 4), (False,) * 6)
     for name, (given, where) in runs.items():
-        with nothing_drawn():
-            main(["identify", *given, "--noise-mm", "0.005", "--out", f"repeats_{name}"])
+        main(["identify", *given, "--noise-mm", "0.005", "--out", f"repeats_{name}"])
         found = certify(CertifyOptions(Path(f"repeats_{name}"), force=True))
         iso = found.to_dict()["iso_9283"]
         assert iso["repeats"]["rows"] == [where], name
@@ -341,8 +340,7 @@ def test_a_deleted_recording_is_no_change(here: Path, tmp_path: Path) -> None:
 
 @thorough
 def test_a_certificate_of_a_certificate_is_refused_in_words(here: Path, tmp_path: Path) -> None:
-    with nothing_drawn():
-        folder = certify(CertifyOptions(Path("known"))).save(tmp_path / "certificate")
+    folder = certify(CertifyOptions(Path("known"))).save(tmp_path / "certificate")
     with pytest.raises(LabError, match="is a certificate, not a calibration; give the run that it certifies, known"):
         certify(CertifyOptions(folder))
 
@@ -353,10 +351,9 @@ def test_a_validation_file_shows_the_accuracy_of_the_calibrated_model(here: Path
     write_measurements(Path("fit.csv"), rows.take(np.arange(22)), (False,) * 6)
     write_measurements(Path("fresh.csv"), rows.take(np.arange(22, 30)), (False,) * 6)
     known = ["--instrument", "tracker.toml", "--no-recording"]
-    with nothing_drawn():
-        assert main(["identify", "fit.csv", "--validate", "fresh.csv", *known, "--out", "filed"]) == 0
-        refit = ["--refit", "base", "--out", "placed"]
-        assert main(["identify", "fit.csv", "--validate", "fresh.csv", *known, *refit]) == 0
+    assert main(["identify", "fit.csv", "--validate", "fresh.csv", *known, "--out", "filed"]) == 0
+    refit = ["--refit", "base", "--out", "placed"]
+    assert main(["identify", "fit.csv", "--validate", "fresh.csv", *known, *refit]) == 0
     found = certify(CertifyOptions(Path("filed")))
     iso = found.to_dict()["iso_9283"]
     assert not iso["of_fitted_rows"] and iso["poses"] == 8

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.drawing import nothing_drawn
 
 import lab
 from lab.core.errors import LabError
@@ -133,8 +132,7 @@ def test_a_campaign_comes_back_and_identifies_the_same(
     seen = corners(tmp_path / "corners.csv", campaign, rests_of(at, joints, poses), ahead)
     result = lab.import_measurements(seen, "irb120", joints=log, clock_offset_s=ahead)
     assert result.matching.by == "time" and result.to_dict()["points"] == len(campaign) and result.left_out == ()
-    with nothing_drawn():
-        result.save(tmp_path / "run")
+    result.save(tmp_path / "run")
     options = {"observe": "pixels", "cameras": cameras}
     found = lab.identify(tmp_path / "run" / "measurements.csv", "irb120", **options)
     truth = lab.identify(campaign, "irb120", **options)

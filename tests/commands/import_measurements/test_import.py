@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from day_files import controller_log, leica
-from helpers.drawing import nothing_drawn
 from helpers.html_page import Page
 from helpers.tracker_files import plain, polyworks, rows_of_joints, spatial_analyzer
 
@@ -45,8 +44,7 @@ def test_names_bring_points_and_poses_together(files: tuple[Path, Path], day: Me
 
 
 def test_the_written_file_is_what_identify_reads(files: tuple[Path, Path], tmp_path: Path) -> None:
-    with nothing_drawn():
-        import_measurements(ImportOptions(*files)).save(tmp_path / "run")
+    import_measurements(ImportOptions(*files)).save(tmp_path / "run")
     chain = load_robot("irb120").chain
     again = read_measurements(tmp_path / "run" / "measurements.csv", chain.joint_names, chain.prismatic)
     assert again.warnings == () and len(again) == POSES and np.allclose(again.sigma_m, 8e-6)
@@ -57,8 +55,7 @@ def test_the_written_file_is_what_identify_reads(files: tuple[Path, Path], tmp_p
 def test_files_of_two_stations_are_joined_line_by_line(files: tuple[Path, Path], tmp_path: Path) -> None:
     written = []
     for station in ("west", "east"):
-        with nothing_drawn():
-            import_measurements(ImportOptions(*files, station=station)).save(tmp_path / station)
+        import_measurements(ImportOptions(*files, station=station)).save(tmp_path / station)
         written.append((tmp_path / station / "measurements.csv").read_text().splitlines(keepends=True))
     (both := tmp_path / "both.csv").write_text("".join(written[0] + written[1][1:]))
     chain = load_robot("irb120").chain
