@@ -15,7 +15,7 @@ from lab.core.errors import LabError
 
 MADE = "--robot arm.toml --instrument tracker.toml --cell cell.toml --poses 14"
 BUILT = (
-    "certify {}/first", "verify {}/first {}/second/measurements.csv --force", "compare {}/first {}/second", "trend {}",
+    "certify {}/first", "verify {}/first {}/second/measurements.csv --force", "history {}/first {}/second",
     "compensate {}/second/measurements.csv --run {}/first --no-check",
 )  # fmt: skip
 
