@@ -70,7 +70,7 @@ def _only_our_warnings() -> None:
         else:
             usual(message, category, *where, **more)
 
-    warnings.showwarning = shown
+    warnings.showwarning = shown  # type: ignore[assignment]
 
 
 def _ended(arguments: list[str]) -> int:

@@ -113,12 +113,11 @@ class Result(Value, ABC):
 
     def document(self) -> "Document":
         """Build the one document that terminal, page and recording show."""
-        from lab.render.document import parts
+        from lab.render.building import block_of, document_of
 
-        document: Document = attempted(
-            f"the text of lab {self.command}", lambda: load_reference(self.shown_by)(self), self._bare_document
-        )
-        return replace(document, blocks=(*document.blocks, *parts(self, type(self).provenance)))
+        made = attempted("the text", lambda: document_of(load_reference(self.shown_by), self), self._bare_document)
+        provenance = block_of("the section on what was done", self.provenance)
+        return replace(made, blocks=(*made.blocks, provenance))
 
     def _bare_document(self, missing: str) -> "Document":
         from lab.render.document import Document, Warnings

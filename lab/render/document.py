@@ -11,16 +11,15 @@ from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
 from lab.core.errors import counted
-from lab.core.gaps import attempted
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
 __all__ = [
     "EVERYWHERE", "NARROW", "PAGE", "RECORDING", "TERMINAL", "Badge", "Block", "Bullets", "Card", "Code", "Column",
-    "Command", "Document", "Figure", "Inline", "Matrices", "Matrix", "Paragraph", "Picture", "Row", "Scene", "Section",
-    "Sparkline", "Strong", "Table", "Text", "Warnings", "capital", "digits_of", "fixed", "format_magnification",
-    "guarded", "inlines", "parts", "plain", "plus_minus", "sentence", "short", "shown",
+    "Command", "Document", "Figure", "Inline", "Matrices", "Matrix", "Paragraph", "Picture", "Row", "Scene",
+    "Section", "Sparkline", "Strong", "Table", "Text", "Warnings", "capital", "digits_of", "fixed",
+    "format_magnification", "inlines", "plain", "plus_minus", "sentence", "short", "shown",
 ]  # fmt: skip
 
 _Medium = Literal["terminal", "page", "recording"]
@@ -100,6 +99,11 @@ class Block:
 
     kind: ClassVar[str] = ""
     shown_in: _Media = field(default=EVERYWHERE, kw_only=True)  # the media that show it
+
+    @property
+    def everywhere(self) -> "tuple[Block, ...]":
+        """The block, and others that show the same in other media."""
+        return (self,)
 
     def _reduced(self, medium: _Medium) -> "Iterable[Block]":
         """Return the parts of the block that a medium shows; none if there is nothing to show."""
@@ -391,25 +395,6 @@ def shown(blocks: Iterable[Block], medium: _Medium) -> Iterable[Block]:
     for block in blocks:
         if medium in block.shown_in:
             yield from block._reduced(medium)
-
-
-def parts(result: Any, *makers: Callable[[Any], Any]) -> tuple[Block, ...]:
-    """Return the blocks that functions make of a result, one or several each; a warning in place of what fails."""
-    named = ((f"the part '{make.__name__.strip('_').replace('_', ' ')}'", make) for make in makers)
-    return tuple(block for what, make in named for block in guarded(what, lambda make=make: make(result)))
-
-
-def guarded(what: str, make: Callable[[], Any]) -> tuple[Block, ...]:
-    """Return the block or blocks that a function makes; if it fails, a warning that names what is missing."""
-
-    def blocks() -> tuple[Block, ...]:
-        made = make()
-        found = (made,) if isinstance(made, Block) else tuple(made)
-        if wrong := [each for each in found if not isinstance(each, Block)]:
-            raise TypeError(f"a part of a document is a {type(wrong[0]).__name__}, not a block")
-        return found
-
-    return attempted(what, blocks, lambda missing: (Warnings((missing,)),))
 
 
 def short(value: float | None, unit: str = "") -> str:

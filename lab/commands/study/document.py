@@ -220,7 +220,7 @@ def study_document(result: StudyResult) -> doc.Document:
                 "note",
             ),
             *analysis_sections(result.analysis, shown_metrics(study)),
-            *doc.parts(result, _figures),
+            _figures(result),
             doc.Paragraph(
                 f"{done.computed:,} of {study.campaigns:,} simulated calibrations computed{speed}.",
                 shown_in=doc.TERMINAL,
