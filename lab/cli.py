@@ -32,6 +32,7 @@ def main(arguments: "Sequence[str] | None" = None) -> int:
 
         with interruptible():
             plain_streams()
+            _drop_unusable_date()
             _only_our_warnings()
             code = _ended(sys.argv[1:])
         if code == INTERRUPTED:
@@ -50,6 +51,14 @@ _MORE_HELP = (
     "lab COMMAND --help lists the usual options of a command, --help-all all of them; lab --version prints the "
     "version, lab --completion bash (or zsh, fish) a script that completes commands and options."
 )
+
+
+def _drop_unusable_date() -> None:
+    """Unset a ``SOURCE_DATE_EPOCH`` that is no number: numpy cannot be imported whole with it."""
+    import os
+
+    if not os.environ.get("SOURCE_DATE_EPOCH", "0").isdecimal():
+        del os.environ["SOURCE_DATE_EPOCH"]
 
 
 def _only_our_warnings() -> None:

@@ -11,9 +11,8 @@ from typing import Any, TypeVar
 
 from lab.campaign.model_files import parted
 from lab.core.errors import LabError
-from lab.core.limits import TEXT_BYTES
 from lab.core.whole_folder import CHECKSUMS, edited_files, file_digest, listed_digests
-from lab.formats.structured import read_structured, read_text, structured
+from lab.formats.structured import read_checksums, read_structured, structured
 
 __all__ = [
     "CONFIG_FILE", "INPUTS", "SCHEMA", "RunConfig", "RunInputs", "input_names", "read_config", "read_options",
@@ -143,7 +142,7 @@ def input_names(folder: Path) -> tuple[str, ...]:
     there = [path for path in (folder / INPUTS).rglob("*") if path.is_file()]
     names = {path.relative_to(folder).as_posix() for path in there}
     if (folder / CHECKSUMS).is_file():
-        listed = listed_digests(read_text(folder / CHECKSUMS, TEXT_BYTES))
+        listed = listed_digests(read_checksums(folder))
         names |= {name for name in listed if name.startswith(f"{INPUTS}/")}
     return tuple(sorted(names))
 
@@ -161,7 +160,7 @@ def read_options(path: Path, command: str, kind: type[_Options]) -> _Options:
     if config.command not in (command, ""):
         raise LabError(f"{path}: is of lab {config.command}, not of lab {command}; run that")
     if config.inputs and (folder / CHECKSUMS).is_file():
-        text = read_text(folder / CHECKSUMS, TEXT_BYTES)
+        text = read_checksums(folder)
         if edited := edited_files(folder, text, input_names(folder)):
             raise LabError(f"{folder}: {edited[0]} was changed since the run was written; put it back, or run anew")
     inputs = RunInputs(folder, config)

@@ -8,9 +8,8 @@ from typing import Any, TypeVar
 from lab.campaign.config_file import CONFIG_FILE, RunInputs, input_names, read_config
 from lab.campaign.model_files import parted
 from lab.core.errors import LabError
-from lab.core.limits import TEXT_BYTES
 from lab.core.whole_folder import CHECKSUMS, edited_files, file_digest
-from lab.formats.structured import read_text
+from lab.formats.structured import read_checksums
 
 __all__ = ["PlanSettings", "filled_in", "settings_of_plan"]
 
@@ -107,7 +106,7 @@ def settings_of_plan(plan: Path, *, clearances: bool = False) -> PlanSettings | 
     if config.command != "design":
         return None
     if config.inputs and (folder / CHECKSUMS).is_file():
-        text = read_text(folder / CHECKSUMS, TEXT_BYTES)
+        text = read_checksums(folder)
         if edited := edited_files(folder, text, input_names(folder)):
             raise LabError(f"{folder}: {edited[0]} was changed since the plan was made; put it back, or plan anew")
     observe = str(config.options.get("observe", "points"))

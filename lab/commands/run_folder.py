@@ -41,7 +41,7 @@ from lab.core.whole_folder import (
     resolved,
     write_whole,
 )
-from lab.formats.structured import read_bytes, read_json, read_text
+from lab.formats.structured import read_bytes, read_checksums, read_json
 from lab.kinematics.joints import JointSpec
 from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Table
 from lab.render.terminal import status
@@ -392,7 +392,7 @@ def check_edits(folder: Path, names: Sequence[str], *, accept: bool) -> tuple[st
     """
     found = "its checksums are missing"
     if (folder / CHECKSUMS).is_file():
-        edited = edited_files(folder, read_text(folder / CHECKSUMS, TEXT_BYTES), names)
+        edited = edited_files(folder, read_checksums(folder), names)
         if not edited:
             return ()
         found = f"{', '.join(edited)} {'was' if len(edited) == 1 else 'were'} changed since the run was written"
@@ -405,7 +405,7 @@ def listed_files(folder: Path) -> tuple[str, ...]:
     """Return the files of a run that its checksums list, as far as they are there; a recording may be deleted."""
     if not (folder / CHECKSUMS).is_file():
         return ()
-    names = listed_digests(read_text(folder / CHECKSUMS, TEXT_BYTES))
+    names = listed_digests(read_checksums(folder))
     return tuple(name for name in names if (folder / name).is_file())
 
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, cast, get_args, 
 
 from lab.core.errors import LabError
 from lab.core.limits import DEPTH, NUMBER_SIZE, SEED, TEXT_BYTES, TOML_BYTES, VALUES, Limit
+from lab.core.whole_folder import CHECKSUMS
 
 if TYPE_CHECKING:
     from cattrs import Converter
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "is_number",
     "read_bytes",
+    "read_checksums",
     "read_json",
     "read_structured",
     "read_text",
@@ -82,6 +84,11 @@ def read_text(path: Path, most: Limit, mend: str = "check the path") -> str:
     if wrong >= 0:
         raise LabError(f"{path}: not a text file in UTF-8 (byte {wrong}); save it as UTF-8")
     return text
+
+
+def read_checksums(folder: Path) -> str:
+    """Return the lines of a folder's ``SHA256SUMS``; names of files may have bytes that are no text."""
+    return read_bytes(folder / CHECKSUMS, TEXT_BYTES).decode("utf-8", "surrogateescape")
 
 
 def refuse_unbounded(where: object, content: Any, *, finite: bool = True) -> None:

@@ -390,11 +390,15 @@ def _natural_spline(x: Array, knots: Array) -> Array:
 def trend_pictures(name: str, trends: Sequence[Trend], band_mm: float, thing: str = "pose") -> tuple[Picture, ...]:
     """Errors against each of several causes, by the same scale of errors, each with its smooth mean.
 
-    A picture says in its title whether there is a trend (F test, 1 % over all pictures).
+    A picture says in its title whether there is a trend (F test, 1 % over all pictures). A cause without errors has
+    none.
 
     Args:
         band_mm: half the width of a band round zero that noise leaves in 5 % of the cases; NaN for none.
     """
+    trends = [each for each in trends if np.isfinite(each.errors_mm).any()]
+    if not trends:
+        return ()
     every = np.concatenate([each.errors_mm for each in trends])
     typical = float(np.nanpercentile(np.abs(every), 98))
     reach = 1.15 * max(typical, band_mm if np.isfinite(band_mm) else 0.0) or 1.0

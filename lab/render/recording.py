@@ -68,9 +68,12 @@ def recording_to(path: Path, robot: str, identity: str) -> Iterator[rr.Recording
         recording = rr.RecordingStream(application, recording_id=identity, send_properties=False)
     memory = recording.memory_recording()  # written at the end, in one go: a full disk would hang rerun's own writer
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    yield recording
-    path.write_bytes(memory.drain_as_bytes() or b"")
-    recording.disconnect()
+    try:
+        yield recording
+    finally:  # rerun reports what it holds when it is dropped
+        content = memory.drain_as_bytes() or b""
+        recording.disconnect()
+    path.write_bytes(content)
 
 
 def notebook_viewer(recording: bytes) -> Any:

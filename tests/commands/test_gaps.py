@@ -1,17 +1,25 @@
 """A drawing never destroys a result: with each drawing function broken in turn, numbers and exit code stay."""
 
 import json
+import os
+import re
+import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from day_files import ur5e_urdf
 from helpers.bad_input import run
+from helpers.campaigns import run_of
 from helpers.drawing import nothing_drawn
-from helpers.writing_commands import COMMANDS, inputs_of_commands
+from helpers.writing_commands import COMMANDS, STUDY, inputs_of_commands
 
+import lab
+from lab.commands import sections
 from lab.commands.result import Result
 from lab.core.gaps import GapWarning
 from lab.extension_points import load_reference
@@ -155,9 +163,82 @@ def test_a_section_of_an_extension_that_is_none_leaves_a_gap(
     made: Callable[[Any], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import lab
-    from lab.commands import sections
 
     result = lab.inspect("scara")
     monkeypatch.setattr(sections, "load_all", lambda _: {"mine": sections.AddedSection(Result, made)})
     with pytest.warns(GapWarning, match="the section of the extension 'mine' is left out"):
         assert "'mine' is left out" in result.summary()
+
+
+def missing_meshes(folder: Path) -> str:
+    """A maker's URDF without its files of shapes, a primitive at the tool."""
+    text = ur5e_urdf(folder / "arm.urdf").read_text()
+    assert run(f"calibrate --robot {folder}/arm.urdf --poses 30 --no-recording --out {folder}/day") == 0
+    mesh = '<visual><geometry><mesh filename="package://arm/meshes/link.dae"/></geometry></visual>'
+    ball = '<visual><geometry><sphere radius="0.01"/></geometry></visual>'
+    text = re.sub(r"<collision>.*?</collision>", mesh, text, flags=re.DOTALL)
+    (folder / "lite.urdf").write_text(text.replace('<link name="tool0"/>', f'<link name="tool0">{ball}</link>'))
+    return f"identify {folder}/day/measurements.csv --robot {folder}/lite.urdf"
+
+
+def denormal_points(folder: Path) -> str:
+    """Points so near to zero that a scale by their size is infinite."""
+    lines = (run_of(poses=30) / "measurements.csv").read_text().splitlines()
+    rows = [",".join([*line.split(",")[:6], *["5e-324"] * 3]) for line in lines[1:]]
+    (folder / "day.csv").write_text("\n".join([lines[0], *rows]) + "\n")
+    return f"identify {folder}/day.csv"
+
+
+def name_of_any_bytes(folder: Path) -> str:
+    """A file whose name is no text in UTF-8."""
+    path = os.fsencode(folder / "day") + b"\xff.csv"
+    Path(os.fsdecode(path)).write_bytes((run_of(poses=30) / "measurements.csv").read_bytes())
+    return f"identify {os.fsdecode(path)}"
+
+
+@pytest.mark.parametrize("case", [missing_meshes, denormal_points, name_of_any_bytes])
+def test_what_once_cost_an_identification_is_drawn_whole(case: Callable[[Path], str], tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", GapWarning)
+        assert run(f"{case(tmp_path)} --out {tmp_path}/run") in (0, 1)
+    names = {path.name for path in (tmp_path / "run").iterdir()}
+    assert {"result.json", "calibrated.py", "report.html", "recording.rrd"} <= names
+    assert lab.load_run(tmp_path / "run").estimate
+
+
+WITHOUT = """
+import sys
+from importlib import metadata
+
+for module in ("rerun", "matplotlib", "cv2", "sympy", "distributed", "trimesh"):
+    sys.modules[module] = None  # as where it is not installed
+version = metadata.version
+metadata.version = lambda name: version("nothing-of-that-name" if name == "rerun-sdk" else name)
+from lab.cli import main
+
+for arguments in sys.argv[1:]:
+    sys.argv[1:] = arguments.split()
+    print("EXIT", main(), file=sys.stderr)
+"""
+
+
+@pytest.mark.thorough
+def test_a_package_that_is_missing_is_said_in_one_line(tmp_path: Path) -> None:
+    """Whatever can go on goes on; SOURCE_DATE_EPOCH, which ends numpy's import, is no date."""
+    (tmp_path / "study.toml").write_text(STUDY)
+    commands = {
+        "calibrate --poses 30 --out run": (0, "recording.rrd is left out: it needs rerun, which is not installed"),
+        "study study.toml --out study --workers 1": (0, r"virtual-calibration-lab\[plots\]"),
+        "study study.toml --out other --scheduler tcp://127.0.0.1:1": (2, r"virtual-calibration-lab\[cluster\]"),
+        "kinematics irb120 --symbolic --out letters": (2, r"virtual-calibration-lab\[symbolic\]"),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT, *commands], cwd=tmp_path, capture_output=True, text=True, check=True,
+        env=os.environ | {"SOURCE_DATE_EPOCH": "yesterday"},
+    )  # fmt: skip
+    parts = re.split(r"EXIT (\d+)\n", done.stderr)
+    for (command, (code, said)), text, ended in zip(commands.items(), parts[::2], parts[1::2], strict=False):
+        assert int(ended) == code and re.search(said, text), (command, text)
+        assert all(line.startswith("lab: ") for line in text.splitlines()), text
+    assert (tmp_path / "run" / "report.html").is_file() and (tmp_path / "study" / "report.html").is_file()
+    assert not (tmp_path / "run" / "recording.rrd").exists()
