@@ -14,27 +14,31 @@ __all__ = ["block_of", "document_of"]
 _NO_TEXT = "–"
 
 
-def document_of(make: Callable[[Any], Document], result: Any) -> Document:
+def document_of(make: Callable[..., Document], *given: Any) -> Document:
     """Return the document that a function makes of a result, with warnings of what is left out at its top.
 
     Where a function that it calls by name fails, it is run again with nothing in that one's place. What fails in the
     function itself is raised.
     """
-    left_out = dict[str, Callable[..., Any]]()
+    instead = dict[str, Callable[..., Any]]()
     warnings, first = list[str](), None
     while True:
         try:
-            made = _replacing(make, left_out)(result) if left_out else make(result)
+            made = _replacing(make, instead)(*given) if instead else make(*given)
             return replace(made, blocks=(Warnings(tuple(warnings)), *made.blocks)) if warnings else made
         except Exception as error:
             name, called = _called(make, error)
             first = first or error
-            if called is None or name in left_out:
+            if called is None or name in instead:
                 raise first from None
-            nothing = _nothing(called.__annotations__.get("return"), error)
+            kind = called.__annotations__.get("return")
+            if kind is Document:
+                instead[name] = partial(document_of, called)
+                continue
+            nothing = _nothing(kind, error)
             what = f"the part '{name.strip('_').replace('_', ' ')}'"
             attempted(what, partial(_fail, error), warnings.append)
-            left_out[name] = partial(_always, nothing)
+            instead[name] = partial(_always, nothing)
 
 
 def block_of(what: str, make: Callable[[], Any]) -> Block:
@@ -73,13 +77,13 @@ def _nothing(kind: Any, error: Exception) -> Any:
     raise error
 
 
-def _replacing(make: Callable[[Any], Document], others: dict[str, Callable[..., Any]]) -> Callable[[Any], Document]:
+def _replacing(make: Callable[..., Document], others: dict[str, Callable[..., Any]]) -> Callable[..., Document]:
     """Return a copy of a function that calls others in place of those of its module."""
     assert isinstance(make, FunctionType)
     return FunctionType(make.__code__, make.__globals__ | others, make.__name__, make.__defaults__, make.__closure__)
 
 
-def _called(make: Callable[[Any], Document], error: Exception) -> tuple[str, FunctionType | None]:
+def _called(make: Callable[..., Document], error: Exception) -> tuple[str, FunctionType | None]:
     """Return the first function that was called below ``make`` when an error was raised, and its name there."""
     codes, trace = [], error.__traceback__
     while trace is not None:

@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import FunctionType, ModuleType
 from typing import Any
 
 import pytest
@@ -100,19 +101,23 @@ def test_numbers_and_exit_code_are_those_without_a_drawing(written: Written) -> 
         assert f"{missing} is left out: RuntimeError: broken on purpose" in written.warned
 
 
-def parts_of(result: Result) -> list[str]:
-    """The functions that the document's own function calls, by their names there."""
+def parts_of(result: Result) -> list[tuple[ModuleType, str]]:
+    """The functions that the document's own function calls: module in which it finds them, and name there."""
     make = load_reference(result.shown_by)
-    names = {each.__code__: name for name, each in vars(sys.modules[make.__module__]).items() if callable_here(each)}
-    found = list[str]()
+    makers, found = {make.__code__}, list[tuple[ModuleType, str]]()
 
     def called(frame: Any, event: str, _: Any) -> None:
-        if event == "call" and frame.f_code in names:
-            above = frame.f_back
-            while above is not None and above.f_code.co_name.startswith("<"):
-                above = above.f_back
-            if above is not None and above.f_code is make.__code__:
-                found.append(names[frame.f_code])
+        above = frame.f_back
+        while above is not None and above.f_code.co_name.startswith("<"):
+            above = above.f_back
+        if event != "call" or above is None or above.f_code not in makers:
+            return
+        for name, each in above.f_globals.items():
+            if isinstance(each, FunctionType) and each.__code__ is frame.f_code:
+                if each.__annotations__.get("return") is doc.Document:
+                    makers.add(frame.f_code)  # one of several documents
+                else:
+                    found.append((sys.modules[above.f_globals["__name__"]], name))
 
     sys.setprofile(called)
     try:
@@ -122,17 +127,11 @@ def parts_of(result: Result) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def callable_here(each: Any) -> bool:
-    """Whether it is a plain function."""
-    return type(each) is type(broken)
-
-
 def test_each_part_of_a_document_that_fails_leaves_a_gap(written: Written, monkeypatch: pytest.MonkeyPatch) -> None:
     result = written.result
     monkeypatch.setattr("lab.render.charts.chart.inline_svg", lambda picture: "")
-    module = sys.modules[load_reference(result.shown_by).__module__]
     lost = list[bool]()
-    for name in parts_of(result):
+    for module, name in parts_of(result):
         with monkeypatch.context() as patch, pytest.warns(GapWarning, match="broken on purpose"):
             patch.setattr(module, name, like(getattr(module, name)))
             shown, printed = page.to_html(result.document()), result.summary()
