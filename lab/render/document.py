@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = [
     "EVERYWHERE", "NARROW", "PAGE", "RECORDING", "TERMINAL", "Badge", "Block", "Bullets", "Card", "Code", "Column",
     "Command", "Document", "Figure", "Inline", "Matrices", "Matrix", "Paragraph", "Picture", "Row", "Scene",
-    "Section", "Sparkline", "Strong", "Table", "Text", "Warnings", "capital", "digits_of", "fixed",
+    "Section", "Strong", "Table", "Text", "Warnings", "capital", "digits_of", "fixed",
     "format_magnification", "inlines", "plain", "plus_minus", "sentence", "short", "shown",
 ]  # fmt: skip
 
@@ -29,7 +29,6 @@ PAGE: Final[_Media] = frozenset({"page"})
 RECORDING: Final[_Media] = frozenset({"recording"})
 NARROW: Final[_Media] = TERMINAL | RECORDING
 EVERYWHERE: Final[_Media] = NARROW | PAGE
-_BLOCKS = "▁▂▃▄▅▆▇█"
 _NUMBER = re.compile(r"[+−±<>≈]? ?(\d[\d.,]*)(e[+−-]?\d+)?( (%|σ|mm|mrad|°))?|∞|–|")
 
 
@@ -55,29 +54,7 @@ class Badge:
     kind: Literal["good", "doubtful", "bad", "open"] = "open"
 
 
-@dataclass(frozen=True)
-class Sparkline:
-    """A curve as small as a word: sizes over time, and a limit.
-
-    Attributes:
-        points: place along the line and height of each, 0 to 1, in order.
-        limit: height of the limit; None without one.
-        label: what it shows, for those who do not see it.
-        kind: that of a badge: the colour of the last point.
-    """
-
-    points: tuple[tuple[float, float], ...]
-    limit: float | None
-    label: str
-    kind: Literal["good", "doubtful", "bad", "open"] = "open"
-
-    @property
-    def text(self) -> str:
-        """The heights as blocks."""
-        return "".join(_BLOCKS[min(int(height * len(_BLOCKS)), len(_BLOCKS) - 1)] for _, height in self.points)
-
-
-Inline = str | Code | Strong | Badge | Sparkline
+Inline = str | Code | Strong | Badge
 Text = Inline | tuple[Inline, ...]
 
 

@@ -26,7 +26,6 @@ __all__ = ["to_html"]
 _FEWEST_SECTIONS = 4  # of a page that has a table of contents and a glossary
 _MOST_ROWS = 15  # of a table that is not folded
 _MOST_WARNINGS = 3  # that are not folded
-_SPARK = (128, 28, 5)  # px: width and height of a sparkline, and its margin
 
 
 def to_html(document: doc.Document) -> str:
@@ -104,7 +103,6 @@ def _environment() -> Environment:
     environment.tests |= {
         "badge": lambda part: isinstance(part, doc.Badge),
         "code": lambda part: isinstance(part, doc.Code),
-        "sparkline": lambda part: isinstance(part, doc.Sparkline),
     }
     environment.globals |= {
         "light": style.PAGE_LIGHT,
@@ -113,7 +111,6 @@ def _environment() -> Environment:
         "sans": Markup(style.FONT_SANS),
         "mono": Markup(style.FONT_MONO),
     }
-    environment.filters["spark"] = _spark
     return environment
 
 
@@ -135,23 +132,6 @@ def _svg(picture: doc.Picture) -> Markup:
 
 def _gap(missing: str) -> Markup:
     return Markup('<p class="note">{}</p>').format(doc.sentence(missing))
-
-
-def _spark(line: doc.Sparkline) -> Markup:
-    wide, high, room = _SPARK
-    places = [(room + x * (wide - 2 * room), high - room - y * (high - 2 * room)) for x, y in line.points]
-    parts = [
-        Markup('<svg class="spark" viewBox="0 0 {} {}" role="img" aria-label="{}">').format(wide, high, line.label)
-    ]
-    if line.limit is not None:
-        at = high - room - line.limit * (high - 2 * room)
-        parts.append(Markup('<path class="limit" d="M0 {:.1f}H{}"/>').format(at, wide))
-    parts.append(Markup('<path d="M{}"/>').format("L".join(f"{x:.1f} {y:.1f}" for x, y in places)))
-    parts += [Markup('<circle cx="{:.1f}" cy="{:.1f}" r="1.8"/>').format(x, y) for x, y in places[:-1]]
-    parts += [
-        Markup('<circle class="{}" cx="{:.1f}" cy="{:.1f}" r="3.4"/>').format(line.kind, x, y) for x, y in places[-1:]
-    ]
-    return Markup("").join([*parts, Markup("</svg>")])
 
 
 def _scene_of(block: doc.Scene) -> tuple[Any, Markup]:

@@ -27,7 +27,6 @@ from lab.render.document import (
     Matrix,
     Paragraph,
     Section,
-    Sparkline,
     Strong,
     Table,
     Warnings,
@@ -112,18 +111,6 @@ def test_a_folded_table_shows_its_caption_first_and_all_rows_elsewhere() -> None
     assert "<details" in before and "first" in after and "second" in after
     assert "first" in rendered["terminal"] and "second" in rendered["recording"]
     assert "<summary>" not in render(Document("t", (replace(table, folded=False),)))["page"]
-
-
-def test_a_sparkline_is_a_picture_on_a_page_and_blocks_elsewhere() -> None:
-    line = Sparkline(((0.0, 0.0), (0.5, 0.5), (1.0, 1.0)), 0.75, "error <1 mm", "bad")
-    rendered = render(Document("t", (Table(("curve",), ((line,),)),)))
-    assert "▁▅█" in rendered["terminal"] and "▁▅█" in rendered["recording"] and "▅" not in rendered["page"]
-    page = rendered["page"].split("</style>")[1]
-    assert 'aria-label="error &lt;1 mm"' in page
-    limit = float(re.search(r'class="limit" d="M0 ([\d.]+)H', page)[1])
-    heights = [float(y) for y in re.findall(r'<circle [^>]*cy="([\d.]+)"', page)]
-    assert len(heights) == 3 and heights[0] > heights[1] > limit > heights[2]  # down the page
-    assert page.count('<circle class="bad"') == 1
 
 
 def test_a_card_is_paragraphs_where_there_is_no_page() -> None:

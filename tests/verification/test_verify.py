@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.drawing import nothing_drawn
 from helpers.robots import IRB120, data_file, somewhere
 from scipy import stats
 
+import lab
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import identify
 from lab.calibration.observation import observation_of
@@ -119,7 +121,7 @@ def test_the_worst_reading_is_the_one_without_which_least_is_left() -> None:
     without = verify(prediction, Observations(seen.inputs[part], seen.points[part], seen.whiten[part]), ("base",))
     assert reading.chi2 == pytest.approx(without.statistic, rel=1e-3)
     assert reading.p == pytest.approx(without.p, rel=1e-2) and without.test.tests == 2
-    assert found.moved == ("reading",) and "the reading of row 4 alone" in phrase(found.check)
+    assert found.moved == ("reading",) and reading.of == ("row 4",)
     assert reading.extent.shift_m == pytest.approx(np.sqrt(20) * 1e-4, abs=4e-5) and reading.parameters == 6
 
 
@@ -149,24 +151,29 @@ def test_p_values_are_uniform_where_nothing_has_changed(poses: int, tests: int) 
         assert 0.001 < np.mean(p < 0.01) < 0.025
 
 
-KINDS = {
-    "base": ({"base_x": 6e-5, "base_z": 8e-5}, ("base",), "base (or the instrument) has shifted by 0.099 ± 0.002 mm"),
-    "base turned": ({"base_rx": 2e-4, "base_ry": 2e-4}, ("base",), "base (or the instrument) has moved by"),
-    "tool": ({"tool_p1_x": 1e-4, "tool_p1_y": 2e-4}, ("tool",), "target p1 has moved on the tool by 0.22"),
-    "joint 2": ({"link2_theta": 1e-4}, ("joint",), "zero of joint 2 (q2) has moved by 0.099 ± 0.003 mrad"),
-    "joint 1": ({"link1_theta": 2e-4}, ("joint", "base"), "cannot decide whether the zero of joint 1"),
-    "joint 6": ({"link6_theta": 2e-3}, ("joint", "tool"), "or target p1 has moved"),
-    "two": ({"tool_p1_x": 2e-4, "link3_theta": 2e-4}, (), "more than one thing has changed; calibrate anew"),
+KINDS = {  # what moves, the kinds that explain it, and the shift (m) and turn (rad) of the best
+    "base": ({"base_x": 6e-5, "base_z": 8e-5}, ("base",), (1e-4, None)),
+    "base turned": ({"base_rx": 2e-4, "base_ry": 2e-4}, ("base",), (None, np.sqrt(8) * 1e-4)),
+    "tool": ({"tool_p1_x": 1e-4, "tool_p1_y": 2e-4}, ("tool",), (np.sqrt(5) * 1e-4, None)),
+    "joint 2": ({"link2_theta": 1e-4}, ("joint",), (None, 1e-4)),
+    "joint 1": ({"link1_theta": 2e-4}, ("joint", "base"), (None, 2e-4)),
+    "joint 6": ({"link6_theta": 2e-3}, ("joint", "tool"), (None, 2e-3)),
+    "two": ({"tool_p1_x": 2e-4, "link3_theta": 2e-4}, (), None),
 }
 
 
 @pytest.mark.parametrize("case", KINDS)
 def test_what_has_moved_is_named(case: str) -> None:
-    by, kinds, words = KINDS[case]
+    by, kinds, sizes = KINDS[case]
     prediction, truth = an_arm()
     found = verify(prediction, new_points(prediction, moved(prediction, truth, **by), 10))
     assert not found.good and found.p < 1e-6
-    assert set(found.moved) == set(kinds) and words in phrase(found.check), phrase(found.check)
+    assert set(found.moved) == set(kinds) and found.check.outcome == "failed" and phrase(found.check)
+    if sizes is not None:
+        best = next(each for each in found.hypotheses if each.kind == kinds[0])
+        parts = (best.extent.shift_m, best.extent.shift_std_m), (best.extent.turn_rad, best.extent.turn_std_rad)
+        for (size, std), real in zip(parts, sizes, strict=True):
+            assert real is None or (abs(size) == pytest.approx(real, abs=4 * std) and std < 0.1 * real)
     assert [each.bic for each in found.hypotheses] == sorted(each.bic for each in found.hypotheses)
 
 
@@ -177,7 +184,7 @@ def test_a_tool_of_three_targets_moves_as_one() -> None:
     after = np.concatenate([truth[:-9], (middle + shift + (places - middle) @ se3.exp(turn).T).ravel()])
     found = verify(prediction, new_points(prediction, after))
     best = found.hypotheses[0]
-    assert found.moved == ("tool",) and phrase(best.check).startswith("the tool has moved by 0.1")
+    assert found.moved == ("tool",)
     assert best.extent.shift_m == pytest.approx(1e-4, abs=4 * best.extent.shift_std_m)
     assert best.extent.turn_rad == pytest.approx(5e-3, abs=4 * best.extent.turn_std_rad)
     assert best.extent.turn_std_rad < 2e-4
@@ -211,7 +218,7 @@ def test_one_pose_notices_and_does_not_pretend_to_know_what() -> None:
     prediction, truth = an_arm()
     seen = new_points(prediction, moved(prediction, truth, link2_theta=1e-3), 1)
     found = verify(prediction, seen)
-    assert not found.good and len(found.moved) > 1 and "joint" in found.moved and "cannot decide" in phrase(found.check)
+    assert not found.good and len(found.moved) > 1 and "joint" in found.moved
     with pytest.raises(LabError, match="cannot place base anew"):
         verify(prediction, seen, ("base",))
 
@@ -253,13 +260,14 @@ REAL = perturbed_arm(IRB120, VirtualCampaign(seed=3))
 def runs(tmp_path_factory) -> Path:
     """The arm of seed 3: ``known``, ``estimated``, and ``rigid``, which lacks its compliance; and files of it."""
     folder = tmp_path_factory.mktemp("runs")
-    arm = ("calibrate", "--seed", "3", "--poses", "40", "--json", "--out")
-    soft = ("--stiffness-nm-per-rad", "1e5", "--payload-kg", "0,3")
-    assert main([*arm, str(folder / "known")]) == 0
-    assert main([*arm, str(folder / "rigid"), *soft]) == 0
-    assert main([*arm, str(folder / "soft"), *soft, "--model", "compliance"]) == 0
-    measurements = str(folder / "known" / "measurements.csv")
-    assert main(["identify", measurements, "--json", "--out", str(folder / "estimated")]) == 0
+    bends = lab.Effects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0))
+    given = {"seed": 3, "poses": 40, "no_recording": True}
+    with nothing_drawn():
+        known = lab.calibrate("irb120", **given)
+        known.save(folder / "known")
+        lab.calibrate("irb120", **given, effects=bends).save(folder / "rigid")
+        lab.calibrate("irb120", **given, effects=bends, model="compliance").save(folder / "soft")
+        lab.identify(known.measurements, robot="irb120", no_recording=True).save(folder / "estimated")
     effects = VirtualCampaign(seed=3).effects
     limp = perturbed_arm(IRB120, VirtualCampaign(seed=3, effects=replace(effects, stiffness_nm_per_rad=1e5)))
     data, shift = track_new(REAL), np.array([1e-4, 0, 0])
@@ -314,13 +322,6 @@ def test_the_command_says_good_or_what_has_moved(runs: Path, capsys) -> None:
     assert code == 0 and again["refit"]["base"]["shift_mm"] == pytest.approx(0.1, abs=0.02)
     code, new = checked(capsys, runs, "known", "ball.csv", "--refit", "tool")
     assert code == 0 and new["targets"] == ["ball"] and new["refit"] == {}
-
-
-def test_it_prints_for_a_person(runs: Path, capsys) -> None:
-    for file, says in (("good.csv", "the test detects in 95"), ("base.csv", "with --refit base")):
-        main(["verify", str(runs / "known"), str(runs / file), "--overwrite", "--out", str(runs / "shown")])
-        said = " ".join(capsys.readouterr().out.split())
-        assert says in said and "degrees of freedom" in said and "predicted" in said
 
 
 def test_the_noise_is_the_runs_unless_it_is_given(runs: Path, capsys) -> None:

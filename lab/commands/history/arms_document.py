@@ -184,13 +184,12 @@ def _badges(counts: Mapping[str, int]) -> list[doc.Inline]:
 
 def _arms(result: HistoryResult) -> tuple[doc.Table, ...]:
     """Tabulate the arms, those that need attention first; of many, the rest is folded."""
-    on_page = ("error, gate dashed", "error then", "slope, mm a year")  # a terminal has no room for these
+    on_page = ("error then", "slope, mm a year")  # a terminal has no room for these
     headings = (
-        "state", "arm", "error, gate dashed", "error now", "gate", "error then", "slope, mm a year", "calibrated",
-        "verified", "to do",
+        "state", "arm", "error now", "gate", "error then", "slope, mm a year", "calibrated", "verified", "to do"
     )  # fmt: skip
     columns = tuple(doc.Column(each, doc.PAGE if each in on_page else doc.EVERYWHERE) for each in headings)
-    rows = tuple(_row(arm, line) for arm, line in zip(result.arms, _sparklines(result), strict=True))
+    rows = tuple(map(_row, result.arms))
     if not any(arm.slope for arm in result.arms):
         at = headings.index("slope, mm a year")
         columns, rows = columns[:at] + columns[at + 1 :], tuple(row[:at] + row[at + 1 :] for row in rows)
@@ -201,7 +200,7 @@ def _arms(result: HistoryResult) -> tuple[doc.Table, ...]:
     )
 
 
-def _row(arm: ArmHistory, line: doc.Text) -> doc.Row:
+def _row(arm: ArmHistory) -> doc.Row:
     slope = arm.slope
     text = "–"
     if slope is not None:
@@ -210,7 +209,6 @@ def _row(arm: ArmHistory, line: doc.Text) -> doc.Row:
     return (
         doc.Badge(arm.state, KINDS.get(arm.state, "open")),
         doc.Code(arm.called),
-        line,
         short(arm.error_now_mm),
         "–" if arm.gate_mm is None else f"{arm.gate_mm:g}",
         short(arm.error_then_mm),
@@ -228,42 +226,12 @@ def _checked(check: DatedRun | None) -> str:
     return f"{check.on}" if check.verdict == "good" else f"{check.on} {check.verdict}"
 
 
-def _sparklines(result: HistoryResult) -> list[doc.Text]:
-    """Return the errors of each arm over time, all on one scale of the error over the gate; a dash for none."""
-    dated = [
-        [(each.on, each.error_mm, each.verdict) for each in arm.checks if each.on is not None and each.error_mm]
-        for arm in result.arms
-    ]
-    days = [on for own in dated for on, _, _ in own]
-    first, span = min(days, default=result.on), max((result.on - min(days, default=result.on)).days, 1)
-    gates = [
-        arm.gate_mm or max((size for _, size, _ in own), default=1.0)
-        for arm, own in zip(result.arms, dated, strict=True)
-    ]
-    ratios = [np.log(size / gate) for own, gate in zip(dated, gates, strict=True) for _, size, _ in own]
-    low, high = min([*ratios, -1.0]), max([*ratios, 0.5])
-    lines = list[doc.Text]()
-    for arm, own, gate in zip(result.arms, dated, gates, strict=True):
-        if not own:
-            lines.append("–")
-            continue
-        points = tuple(
-            ((on - first).days / span, float((np.log(size / gate) - low) / (high - low))) for on, size, _ in own
-        )
-        ends = f"{short(own[0][1], 'mm')} on {own[0][0]}, {short(own[-1][1], 'mm')} on {own[-1][0]}"
-        limit = None if arm.gate_mm is None else float(-low / (high - low))
-        beside = "" if arm.gate_mm is None else f"; gate {arm.gate_mm:g} mm"
-        lines.append(doc.Sparkline(points, limit, f"Error: {ends}{beside}", KINDS.get(own[-1][2], "open")))
-    return lines
-
-
 def _explained(result: HistoryResult) -> str:
     return (
         "The state is the verdict of the last verification of the last calibration, or of the calibration itself. "
-        f"An arm is due {counted(result.options.every_days, 'day')} after its last check, a bad one at once. The "
-        "curves are logarithmic, with one scale relative to the gate (dashed). Error then: at validation of the last "
-        f"calibration; now: at its last verification. The slope needs {FEWEST_CHECKS} verifications of one "
-        "calibration; its interval is 95 %."
+        f"An arm is due {counted(result.options.every_days, 'day')} after its last check, a bad one at once. Error "
+        "then: at validation of the last calibration; now: at its last verification. The slope needs "
+        f"{FEWEST_CHECKS} verifications of one calibration; its interval is 95 %."
     )
 
 

@@ -247,36 +247,6 @@ def test_the_page_shows_every_arm_and_its_checks(tmp_path: Path) -> None:
     assert [row[:2] for row in page.table("state")] == [["bad", "irb120 A-1"], ["good", "irb120 A-2"]]
 
 
-@pytest.mark.figures
-def test_the_curves_of_all_arms_have_one_scale_and_cross_the_gate_where_the_error_does(tmp_path: Path) -> None:
-    """Whatever the gates, each is at the same height; an arm without one has none."""
-    runs = tmp_path / "runs"
-    errors = {"low": (0.1, [0.02, 0.03]), "high": (0.1, [0.02, 0.3]), "fine": (0.01, [0.004, 0.02, 0.005])}
-    for serial, (gate, sizes) in errors.items():
-        run = calibrated(runs / serial / "c", "2026-01-10", serial=serial, mean=sizes[0], gate_mm=gate)
-        for i, size in enumerate(sizes[1:]):
-            verified(runs / serial / f"v{i}", run, f"2026-0{2 + i}-10", mean=size, good=size < gate)
-    calibrated(runs / "without", "2026-01-10", serial="without")
-    verified(runs / "strange", runs / "without", None)
-    result = lab.history(runs, on="2026-03-12", out=str(tmp_path / "out"))
-    (table, *_) = result.document().blocks[5].blocks
-    lines = {row[1].text.split()[-1]: row[2] for row in table.rows}
-    limits = {line.limit for serial, line in lines.items() if serial in errors}
-    assert len(limits) == 1 and lines["without"].limit is None
-    (limit,) = limits
-    for serial, (gate, sizes) in errors.items():
-        heights = [height for _, height in lines[serial].points]
-        assert [height > limit for height in heights] == [size > gate for size in sizes]
-        assert np.diff(heights) * np.diff(np.log(sizes)) == pytest.approx(
-            np.abs(np.diff(heights) * np.diff(np.log(sizes)))
-        )
-        assert all(0 <= each <= 1 for each in (*heights, *(at for at, _ in lines[serial].points)))
-    assert lines["high"].kind == "bad" and lines["fine"].kind == "good"
-    page = Page(tmp_path / "out" / "report.html")
-    assert page.tags.count("svg") == 4 + 2  # a curve for each arm, and two figures
-    assert page.table("state")[0][-1] == "calibrate again"
-
-
 def test_arms_are_in_the_order_of_what_needs_attention_and_say_what_to_do(tmp_path: Path) -> None:
     good = {"b": "2026-01-01", "a": "2026-01-20", "c": "2026-02-20"}
     other = {"d": ("2026-03-01", "bad"), "e": ("2026-02-02", "bad"), "f": ("2026-03-03", "doubtful")}

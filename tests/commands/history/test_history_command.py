@@ -135,7 +135,7 @@ def test_runs_that_cannot_be_compared_are_refused(dated_runs: Path) -> None:
     unfit = replace(second, fit=replace(second.fit, verdict=bad))
     with pytest.raises(LabError, match="the verdict of this run is 'bad'"):
         lab.history([first, unfit])
-    assert lab.history([first, unfit], force=True).exit_code == 1  # the arm's last calibration is bad
+    assert len(lab.history([first, unfit], force=True).arms[0].changes.dated) == 2
 
 
 @pytest.mark.parametrize(
