@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.campaigns import calibration, own_copy, run_of
 from helpers.drawing import nothing_drawn
 from helpers.robots import IRB120, data_file, somewhere
 from scipy import stats
@@ -261,13 +262,15 @@ def runs(tmp_path_factory) -> Path:
     """The arm of seed 3: ``known``, ``estimated``, and ``rigid``, which lacks its compliance; and files of it."""
     folder = tmp_path_factory.mktemp("runs")
     bends = lab.Effects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0))
-    given = {"seed": 3, "poses": 40, "no_recording": True}
+    for name, options in {
+        "known": {},
+        "rigid": {"effects": bends},
+        "soft": {"effects": bends, "model": "compliance"},
+    }.items():
+        own_copy(run_of(seed=3, poses=40, **options), folder / name)
     with nothing_drawn():
-        known = lab.calibrate("irb120", **given)
-        known.save(folder / "known")
-        lab.calibrate("irb120", **given, effects=bends).save(folder / "rigid")
-        lab.calibrate("irb120", **given, effects=bends, model="compliance").save(folder / "soft")
-        lab.identify(known.measurements, robot="irb120", no_recording=True).save(folder / "estimated")
+        rows = calibration(seed=3, poses=40).measurements
+        lab.identify(rows, robot="irb120", no_recording=True).save(folder / "estimated")
     effects = VirtualCampaign(seed=3).effects
     limp = perturbed_arm(IRB120, VirtualCampaign(seed=3, effects=replace(effects, stiffness_nm_per_rad=1e5)))
     data, shift = track_new(REAL), np.array([1e-4, 0, 0])
