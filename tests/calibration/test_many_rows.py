@@ -58,21 +58,6 @@ def test_a_fit_block_by_block_is_that_of_all_rows(request: pytest.FixtureRequest
     np.testing.assert_allclose(parts.unit_covariance(), whole.unit_covariance(), rtol=1e-6, atol=1e-20)
 
 
-def test_a_bent_step_is_the_same_block_by_block(monkeypatch: pytest.MonkeyPatch, request) -> None:
-    """Where every full step is refused, the path is that of damped ones."""
-    observed, start = seen(far=100.0)
-    problem = gauss_newton._Problem(ARM, observed, list(FREE), None)
-    here = problem.at(start)
-    step = np.linspace(-1e-2, 1e-2, len(FREE))
-    ahead = problem.residual(here.moved(list(FREE), 0.1 * step))
-    whole = problem.pull(here, step, ahead)
-    request.getfixturevalue("blocks")
-    there = problem.at(start)
-    assert there.jacobian is None and here.jacobian is not None
-    np.testing.assert_allclose(problem.pull(there, step, ahead), whole, rtol=1e-6)
-    np.testing.assert_allclose(there.triangle.T @ there.right, here.triangle.T @ here.right, rtol=1e-9)
-
-
 def test_statistics_block_by_block_are_those_of_all_rows(request: pytest.FixtureRequest) -> None:
     observed, start = seen()
     found = fit(ARM, observed, FREE, start)

@@ -150,17 +150,6 @@ def test_what_is_there_is_taken_and_nothing_else(parts: Components, kind: str) -
         assert [trial.kind for trial in trials if trial.taken] == [kind]
 
 
-@pytest.mark.thorough
-def test_variances_are_estimated_without_bias() -> None:
-    rng = np.random.default_rng(4)
-    of, parts = shapes(rng, 40), Components({"scatter": 2.0})
-    found = [best_components(problem(rng, of, drawn(rng, of, parts)), ("scatter",)) for _ in range(40)]
-    ratios = np.array([each.components["scatter"] * each.likelihood.scale for each in found])
-    assert ratios.mean() == pytest.approx(2.0, abs=4 * ratios.std() / np.sqrt(40))
-    scales = np.array([each.likelihood.scale for each in found])
-    assert scales.mean() == pytest.approx(1.0, abs=4 * scales.std() / np.sqrt(40))
-
-
 def test_independent_errors_share_nothing_at_the_level_of_the_test() -> None:
     rng = np.random.default_rng(5)
     of = shapes(rng, 20)

@@ -243,6 +243,7 @@ def indicators() -> lab.MeasurementSession:
     return lab.simulate("scara", observe="dial", instrument="dial-indicator", poses=60, seed=2)
 
 
+@pytest.mark.thorough
 def test_a_tool_that_indicators_do_not_show_makes_no_other_robot(indicators: lab.MeasurementSession) -> None:
     found = lab.identify(indicators.measurements, robot="scara", observe="dial", noise_mm=0.005)
     assert found.verdict.word != "bad"

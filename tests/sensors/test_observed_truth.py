@@ -35,6 +35,7 @@ def test_a_scaled_arm_touches_the_scaled_sockets(result: lab.CalibrationResult) 
     np.testing.assert_allclose(lengths[1], scale * lengths[0], rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_an_arm_with_a_slide_has_no_truth_at_another_size() -> None:
     """Its joint positions are lengths, which no scale of the links changes."""
     result = lab.calibrate("scara", observe="plane", poses=30, seed=1, instrument="exact")

@@ -34,6 +34,7 @@ def rows(study: Study, cell: int = 0) -> dict[str, Array]:
     return run_task(study, Task(cell, 0, study.robots), cell_poses(study, study.cells[cell]))
 
 
+@pytest.mark.thorough
 def test_a_campaign_alone_is_that_of_many_fitted_together() -> None:
     """Without weakly observable directions the automatic prior takes no part, so that both are least squares."""
     study = study_of(effects=("soft",), model=("compliance+harmonics",), prior=("off", "auto"))
@@ -99,6 +100,7 @@ def test_a_plan_s_poses_are_measured_as_they_are(tmp_path: Path) -> None:
     assert joints.shape == (30, 6) and np.allclose(joints[:, 5], 0.3)
 
 
+@pytest.mark.thorough
 def test_a_plan_s_payloads_are_at_its_poses(tmp_path: Path) -> None:
     """An arm that bends under its load is identified with these, and validated without."""
     plan = Path(plan_without_joint_6(tmp_path, still=False))

@@ -37,11 +37,11 @@ def test_joint_positions_are_whole_counts(tx40: Path) -> None:
 
 def test_the_identification_says_what_counts_make(tx40: Path) -> None:
     """Half a count, uniform, through the arm's own derivatives: what the points then miss by, and what is said."""
-    result = lab.calibrate(tx40, poses=60, seed=2, instrument="exact")
+    result = lab.calibrate(tx40, poses=40, seed=2, instrument="exact")
     said = next(warning for warning in result.warnings if "quantization of the encoders" in warning)
     size_mm = float(said.split("errors of ")[1].split(" mm")[0])
     lengths = np.linalg.norm(result.identification.residuals, axis=2)
-    freedom = 1 - result.identification.fit.rank / (3 * 60)
+    freedom = 1 - result.identification.fit.rank / (3 * 40)
     assert 1e3 * np.sqrt((lengths**2).mean() / freedom) == pytest.approx(size_mm, rel=0.2)
 
 
