@@ -102,7 +102,6 @@ _VIRTUAL_GROUPS = (
             "occlusion",
             "orientation_share",
             "fixtures",
-            "contact_share",
             "artefact_mm",
             *_SENSOR,
         ),

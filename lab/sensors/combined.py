@@ -605,11 +605,6 @@ def combined_sensor(names: tuple[str, ...]) -> type[CombinedSensor]:
         raise LabError(f"{option_name('observe')} {JOINED.join(names)}: name each sensor once")
     if {"points", "pose"} <= set(names):
         raise LabError(f"{option_name('observe')} {JOINED.join(names)}: poses hold the points too; leave points out")
-    if "self-contact" in names and {"points", "pose"} & set(names):  # else each point is fitted twice
-        raise LabError(
-            f"{option_name('observe')} {JOINED.join(names)}: self-contact reads measured points beside contacts; give "
-            "it alone"
-        )
     kinds = tuple(sorted(kinds, key=lambda kind: not kind.in_instrument_frame))
     terms, columns = [kind.terms for kind in kinds], [kind.columns for kind in kinds]
     in_frame = any(kind.in_instrument_frame for kind in kinds)
@@ -633,7 +628,7 @@ def combined_sensor(names: tuple[str, ...]) -> type[CombinedSensor]:
             observed=JOINED.join(names),
         ),
         "in_instrument_frame": in_frame,
-        "read_by": kinds[0].read_by or kinds[0].name,
+        "read_by": kinds[0].name,
         "setup": tuple(dict.fromkeys(name for kind in kinds for name in kind.setup)),
         "several_a_pose": any(kind.several_a_pose for kind in kinds),
         "finds_poses": any(kind.finds_poses for kind in kinds),

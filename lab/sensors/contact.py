@@ -58,15 +58,18 @@ class FixtureSimulation:
     rng: np.random.Generator
 
     @classmethod
-    def drawn(cls, sensor: str, poses: VirtualMeasurement, numbers: int, at: Array | None = None) -> Self:
-        """Draw the errors of an arm that is measured without a tracker, by so many ``numbers`` a row.
-
-        Args:
-            at: ``(n, 3)`` m, where an instrument reads a contact whose noise depends on the place.
+    def of_one_point(cls, sensor: str, poses: VirtualMeasurement, numbers: int) -> Self:
+        """Draw the errors of an arm that touches by one point, without a tracker, by so many ``numbers`` a row.
 
         Raises:
-            LabError: the robot has loops, or its effects move a tracker.
+            LabError: other targets than one ``p1`` are to be measured, the robot has loops, or its effects move a
+                tracker.
         """
+        if len(poses.targets) != 1 or point_of(poses.targets[0]) != POINT:
+            raise LabError(
+                f"{option_name('observe')} {sensor} is of one point of the tool, p1: leave out "
+                f"{option_name('targets')} {','.join(poses.targets)}"
+            )
         robot, rng, count = poses.robot, poses.rng, len(poses.joints)
         if not isinstance(robot, TrueOpenRobot):
             raise LabError(
@@ -82,25 +85,10 @@ class FixtureSimulation:
         scattering, failing, shaping = rng.spawn(3)
         scatter = effects.scatter(count, scattering)
         displaced, bad = effects.displacements(count, failing)
-        places = np.zeros((count, 1, numbers)) if at is None else at[:, None]
-        noise = poses.instrument.sample(places, rng, poses.readings) - places
+        noise = poses.instrument.sample(np.zeros((count, 1, numbers)), rng, poses.readings)
         noise = effects.shaped_noise(noise, shaping)[:, 0]
         conditions = {name: column for name, column in poses.conditions.items() if name != BUMPED}
         return cls(robot, poses.targets, conditions, noise, displaced, bad, scatter, rng.spawn(1)[0])
-
-    @classmethod
-    def of_one_point(cls, sensor: str, poses: VirtualMeasurement, numbers: int) -> Self:
-        """Draw them for an arm that touches by one point.
-
-        Raises:
-            LabError: as ``drawn``, or other targets than one ``p1`` are to be measured.
-        """
-        if len(poses.targets) != 1 or point_of(poses.targets[0]) != POINT:
-            raise LabError(
-                f"{option_name('observe')} {sensor} is of one point of the tool, p1: leave out "
-                f"{option_name('targets')} {','.join(poses.targets)}"
-            )
-        return cls.drawn(sensor, poses, numbers)
 
     def points(self, joints: Array) -> Array:
         """Return places ``(n, 3)`` m of the point at the joint positions of all rows, displaced if an outlier."""
@@ -140,29 +128,13 @@ class FixtureSimulation:
         def starts(number: int, missing: NDArray[np.int_]) -> Array:
             return self._starts(number, near[missing])
 
-        return self.joints_from(gap, starts, f"take another {option_name('seed')}, or fewer {option_name('fixtures')}")
-
-    def joints_from(
-        self,
-        gap: Callable[[Array, NDArray[np.int_]], Array],
-        starts: Callable[[int, NDArray[np.int_]], Array],
-        mend: str,
-    ) -> Array:
-        """Return joint positions ``(n, joints)`` in contact, within the limits and without a collision.
-
-        Args:
-            gap: as in ``joints_in_contact``.
-            starts: from the number of the round and the missing rows ``(m,)`` to joint positions ``(m, joints)``.
-            mend: what to do where some are not found.
-
-        Raises:
-            LabError: after all rounds some are not found.
-        """
         found, missing = self._touching(gap, starts, np.arange(len(self.scatter)), _ROUNDS)
         if not len(missing):
             return found
-        name = self.robot.robot.chain.name
-        raise LabError(f"robot {name} cannot touch in {len(missing)} of {len(found)} poses: {mend}")
+        raise LabError(
+            f"robot {self.robot.robot.chain.name} cannot touch in {len(missing)} of {len(found)} poses: take another "
+            f"{option_name('seed')}, or fewer {option_name('fixtures')}"
+        )
 
     def _starts(self, number: int, near: Array) -> Array:
         """Return joint positions ``(m, joints)`` to start from: random ones, and every other time around ``near``."""

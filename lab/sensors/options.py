@@ -83,8 +83,6 @@ class VirtualSetup:
     """Share of the poses whose orientation is measured, by chance; of the others the position alone."""
     fixtures: int = 4
     """How many anchors of a cable, locations of two sockets each, planes, indicators, or places of an artefact."""
-    contact_share: float = 0.5
-    """Share of the poses in which two tips of the robot touch each other; in the others points are measured."""
     artefact_mm: float = 200.0
     """Size of a simulated artefact: a cube's edges, the sides of a square of spheres, a ball bar's length."""
 

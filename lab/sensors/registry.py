@@ -27,7 +27,6 @@ SENSORS: Mapping[str, str] = {  # in the order of --help
     "cable": "lab.sensors.cable:CableSensor",
     "socket": "lab.sensors.socket:SocketSensor",
     "plane": "lab.sensors.plane:PlaneSensor",
-    "self-contact": "lab.sensors.self_contact:SelfContactSensor",
     "cube": "lab.sensors.cube:CubeSensor",
     "sphere-plate": "lab.sensors.sphere_plate:SpherePlateSensor",
     "ball-bar": "lab.sensors.ball_bar:BallBarSensor",

@@ -72,7 +72,6 @@ def test_two_sensors_together_are_better_than_each() -> None:
 def test_names_that_cannot_measure_together_are_refused() -> None:
     for names, said in (
         (("points", "points"), "name each sensor once"),
-        (("points", "self-contact"), "self-contact reads measured points beside contacts"),
         (("points", "pose"), "poses hold the points too"),
         (("points", "nothing"), "unknown"),
     ):
