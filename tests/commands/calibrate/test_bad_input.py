@@ -86,7 +86,7 @@ FITTING = [
     Case("config: no file named", f"{CALIBRATE} --config", ("--config", "config.json")),
     configured("not JSON", "poses: 3", "not JSON"),
     configured("a list", "[]", "is to be a group of options"),
-    configured("of another command", '{"command": "identify", "options": {}}', "lab identify"),
+    configured("of another command", '{"schema": 1, "command": "identify", "options": {}}', "lab identify"),
     configured("unknown option", '{"schema": 1, "options": {"pose": 12}}', "'pose'", "poses"),
     configured("wrong kind", '{"schema": 1, "options": {"poses": "many"}}', "'many'", "poses"),
     configured("wrong group", '{"schema": 1, "options": {"effects": 3}}', "'effects'"),
