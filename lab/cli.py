@@ -28,14 +28,14 @@ def main(arguments: "Sequence[str] | None" = None) -> int:
     try:
         if arguments is not None:
             return _ended(list(arguments))
-        from lab.commands.program import INTERRUPTED, interruptible, leave, plain_streams
+        from lab.commands.program import interruptible, leave, plain_streams
 
-        with interruptible():
+        with interruptible() as came:
             plain_streams()
             _drop_unusable_date()
             _only_our_warnings()
             code = _ended(sys.argv[1:])
-        if code == INTERRUPTED:
+        if came:
             leave(code)
         return code
     except KeyboardInterrupt:  # before there was anything to write, or while it was reported

@@ -21,7 +21,7 @@ __all__ = [
 ]  # fmt: skip
 
 DEFECT, INTERRUPTED = 70, 130  # exit codes: EX_SOFTWARE of sysexits.h; 128 + SIGINT
-_ENDING = ("SIGTERM", "SIGHUP")
+_ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 CLOSED = 0  # where the reader closed the output
 _LONGEST_LINE = 1000  # characters of a message: a name or a cell may have a million
 _ENCODING_ERRORS = "lab.plain"
@@ -118,11 +118,12 @@ def drop_output() -> None:
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
+def interruptible() -> Iterator[list[int]]:
     """Deliver an interruption within the block wherever it comes; ignore it after the block, as the program ends.
 
     A request to end (SIGTERM) and a closed terminal (SIGHUP) are interruptions too, unless the program that started
-    this one has them ignored, as nohup does.
+    this one has them ignored, as nohup does. The yielded list holds the signals that came: then the program ends by
+    ``leave``, as what was interrupted inside libraries is not safe to be taken down.
     """
     import _thread
     import signal
@@ -132,23 +133,29 @@ def interruptible() -> Iterator[None]:
         if was_interrupted(unraisable.exc_value):
             threading.Timer(0.01, _thread.interrupt_main).start()  # here it would be raised in vain, too
 
+    came = list[int]()
+
+    def stop(number: int, _: object) -> None:
+        came.append(number)
+        raise KeyboardInterrupt
+
     os.environ.setdefault("MUJOCO_GL", "disable")  # nothing opens a window; to look for one starts another process
     usual: Callable[[Any], Any] = sys.unraisablehook
     sys.unraisablehook = passed_on
     ending = [each for name in _ENDING if (each := getattr(signal, name, None))]  # Windows has no SIGHUP
-    ending = [each for each in ending if signal.getsignal(each) == signal.SIG_DFL]
+    ending = [each for each in ending if signal.getsignal(each) in (signal.SIG_DFL, signal.default_int_handler)]
     for each in ending:
-        signal.signal(each, signal.default_int_handler)
+        signal.signal(each, stop)
     try:
-        yield
+        yield came
     finally:
         sys.unraisablehook = usual
-        for each in (signal.SIGINT, *ending):
+        for each in ending:
             signal.signal(each, signal.SIG_IGN)
 
 
 def leave(code: int) -> NoReturn:
-    """End the program with this exit code: after an interruption inside ``exec`` Python would end by a signal."""
+    """End the program with this exit code, without taking anything down: libraries may have been left half-way."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError, AttributeError):
             stream.flush()
