@@ -29,6 +29,12 @@ position_mm = [420, 0, 450]
 DECLARED = {  # names of positions in each language
     "RAPID": r"CONST jointtarget (\w+):=", "FANUC": r"^P\[(\d+)\]\{", "JBI": r"^(C\d{5})=",
 }  # fmt: skip
+NAMED = {  # names of programs, where a controller finds them by the names of their files
+    "KRL": r"^DEF (\w+)\(\)",
+    "FANUC": r"^/PROG +(\w+)",
+    "VAL3": r'<Program name="(\w+)">',
+    "JBI": r"^//NAME (\w+)",
+}
 
 
 @pytest.fixture(scope="module")
@@ -43,12 +49,12 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> DesignResult:
     return made
 
 
-def programs(folder: Path, language: Language) -> Iterator[tuple[str, ProgramText]]:
+def programs(folder: Path, language: Language) -> Iterator[tuple[Path, str, ProgramText]]:
     """Each program of a plan's folder in the order of the tour, and what the lab's reader finds in it."""
     for path in sorted(folder.glob(f"*{language.suffix}")):
         outside = Outside({"TOOL[0]": (0.0,) * 6} if language.name == "JBI" else {})
         text = path.read_bytes().decode("ascii")
-        yield text, read_program(path, text, IRB120.chain, language.name.lower(), outside)[1]
+        yield path, text, read_program(path, text, IRB120.chain, language.name.lower(), outside)[1]
 
 
 def expected(language: Language, rows: Measurements) -> Array:
@@ -68,8 +74,13 @@ def test_a_program_drives_to_the_rows_of_its_plan(language: Language, plan: Desi
     rows = read_measurements(tmp_path / "plan.csv", IRB120.chain.joint_names, IRB120.chain.prismatic, points=False)
     assert {"1_2", "12"} < set(rows.ids) and any(name.startswith("via") for name in rows.ids)
     reached = list[Array]()
-    for text, found in programs(tmp_path, language):
+    read = list(programs(tmp_path, language))
+    assert len(read) == plan.payload_changes + 1
+    for path, text, found in read:
         assert not found.uncorrected
+        if language.name in NAMED:
+            name = re.search(NAMED[language.name], text.replace("\r\n", "\n"), re.MULTILINE)
+            assert name is not None and name[1].lower() == re.sub(r"\W", "_", path.stem).lower()
         if language.name in DECLARED:
             names = [name.lower() for name in re.findall(DECLARED[language.name], text, re.MULTILINE)]
             assert names and len(set(names)) == len(names)
@@ -95,22 +106,3 @@ def test_names_of_a_module_differ_for_any_ids() -> None:
     reached = np.array([found.targets[move.target].joints for move in found.moves])
     np.testing.assert_allclose(reached, stops, atol=1e-8)
     assert "pose012," in text and "pose001_2," in text
-
-
-NAMED = {
-    "KRL": r"^DEF (\w+)\(\)",
-    "FANUC": r"^/PROG +(\w+)",
-    "VAL3": r'<Program name="(\w+)">',
-    "JBI": r"^//NAME (\w+)",
-}
-
-
-@pytest.mark.parametrize("language", [each for each in languages() if each.name in NAMED], ids=lambda each: each.name)
-def test_a_program_has_the_name_of_its_file(language: Language, plan: DesignResult, tmp_path: Path) -> None:
-    """Controllers of these languages find a program by the name of its file."""
-    replace(plan, options=replace(plan.options, controller=language.name.lower())).write_files(tmp_path)
-    files = sorted(tmp_path.glob(f"*{language.suffix}"))
-    assert len(files) == (plan.payload_changes + 1)
-    for path in files:
-        found = re.search(NAMED[language.name], path.read_bytes().decode("ascii").replace("\r\n", "\n"), re.MULTILINE)
-        assert found is not None and found[1].lower() == re.sub(r"\W", "_", path.stem).lower()
