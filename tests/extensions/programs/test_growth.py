@@ -5,6 +5,7 @@ No clock is read. A reader whose work grows with the square of the length takes 
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 
@@ -137,7 +138,11 @@ def test_twice_the_targets_take_twice_the_calls(language: str) -> None:
     assert calls(language, 200) < 2.2 * calls(language, 100)
 
 
-def test_more_frames_than_a_controller_keeps_are_refused() -> None:
-    lines = "".join(f"TOOL_DATA[{i}]={{X 0,Y 0,Z {i},A 0,B 0,C 0}}\n" for i in range(PROGRAM_FRAMES.most + 1))
+def test_more_frames_than_a_controller_keeps_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "lab.formats.programs.program_text.PROGRAM_FRAMES", replace(PROGRAM_FRAMES, most=4)
+    )  # one is NULLFRAME
+    lines = [f"TOOL_DATA[{i}]={{X 0,Y 0,Z {i},A 0,B 0,C 0}}\n" for i in range(4)]
+    read("krl", f"DEF m()\n{''.join(lines[:3])}END\n")
     with pytest.raises(LabError, match="tools and bases of a program are too many"):
-        read("krl", f"DEF m()\n{lines}END\n")
+        read("krl", f"DEF m()\n{''.join(lines)}END\n")
