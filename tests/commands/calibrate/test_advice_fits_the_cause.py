@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.campaigns import session
 
 import lab
 from lab.commands.calibrate.run import CalibrationResult
@@ -90,17 +91,29 @@ def test_where_scatter_cannot_be_told_from_the_arm_the_intervals_are_those_of_wh
     assert not any("cluster-robust" in words for words in told.to_dict()["warnings"])
 
 
+WRONG = {
+    "wrong unit: the points are in inches where mm are expected": lambda day: replace(day, points=day.points / 25.4),
+    "wrong unit: the joint positions are in radians": lambda day: replace(day, joints=np.deg2rad(day.joints)),
+    "the points are mirrored": lambda day: replace(day, points=day.points[..., [1, 0, 2]]),
+    "for any base and tool: wrong rows": lambda day: replace(day, points=np.roll(day.points, 1, axis=0)),
+}
+
+
+SOON = "the points are mirrored"  # the others with -m slow: searches among nonsense take long
+
+
 @pytest.mark.thorough
-def test_numbers_in_another_unit_or_of_other_poses_are_the_first_reason() -> None:
-    day = lab.simulate("irb120", seed=3, poses=40, instrument="uniform-8um").measurements
-    cases = {
-        "wrong unit: the points are in inches where mm are expected": replace(day, points=day.points / 25.4),
-        "wrong unit: the joint positions are in radians": replace(day, joints=np.deg2rad(day.joints)),
-        "the points are mirrored": replace(day, points=day.points[..., [1, 0, 2]]),
-        "for any base and tool: wrong rows": replace(day, points=np.roll(day.points, 1, axis=0)),
-    }
-    for says, data in cases.items():
-        found = lab.identify(data, robot="irb120", instrument="uniform-8um", holdout=0.3).to_dict()
-        assert found["verdict"] == "bad" and says in found["reasons"][0]
-    gated = lab.identify(day, robot="irb120", instrument="uniform-8um", holdout=0.3, gate_mm=0.001).to_dict()
+@pytest.mark.parametrize(
+    "says", [SOON, *(pytest.param(each, marks=pytest.mark.slow) for each in WRONG if each != SOON)]
+)
+def test_numbers_in_another_unit_or_of_other_poses_are_the_first_reason(says: str) -> None:
+    day = session(seed=3, poses=40, instrument="uniform-8um").measurements
+    found = lab.identify(WRONG[says](day), instrument="uniform-8um").to_dict()
+    assert found["verdict"] == "bad" and says in found["reasons"][0]
+
+
+@pytest.mark.thorough
+def test_an_error_above_the_gate_is_the_first_reason() -> None:
+    day = session(seed=3, poses=40, instrument="uniform-8um").measurements
+    gated = lab.identify(day, instrument="uniform-8um", gate_mm=0.001).to_dict()
     assert gated["verdict"] == "bad" and "above the gate" in gated["reasons"][0]
