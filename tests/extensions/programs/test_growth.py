@@ -139,10 +139,8 @@ def test_twice_the_targets_take_twice_the_calls(language: str) -> None:
 
 
 def test_more_frames_than_a_controller_keeps_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "lab.formats.programs.program_text.PROGRAM_FRAMES", replace(PROGRAM_FRAMES, most=4)
-    )  # one is NULLFRAME
-    lines = [f"TOOL_DATA[{i}]={{X 0,Y 0,Z {i},A 0,B 0,C 0}}\n" for i in range(4)]
-    read("krl", f"DEF m()\n{''.join(lines[:3])}END\n")
-    with pytest.raises(LabError, match="tools and bases of a program are too many"):
-        read("krl", f"DEF m()\n{''.join(lines)}END\n")
+    monkeypatch.setattr("lab.formats.programs.program_text.PROGRAM_FRAMES", replace(PROGRAM_FRAMES, most=9))
+    lines = [f"TOOL_DATA[{i}]={{X 0,Y 0,Z {i},A 0,B 0,C 0}}\n" for i in range(1, 11)]
+    for some, words in ((lines[:3], "none is there"), (lines, "tools and bases of a program are too many")):
+        with pytest.raises(LabError, match=words):
+            read("krl", f"DEF m()\n{''.join(some)}END\n")
