@@ -484,7 +484,6 @@ def trajectory(
     blend_deg: float | None = None,
     speeds: Sequence[float] = ...,
     accelerations: Sequence[float] = ...,
-    jerks: Sequence[float] = ...,
     feed_mm_s: float = 250.0,
     feed_mm_s2: float = 2000.0,
     turn_deg_s: float = 90.0,

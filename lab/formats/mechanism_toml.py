@@ -20,7 +20,6 @@ from lab.formats.robot_toml import (
     RATES,
     JointSection,
     Section,
-    jerks_of,
     quoted,
     read_base,
     read_height,
@@ -37,7 +36,7 @@ from lab.kinematics.parameter import is_reserved_owner
 __all__ = ["MECHANISM_TOML", "MechanismFile", "read_mechanism", "write_mechanism"]
 
 _TOP_KEYS = ("name", "height_mm", "joint", "frame", "rod", "pin", "platform", "tool", "base")
-_OF_JOINT = "name, type, sign, lower and upper with _deg or _rad (of a slide _mm or _m), speed, acceleration, jerk"
+_OF_JOINT = "name, type, sign, lower and upper with _deg or _rad (of a slide _mm or _m), speed, acceleration"
 _OF_STEP = "one of x, y, z with _mm or _m, rx, ry, rz with _deg or _rad; and joint, passive or exact"
 _GROUND = "base"
 _RESERVED = ("world", "tracker", "floor")  # names in the virtual robot's model
@@ -67,7 +66,7 @@ def read_mechanism(path: Path) -> MechanismFile:
         if "." in name or name in _RESERVED:
             raise LabError(f"{path}: {name} cannot be a joint's or a target's name; choose one without a dot")
     limits = [joint.limits(warnings) for joint in joints]
-    speed, acceleration, jerk = (np.array([joint.rate(name) for joint in joints]) for name in RATES)
+    speed, acceleration = (np.array([joint.rate(name) for joint in joints]) for name in RATES)
     sign = np.array([joint.sign() for joint in joints])
     for joint in joints:
         joint.refuse_the_rest(_OF_JOINT)
@@ -82,7 +81,6 @@ def read_mechanism(path: Path) -> MechanismFile:
             upper=np.array([high for _, high in limits]),
             speed=speed,
             acceleration=acceleration,
-            jerk=jerks_of(jerk),
             tree=reader.tree(document),
         )
         if not mechanism.tree.passive:

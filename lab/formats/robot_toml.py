@@ -37,7 +37,6 @@ __all__ = [
     "Section",
     "described_links",
     "is_mechanism",
-    "jerks_of",
     "links_of",
     "quoted",
     "read_base",
@@ -51,7 +50,7 @@ __all__ = [
 
 ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 LENGTHS = {"m": 1.0, "mm": 1e-3}
-RATES = {"speed": "per_s", "acceleration": "per_s2", "jerk": "per_s3"}
+RATES = {"speed": "per_s", "acceleration": "per_s2"}
 
 
 class Section:
@@ -123,7 +122,7 @@ class JointSection(Section):
         self.prismatic = kind == "prismatic"
 
     def rate(self, quantity: str) -> float:
-        """Return the limit of speed, acceleration or jerk, or NaN."""
+        """Return the limit of speed or acceleration, or NaN."""
         units = LENGTHS if self.prismatic else ANGLES
         return self.positive(quantity, {f"{unit}_{RATES[quantity]}": factor for unit, factor in units.items()})
 
@@ -205,11 +204,6 @@ def read_tool(path: Path, section: Any) -> dict[str, Array]:
             raise LabError(f"{path}: [tool] {name} is {point!r}; give three numbers in metres, [x, y, z]")
         tool[str(name)] = np.array(point, dtype=np.float64)
     return tool
-
-
-def jerks_of(rates: Array) -> Array | None:
-    """Return limits of jerk ``(n,)``, infinite for NaN; None without any."""
-    return None if np.isnan(rates).all() else np.where(np.isnan(rates), np.inf, rates)
 
 
 def quoted(text: str) -> str:
@@ -328,7 +322,7 @@ _QUANTITIES = {"theta": ANGLES, "alpha": ANGLES, "beta": ANGLES, "d": LENGTHS, "
 _TURNED = 1e-9  # of a rotation's elements
 _TABLE_KEYS = (
     "name, type, sign, theta_deg, d_mm, a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg or _rad "
-    "(of a slide _mm or _m), speed with _per_s, acceleration with _per_s2 and jerk with _per_s3 after that, torque_nm "
+    "(of a slide _mm or _m), speed with _per_s, acceleration with _per_s2 after that, torque_nm "
     "(force_n), mass_kg"
 )
 _TOP_KEYS = {
@@ -383,7 +377,7 @@ def read_table(path: Path) -> RobotTable:
         if table[i, 4] != 0 and not parallel[i]:
             raise LabError(f"{reader.where}: beta is for links between nearly parallel axes; leave it out")
     signs = np.array([reader.sign() for reader in readers])
-    speed, acceleration, jerk = (np.array([reader.rate(name) for reader in readers]) for name in RATES)
+    speed, acceleration = (np.array([reader.rate(name) for reader in readers]) for name in RATES)
     mass_kg = np.array([reader.positive("mass", {"kg": 1.0}) for reader in readers])
     torque = np.array([reader.torque() for reader in readers])
     for reader in readers:
@@ -400,7 +394,6 @@ def read_table(path: Path) -> RobotTable:
         upper=np.array([high for _, high in limits]),
         speed=speed,
         acceleration=acceleration,
-        jerk=jerks_of(jerk),
         parallel=tuple(parallel),
     )
     if "corrections" in document:
@@ -430,7 +423,7 @@ def _corrected(path: Path, chain: Chain, file: Any) -> Chain:
     axes = JointAxes(at[:, :3, 3], at[:, :3, 2] * chain.sign[:, None], np.zeros((0, 3)))
     limits = (chain.lower, chain.upper, chain.speed, chain.acceleration)
     found, _ = chain_from_axes(chain.name, chain.joint_names, chain.prismatic, axes, np.eye(4), last, limits)
-    return replace(found, jerk=chain.jerk)
+    return found
 
 
 def _place(path: Path, document: Mapping[str, Any]) -> Array | None:

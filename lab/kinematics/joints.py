@@ -64,7 +64,6 @@ class JointSpec:
         speed, acceleration: ``(n,)`` limits, rad or m per s or s^2; NaN if unknown.
         given_home: ``(n,)`` home joint positions, if given.
         encoders: None for ideal ones.
-        jerk: ``(n,)`` limits, rad or m per s^3, infinite for a joint without a limit; None without any.
         gear_ratio: ``(n,)`` turns of each motor per turn of its joint (rad per m of a slide), or None.
     """
 
@@ -79,7 +78,6 @@ class JointSpec:
     given_home: Array | None = None
     encoders: Encoders | None = None
     gear_ratio: Array | None = None
-    jerk: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)

@@ -97,7 +97,6 @@ COMMANDS: Mapping[str, str] = {
     "kinematics, rates": "kinematics irb120 --joints 0,30,-40,0,60,0 --rates 10,0,0,0,0,0 --frame tool",
     "workspace": "workspace carrier/spherical scara --places 2000",
     "trajectory": "trajectory {inputs}/goals.csv --robot irb120",
-    "trajectory, jerks": "trajectory {inputs}/goals.csv --robot irb120 --jerks 5000",
     "reproduce thesis": "reproduce thesis",
     "reproduce elastic": "reproduce elastic",
     "reproduce course": "reproduce course",

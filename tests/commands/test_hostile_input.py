@@ -298,8 +298,6 @@ COMMAND_LINES = (
     "trajectory moves.csv --robot arm.toml --step-ms 1e-9",
     "trajectory moves.csv --robot arm.toml --speeds 1e-12",
     "trajectory moves.csv --robot arm.toml --speeds 0",
-    "trajectory moves.csv --robot arm.toml --jerks 1e-12",
-    "trajectory moves.csv --robot arm.toml --jerks nan",
     "trajectory moves.csv --robot arm.toml --controller rapids",
     "trajectory moves.csv --robot arm.toml --speeds nan",
     "trajectory moves.csv --robot arm.toml --accelerations 1,2",

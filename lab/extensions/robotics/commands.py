@@ -16,7 +16,7 @@ _KINEMATICS_GROUPS = (
 )
 _TRAJECTORY_GROUPS = (
     OptionGroup("robot and cell", ("robot", "run", "cell"), ("tool_mm", "payload_kg", "load", "no_check")),
-    OptionGroup("joint motion", ("law", "speeds", "accelerations"), ("jerks", "blend_mm", "blend_deg", "step_ms")),
+    OptionGroup("joint motion", ("law", "speeds", "accelerations"), ("blend_mm", "blend_deg", "step_ms")),
     OptionGroup("lines and circles", ("feed_mm_s", "feed_mm_s2"), ("turn_deg_s", "orientation")),
     OptionGroup("program", ("controller",), ("force", "accept_edited")),
 )

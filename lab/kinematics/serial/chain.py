@@ -55,7 +55,6 @@ class Chain(JointSpec):
             name=self.name, convention=self.convention, joint_names=self.joint_names[cut],
             prismatic=self.prismatic[cut], table=self.table[cut], sign=self.sign[cut], lower=self.lower[cut],
             upper=self.upper[cut], speed=self.speed[cut], acceleration=self.acceleration[cut], parallel=(True,) * size,
-            jerk=None if self.jerk is None else self.jerk[cut],
         )  # fmt: skip
 
     def joins_parallel_axes(self, i: int) -> bool:

@@ -1,9 +1,7 @@
-"""Velocity profiles of joints, and trajectories in phases of constant acceleration or jerk.
+"""Velocity profiles of joints, and trajectories in phases of constant acceleration.
 
 End speeds need not be zero. For one joint the results agree with those of Berscheid & Kroeger (2021, ruckig) without a
-limit of jerk, for several at rest with Khalil & Dombre (2002, chapter 13). A double S changes the speed by d in |d| / a
-+ a / j seconds if it reaches the acceleration a, else in 2 sqrt(|d| / j) (Biagiotti & Melchiorri 2008, section 3.4).
-Lengths are in rad or m, times in s.
+limit of jerk, for several at rest with Khalil & Dombre (2002, chapter 13). Lengths are in rad or m, times in s.
 """
 
 import math
@@ -11,10 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -27,7 +23,6 @@ __all__ = [
     "Axis",
     "Span",
     "Trajectory",
-    "change_seconds",
     "check_rates",
     "check_within",
     "joined",
@@ -36,40 +31,10 @@ __all__ = [
     "quickest_ramps",
     "rest_to_rest",
     "rest_to_rest_seconds",
-    "rounding_seconds",
-    "shortest_changes",
     "stretches_and_blends",
 ]
 
 TINY = 1e-300  # replaces a zero divisor
-
-
-def change_seconds(change: float, acceleration: float, jerk: float) -> float:
-    """Return the shortest duration of a change of speed, without acceleration at its ends."""
-    size = abs(change)
-    if size * jerk >= acceleration**2 or math.isinf(jerk):
-        return size / acceleration + acceleration / jerk if size else 0.0
-    return 2 * math.sqrt(size / jerk)
-
-
-def rounding_seconds(ramp: Array | float, jerks: Array | float) -> Array:
-    """Return the duration of the jerk in changes of speed that take ``ramp`` ``(m,)`` s.
-
-    Args:
-        jerks: ``(m,)`` largest |d| / j of the joints, s^2.
-    """
-    return np.asarray(0.5 * (ramp - np.sqrt(np.maximum(np.square(ramp) - 4 * np.asarray(jerks), 0.0))))
-
-
-def shortest_changes(pulls: Array, jerks: Array) -> Array:
-    """Return the shortest durations ``(m,)`` of common changes of speed.
-
-    Args:
-        pulls: ``(m,)`` largest |d| / a, s.
-        jerks: ``(m,)`` largest |d| / j, s^2.
-    """
-    reached = jerks <= pulls**2
-    return np.where(reached, pulls + jerks / np.maximum(pulls, TINY), 2 * np.sqrt(jerks))
 
 
 SLACK = 1e-13  # relative tolerance of limits and durations for rounding
@@ -160,11 +125,7 @@ class Axis:
         return self.rest / spare if spare > 0 else upper
 
 
-class _OfDurations(Protocol):
-    def spans(self) -> list[Span]: ...
-
-
-def possible_spans(axes: Sequence[_OfDurations]) -> list[Span]:
+def possible_spans(axes: Sequence[Axis]) -> list[Span]:
     """Return the durations that are possible for all joints, ascending; the last span has no end."""
     each, found = [axis.spans() for axis in axes], list[Span]()
     for seconds in sorted(low for spans in each for low, _ in spans):
@@ -185,14 +146,13 @@ def lasts(spans: Sequence[Span], seconds: float) -> bool:
     return _end(spans, seconds) >= 0
 
 
-def check_rates(names: Sequence[str], speed: Array, acceleration: Array, jerk: Array | None = None) -> None:
-    """Refuse limits ``(n,)`` that are not above zero, or not finite; a jerk may be infinite."""
-    limits = (("speed", speed), ("acceleration", acceleration), *([] if jerk is None else [("jerk", jerk)]))
-    for what, rates in limits:
+def check_rates(names: Sequence[str], speed: Array, acceleration: Array) -> None:
+    """Refuse limits ``(n,)`` that are not above zero, or not finite."""
+    for what, rates in (("speed", speed), ("acceleration", acceleration)):
         if np.shape(rates) != (len(names),):
             raise LabError(f"largest {what}s have shape {np.shape(rates)}: give one for each of {len(names)} joints")
         for name, rate in zip(names, rates, strict=True):
-            if not (0 < rate < math.inf or (what == "jerk" and rate == math.inf)):
+            if not 0 < rate < math.inf:
                 raise LabError(f"joint {name}: its largest {what} is {rate:g}; give a finite one above zero")
 
 
@@ -272,7 +232,7 @@ def _roots(a: Array, b: Array, c: Array) -> Array:
 
 
 def stretches_and_blends(
-    moved: Array, allowed: Array | float, speed: Array, acceleration: Array, jerk: Array | None = None
+    moved: Array, allowed: Array | float, speed: Array, acceleration: Array
 ) -> tuple[Array, Array]:
     """Plan a move near via points from rest to rest: stretches of constant velocity V, joined by parabolic blends.
 
@@ -283,17 +243,16 @@ def stretches_and_blends(
     Args:
         moved: ``(m - 1, n)`` between the points, no row zero.
         allowed: errors at the via points ``(n,)``, or one for all.
-        speed, acceleration, jerk: limits ``(n,)``; with jerk a blend is a double S.
+        speed, acceleration: limits ``(n,)``.
 
     Returns:
         dV ``(m, n)`` of the blends; and durations ``(2 m - 1,)``, of blends and stretches in turns.
     """
     far = np.abs(moved)
-    least = np.full(len(speed), math.inf) if jerk is None else jerk
     lasting = (far / speed).max(axis=1)  # from the middle of a blend to that of the next, (m - 1,)
     for _ in range(_ROUNDS):
         changes, longest = _blends(moved, lasting, allowed)
-        slower = _slower(changes, longest, acceleration, least)
+        slower = _slower(changes, longest, acceleration)
         pace = (far / acceleration).max(axis=1) / lasting
         before, after = np.append(0.0, pace), np.append(pace, 0.0)
         lasting *= np.maximum(
@@ -301,26 +260,23 @@ def stretches_and_blends(
             np.where(before >= after, slower, 1.0)[1:],
         )
     changes, longest = _blends(moved, lasting, allowed)
-    lasting *= _slower(changes, longest, acceleration, least).max()
+    lasting *= _slower(changes, longest, acceleration).max()
     changes, blends = _blends(moved, lasting, allowed)
-    blends[[0, -1]] = shortest_changes(*_hardest(changes, acceleration, least))[[0, -1]]
+    blends[[0, -1]] = _shortest(changes, acceleration)[[0, -1]]
     durations = np.zeros(2 * len(blends) - 1)
     durations[::2], durations[1::2] = blends, np.maximum(lasting - 0.5 * (blends[:-1] + blends[1:]), 0.0)
     return changes, durations
 
 
-def _slower(changes: Array, longest: Array, acceleration: Array, jerk: Array) -> Array:
+def _slower(changes: Array, longest: Array, acceleration: Array) -> Array:
     """Return the factors k, at least 1, of slower blends ``(m,)``: the change is dV / k, in at most k ``longest``."""
-    pulls, jerks = _hardest(changes, acceleration, jerk)
-    part = jerks / np.maximum(pulls, TINY)
-    reaching = (part + np.sqrt(part**2 + 4 * longest * pulls)) / (2 * longest)
-    found = np.where(reaching * jerks <= pulls**2, reaching, np.cbrt(4 * jerks / longest**2))
-    return np.asarray(np.maximum(found, 1.0))
+    reaching = np.sqrt(4 * longest * _shortest(changes, acceleration)) / (2 * longest)
+    return np.asarray(np.maximum(reaching, 1.0))
 
 
-def _hardest(changes: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
-    """Return the largest |dV| / a and |dV| / j of blends ``(m, n)``, ``(m,)`` each."""
-    return (np.abs(changes) / acceleration).max(axis=1), (np.abs(changes) / jerk).max(axis=1)
+def _shortest(changes: Array, acceleration: Array) -> Array:
+    """Return the shortest durations ``(m,)`` of blends ``(m, n)``: the largest |dV| / a."""
+    return np.asarray((np.abs(changes) / acceleration).max(axis=1))
 
 
 def _blends(moved: Array, lasting: Array, allowed: Array | float) -> tuple[Array, Array]:
@@ -339,40 +295,32 @@ EXACT = 1e-9  # rad or m, or per s: tolerance of limits and of joined ends
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Trajectory of n joints in m phases of constant jerk.
+    """Trajectory of n joints in m phases of constant acceleration.
 
     Attributes:
         durations: ``(m,)`` s.
-        accelerations: ``(m, n)`` rad/s^2 or m/s^2 at the start of each phase.
+        accelerations: ``(m, n)`` rad/s^2 or m/s^2.
         start: ``(n,)`` joint positions, rad or m.
         start_speed: ``(n,)`` rad/s or m/s.
-        jerks: ``(m, n)`` rad/s^3 or m/s^3; None where accelerations are constant and change at once.
     """
 
     durations: Array
     accelerations: Array
     start: Array
     start_speed: Array
-    jerks: Array | None = None
 
     def __post_init__(self) -> None:
         shape = (len(self.durations), len(self.start))
-        assert self.accelerations.shape == self.jerk.shape == shape and self.start_speed.shape == shape[1:]
+        assert self.accelerations.shape == shape and self.start_speed.shape == shape[1:]
         assert (self.durations >= 0).all() and np.isfinite(self.durations).all()
-        parts = (self.accelerations, self.jerk, self.start, self.start_speed)
-        assert all(np.isfinite(values).all() for values in parts)
-
-    @property
-    def jerk(self) -> Array:
-        """Jerks ``(m, n)``, zero for constant accelerations."""
-        return np.zeros_like(self.accelerations) if self.jerks is None else self.jerks
+        assert all(np.isfinite(values).all() for values in (self.accelerations, self.start, self.start_speed))
 
     @cached_property
     def knots(self) -> tuple[Array, Array, Array]:
         """Times ``(m + 1,)``, joint positions and speeds ``(m + 1, n)`` between the phases and at the ends."""
-        each, a, j = self.durations[:, None], self.accelerations, self.jerk
-        speeds = np.cumsum(np.vstack([self.start_speed, (a + 0.5 * j * each) * each]), axis=0)
-        moves = (speeds[:-1] + (0.5 * a + j * each / 6) * each) * each
+        each, a = self.durations[:, None], self.accelerations
+        speeds = np.cumsum(np.vstack([self.start_speed, a * each]), axis=0)
+        moves = (speeds[:-1] + 0.5 * a * each) * each
         return np.append(0.0, np.cumsum(self.durations)), np.cumsum(np.vstack([self.start, moves]), axis=0), speeds
 
     @property
@@ -391,39 +339,20 @@ class Trajectory:
         return np.asarray(self.knots[2][-1])
 
     @property
-    def peak_speed(self) -> Array:
-        """Largest magnitudes ``(n,)`` of the speeds."""
-        speeds = self.knots[2]
-        v, a, j = speeds[:-1], self.accelerations, self.jerk
-        crosses = (a * (a + j * self.durations[:, None]) < 0) & (j != 0)  # zero acceleration within a phase
-        inner = np.where(crosses, v - 0.5 * a**2 / np.where(crosses, j, 1.0), v)
-        return np.asarray(np.abs(np.vstack([speeds, inner])).max(axis=0))
-
-    @property
     def peaks(self) -> tuple[Array, Array]:
         """Largest magnitudes ``(n,)`` of the speeds and of the accelerations."""
-        ends = self.accelerations + self.jerk * self.durations[:, None]
-        return self.peak_speed, np.asarray(np.abs(np.vstack([self.accelerations, ends])).max(axis=0, initial=0.0))
-
-    @property
-    def peak_jerk(self) -> Array:
-        """Largest magnitudes ``(n,)`` of the jerks; infinite for constant accelerations."""
-        if self.jerks is None:
-            return np.full(len(self.start), np.inf)
-        return np.asarray(np.abs(self.jerks).max(axis=0, initial=0.0))
+        accelerations = np.abs(self.accelerations).max(axis=0, initial=0.0)
+        return np.asarray(np.abs(self.knots[2]).max(axis=0)), np.asarray(accelerations)
 
     @property
     def extremes(self) -> tuple[Array, Array]:
         """Lowest and highest joint positions ``(n,)``."""
         _, positions, speeds = self.knots
-        v, a, j, each = speeds[:-1], self.accelerations, self.jerk, self.durations[:, None]
-        half = -0.5 * (a + np.copysign(np.sqrt(np.maximum(a**2 - 2 * j * v, 0.0)), a))
-        passed = [positions]
+        v, a, each = speeds[:-1], self.accelerations, self.durations[:, None]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for t in (2 * half / j, v / half):  # where the speed v + a t + j t^2 / 2 passes zero
-                inside = np.where((t > 0) & (t < each), t, 0.0)
-                passed.append(positions[:-1] + (v + (0.5 * a + j * inside / 6) * inside) * inside)
-        every = np.vstack(passed)
+            t = -v / a  # where the speed v + a t passes zero
+        inside = np.where((t > 0) & (t < each), t, 0.0)
+        every = np.vstack([positions, positions[:-1] + (v + 0.5 * a * inside) * inside])
         return every.min(axis=0), every.max(axis=0)
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
@@ -432,23 +361,12 @@ class Trajectory:
         They are clipped to start and end. Between two phases the acceleration is that of the next one; from the end on
         it is zero.
         """
-        _, positions, speeds = self.knots
-        phase, since, jerk = self._phase(times)
-        accelerations = np.vstack([self.accelerations, np.zeros_like(self.start)])[phase]
-        now = accelerations + jerk * since
-        moved = (speeds[phase] + (0.5 * accelerations + jerk * since / 6) * since) * since
-        return positions[phase] + moved, speeds[phase] + 0.5 * (accelerations + now) * since, now
-
-    def jerks_at(self, times: Array) -> Array:
-        """Return jerks ``(k, n)`` at times ``(k,)``."""
-        return self._phase(times)[2]
-
-    def _phase(self, times: Array) -> tuple[NDArray[np.int_], Array, Array]:
-        """Return the phase of each time, the seconds ``(k, 1)`` since it began, and its jerk ``(k, n)``."""
-        knots = self.knots[0]
+        times_of_knots, positions, speeds = self.knots
         held = np.clip(times, 0.0, self.seconds)
-        phase = np.searchsorted(knots, held, side="right") - 1
-        return phase, (held - knots[phase])[:, None], np.vstack([self.jerk, np.zeros_like(self.start)])[phase]
+        phase = np.searchsorted(times_of_knots, held, side="right") - 1
+        since = (held - times_of_knots[phase])[:, None]
+        now = np.vstack([self.accelerations, np.zeros_like(self.start)])[phase]
+        return positions[phase] + (speeds[phase] + 0.5 * now * since) * since, speeds[phase] + now * since, now
 
 
 def joined(parts: Sequence[Trajectory]) -> Trajectory:
@@ -464,13 +382,11 @@ def joined(parts: Sequence[Trajectory]) -> Trajectory:
                     f"trajectory {i + 2} begins where joint {j + 1} has a {what} of {start[j]:g}, but the one before "
                     f"it ends at {end[j]:g}; make them the same"
                 )
-    limited = any(part.jerks is not None for part in parts)
     return Trajectory(
         np.concatenate([part.durations for part in parts]),
         np.concatenate([part.accelerations for part in parts]),
         parts[0].start,
         parts[0].start_speed,
-        np.concatenate([part.jerk for part in parts]) if limited else None,
     )
 
 

@@ -78,9 +78,6 @@ def test_the_joint_that_constrains_a_move_is_named(tmp_path, capsys) -> None:
     assert first["constrained_by"] == "q1" and first["phases_constrained_by"] == ["q2", "q1", "q2"]
     np.testing.assert_allclose(first["own_phases"], [[0.2, 2.8, 0.2], [np.sqrt(0.8), 0, np.sqrt(0.8)]], atol=1e-9)
     assert second["constrained_by"] == "q2" and second["own_phases"][0] == [0, 0, 0] and still["constrained_by"] is None
-    limits += ["--jerks", "500"]  # D/v + v/a + a/j of q1
-    _, seen, _ = run(capsys, tmp_path, "q1_deg,q2_deg\n0,0\n60,0\n", "--robot", "course2r", *limits)
-    assert sum(seen["legs"][0]["own_phases"][0]) == pytest.approx(60 / 20 + 2 * np.sqrt(20 / 500), abs=1e-9)
     shown = lab.trajectory(tmp_path / "points.csv", robot="course2r", law="independent")
     assert "constrained by" in str(shown) and "q1 (q1, –, q1)" in str(shown)
     _, seen, _ = run(capsys, tmp_path, SQUARE, "--overwrite")
@@ -120,33 +117,6 @@ def test_lines_and_circles(tmp_path, capsys) -> None:
     np.testing.assert_allclose(xy[~on & (found["time_s"] <= start)][:, 1], -100, atol=1e-6)
     pace = np.linalg.norm(np.diff(xy, axis=0), axis=1) / np.diff(found["time_s"])
     assert pace[: int(np.argmax(found["time_s"] > end))].max() <= 100 + 1e-4  # joints: to 1e-10 m
-
-
-def test_limits_of_jerk_are_taken_from_the_command_and_from_the_robot_s_table(tmp_path) -> None:
-    line = tmp_path / "line.csv"
-    line.write_text("\n".join(SQUARE.splitlines()[:3]))
-    limits = {"feed_mm_s": 100, "speeds": (100.0,), "accelerations": (500.0,), "step_ms": 2}
-    free, moved = lab.trajectory(line, **limits), lab.trajectory(line, **limits, jerks=(3000.0,))
-    assert moved.to_dict()["jerk_limits"] == [3000] * 6 and free.to_dict()["jerk_limits"] is None
-    assert free.motion.seconds < moved.motion.seconds and not any(name.startswith("jerk") for name in free.columns())
-    found = {name: np.array(column) for name, column in moved.columns().items()}
-    for j in range(1, 7):
-        rate = found[f"acceleration_q{j}_deg_per_s2"]
-        assert np.abs(found[f"jerk_q{j}_deg_per_s3"]).max() <= 3000 * (1 + 1e-6)
-        assert np.abs(np.diff(rate) / np.diff(found["time_s"])).max() <= 3000 * (1 + 1e-3)  # no step anywhere
-        speed = found[f"speed_q{j}_deg_per_s"]
-        np.testing.assert_allclose(np.diff(speed[:-1]) / 0.002, (rate[1:-1] + rate[:-2]) / 2, atol=3.0)
-    turned = np.stack([found[f"tool_q{part}"] for part in "wxyz"], axis=1)
-    assert np.abs(np.diff(turned, axis=0)).max() < 0.01 and np.allclose(np.linalg.norm(turned, axis=1), 1)
-    arm = tmp_path / "arm.toml"
-    joint = "[[joint]]\ntheta_deg = 0\nd_mm = 0\na_mm = {0}\nalpha_deg = 0\nlower_deg = -170\nupper_deg = 170\n"
-    joint += "speed_deg_per_s = 100\nacceleration_deg_per_s2 = 200\n{1}\n"
-    arm.write_text("convention = 'distal'\n" + joint.format(0, "jerk_deg_per_s3 = 400") + joint.format(300, ""))
-    file = tmp_path / "two.csv"
-    file.write_text("q1_deg,q2_deg\n0,0\n100,0\n100,100\n")
-    moved = lab.trajectory(file, robot=str(arm))
-    assert moved.to_dict()["jerk_limits"] == [400.0, None]  # the second joint's is not limited
-    assert [leg.move.seconds for leg in moved.legs] == pytest.approx([1 + 0.5 + 0.5, 1 + 0.5])  # D/v + v/a + a/j
 
 
 def numbers_in(text: str, pattern: str) -> list[np.ndarray]:

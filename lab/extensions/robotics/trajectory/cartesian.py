@@ -2,19 +2,17 @@
 
 A path is p(s), R(s) for s from 0 to 1. The orientation turns about one fixed axis, evenly with s (Khalil & Dombre 2002,
 section 13.4). The joints follow it by Newton's method from pose to pose; s then runs over time by the quickest law of
-its kind that keeps every joint within its limits. With v, a and j the derivatives of s by time, and q1, q2
-and q3 those of a joint by s, its speed is q1 v, its acceleration q2 v^2 + q1 a and its jerk q3 v^3 + 3 q2 v a + q1 j.
+its kind that keeps every joint within its limits. With v and a the derivatives of s by time, and q1 and q2 those of a
+joint by s, its speed is q1 v and its acceleration q2 v^2 + q1 a.
 
-That law is the trapezoid or double S of the speed which takes the shortest time within all limits. Its shape has two
-numbers: the part of the way on which the speed changes, and the share of these changes during which the jerk lasts.
-Times scale: at T times the duration speeds are T, accelerations T^2 and jerks T^3 times smaller, so that the shortest T
-of each shape is exact.
+That law is the trapezoid of the speed which takes the shortest time within all limits. Its shape has one number: the
+part of the way on which the speed changes. Times scale: at T times the duration speeds are T and accelerations T^2
+times smaller, so that the shortest T of each shape is exact.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
@@ -30,7 +28,7 @@ from lab.kinematics.trajectory.profiles import Trajectory
 
 __all__ = ["CartesianPath", "Feed", "PathMove", "arc", "line", "path_move"]
 
-_SHAPES, _SHARES = 20, 6  # of the grid of shapes that are tried first
+_SHAPES = 20  # of the grid of shapes that are tried first
 _AROUND, _ROUNDS = (-0.6, -0.3, 0.0, 0.3, 0.6), 3  # steps and rounds of the search around the best shape
 _PACE_COARSE, _PACE_FINE = 33, 1025  # places in each phase at which limits are checked, to choose and at the end
 _PLACES = 2049  # on the path, at which slopes are tabulated
@@ -41,52 +39,35 @@ def _quickest_pace(chain: JointSpec, joints: BSpline, rates: Sequence[tuple[floa
     """Return the quickest place s from 0 to 1 over time, from rest to rest, as a trajectory of one joint.
 
     Args:
-        chain: the joints, with their speeds and accelerations, and their jerks where these are limited.
+        chain: the joints, with their speeds and accelerations.
         joints: their positions over s, of the fifth degree.
         rates: largest ds/dt and d2s/dt2 beside.
     """
-    slopes = [joints.derivative(order) for order in (1, 2, 3)]
+    slopes = [joints.derivative(order) for order in (1, 2)]
     tabulated = [slope(np.linspace(0, 1, _PLACES)) for slope in slopes]
 
     def nearest(s: Array) -> list[Array]:
         return [each[np.rint(s * (_PLACES - 1)).astype(int)] for each in tabulated]
 
-    def seconds(shape: tuple[float, float]) -> float:
-        return _seconds(_unit(*shape), chain, nearest, rates, _PACE_COARSE)
+    def seconds(part: float) -> float:
+        return _seconds(_unit(part), chain, nearest, rates, _PACE_COARSE)
 
-    limited = chain.jerk is not None
-    parts = np.linspace(0, 1, _SHAPES + 1)[1:].tolist()
-    shares = np.linspace(0, 0.5, _SHARES + 1)[1:].tolist() if limited else [0.0]
-    best = min(product(parts, shares), key=seconds)
-    wide = (1 / _SHAPES, 0.5 / _SHARES)
+    best = min(np.linspace(0, 1, _SHAPES + 1)[1:].tolist(), key=seconds)
+    wide = 1 / _SHAPES
     for _ in range(_ROUNDS):
-        near = product(
-            (best[0] + wide[0] * i for i in _AROUND), (best[1] + wide[1] * i for i in _AROUND if limited or not i)
-        )
-        best = min(
-            [(min(max(part, 1e-3), 1.0), min(max(share, 1e-3), 0.5) * limited) for part, share in near], key=seconds
-        )
-        wide = (0.3 * wide[0], 0.3 * wide[1])
-    unit = _unit(*best)
+        best = min([min(max(best + wide * i, 1e-3), 1.0) for i in _AROUND], key=seconds)
+        wide = 0.3 * wide
+    unit = _unit(best)
     lasting = _ROUNDING * _seconds(unit, chain, lambda s: [slope(s) for slope in slopes], rates, _PACE_FINE)
-    jerks = None if unit.jerks is None else unit.jerks / lasting**3
-    return Trajectory(unit.durations * lasting, unit.accelerations / lasting**2, unit.start, unit.start_speed, jerks)
+    return Trajectory(unit.durations * lasting, unit.accelerations / lasting**2, unit.start, unit.start_speed)
 
 
-def _unit(part: float, share: float) -> Trajectory:
-    """Return the place over a second: speed changes on a part of the way, with jerk at the ends of each change."""
+def _unit(part: float) -> Trajectory:
+    """Return the place over a second: the speed changes on a part of the way."""
     ramp = part / (1 + part)
-    rounding, speed, still = share * ramp, 1 / (1 - ramp), np.zeros(1)
-    pull = speed / (ramp - rounding)
-    if not share:
-        durations, accelerations = np.array([ramp, 1 - 2 * ramp, ramp]), np.array([pull, 0, -pull])
-        return Trajectory(durations, accelerations[:, None], still, still)
-    hard, even = pull / rounding, ramp - 2 * rounding
-    durations = np.array([rounding, even, rounding, max(1 - 2 * ramp, 0.0), rounding, even, rounding])
-    accelerations = np.array([0, pull, pull, 0, 0, -pull, -pull])
-    jerks = np.array([hard, 0, -hard, 0, -hard, 0, hard])
-    lasting = durations > 0
-    return Trajectory(durations[lasting], accelerations[lasting, None], still, still, jerks[lasting, None])
+    pull, still = 1 / (1 - ramp) / ramp, np.zeros(1)
+    durations, accelerations = np.array([ramp, 1 - 2 * ramp, ramp]), np.array([pull, 0, -pull])
+    return Trajectory(durations, accelerations[:, None], still, still)
 
 
 def _seconds(
@@ -99,23 +80,18 @@ def _seconds(
     """Compute the minimum duration of a shape from the joints' limits at ``count`` points of each phase.
 
     Args:
-        slopes: the first three derivatives ``(k, n)`` of the joints at s ``(k,)``.
+        slopes: the first two derivatives ``(k, n)`` of the joints at s ``(k,)``.
     """
     t = np.linspace(0, 1, count)[:, None] * unit.durations  # (count, phases)
     _, places, speeds = unit.knots
-    a, j = unit.accelerations[:, 0], unit.jerk[:, 0]
-    s = places[:-1, 0] + (speeds[:-1, 0] + (0.5 * a + j * t / 6) * t) * t
-    speed, pull, hard = (
-        np.broadcast_to(each, t.shape).reshape(-1, 1) for each in (speeds[:-1, 0] + (a + 0.5 * j * t) * t, a + j * t, j)
-    )
-    first, second, third = slopes(np.clip(s.ravel(), 0.0, 1.0))
+    a = unit.accelerations[:, 0]
+    s = places[:-1, 0] + (speeds[:-1, 0] + 0.5 * a * t) * t
+    speed, pull = (np.broadcast_to(each, t.shape).reshape(-1, 1) for each in (speeds[:-1, 0] + a * t, a))
+    first, second = slopes(np.clip(s.ravel(), 0.0, 1.0))
     needed = [
         float((np.abs(first * speed) / chain.speed).max()),
         float(np.sqrt((np.abs(second * speed**2 + first * pull) / chain.acceleration).max())),
     ]
-    if chain.jerk is not None:
-        pushed = third * speed**3 + 3 * second * speed * pull + first * hard
-        needed.append(float(np.cbrt((np.abs(pushed) / chain.jerk).max())))
     for fastest, quickest in rates:
         needed += [float(speed.max()) / fastest, float(np.sqrt(np.abs(pull).max() / quickest))]
     return max(needed)
@@ -258,13 +234,6 @@ class PathMove:
         _, speeds, accelerations = self._followed(np.linspace(0.0, self.seconds, _FINE))
         return np.abs(speeds).max(axis=0), np.abs(accelerations).max(axis=0)
 
-    @property
-    def peak_jerk(self) -> Array:
-        """Largest magnitudes ``(n,)`` of the joints' jerks, sampled at many times; infinite without limits."""
-        if self.pace.jerks is None:
-            return np.full(len(self.end), np.inf)
-        return np.asarray(np.abs(self.jerks_at(np.linspace(0.0, self.seconds, _FINE))).max(axis=0))
-
     def along(self, times: Array) -> tuple[Array, Array, Array]:
         """Return s, ds/dt and d2s/dt2 ``(k,)`` at times ``(k,)`` since the start; constant beyond both ends."""
         s, speed, change = (each[:, 0] for each in self.pace.at(times))
@@ -283,12 +252,6 @@ class PathMove:
         """Return joint positions ``(k, n)`` at places ``(k,)`` of the path."""
         return _solved(self.arm, self.values, self.path.poses(s), self.turned, np.asarray(self.spline(s)))[0]
 
-    def jerks_at(self, times: Array) -> Array:
-        """Return jerks ``(k, n)`` at times ``(k,)`` since the start."""
-        s, speed, change = (each[:, None] for each in self.along(times))
-        first, second, third = (self.spline(s[:, 0], order) for order in (1, 2, 3))
-        return np.asarray(third * speed**3 + 3 * second * speed * change + first * self.pace.jerks_at(times))
-
     def _followed(self, times: Array) -> tuple[Array, Array, Array]:
         """Return s ``(k,)``, and speeds and accelerations ``(k, n)``."""
         s, speed, change = self.along(times)
@@ -304,7 +267,7 @@ def path_move(
     An arm of fewer than six joints keeps the orientation where it can, and else the position alone.
 
     Args:
-        chain: the joints, with their speeds and accelerations, and their jerks where these are limited.
+        chain: the joints, with their speeds and accelerations.
 
     Raises:
         LabError: the arm does not reach a pose, passes a singularity or a limit, or nothing moves.

@@ -32,6 +32,9 @@ _LAWS = {
 }
 
 
+_RATES = (
+    "Speeds and accelerations of the joints, each as a share of its own limit (dashed). Vertical lines part the moves."
+)
 _MOTION = (
     "The robot on its way, in its own time. The darker the tool's path, the faster the tool: {low} to {high} mm/s."
 )
@@ -48,8 +51,7 @@ def main_picture(result: TrajectoryResult) -> doc.Picture:
 def trajectory_document(result: TrajectoryResult) -> doc.Document:
     """Summarise a motion; show it, its joints against their limits, and the errors of the tool."""
     points = sum(len(leg.points) - 1 for leg in result.legs) + 1
-    smooth = "Jerk is limited" if result.chain.jerk is not None else "Jerk is not limited (--jerks)"
-    law = doc.Paragraph(f"{_LAWS[result.options.law]} {smooth}.", "note")
+    law = doc.Paragraph(_LAWS[result.options.law], "note")
     return doc.Document(
         f"{result.robot.name}: {fixed(result.motion.seconds, 5)} s through {points} points",
         (
@@ -67,7 +69,7 @@ def trajectory_document(result: TrajectoryResult) -> doc.Document:
                 "Joints against their limits",
                 (
                     doc.Figure("positions-figure", _position_pictures(result), _LIMITS),
-                    doc.Figure("rates-figure", _rate_pictures(result), _rates_caption(result)),
+                    doc.Figure("rates-figure", _rate_pictures(result), _RATES),
                     doc.Section(
                         "Ranges, peak rates and shortest times",
                         (_joints(result), law, *_own_times(result)),
@@ -289,18 +291,16 @@ def _position_pictures(result: TrajectoryResult) -> tuple[doc.Picture, ...]:
 
 
 def _rate_pictures(result: TrajectoryResult) -> tuple[doc.Picture, ...]:
-    """Draw speeds, accelerations and, where they are limited, jerks as percentages of their limits."""
+    """Draw speeds and accelerations as percentages of their limits."""
     sampled, chain = result.sampled, result.chain
-    rates = [("speeds", sampled.speeds, chain.speed), ("accelerations", sampled.accelerations, chain.acceleration)]
-    if sampled.jerks is not None and chain.jerk is not None:
-        rates.append(("jerks", sampled.jerks, chain.jerk))
+    rates = (("speeds", sampled.speeds, chain.speed), ("accelerations", sampled.accelerations, chain.acceleration))
     return tuple(
         _curves(name, result, 100 * values / limit, "% of the limit", limited=True) for name, values, limit in rates
     )
 
 
 def _curves(name: str, result: TrajectoryResult, shown: Array, unit: str, *, limited: bool) -> doc.Picture:
-    times, steps = result.sampled.times, name == ("accelerations" if result.chain.jerk is None else "jerks")
+    times, steps = result.sampled.times, name == "accelerations"
     names, title = result.robot.chain.joint_names, name
     if limited:
         row, worst = np.unravel_index(int(np.abs(shown).argmax()), shown.shape)
@@ -353,8 +353,6 @@ def _joints(result: TrajectoryResult) -> doc.Table:
     low, high = (joint_values(chain.prismatic, each(sampled.joints, axis=0)) for each in (np.min, np.max))
     speeds, accelerations = result.motion.peaks
     rates = {"speed, per s": (speeds, chain.speed), "acceleration, per s²": (accelerations, chain.acceleration)}
-    if chain.jerk is not None:
-        rates["jerk, per s³"] = (result.motion.peak_jerk, chain.jerk)
     columns = [_peaks(result, *each) for each in rates.values()]
     rows = tuple(
         (name, "mm" if chain.prismatic[j] else "°", f"{fixed(low[j], 2)} … {fixed(high[j], 2)}",
@@ -371,8 +369,3 @@ def _peaks(result: TrajectoryResult, peaks: Array, limits: Array) -> list[str]:
         f"{fixed(peak, 2)} of {fixed(most, 1)}" if most < np.inf else "not limited"
         for peak, most in zip(*shown, strict=True)
     ]
-
-
-def _rates_caption(result: TrajectoryResult) -> str:
-    rates = "Speeds and accelerations" if result.chain.jerk is None else "Speeds, accelerations and jerks"
-    return f"{rates} of the joints, each as a share of its own limit (dashed). Vertical lines part the moves."

@@ -159,11 +159,6 @@ class Motion:
         speeds, accelerations = zip(*(move.peaks for move in self.moves), strict=True)
         return np.max(speeds, axis=0), np.max(accelerations, axis=0)
 
-    @cached_property
-    def peak_jerk(self) -> Array:
-        """Largest magnitudes ``(n,)`` of the joints' jerks; infinite where accelerations change at once."""
-        return np.asarray(np.max([move.peak_jerk for move in self.moves], axis=0))
-
     def times(self, step_s: float) -> Array:
         """Return times ``(k,)`` from 0 to the end, a step apart, with the end itself."""
         whole = np.arange(0.0, self.seconds, step_s)
@@ -178,13 +173,6 @@ class Motion:
             if rows.size:
                 for whole, part in zip(out, move.at(times[rows] - self.starts[i]), strict=True):
                     whole[rows] = part
-        return out
-
-    def jerks_at(self, times: Array) -> Array:
-        """Return jerks ``(k, n)`` at times ``(k,)`` since the start."""
-        which, out = self._which(times), np.empty((len(times), len(self.moves[0].end)))
-        for i, move in enumerate(self.moves):
-            out[which == i] = move.jerks_at(times[which == i] - self.starts[i])
         return out
 
     def _which(self, times: Array) -> NDArray[np.int_]:
@@ -333,7 +321,7 @@ class _Planner:
         with error_context(f"the {'circle' if circle else 'line'} to point {ids[-1]}"):
             move = path_move(self.arm, self.values, self.chain, path, self.here, self.options.feed)
         places = np.array([0.0, path.place_of(self._pose(i, T_start)[:3, 3]), 1.0] if circle else [0.0, 1.0])
-        speed = path.length_m * float(move.pace.peak_speed[0])
+        speed = path.length_m * float(move.pace.peaks[0][0])
         kind: Literal["line", "circle"] = "circle" if circle else "line"
         self.legs.append(Leg(kind, ids, move.joints_at(places), move, path.length_m, path.turn_rad, speed))
         self.at(end, move.end)

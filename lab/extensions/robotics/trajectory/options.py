@@ -38,9 +38,6 @@ class TrajectoryOptions:
     """Largest speeds of the joints, ° (mm of a slide) per s; one for all, or one each; by default the robot's."""
     accelerations: Numbers = ()
     """Largest accelerations of the joints, ° (mm of a slide) per s²; one for all, or one each."""
-    jerks: Numbers = ()
-    """Largest jerks of the joints, ° (mm of a slide) per s³; one for all, or one each; by default the robot's. Where it
-    has none either, accelerations change at once."""
     feed_mm_s: float = 250.0
     """Largest speed of the tool on lines and circles."""
     feed_mm_s2: float = 2000.0
@@ -112,14 +109,14 @@ class TrajectoryOptions:
         return np.where(chain.prismatic, 1e-3 * (slides or 0.0), np.deg2rad(turns or 0.0))
 
     def rated(self, chain: JointSpec) -> JointSpec:
-        """Return the joints with the given speeds, accelerations and jerks.
+        """Return the joints with the given speeds and accelerations.
 
         Raises:
             LabError: there are not as many as joints, or one is not above zero.
         """
         scale = np.where(chain.prismatic, 1e-3, np.pi / 180)
         found = dict[str, Array]()
-        for name, given in (("speed", self.speeds), ("acceleration", self.accelerations), ("jerk", self.jerks)):
+        for name, given in (("speed", self.speeds), ("acceleration", self.accelerations)):
             if not given:
                 continue
             if len(given) not in (1, chain.size) or not all(each in POSITIVE_OPTION for each in given):
@@ -129,5 +126,4 @@ class TrajectoryOptions:
             chain,
             speed=found.get("speed", chain.speed),
             acceleration=found.get("acceleration", chain.acceleration),
-            jerk=found.get("jerk", chain.jerk),
         )

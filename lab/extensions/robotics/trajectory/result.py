@@ -39,7 +39,6 @@ class _Sampled:
         times: ``(k,)`` s.
         joints, speeds, accelerations: ``(k, n)`` rad or m, per s, per s^2.
         Ts_base_tool: ``(k, 4, 4)`` m.
-        jerks: ``(k, n)`` rad or m per s^3; None where they are not limited.
     """
 
     times: Array
@@ -47,7 +46,6 @@ class _Sampled:
     speeds: Array
     accelerations: Array
     Ts_base_tool: Array
-    jerks: Array | None = None
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -104,8 +102,7 @@ class TrajectoryResult(Result):
         joints, speeds, accelerations = self.motion.at(times)
         arm = self.robot.arm(("p1",))
         Ts = arm.tool(joints, arm.nominal({"p1": self.options.tool_m}))[0]
-        jerks = None if self.chain.jerk is None else self.motion.jerks_at(times)
-        return _Sampled(times, joints, speeds, accelerations, Ts, jerks)
+        return _Sampled(times, joints, speeds, accelerations, Ts)
 
     @cached_property
     def passed(self) -> tuple[tuple[str, ...], NDArray[np.int_]]:
@@ -177,8 +174,6 @@ class TrajectoryResult(Result):
             "speed_limits": _joint_list(chain, self.chain.speed),
             "peak_accelerations": _joint_list(chain, peaks[1]),
             "acceleration_limits": _joint_list(chain, self.chain.acceleration),
-            "peak_jerks": None if self.chain.jerk is None else _joint_list(chain, self.motion.peak_jerk),
-            "jerk_limits": None if self.chain.jerk is None else _joint_list(chain, self.chain.jerk),
             "legs": [
                 {
                     "move": leg.kind,
@@ -238,7 +233,7 @@ class TrajectoryResult(Result):
     def columns(self) -> Mapping[str, Array]:
         """Return a row for each time: joint positions, speeds and accelerations, mm and degrees, and the tool's pose.
 
-        Where jerks are limited these are there, too. The tool's orientation in the base is a quaternion.
+        The tool's orientation in the base is a quaternion.
         """
         chain, sampled = self.robot.chain, self.sampled
         table: dict[str, Array] = {"time_s": sampled.times}
@@ -247,8 +242,6 @@ class TrajectoryResult(Result):
             "speed_{}_per_s": sampled.speeds,
             "acceleration_{}_per_s2": sampled.accelerations,
         }
-        if sampled.jerks is not None:
-            parts["jerk_{}_per_s3"] = sampled.jerks
         for heading, values in parts.items():
             table |= {heading.format(name): column for name, column in joint_columns(chain, values).items()}
         table |= {f"tool_{axis}_mm": MM.of(sampled.Ts_base_tool[:, i, 3]) for i, axis in enumerate("xyz")}
