@@ -112,61 +112,6 @@ def test_the_cone_follows_the_targets_axis_in_the_arm(tmp_path) -> None:
         np.testing.assert_array_equal(visible(robot, joints, ("p1",), device), expected)
 
 
-def inside_a_primitive(model: mujoco.MjModel, data: mujoco.MjData, geom: int, points: np.ndarray) -> np.ndarray:
-    size, kind = model.geom_size[geom], mujoco.mjtGeom(model.geom_type[geom])
-    local = np.abs((points - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3))
-    level = np.hypot(local[:, 0], local[:, 1])
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return (local <= size).all(axis=1)
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return (level <= size[0]) & (local[:, 2] <= size[1])
-    assert kind == mujoco.mjtGeom.mjGEOM_CAPSULE
-    return np.hypot(level, np.maximum(local[:, 2] - size[1], 0)) <= size[0]
-
-
-def crosses_a_shell(model: mujoco.MjModel, data: mujoco.MjData, geom: int, start, end) -> bool:
-    """A segment against a mesh's triangles (Moeller & Trumbore 1997)."""
-    mesh = int(model.geom_dataid[geom])
-    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-    turn, place = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
-    corners = model.mesh_vert[first : first + count] @ turn.T + place
-    at = int(model.mesh_faceadr[mesh])
-    a, b, c = (corners[model.mesh_face[at : at + model.mesh_facenum[mesh], i]] for i in range(3))
-    way, along, aside = end - start, b - a, c - a
-    p, s = np.cross(way, aside), start - a
-    determinant = (along * p).sum(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        q = np.cross(s, along)
-        u, v, t = (s * p).sum(1) / determinant, q @ way / determinant, (aside * q).sum(1) / determinant
-        return bool(((u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t <= 1)).any())
-
-
-@pytest.mark.thorough
-def test_line_of_sight_against_geometry_without_mujocos_rays() -> None:
-    """150 poses: points along the line against every primitive, and triangle by triangle against every shell."""
-    joints = IRB120.chain.random_joints(150, np.random.default_rng(3))
-    model, data = MODEL.model, mujoco.MjData(MODEL.model)
-    head, tracker, site = MODEL.T_world_tracker[:3, 3], model.body("tracker").id, model.site("p1").id
-    expected = []
-    for reading in joints:
-        data.qpos[:] = reading
-        mujoco.mj_kinematics(model, data)
-        line = data.site_xpos[site] - head
-        end = head + line * (1 - 0.00735 / np.linalg.norm(line))
-        points = head + np.linspace(0, 1, 4000)[:, None] * (end - head)
-        hidden = bool((points[:, 2] < 0).any())
-        for geom in range(1, model.ngeom):
-            if model.geom_bodyid[geom] == tracker:
-                continue
-            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
-                hidden |= crosses_a_shell(model, data, geom, head, end)
-            else:
-                hidden |= bool(inside_a_primitive(model, data, geom, points).any())
-        expected.append(not hidden)
-    assert 30 < sum(expected) < 120
-    np.testing.assert_array_equal(visible(MODEL, joints, ("p1",), EXACT), expected)
-
-
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", INSTRUMENTS)
 def test_candidates_are_feasible_and_every_draw_is_accounted_for(name: str) -> None:
