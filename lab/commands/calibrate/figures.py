@@ -1,4 +1,4 @@
-"""Pictures of a calibration's report: errors, corrections of parameters, singular values, the arm at its poses.
+"""Pictures of a calibration's report: errors, corrections of parameters, singular values, residuals.
 
 Positions are in the world of the model; for a robot given as a table that is frame 0.
 """
