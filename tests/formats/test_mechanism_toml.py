@@ -233,7 +233,7 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(11)
 @pytest.mark.parametrize("command", ["inspect", "calibrate --poses 20 --robot"])
 @pytest.mark.parametrize("name", BAD)
 def test_what_is_wrong_is_told_in_one_line(
