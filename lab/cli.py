@@ -79,7 +79,7 @@ def _only_our_warnings() -> None:
         else:
             usual(message, category, *where, **more)
 
-    warnings.showwarning = shown  # type: ignore[assignment]
+    warnings.showwarning = shown
 
 
 def _ended(arguments: list[str]) -> int:
