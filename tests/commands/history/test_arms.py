@@ -148,7 +148,7 @@ def test_touches_of_a_socket_are_checks_and_plans_are_not(tmp_path: Path) -> Non
     digest = sha256((run / "result.json").read_bytes()).hexdigest()
     for name, verdict, options in (
         ("touches", "good", {}),
-        ("few", "not judged", {"date": "2026-03-01"}),
+        ("few", "not judged", {"date": "2026-02-22"}),
         ("plan", None, {"plan": 5}),
     ):
         config = {"command": "verify", "model_sha256": "0" * 64, "options": {"run": str(run), **options}}
