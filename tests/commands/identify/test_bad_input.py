@@ -103,7 +103,7 @@ FITTING = [
         "config: no file to identify",
         "identify --config c.json",
         ("c.json", "missing"),
-        {"c.json": '{"options": {}}'},
+        {"c.json": '{"schema": 1, "options": {}}'},
     ),
 ]
 
