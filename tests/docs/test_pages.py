@@ -199,6 +199,8 @@ def test_every_link_leads_somewhere(page: Page) -> None:
 @named
 def test_every_name_of_the_code_exists(page: Page) -> None:
     gone = set(re.findall(r"`([^`]+)`\s+at\s+`[0-9a-f]{8}`", page.prose))  # scripts of an earlier commit
+    if page.name == "CHANGELOG.md":  # which names what is gone, too
+        return
     for name in set(page.names) - gone:
         if re.fullmatch(r"lab(\.\w+)+", name):
             assert resolved(name) or f"- ``{name}``: " in extension_points.__doc__, name
