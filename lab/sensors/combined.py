@@ -628,7 +628,7 @@ def combined_sensor(names: tuple[str, ...]) -> type[CombinedSensor]:
             observed=JOINED.join(names),
         ),
         "in_instrument_frame": in_frame,
-        "read_by": kinds[0].name,
+        "read_by": kinds[0].read_by or kinds[0].name,
         "setup": tuple(dict.fromkeys(name for kind in kinds for name in kind.setup)),
         "several_a_pose": any(kind.several_a_pose for kind in kinds),
         "finds_poses": any(kind.finds_poses for kind in kinds),

@@ -28,6 +28,7 @@ class PointSensor(VirtualSensor):
     )
     columns: ClassVar[ObservedColumns] = ObservedColumns()
     in_instrument_frame: ClassVar[bool] = True
+    read_by: ClassVar[str] = "points"
     setup: ClassVar[tuple[str, ...]] = ("occlusion",)
 
     def with_orientation(self, arm: Model, target: str) -> Poses:
