@@ -24,7 +24,7 @@ except ImportError:  # run by hand
 
 FOLDER = Path(__file__).resolve().parents[2] / "lab" / "kinematics" / "compiled"
 BUILT = "machine_code.pyd" if os.name == "nt" else "machine_code.abi3.so"
-FLAGS = ["-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC", "-w"]
+FLAGS = ["-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC", "-w"]
 
 
 def stable_tag() -> str:
