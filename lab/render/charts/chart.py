@@ -7,7 +7,6 @@ it draws something.
 import io
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
@@ -22,11 +21,10 @@ from lab.render.document import Picture
 from lab.render.style import FIGURE_STYLE, rgb
 
 if TYPE_CHECKING:
-    import matplotlib.axes
     from matplotlib.figure import Figure
 
 __all__ = [
-    "Chart", "Sheet", "arrow", "axes_picture", "cube", "figure_picture", "inline_svg", "log_ticks", "name_points",
+    "Chart", "Sheet", "arrow", "axes_picture", "cube", "inline_svg", "log_ticks", "name_points",
     "place", "save_figure", "shades", "view",
 ]  # fmt: skip
 
@@ -599,18 +597,6 @@ def axes_picture(
         draw(made)
         return made
 
-    return replace(figure_picture(name, label, size, draw, margins), chart=chart)
-
-
-def figure_picture(
-    name: str,
-    label: str,
-    size: tuple[float, float],
-    draw: "Callable[[matplotlib.axes.Axes], None]",
-    margins: tuple[float, float, float, float] = _MARGINS,
-) -> Picture:
-    """A picture of one set of axes that needs what only matplotlib has, as colour bars and dates."""
-
     def figure() -> "Figure":
         import matplotlib
         from matplotlib.figure import Figure
@@ -622,7 +608,7 @@ def figure_picture(
             draw(made.add_axes(area))
         return made
 
-    return Picture(name, label, figure)
+    return Picture(name, label, figure, chart)
 
 
 _PAINT = re.compile(r'((?:fill|stroke|stop-color)(?:="|: ?))#([0-9a-f]{6})\b')

@@ -18,7 +18,7 @@ from lab.core.units import MM
 from lab.extensions.robotics.workspace.measure import PlaneSection, Workspace
 from lab.extensions.robotics.workspace.options import WorkspaceOptions
 from lab.formats.csv_table import write_columns
-from lab.render.charts.chart import axes_picture, figure_picture
+from lab.render.charts.chart import axes_picture, shades
 from lab.render.charts.marks import Axes
 from lab.render.document import (
     Badge,
@@ -38,7 +38,6 @@ from lab.render.style import AFTER, COLOUR_SCALE, INK, MUTED, RGB_MAPPING, rgb
 from lab.render.surfaces import halved, mesh_of, write_stl
 
 if TYPE_CHECKING:
-    import matplotlib.axes
     import trimesh
 
     from lab.render.page_scene import ArmScene
@@ -387,23 +386,29 @@ def _section(cut: PlaneSection, name: str) -> Picture:
     third = "xyz"[3 - sum(cut.axes)]
     level = f"{third} = {printed(round(MM.of(cut.level_m)))} mm"
 
-    def draw(axes: "matplotlib.axes.Axes") -> None:
-        from matplotlib.collections import LineCollection
-        from matplotlib.colors import LinearSegmentedColormap, ListedColormap
-
-        right, up = MM.of(cut.right), MM.of(cut.up)
-        if cut.shares is None:
-            shown, colours = np.where(cut.reached, 1.0, np.nan), ListedColormap([COLOUR_SCALE[0]])
-            axes.pcolormesh(right, up, shown.T, cmap=colours, shading="nearest", rasterized=True)
-        else:
-            scale = LinearSegmentedColormap.from_list("share", COLOUR_SCALE)
-            drawn = axes.pcolormesh(right, up, 100 * cut.shares.T, cmap=scale, vmin=0, vmax=100, shading="nearest",
-                                    rasterized=True)  # fmt: skip
-            bar = axes.figure.colorbar(drawn, ax=axes, shrink=0.8)
-            bar.set_label("orientations, %")
-        axes.add_collection(LineCollection(list(MM.of(cut.vertices[cut.segments])), colors=INK, linewidths=1.0))
+    def draw(axes: Axes) -> None:
+        shares = np.where(cut.reached, 0.0, np.nan) if cut.shares is None else cut.shares
+        colours = shades(shares.T, COLOUR_SCALE)
+        axes.pcolormesh(_edges(MM.of(cut.right)), _edges(MM.of(cut.up)), colours, rasterized=True)
+        ends = MM.of(cut.vertices[cut.segments])  # (s, 2, 2)
+        lines = np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2)
+        axes.plot(lines[:, 0], lines[:, 1], color=INK, linewidth=1.0)
         axes.set_aspect("equal")
         axes.set(xlabel=f"{first}, mm", ylabel=f"{second}, mm", title=level)
         axes.locator_params(nbins=6)
+        if cut.shares is not None:
+            bar = axes.inset_axes((1.04, 0.1, 0.04, 0.8))
+            bar.pcolormesh([0, 1], np.linspace(0, 1, 65), shades(np.linspace(0, 1, 64), COLOUR_SCALE)[:, None])
+            bar.set(xlim=(0, 1), ylim=(0, 1), title="orientations")
+            bar.set_xticks([])
+            bar.set_yticks([])
+            for share in (0.0, 0.5, 1.0):
+                bar.annotate(f"{100 * share:.0f} %", (1.3, share), va="center")
 
-    return figure_picture(name, f"Section {first}-{second} at {level}", (4.6, 3.9), draw, (0.8, 0.5, 0.3, 0.3))
+    return axes_picture(name, f"Section {first}-{second} at {level}", (4.6, 3.9), draw, (0.8, 0.5, 0.9, 0.3))
+
+
+def _edges(centres: Array) -> Array:
+    """Edges ``(n+1,)`` of cells with evenly spaced centres ``(n,)``."""
+    half = (centres[1] - centres[0]) / 2 if len(centres) > 1 else 0.5
+    return np.append(centres - half, centres[-1] + half)
