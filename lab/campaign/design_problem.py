@@ -1,6 +1,5 @@
 """Set up and solve the design problem of a measurement session: candidates, sensitivities, reachability."""
 
-import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -16,7 +15,6 @@ from lab.campaign.option_groups import Fitting
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.task_region import TaskRegion, task_region
-from lab.campaign.virtual_robot import truth_of
 from lab.core.errors import LabError
 from lab.core.limits import WAYPOINTS
 from lab.core.linear_model import whitening
@@ -24,7 +22,7 @@ from lab.core.measurements import STATION
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.units import MM, MRAD, joints_to_si
+from lab.core.units import MM, joints_to_si
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.arm import Arm, ArmWithEffects
 from lab.kinematics.effects.effect import PAYLOAD, SessionInfo
@@ -36,7 +34,6 @@ from lab.kinematics.parameter import indices_of_groups
 from lab.noise.instruments import Instrument, is_isotropic, observing
 from lab.pose_selection.criteria import CRITERIA, Criterion, Scaling, criterion, is_singular, prepared
 from lab.pose_selection.exchange import (
-    Aim,
     Design,
     Feasible,
     OneCriterion,
@@ -46,7 +43,6 @@ from lab.pose_selection.exchange import (
     information,
 )
 from lab.pose_selection.tour import FreePath, fastest_path
-from lab.pose_selection.worst_case import Case, WorstCase, exchange_worst
 from lab.render.terminal import Stage, no_stage
 from lab.sensors.options import FitInputs, SensorOptions
 from lab.sensors.registry import configured_sensor
@@ -63,7 +59,6 @@ from lab.simulation.candidate_poses import (
 from lab.simulation.collisions import LOWER_CLEARANCE, collides, describe_collisions, random_poses, unchecked
 from lab.simulation.free_path import path_check, planning_model
 from lab.simulation.model import RobotModel
-from lab.simulation.true_robot import GeometryErrors
 
 __all__ = [
     "HUBS",
@@ -205,11 +200,16 @@ class PoseProblem:
 
     Attributes:
         values: nominal parameters ``(p,)``, with the base before the nominal tracker.
-        seen: the arm with the effects of the stations and of the first model; its parameters begin with those of
+        seen: the arm with the effects of the stations and of the model; its parameters begin with those of
             ``arm``.
         inputs: ``(m, joints + stations - 1 + payload)`` of the candidates.
         payloads: ``(l,)`` kg, of which each pose carries one; none if they are not given.
-        cases: for whose worst a design is made, the nominal arm with the first model before all others.
+        pool: ``(m, r, f)`` scaled sensitivities of the candidates.
+        sensitivity: from inputs to such sensitivities, in the units of the scaling, for the criterion.
+        goal: the criterion.
+        before: ``(n0, r, f)`` sensitivities at the poses measured before.
+        whitened: from inputs to Jacobians ``(n, r, f)`` of the base set in standard deviations of the noise.
+        test: ``(t, 3, f)`` m, Jacobians of the targets at the poses where the error is predicted.
         already: ``(n0, joints + stations - 1 + payload)``, poses measured before.
         planned: what a sensor reads, whose readings come and go with the poses; None for measured points.
         access: the collision-free paths between the poses; None after pickling or copying, because it is too large.
@@ -223,7 +223,12 @@ class PoseProblem:
     candidates: Candidates
     inputs: Array
     payloads: Array
-    cases: tuple[Case, ...]
+    pool: Array
+    sensitivity: Sensitivity
+    goal: Criterion
+    before: Array
+    whitened: Sensitivity
+    test: Array
     scaling: Scaling
     access: ReachabilityGraph = field(compare=False)
     already: Array
@@ -232,36 +237,6 @@ class PoseProblem:
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "access": None}
-
-    @property
-    def whitened(self) -> Sensitivity:
-        """Inputs to Jacobians ``(n, r, f)`` of the base set in standard deviations."""
-        return self.cases[0].whitened
-
-    @property
-    def sensitivity(self) -> Sensitivity:
-        """Inputs to Jacobians ``(n, r, f)`` in the units of the scaling, for the criterion."""
-        return self.cases[0].sensitivity
-
-    @property
-    def pool(self) -> Array:
-        """Sensitivities ``(m, r, f)`` of the candidates."""
-        return self.cases[0].pool
-
-    @property
-    def goal(self) -> Criterion:
-        """The criterion."""
-        return self.cases[0].goal
-
-    @property
-    def test(self) -> Array:
-        """Jacobians ``(t, 3, f)`` (m) of the targets where the error is predicted."""
-        return self.cases[0].test
-
-    @property
-    def before(self) -> Array:
-        """Sensitivities ``(n0, r, f)`` at the poses measured before."""
-        return self.cases[0].before
 
     @property
     def measured(self) -> Array | None:
@@ -299,7 +274,7 @@ def pose_problem(
     arm = robot.arm(options.targets)
     robot.refuse_unknown(options.targets)
     model = planning_model(robot.model, options.targets, device, options.clearances)
-    values, models = model.values_before(arm, model.T_world_tracker), _models(options, robot, model)
+    values, (seen, structure, every) = model.values_before(arm, model.T_world_tracker), _model(options, robot, model)
     region = task_region(options.region)
     points = region.points(arm.T_tracker_frame0(values), robot.chain.joint_names, robot.chain.prismatic)
     candidates = draw_candidates(
@@ -318,21 +293,29 @@ def pose_problem(
         test_inputs = np.column_stack([test_inputs, np.resize(payloads, len(task))])
     already = _measured_before(options, robot)
     home, warnings = _home(options, robot.chain, model, candidates.joints)
-    cases = [
-        _case(options, own, each, number, geometry, (device, scaling), (inputs, test_inputs, already))
-        for number, geometry in enumerate([values, *_perturbed(options, robot, arm)])
-        for each in models
-    ]
+    retained = structure.identifiable
+    derivatives = _Derivatives(seen, every, retained, device, options.payload_kg)
+    jacobians = derivatives.whitened if scaling.kind == "whitened" else derivatives.unweighted
+    pool = jacobians(inputs)
+    factors = scaling.columns([seen.parameters[i] for i in retained], pool)
+    test = derivatives.unweighted(test_inputs).reshape(-1, 3, len(retained))  # every target counts
+    scored = test[:: -(-len(test) // _TEST_SCORED)] * factors
+    before = jacobians(already) * factors
     return PoseProblem(
         robot=robot,
         arm=arm,
-        seen=models[0].seen,
-        structure=models[0].structure,
+        seen=seen,
+        structure=structure,
         values=values,
         candidates=candidates,
         inputs=inputs,
         payloads=payloads,
-        cases=tuple(cases),
+        pool=pool * factors,
+        sensitivity=partial(_scaled, jacobians, factors),
+        goal=_goal(options, own, [seen.names[i] for i in retained], pool * factors, scored, before),
+        before=before,
+        whitened=derivatives.whitened,
+        test=test,
         scaling=scaling,
         access=reachability(model, home, candidates.joints, _feasible(model, options.targets, device)),
         already=already,
@@ -370,16 +353,6 @@ def _problem_of_sensor(options: DesignOptions, robot: Robot, progress: Progress,
     test = _placed_anew(arm, fresh, values, retained)
     scored = test[:: -(-len(test) // _TEST_SCORED)] * factors
     home, warnings = _home(options, robot.chain, model, candidates.joints)
-    case = Case(
-        arm=0,
-        model=options.model,
-        pool=pool * factors,
-        sensitivity=partial(_scaled, readings, factors),
-        goal=_goal(options, own, [seen.names[i] for i in retained], pool * factors, scored),
-        before=np.empty((0, *pool.shape[1:])),
-        whitened=readings,
-        test=test,
-    )
     return PoseProblem(
         robot=robot,
         arm=arm,
@@ -389,7 +362,12 @@ def _problem_of_sensor(options: DesignOptions, robot: Robot, progress: Progress,
         candidates=candidates,
         inputs=candidates.joints,
         payloads=np.empty(0),
-        cases=(case,),
+        pool=pool * factors,
+        sensitivity=partial(_scaled, readings, factors),
+        goal=_goal(options, own, [seen.names[i] for i in retained], pool * factors, scored),
+        before=np.empty((0, *pool.shape[1:])),
+        whitened=readings,
+        test=test,
         scaling=scaling,
         access=reachability(model, home, candidates.joints, planned.sees),
         already=np.empty((0, robot.chain.size)),
@@ -412,116 +390,30 @@ def _placed_anew(arm: RigidArm, joints: Array, values: Array, retained: tuple[in
     return found
 
 
-@dataclass(frozen=True)
-class _Model:
-    """A model to identify.
-
-    Attributes:
-        name: as in ``--model``.
-        seen: the arm with the effects of the stations, then its own.
-        structure: its base set.
-        further: parameters ``(q,)`` of the nominal arm after its geometry.
-    """
-
-    name: str
-    seen: Arm
-    structure: BaseSet
-    further: Array
-
-    def values(self, geometry: Array, rng: np.random.Generator | None) -> Array:
-        """Return the parameters ``(p,)`` of an arm; its effects are drawn if there is a generator."""
-        if rng is None:
-            return np.concatenate([geometry, self.further])
-        own = self.seen.parameters[len(geometry) :]
-        scale = np.array([each.scale if np.isfinite(each.scale) else 0.0 for each in own])
-        return np.concatenate([geometry, self.further + _USUAL_SHARE * scale * np.abs(rng.standard_normal(len(own)))])
-
-
-_USUAL_SHARE = 0.1  # of an effect's scale, which is large: the size of perturbed arms' effects
 _TEST_SCORED = 100  # test positions, at most, of criteria G and I
 
 
-def _models(options: DesignOptions, robot: Robot, model: RobotModel) -> list[_Model]:
-    """Return the models of the options.
+def _model(options: DesignOptions, robot: Robot, model: RobotModel) -> tuple[Arm, BaseSet, Array]:
+    """Return the arm with the effects of the stations and of the model, its base set, and its nominal parameters.
 
     Raises:
-        LabError: the robot cannot have one, or a pose needs more than a payload for it, or no model feels a payload.
+        LabError: the robot cannot have the model, a pose needs more than a payload for it, or it feels no payload.
     """
-    found = []
-    for name in options.models:
-        seen = robot.arm_with(options.targets, Fitting(model=name).groups, SessionInfo(stations=model.stations))
-        needed = [each for each in seen.conditions if each != PAYLOAD and not each.startswith(STATION)]
-        if needed:
-            raise LabError(
-                f"--model {name}: needs {needed[0]} at each pose, which a design does not choose; leave the group out"
-            )
-        stations = np.concatenate([np.empty(0), *station_parameters(model.Ts_world_station)])
-        effects = seen.effects[1 if len(stations) else 0 :] if isinstance(seen, ArmWithEffects) else ()
-        typical = [np.array(each.typical or (0.0,) * len(each.parameters)) for each in effects]
-        further = np.concatenate([stations, *typical])
-        nominal = np.concatenate([model.values_before(seen.rigid, model.T_world_tracker), further])
-        found.append(_Model(name, seen, base_set(seen, nominal), further))
-    if options.payload_kg and not any(PAYLOAD in each.seen.conditions for each in found):
-        raise LabError(f"--payload-kg: no payload matters to --model {options.model}; add a group such as compliance")
-    return found
-
-
-def _perturbed(options: DesignOptions, robot: Robot, arm: RigidArm) -> list[Array]:
-    """Draw the parameters ``(p,)`` of the perturbed arms' geometry, before the nominal tracker.
-
-    Raises:
-        LabError: the robot cannot be perturbed.
-    """
-    errors = GeometryErrors(MM.to_si(options.position_sigma_mm), MRAD.to_si(options.rotation_sigma_mrad))
-    found = []
-    for number in range(1, options.worst_of + 1):
-        real = robot.perturbed(errors, robot.model.T_world_tracker, rng_for(options.seed, "arm", number))
-        truth = truth_of(real, arm)
-        if truth is None:
-            raise LabError(
-                f"--worst-of {options.worst_of}: perturbed arm {number} of {robot.name} has no exact parameters; leave "
-                "it out, or lower --position-sigma-mm"
-            )
-        found.append(truth.values)
-    return found
-
-
-def _case(
-    options: DesignOptions,
-    own: Criterion | None,
-    model: _Model,
-    number: int,
-    geometry: Array,
-    units: tuple[Instrument, Scaling],
-    inputs: tuple[Array, Array, Array],
-) -> Case:
-    """Return the case of an arm, by its number, and a model.
-
-    Args:
-        own: the criterion, in place of that of the options.
-        geometry: parameters ``(p,)`` of the arm.
-        inputs: of the candidates, of the test poses, and of the poses measured before.
-    """
-    (device, scaling), (candidates, test_inputs, already) = units, inputs
-    retained = model.structure.identifiable
-    rng = rng_for(options.seed, "effects", number) if number else None
-    derivatives = _Derivatives(model.seen, model.values(geometry, rng), retained, device, options.payload_kg)
-    jacobians = derivatives.whitened if scaling.kind == "whitened" else derivatives.unweighted
-    pool = jacobians(candidates)
-    factors = scaling.columns([model.seen.parameters[i] for i in retained], pool)
-    test = derivatives.unweighted(test_inputs).reshape(-1, 3, len(retained))  # every target counts
-    scored = test[:: -(-len(test) // _TEST_SCORED)] * factors
-    before = jacobians(already) * factors
-    return Case(
-        arm=number,
-        model=model.name,
-        pool=pool * factors,
-        sensitivity=partial(_scaled, jacobians, factors),
-        goal=_goal(options, own, [model.seen.names[i] for i in retained], pool * factors, scored, before),
-        before=before,
-        whitened=derivatives.whitened,
-        test=test,
-    )
+    name = options.model
+    seen = robot.arm_with(options.targets, Fitting(model=name).groups, SessionInfo(stations=model.stations))
+    needed = [each for each in seen.conditions if each != PAYLOAD and not each.startswith(STATION)]
+    if needed:
+        raise LabError(
+            f"--model {name}: needs {needed[0]} at each pose, which a design does not choose; leave the group out"
+        )
+    stations = np.concatenate([np.empty(0), *station_parameters(model.Ts_world_station)])
+    effects = seen.effects[1 if len(stations) else 0 :] if isinstance(seen, ArmWithEffects) else ()
+    typical = [np.array(each.typical or (0.0,) * len(each.parameters)) for each in effects]
+    further = np.concatenate([stations, *typical])
+    nominal = np.concatenate([model.values_before(seen.rigid, model.T_world_tracker), further])
+    if options.payload_kg and PAYLOAD not in seen.conditions:
+        raise LabError(f"--payload-kg: no payload matters to --model {name}; add a group such as compliance")
+    return seen, base_set(seen, nominal), nominal
 
 
 def _goal(
@@ -532,7 +424,7 @@ def _goal(
     scored: Array,
     before: Array | None = None,
 ) -> Criterion:
-    """Return the criterion of a case: the lab's, or a user's that knows the names of the parameters.
+    """Return the criterion: the lab's, or a user's that knows the names of the parameters.
 
     Args:
         pool: ``(m, r, f)`` scaled sensitivities of the candidates, ``before`` those of the poses measured before.
@@ -776,7 +668,7 @@ def _measured_before(options: DesignOptions, robot: Robot) -> Array:
     inputs = _inputs(robot.model, rows.joints, stations_in(options.extend, rows, robot.model))
     masses = rows.inputs((PAYLOAD,))[:, -1]
     if not carried:
-        if masses.any() and any(Fitting(model=each).groups for each in options.models):
+        if masses.any() and Fitting(model=options.model).groups:
             raise LabError(f"{options.extend}: has payloads; give them with --payload-kg too")
         return inputs
     if (other := np.flatnonzero(~np.isin(masses, options.payload_kg))).size:
@@ -794,65 +686,30 @@ _ROUNDS = 4  # uphill
 def best_design(options: DesignOptions, problem: PoseProblem, count: int, progress: Stage = no_stage) -> Design:
     """Return the best of several starts, each exchanged among the candidates and then moved uphill.
 
-    The best start is chosen after the first round uphill, which gains most; that one alone continues. A design for the
-    worst of several cases starts first from the designs for the nominal arm with each model, and is never worse than
-    these.
+    The best start is chosen after the first round uphill, which gains most; that one alone continues.
     """
     rng = rng_for(options.seed, "design")
     best: Design | None = None
     for start in range(options.starts):
         progress(f"2 of 5, design of {count} poses, start {start + 1} of {options.starts}", start, options.starts)
-        design = _begun(problem, count, rng, first=start == 0)
+        design = _uphill(problem, exchanged(problem, count, rng), 1)
         if best is None or design.score > best.score:
             best = design
     assert best is not None
-    best = _of_nominal(problem, _uphill(problem, best, _ROUNDS - 1))
-    for case in problem.cases:
-        if is_singular(information(case.sensitivity(best.joints)) + information(case.before)):
-            raise LabError(
-                f"criterion {problem.goal.name} chose {count} poses that cannot tell all parameters: a score must be "
-                "worse than any other where the information is singular"
-            )
+    best = _uphill(problem, best, _ROUNDS - 1)
+    if is_singular(information(problem.sensitivity(best.joints)) + information(problem.before)):
+        raise LabError(
+            f"criterion {problem.goal.name} chose {count} poses that cannot tell all parameters: a score must be "
+            "worse than any other where the information is singular"
+        )
     return best
 
 
-def _begun(problem: PoseProblem, count: int, rng: np.random.Generator, *, first: bool) -> Design:
-    """Compute one start, exchanged and moved uphill once."""
-    if len(problem.cases) == 1:
-        found = [_nominal(problem, problem.cases[0], count, rng)]
-    elif first:
-        found = _from_nominal(problem, count, rng)
-    else:
-        found = [_exchanged_worst(problem, count, rng)]
-    return max((_uphill(problem, each, 1) for each in found), key=lambda each: each.score)
-
-
-def _from_nominal(problem: PoseProblem, count: int, rng: np.random.Generator) -> list[Design]:
-    """Return designs for the worst case: the best for the nominal arm with one model, and the exchange from it.
-
-    Each is found as without other cases.
-    """
-    aim, single = WorstCase(problem.cases), []
-    for case in problem.cases:
-        if not case.arm:
-            start = _nominal(problem, case, count, copy.deepcopy(rng))
-            moved = _uphill(problem, _uphill(problem, start, 1, _of_one(case)), _ROUNDS - 1, _of_one(case))
-            seen = aim.seen(moved.joints)
-            single.append((start.rows, replace(moved, jacobian=seen, score=aim.score(seen))))
-    rows, best = max(single, key=lambda each: each[1].score)
-    return [best, _exchanged_worst(problem, count, rng, rows)]
-
-
-def _of_one(case: Case) -> OneCriterion:
-    return OneCriterion(case.sensitivity, case.goal, information(case.before) if len(case.before) else 0.0)
-
-
-def _uphill(problem: PoseProblem, design: Design, rounds: int, aim: Aim | None = None) -> Design:
-    """Move the poses uphill by an objective: by default the criterion, or the worst of several cases."""
+def _uphill(problem: PoseProblem, design: Design, rounds: int) -> Design:
+    """Move the poses uphill by the criterion."""
     if problem.planned is not None:  # a reading that goes out of sight is a step, which has no slope
         return design
-    if aim is None:
-        aim = WorstCase(problem.cases) if len(problem.cases) > 1 else _of_one(problem.cases[0])
+    aim = OneCriterion(problem.sensitivity, problem.goal, 0.0 if problem.measured is None else problem.measured)
     chain = problem.robot.chain
     keep_off = MARGIN * (chain.upper - chain.lower)
     further = problem.inputs[:, chain.size :]  # stations and payloads, which do not change: their slope is zero
@@ -866,37 +723,15 @@ def _uphill(problem: PoseProblem, design: Design, rounds: int, aim: Aim | None =
     )
 
 
-def _of_nominal(problem: PoseProblem, design: Design) -> Design:
-    """Return the design with the Jacobians of the nominal arm alone."""
-    return design if len(problem.cases) == 1 else replace(design, jacobian=problem.sensitivity(design.joints))
-
-
 def exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
     """Exchange among the candidates to which a free path leads."""
-    nominal = _nominal(problem, problem.cases[0], count, rng)
-    if len(problem.cases) == 1:
-        return nominal
-    return _of_nominal(problem, _exchanged_worst(problem, count, rng, nominal.rows))
-
-
-def _nominal(problem: PoseProblem, case: Case, count: int, rng: np.random.Generator) -> Design:
-    """Exchange among the candidates, for one case alone."""
     return exchange(
         problem.inputs,
-        case.pool,
+        problem.pool,
         count,
-        case.goal,
+        problem.goal,
         rng,
         starts=1,
-        measured=information(case.before) if len(case.before) else None,
+        measured=problem.measured,
         reachable=problem.access.reachable,
-    )
-
-
-def _exchanged_worst(
-    problem: PoseProblem, count: int, rng: np.random.Generator, first: NDArray[np.int_] | None = None
-) -> Design:
-    """Exchange among the candidates for the worst case, from some of them ``(count,)``, with Jacobians of all."""
-    return exchange_worst(
-        problem.inputs, WorstCase(problem.cases), rng, count, first=first, reachable=problem.access.reachable
     )

@@ -17,7 +17,6 @@ from lab.core.limits import (
     FIXTURES,
     OPTION_SIZE,
     PAYLOAD_KG,
-    PERTURBED_ARMS,
     POSES,
     READINGS,
     SEED,
@@ -136,10 +135,6 @@ class VirtualCampaign(SensorOptions, VirtualSetup, _VirtualSession):
                 raise LabError(f"{flag} is of --observe {', '.join(able)}; give one of these, or leave it out")
 
 
-_MODELS_HELP = (
-    "Model to identify: geometric, or groups joined by + as in lab identify, e.g. geometric+compliance. The design is "
-    "for the worst of several, separated by commas"
-)
 _DESIGN_REGION_HELP = (
     "Where the error is predicted: workspace (within the joints' limits), a box x0,x1,y0,y1,z0,z1 in mm in the robot's "
     "frame 0, or a CSV file of targets in the instrument's frame, as lab compensate takes"
@@ -160,16 +155,11 @@ class DesignOptions:
     """Choose the fewest poses with errors within this at 95 % of the validation poses, in 95 % of the campaigns."""
     criterion: str = "O1"
     """Criterion to optimize: O1, O2, O3, O4, O5, condition, A, G or I. Packages may add others."""
-    model: Annotated[str, tyro.conf.arg(help=_MODELS_HELP)] = "geometric"
+    model: str = "geometric"
+    """Model to identify: geometric, or groups joined by + as in lab identify, e.g. geometric+compliance."""
     payload_kg: Numbers = ()
     """Payloads that the poses may carry: the design chooses one for each pose, and the tour changes them seldom."""
     region: Annotated[str, tyro.conf.arg(help=_DESIGN_REGION_HELP)] = "workspace"
-    worst_of: int = 0
-    """Design for the worst of so many perturbed arms and the nominal one; 0 for the nominal one alone."""
-    position_sigma_mm: float = _VirtualSession.position_sigma_mm
-    """Position error of base, links and flange of the perturbed arms, per axis (1σ)."""
-    rotation_sigma_mrad: float = _VirtualSession.rotation_sigma_mrad
-    """Rotation error of base, links and flange of the perturbed arms, per axis (1σ)."""
     scaling: Literal["raw", "unit", "length", "whitened"] = "whitened"
     """Units of the indices: mm and rad, unit columns, a characteristic length, or tolerances and noise."""
     observe: Literal["points", "pixels"] = "points"
@@ -209,11 +199,6 @@ class DesignOptions:
     """Random seed of the candidates, the starts and the test poses."""
 
     @property
-    def models(self) -> tuple[str, ...]:
-        """The models, each with its groups joined by +."""
-        return tuple(name.strip() for name in self.model.split(","))
-
-    @property
     def clearances(self) -> Clearances:
         """Clearances of the plan."""
         return Clearances(MM.to_si(self.clearance_mm), MM.to_si(self.self_clearance_mm))
@@ -234,7 +219,7 @@ class DesignOptions:
         whole("--candidates", self.candidates, 1, CANDIDATES)
         TARGETS("--targets", self.targets)
         CANDIDATE_POINTS("--candidates times --targets", self.candidates * len(self.targets))
-        self._refuse_impossible_cases()
+        self._refuse_impossible_models()
         for flag, value in (("--clearance-mm", self.clearance_mm), ("--self-clearance-mm", self.self_clearance_mm)):
             if value not in OPTION_SIZE:
                 raise LabError(f"{flag} {value:g}: give a distance from 0 to {OPTION_SIZE.most:g} mm")
@@ -261,18 +246,14 @@ class DesignOptions:
                 flag = "--" + name.replace("_", "-")
                 raise LabError(f"{flag}: is of a design for measured points; leave it out beside --observe pixels")
 
-    def _refuse_impossible_cases(self) -> None:
-        """Refuse models, payloads, perturbed arms or a region that make no sense, with a LabError."""
-        whole("--worst-of", self.worst_of, 0, PERTURBED_ARMS)
-        for name in self.models:
-            fitting = Fitting(model=name)
-            fitting.check()
-            if fitting.searched or fitting.residual:
-                raise LabError(
-                    f"--model {name}: a design needs the groups by name; give geometric, or groups joined by +"
-                )
-        if len(set(self.models)) < len(self.models):
-            raise LabError(f"--model {self.model}: name each model once")
+    def _refuse_impossible_models(self) -> None:
+        """Refuse a model, payloads or a region that make no sense, with a LabError."""
+        fitting = Fitting(model=self.model)
+        fitting.check()
+        if fitting.searched or fitting.residual:
+            raise LabError(
+                f"--model {self.model}: a design needs the groups by name; give geometric, or groups joined by +"
+            )
         if task_region(self.region).kind == "measured":
             raise LabError("--region measured: nothing is measured before the design; give workspace, a box or a file")
         for mass in self.payload_kg:
@@ -281,22 +262,10 @@ class DesignOptions:
         if len(set(self.payload_kg)) < len(self.payload_kg):
             raise LabError("--payload-kg: name each payload once")
         points = self.candidates * len(self.targets) * max(len(self.payload_kg), 1)
-        DESIGN_POINTS(
-            "--candidates times --targets, --payload-kg, --worst-of and --model",
-            points * (self.worst_of + 1) * len(self.models),
-        )
-        for flag, name in (
-            ("--position-sigma-mm", "position_sigma_mm"),
-            ("--rotation-sigma-mrad", "rotation_sigma_mrad"),
-        ):
-            value = getattr(self, name)
-            if value not in OPTION_SIZE:
-                raise LabError(f"{flag} {value:g}: give a standard deviation from 0 to {OPTION_SIZE.most:g}")
-            if not self.worst_of and value != getattr(DesignOptions, name):
-                raise LabError(f"{flag}: of the perturbed arms of --worst-of; give it too, or leave both out")
+        DESIGN_POINTS("--candidates times --targets and --payload-kg", points)
 
 
-_OF_POINTS = ("instrument", "targets", "model", "payload_kg", "region", "scaling", "worst_of", "extend", "check")
+_OF_POINTS = ("instrument", "targets", "model", "payload_kg", "region", "scaling", "extend", "check")
 
 
 def check_region(region: str, kind: "Sensor") -> None:

@@ -126,7 +126,7 @@ _DESIGN_GROUPS = (
     OptionGroup(
         "criterion",
         ("criterion", "model"),
-        ("region", "scaling", "worst_of", "position_sigma_mm", "rotation_sigma_mrad"),
+        ("region", "scaling"),
     ),
     OptionGroup("measurement", ("instrument", "targets"), ("observe", "cameras")),
 )

@@ -25,7 +25,7 @@ __all__ = [
     "HUMIDITY_PERCENT", "JOINTS",
     "JOINT_SPAN", "LENGTH_M", "LIMITS", "LINE", "LINE_OF_TEXT", "MESH_BYTES", "MOMENTS", "MOTOR_ZERO_DEG", "NAME",
     "NESTED_ELEMENTS", "NUMBER_SIZE", "OPTION_SIZE", "ORIENTATIONS", "PASSED", "PATIENCE_S", "PAYLOAD_KG",
-    "PERTURBED_ARMS", "PIXELS", "PLACED", "PLACES", "POSES", "POSITION_MM", "POSITIVE_OPTION", "PRESSURE_HPA",
+    "PIXELS", "PLACED", "PLACES", "POSES", "POSITION_MM", "POSITIVE_OPTION", "PRESSURE_HPA",
     "PROGRAM_BYTES", "PROGRAM_FRAMES", "PROGRAM_MOVES", "PROGRAM_TARGETS", "QUATERNION_NORM", "RANGES", "READINGS",
     "REFLECTOR_DEG", "ROBOTS", "ROOM_C", "ROTATION_ERROR", "ROUNDED_NORM", "ROUNDS", "ROWS", "SEED", "SIGMA_MM",
     "SIMULATION_S", "SIMULATION_SIZE", "STARTS", "TABLE_BYTES", "TARGETS", "TEXT_BYTES", "TOML_BYTES", "UNCERTAINTY",
@@ -101,10 +101,9 @@ READINGS = Limit("readings of a point", 1_000_000, "the noise of their mean is n
 CANDIDATES = Limit("candidates of a plan", 100_000, "2,000 give an equally good plan")
 CANDIDATE_POINTS = Limit("points of all candidates of a plan", 170_000, "memory must hold their derivatives")
 DESIGN_POINTS = Limit(
-    "points of all candidates of a plan, with all payloads, perturbed arms and models", 600_000,
+    "points of all candidates of a plan, with all payloads", 600_000,
     "memory must hold their derivatives",
 )  # fmt: skip
-PERTURBED_ARMS = Limit("perturbed arms of a plan", 300, "20 give an equally good plan")
 STARTS = Limit("starts of a plan's search", 1_000, "4 give an equally good plan")
 ROBOTS = Limit("robots of a study", 100_000, "files are numbered with five digits")
 DRAWS = Limit("draws of a study", 100_000, "the draws of one robot are computed together")

@@ -11,7 +11,6 @@ is concave, so its tangent bounds it everywhere, also for every exact design fro
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 import scipy  # its parts are loaded at their first use
@@ -22,22 +21,16 @@ from lab.core.se3 import Array
 from lab.pose_selection.criteria import Criterion
 
 __all__ = [
-    "Aim",
     "Certificate",
     "Design",
-    "Exchange",
     "Feasible",
     "OneCriterion",
     "Sensitivity",
-    "added",
     "ascend",
     "certify",
     "climb",
     "exchange",
     "information",
-    "inverse_of",
-    "scores_with",
-    "with_steps",
 ]
 
 Sensitivity = Callable[[Array], Array]
@@ -111,7 +104,7 @@ def exchange(
 
     best: Design | None = None
     for _ in range(starts):
-        chosen, score = Exchange(jacobian, goal, earlier, rng, allowed).settled(count)
+        chosen, score = _Exchange(jacobian, goal, earlier, rng, allowed).settled(count)
         if best is None or score > best.score:
             best = Design(chosen, joints[chosen], jacobian[chosen], score)
     assert best is not None
@@ -126,7 +119,7 @@ def _scaled(matrix: Array) -> Array:
     return scaled
 
 
-class Exchange:
+class _Exchange:
     """State of an exchange: the chosen poses, and the gain of every candidate.
 
     For O1, V is the inverse of the information of all chosen poses, and tr(J V J') of every candidate is stored. Both
@@ -143,16 +136,13 @@ class Exchange:
         self.free = np.ones(len(jacobian), dtype=bool)  # neither chosen nor found unreachable
         self.by_trace = goal.name == "O1"
 
-    def settled(self, count: int, first: NDArray[np.int_] | None = None) -> tuple[NDArray[np.int_], float]:
+    def settled(self, count: int) -> tuple[NDArray[np.int_], float]:
         """Exchange poses until no allowed candidate is better; return them and their score.
 
         Tests of reachability take longest: they are done for the final poses, and the exchange continues without those
         that are unreachable.
-
-        Args:
-            first: ``(count,)`` candidates to start from; random ones if not given.
         """
-        self.chosen = self.rng.choice(len(self.jacobian), count, replace=False) if first is None else first.copy()
+        self.chosen = self.rng.choice(len(self.jacobian), count, replace=False)
         self.free[:] = True
         self.free[[*self.barred, *self.chosen.tolist()]] = False
         passes, unsettled = 0, True
@@ -160,15 +150,11 @@ class Exchange:
             self._recompute()
             changed, passes = sum(self._changed(slot) for slot in range(count)), passes + 1
             unsettled = (changed > 0 and passes < _MAX_PASSES) or self._bar_unreachable()
-        return self.chosen, self._score(self.earlier + self._information(self.chosen))
+        return self.chosen, float(self.goal.score(self.earlier + self._information(self.chosen)))
 
     def _information(self, rows: NDArray[np.int_]) -> Array:
         """Return the information of candidates."""
         return information(self.jacobian[rows])
-
-    def _score(self, total: Array) -> float:
-        """Return the score of an information."""
-        return float(self.goal.score(total))
 
     def _bar_unreachable(self) -> bool:
         """Bar chosen poses that are unreachable; return whether there are any."""
@@ -224,12 +210,12 @@ class Exchange:
         """Return candidates for a slot (the present one last), and the score of the design with each."""
         if left is not None:
             tried = np.append(self._promising(left), present)
-            return tried, added(self.jacobian[tried], left.inverse)
+            return tried, _added(self.jacobian[tried], left.inverse)
         tried = np.flatnonzero(self.free)
         if self.goal.weight is None and len(tried) > _SAMPLED:  # no rank-k update: whole scores of a sample
             tried = self.rng.choice(tried, _SAMPLED, replace=False)
         tried = np.append(tried, present)
-        return tried, scores_with(self.goal, without, self.jacobian[tried])
+        return tried, _scores_with(self.goal, without, self.jacobian[tried])
 
     def _promising(self, left: "_Traces") -> NDArray[np.int_]:
         """Return the free candidates that may have the largest log det(I + J V J').
@@ -241,12 +227,12 @@ class Exchange:
         trace = np.where(self.free, left.trace, -1.0)
         first = np.argpartition(-trace, min(_FIRST, len(trace) - 1))[:_FIRST]
         first = first[self.free[first]]
-        best = added(self.jacobian[first], left.inverse).max(initial=-np.inf)
+        best = _added(self.jacobian[first], left.inverse).max(initial=-np.inf)
         bound = rows * np.log1p(np.maximum(trace, -0.5) / rows)
         return np.flatnonzero(self.free & (bound >= best - 1e-9))
 
     def _computed(self, total: Array) -> "_Traces":
-        inverse = inverse_of(total)
+        inverse = _inverse_of(total)
         by_row = np.einsum("ij,ij->j", inverse @ self.columns, self.columns)
         return _Traces(inverse, by_row.reshape(-1, len(self.jacobian)).sum(axis=0))
 
@@ -271,18 +257,18 @@ class _Traces:
     trace: Array
 
 
-def added(jacobian: Array, inverse: Array) -> Array:
+def _added(jacobian: Array, inverse: Array) -> Array:
     """Return log det(I + J V J') of candidates ``(m, r, p)``: each one's gain in log det of the information."""
     core = np.eye(jacobian.shape[1]) + jacobian @ inverse @ np.swapaxes(jacobian, 1, 2)
     gains: Array = np.linalg.slogdet(core)[1]
     return gains
 
 
-def scores_with(goal: Criterion, without: Array, part: Array) -> Array:
+def _scores_with(goal: Criterion, without: Array, part: Array) -> Array:
     """Return the scores ``(m,)`` of an information ``(p, p)`` with one of candidates ``(m, r, p)`` added."""
     if goal.weight is None:  # no rank-k update: whole scores
         return goal.score(without + np.swapaxes(part, 1, 2) @ part)
-    inverse = inverse_of(without)
+    inverse = _inverse_of(without)
     moved = part @ inverse  # (m, r, p)
     core = np.eye(part.shape[1]) + moved @ np.swapaxes(part, 1, 2)
     spread = moved @ goal.weight @ np.swapaxes(moved, 1, 2)
@@ -290,24 +276,11 @@ def scores_with(goal: Criterion, without: Array, part: Array) -> Array:
     return np.asarray(-np.log(np.maximum(np.trace(goal.weight @ inverse) - gain, 1e-300)))
 
 
-def inverse_of(information: Array) -> Array:
+def _inverse_of(information: Array) -> Array:
     """Invert with a small ridge, as a design one pose short may be singular."""
     p = len(information)
     ridge = _RIDGE * np.trace(information) / p or _RIDGE  # without its only pose a design has no information
     return np.asarray(np.linalg.inv(information + ridge * np.eye(p)), dtype=np.float64)
-
-
-class Aim(Protocol):
-    """Objective of an ascent: a score of the derivatives at all poses."""
-
-    def seen(self, inputs: Array) -> Array:
-        """Return the derivatives ``(n, ...)`` at inputs ``(n, joints)``."""
-
-    def score(self, jacobian: Array) -> float:
-        """Return the score of derivatives ``(n, ...)``."""
-
-    def uphill(self, inputs: Array) -> tuple[float, Array]:
-        """Return a smooth score at inputs ``(n, joints)``, and its derivatives ``(n, joints)``."""
 
 
 @dataclass(frozen=True)
@@ -332,7 +305,7 @@ class OneCriterion:
 
     def uphill(self, inputs: Array) -> tuple[float, Array]:
         """Return the criterion's score, and its derivatives."""
-        here, rate = with_steps(self.sensitivity, inputs)
+        here, rate = _with_steps(self.sensitivity, inputs)
         total = self.earlier + information(here)
         try:
             slope = 2 * np.einsum("nrp,njrp->nj", here @ self.goal.slope(total), rate)
@@ -341,7 +314,7 @@ class OneCriterion:
         return float(self.goal.score(total)), slope
 
 
-def with_steps(sensitivity: Sensitivity, inputs: Array) -> tuple[Array, Array]:
+def _with_steps(sensitivity: Sensitivity, inputs: Array) -> tuple[Array, Array]:
     """Return Jacobians ``(n, r, p)`` at inputs ``(n, joints)``, and their rates ``(n, joints, r, p)`` by each input."""
     n, size = inputs.shape
     offsets = np.concatenate([np.zeros((1, size)), _STEP_RAD * np.eye(size), -_STEP_RAD * np.eye(size)])
@@ -372,7 +345,9 @@ def ascend(
     return climb(design, aim, feasible, lower, upper, rounds=rounds)
 
 
-def climb(design: Design, aim: Aim, feasible: Feasible, lower: Array, upper: Array, *, rounds: int = 4) -> Design:
+def climb(
+    design: Design, aim: OneCriterion, feasible: Feasible, lower: Array, upper: Array, *, rounds: int = 4
+) -> Design:
     """Move all joint angles uphill, each pose only to feasible positions; the score never falls.
 
     A quasi-Newton ascent within the limits proposes; then each pose moves as far towards its
@@ -402,7 +377,7 @@ def climb(design: Design, aim: Aim, feasible: Feasible, lower: Array, upper: Arr
     return Design(rows, joints, jacobian, score)
 
 
-def _proposed(joints: Array, aim: Aim, lower: Array, upper: Array, tolerance: float) -> Array:
+def _proposed(joints: Array, aim: OneCriterion, lower: Array, upper: Array, tolerance: float) -> Array:
     """Move all poses by a quasi-Newton ascent within the limits, collisions aside, to a relative gain of the score."""
     n, size = joints.shape
 

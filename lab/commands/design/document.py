@@ -270,7 +270,7 @@ def design_document(result: DesignResult) -> doc.Document:
     """The predicted error, the tour, the certificate and the indices of the choice."""
     values = result.to_dict()
     session = SessionDuration.of(result.tour)
-    lead = doc.Paragraph(f"{_chosen(values)} {_predicted(values)}{_worst(values)}", "lead", shown_in=doc.NARROW)
+    lead = doc.Paragraph(f"{_chosen(values)} {_predicted(values)}", "lead", shown_in=doc.NARROW)
     return doc.Document(
         f"{values['robot']}: {values['poses']} poses to measure",
         (
@@ -281,7 +281,7 @@ def design_document(result: DesignResult) -> doc.Document:
                 "Poses and tour",
                 (
                     doc.Scene("plan-scene", lambda: page_scene(result), _PLAN),
-                    doc.Paragraph(f"{_chosen(values)} {_predicted(values)}{_worst(values)}", shown_in=doc.PAGE),
+                    doc.Paragraph(f"{_chosen(values)} {_predicted(values)}", shown_in=doc.PAGE),
                     doc.Paragraph(_tour(result)),
                     *_files(result),
                     *_corners(result),
@@ -420,25 +420,6 @@ def _predicted(values: dict[str, Any]) -> str:
     )
 
 
-def _worst(values: dict[str, Any]) -> str:
-    """Describe the worst of several arms and models; "" for the nominal arm with a single model."""
-    worst = values["worst"]
-    if worst is None:
-        return ""
-    arms = f"the nominal arm and {worst['perturbed_arms']} perturbed ones" if worst["perturbed_arms"] else "the arm"
-    models = f" with the models {' and '.join(values['model'])}" if len(values["model"]) > 1 else ""
-    return (
-        f" The design is for the worst of {worst['cases']} cases: {arms}{models}. In the worst case "
-        f"({_arm(worst['arm'])}, model {worst['model']}) the predicted error is {worst['predicted_mm']['rms']:.4f} mm "
-        f"RMS, {worst['predicted_mm']['max']:.4f} mm RMS at the worst pose, and the tolerance bound "
-        f"{worst['promise_mm']:.4f} mm."
-    )
-
-
-def _arm(number: int) -> str:
-    return f"perturbed arm {number}" if number else "the nominal arm"
-
-
 def _steps(values: dict[str, Any]) -> doc.Table:
     """The curve as a table, with O1 where each number was designed: else it is the same for any."""
     designed = values["curve_of"] == "designs"
@@ -564,8 +545,8 @@ def _certificate(values: dict[str, Any]) -> str:
 
 
 def _own_certificate(values: dict[str, Any]) -> tuple[doc.Block, ...]:
-    """The certificate of the criterion itself, with the cases that decide."""
-    found, worst = values["certificate"], values["worst"]
+    """The certificate of the criterion itself."""
+    found = values["certificate"]
     if found is None:
         return ()
     less = 100 * (1 - found["efficiency"] ** _ERROR_POWER.get(found["criterion"], 1.0))
@@ -575,18 +556,11 @@ def _own_certificate(values: dict[str, Any]) -> tuple[doc.Block, ...]:
         if found["criterion"] in quantity
         else "1 would be the best possible"
     )
-    of = "" if worst is None else f", for the worst of {worst['cases']} cases"
     text = (
-        f"By the criterion {found['criterion']} itself{of}, the certified efficiency is {found['efficiency']:.3f}: "
+        f"By the criterion {found['criterion']} itself, the certified efficiency is {found['efficiency']:.3f}: "
         f"{least} (gap of the bound {100 * found['bound_gap']:.2f} %)."
     )
-    if worst is None or not worst["weights"]:
-        return (doc.Paragraph(text),)
-    rows = tuple((_arm(each["arm"]), each["model"], fixed(each["weight"], 3)) for each in worst["weights"])
-    return (
-        doc.Paragraph(text),
-        doc.Table(("arm", "model", "weight"), rows, "Cases that decide the bound", shown_in=doc.PAGE | doc.RECORDING),
-    )
+    return (doc.Paragraph(text),)
 
 
 def _indices(values: dict[str, Any]) -> tuple[doc.Block, ...]:

@@ -33,6 +33,7 @@ from lab.kinematics.effects.effect import PAYLOAD
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
 from lab.noise.instruments import observing
+from lab.pose_selection.certificate import CriterionCertificate, certify_criterion
 from lab.pose_selection.criteria import (
     Criterion,
     Indices,
@@ -44,7 +45,6 @@ from lab.pose_selection.criteria import (
 )
 from lab.pose_selection.exchange import Certificate, Design, certify, information
 from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
-from lab.pose_selection.worst_case import WorstCertificate, certify_worst
 from lab.render.terminal import Stage, status
 from lab.simulation.candidate_poses import field_of_view, incidence, stations_in, view_of
 from lab.simulation.collisions import describe_collisions
@@ -175,10 +175,8 @@ class DesignResult(Result):
         certificate: the best continuous D-optimal design over the candidates and the poses that the ascent moved.
         d_efficiency: certified, of the chosen poses with those measured already.
         payloads: ``(n,)`` kg that the arm carries at each pose; zero if none are given.
-        own_certificate: of the criterion for all cases, if it is another one than O1 for the nominal arm; else None.
+        own_certificate: of the criterion, if it is another one than O1; else None.
         efficiency: certified by it, of the chosen poses with those measured already.
-        worst: the prediction of the case with the largest error; the nominal arm's for a single case.
-        worst_case: number of that case.
         indices: the observability indices, in the units of the scaling.
         prediction: the predicted errors on validation poses.
         curve: against the number of poses.
@@ -200,12 +198,10 @@ class DesignResult(Result):
     payloads: Array
     certificate: Certificate
     d_efficiency: float
-    own_certificate: WorstCertificate | None
+    own_certificate: CriterionCertificate | None
     efficiency: float | None
     indices: Indices
     prediction: PredictedAccuracy
-    worst: PredictedAccuracy
-    worst_case: int
     curve: tuple[DesignStep, ...]
     tour: Tour
     seconds: float = field(compare=False)
@@ -331,7 +327,7 @@ class DesignResult(Result):
             "corners": None if self.corners is None else list(self.corners),
             "parameters": len(self.problem.structure.identifiable),
             "criterion": options.criterion,
-            "model": list(options.models),
+            "model": [options.model],
             "region": options.region,
             "indices": self._scaled_indices,
             "d_efficiency": self.d_efficiency,
@@ -340,7 +336,6 @@ class DesignResult(Result):
             "predicted_mm": error_statistics(self.prediction.rms).to_dict(),
             "promise_mm": MM.of(self.prediction.coverage_radius),
             "certificate": self._own_certificate,
-            "worst": self._worst,
             "payloads": [
                 {"payload_kg": float(mass), "poses": int((self.payloads == mass).sum())}
                 for mass in self.problem.payloads
@@ -370,34 +365,13 @@ class DesignResult(Result):
 
     @property
     def _own_certificate(self) -> dict[str, Any] | None:
-        """The certificate of the criterion itself, for all cases."""
+        """The certificate of the criterion itself."""
         if self.own_certificate is None or self.efficiency is None:
             return None
         return {
             "criterion": self.options.criterion,
             "efficiency": self.efficiency,
             "bound_gap": self.own_certificate.gap,
-        }
-
-    @property
-    def _worst(self) -> dict[str, Any] | None:
-        """The worst of several cases; None for a single one."""
-        cases = self.problem.cases
-        if len(cases) == 1:
-            return None
-        weights = [] if self.own_certificate is None else self.own_certificate.cases.tolist()
-        return {
-            "cases": len(cases),
-            "perturbed_arms": self.options.worst_of,
-            "arm": cases[self.worst_case].arm,
-            "model": cases[self.worst_case].model,
-            "predicted_mm": error_statistics(self.worst.rms).to_dict(),
-            "promise_mm": MM.of(self.worst.coverage_radius),
-            "weights": [
-                {"arm": case.arm, "model": case.model, "weight": weight}
-                for case, weight in zip(cases, weights, strict=bool(weights))
-                if weight > _NO_WEIGHT
-            ],
         }
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
@@ -581,15 +555,14 @@ def planned_session(options: DesignOptions, robot: Robot | None = None, own: Cri
 
 
 def _planned(options: DesignOptions, problem: PoseProblem, started: float, progress: Stage) -> DesignResult:
-    least = max(enough_poses(case.pool, case.before) for case in problem.cases)
+    least = enough_poses(problem.pool, problem.before)
     quick = _of_any_size(options, problem)
     if options.accuracy_mm is not None:
         design = _accurate_design(options, problem, least, quick, progress)
     else:
         count = _POSES if options.poses is None else options.poses
         if count < least:
-            most_parameters = max(case.pool.shape[2] for case in problem.cases)
-            raise LabError(f"--poses {count}: {most_parameters} parameters need {least} poses or more")
+            raise LabError(f"--poses {count}: {problem.pool.shape[2]} parameters need {least} poses or more")
         design = best_design(options, problem, count, progress)
     count = len(design.joints)
 
@@ -600,8 +573,6 @@ def _planned(options: DesignOptions, problem: PoseProblem, started: float, progr
     certificate = certify(pool, measured=measured, share=count / (n0 + count))
     everything = np.concatenate([design.jacobian, problem.before])
     own, efficiency = _own_certificate(problem, design, certificate)
-    predictions = _predictions(problem, design.joints, options.seed)
-    worst = max(range(len(predictions)), key=lambda i: predictions[i].coverage_radius)
     most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(_MOST_POSES, count)))
     sizes = np.unique(np.geomspace(least, most, _CURVE_STEPS).round().astype(int)).tolist()
     progress("4 of 5, tour")
@@ -619,9 +590,7 @@ def _planned(options: DesignOptions, problem: PoseProblem, started: float, progr
         own_certificate=own,
         efficiency=efficiency,
         indices=indices(everything),
-        prediction=predictions[0],
-        worst=predictions[worst],
-        worst_case=worst,
+        prediction=_prediction(problem, design.joints, options.seed),
         curve=tuple(
             _designed_steps(options, problem, sizes, quick, progress)
             if options.curve
@@ -656,31 +625,30 @@ def _tour(options: DesignOptions, problem: PoseProblem, inputs: Array, chain: Jo
     return one_after_another(parts)
 
 
-def _predictions(problem: PoseProblem, inputs: Array, seed: int) -> list[PredictedAccuracy]:
-    """Return the predicted errors in each case."""
+def _prediction(problem: PoseProblem, inputs: Array, seed: int) -> PredictedAccuracy:
+    """Return the predicted errors."""
     every = np.concatenate([inputs, problem.already])
-    return [predict(information(case.whitened(every)), case.test, rng_for(seed, "promise")) for case in problem.cases]
+    return predict(information(problem.whitened(every)), problem.test, rng_for(seed, "promise"))
 
 
 def _own_certificate(
     problem: PoseProblem, design: Design, certificate: Certificate
-) -> tuple[WorstCertificate | None, float | None]:
-    """Return the certificate of the criterion and the efficiency by it, if it is not the one of O1 for a single arm.
+) -> tuple[CriterionCertificate | None, float | None]:
+    """Return the certificate of the criterion and the efficiency by it, if it is not O1.
 
     Args:
-        certificate: of O1 for the nominal arm, from whose weights the search starts.
+        certificate: of O1, from whose weights the search starts.
     """
-    cases, moved = problem.cases, design.joints[design.rows < 0]
-    if len(cases) == 1 and problem.goal.name == "O1":
+    goal, moved = problem.goal, design.joints[design.rows < 0]
+    if goal.name == "O1" or goal.growth is None:
         return None, None
     n0, n = len(problem.already), len(design.joints)
-    pools = [np.concatenate([case.pool, case.sensitivity(moved)]) for case in cases]
-    found = certify_worst(cases, pools, start=certificate.weights, share=n / (n0 + n))
+    pool = np.concatenate([problem.pool, problem.sensitivity(moved)])
+    found = certify_criterion(goal, pool, problem.before, start=certificate.weights, share=n / (n0 + n))
     if found is None:
         return None, None
-    totals = (information(case.sensitivity(design.joints)) + information(case.before) for case in cases)
-    value = min(float(case.value(case.goal.score(total))) for case, total in zip(cases, totals, strict=True))
-    return found, found.efficiency(value, n + n0)
+    total = information(problem.sensitivity(design.joints)) + information(problem.before)
+    return found, found.efficiency(float(goal.score(total)) / goal.growth, n + n0)
 
 
 def _of_any_size(options: DesignOptions, problem: PoseProblem) -> Callable[[int], Design]:
@@ -707,7 +675,7 @@ def _accurate_design(
     most = max(least, min(_MOST_POSES, len(problem.pool) // 2))
 
     def bound(design: Design) -> float:
-        return max(each.coverage_radius for each in _predictions(problem, design.joints, options.seed))
+        return _prediction(problem, design.joints, options.seed).coverage_radius
 
     count = smallest_count(lambda size: bound(quick(size)), wanted, least, most)
     design = best_design(options, problem, count, progress)
