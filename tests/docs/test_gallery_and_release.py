@@ -23,6 +23,7 @@ def test_every_picture_and_figure_is_in_the_gallery_with_its_page() -> None:
         assert script is None or (ROOT / script[0]).exists()
 
 
+@pytest.mark.thorough
 def test_a_figure_follows_the_colours_of_the_page() -> None:
     sys.path.insert(0, str(DOCS / "_extensions"))
     try:

@@ -33,7 +33,7 @@ LENGTHS = {  # d1, a2, a3, d4, d5, d6: Universal Robots, "DH parameters for calc
 }
 TARGETS = ("p1", "p2", "p3")
 ROBOTS = ["irb120", "ur5", "ur10", "panda", "tx40", "rx130", "scara", "ur5e table", "ur5e urdf"]
-QUICK = ["irb120", "ur10", "ur5e urdf"]
+pytestmark = pytest.mark.thorough  # yourdfpy is of the extra dev
 
 
 def robot_called(name: str, folder: Path) -> Robot:
@@ -87,7 +87,7 @@ def by_yaml(text: str, joints: Array) -> Array:
     return np.array(poses)
 
 
-@pytest.fixture(params=[n if n in QUICK else pytest.param(n, marks=pytest.mark.thorough) for n in ROBOTS])
+@pytest.fixture(params=ROBOTS)
 def exported(request, tmp_path: Path) -> tuple[str, Path, Robot, SerialArm, Array]:
     """Files of an arm off by 0.5 mm and 1.5 mrad in every parameter, last link too, its base anywhere."""
     robot = robot_called(request.param, tmp_path)

@@ -57,7 +57,7 @@ def exported(kind: str) -> bytes:
     return content.encode() if isinstance(content, str) else content
 
 
-@pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", "dae"])
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", pytest.param("dae", marks=pytest.mark.thorough)])
 def test_a_mesh_of_any_kind_is_the_box_that_it_holds(kind: str, tmp_path: Path) -> None:
     """Written by another library; its extent is what MuJoCo then has."""
     path = written(tmp_path, f"box.{kind.removesuffix('_ascii')}", exported(kind))

@@ -45,7 +45,9 @@ def test_a_signed_scale_reaches_the_largest_value_and_is_monotonic(most: float) 
         assert 0 <= place <= 1 and signed_place(np.array(float(label.replace("−", "-"))), most) == pytest.approx(place)
 
 
+@pytest.mark.thorough
 def test_a_heat_map_has_its_colours_its_scale_and_readable_words() -> None:
+    pytest.importorskip("matplotlib")
     shares = np.array([[0.0, 1.0, np.nan], [0.2, 0.8, 0.5]])
     texts = [["dark", "light", ""], ["", "", "grey"]]
     svg = heat_map("map", "a map", ["top", "bottom"], ["a", "b", "c"], shares, GREYS, texts).chart().svg()
@@ -60,7 +62,9 @@ def test_a_heat_map_has_its_colours_its_scale_and_readable_words() -> None:
     assert {each.get_text() for each in figure.axes[0].texts} >= {"dark", "light", "high", "what it is"}
 
 
+@pytest.mark.thorough
 def test_an_interval_chart_marks_what_differs_from_zero() -> None:
+    pytest.importorskip("matplotlib")
     values, halves = np.array([0.1, 5.0, -3.0]), np.array([1.0, 0.5, 0.2])
     distinct = np.abs(values) > halves
     sets = [Intervals("one", values, halves, distinct), Intervals("two", 0 * values, halves, np.zeros(3, bool))]

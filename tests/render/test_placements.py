@@ -9,7 +9,9 @@ from lab.render.scene import placement_picture
 pytestmark = pytest.mark.figures
 
 
+@pytest.mark.thorough
 def test_two_placements_have_one_scale_and_their_lines_are_drawn() -> None:
+    pytest.importorskip("matplotlib")
     lines = np.array([[[0, 0, 0], [0, 0, 1.0], [1, 0, 1]], [[0, 0, 0], [0, 0, 1.0], [0, 2, 1]]])
     frames = np.stack([np.eye(4), se3.pose(np.eye(3), np.array([0.0, 0.0, 1.0]))])
     figures = [placement_picture(i, f"{i}", [lines], np.stack([frames, frames])).draw() for i in range(2)]

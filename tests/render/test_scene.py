@@ -111,7 +111,9 @@ def test_a_view_looks_at_the_arm_from_outside() -> None:
     assert main_view("all", controls).name == "all"
 
 
+@pytest.mark.thorough
 def test_sizes_are_spread_by_rank_and_drawn() -> None:
+    pytest.importorskip("matplotlib")
     sizes = np.random.default_rng(0).uniform(size=3 * MOST_POINTS)
     rows = spread_by_size(sizes)
     assert len(rows) == MOST_POINTS and sizes[rows[-1]] == sizes.max() and (np.diff(sizes[rows]) >= 0).all()

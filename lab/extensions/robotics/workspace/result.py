@@ -403,7 +403,7 @@ def _section(cut: PlaneSection, name: str) -> Picture:
             bar.set_xticks([])
             bar.set_yticks([])
             for share in (0.0, 0.5, 1.0):
-                bar.annotate(f"{100 * share:.0f} %", (1.3, share), va="center")
+                bar.annotate(f"{100 * share:.0f} %", (1.3, share), xycoords="axes fraction", va="center")
 
     return axes_picture(name, f"Section {first}-{second} at {level}", (4.6, 3.9), draw, (0.8, 0.5, 0.9, 0.3))
 
