@@ -4,6 +4,7 @@ import re
 import sys
 import tomllib
 
+import pytest
 from helpers.robots import ROOT
 
 DOCS = ROOT / "docs"
