@@ -26,7 +26,6 @@ __all__ = [
     "check_rates",
     "check_within",
     "joined",
-    "lasts",
     "possible_spans",
     "quickest_ramps",
     "rest_to_rest",
@@ -139,11 +138,6 @@ def possible_spans(axes: Sequence[Axis]) -> list[Span]:
 def _end(spans: Sequence[Span], seconds: float) -> float:
     slack = SLACK * seconds
     return next((high for low, high in spans if low - slack <= seconds <= high + slack), -1.0)
-
-
-def lasts(spans: Sequence[Span], seconds: float) -> bool:
-    """Check whether a duration is possible."""
-    return _end(spans, seconds) >= 0
 
 
 def check_rates(names: Sequence[str], speed: Array, acceleration: Array) -> None:

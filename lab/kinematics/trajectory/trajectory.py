@@ -4,7 +4,6 @@ Every law keeps the chain's limits of joint position, speed and acceleration, by
 positions are in rad or m, times in s.
 """
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -16,12 +15,10 @@ from lab.kinematics.trajectory.profiles import (
     EXACT,
     SLACK,
     Axis,
-    Span,
     Trajectory,
     check_rates,
     check_within,
     joined,
-    lasts,
     possible_spans,
     quickest_ramps,
     rest_to_rest,
@@ -33,7 +30,6 @@ __all__ = [
     "common_phases",
     "independent",
     "own_phases",
-    "possible_seconds",
     "through",
     "unsynchronised",
 ]
@@ -43,35 +39,19 @@ _Law = Callable[[JointSpec, Array, Array, Array, Array], Trajectory]
 """A move from start to end, at a start speed and an end speed, ``(n,)`` each."""
 
 
-def possible_seconds(
-    chain: JointSpec, start: Array, end: Array, start_speed: Array | None = None, end_speed: Array | None = None
-) -> list[Span]:
-    """Return the possible durations of ``own_phases``, as ascending spans (from, to); the last one has no end."""
-    return possible_spans(_axes(chain, *_move(chain, start, end, start_speed, end_speed)))
-
-
 def own_phases(
-    chain: JointSpec,
-    start: Array,
-    end: Array,
-    start_speed: Array | None = None,
-    end_speed: Array | None = None,
-    seconds: float | None = None,
+    chain: JointSpec, start: Array, end: Array, start_speed: Array | None = None, end_speed: Array | None = None
 ) -> Trajectory:
-    """Return a move in which all joints start and stop together, each with phases of its own.
+    """Return the quickest move in which all joints start and stop together, each with phases of its own.
 
     Args:
         start, end: joint positions ``(n,)``.
         start_speed, end_speed: ``(n,)``, zero by default.
-        seconds: duration, by default the shortest one for all joints.
     """
     points, speeds = _move(chain, start, end, start_speed, end_speed)
     axes = _axes(chain, points, speeds)
-    spans = possible_spans(axes)
-    lasting = spans[0][0] if seconds is None else seconds
-    if not (lasts(spans, lasting) and lasting < math.inf):
-        raise LabError(f"the move cannot take {lasting:g} s; give {_durations(spans)}")
-    found = _lasting(chain, axes, points[0], speeds, np.full(chain.size, lasting))
+    shortest = possible_spans(axes)[0][0]
+    found = _lasting(chain, axes, points[0], speeds, np.full(chain.size, shortest))
     check_within(chain, found)
     return found
 
@@ -99,13 +79,6 @@ def _lasting(chain: JointSpec, axes: Sequence[Axis], start: Array, speeds: Array
     slows = (middle > slowing) & (middle < lasting)
     signs = np.where(middle < first, np.sign(changes[0]), np.where(slows, np.sign(changes[1]), 0.0))
     return Trajectory(np.diff(knots), signs * chain.acceleration, start, speeds[0])
-
-
-def _durations(spans: Sequence[Span]) -> str:
-    """Describe durations, rounded so that they are possible."""
-    rounded = [(f"{math.ceil(1e6 * low) / 1e6:.6f}", high) for low, high in spans]
-    bounded = "".join(f"{low} to {math.floor(1e6 * high) / 1e6:.6f} s, or " for low, high in rounded[:-1])
-    return f"{bounded}{rounded[-1][0]} s or more"
 
 
 def common_phases(

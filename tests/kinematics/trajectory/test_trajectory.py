@@ -12,8 +12,10 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.trajectory.profiles import (
+    Axis,
     Trajectory,
     joined,
+    possible_spans,
     quickest_ramps,
     rest_to_rest,
     rest_to_rest_seconds,
@@ -22,7 +24,6 @@ from lab.kinematics.trajectory.trajectory import (
     blended,
     common_phases,
     own_phases,
-    possible_seconds,
     through,
 )
 
@@ -38,7 +39,6 @@ def arm(speed, acceleration, lower=-WIDE, upper=WIDE, kinds: str | None = None) 
     return replace(chain, speed=np.array(speed, float), acceleration=np.array(acceleration, float))
 
 
-SLIDER = arm([3.0], [1.0])
 LIMITED = arm([1.0, 2.0], [3.0, 4.0], -1.0, 1.0, "RP")
 
 
@@ -127,7 +127,7 @@ def test_moves_of_six_joints_last_as_long_as_ruckigs() -> None:
             moved, ends = abs(moved), (abs(ends[0]), abs(ends[1]))
         found = own_phases(chain, np.zeros(6), moved, *ends)
         assert found.seconds == pytest.approx(ruckig_seconds(moved, *ends, chain.speed, chain.acceleration), abs=1e-9)
-        alone = [possible_seconds(chain_j, *move)[0][0] for chain_j, *move in each_joint(chain, moved, *ends)]
+        alone = [own_phases(chain_j, *move).seconds for chain_j, *move in each_joint(chain, moved, *ends)]
         waited += found.seconds > max(alone) + 1e-9
     assert waited > 2  # the slowest joint's own time was impossible for another one
 
@@ -141,17 +141,10 @@ def each_joint(chain: Chain, moved: Array, *ends: Array) -> list:
 
 
 def test_possible_durations_of_the_example() -> None:
-    move = (SLIDER, np.zeros(1), np.ones(1), np.array([2.0]), np.array([2.0]))
-    spans = possible_seconds(*move)
+    """A distance of 1 from speed 2 to speed 2, within speed 3 and acceleration 1."""
+    spans = possible_spans([Axis(1.0, 2.0, 2.0, 3.0, 1.0)])
     expected = [(-4 + math.sqrt(20), 4 - math.sqrt(12)), (4 + math.sqrt(12), math.inf)]
     np.testing.assert_allclose(spans, expected, rtol=1e-14)
-    for seconds in (0.4, 0.54, 3.0, 7.4, math.nan, math.inf, -1.0):
-        with pytest.raises(LabError, match=r"cannot take .* 0\.472136 to 0\.535898 s, or 7\.464102 s or more"):
-            own_phases(*move, seconds=seconds)
-    for seconds in (0.472136, 0.535898, 7.464102, 100.0):
-        found = own_phases(*move, seconds=seconds)
-        assert found.seconds == seconds
-        assert_arrives(SLIDER, found, np.ones(1), np.array([2.0]))
 
 
 def test_possible_durations_are_those_in_which_the_move_can_be_reached() -> None:
@@ -161,7 +154,7 @@ def test_possible_durations_are_those_in_which_the_move_can_be_reached() -> None
         moved, (speed, acceleration) = random_moves(rng, 1), random_limits(rng, 1)
         v0, vf = random_speeds(rng, speed), random_speeds(rng, speed)
         chain = arm(speed, acceleration)
-        spans = np.array(possible_seconds(chain, np.zeros(1), moved, v0, vf))
+        spans = np.array(possible_spans([Axis(*(float(x[0]) for x in (moved, v0, vf, speed, acceleration)))]))
         both += len(spans) == 2
         for T in spans[np.isfinite(spans)].max() * rng.uniform(0, 1.2, 20):
             reach = [reached(T, v0, vf, chain, sign) for sign in (-1, 1)]
@@ -324,7 +317,7 @@ def test_a_move_that_cannot_be_is_refused(law, move, said: str) -> None:
 def test_a_rate_that_cannot_be_is_refused(what: str, value: float) -> None:
     chain = replace(LIMITED, **{what: np.array([1.0, value])})
     points = np.array([[0.0, 0.0], [0.5, 0.5]])
-    for law in (common_phases, own_phases, possible_seconds, lambda chain, *points: blended(chain, points, 0.1)):
+    for law in (common_phases, own_phases, lambda chain, *points: blended(chain, points, 0.1)):
         with pytest.raises(LabError, match=f"joint q2: its largest {what} is {value:g}; give a finite one above zero"):
             law(chain, *points)
 
