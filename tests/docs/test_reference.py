@@ -4,7 +4,6 @@ import dataclasses
 import inspect
 import re
 import sys
-import tomllib
 from importlib import import_module
 
 import pytest
@@ -75,49 +74,3 @@ def test_a_command_shows_every_option_once_with_an_anchor(command) -> None:
     for each in options:
         assert (each.name.upper() if each.positional else each.flag) in page
         assert commands.meaning(each.help) in page or "\n\n" in each.help
-
-
-def test_a_text_is_no_markup() -> None:
-    assert commands.meaning("give link4.d,tool.* by --fix, as lab identify does", "{name}") == (
-        r"give link4.d,tool.\* by ``fix``, as ``lab identify`` does"
-    )
-    assert commands.literal("") == "" and r"\|" in commands.escaped("a|b")
-
-
-def test_pages_are_written_where_they_changed_and_stale_ones_go(tmp_path) -> None:
-    commands.write_pages(tmp_path, {"a": "one", "b": "two"})
-    before = (tmp_path / "a.rst").stat().st_mtime_ns
-    commands.write_pages(tmp_path, {"a": "one", "c": "three"})
-    assert sorted(path.stem for path in tmp_path.iterdir()) == ["a", "c"]
-    assert (tmp_path / "a.rst").stat().st_mtime_ns == before
-
-
-def test_the_sidebar_leaves_out_single_objects_alone() -> None:
-    entry = '<li class="toctree-l3"><a class="reference internal" href="{}">x</a></li>\n'
-    tree = '<ul>\n<li class="toctree-l2"><a href="interface.html">i</a><ul>\n' + entry + "</ul>\n</li></ul>"
-    assert "toctree-l3" not in sidebar.without_hidden(tree.format("reference/interface/identify.html"), "index")
-    assert "toctree-l3" not in sidebar.without_hidden(tree.format("#"), "reference/interface/identify")
-    assert "toctree-l3" in sidebar.without_hidden(tree.format("how_to/verify.html"), "index")
-
-
-def test_links_of_pages_lead_to_pages() -> None:
-    pages = {path.relative_to(ROOT / "docs").with_suffix("").as_posix() for path in (ROOT / "docs").rglob("*.*")}
-    assert not [page for each in OBJECTS.values() for page in each.see if page not in pages]
-    bibliography = (ROOT / "docs" / "theory" / "bibliography.md").read_text(encoding="utf-8")
-    groups = tomllib.loads((ROOT / "docs" / "reference" / "interface.toml").read_text(encoding="utf-8"))["group"]
-    for about in (about for group in groups for about in group["names"].values()):
-        for year in re.findall(r"(?:19|20)\d\d", about.get("sources", "")):
-            assert year in bibliography
-        for author in re.findall(r"[A-Z][a-z]{3,}(?= (?:and|\())", about.get("sources", "")):
-            assert author in bibliography, author
-
-
-def test_the_search_knows_every_arm_and_leads_to_pages() -> None:
-    terms = tomllib.loads((ROOT / "docs" / "search.toml").read_text(encoding="utf-8"))
-    assert not [page for page in terms if not (ROOT / "docs" / f"{page}.md").is_file()]
-    robots = (ROOT / "docs" / "reference" / "robots.md").read_text(encoding="utf-8")
-    arms = re.findall(r"^\| `\w+` \| ([^|]+) \| \dR \|", robots, re.MULTILINE)
-    words = [set(term.split()) for term in terms["reference/robots"]]
-    assert arms and not [
-        arm for arm in arms if not any(each <= set(re.split(r"[ ,]|-(?=[57]/)", arm)) for each in words)
-    ]

@@ -10,24 +10,18 @@ from helpers.pages import PAGES
 from numpy.testing import assert_allclose
 from numpy.typing import ArrayLike
 from scipy import stats
-from scipy.linalg import expm
 
 import lab
 from lab.calibration.prior import Prior
-from lab.core.linear_model import LinearModel, half_width_95, p_value_of_squares
-from lab.core.probability import Uncertain
-from lab.core.se3 import exp, left_jacobian, log, pose, skew
+from lab.core.linear_model import half_width_95, p_value_of_squares
+from lab.core.se3 import exp
 from lab.kinematics.dynamics.beam import MATERIALS, Beam, loads_on, tube
 from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.dynamics.rigid_body import HandMotion, load_of, pseudo_inertia, wrench_regressor
+from lab.kinematics.dynamics.rigid_body import load_of, pseudo_inertia
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.registry import effect
 from lab.kinematics.serial.arm import SerialArm
-from lab.noise.correlation import Correlation
 from lab.noise.instruments import TrackerErrors
-from lab.pose_selection.criteria import criterion, indices
-from lab.pose_selection.exchange import certify
-from lab.sensors.cameras.closed_forms import hand_eye, robot_world
 from lab.sensors.cameras.geometry import projected
 
 THEORY = [page for page in PAGES if page.name.startswith("docs/theory/")]
@@ -64,7 +58,6 @@ def test_every_source_of_a_page_is_in_the_bibliography() -> None:
 
 
 RNG = np.random.default_rng(0)
-LINK = {"theta": 0.3, "d": 0.4, "a": 0.5, "alpha": 0.6}
 
 
 def rot(axis: str, angle: float) -> np.ndarray:
@@ -77,31 +70,6 @@ def move(axis: str, length: float) -> np.ndarray:
     matrix = np.eye(4)
     matrix[:3, 3] = length * np.eye(3)["xyz".index(axis)]
     return matrix
-
-
-def one_link(convention: str) -> np.ndarray:
-    """The pose of a robot of one hinge whose reading is zero, by the lab."""
-    table = [[LINK["theta"], LINK["d"], LINK["a"], LINK["alpha"]]]
-    robot = lab.robot_from_dh(table, convention=convention, tool={"p1": [0, 0, 0]})
-    return robot.poses([0.0])
-
-
-@shows("distal")
-def _() -> None:
-    t, d, a, al = LINK.values()
-    c, s, ca, sa = np.cos(t), np.sin(t), np.cos(al), np.sin(al)
-    printed = np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]])
-    assert_allclose(printed, rot("z", t) @ move("z", d) @ move("x", a) @ rot("x", al), atol=1e-15)
-    assert_allclose(one_link("distal"), printed, atol=1e-15)
-
-
-@shows("craig")
-def _() -> None:
-    t, d, a, al = LINK.values()
-    c, s, ca, sa = np.cos(t), np.sin(t), np.cos(al), np.sin(al)
-    printed = np.array([[c, -s, 0, a], [s * ca, c * ca, -sa, -d * sa], [s * sa, c * sa, ca, d * ca], [0, 0, 0, 1]])
-    assert_allclose(printed, rot("x", al) @ move("x", a) @ rot("z", t) @ move("z", d), atol=1e-15)
-    assert_allclose(one_link("craig"), printed, atol=1e-15)
 
 
 TABLE = np.array([[0, 0.29, 0, -np.pi / 2], [-np.pi / 2, 0, 0.27, 0], [0.1, 0, 0.07, -np.pi / 2]])
@@ -117,57 +85,6 @@ def _() -> None:
         total = total @ rot("z", theta + q[i]) @ move("z", d) @ move("x", a) @ rot("x", alpha)
         total = total @ rot("y", beta if i == 1 else 0.0)
     assert_allclose(robot.points(q, values)[0], (total @ [0.03, 0.02, 0.1, 1])[:3], atol=1e-15)
-
-
-@shows("rodrigues")
-def _() -> None:
-    for w in (np.array([0.3, -0.5, 0.9]), np.array([2.0, 1.0, -1.0])):
-        size = np.linalg.norm(w)
-        printed = np.eye(3) + np.sin(size) / size * skew(w) + (1 - np.cos(size)) / size**2 * skew(w) @ skew(w)
-        assert_allclose(exp(w), printed, atol=1e-14)
-        assert_allclose(expm(skew(w)), printed, atol=1e-14)
-
-
-@shows("left-jacobian")
-def _() -> None:
-    w = np.array([0.3, -0.5, 0.9])
-    size, cross = np.linalg.norm(w), skew(w)
-    printed = np.eye(3) + (1 - np.cos(size)) / size**2 * cross + (size - np.sin(size)) / size**3 * cross @ cross
-    assert_allclose(left_jacobian(w), printed, atol=1e-14)
-    change = 1e-6 * np.array([0.2, 0.5, -0.4])
-    assert_allclose(exp(w + change) @ exp(w).T - np.eye(3), skew(printed @ change), atol=1e-11)
-
-
-@shows("joint-column")
-def _() -> None:
-    robot = lab.robot_from_dh(TABLE, tool={"p1": [0.03, 0.02, 0.1]})
-    q, frame = np.array([0.2, -0.4, 0.6]), np.eye(4)
-    point = robot.points(q)[0]
-    for i, (theta, d, a, alpha) in enumerate(TABLE):
-        column = np.cross(frame[:3, 2], point - frame[:3, 3])
-        assert_allclose(robot.jacobian(q)[:, i], np.concatenate([column, frame[:3, 2]]), atol=1e-14)
-        frame = frame @ rot("z", theta + q[i]) @ move("z", d) @ move("x", a) @ rot("x", alpha)
-    slide = lab.robot_from_dh(
-        TABLE, tool={"p1": [0.03, 0.02, 0.1]}, prismatic=[True, False, False], limits=[[0, 1], [-3, 3], [-3, 3]]
-    )
-    assert_allclose(slide.jacobian(q)[:, 0], [0, 0, 1, 0, 0, 0], atol=1e-15)
-
-
-@shows("parameter-columns")
-def _() -> None:
-    robot = lab.robot_from_dh(TABLE, tool={"p1": [0.03, 0.02, 0.1]})
-    q, before = np.array([0.2, -0.4, 0.6]), np.eye(4)
-    point, names = robot.points(q)[0], robot.parameter_names()
-    found = robot.parameter_jacobian(q)[0]
-    for i, (theta, d, a, alpha) in enumerate(TABLE, 1):
-        after = before @ rot("z", theta + q[i - 1]) @ move("z", d) @ move("x", a) @ rot("x", alpha)
-        z, x, y, lever = before[:3, 2], after[:3, 0], after[:3, 1], point - after[:3, 3]
-        columns = {"theta": np.cross(z, point - before[:3, 3]), "d": z, "a": x, "alpha": np.cross(x, lever)}
-        if i == 2:
-            columns["beta"] = np.cross(y, lever)
-        for name, column in columns.items():
-            assert_allclose(found[:, names.index(f"link{i}.{name}")], column, atol=1e-14)
-        before = after
 
 
 @shows("null-space", "alias")
@@ -187,14 +104,6 @@ def _() -> None:
         change = np.zeros(len(shown.parameters))
         change[i], change[list(shown.free)] = 1.0, -share
         assert_allclose(columns @ change, 0, atol=1e-9)
-
-
-@shows("count-points")
-def _() -> None:
-    for name, hinges, slides in (("irb120", 6, 0), ("scara", 3, 1), ("versatran", 4, 2)):
-        for count in (1, 2):
-            targets = [f"p{k + 1}" for k in range(count)]
-            assert lab.load_robot(name).identifiability(targets=targets).rank == 4 * hinges + 2 * slides + 3 * count
 
 
 def campaign(noise: float = 0.0) -> tuple[lab.Robot, list[int], np.ndarray, np.ndarray, np.ndarray]:
@@ -231,15 +140,6 @@ def _() -> None:
     assert_allclose(gradient_rows.T @ residual / lengths, 0, atol=1e-9)
     own = result.estimate.points(joints, targets=["p1"])
     assert_allclose(robot.points(joints, values, targets=["p1"]), own, atol=1e-11)
-
-
-@shows("conditioning")
-def _() -> None:
-    rows, residual = RNG.standard_normal((40, 5)) * [1, 1, 1, 1, 1e-3], RNG.standard_normal(40)
-    q, r = np.linalg.qr(rows)
-    assert_allclose(np.linalg.cond(r), np.linalg.cond(rows), rtol=1e-9)
-    assert_allclose(np.linalg.cond(rows.T @ rows), np.linalg.cond(rows) ** 2, rtol=1e-6)
-    assert_allclose(-np.linalg.solve(r, q.T @ residual), LinearModel.of(rows, 1e-12).solve(-residual), rtol=1e-9)
 
 
 @shows("covariance", "noise-estimate")
@@ -279,31 +179,6 @@ def _() -> None:
     assert_allclose(by_page, np.linalg.lstsq(stacked, sides, rcond=None)[0], rtol=1e-9)
 
 
-def example_rows() -> np.ndarray:
-    return RNG.standard_normal((9, 3, 4)) * [1.0, 0.7, 0.4, 0.2]
-
-
-@shows("O1", "O234", "O5", "D-and-E", "A")
-def _() -> None:
-    rows = example_rows()
-    flat = rows.reshape(-1, 4)
-    s = np.linalg.svd(flat, compute_uv=False)
-    found, information = indices(rows), flat.T @ flat
-    assert_allclose(found.o1, np.prod(s) ** (1 / 4) / np.sqrt(9), rtol=1e-12)
-    assert_allclose([found.o2, found.o3, found.o4], [s[-1] / s[0], s[-1], s[-1] ** 2 / s[0]], rtol=1e-12)
-    assert_allclose(found.o5, 1 / np.sum(1 / s), rtol=1e-12)
-    assert_allclose(np.linalg.det(information), (found.o1 * np.sqrt(9)) ** (2 * 4), rtol=1e-9)
-    assert_allclose(np.linalg.eigvalsh(information)[0], found.o3**2, rtol=1e-9)
-    assert_allclose(found.a, np.sum(1 / s**2), rtol=1e-9)
-    assert_allclose(found.a, np.trace(np.linalg.inv(information)), rtol=1e-9)
-
-
-@shows("scale-free")
-def _() -> None:
-    rows, scale = example_rows(), np.array([1.0, 1e3, 2.0, 5.0])
-    assert_allclose(indices(rows * scale).o1 / indices(rows).o1, np.prod(scale) ** (1 / 4), rtol=1e-12)
-
-
 PLANAR = lab.robot_from_dh([[0, 0, 0.4, 0], [0, 0, 0.3, 0]], tool={"p1": [0, 0, 0]})
 UNKNOWN = ["link1.a", "link2.a", "link1.theta", "link2.theta"]
 
@@ -326,33 +201,6 @@ def _() -> None:
         planar_o1([[0, 40], [30, 40], [60, 40], [90, 40]])
 
 
-@shows("exchange")
-def _() -> None:
-    rows = example_rows()
-    flat, further = rows.reshape(-1, 4), RNG.standard_normal((3, 4))
-    information = flat.T @ flat
-    gain = np.linalg.slogdet(np.eye(3) + further @ np.linalg.inv(information) @ further.T)[1]
-    grown = np.linalg.slogdet(information + further.T @ further)[1]
-    assert_allclose(grown, np.linalg.slogdet(information)[1] + gain, rtol=1e-12)
-    goal = criterion("O1", 4)
-    scores = goal.score(np.stack([information, information + further.T @ further]))
-    assert np.diff(scores)[0] > 0  # the lab's score ranks by the same determinant
-
-
-@shows("certificate")
-def _() -> None:
-    candidates = RNG.standard_normal((60, 3, 4))
-    weights = RNG.dirichlet(np.ones(60))
-    each = np.swapaxes(candidates, 1, 2) @ candidates
-    information = np.einsum("i,ijk->jk", weights, each)
-    gains = np.trace(np.linalg.inv(information) @ each, axis1=1, axis2=2)
-    bound = np.linalg.slogdet(information)[1] + 4 * np.log(gains.max() / 4)
-    best = certify(candidates, gap=1e-6)
-    optimum = np.einsum("i,ijk->jk", best.weights, each)
-    assert np.linalg.slogdet(optimum)[1] <= bound
-    assert_allclose(np.trace(np.linalg.inv(optimum) @ each, axis1=1, axis2=2).max(), 4, rtol=1e-5)
-
-
 @shows("spherical")
 def _() -> None:
     tracker = replace(lab.instrument("leica-at500"), errors=TrackerErrors())  # without those of nest and range
@@ -365,59 +213,11 @@ def _() -> None:
     assert_allclose(tracker.covariance(point), printed, rtol=1e-12)
 
 
-@shows("rectangular", "limits")
-def _() -> None:
-    for shape, root in (("rectangular", 3), ("triangular", 6), ("arcsine", 2)):
-        assert_allclose(Uncertain.within(2.0, shape).standard, 2.0 / np.sqrt(root), rtol=1e-12)
-    assert_allclose(lab.instrument("uniform-8um").radial_m, 8e-6 / np.sqrt(3), rtol=1e-3)
-
-
-def correlation(carry: float, size: float, poses: int) -> Correlation:
-    """One number a pose, with an autoregressive error of some size beside white noise of size one."""
-    none = np.zeros((poses, 1, 0))
-    return Correlation(none, np.full((poses, 1, 1), size), carry, none, np.arange(float(poses)))
-
-
-@shows("joint-scatter")
-def _() -> None:
-    joints = RNG.standard_normal((5, 3, 2))
-    none = np.zeros((5, 3, 0))
-    whitened = Correlation(joints, none, 0.0, none, np.arange(5.0)).white(np.broadcast_to(np.eye(3), (5, 3, 3)))
-    for root, moved in zip(whitened, joints, strict=True):
-        assert_allclose(root @ (np.eye(3) + moved @ moved.T) @ root.T, np.eye(3), atol=1e-12)
-
-
-@shows("ar1")
-def _() -> None:
-    rho, size, poses = 0.8, 2.0, 12
-    root = correlation(rho, size, poses).white(np.eye(poses)[:, None, :])[:, 0]
-    lag = np.abs(np.subtract.outer(np.arange(poses), np.arange(poses)))
-    assert_allclose(root @ (np.eye(poses) + size**2 * rho**lag) @ root.T, np.eye(poses), atol=1e-12)
-
-
 def with_effect(name: str, loads: Loads | None = None) -> tuple[ArmWithEffects, np.ndarray, np.ndarray]:
     """An IRB 120 with one effect: the model, its parameters (the effect's are zero), joint positions."""
     rigid = SerialArm(lab.load_robot("irb120").chain)
     arm = ArmWithEffects(rigid, (effect(name, rigid.chain, loads),))
     return arm, arm.nominal(), np.random.default_rng(5).uniform(-1, 1, (8, 6))
-
-
-@shows("compliance")
-def _() -> None:
-    assert_allclose(1e6 * 9.81 / 1e5, 98.1, rtol=1e-3)  # urad, as the page states
-    chain = lab.load_robot("irb120").chain
-    mass, centres = np.array([0, 0, 2.0, 0, 0, 0]), np.zeros((6, 3))  # at the end of link 3
-    arm, values, joints = with_effect("compliance", Loads(chain, mass, centres, np.array([0, 0, -9.81])))
-    compliance = 1e-7
-    values[arm.names.index("joint3.compliance")] = compliance
-    plain, nominal = arm.rigid, arm.nominal()[: len(arm.rigid.names)]
-    # the weight's torque about joint 3, by the height of the mass
-    lifted = plain.frame(joints + 1e-6 * np.eye(6)[2], nominal, 3)[:, 2, 3]
-    lowered = plain.frame(joints - 1e-6 * np.eye(6)[2], nominal, 3)[:, 2, 3]
-    torque = 2.0 * 9.81 * (lifted - lowered) / 2e-6
-    moved = joints - compliance * torque[:, None] * np.eye(6)[2]
-    unloaded = np.column_stack([joints, np.zeros(8)])
-    assert_allclose(arm.points(unloaded, values), plain.points(moved, nominal), atol=1e-9)
 
 
 @shows("harmonics")
@@ -430,17 +230,6 @@ def _() -> None:
     assert_allclose(arm.points(joints, values), arm.rigid.points(moved, rigid), atol=1e-13)
 
 
-@shows("expansion")
-def _() -> None:
-    arm, values, joints = with_effect("expansion")
-    steel, warmer = 11.5e-6, 10.0
-    values[-1] = steel
-    rigid = values[: len(arm.rigid.names)]
-    grown = (1 + steel * warmer) * arm.rigid.points(joints, rigid)  # all lengths grow alike, angles stay
-    inputs = np.column_stack([joints, np.full(8, 20.0 + warmer)])
-    assert_allclose(arm.points(inputs, values), grown, atol=1e-12)
-
-
 @shows("f-test", "pure-error")
 def _() -> None:
     squares, extra, left, dof = 8.0, 2, 40.0, 60
@@ -451,49 +240,6 @@ def _() -> None:
 @shows("chi-square")
 def _() -> None:
     assert_allclose(p_value_of_squares(180.0, 153), stats.chi2.sf(180.0, 153), rtol=1e-9)
-
-
-@shows("wanted", "newton", "sent")
-def _() -> None:
-    robot = lab.load_robot("irb120")
-    nominal = robot.parameter_values(targets=["p1"])
-    real = nominal + 5e-4 * np.random.default_rng(2).standard_normal(len(nominal))
-    planned = np.deg2rad([10, 20, 30, 40, 50, 60])
-    wanted, joints = robot.poses(planned, target="p1"), planned.copy()
-    for _ in range(5):
-        there = robot.poses(joints, real, target="p1")
-        turn = wanted[:3, :3] @ there[:3, :3].T
-        angle = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        missed = np.concatenate([wanted[:3, 3] - there[:3, 3], angle])
-        joints = joints + np.linalg.solve(robot.jacobian(joints, target="p1"), missed)
-    assert_allclose(robot.poses(joints, real, target="p1"), wanted, atol=1e-12)
-    assert np.linalg.norm(robot.poses(joints, target="p1")[:3, 3] - wanted[:3, 3]) > 1e-4  # what is sent differs
-
-
-@shows("closure", "two-rpr", "loop-jacobian")
-def _() -> None:
-    robot = lab.load_robot("rpr2")
-    values, names = robot.parameter_values(targets=["p1"]), robot.parameter_names(targets=["p1"])
-    base = values[names.index("A2.x")] - values[names.index("A1.x")]
-    joints = np.array([[0.5, 0.45], [0.4, 0.6]])
-    x = (joints[:, 0] ** 2 - joints[:, 1] ** 2 + base**2) / (2 * base)
-    y = np.sqrt(joints[:, 0] ** 2 - x**2)
-    points = robot.points(joints, values, targets=["p1"])[:, 0]
-    assert_allclose(np.abs(points[:, :2]), np.column_stack([x, y]), atol=1e-12)
-    found = robot.parameter_jacobian(joints, values, targets=["p1"])[:, 0]
-    # by the formula: closures (x - A1)^2 + (y - A1)^2 - rho^2 of both legs, the point itself is passive
-    sign = np.sign(points[0, 1])
-    for i, (rho1, rho2) in enumerate(joints):
-        at = np.array([x[i], sign * y[i]])
-        by_point = 2 * np.stack([at, at - [base, 0]])
-        by_parameters = np.zeros((2, len(names)))
-        by_parameters[0, [names.index("A1.x"), names.index("A1.y")]] = -2 * at
-        by_parameters[1, [names.index("A2.x"), names.index("A2.y")]] = -2 * (at - [base, 0])
-        by_parameters[0, names.index("leg1.length")] = -2 * rho1
-        by_parameters[1, names.index("leg2.length")] = -2 * rho2
-        own = [k for k in range(len(names)) if not names[k].startswith(("base.", "tool."))]
-        printed = -np.linalg.solve(by_point, by_parameters)  # H_p = 0, H_z = 1
-        assert_allclose(found[i, :2][:, own], printed[:, own], atol=1e-9)
 
 
 def straight_beam(length: float, mass: float = 0.0) -> Beam:
@@ -523,23 +269,6 @@ def _() -> None:
     assert_allclose([ei_y, ei_z, gj], [steel.young_pa * second] * 2 + [steel.shear_pa * 2 * second], rtol=1e-9)
 
 
-@shows("linear-in-masses", "newton-euler", "steiner")
-def _() -> None:
-    mass, centre, about_centre = 1.5, np.array([0.1, -0.2, 0.3]), np.diag([0.02, 0.03, 0.04])
-    phi = load_of(mass, centre, about_centre)
-    inertia = about_centre + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    elements = [inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]]
-    assert_allclose(phi, [mass, *(mass * centre), *elements], rtol=1e-12)
-    omega, alpha, acceleration = RNG.standard_normal((3, 3))
-    gravity = np.array([0, 0, -9.81])
-    motion = HandMotion(np.eye(3)[None], omega[None], alpha[None], acceleration[None])
-    found = wrench_regressor(motion, gravity)[0] @ phi
-    felt = acceleration - gravity
-    force = mass * felt + (skew(alpha) + skew(omega) @ skew(omega)) @ (mass * centre)
-    moment = np.cross(mass * centre, felt) + inertia @ alpha + np.cross(omega, inertia @ omega)
-    assert_allclose(found, np.concatenate([force, moment]), rtol=1e-12)
-
-
 @shows("pseudo-inertia")
 def _() -> None:
     phi = load_of(1.5, np.array([0.1, -0.2, 0.3]), np.diag([0.02, 0.03, 0.04]))
@@ -551,13 +280,6 @@ def _() -> None:
     printed[3, 3] = phi[0]
     assert_allclose(pseudo_inertia(phi), printed, rtol=1e-12)
     assert (np.linalg.eigvalsh(printed) > 0).all()
-
-
-@shows("combined")
-def _() -> None:
-    reading, scale, length = 5e-6, 10e-6, 0.6
-    drawn = reading * RNG.standard_normal(400_000) + length * Uncertain.within(scale).sample(RNG, 400_000)
-    assert_allclose(drawn.std(), np.hypot(reading, length * scale / np.sqrt(3)), rtol=0.01)
 
 
 LENS = np.array([1200.0, 1100.0, 640.0, 480.0, -0.2, 0.05, 0.001, -0.002, 0.01])
@@ -575,37 +297,6 @@ def _() -> None:
     places, _, by_intrinsics = projected(SEEN, LENS)
     assert_allclose(places, np.column_stack([fx * bent_a + cx, fy * bent_b + cy]), atol=1e-9)
     assert_allclose(by_intrinsics[:, 0, [0, 2, 4]], np.column_stack([bent_a, np.ones(30), fx * a * s]), atol=1e-9)
-
-
-def pictures(noise: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Poses A of the hand and B of the camera in the board's frame, and the true X and Z."""
-    X, Z = (pose(exp(np.array(turn)), np.array(place)) for turn, place in
-            (((0.1, -0.2, 0.3), (0.06, 0.0, 0.04)), ((3.0, 0.1, 0.2), (0.45, 0.1, 0.0))))  # fmt: skip
-    As = pose(exp(RNG.normal(0, 0.8, (12, 3))), RNG.uniform(-0.5, 0.5, (12, 3)))
-    Bs = np.linalg.inv(Z) @ As @ X
-    Bs[:, :3, 3] += noise * RNG.standard_normal((12, 3))
-    return As, Bs, X, Z
-
-
-@shows("robot-world", "kronecker", "places")
-def _() -> None:
-    As, Bs, X, Z = pictures()
-    assert_allclose(As @ X, Z @ Bs, atol=1e-12)
-    summed = sum(np.kron(A[:3, :3], B[:3, :3]) for A, B in zip(As, Bs, strict=True))
-    assert_allclose(summed @ X[:3, :3].ravel(), 12 * Z[:3, :3].ravel(), atol=1e-12)
-    assert_allclose(np.linalg.svd(summed, compute_uv=False)[0], 12.0)
-    assert_allclose(As[:, :3, :3] @ X[:3, 3] - Z[:3, 3], Bs[:, :3, 3] @ Z[:3, :3].T - As[:, :3, 3], atol=1e-12)
-    for found, true in zip(robot_world(As, Bs), (X, Z), strict=True):
-        assert_allclose(found, true, atol=1e-9)
-
-
-@shows("hand-eye")
-def _() -> None:
-    As, Bs, X, _ = pictures()
-    A, B = np.linalg.inv(As[1]) @ As[0], np.linalg.inv(Bs[1]) @ Bs[0]
-    assert_allclose(A @ X, X @ B, atol=1e-12)
-    assert_allclose(log(A[:3, :3]), X[:3, :3] @ log(B[:3, :3]), atol=1e-12)
-    assert_allclose(hand_eye(As, Bs), X, atol=1e-9)
 
 
 @pytest.mark.parametrize("label", sorted(CHECKS))

@@ -187,16 +187,6 @@ def test_what_cannot_be_imported_is_reported_in_a_line_and_breaks_nothing(
     assert said["broken"][2].count("\n") == 1
 
 
-LOADED = """
-import lab
-print(lab.load_run("own_parts_run").estimate.groups)
-wrong = {"estimator": "kallman", "sampler": "uniform", "own_effects": ("runup",), "error_terms": ("bows",)}
-for name, value in wrong.items():
-    try:
-        lab.calibrate("irb120", poses=30, **{name: value})
-    except lab.LabError as error:
-        print(error)
-"""
 OWN_PARTS = """
 [lab.estimators]
 kalman = own_kalman:KalmanFilter
@@ -256,14 +246,8 @@ def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(t
         "photogrammetry",
         "tolerances",
     )
-    loaded = python(site, "-c", LOADED)
-    assert loaded.stdout.splitlines() == [
-        "('runout',)",
-        "estimator kallman: unknown; give one of least-squares, kalman",
-        "sampler uniform: unknown; give one of normal, tolerances",
-        "own_effects runup: unknown; packages add runout; did you mean runout?",
-        "error_terms bows: unknown; packages add bow",
-    ], loaded.stderr
+    loaded = python(site, "-c", "import lab; print(lab.load_run('own_parts_run').estimate.groups)")
+    assert loaded.stdout == "('runout',)\n", loaded.stderr
     (site / "grid.toml").write_text(
         'name = "grid"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\ncriterion = "random"\ninstrument = '
         '"photogrammetry"\nposes = 20\neffects = "gears"\nsampler = "tolerances"\n'

@@ -11,7 +11,7 @@ import pytest
 
 import lab
 from lab import extension_points
-from lab.campaign.option_groups import Effects, Fitting
+from lab.campaign.option_groups import Fitting
 from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.extension_points import add
@@ -104,15 +104,6 @@ def test_an_error_in_the_fitted_function_names_the_effect_and_the_function(name:
         assert any(isinstance(each, ZeroDivisionError) for each in _causes(raised.value))
 
 
-def test_derivatives_are_compared_once() -> None:
-    calls = []
-    _registered(lambda moved, derivative: (calls.append(1), (moved, derivative))[1])
-    effect("cosmix", ROBOT.chain, None)
-    first = len(calls)
-    effect("cosmix", ROBOT.chain, None)
-    assert first and len(calls) == first
-
-
 def test_a_kink_is_no_wrong_derivative() -> None:
     """An effect that saturates has a right derivative on either side."""
 
@@ -164,6 +155,9 @@ def test_what_a_group_makes_is_checked() -> None:
     }.items():
         with pytest.raises(LabError, match=said):
             own.fitted_own(FittedGroup("cosmix", lambda _, made=made: made), _facts())  # type: ignore[misc]
+    _registered(lambda moved, derivative: (moved, derivative), group="mixed")
+    with pytest.raises(LabError, match="cosmix: its group is named mixed"):
+        effect("cosmix", ROBOT.chain, None)
 
 
 @dataclass(frozen=True)
@@ -329,22 +323,6 @@ def test_auto_tries_a_group_of_a_package_where_it_is_named() -> None:
         lab.calibrate("irb120", poses=20, model="auto+compliance")
     with pytest.raises(LabError, match=r"model runot: no such group.*did you mean runout"):
         lab.calibrate("irb120", poses=20, model="auto+runot")
-
-
-def test_names_are_explained() -> None:
-    _registered(lambda moved, derivative: (moved, derivative), group="mixed")
-    with pytest.raises(LabError, match="cosmix: its group is named mixed; name the entry so, or the group cosmix"):
-        effect("cosmix", ROBOT.chain, None)
-    with pytest.raises(LabError, match=r"model cosmx: no such group; .*; did you mean cosmix"):
-        effect("cosmx", ROBOT.chain, None)
-    with pytest.raises(LabError, match=r"own.effects cosmix: its size is 0, .*give e.g. cosmix:mrad=1"):
-        Effects(own_effects=("cosmix",)).check()
-    Effects(own_effects=("cosmix:mrad=0",)).check()  # a level of a study
-    with pytest.raises(LabError, match=r"own.effects gone: unknown; packages add cosmix.*install it again"):
-        Effects(own_effects=("gone:mrad=1",)).check()
-    day = lab.simulate("irb120", poses=5)
-    with pytest.raises(LabError, match="given Measurements and str; give the path of the file, then the measurements"):
-        lab.write_measurements(day.measurements, "day.csv")  # type: ignore[arg-type]
 
 
 def test_a_run_reads_its_columns_and_asks_for_its_package_again(

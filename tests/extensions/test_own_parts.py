@@ -87,6 +87,7 @@ class Simulated(VirtualEffect):
 WRONG_EFFECTS = {
     "runup": "own.effects runup: unknown; packages add none_fitted, not_one, runout",
     "runout:rad=1": "own.effects runout:rad=1: 'rad' is no option, or given twice; there are mrad",
+    "runout": "own.effects runout: its size is 0",
     "runout:mrad=1:mrad=2": "'mrad' is no option, or given twice",
     "runout:mrad=x": "'x' is no number",
     "runout:mrad=-1": "give a number from 0 to",

@@ -4,16 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from closed_loop import close_loop, reachable_cube
 from helpers.robots import IRB120
 from helpers.run_script import answer_in_processes, answer_of
 
-from lab.campaign.option_groups import Effects
-from lab.campaign.options import VirtualCampaign
-from lab.commands.calibrate.run import calibrate
 from lab.compensation.iso9283 import accuracy, circle_positions, cube_positions, line_positions, repeatability
-from lab.noise.instruments import instrument
-from lab.simulation.collisions import collides, random_poses
+from lab.simulation.collisions import random_poses
 
 
 def test_the_poses_are_those_of_the_standard() -> None:
@@ -44,26 +39,6 @@ def test_accuracy_and_repeatability_of_a_known_scatter() -> None:
     np.testing.assert_allclose(repeatability(points), 1e-5, rtol=1e-9)
     gaussian = repeatability(wanted + 1e-5 * rng.normal(size=(200_000, 2, 3)))
     np.testing.assert_allclose(gaussian, 1e-5 * (1.5958 + 3 * 0.6734), rtol=0.01)  # Maxwell's mean and deviation
-
-
-@pytest.mark.thorough
-def test_the_cube_is_within_reach_and_touches_nothing() -> None:
-    cube = reachable_cube(IRB120, "p1")
-    assert cube.side_m >= 0.25
-    campaign = VirtualCampaign(seed=4, poses=40, effects=Effects(repeatability_mrad=0.02))
-    loop = close_loop(calibrate(campaign), cube, instrument("uniform-8um"), 4, targets=60)
-    assert loop.poses.failed == loop.circle.failed == loop.line.failed == 0 and loop.targets.failed <= 6
-    assert len(loop.circle.wanted) == len(loop.line.wanted) == 100 and loop.poses.after.shape == (30, 5, 3)
-    before, after = (accuracy(points, loop.poses.wanted) for points in (loop.poses.before, loop.poses.after))
-    assert before.min() > 0.2e-3 and after.max() < 0.02e-3
-    spread = repeatability(loop.poses.after)
-    assert (spread > 0.01e-3).all() and (spread < 0.06e-3).all()  # 0.02 mrad half a metre out, six joints
-    for course in (loop.targets, loop.circle, loop.line):
-        assert course.errors[0].mean() > 0.3e-3 and course.errors[1].mean() < 0.03e-3
-    for course in (loop.poses, loop.circle, loop.line):
-        assert not collides(IRB120.model, course.corrected).any()
-    jumps = np.abs(np.diff(loop.circle.corrected, axis=0)).max()
-    assert jumps < 0.2  # one branch all the way round
 
 
 @pytest.mark.thorough

@@ -3,28 +3,17 @@
 from pathlib import Path
 
 import geometric_share
-import numpy as np
 import pytest
-from geometric_share import Share, crossing, effects_at
+from geometric_share import effects_at
 from helpers.run_script import answer_of
 
 from lab.campaign.option_groups import Effects
-
-
-def share(level: float, value: float) -> Share:
-    return Share("all of them", level, 1.0, 1 - value, value, value, value, value)
 
 
 def test_effects_grow_with_the_level() -> None:
     soft = Effects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0))
     assert effects_at(soft, 2.0) == {"stiffness_nm_per_rad": 5e4, "payload_kg": (0.0, 3.0)}
     assert effects_at(Effects(backlash_mrad=0.05), 4.0) == {"backlash_mrad": pytest.approx(0.2)}
-
-
-def test_where_95_percent_holds() -> None:
-    assert crossing([share(1.0, 0.97), share(4.0, 0.93)]) == pytest.approx(2.0)
-    assert crossing([share(1.0, 0.97), share(4.0, 0.96)]) == np.inf
-    assert crossing([share(1.0, 0.94), share(4.0, 0.90)]) == 0.0
 
 
 @pytest.mark.thorough

@@ -11,22 +11,6 @@ from shared import run_script
 
 
 @pytest.mark.parametrize(
-    ("only", "expected"),
-    [
-        ((), dict.fromkeys(peers.TOOLS, tuple(peers.TOPICS))),
-        (("eaik",), {"lab": tuple(peers.TOPICS), "eaik": tuple(peers.TOPICS)}),
-        (
-            ("pybotics/inverse", "eaik/kinematics"),
-            {"lab": ("kinematics", "inverse"), "pybotics": ("inverse",), "eaik": ("kinematics",)},
-        ),
-        (("select",), dict.fromkeys(peers.TOOLS, ("select",))),
-    ],
-)
-def test_tools_and_topics_can_be_chosen(only: tuple[str, ...], expected: dict[str, tuple[str, ...]]) -> None:
-    assert peers.wanted(only) == expected
-
-
-@pytest.mark.parametrize(
     "given",
     [
         ["--only", "robodk"],

@@ -82,19 +82,3 @@ def test_answers_that_are_there_are_compared_without_running_the_commands_again(
     found = json.loads(capsys.readouterr().out)
     assert code == 1 and len(found) == len(reference.COMMANDS) >= 60
     assert [name for name, each in found.items() if not each["same"]] == ["design"]
-
-
-def test_the_structure_of_a_small_package_is_counted(tmp_path: Path) -> None:
-    (tmp_path / "lab").mkdir()
-    (tmp_path / "lab" / "__init__.py").write_text('"""Doc."""\n')
-    (tmp_path / "lab" / "a.py").write_text(
-        '"""Doc."""\nfrom lab.b import g\n__all__ = ["f"]\n\n\ndef f():\n    return g()\n'
-    )
-    (tmp_path / "lab" / "b.py").write_text(
-        "def g():\n    from lab.a import f\n    return f\n\n\nclass _C:\n    x = 1\n"
-    )
-    (tmp_path / "lab" / "c.py").write_text("from lab import a, b\nX = 1\n")
-    found = script("structure").structure(tmp_path)
-    assert (found["modules"], found["lines"], found["circles of modules"], found["modules in circles"]) == (4, 17, 1, 2)
-    assert (found["top-level public names"], found["modules with one importer"], found["classes"]) == (3, 0, 1)
-    assert found["imports inside functions"] == 1 and found["lines of code"] == 11

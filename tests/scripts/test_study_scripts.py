@@ -5,9 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.run_script import answer_in_processes, answer_of
-from thesis_tables import predicted_rms
 
-import lab
 from lab.extensions.reproduction.thesis_case import (
     HIDDEN,
     INTO,
@@ -17,18 +15,8 @@ from lab.extensions.reproduction.thesis_case import (
     thesis_case,
     without,
 )
-from lab.noise.instruments import instrument
-from lab.studies.campaigns import cell_poses, run_task
-from lab.studies.grid import Study, Task
 
 ROW = list(OFFSETS).index
-
-
-@pytest.fixture
-def quick_designs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Poses are chosen less carefully than in a study, which what is asked here bears."""
-    monkeypatch.setattr("lab.studies.campaigns.CANDIDATES", 200)  # of 1000
-    monkeypatch.setattr("lab.studies.campaigns.STARTS", 1)  # of 2
 
 
 def answer(name: str, out: Path, *flags: object):
@@ -66,33 +54,6 @@ def test_rows_of_a_table_by_hand() -> None:
     assert found["RSD"] == pytest.approx(np.sqrt(8 / 3))  # about the mean of 1
 
 
-@pytest.mark.thorough
-def test_what_a_search_promises_comes_true() -> None:
-    """A mean of three equal normal coordinates is sqrt(8 / 3 pi) of their RMS."""
-    study = Study(robots=6, draws=50, factors={"criterion": ("random",), "poses": (12, 40)})
-    designs = [cell_poses(study, cell) for cell in study.cells]
-    promised = instrument("uniform-8um").radial_m * predicted_rms(study, designs)
-    for number, (joints, rms) in enumerate(zip(designs, promised, strict=True)):
-        found = run_task(study, Task(number, 0, 6), joints)["fresh_mean_mm"]
-        seen = np.sqrt((found**2).mean()) / np.sqrt(8 / (3 * np.pi))
-        assert seen == pytest.approx(1e3 * rms, rel=0.08)  # 300 campaigns
-
-
-@pytest.mark.slow
-def test_thesis_tables_a_little(tmp_path: Path) -> None:
-    size = ("--robots", 8, "--draws", 10, "--poses", 10, "--searches", 0)
-    found = answer("thesis_tables.py", tmp_path, *size, "--criteria", "random", "O1", "--scalings", "raw")
-    rows = {(row["metric"], row["criterion"]): row for row in found["answer"]["rows"]}
-    assert len(rows) == 8 and rows["fresh_mean_mm", "O1"]["to_o1"] is None
-    random = rows["fresh_mean_mm", "random"]["to_o1"]
-    assert 1.3 < random["lower"] < random["effect"] < random["upper"] < 3 and random["used"] == 80
-    assert any(
-        line.startswith("10 poses, mean error on validation poses: best is O1;") for line in found["answer"]["words"]
-    )
-    for kind in ("png", "svg"):
-        assert (tmp_path / f"which_criterion.{kind}").stat().st_size > 10_000
-
-
 @pytest.mark.slow
 def test_thesis_tables(tmp_path: Path) -> None:
     """The answer, by 10,000 paired campaigns a cell, on two cores within ten minutes."""
@@ -107,14 +68,6 @@ def test_thesis_tables(tmp_path: Path) -> None:
         assert all(fresh["O2", scaling, poses]["to_o1"]["lower"] > 1.1 for scaling in ("raw", "length", "whitened"))
         assert 0.85 < fresh["O5", "whitened", poses]["to_o1"]["effect"] < 1.1
         assert fresh["O1", "any", poses]["ranks_95"][0] <= 3
-
-
-@pytest.mark.thorough
-def test_the_number_of_poses_shows_that_o1_is_the_wrong_rule() -> None:
-    curve = lab.design("irb120", poses=30, candidates=150, starts=1, curve=True).to_dict()["curve"]
-    last = curve[-1]
-    plateau = next(step for step in curve if step["o1"] >= 0.98 * last["o1"])
-    assert last["o1"] / plateau["o1"] < 1.03 and last["promise_mm"] / plateau["promise_mm"] < 0.75
 
 
 @pytest.mark.thorough

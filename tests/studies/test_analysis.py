@@ -207,14 +207,6 @@ def test_few_robots_or_draws(robots: int, draws: int, tmp_path: Path) -> None:
     write_csv(tmp_path, found)
 
 
-def figures() -> tuple:
-    """The functions that need matplotlib, which the extra ``plots`` brings."""
-    pytest.importorskip("matplotlib")
-    from lab.commands.study import figures as found
-
-    return found.study_pictures, found.write_figures
-
-
 def test_a_robot_without_campaigns_in_a_cell_counts_for_nothing() -> None:
     values = two_levels(1, 9, 4, 13)
     gone = np.where(np.arange(9)[:, None] < 3, np.nan, values[0])[None]
@@ -316,20 +308,3 @@ def test_tables_read_back_as_they_were(tmp_path: Path) -> None:
     for row, rank in zip(read["ranks"], ranks, strict=True):
         chances = [float(row[f"chance_{k}"] or "nan") for k in range(1, 5)][: len(rank.chances)]
         assert (int(row["cell"]), int(row["rank"]), tuple(chances)) == (rank.cell, rank.rank, rank.chances)
-
-
-@pytest.mark.thorough
-def test_pictures_have_the_same_bytes_and_ranks_that_are_certain_are_not_drawn(tmp_path: Path) -> None:
-    study_pictures, write_figures = figures()
-    found = analysis(robots=3, draws=1, factors=("poses",))  # too few robots for a certain order
-    folders = [tmp_path / name for name in ("one", "two")]
-    for folder in folders:
-        folder.mkdir()
-        pictures = study_pictures(found, METRIC)
-        write_figures(folder, pictures)
-    assert tuple(pictures) == tuple(f"{METRIC}-poses-{kind}" for kind in ("means", "pairs", "ranks"))
-    certain = study_pictures(analysis(factors=("poses",)), METRIC)
-    assert tuple(certain) == tuple(pictures)[:2]  # ranks that are certain are not drawn
-    for name in pictures:
-        for ending in ("png", "svg"):
-            assert len({(folder / f"{name}.{ending}").read_bytes() for folder in folders}) == 1

@@ -105,13 +105,6 @@ def test_threads_and_order_do_not_matter(executor: Executor, tmp_path: Path, exp
 
 
 @pytest.mark.thorough
-def test_processes_do_not_matter(tmp_path: Path, expected: dict[str, bytes]) -> None:
-    with local_executor(2) as executor:
-        toy(tmp_path / "study", executor)
-    assert contents(tmp_path / "study") == expected
-
-
-@pytest.mark.thorough
 def test_a_cluster_does_not_matter_nor_a_worker_that_is_killed(
     cluster: Any, tmp_path: Path, expected: dict[str, bytes]
 ) -> None:
@@ -291,20 +284,6 @@ def test_a_study_that_cannot_be_leaves_nothing(tmp_path: Path) -> None:
     with ThreadPoolExecutor(1) as executor, pytest.raises(LabError, match="12 are too few"):
         toy(tmp_path / "study", executor, posing=toy_study.refused)
     assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.thorough
-def test_a_cluster_without_workers_or_without_the_lab(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from distributed import LocalCluster
-
-    monkeypatch.setattr("lab.studies.executors.find_spec", toy_study.nothing)
-    with pytest.raises(LabError, match="no lab at the scheduler"), cluster_executor(cluster.scheduler_address):
-        pass
-    monkeypatch.setattr("lab.studies.executors.CONNECTING_S", 3.0)  # to connect in, and to wait for workers
-    with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address="127.0.0.1:0") as empty:
-        address = empty.scheduler_address
-        with pytest.raises(LabError, match="has no workers; start dask worker"), cluster_executor(address):
-            pass
 
 
 # The command

@@ -1,7 +1,5 @@
 """Very many new measurements: worked out block by block, they say what they say all at once."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere
@@ -84,19 +82,6 @@ def test_a_moved_zero_is_found_among_many_rows_with_tails() -> None:
         moved.check
     )
     assert dict(moved.would_notice)["joint2"] < 5e-6
-
-
-@pytest.mark.thorough
-def test_nothing_grows_with_the_rows_but_what_is_told_of_each() -> None:
-    """Derivatives of 6,000 poses would be 12 MB, and each worst reading was once a comparison with all rows."""
-    prediction, seen = new_points(True, 6_000)
-    few = next(iter(seen.thinned(10).blocks()))
-    verify(prediction, few)  # what is loaded at its first use
-    tracemalloc.start()
-    verify(prediction, seen)
-    most = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert most < 60e6
 
 
 @pytest.mark.sampled(3)

@@ -170,11 +170,3 @@ def test_a_zero_that_is_far_off_is_a_joint() -> None:
     truth[cell.arm.names.index("link3.theta")] += 0.02
     found = cell.verified(truth)
     assert found.situation is None and found.moved == ("joint",)
-
-
-def test_a_tool_changed_beside_a_refitted_base_is_named() -> None:
-    cell = Cell("ur5", 5, ("p1", "p2"))
-    seen = cell.case("setup and tool")
-    found = verify(cell.prediction, seen, ("base",))
-    assert found.situation is not None and found.situation.data["refit"] == ("base", "tool")
-    assert found.situation.name == "situation.tool"

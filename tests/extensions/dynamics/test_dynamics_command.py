@@ -240,18 +240,6 @@ def test_a_rehearsed_day_is_evaluated_from_its_own_files(tmp_path: Path, capsys:
     assert day["load"]["mass_kg"]["value"] is None  # two axes show first moments alone
 
 
-@pytest.mark.thorough
-def test_a_rehearsal_with_drives_writes_currents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    drives, folder = tmp_path / "drives.toml", tmp_path / "day"
-    coupled = Drives(np.array([-48.0, 32.0]), np.array([[1.0, 0], [0.5, 1]]), np.array([0.2, 0.1]))
-    drives.write_text("\n".join(drives_lines(coupled)), encoding="utf-8")
-    given = ("--robot", "course2r", "--drives", drives)
-    day = told(capsys, "dynamics", *given, *QUICK, "--out", folder)
-    assert "current2_a" in (folder / "motion.csv").read_text().split("\n")[0]
-    read = told(capsys, "dynamics", folder / "motion.csv", *given, "--out", tmp_path / "again")
-    assert read["identified"]["Fcm2"]["value"] == pytest.approx(day["identified"]["Fcm2"]["value"], abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

@@ -57,15 +57,6 @@ def test_each_item_names_a_command_that_there_is(line: str) -> None:
     parsed(command_named(name), arguments)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("line", [line for line in LAB_LINES if line.startswith("lab kinematics")])
-def test_each_item_names_joints_and_poses_that_its_robot_can_take(
-    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(shlex.split(line)[1:]) == 0
-
-
 def test_scripts_of_items_are_there() -> None:
     scripts = {line.split()[1] for line in LINES if line not in LAB_LINES}
     assert scripts and all((ROOT / script).is_file() for script in scripts)
@@ -90,38 +81,8 @@ def test_ranges_of_numbers_are_spelled_out() -> None:
     assert labels("Remark on fewer than six joints") == ()
 
 
-def test_a_page_shows_a_matrix_as_a_matrix() -> None:
-    """Rows of a matrix are rows of its table, with the lab's values beside it, and one state for the matrix."""
-    result = result_of("thesis", "Equations III.6 to III.11")
-    page = to_html(result.document())
-    matrices = page.partition('class="folded"')[0].split('<div class="matrix">')[1:]
-    assert len(matrices) == 6
-    for matrix in matrices:
-        printed, ours = (part.split("</table>")[0] for part in matrix.split("<table>")[1:3])
-        assert printed.count("<tr>") == ours.count("<tr>") == 4 and printed.count("<td>") == ours.count("<td>") == 16
-    assert page.count(">agrees</span>") == 6
-    text = result.summary()
-    assert text.count("⎡") == text.count("⎦") == 12 and "⎣ 0    0    0  1  ⎦  ⎣ 0" in text
-
-
-@pytest.mark.parametrize("item", ["1.1", "1.2", "1.3"])
-def test_a_title_never_counts_nothing(item: str) -> None:
-    """Of an own check, of twelve values that are not printed, and of one that is."""
-    result = result_of("staubli", item)
-    assert not re.search(r"\b0 of|of 0\b", result.document().title)
-    assert result.count("agrees") == (1 if item == "1.3" else 0)
-
-
 def card_of(result: ReproductionResult) -> str:
     return to_html(result.document()).partition('<section class="card"')[2].partition("</section>")[0]
-
-
-def test_the_card_counts_what_agrees_and_errata() -> None:
-    whole = result_of("course", "8.4")
-    shown = card_of(whole)
-    for word, state in (("agree", "agrees"), ("errata", "erratum"), ("differ", "differs")):
-        assert re.search(rf"<span>{word}</span> <b>{whole.count(state)}</b>", shown), word
-    assert whole.count("erratum") == 2 and whole.exit_code == 0
 
 
 def test_a_value_that_differs_is_a_warning_and_the_exit_code() -> None:

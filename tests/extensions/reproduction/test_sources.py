@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.computed_sources import ITEMS, SEARCHED, computed
 
-from lab.extensions.reproduction.item import Item, labels, source_named, sources
+from lab.extensions.reproduction.item import Item, source_named, sources
 from lab.extensions.reproduction.thesis import ESTIMATES, THESIS
 from lab.extensions.reproduction.thesis_case import HIDDEN, INTO, OFFSETS, errors
 
@@ -50,41 +50,6 @@ def test_sources_name_every_item_once() -> None:
         assert source.name == name and len(set(numbers)) == len(numbers)
         assert all(each.reason for each in source.missing)
         assert all(each.command or each.note for each in source.items), name
-
-
-def named(source: str, *, with_kind: bool = False) -> set[str]:
-    """The numbers of all items, and of those that cannot be computed; with "Table" and the like before them."""
-    found = source_named(source)
-    headings = [each.number for each in (*found.items, *found.missing)]
-    kind = {each: f"{each.partition(' ')[0].rstrip('s')} " if with_kind else "" for each in headings}
-    return {kind[each] + label for each in headings for label in labels(each)}
-
-
-def test_the_thesis_is_complete() -> None:
-    """Each table, figure and equation of the thesis is an item, or is listed with a reason."""
-    last = {
-        "Figure I": 7, "Figure II": 1, "Figure III": 10, "Figure IV": 2, "Table I": 1, "Table III": 3, "Table IV": 3,
-        "Equation II": 9, "Equation III": 31, "Equation IV": 26,
-    }  # fmt: skip
-    wanted = {f"{chapter}.{i}" for chapter, count in last.items() for i in range(1, count + 1)}
-    assert wanted - named("thesis", with_kind=True) == set()
-
-
-SECTIONS = {  # of each source: what it numbers, sections of the course, else equations and figures
-    "course": {
-        *("1", "2", "3", "4", "5.1", "5.2", "5.3", "5.4", "5.5", "5.6", "6.1", "6.2", "7.1", "7.2", "7.3", "7.4"),
-        *(f"8.{i}" for i in range(1, 10)), "9", "10.1", "10.2", "10.3",
-        "11.1", "11.2", "11.3", "11.3.1", "11.3.2", "11.4.1", "11.4.2", "11.4.3", "11.4.4", "11.5", "11.6",
-        *(f"A3.{i}" for i in range(1, 12)),
-    },
-    "elastic": {*(f"3.{i}" for i in range(21, 41)), "3.4", "3.5", "3.7"},
-    "staubli": {*(f"1.{i}" for i in range(1, 7)), "1", "2", "3", "1.3.5"},
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", SECTIONS)
-def test_every_numbered_item_of_the_other_sources_is_there_or_listed(name: str) -> None:
-    assert SECTIONS[name] - named(name) == set()
 
 
 @pytest.mark.thorough

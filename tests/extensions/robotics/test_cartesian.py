@@ -103,42 +103,6 @@ def test_joints_that_are_not_synchronised_stop_as_soon_as_they_can() -> None:
         independent(chain, start, end, np.full(6, 0.1))
 
 
-def smooth_line(seed: int, *, circle: bool = False):
-    """A move along a line or an arc within random limits, from a random place."""
-    rng = np.random.default_rng(seed)
-    arm, values, chain, start, _ = set_up("irb120")
-    start = start + rng.uniform(-0.3, 0.3, 6)
-    Ts = arm.tool(np.stack([start, start + rng.uniform(-0.3, 0.3, 6)]), values)[0]
-    via = 0.5 * (Ts[0, :3, 3] + Ts[1, :3, 3]) + rng.uniform(0.005, 0.02, 3)
-    chain = replace(
-        chain,
-        speed=chain.speed * 10 ** rng.uniform(-1, 0, 6),
-        acceleration=chain.acceleration * 10 ** rng.uniform(-1, 0, 6),
-    )
-    path = arc(Ts[0], via, Ts[1]) if circle else line(*Ts)
-    return path_move(arm, values, chain, path, start, Feed()), chain
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_joints_on_a_path_keep_speed_and_acceleration_by_differences_of_their_positions(seed: int) -> None:
-    """The positions are solved for the poses; what is told of their rates is what their differences say."""
-    move, chain = smooth_line(seed, circle=seed % 2 == 1)
-    step = move.seconds / 2000
-    joints, speeds, accelerations = move.at(np.arange(2001) * step)
-    wide = 2
-    for rates, limit, order in ((speeds, chain.speed, 1), (accelerations, chain.acceleration, 2)):
-        seen = np.diff(joints[::wide], n=order, axis=0) / (wide * step) ** order
-        assert (np.abs(seen) <= limit * (1 + 1e-3)).all()
-        assert (np.abs(rates) <= limit * (1 + 1e-6)).all()
-        middle = rates[wide * order // 2 :: wide][: len(seen)]
-        off = np.abs(seen - middle) / limit
-        assert np.quantile(off, 0.9) < 0.02  # but for steps at the ends of phases
-    assert np.abs(speeds[[0, -1]]).max() < 1e-12
-    used = [(peak / limit).max() for peak, limit in zip(move.peaks, (chain.speed, chain.acceleration), strict=True)]
-    assert 0.995 < max(used) <= 1 + 1e-6  # no faster: a share of a limit is all that is left
-    assert max(used[0] * 1.01, used[1] * 1.01**2) > 1
-
-
 def test_a_line_through_a_singularity_is_refused_with_its_place_and_one_beside_it_is_not() -> None:
     """Axis 5 of a spherical wrist passes zero, where axes 4 and 6 would have to turn at once."""
     arm, values, chain, *_ = set_up("irb120")

@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -153,43 +152,6 @@ def test_three_legs_there_and_back(name: str) -> None:
     row, place = np.nonzero(there)
     np.testing.assert_allclose(legs.inverse(modes[row, place]), lengths[row], rtol=0, atol=1e-12)
     assert (there.sum(axis=1)[distance > 1e-3] % 2 == 0).all()
-
-
-def scanned(legs: ThreeLegs, lengths: Array, steps: int = 20_000) -> int:
-    """How many modes lengths ``(3,)`` have, by driving legs 1 and 2 through their coupler's every angle."""
-    angle = np.linspace(-PI, PI, steps)
-    turn = np.stack([np.stack([np.cos(angle), -np.sin(angle)], 1), np.stack([np.sin(angle), np.cos(angle)], 1)], 1)
-    centres = legs.base - np.einsum("kij,aj->kai", turn, legs.platform)  # of the circles that p lies on
-    way = centres[:, 1] - centres[:, 0]
-    length = np.linalg.norm(way, axis=1)
-    foot = (length + (lengths[0] ** 2 - lengths[1] ** 2) / length) / 2
-    square = lengths[0] ** 2 - foot**2
-    height = np.sqrt(np.maximum(square, 0))
-    across = np.stack([-way[:, 1], way[:, 0]], 1)
-    count = 0
-    gaps = []
-    for side in (1, -1):
-        p = centres[:, 0] + (foot[:, None] * way + side * height[:, None] * across) / length[:, None]
-        gaps.append(np.linalg.norm(p - centres[:, 2], axis=1) - lengths[2])
-    real = square > 0
-    for gap in gaps:
-        count += int(((gap[:-1] * gap[1:] < 0) & real[:-1] & real[1:]).sum())
-    ends = np.flatnonzero(real[:-1] != real[1:])
-    ends = np.where(real[ends], ends, ends + 1)  # where both sides merge, between the last step and none
-    return count + int(sum(gaps[0][k] * gaps[1][k] < 0 for k in ends))
-
-
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("name", ["six modes", "both in line"])
-def test_no_mode_is_left_out(name: str) -> None:
-    legs = PLANAR[name]
-    lengths = legs.inverse(poses_of(legs, 30, seed=3))
-    modes = legs.direct(lengths)
-    counts = np.isfinite(modes[..., 0]).sum(axis=1)
-    clear = np.nanmin(legs.distances(modes.reshape(-1, 3)).parallel.reshape(-1, 6), axis=1) > 0.02
-    assert clear.sum() > 15 and counts[clear].max() >= 4
-    for rho, count in zip(lengths[clear], counts[clear], strict=True):
-        assert count == scanned(legs, rho)
 
 
 def test_modes_at_special_angles_are_found() -> None:
@@ -399,23 +361,6 @@ def test_constraint_and_parallel_are_what_locks_all_six_freedoms() -> None:
     np.testing.assert_allclose(np.abs(determinant), np.abs(expected), rtol=1e-9, atol=1e-18)
     constraint = FLEX_PICKER.distances(points, joints).constraint
     np.testing.assert_allclose(constraint, np.linalg.svd(normals, compute_uv=False)[:, -1], atol=EXACT)
-
-
-def test_delta_gains_a_turn_though_nothing_is_flat_or_in_line() -> None:
-    robot = Delta(0.11, 0.23, 0.46, 0.42, AZIMUTHS_RAD)
-
-    def pose(third: float) -> tuple[Array, Array]:
-        joints = np.radians([[72.0, -6.0, third]])
-        return robot.direct(joints)[:, 0], joints
-
-    def upright(third: float) -> float:
-        return float(np.linalg.det(np.cross(robot.matrices(*pose(third))[0], robot.hip_axes))[0])
-
-    there = pose(brentq(upright, -16, -10, xtol=1e-13))
-    parallel, serial, constraint = robot.distances(*there)
-    assert constraint[0] < 1e-13 and parallel[0] > 0.9 and serial[0] > 0.5
-    assert np.linalg.svd(six_rods(robot, *there, 0.05)[0])[1][-1] < 1e-13
-    assert min(robot.distances(*pose(third)).constraint[0] for third in (-16, -10)) > 0.01
 
 
 # All

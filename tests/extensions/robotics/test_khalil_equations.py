@@ -109,38 +109,6 @@ def test_every_root_solves_the_equations_and_the_drawn_one_is_among_them(number:
         assert nearest.max() < 1e-5  # a double root is known to sqrt(eps)
 
 
-@pytest.mark.sampled(5)
-@pytest.mark.parametrize("number", EQUATIONS)
-def test_newton_from_anywhere_finds_no_other_root(number: int) -> None:
-    """An independent second way: Newton's method with complex steps, from 30 random starts each."""
-    rng, count, starts = np.random.default_rng([number, 100]), 30, 30
-    equation, chosen, _, sides = drawn(number, count, rng)
-    found = equation.solve(*chosen, *sides)
-    chosen, sides = ([np.tile(part, starts) if np.ndim(part) else part for part in parts] for parts in (chosen, sides))
-    at = np.array([rng.uniform(-PI, PI, count * starts) if k == "a" else rng.normal(size=count * starts) * 2
-                   for k in equation.kinds])  # fmt: skip
-    for _ in range(60):
-        missing = np.array([b - a for a, b in zip(equation.sides(*chosen, *at), sides, strict=True)])
-        columns = []
-        for k in range(len(at)):
-            stepped = at.astype(complex)
-            stepped[k] += 1e-30j
-            columns.append(np.imag(equation.sides(*chosen, *stepped)) / 1e-30)
-        jacobian = np.array(columns).transpose(2, 1, 0)
-        step = (np.linalg.pinv(jacobian, rcond=1e-10) @ missing.T[:, :, None])[:, :, 0].T
-        at = at + np.clip(step, -0.5, 0.5)
-    there = np.max(np.abs(missing), axis=0) < 1e-12
-    assert there.mean() > 0.3
-    apart = np.zeros((equation.roots, count * starts))
-    for kind, value, reached in zip(equation.kinds, found.values, at, strict=True):
-        off = np.tile(value, starts) - reached
-        apart = np.maximum(apart, np.abs(difference(off, 0.0) if kind == "a" else off))
-    assert apart.min(axis=0)[there].max() < 1e-4
-    for root in range(equation.roots):  # and finds each of ours
-        seen = (apart[root] < 1e-4).reshape(starts, count).any(axis=0)
-        assert seen.mean() > 0.95
-
-
 # Where there are none: what is given comes nearest
 
 

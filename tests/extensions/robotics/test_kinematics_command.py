@@ -192,15 +192,6 @@ def test_what_does_not_fit_is_refused_in_a_line(capsys, arguments: tuple[str, ..
     assert code == 2 and words in error and len(error.splitlines()) == 1 and words in seen["error"]["message"]
 
 
-def test_a_person_reads_it(capsys) -> None:
-    assert main(["kinematics", "irb120", POSE]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
-    for words in ("8 solutions of the pose", "closed form: there are no others", "Rank 6 of 6", "elbow +, wrist −"):
-        assert words in printed
-    assert main(["kinematics", "irb120"]) == 0
-    assert "self-motion: +1 q4 −1 q6" in capsys.readouterr().out
-
-
 def test_a_folder_holds_a_table_of_the_solutions(tmp_path, capsys) -> None:
     run(capsys, "irb120", POSE, "--out", tmp_path / "run")
     files = {path.name for path in (tmp_path / "run").iterdir()}

@@ -13,7 +13,7 @@ from lab.extensions.robotics.inverse.five_axes import FiveAxes
 from lab.extensions.robotics.inverse.planar import PlanarArm
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.inverse.closed_form import ClosedForm, closed_form_of
-from lab.kinematics.inverse.newton import PoseTarget, reach
+from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
@@ -112,23 +112,6 @@ def test_every_solution_leads_back_and_the_true_one_is_among_them(name: str) -> 
         assert nearest.max() < 1e-4 and np.quantile(nearest, 0.99) < 1e-9  # near a double root
 
 
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize("name", ["scorbot", "RPR", "three parallel, slanted"])
-def test_newton_from_anywhere_finds_no_other_solution(name: str) -> None:
-    chain, starts = ALL[name], 20
-    arm = SerialArm(chain, ("p1",))
-    by_point = form_of(chain).by_point
-    values = arm.nominal({"p1": POINT if by_point else np.zeros(3)})
-    Ts = np.repeat(flanges(chain, drawn(chain, 4, 3)), starts, axis=0)
-    places = Ts[:, :3, :3] @ values[-3:] + Ts[:, :3, 3]
-    wanted = PoseTarget(places, np.full((len(Ts), 3, 3), np.nan) if by_point else Ts[:, :3, :3])
-    ended = reach(arm, values, wanted, drawn(chain, len(Ts), 4), np.empty((len(Ts), 0)))
-    there = (np.abs(ended.errors) < 1e-9).all(axis=1)
-    found = form_of(chain).solve(Ts)
-    off = np.where(met(form_of(chain), found), apart(chain, found.joints, ended.joints[:, None]), np.inf)
-    assert there.mean() > 0.05 and off.min(axis=1)[there].max() < 1e-4
-
-
 SINGULAR = [
     (name, factor.name)
     for name in ALL
@@ -195,19 +178,6 @@ def test_the_determinant_is_that_of_the_jacobian(name: str) -> None:
             rows = np.array([form.rows(form.axes.jacobian(row, form.centre)) for row in joints])
         np.testing.assert_allclose(found, np.linalg.det(rows), atol=1e-12)
         assert np.abs(found).max() > 1e-4
-
-
-def test_the_planar_arms_have_the_determinants_of_the_literature() -> None:
-    """2R and 3R: L1 L2 sin q2 (e.g. Siciliano et al. 2009, section 3.2); RP: the slide's length."""
-    two = chain_of("2R", "craig", "RR", [0, 0], [0, 0.4], [0, 0], [0, 0])
-    form = closed_form_of(two, np.array([0.3, 0, 0]))
-    assert form is not None and form.determinant.text == "0.4 * 0.3 sin q2" and form.branches == 2
-    three = chain_of("3R", "craig", "RRR", [0, 0, 0], [0, 0.4, 0.3], [0] * 3, [0] * 3)
-    form = closed_form_of(three)
-    assert form is not None and form.determinant.text == "0.4 * 0.3 sin q2"
-    scorbot = form_of(FIVE["scorbot"]).determinant
-    assert scorbot.text == "-0.22 * 0.22 sin q3 (0.016 + 0.22 cos q2 + 0.22 cos(q2+q3))"
-    assert [factor.name for factor in scorbot.factors] == ["elbow", "shoulder"]
 
 
 def test_what_a_planar_arm_cannot_do_is_told() -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 import lab
@@ -216,18 +215,6 @@ def test_elastic_links_are_tracked_and_corrected(tmp_path, capsys) -> None:
     wanted, *reached = (arm.positions(stand, [site])[:, 0] for stand in (arm.straight(at.joints), *stands))
     before, after = (1e3 * np.linalg.norm(each - wanted, axis=1).mean() for each in reached)
     assert before == pytest.approx(told["error_mm"]["mean"], rel=0.01) and after < 0.02 * before
-
-
-@pytest.mark.thorough
-@pytest.mark.figures
-def test_a_recording_shows_each_link_as_it_bends(tmp_path, capsys) -> None:
-    soft = tmp_path / "soft.toml"
-    soft.write_text("robot = 'irb120'\n[[link]]\nnumber = 2\nei_nm2 = 5e4\n")
-    assert run(capsys, tmp_path, SWING, "--robot", str(soft), "--step-ms", "200")[0] == 0
-    reader = RrdReader(tmp_path / "run" / "recording.rrd")
-    entities = {chunk.entity_path for chunk in reader.stream(store=reader.recordings()[0])}
-    assert {f"/world/magnified/{how}/link{n}" for how in ("rigid", "bent") for n in (1, 2, 3, 4, 6)} <= entities
-    assert {"/errors/in_all", "/errors/link_2"} <= entities and "link 2" in (tmp_path / "run/report.html").read_text()
 
 
 def test_a_payload_that_bends_nothing_is_refused(tmp_path, capsys) -> None:

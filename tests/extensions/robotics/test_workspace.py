@@ -7,7 +7,6 @@ import pytest
 from helpers.robots import IRB120, chain_of
 
 from lab.campaign.robot import load_robot
-from lab.extensions.robotics.workspace import measure
 from lab.extensions.robotics.workspace.boundary import boundary
 from lab.extensions.robotics.workspace.measure import measured, workspace_of
 from lab.extensions.robotics.workspace.membership import ByRods, Search, anyhow, domain_of, memberships, within_turns
@@ -40,27 +39,6 @@ def test_the_five_carriers_reach_what_closed_formulas_say(name) -> None:
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     assert np.einsum("ni,ni->n", a, np.cross(b, c)).sum() / 6 == pytest.approx(VOLUMES[name], rel=0.03)
     assert space.orientations is None
-
-
-@pytest.mark.thorough
-def test_the_standard_error_is_that_of_many_runs() -> None:
-    arm, values = carrier("spherical")
-    domain, (by_place, _) = domain_of(arm, values), memberships(arm, values)
-    runs = [measured(domain, by_place, 400, np.random.default_rng(seed)) for seed in range(40)]
-    off = np.array([(each.size - VOLUMES["spherical"]) / each.standard_error for each in runs])
-    assert abs(off.mean()) < 4 / np.sqrt(40) and 0.6 < off.std() < 1.5
-
-
-def test_places_are_looked_at_in_blocks_that_change_nothing(monkeypatch) -> None:
-    arm, values = carrier("anthropomorphic")
-    domain, (by_place, _) = domain_of(arm, values), memberships(arm, values)
-    told: list[tuple[int, int]] = []
-    whole = measured(domain, by_place, 400, np.random.default_rng(0))
-    monkeypatch.setattr(measure, "_BLOCK", 150)
-    parts = measured(domain, by_place, 400, np.random.default_rng(0), lambda done, of: told.append((done, of)))
-    np.testing.assert_array_equal(parts.reached, whole.reached)
-    assert whole.reached.any() and not whole.reached.all() and parts.size == whole.size
-    assert told == [(first, len(whole.reached)) for first in range(0, len(whole.reached), 150)] and len(told) > 2
 
 
 @pytest.mark.thorough

@@ -27,17 +27,6 @@ def test_a_scara_chooses_turns_about_its_axis_everywhere(capsys) -> None:
 
 
 @pytest.mark.thorough
-def test_a_planar_robot_reaches_an_area_and_inspect_says_the_same(capsys) -> None:
-    _, seen, _ = run(capsys, "rpr2", "--places", 2000)
-    (one,) = seen["workspaces"]
-    main(["inspect", "rpr2", "--json"])
-    told = json.loads(capsys.readouterr().out)
-    assert one["volume_m3"] is None and one["area_m2"] == pytest.approx(told["area_m2"], rel=0.03)
-    for axis in "xy":
-        np.testing.assert_allclose(one["extents_mm"][axis], told["extents_mm"][axis], atol=2.0)
-
-
-@pytest.mark.thorough
 @pytest.mark.figures
 def test_the_folder_has_the_boundary_as_a_mesh_and_every_carrier(capsys, tmp_path) -> None:
     code, seen, _ = run(capsys, "carrier/cylindrical", "carrier/cartesian", "--places", 300, "--out", tmp_path / "out")
