@@ -257,6 +257,7 @@ def _lead(result: PredictionResult) -> str:
     return f"{text} Without {lacking} the points would be {MM.text(result.without_effects_m, 2)} off (rms)."
 
 
+@doc.guarded
 def _uncertainty(result: PredictionResult) -> tuple[doc.Block, ...]:
     rows = tuple(
         (_CAUSES[name], *("" if size is None else short(size) for size in (sizes["mean"], sizes["max"])))
@@ -273,6 +274,7 @@ def _uncertainty(result: PredictionResult) -> tuple[doc.Block, ...]:
     return table, doc.Paragraph(note, "note"), doc.Figure("radii-figure", (_radii_picture(result),), caption)
 
 
+@doc.guarded
 def _every_pose(result: PredictionResult) -> tuple[doc.Block, ...]:
     here, base, radius = MM.of(result.points), MM.of(result.points_in_base), MM.of(result.radii_95["together"])
     rows = tuple(

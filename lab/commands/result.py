@@ -113,16 +113,20 @@ class Result(Value, ABC):
 
     def document(self) -> "Document":
         """Build the one document that terminal, page and recording show."""
-        from lab.render.building import block_of, document_of
+        from lab.render.document import Block, Document, Warnings
 
-        made = attempted("the text", lambda: document_of(load_reference(self.shown_by), self), self._bare_document)
-        provenance = block_of("the section on what was done", self.provenance)
+        def bare(missing: str) -> Document:
+            return Document(f"lab {self.command}", (Warnings((missing, *self.warnings)),))
+
+        def done() -> Block:
+            section = self.provenance()
+            if not isinstance(section, Block):
+                raise TypeError(f"it is a {type(section).__name__}, not a Section")
+            return section
+
+        made: Document = attempted("the text", lambda: load_reference(self.shown_by)(self), bare)
+        provenance = attempted("the section on what was done", done, lambda missing: Warnings((missing,)))
         return replace(made, blocks=(*made.blocks, provenance))
-
-    def _bare_document(self, missing: str) -> "Document":
-        from lab.render.document import Document, Warnings
-
-        return Document(f"lab {self.command}", (Warnings((missing, *self.warnings)),))
 
     def provenance(self) -> "Section":
         """Build the section on what was done: enough to do it again."""

@@ -43,7 +43,7 @@ from lab.core.whole_folder import (
 )
 from lab.formats.structured import read_bytes, read_checksums, read_json
 from lab.kinematics.joints import JointSpec
-from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Table
+from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Table, guarded
 from lab.render.terminal import status
 
 if TYPE_CHECKING:
@@ -513,6 +513,7 @@ def _written(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+@guarded
 def provenance_section(
     name: str, options: "DataclassInstance", model_sha256: str, serial: str | None = None
 ) -> Section:

@@ -7,10 +7,12 @@ show it. Blocks that have nothing to show (no text, no rows, no pictures) are le
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from functools import partial, wraps
 from math import floor, isfinite, log10
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, ParamSpec, TypeVar, cast, get_origin
 
 from lab.core.errors import counted
+from lab.core.gaps import attempted
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -19,9 +21,11 @@ __all__ = [
     "EVERYWHERE", "NARROW", "PAGE", "RECORDING", "TERMINAL", "Badge", "Block", "Bullets", "Card", "Code", "Column",
     "Command", "Document", "Figure", "Inline", "Matrices", "Matrix", "Paragraph", "Picture", "Row", "Scene",
     "Section", "Strong", "Table", "Text", "Warnings", "capital", "digits_of", "fixed",
-    "format_magnification", "inlines", "plain", "plus_minus", "sentence", "short", "shown",
+    "format_magnification", "guarded", "inlines", "plain", "plus_minus", "sentence", "short", "shown",
 ]  # fmt: skip
 
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 _Medium = Literal["terminal", "page", "recording"]
 _Media = frozenset[_Medium]
 TERMINAL: Final[_Media] = frozenset({"terminal"})
@@ -372,6 +376,26 @@ def shown(blocks: Iterable[Block], medium: _Medium) -> Iterable[Block]:
     for block in blocks:
         if medium in block.shown_in:
             yield from block._reduced(medium)
+
+
+def guarded(make: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Let a function of blocks leave a warning in their place where it fails, so that the rest of a page stays.
+
+    Its return type says whether that is one block or a tuple of blocks.
+    """
+    what = f"the part '{make.__name__.strip('_').replace('_', ' ')}'"
+    returned: Any = make.__annotations__["return"]
+    several = get_origin(returned) is tuple
+
+    def gap(missing: str) -> _R:
+        warning = Warnings((missing,))
+        return cast(_R, (warning,) if several else warning)
+
+    @wraps(make)
+    def made(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        return attempted(what, partial(make, *args, **kwargs), gap)
+
+    return made
 
 
 def short(value: float | None, unit: str = "") -> str:

@@ -114,6 +114,7 @@ def _reached(result: CalibrationResult) -> ErrorStatistics | None:
     return errors_without_outliers(result) or result.after
 
 
+@doc.guarded
 def _card(result: CalibrationResult) -> doc.Card:
     """Summarise on the page's first screen: the verdict, the errors before and after, the next step."""
     before, reached, verdict = result.before, _reached(result), result.verdict
@@ -174,6 +175,7 @@ def _validated_on(result: CalibrationResult) -> str:
     return _VALIDATED[result.validation.judged_by].format(count=f"{result.after.count:,}")
 
 
+@doc.guarded
 def _verdict_blocks(result: CalibrationResult) -> tuple[doc.Block, ...]:
     """Word the verdict with its gate, the reasons where it is not good, and the three answers, nothing twice."""
     verdict = result.verdict
@@ -204,6 +206,7 @@ def _answer_text(answer: Answer, reasons: Sequence[Check]) -> str:
     return "See above." if {each.name for each in answer.checks} <= set(above) else sentence(in_one_line(answer.checks))
 
 
+@doc.guarded
 def _errors(result: CalibrationResult) -> doc.Section:
     title, before, after = "Before and after calibration", result.before, result.after
     if before is None or after is None:
@@ -248,6 +251,7 @@ def _predictions(result: CalibrationResult) -> doc.Table:
     return doc.Table(columns, tuple(rows), "Predicted position error of the arm, mm", shown_in=doc.PAGE)
 
 
+@doc.guarded
 def _uncertainty(result: CalibrationResult) -> tuple[doc.Block, ...]:
     stiffness = tuple(
         (each.joint, f"{each.stiffness:,.0f}", f"± {each.std:,.0f}" if np.isfinite(each.std) else "–")
@@ -306,6 +310,7 @@ def _truth(result: CalibrationResult) -> str:
     return text
 
 
+@doc.guarded
 def _model_selection(result: CalibrationResult) -> tuple[doc.Block, ...]:
     """Tabulate the groups; a terminal shows those that were chosen, and names the first that were rejected."""
     rows = tuple(
@@ -341,6 +346,7 @@ def _explained(found: ExplainedError | None) -> tuple[str, str]:
     return ("", "") if found is None else (short(MM.of(found.size_m)), f"{100 * found.share:.2g}")
 
 
+@doc.guarded
 def _outliers(result: CalibrationResult) -> doc.Section:
     outliers = result.fit.outliers
     fitted = "excluded from the fit" if result.fit.left_out else "kept in the fit"
@@ -360,6 +366,7 @@ def _outliers(result: CalibrationResult) -> doc.Section:
     return doc.Section(f"Outliers: {len(outliers)}", (doc.Table(columns, rows, most_rows=_MOST_LISTED),))
 
 
+@doc.guarded
 def _parameters(result: CalibrationResult) -> doc.Section:
     caption = (
         "Corrections of the nominal values, with 95 % intervals (often smaller than the dot). "
@@ -414,6 +421,7 @@ def _status(row: EstimatedParameter) -> str:
     return f"{'weakly observable' if row.weakly_observable else _STATUS[str(row.status)]}{aliased}"
 
 
+@doc.guarded
 def _identifiability(result: CalibrationResult) -> tuple[doc.Block, ...]:
     """Report which parameters robot structure and measured poses leave unidentifiable or weakly observable."""
     found = result.identification

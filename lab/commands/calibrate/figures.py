@@ -25,7 +25,7 @@ from lab.core.units import MM, Unit
 from lab.kinematics.parameter import Parameter
 from lab.render.charts.chart import axes_picture, cube, log_ticks, name_points, shades
 from lab.render.charts.marks import Axes
-from lab.render.document import Block, Figure, Picture, short
+from lab.render.document import Block, Figure, Picture, guarded, short
 from lab.render.plots import (
     MOST_POINTS,
     SMALL,
@@ -425,6 +425,7 @@ def uncertainty_map(result: CalibrationResult) -> SizeMap | None:
     return SizeMap(points, sizes, "predicted error (RMS)", name="uncertainty", extrapolated=beyond)
 
 
+@guarded
 def where_figures(result: CalibrationResult) -> tuple[Block, ...]:
     """Errors before and after calibration where they are, and the predicted ones over the workspace."""
     arrows = error_vectors(result)
@@ -467,6 +468,7 @@ def _arrow_figure(result: CalibrationResult, found: ErrorVectors) -> Figure:
     return Figure("where", arrow_maps(maps), caption)
 
 
+@guarded
 def _predicted_map(result: CalibrationResult) -> tuple[Block, ...]:
     found = uncertainty_map(result)
     if found is None:
@@ -483,6 +485,7 @@ def _predicted_map(result: CalibrationResult) -> tuple[Block, ...]:
     return (Figure("uncertainty", size_maps(found), caption),)
 
 
+@guarded
 def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
     """Residuals against each joint, in time, and against a normal distribution."""
     pictures = residual_pictures(result)

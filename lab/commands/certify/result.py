@@ -371,6 +371,7 @@ def _certificate_document(result: Certificate) -> doc.Document:
     )
 
 
+@doc.guarded
 def _data(result: Certificate) -> tuple[doc.Block, ...]:
     """Tie the printed page to the files of the run, by their digests."""
     rows: tuple[doc.Row, ...] = tuple((name, doc.Code(digest)) for name, digest in result.digests.items())
@@ -389,6 +390,7 @@ def _data(result: Certificate) -> tuple[doc.Block, ...]:
     )
 
 
+@doc.guarded
 def _card(result: Certificate) -> doc.Card:
     run, found = result.calibrated.result, result.conformity
     position, distance = result.budgets
@@ -487,6 +489,7 @@ def _main_picture(result: Certificate) -> doc.Picture:
     raise LabError("the run was not validated, so there are no errors to draw")
 
 
+@doc.guarded
 def _withheld(result: Certificate) -> tuple[doc.Block, ...]:
     if result.issued:
         return ()
@@ -511,6 +514,7 @@ def _uncertainty(budget: Budget) -> str:
     return f"{_expanded(budget)} (k = {budget.coverage_factor:.2f})"
 
 
+@doc.guarded
 def _details(result: Certificate) -> tuple[doc.Block, ...]:
     targets = ", ".join(result.calibrated.estimate.arm.targets)
     parts: dict[str, list[tuple[str, str]]] = {
@@ -551,6 +555,7 @@ def missing_text(missing: Sequence[str]) -> str:
     return ", ".join(named)
 
 
+@doc.guarded
 def _results(result: Certificate) -> tuple[doc.Block, ...]:
     run, distances = result.calibrated.result, result.distances
     rows: list[doc.Row] = []
@@ -572,6 +577,7 @@ def _error_row(name: str, found: Mapping[str, float]) -> doc.Row:
     return (name, *numbers, f"{found['count']:,.0f}")
 
 
+@doc.guarded
 def _statement(result: Certificate) -> tuple[doc.Block, ...]:
     found = result.conformity
     if not result.issued:
@@ -594,6 +600,7 @@ def _statement(result: Certificate) -> tuple[doc.Block, ...]:
     )
 
 
+@doc.guarded
 def _validated(result: Certificate) -> tuple[doc.Block, ...]:
     found = result.validation
     assert found is not None
@@ -633,6 +640,7 @@ def _is_wide(found: LackOfFit) -> bool:
     return not found.sigma_m and 1 - found.p < CERTIFICATE_VALIDATION
 
 
+@doc.guarded
 def _unseen(result: Certificate) -> tuple[doc.Block, ...]:
     rows: tuple[doc.Row, ...] = tuple((each.description, each.remedy) for each in result.unseen)
     digits = [short(MM.of(each)) for each in result.with_unseen_m]
@@ -651,6 +659,7 @@ def _comparison(result: Certificate, found: Conformity) -> str:
     )
 
 
+@doc.guarded
 def _budget(budget: Budget) -> tuple[doc.Block, ...]:
     columns: Sequence[str | doc.Column] = (
         "quantity",
@@ -704,6 +713,7 @@ def _line(line: BudgetLine) -> doc.Row:
     )
 
 
+@doc.guarded
 def _characteristics(result: Certificate) -> tuple[doc.Block, ...]:
     robot, (distance_before, distance_after) = result.robot, result.distances
     rows: list[doc.Row] = [("pose accuracy AP, nominal model", *_two(robot.before.accuracy))]

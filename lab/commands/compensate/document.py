@@ -71,6 +71,7 @@ def compensation_document(result: CompensationResult) -> doc.Document:
     )
 
 
+@doc.guarded
 def _card(result: CompensationResult, verdict: doc.Text) -> doc.Card:
     """Summarise the correction: targets reached, errors without and with it, and the next step."""
     reached, numbers = result.reached, list[tuple[str, str, str]]()
@@ -182,6 +183,7 @@ def _lead(result: CompensationResult) -> str:
     return text + ("." if after is None else f" (at the run's validation poses it was {short(after['mean'])} mm).")
 
 
+@doc.guarded
 def _totals(result: CompensationResult) -> tuple[doc.Block, ...]:
     expected = [("expected error, mm", result.predicted_m)]
     if result.expected is not None:
@@ -200,6 +202,7 @@ def _totals(result: CompensationResult) -> tuple[doc.Block, ...]:
     return doc.Table(("", "mean", "largest"), rows), note
 
 
+@doc.guarded
 def _moves(result: CompensationResult) -> tuple[doc.Block, ...]:
     if not result.checked or not len(result.reached):
         return ()
@@ -220,6 +223,7 @@ def _moves(result: CompensationResult) -> tuple[doc.Block, ...]:
     return (doc.Paragraph(text + (f" {passed} waypoints only lead around obstacles." if passed else "")),)
 
 
+@doc.guarded
 def _program(result: CompensationResult) -> tuple[doc.Section, ...]:
     if (program := result.program) is None:
         return ()
@@ -280,6 +284,7 @@ def _finite(result: CompensationResult, lengths: Array) -> Array:
     return np.asarray(lengths[np.isfinite(lengths)])
 
 
+@doc.guarded
 def _every_target(result: CompensationResult) -> tuple[doc.Block, ...]:
     chain, found = result.run.robot.chain, result.found
     moved = MM.of(found.positions - result.targets.positions)

@@ -315,6 +315,7 @@ def design_document(result: DesignResult) -> doc.Document:
     )
 
 
+@doc.guarded
 def _card(result: DesignResult, values: dict[str, Any], session: SessionDuration) -> doc.Card:
     """Summarise the plan: whether it can be run, how many poses, what error to expect, and the next step."""
     predicted, options, chain = values["predicted_mm"], result.options, result.problem.robot.chain
@@ -471,6 +472,7 @@ def _candidates(values: dict[str, Any]) -> str:
     )
 
 
+@doc.guarded
 def _corners(result: DesignResult) -> tuple[doc.Block, ...]:
     """Return how many corners the pictures at each pose show; nothing for measured points."""
     if not result.corners:
@@ -483,6 +485,7 @@ def _corners(result: DesignResult) -> tuple[doc.Block, ...]:
     )
 
 
+@doc.guarded
 def _reflector(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     found = values["reflector"]
     if found is None:
@@ -496,6 +499,7 @@ def _reflector(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     )
 
 
+@doc.guarded
 def _stations(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     stations = values["stations"]
     if not stations:
@@ -512,6 +516,7 @@ def _stations(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     )
 
 
+@doc.guarded
 def _payloads(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     if not values["payloads"]:
         return ()
@@ -524,6 +529,7 @@ def _payloads(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     )
 
 
+@doc.guarded
 def _files(result: DesignResult) -> tuple[doc.Block, ...]:
     chain = result.problem.robot.chain
     why = refusal(chain, result.options.controller)
@@ -544,6 +550,7 @@ def _certificate(values: dict[str, Any]) -> str:
     )
 
 
+@doc.guarded
 def _own_certificate(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     """The certificate of the criterion itself."""
     found = values["certificate"]
@@ -563,6 +570,7 @@ def _own_certificate(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     return (doc.Paragraph(text),)
 
 
+@doc.guarded
 def _indices(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     """The observability indices, with what they are scaled by; in one line where there is little room."""
     found = values["indices"]

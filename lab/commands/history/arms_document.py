@@ -138,6 +138,7 @@ def arms_document(result: HistoryResult) -> doc.Document:
     )
 
 
+@doc.guarded
 def _card(result: HistoryResult, counts: Mapping[str, int]) -> doc.Card:
     arms = result.arms
     waiting = len(arms) - counts.get("good", 0)

@@ -93,6 +93,7 @@ def _count_text(changes: Changes | None) -> str:
     return f"{counted(count, 'change') if count else 'no change'} in {len(changes.dated)} calibrations"
 
 
+@doc.guarded
 def _card(result: HistoryResult, arm: ArmHistory) -> doc.Card:
     changes = arm.changes
     lead = list[doc.Inline]()
@@ -192,6 +193,7 @@ def _mark_changes(axes: Axes, changes: Changes | None, low: float, high: float) 
             axes.fill_between(ends, [low, low], [high, high], color=OUTLIER, alpha=0.16)
 
 
+@doc.guarded
 def _moved(changes: Changes) -> tuple[doc.Block, ...]:
     own = _over_time_pictures(changes)
     several = "Where rows are joined by 'or', the calibrations do not decide which of them changed."
@@ -314,6 +316,7 @@ def _checks(arm: ArmHistory) -> doc.Table:
     return doc.Table(("date", "what", "run", "verdict", "gate", "mean", "95 %"), rows, caption)
 
 
+@doc.guarded
 def _detectable(result: HistoryResult, changes: Changes) -> tuple[doc.Block, ...]:
     rows = tuple(
         (f"joint {i + 1}", "–" if np.isinf(size) else short(MM.of(size)), unit.name)

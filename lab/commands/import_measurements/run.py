@@ -26,7 +26,19 @@ from lab.formats.measurement_csv import write_measurements
 from lab.formats.tracker_export import TrackerPoints, read_tracker_points
 from lab.render.charts.chart import axes_picture
 from lab.render.charts.marks import Axes
-from lab.render.document import Code, Document, Figure, Paragraph, Picture, Row, Section, Table, Warnings, fixed
+from lab.render.document import (
+    Code,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Warnings,
+    fixed,
+    guarded,
+)
 from lab.render.style import AFTER, BEFORE, GRID, MUTED
 
 __all__ = ["ImportResult", "import_measurements"]
@@ -146,6 +158,7 @@ def _import_document(result: ImportResult) -> Document:
     )
 
 
+@guarded
 def _match(result: ImportResult) -> tuple[Section, ...]:
     """The two files on one clock; nothing where points found their poses by name or order."""
     line = result.matching.timeline

@@ -8,7 +8,7 @@ from lab.kinematics.closed.layout import Layout, layout_of
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.render.charts.chart import axes_picture
 from lab.render.charts.marks import Axes
-from lab.render.document import Block, Figure, Paragraph, Picture
+from lab.render.document import Block, Figure, Paragraph, Picture, guarded
 from lab.render.style import ARM, GRID, INK, PREDICTED
 
 __all__ = ["layout_blocks", "layout_picture", "layout_values"]
@@ -24,6 +24,7 @@ def layout_values(mechanism: Mechanism) -> list[list[dict[str, Any]]]:
     ]
 
 
+@guarded
 def layout_blocks(mechanism: Mechanism) -> tuple[Block, ...]:
     """Name the legs, and draw them; nothing where the platform is not reached by joints."""
     layout = layout_of(mechanism.tree)

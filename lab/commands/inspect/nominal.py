@@ -26,7 +26,7 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import COLUMNS, Chain
 from lab.kinematics.serial.khalil_frames import ANGULAR, khalil_frame
 from lab.kinematics.tree import TreeChain
-from lab.render.document import Block, Bullets, Paragraph, Table
+from lab.render.document import Block, Bullets, Paragraph, Table, guarded
 
 __all__ = [
     "ClosedShape", "closed_blocks", "closed_nominal", "closed_shape", "closed_shape_of", "serial_blocks",
@@ -210,6 +210,7 @@ def _placed(T: Array) -> dict[str, Any]:
     }
 
 
+@guarded
 def tree_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
     """The Denavit-Hartenberg table of each tip's chain, with limits, and its reach."""
     blocks = list[Block]()
@@ -239,6 +240,7 @@ _NEAREST = "a pose is met in its place, and in its rotation as near as these can
 _ORDERS = {"distal": "Rz(θ) Tz(d) Tx(a) Rx(α)", "craig": "Rx(α) Tx(a) Rz(θ) Tz(d)"}
 
 
+@guarded
 def serial_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
     """The Denavit-Hartenberg table with limits, the reach, and the singularities."""
     convention = values["convention"]
@@ -282,6 +284,7 @@ def _rows(joints: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:
     return tuple(rows)
 
 
+@guarded
 def _frames(khalil: Mapping[str, Mapping[str, Any]]) -> tuple[Block, ...]:
     rows = tuple((name, *(printed(each[key]) for key in each if key != "note")) for name, each in khalil.items())
     notes = [f"{name}: {each['note']}".replace("-", "−") for name, each in khalil.items() if each["note"]]
@@ -295,6 +298,7 @@ def _frames(khalil: Mapping[str, Mapping[str, Any]]) -> tuple[Block, ...]:
     )
 
 
+@guarded
 def _singularities(values: Mapping[str, Any]) -> tuple[Block, ...]:
     if values["determinant"] is None:
         return ()
@@ -493,6 +497,7 @@ def _mm(lengths: Array) -> list[float]:
     return [tidy(value) for value in MM.of(lengths)]
 
 
+@guarded
 def closed_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
     """The joints, the frames and what closes the loops as tables, then the shape."""
     closers = [counted(len(values[kind]), kind[:-1]) for kind in ("rods", "pins") if values[kind]]
@@ -540,6 +545,7 @@ def _gruebler(count: Mapping[str, Any]) -> str:
     return f"Grübler's count {count['mobility']} = {bodies} − {joints} + {freedoms}{internal}{turns}"
 
 
+@guarded
 def _shape(values: Mapping[str, Any]) -> tuple[Block, ...]:
     count = f"{counted(len(values['joints']), 'joint')} + {counted(values['passive'], 'passive value')}"
     closures = counted(values["closures"], "closure")

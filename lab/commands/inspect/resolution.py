@@ -13,7 +13,7 @@ from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
 from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.model import RigidArm
-from lab.render.document import Block, Paragraph, Table
+from lab.render.document import Block, Paragraph, Table, guarded
 
 __all__ = ["encoders_of", "resolution", "resolution_blocks"]
 
@@ -73,6 +73,7 @@ def _sizes(unit: str, found: Array) -> dict[str, float | None]:
     }
 
 
+@guarded
 def resolution_blocks(values: Mapping[str, Any] | None) -> tuple[Block, ...]:
     """Return the resolution as a paragraph and a table by encoder; of unknown encoders a note."""
     if values is None:

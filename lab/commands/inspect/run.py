@@ -64,6 +64,7 @@ from lab.render.document import (
     Section,
     Table,
     Warnings,
+    guarded,
     short,
 )
 from lab.render.page_scene import ArmScene, posed_arm
@@ -170,6 +171,7 @@ def _cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, 
     }
 
 
+@guarded
 def _cell_section(values: Mapping[str, Any], robot: Robot) -> Section:
     """The cell as a person reads it, with a picture of it."""
     cell = values["cell"]
@@ -273,6 +275,7 @@ def _inspection_document(result: Inspection) -> Document:
     )
 
 
+@guarded
 def _card(result: Inspection) -> Card:
     """Summarise what can be identified, from how many poses, how well, and what to do next."""
     values = result.values
@@ -316,6 +319,7 @@ def _singular_values_picture(result: Inspection) -> Picture:
     )
 
 
+@guarded
 def _identifiable(result: Inspection) -> tuple[Block, ...]:
     values = result.values
     names = [name.rsplit(".", 1) for name in values["identifiable"]]
@@ -336,6 +340,7 @@ def _group_order(group: str) -> tuple[bool, str]:
     return (True, group) if group.startswith("joint") else (False, "")
 
 
+@guarded
 def _fixed(result: Inspection) -> tuple[Block, ...]:
     values = result.values
     fixed = f"fixed at nominal by --fix, though identifiable: {', '.join(values['held'])}" if values["held"] else ""

@@ -44,6 +44,7 @@ from lab.render.document import (
     Text,
     Warnings,
     fixed,
+    guarded,
     plain,
     short,
 )
@@ -372,6 +373,7 @@ def _lead(result: NextPoseResult) -> str:
     return f"{lead} About {further} reach {MM.text(wanted)}."
 
 
+@guarded
 def _card(result: NextPoseResult) -> Card:
     """Summarise the session: whether the accuracy is reached, how good it is, and what to do now."""
     last, wanted, fewest = result.proposal, result.planner.accuracy_m, result.planner.fewest
@@ -419,6 +421,7 @@ def _way(result: NextPoseResult) -> Table:
     return Table(("stop", *headings), rows)
 
 
+@guarded
 def _progress(result: NextPoseResult) -> tuple[Block, ...]:
     """Tabulate the predicted errors of a session that was followed."""
     if len(result.proposals) < 2:

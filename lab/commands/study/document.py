@@ -231,6 +231,7 @@ def study_document(result: StudyResult) -> doc.Document:
     )
 
 
+@doc.guarded
 def _card(result: StudyResult) -> doc.Card:
     study, cells = result.done.study, result.analysis.cells
     metric = study.metric
@@ -334,6 +335,7 @@ def _rows_picture(cells: Sequence[Cell], means: Mapping[int, Mean], metric: str,
     return axes_picture("overview", label, size, draw, (0.3 + 0.078 * max(map(len, names)), 0.5, 0.2, 0.1))
 
 
+@doc.guarded
 def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[doc.Section, ...]:
     """Answers, means and ranks by the metrics; a page alone shows those after the first."""
     media = [doc.EVERYWHERE if i == 0 else doc.PAGE for i in range(len(metrics))]
@@ -459,6 +461,7 @@ def _ranks(analysis: Analysis, metric: str) -> Iterable[doc.Table]:
         yield doc.Table(columns, tuple(rows), f"Ranks by {factors}", folded=True)
 
 
+@doc.guarded
 def _figures(result: StudyResult) -> doc.Section:
     figures = [
         doc.Figure(f"{made.name}-figure", (made,), f"{made.label} Files: {name}.png, {name}.svg.", wide=True)
@@ -467,6 +470,7 @@ def _figures(result: StudyResult) -> doc.Section:
     return doc.Section("Figures", tuple(figures), shown_in=doc.PAGE)
 
 
+@doc.guarded
 def provenance_of(result: StudyResult) -> doc.Section:
     """Tabulate the settings of a study; a run that goes on with one has the same."""
     study = result.done.study

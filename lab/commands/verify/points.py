@@ -230,6 +230,7 @@ _SPREAD = "The errors of the new measurements, with their root mean square and t
 _ARM = "The arm at the new poses. Arrows lead from the predicted to the measured position of the first target."
 
 
+@doc.guarded
 def _card(result: VerificationResult, figure: doc.Figure) -> doc.Card:
     found, measured = result.verified, result.measurements
     observed_m = MM.to_si(float(result.observed_mm["rms"]))
@@ -330,6 +331,7 @@ def _errors_picture(result: VerificationResult) -> doc.Picture:
     return histograms("errors", spreads, "position error")
 
 
+@doc.guarded
 def _errors(result: VerificationResult) -> tuple[doc.Block, ...]:
     observed, measured = result.observed_mm, result.measurements
     numbers = [short(observed[key]) for key in ("mean", "rms", "p95", "max")]

@@ -230,6 +230,7 @@ def _touches_document(result: TouchesResult) -> doc.Document:
     return doc.Document(f"{name}: daily check of {result.dates[-1]}", tuple(blocks))
 
 
+@doc.guarded
 def _told(result: TouchesResult) -> tuple[doc.Block, ...]:
     rows: list[doc.Row] = []
     for each in result.distinctions:

@@ -38,6 +38,7 @@ from lab.render.document import (
     Table,
     Text,
     Warnings,
+    guarded,
 )
 
 __all__ = ["ReproductionResult", "reproduce", "solution_of"]
@@ -214,6 +215,7 @@ def _title(result: ReproductionResult) -> str:
     return ", ".join([f"{name}: {counted(whole, 'value')}, none of them to compare", *more])
 
 
+@guarded
 def _card(result: ReproductionResult) -> Card:
     """Summarise on the page's first screen: how many agree, how many do not, and what to do next."""
     counts = {state: result.count(state) for state in _COMPARED}
@@ -230,6 +232,7 @@ def _card(result: ReproductionResult) -> Card:
     return Card(badge, numbers, about, next_step)
 
 
+@guarded
 def _overview(result: ReproductionResult) -> tuple[Block, ...]:
     used = [state for state in _STATES if any(result.counts[kind][state] for kind in _KINDS)]
     kinds = tuple(
@@ -254,6 +257,7 @@ def _overview(result: ReproductionResult) -> tuple[Block, ...]:
     )
 
 
+@guarded
 def _reasons(result: ReproductionResult, state: State) -> tuple[Block, ...]:
     """List the reasons of answers in a state, each once; not of chosen items, which show their own."""
     if result.options.item:
@@ -277,6 +281,7 @@ def _chapters(result: ReproductionResult) -> Iterator[Section]:
             yield from sections
 
 
+@guarded
 def _section(each: Computed) -> Section:
     item = each.item
     return Section(
@@ -291,6 +296,7 @@ def _section(each: Computed) -> Section:
     )
 
 
+@guarded
 def _exercise(exercise: Exercise, each: Computed) -> Section:
     """Return the folded question of an item, with what is given, the way to the solution, and what the lab computes."""
     return Section(
@@ -406,6 +412,7 @@ def _list(answers: Sequence[Answer]) -> Table:
     return Table(tuple(heads[i] for i in used), tuple(tuple(row[i] for i in used) for row in rows))
 
 
+@guarded
 def _figure(item: Item, pictures: Iterable[Picture]) -> tuple[Block, ...]:
     """Draw an item's pictures, with unique names that begin with the item's."""
     slug = _slug(item)
@@ -413,6 +420,7 @@ def _figure(item: Item, pictures: Iterable[Picture]) -> tuple[Block, ...]:
     return (Figure(slug, named, item.title),)
 
 
+@guarded
 def _sketch(exercise: Exercise, item: Item) -> tuple[Block, ...]:
     """Draw the arm of an exercise."""
     if not exercise.sketch[0]:

@@ -49,6 +49,7 @@ def dynamics_document(result: DynamicsResult) -> doc.Document:
     )
 
 
+@doc.guarded
 def _card(result: DynamicsResult) -> doc.Card:
     """Summarise the dynamics: whether the model explains the torques, how far, and what to do next."""
     base, found = result.base, result.estimate
@@ -108,6 +109,7 @@ def _page_scene(result: DynamicsResult) -> ArmScene:
     return moving_arm(robot.model, arm, arm.nominal(robot.tool), run.joints[rows], run.time_s[rows], (0,), ("start",))
 
 
+@doc.guarded
 def _letters(result: DynamicsResult) -> tuple[doc.Block, ...]:
     """Tabulate the steps of Newton and Euler's recursion."""
     found = result.in_letters
@@ -123,6 +125,7 @@ def _letters(result: DynamicsResult) -> tuple[doc.Block, ...]:
     )
 
 
+@doc.guarded
 def _identified(result: DynamicsResult, found: DynamicsEstimate) -> tuple[doc.Section, ...]:
     return (
         doc.Section("Measured and predicted", _fits(result, found), shown_in=doc.PAGE),
@@ -205,6 +208,7 @@ def _predictions(result: DynamicsResult, found: DynamicsEstimate) -> doc.Table:
     return doc.Table(("torques of", "drive", "relative error", "error / noise"), tuple(rows))
 
 
+@doc.guarded
 def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[doc.Block, ...]:
     """Compare the load by both methods."""
     if found.load is None:

@@ -89,6 +89,7 @@ def payload_document(result: PayloadResult) -> doc.Document:
     )
 
 
+@doc.guarded
 def _card(result: PayloadResult) -> doc.Card:
     """Summarise the payload: whether it is to be trusted, its mass and centre, and what to do with it."""
     found, numbers = result.estimate, list[tuple[str, str, str]]()
@@ -298,6 +299,7 @@ def _one_after_the_other(time_s: Array | None, count: int) -> tuple[Array, list[
     return times, starts
 
 
+@doc.guarded
 def _payload(result: PayloadResult) -> tuple[doc.Block, ...]:
     found = parameter_rows(result.estimate)
     rows: tuple[tuple[str, ...], ...] = tuple(

@@ -19,7 +19,7 @@ from lab.extensions.robotics.kinematics.symbolic import (
 from lab.extensions.robotics.kinematics.symbolic_inverse import Found, SymbolicInverse, symbolic_inverse
 from lab.formats.formula_program import FormulaProgram
 from lab.kinematics.serial.chain import Chain
-from lab.render.document import Block, Bullets, Paragraph, Table
+from lab.render.document import Block, Bullets, Paragraph, Table, guarded
 
 __all__ = ["ModelsInLetters", "inverse_in_letters"]
 
@@ -342,6 +342,7 @@ _TYPES: Mapping[int, str] = {
 }  # fmt: skip
 
 
+@guarded
 def _inverse_blocks(found: SymbolicInverse | None, chain: SymbolicChain) -> tuple[Block, ...]:
     if found is None:
         return (Paragraph("Inverse: equations of Khalil's types 1 to 10 do not give every joint of this arm."),)
@@ -360,6 +361,7 @@ def _inverse_blocks(found: SymbolicInverse | None, chain: SymbolicChain) -> tupl
     )
 
 
+@guarded
 def _found_blocks(each: Found) -> tuple[Block, ...]:
     equations = (f"{where}: {_equation(left, right)}" for where, left, right in each.equations)
     steps = (f"{name} = {textbook(formula)}" for name, formula in each.steps)

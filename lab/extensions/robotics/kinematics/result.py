@@ -39,6 +39,7 @@ from lab.render.document import (
     Warnings,
     capital,
     fixed,
+    guarded,
     short,
 )
 from lab.render.scene import placement_picture, skeleton
@@ -280,6 +281,7 @@ def _kinematics_document(result: KinematicsResult) -> Document:
     )
 
 
+@guarded
 def _card(result: KinematicsResult) -> Card:
     """Summarise the placements: how many solutions there are, how far from a singularity, and what to do."""
     placed, chain = result.placements, result.robot.chain
@@ -323,6 +325,7 @@ def _next(result: KinematicsResult, first: Placement | None) -> str:
     return "Plan a motion from here with lab trajectory."
 
 
+@guarded
 def _arm_section(result: KinematicsResult) -> tuple[Section, ...]:
     """Show the arm at its placements, beside the solutions and their configurations; nothing where none closes."""
     shown = [each for each in result.placements if np.isfinite(each.T_base_tool).all()][:MOST_DRAWN]
@@ -391,6 +394,7 @@ def _title(result: KinematicsResult) -> str:
     return f"{result.robot.name}: {counted(count, 'pose')} by the direct model"
 
 
+@guarded
 def _reached_blocks(result: KinematicsResult) -> tuple[Block, ...]:
     """Report the number of solutions of each pose, and the method that found them."""
     lines = []
@@ -408,6 +412,7 @@ def _reached_blocks(result: KinematicsResult) -> tuple[Block, ...]:
     return (Bullets(tuple(lines[:_MOST_ROWS])),)
 
 
+@guarded
 def _placements(result: KinematicsResult) -> tuple[Block, ...]:
     """Tabulate joint positions, and the pose of the tool's point or the configuration of each solution."""
     chain, placed = result.robot.chain, result.placements
@@ -459,6 +464,7 @@ def _modes(result: KinematicsResult) -> Table:
     return Table(("", *_POSE), rows, caption)
 
 
+@guarded
 def _differential(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
     if not np.isfinite(first.jacobian).all():
         return ()
@@ -479,6 +485,7 @@ def _differential(result: KinematicsResult, first: Placement) -> tuple[Block, ..
     return table, Paragraph(capital(text)), Bullets((*free, *lost)), *_inverse(result, first), *_rates(result, first)
 
 
+@guarded
 def _inverse(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
     """Tabulate the inverse of the Jacobian or its pseudo-inverse."""
     found = first.inverse_jacobian
@@ -495,6 +502,7 @@ def _inverse(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
     return (Table(("", *_TWIST), tuple((name, *(fixed(v, 4) for v in row)) for name, row in rows), caption),)
 
 
+@guarded
 def _rates(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
     """Tabulate rates, their twist, and the part of a wanted twist that the robot cannot have."""
     if first.rates is None or first.twist is None:
@@ -511,6 +519,7 @@ def _rates(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
     return Table(("", *units), (("rates", *joints),)), Table(("", *heads), tuple(rows))
 
 
+@guarded
 def _matrices(result: KinematicsResult) -> tuple[Block, ...]:
     """Tabulate T_i-1,i and T_0,i, and the product of ``--between``, with positions in mm."""
     options, matrices, tables = result.options, result.matrices, []

@@ -83,6 +83,7 @@ def trajectory_document(result: TrajectoryResult) -> doc.Document:
     )
 
 
+@doc.guarded
 def _card(result: TrajectoryResult) -> doc.Card:
     """Summarise the motion: whether it can be run, how long it takes, how near its limits it comes, what to do."""
     badge = doc.Badge("not checked for collisions", "doubtful")
@@ -188,6 +189,7 @@ def _files(result: TrajectoryResult) -> str:
     return f"{text} Points that are passed without a stop here are stopped at there." if passed else text
 
 
+@doc.guarded
 def _errors(result: TrajectoryResult) -> tuple[doc.Section, ...]:
     if result.tracked is None or result.tracking is None:
         return ()

@@ -31,6 +31,7 @@ from lab.render.document import (
     Section,
     Table,
     Warnings,
+    guarded,
     short,
 )
 from lab.render.scene import moved
@@ -237,6 +238,7 @@ _SCENE = {  # of volumes and of areas
 }
 
 
+@guarded
 def _card(each: RobotWorkspace) -> Card:
     """Summarise one robot's workspace: its size, how far it reaches, in how many orientations, and what to do."""
     values, found = each.to_dict(), each.space.measured
@@ -258,6 +260,7 @@ def _card(each: RobotWorkspace) -> Card:
     return Card(("Workspace: ", badge), tuple(numbers), about, step)
 
 
+@guarded
 def _comparison_card(result: WorkspaceResult) -> Card:
     """Summarise several workspaces: which robot reaches most."""
     order = sorted(result.robots, key=lambda each: -each.size)
@@ -298,6 +301,7 @@ def _size(each: RobotWorkspace, value: float) -> str:
     return f"{value:.4g} {'m²' if each.plane else 'm³'}"
 
 
+@guarded
 def _comparison(result: WorkspaceResult) -> Section:
     rows = []
     for each in result.robots:
