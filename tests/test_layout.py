@@ -5,7 +5,6 @@ All of it is read from the sources, nothing is imported.
 
 import ast
 import re
-import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -14,9 +13,6 @@ import pytest
 from helpers.robots import ROOT
 
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in sorted(ROOT.glob("lab/**/*.py"))}
-ROOMS = sorted(path.name for path in (ROOT / "lab").iterdir() if (path / "__init__.py").is_file())
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-ENTRY_POINTS = {each.partition(":")[0] for group in PROJECT["entry-points"].values() for each in group.values()}
 BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")  # the statements within a statement
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 
@@ -42,43 +38,6 @@ def names_of(node: ast.Import | ast.ImportFrom) -> set[str]:
     if isinstance(node, ast.Import):
         return names
     return {node.module, *(f"{node.module}.{name}" for name in names)} if node.module else set()
-
-
-@cache
-def names_in(path: Path) -> frozenset[str]:
-    """Every module that a file may import: by a statement, by its name in a string, by a script that it runs."""
-    names = set[str]()
-    for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            names |= names_of(node)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            if "lab." in node.value:
-                names |= set(re.findall(r"lab(?:\.\w+)+", node.value))
-            elif re.fullmatch(r"\w+\.py", node.value) and (script := next((ROOT / "scripts").rglob(node.value), None)):
-                names |= names_in(script)
-    return frozenset(names)
-
-
-def reached_in(room: str) -> set[str]:
-    """The modules of a room that its tests import, themselves, through others of the room, or by the command line."""
-    own = {name for name in MODULES if name.startswith(f"lab.{room}.") or name.count(".") == 1}
-    todo = {name for path in TESTS if path.is_relative_to(ROOT / "tests" / room) for name in names_in(path)} & own
-    reached: set[str] = set()
-    while todo:
-        name = todo.pop()
-        reached.add(name)
-        found = names_in(MODULES[name]) | (ENTRY_POINTS if name == "lab.cli" else set())  # what a command may load
-        todo |= (found & own) - reached
-    return reached
-
-
-@pytest.mark.thorough
-def test_every_module_is_imported_by_a_test_of_its_folder() -> None:
-    left = []
-    for room in ROOMS:
-        own = {name for name in MODULES if name.startswith(f"lab.{room}.") and not name.endswith("__init__")}
-        left += sorted(own - reached_in(room))
-    assert left == []
 
 
 def public_names(path: Path) -> list[str] | None:
@@ -117,9 +76,3 @@ def test_no_test_module_imports_another() -> None:
         if not name.startswith("lab.") and modules & set(name.split("."))
     ]
     assert wrong == []
-
-
-def test_shared_pieces_are_no_imported_fixtures() -> None:
-    """A fixture that is imported into a test module needs the check of redefinitions switched off."""
-    marked = [path for path in TESTS if re.search(r"noqa: .*F(401|811)", path.read_text(encoding="utf-8"))]
-    assert [path for path in marked if path != Path(__file__)] == []

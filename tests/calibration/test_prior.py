@@ -9,7 +9,6 @@ from helpers.robots import IRB120, perturbed, somewhere
 from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.outliers_and_noise import outliers_among_fitted
 from lab.calibration.prior import Directions, Prior, Tolerance, directions_of, prior_of
-from lab.calibration.sequential import fit_sequentially
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.verdict import verdict
@@ -144,19 +143,6 @@ def test_outliers_are_found_beside_it(noise: Noise) -> None:
     assert without.prior is None
 
 
-def test_the_sequential_method_takes_none() -> None:
-    """Its angles are fitted without the lengths, so no row of a prior is of its parameters alone."""
-    from helpers.pose_data import measured_poses
-
-    observation, data, _ = measured_poses(ARM, 30, 0, 1e-4, 1e-4)
-    request = IdentifyOptions(solve=fit_sequentially)
-    plain = identify(observation, data, ARM.nominal(), request=request)
-    both = IdentifyOptions(tolerance=Tolerance(), automatic=True, solve=fit_sequentially)
-    found = identify(observation, data, ARM.nominal(), request=both)
-    assert found.prior is None
-    np.testing.assert_array_equal(plain.values, found.values)
-
-
 def test_effects_have_no_part_in_it() -> None:
     model = IRB120.arm_with(("p1",), ("compliance",))
     values = np.concatenate([NOMINAL, np.zeros(len(model.names) - len(NOMINAL))])
@@ -202,11 +188,3 @@ def test_a_link_far_from_nominal_is_bad_only_where_positions_show_it(link: str, 
     judged = verdict(surely, Validation("holdout", errors), None)
     assert judged.farthest is not None and judged.farthest.name == link
     assert (judged.word == "bad") is bad and link in in_one_line(judged.reasons)
-
-
-def test_the_steps_before_the_prior_acts_count_too() -> None:
-    """The last fit starts where the first one ended; a number of its own steps alone would be none."""
-    rows, _ = campaign(1, 30, 1e-5)
-    first, both = (identify(ARM, rows, NOMINAL, Noise(sigma_m=1e-5), each) for each in (IdentifyOptions(), AUTO))
-    assert both.prior is not None and both.fit.iterations >= first.fit.iterations > 0
-    assert both.fit.cost_trace[0] == first.fit.cost_trace[0]

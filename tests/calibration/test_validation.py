@@ -1,6 +1,5 @@
 """The assessment: splits, folds, sessions, and the verdict."""
 
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -39,18 +38,6 @@ def campaign(poses: int, seed: int, noise: float = 5e-6) -> tuple[Measurements, 
 
 def fitted(data: Measurements):
     return identify(ARM, data, ARM.nominal())
-
-
-def test_visits_of_one_pose_are_one_configuration_without_their_pairs() -> None:
-    """5 poses by 4,000 are 40 million pairs, of 0.6 GB; labels are in the order of the first visits."""
-    which = np.random.default_rng(0).permutation(np.repeat(np.arange(5), 4_000))
-    joints = np.random.default_rng(1).uniform(-2, 2, (5, 6))[which]
-    tracemalloc.start()
-    labels = configurations(joints)
-    largest = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert largest < 2e7 and (np.diff([np.argmax(labels == label) for label in range(5)]) > 0).all()
-    assert all(len(set(which[labels == label])) == 1 for label in range(5))
 
 
 def test_configurations_are_grouped_transitively() -> None:
@@ -123,21 +110,7 @@ def test_cross_validation_judges_every_row_once_and_delivers_from_all() -> None:
     assert validation.errors.after.mean() > residual  # what was fitted looks better than what was not
 
 
-def test_folds_that_do_not_converge_are_told() -> None:
-    data, _ = campaign(60, 2)
-    whole, asked = fitted(data), []
-
-    def sometimes_stuck(part: Measurements) -> Identification:
-        asked.append(part)
-        found = fitted(part)
-        return replace(found, fit=replace(found.fit, status="not converged")) if len(asked) % 2 else found
-
-    assert validate_folds(fitted, whole, data, 0).checks == ()
-    (said,) = phrases(validate_folds(sometimes_stuck, whole, data, 0).checks)
-    assert said.startswith("3 of the 5 fits of the cross-validation did not converge")
-
-
-@pytest.mark.parametrize(("poses", "judged"), [(16, False), (17, False), (18, True), (20, True)])
+@pytest.mark.parametrize(("poses", "judged"), [(17, False), (18, True)])
 def test_folds_need_one_and_a_half_times_the_base_set(poses: int, judged: bool) -> None:
     """27 parameters: 40.5 coordinates, 14 poses, must stay in each fold; of 17, two folds hold out 4."""
     data, _ = campaign(poses, 3)

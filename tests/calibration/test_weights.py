@@ -64,14 +64,6 @@ def test_the_nominal_model_has_the_least_errors_that_its_base_and_tool_allow() -
     )  # where weights differ
 
 
-def test_a_rows_own_sigma_leaves_the_nominal_model_alone() -> None:
-    data = session(3, 5e-6)
-    sized = replace(data, sigma_m=np.where(np.arange(len(data)) < 5, 1e-3, 5e-6))
-    found, plain = (identify(ARM, each, ARM.nominal()) for each in (sized, data))
-    np.testing.assert_allclose(found.nominal_aligned, plain.nominal_aligned, atol=1e-12)
-    assert np.abs(found.values - plain.values).max() > 1e-7
-
-
 @pytest.mark.parametrize("ratio", [0.1, 1.0, 10.0])
 def test_the_nominal_model_of_full_poses_weighs_a_milliradian_as_a_millimetre(ratio: float) -> None:
     """Whatever the ratio of the noises is; a position's errors stay those of a nominal arm."""

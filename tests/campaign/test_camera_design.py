@@ -85,6 +85,7 @@ def test_few_rows_hold_the_information_of_all_corners_by_differences(problem: Po
     assert np.allclose(information(found), expected, rtol=1e-5, atol=1e-6 * expected.max())
 
 
+@pytest.mark.thorough
 def test_designed_poses_predict_a_smaller_error_than_random_ones_in_sight(problem: PoseProblem) -> None:
     design = best_design(_options_of(problem), problem, _POSES)
     assert (design.rows >= 0).all()  # exchanged alone
@@ -133,8 +134,6 @@ def test_options_that_make_no_sense_are_refused(tmp_path: Path, more: dict[str, 
         replace(_options(tmp_path), **more).refuse_nonsense()  # type: ignore[arg-type]
 
 
-def test_a_board_without_a_place_or_out_of_sight_is_refused(tmp_path: Path) -> None:
+def test_a_board_without_a_place_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LabError, match="board table has no place"):
         pose_problem(_options(tmp_path, PLACED[: PLACED.rindex("position_mm")]))
-    with pytest.raises(LabError, match="no picture shows enough of a board"):
-        pose_problem(_options(tmp_path, PLACED.replace("[330.0", "[9330.0")))

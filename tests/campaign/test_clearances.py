@@ -26,9 +26,6 @@ from lab.simulation.collisions import collides, describe_collisions
 from lab.simulation.free_path import Clearances, path_check, planning_model
 from lab.simulation.model import RobotModel
 
-ROBOTS = {"irb120": 27, "tx40": 27, "rx130": 27, "scara": 18, "scemi": 27, "ur5": 27, "ur10": 27, "panda": 32,
-          "scorbot": 24, "versatran": 27}  # fmt: skip
-PLANS = 100  # of each robot
 POST_KEEPS_M = 0.035  # its own clearance
 KEPT_M = 0.020
 ROUNDING_M = 2e-5  # of a distance between convex shapes
@@ -73,7 +70,7 @@ class PlanCheck(DenseCheck):
         return 0.0 if first else min(KEPT_M, max(own, 0.0))
 
 
-def planned(name: str, folder: Path, seed: int) -> tuple[Robot, Array]:
+def planned(name: str, folder: Path, poses: int) -> tuple[Robot, Array]:
     """A robot, in a cell where there is one for it, and the stops of a plan."""
     path = None
     if name in PLACES:
@@ -83,26 +80,8 @@ def planned(name: str, folder: Path, seed: int) -> tuple[Robot, Array]:
         )
         path.write_text(text)
     robot = load_virtual(name, path)
-    poses = -(-ROBOTS[name] // 3) + 2
-    plan = planned_session(
-        DesignOptions(
-            name, path, poses=poses, candidates=200 if name in ("ur10", "panda") else 60, starts=1, seed=seed
-        ),
-        robot,
-    )
+    plan = planned_session(DesignOptions(name, path, poses=poses, candidates=60, starts=1), robot)
     return robot, plan.tour.waypoints
-
-
-def check(name: str, folder: Path, plans: int) -> None:
-    dense, nearest = None, np.inf
-    for seed in range(plans):
-        robot, stops = planned(name, folder, seed)
-        dense = dense or PlanCheck(robot, "p1", 0.00635)
-        for start, end in pairwise(stops):
-            found = dense.closest(start, end)
-            nearest = min(nearest, found.kept_m)
-            assert found.kept_m > -ROUNDING_M, (name, seed, found)
-    print(f"{name}: {plans} plans, nearest {1e3 * nearest:.3f} mm beyond the clearance")
 
 
 def words_at(model: RobotModel, degrees: Sequence[float]) -> str:
@@ -139,12 +118,9 @@ def test_an_obstacle_comes_before_the_cell_and_the_cell_before_the_flag(tmp_path
         assert not words or "from box, nearer than the clearance" in words
         return bool(words)
 
-    assert [near("", "", flag) for flag in (20.0, 80.0)] == [False, True]
-    assert [near(f"clearance_mm = {cell}\n", "", flag) for cell, flag in ((80, 20), (20, 80))] == [True, False]
-    assert [near(f"clearance_mm = {cell}\n", f"clearance_mm = {own}\n", 20) for cell, own in ((20, 80), (80, 0))] == [
-        True,
-        False,
-    ]
+    assert near("", "", 80.0) and not near("", "", 20.0)
+    assert not near("clearance_mm = 20\n", "", 80.0)
+    assert near("clearance_mm = 20\n", "clearance_mm = 80\n", 20.0)
 
 
 def test_links_keep_no_more_than_they_have_at_home() -> None:
@@ -174,12 +150,10 @@ def test_path_checks_keep_the_clearance_between_looks() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["tx40", "scara"])
-def test_a_plan_keeps_its_clearances(name: str, tmp_path: Path) -> None:
-    check(name, tmp_path, 1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ROBOTS)
-def test_a_thousand_plans_keep_their_clearances(name: str, tmp_path: Path) -> None:
-    check(name, tmp_path, PLANS)
+@pytest.mark.parametrize(("name", "poses"), [("tx40", 11), ("scara", 8)])
+def test_a_plan_keeps_its_clearances(name: str, poses: int, tmp_path: Path) -> None:
+    robot, stops = planned(name, tmp_path, poses)
+    dense = PlanCheck(robot, "p1", 0.00635)
+    for start, end in pairwise(stops):
+        found = dense.closest(start, end)
+        assert found.kept_m > -ROUNDING_M, found

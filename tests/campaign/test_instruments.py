@@ -48,10 +48,8 @@ def test_an_instrument_is_an_option_as_its_name_is(ours: Path) -> None:
         for given in (lab.instrument(name), Path(name)):
             day = lab.simulate(poses=3, instrument=given)
             assert day.options == expected.options and (day.measurements.points == expected.measurements.points).all()
-    day = lab.simulate(poses=30, seed=3, instrument=lab.instrument(ours))
-    result = lab.identify(day.measurements.take(range(25)), instrument=lab.instrument(ours))
+    result = lab.identify(lab.simulate(poses=20, seed=3).measurements, instrument=lab.instrument(ours))
     assert result.options.instrument == str(ours)
-    assert lab.verify(result, day.measurements.take(range(25, 30)), instrument=lab.instrument(ours)).good
 
 
 def test_an_instrument_that_no_run_can_name_is_refused(ours: Path) -> None:

@@ -117,6 +117,7 @@ def test_both_tips_are_placed_without_initial_values() -> None:
     np.testing.assert_allclose(arm.points(joints, found), arm.points(joints, values), atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_the_prediction_is_of_every_tip() -> None:
     """A hand that was measured in few poses is in what is predicted, whichever target is named first."""
     data = lab.simulate("torso", poses=60, seed=5, targets=BOTH).measurements
@@ -131,6 +132,7 @@ def test_the_prediction_is_of_every_tip() -> None:
     assert predicted[2] == pytest.approx(predicted[1], rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_orientations_of_either_tip() -> None:
     """The tool's rotation is that of the tip of the target whose orientation is measured, and near its truth."""
     for targets in (BOTH, BOTH[::-1]):

@@ -137,20 +137,3 @@ def test_every_rotation_vector_has_one_rotation_and_a_shortest_vector(vector: Ar
     assert np.linalg.norm(shortest) <= np.pi + 1e-15
     np.testing.assert_allclose(se3.exp(shortest), rotation, atol=1e-12)
     np.testing.assert_allclose(se3.rotation_from_roll_pitch_yaw(se3.roll_pitch_yaw(rotation)), rotation, atol=1e-12)
-
-
-@given(SMALL_AND_LARGE, VECTORS, VECTORS)
-def test_a_pose_and_its_inverse_bring_every_point_back(vector: Array, position: Array, point: Array) -> None:
-    T = se3.pose(se3.exp(vector), position)
-    np.testing.assert_allclose(se3.transform(se3.inverse(T), se3.transform(T, point[None])), point[None], atol=1e-10)
-
-
-@given(VECTORS, VECTORS)
-def test_the_smallest_rotation_between_directions_turns_one_into_the_other(a: Array, b: Array) -> None:
-    if min(np.linalg.norm(a), np.linalg.norm(b)) < 1e-3:
-        return
-    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    rotation = se3.rotation_between(a, b)
-    np.testing.assert_allclose(rotation @ a, b, atol=3e-6)  # within the angle below which opposite is opposite
-    angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
-    np.testing.assert_allclose(np.linalg.norm(se3.log(rotation)), angle, atol=3e-6)

@@ -6,7 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, perturbed, somewhere
+from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, perturbed, somewhere
 
 from lab.campaign.robot import Robot, SerialRobot, load_robot
 from lab.core import se3
@@ -23,12 +23,11 @@ ODD = replace(RX130, name='6 <axes> & "more" -- é', joint_names=('q"1"', "q 2",
 CHAINS = {
     "irb120 as a table": IRB120.chain,  # distal: its last row stands behind the last joint
     "rx130": RX130,
-    "tx40": TX40,
     "scara": SCARA,
     "versatran": replace(VERSATRAN, sign=np.array([1.0, -1, 1, -1, 1, 1])),  # a slide and a joint that count backwards
     "odd names": ODD,
 }
-ROBOTS = ["irb120", *CHAINS, "ur10", "panda"]
+ROBOTS = ["irb120", *CHAINS, "panda"]
 
 
 def as_table(chain: Chain) -> Robot:

@@ -39,7 +39,7 @@ def test_a_file_as_it_should_be_is_read(kind: str, tmp_path: Path) -> None:
     assert KINDS[kind].read(path) is not None
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_changed_file_is_read_or_refused(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -2,7 +2,6 @@
 
 import csv
 from dataclasses import replace
-from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -186,13 +185,6 @@ def test_names_like_numbers_are_texts_to_a_spreadsheet_and_come_back(tmp_path: P
     assert {row["note"] for row in csv.DictReader((tmp_path / "day.csv").read_text().splitlines())} == {"-3.5"}
     back = read_measurements(tmp_path / "day.csv", ("q1",), (False,))
     assert back.ids == NUMBERS and back.sessions == NUMBERS
-
-
-@given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from([0, 3]))
-def test_a_decimal_is_moved_exactly(value: float, exponent: int) -> None:
-    assert measurement_csv._decimal(value, exponent) == (
-        repr(value) if not exponent and "e" not in repr(value) else format(Decimal(repr(value)).scaleb(exponent), "f")
-    )
 
 
 def test_a_file_of_several_blocks_reads_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

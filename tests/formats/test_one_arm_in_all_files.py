@@ -101,9 +101,9 @@ def exported(request, tmp_path: Path) -> tuple[str, Path, Robot, SerialArm, Arra
     return request.param, tmp_path, robot, arm, values
 
 
-def assert_all_agree(exported: tuple[str, Path, Robot, SerialArm, Array], count: int) -> None:
+def test_all_files_agree(exported: tuple[str, Path, Robot, SerialArm, Array]) -> None:
     name, folder, _, arm, values = exported
-    joints = arm.chain.random_joints(count, np.random.default_rng(5))
+    joints = arm.chain.random_joints(15, np.random.default_rng(5))
     expected = arm.points(joints, values)
 
     def same(points: Array) -> None:
@@ -132,12 +132,3 @@ def assert_all_agree(exported: tuple[str, Path, Robot, SerialArm, Array], count:
     T_instrument_base, in_tool0 = commented(conf)
     same(se3.transform(T_instrument_base @ by_controller, in_tool0))
     np.testing.assert_allclose(by_controller, tool0, rtol=0, atol=SAME_M)  # the controller's flange is that tool0
-
-
-def test_all_files_agree(exported) -> None:
-    assert_all_agree(exported, 15)
-
-
-@pytest.mark.slow
-def test_all_files_agree_at_a_thousand_poses(exported) -> None:
-    assert_all_agree(exported, 1000)

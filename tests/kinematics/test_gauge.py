@@ -146,38 +146,6 @@ def axes_of(arm: SerialArm, values: Array) -> JointAxes:
     return JointAxes(np.array(origins), directions, arm.points(np.zeros((1, arm.chain.size)), values)[0])
 
 
-def left_out(chain) -> set[str]:
-    """What the rules of the canonical gauge fix, said another way than the code does (facts, section 2)."""
-    n, slides = chain.size, chain.prismatic
-    parallel = [chain.joins_parallel_axes(i) for i in range(n)]
-    out = set()
-    for i in range(n):
-        link = f"link{i + 1}."
-        if chain.convention == "distal":
-            whole = i == n - 1
-            d = i == 0 or parallel[i] or slides[i]
-            theta = i == 0 or (slides[i] and parallel[i])
-            a = i < n - 1 and slides[i + 1]
-        else:
-            whole = i == 0
-            d = i == n - 1 or parallel[i] or slides[i]
-            theta = i == n - 1 or (slides[i] and parallel[i])
-            a = slides[i]
-        names = [c for c, fixed in (("d", d), ("theta", theta), ("a", a)) if fixed or whole]
-        out |= {link + c for c in (names if not whole else ("theta", "d", "a", "alpha", "beta"))}
-    return out
-
-
-def test_the_gauge_fixes_what_the_rules_fix() -> None:
-    """No parameter that the rules leave to others is identified, on 30 random arms without special angles."""
-    rng = np.random.default_rng(9)
-    for _ in range(30):
-        chain = random_chain(rng, special=False)
-        arm = SerialArm(chain)
-        kept = {arm.names[i] for i in base_set(arm, arm.nominal()).identifiable}
-        assert not kept & left_out(chain), chain
-
-
 def test_a_drawn_arm_comes_back_from_its_axes() -> None:
     """chain_from_axes: the same positions for random distal arms, whatever table it chooses."""
     rng = np.random.default_rng(8)

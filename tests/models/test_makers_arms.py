@@ -11,7 +11,6 @@ from helpers.robots import ROOT
 import lab
 from lab.campaign.model_files import description_of, own_models
 from lab.campaign.robot import load_robot
-from lab.cli import main
 
 POSES = json.loads(Path(__file__).with_name("urdf_poses.json").read_text())
 MAKERS = sorted(
@@ -19,7 +18,6 @@ MAKERS = sorted(
     if path.name not in ("robot.toml", "robot.xml", "scene.xml", "mechanism.toml")
     and path.parent.name not in ("carrier", "delta", "rpr3")
 )  # fmt: skip
-THOROUGH = {"ur5e", "xarm7"}  # an offset wrist, and seven joints
 ROWS = {
     cells[1].strip("`"): cells[2:]
     for line in (ROOT / "docs" / "reference" / "robots.md").read_text().splitlines()
@@ -63,29 +61,3 @@ def test_a_row_of_the_page_is_what_lab_inspect_says(name: str) -> None:
     assert identifiable == f"{found['rank']} of {found['parameters']}"
     assert ways == str(found["ways"] or "by search")
     assert masses == ("unknown" if robot.loads is None else "published")
-
-
-@pytest.mark.parametrize("name", [
-    pytest.param(name, marks=pytest.mark.thorough if name in THOROUGH else pytest.mark.slow)
-    for name in ROWS
-])  # fmt: skip
-def test_the_arm_is_inspected_calibrated_designed_for_and_compensated(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["inspect", name, "--json"]) == 0
-    rank = json.loads(capsys.readouterr().out)["rank"]
-    assert rank == 4 * load_robot(name).chain.size + 3  # of the joints' axes four each; base and point are three more
-    design = ["design", "--robot", name, "--poses", "12", "--candidates", "60", "--starts", "1", "--no-recording"]
-    assert main([*design, "--out", "design", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["parameters"] == rank
-    calibrate = ["calibrate", "--robot", name, "--poses", "40", "--seed", "1", "--no-recording", "--out", "run"]
-    assert main([*calibrate, "--json"]) == 0
-    seen = json.loads(capsys.readouterr().out)
-    assert seen["verdict"] != "bad" and seen["after_mm"]["mean"] < 0.01 < 0.5 < seen["before_mm"]["mean"]
-    rows = (Path("run") / "measurements.csv").read_text().splitlines()
-    places = [dict(zip(rows[0].split(","), row.split(","), strict=True)) for row in rows[1:4]]
-    lines = ["x_mm,y_mm,z_mm", *(",".join(place[f"p1_{axis}_mm"] for axis in "xyz") for place in places)]
-    Path("targets.csv").write_text("\n".join(lines) + "\n")
-    assert main(["compensate", "targets.csv", "--run", "run", "--out", "corrected", "--no-check", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["converged"] == 3

@@ -164,21 +164,6 @@ def campaign_errors(plans: list[np.ndarray], campaigns: int) -> list[np.ndarray]
     return [np.array(e) for e in errors]
 
 
-def check_campaigns(
-    campaigns: int, within: float, kept_least: float, twenty: DesignResult, promised: DesignResult
-) -> None:
-    """Campaigns with the plan of twenty poses, with random ones, and with a plan that makes a promise."""
-    designed, random, kept = campaign_errors([twenty.joints, np.empty((0, 6)), promised.joints], campaigns)
-    rms = [float(np.sqrt((e**2).mean())) for e in (designed, random)]
-    predicted = float(np.sqrt((twenty.prediction.rms**2).mean()))
-    assert rms[0] == pytest.approx(predicted, rel=within)
-    assert rms[0] <= 0.8 * rms[1]
-    share = np.mean(np.quantile(kept, 0.95, axis=1) <= promised.prediction.coverage_radius)
-    assert share >= kept_least
-    print(f"RMS in um: designed {1e6 * rms[0]:.3f}, predicted {1e6 * predicted:.3f}, random {1e6 * rms[1]:.3f}")
-    print(f"{1e6 * promised.prediction.coverage_radius:.1f} um kept in {share:.1%} of the campaigns")
-
-
 @pytest.fixture(scope="module")
 def twenty() -> DesignResult:
     """A plan of 20 poses."""
@@ -191,14 +176,12 @@ def test_the_prediction_is_true_in_a_few_campaigns(twenty: DesignResult) -> None
 
     That fewer than 13 of 16 keep what 95 % keep has a chance of 0.1 %.
     """
-    check_campaigns(16, within=0.12, kept_least=0.8, twenty=twenty, promised=twenty)
-
-
-@pytest.mark.slow
-def test_the_prediction_is_true_in_300_campaigns() -> None:
-    twenty, promised = (design(DesignOptions(starts=1, **asked)) for asked in ({"poses": 20}, {"accuracy_mm": 0.010}))
-    assert promised.prediction.coverage_radius <= 10e-6
-    check_campaigns(300, within=0.05, kept_least=0.93, twenty=twenty, promised=promised)
+    designed, random = campaign_errors([twenty.joints, np.empty((0, 6))], 16)
+    rms = [float(np.sqrt((e**2).mean())) for e in (designed, random)]
+    predicted = float(np.sqrt((twenty.prediction.rms**2).mean()))
+    assert rms[0] == pytest.approx(predicted, rel=0.12)
+    assert rms[0] <= 0.8 * rms[1]
+    assert np.mean(np.quantile(designed, 0.95, axis=1) <= twenty.prediction.coverage_radius) >= 0.8
 
 
 @pytest.mark.thorough

@@ -22,9 +22,10 @@ def floats(text: str) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def scene() -> ArmScene:
-    plan = lab.design("irb120", poses=12, candidates=60, starts=1)
-    problem = plan.problem
-    return posed_arm(problem.robot.model, problem.arm, problem.values, plan.joints[:3], ["a", "b<", "c"])
+    robot = lab.load_robot("irb120")
+    arm = robot.arm(("p1",))
+    joints = arm.chain.random_joints(3, np.random.default_rng(0))
+    return posed_arm(robot.model, arm, arm.nominal(robot.tool), joints, ["a", "b<", "c"])
 
 
 def test_the_script_gets_the_bodies_where_they_are(scene: ArmScene) -> None:

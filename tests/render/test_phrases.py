@@ -4,10 +4,8 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from helpers.drawing import nothing_drawn
 from helpers.mistakes import MISTAKES, session_with_noise
@@ -15,12 +13,9 @@ from helpers.mistakes import MISTAKES, session_with_noise
 import lab
 from lab.calibration.noise.rigid_distances import InstrumentNoise
 from lab.calibration.verdict import Answer
-from lab.commands.certify.run import certify
-from lab.commands.options import CertifyOptions
 from lab.commands.result import Result
 from lab.core.checks import Check
 from lab.core.measurements import Measurements
-from lab.core.units import MM
 from lab.noise.error_model import ErrorModel
 from lab.render.phrases.registry import PHRASES
 from lab.render.phrases.verdict import next_step
@@ -60,31 +55,8 @@ def session(mistake: str = "", size_m: float = 1e-3, seed: int = 1, poses: int =
     return MISTAKES[mistake](data, rng, size_m) if mistake else data
 
 
-def with_outliers() -> Measurements:
-    data = session()
-    points = data.points.copy()
-    points[[4, 11]] += 2e-3
-    return replace(data, points=points)
-
-
 def identified(data: Measurements, **options: Any) -> lab.CalibrationResult:
     return lab.identify(data, robot="irb120", **{"holdout": 0.3, **options})
-
-
-def of_runs(folder: Path) -> Iterator[Result]:
-    """What builds on runs that lie in folders: these hold the sentences of that time."""
-    first, second = (session(seed=seed, poses=20) for seed in (1, 2))
-    for name, data, day in (("one", first, "2026-01-10"), ("two", second, "2026-02-10")):
-        found = identified(data, noise_mm=0.003, date=day)
-        assert found.verdict.word == "doubtful"
-        found.save(folder / name)
-        yield found
-    moved = replace(second, joints=second.joints + np.eye(second.joints.shape[1])[2] * 1e-3)
-    yield lab.verify(folder / "one", second)
-    yield lab.verify(folder / "one", moved)
-    yield certify(CertifyOptions(folder / "one"))
-    yield lab.history([folder / "one", folder / "two"])
-    yield lab.history(folder)
 
 
 def of_measurements() -> Iterator[Result]:
@@ -93,24 +65,6 @@ def of_measurements() -> Iterator[Result]:
     yield identified(session("the tracker moved half way", 3e-3))
     yield identified(data, noise_mm=0.009, gate_mm=0.001)
     yield identified(replace(data, points=0 * data.points))
-
-
-def of_many() -> Iterator[Result]:
-    yield identified(with_outliers(), noise_mm=0.009, robust=True, gate_mm=0.01)
-    for mistake in MISTAKES:
-        yield identified(session(mistake))
-        yield identified(session(mistake), noise_mm=0.009, gate_mm=0.5)
-    yield identified(with_outliers())
-    yield identified(session(), noise_mm=0.009)
-    yield identified(session(), model="auto")
-    yield identified(session("the tracker moved half way", 3e-3), model="auto")
-    yield identified(session(), prior="on")
-    yield identified(session(poses=15), gate_mm=0.2)
-    yield lab.calibrate("irb120", poses=40, seed=1)
-    yield lab.calibrate("irb120", poses=60, seed=1, effects=lab.Effects(stiffness_nm_per_rad=3e4))
-    yield lab.calibrate("irb120", poses=40, seed=2, observe="plane", prior="on")
-    yield lab.calibrate("irb120", poses=30, seed=3, targets=("p1", "p2", "p3"), noise_mm=0.02)
-    yield lab.design("irb120", poses=12, candidates=200)
 
 
 @pytest.fixture
@@ -124,10 +78,6 @@ def silent(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
         monkeypatch.setattr(ErrorModel, "descriptions", property(lambda _: ("x",)))
 
     return silence
-
-
-def test_lengths_have_three_digits() -> None:
-    assert (MM.text(2.5), MM.text(0.0012345), MM.text(0.9996)) == ("2,500 mm", "1.23 mm", "1,000 mm")
 
 
 @pytest.mark.parametrize("name", [*PHRASES, "another.reason"])
@@ -203,22 +153,3 @@ def test_no_decision_of_a_fit_depends_on_a_phrase(silent: Callable[[], None]) ->
         silent()
         assert outcomes(of_measurements()) == said
         assert identified(session(), noise_mm=0.2).to_dict()["reasons"] == ["x"]
-
-
-@pytest.mark.thorough
-def test_no_decision_that_builds_on_runs_depends_on_a_phrase(silent: Callable[[], None], tmp_path: Path) -> None:
-    with nothing_drawn():
-        said = outcomes(of_runs(tmp_path / "runs"))
-        (tmp_path / "runs").rename(tmp_path / "said")
-        silent()
-        assert outcomes(of_runs(tmp_path / "runs")) == said
-    reasons = json.loads((tmp_path / "runs" / "one" / "result.json").read_text())["reasons"]
-    assert reasons and set(reasons) == {"x"}
-
-
-@pytest.mark.thorough
-def test_no_decision_of_many_commands_depends_on_a_phrase(silent: Callable[[], None]) -> None:
-    with nothing_drawn():
-        said = outcomes(of_many())
-        silent()
-        assert outcomes(of_many()) == said

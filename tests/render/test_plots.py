@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from lab.render.charts.chart import Chart
-from lab.render.plots import ArrowMap, SizeMap, Trend, arrow_maps, size_maps, smooth, trend_pictures
+from lab.render.plots import ArrowMap, Trend, arrow_maps, smooth, trend_pictures
 from lab.render.style import AFTER, BEFORE
 
 
@@ -93,16 +93,3 @@ def test_arrows_begin_at_their_points_and_are_magnified() -> None:
     assert "from the side, × 50" in svg and svg.count(f'stroke="{BEFORE}"') == svg.count(f'stroke="{AFTER}"') == 1
     flat = shown.points * [1, 1, 0]
     assert [each.name for each in arrow_maps([_arrow_map(points=flat)])] == ["m-above"]  # no view as a line
-
-
-@pytest.mark.parametrize("range_m", [None, (1e-4, 1e-2)])
-def test_a_map_of_sizes_has_its_scale_in_the_picture(range_m) -> None:
-    rng = np.random.default_rng(6)
-    shown = SizeMap(rng.normal(size=(50, 3)), rng.uniform(1e-3, 1.5e-3, 50), "error", range_m=range_m,
-                    extrapolated=np.arange(50) % 2 == 0)  # fmt: skip
-    pictures = size_maps(shown)
-    assert [each.name for each in pictures] == ["where-above", "where-side"]
-    svg = pictures[0].chart().svg()
-    assert ">error, mm<" in svg and svg.count("<circle") == 25
-    ticks = [each for each in ("0.1", "1", "10") if f">{each}<" in svg]
-    assert ticks == ["0.1", "1", "10"] if range_m else len(ticks) >= 1

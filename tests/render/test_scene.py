@@ -2,7 +2,6 @@
 
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +12,8 @@ from hypothesis import strategies as st
 from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.kinematics.serial.arm import SerialArm
-from lab.render.document import Document, Paragraph, Section, Warnings, plain
-from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
-from lab.render.recording import draw_legs, eye, eye_on_arm, log_texts, main_view, recording_to
+from lab.render.document import plain
+from lab.render.recording import recording_to
 from lab.render.scene import (
     MOST_POSES,
     Legs,
@@ -28,7 +26,6 @@ from lab.render.scene import (
     world_legs,
 )
 from lab.render.terminal import bars, status
-from lab.simulation.meshes import arm_shells, body_poses, shells
 
 
 @given(st.floats(1e-9, 1e3), st.floats(1e-3, 1e3))
@@ -63,26 +60,6 @@ def test_an_arms_lines_end_at_its_frames() -> None:
     np.testing.assert_allclose(skeleton(arm, turned, joints).lines[0], found.lines[0], atol=1e-12)  # whatever the base
 
 
-def test_an_arm_that_nothing_measures_is_in_view_without_an_instrument() -> None:
-    robot = load_robot("irb120")
-    arm = robot.arm(("p1",))
-    values, joints = arm.nominal(robot.tool), np.zeros((1, 6))
-    origins = moved(robot.model.T_world_frame0, skeleton(arm, values, joints).origins)
-    controls = eye_on_arm(origins, origins[:, -1], 0.7)
-    position, target = (
-        np.asarray(each.as_arrow_array().to_pylist()[0]) for each in (controls.position, controls.look_target)
-    )
-    assert "tracker" in {each.body for each in shells(robot.model)}
-    bodies = body_poses(robot.model, arm, values, joints)
-    forward = (target - position) / np.linalg.norm(target - position)
-    for shell in arm_shells(robot.model):
-        assert shell.body != "tracker"
-        seen = moved(bodies[shell.body][0], shell.vertices.astype(float)) - position
-        depth = seen @ forward
-        off = np.linalg.norm(seen - depth[:, None] * forward, axis=1) / depth
-        assert depth.min() > 0 and off.max() < np.tan(np.deg2rad(27.5)) * np.hypot(1, 1.4)
-
-
 def test_legs_of_a_mechanism_in_the_world() -> None:
     robot = load_robot("rpr2")
     arm = robot.arm(("p1",))
@@ -93,37 +70,6 @@ def test_legs_of_a_mechanism_in_the_world() -> None:
     assert "length is a joint position" in plain(legs_legend(found)) and legs_legend(Legs(found.ends[:, :0], ())) == ""
     assert reach_of(T, found.ends, found) == pytest.approx(np.linalg.norm(found.ends - T[:3, 3], axis=-1).max())
     np.testing.assert_allclose(moved(T, found.ends)[0, 0, 0], se3.transform(T, found.ends[0, 0, :1])[0])
-
-
-def test_a_recording_without_legs_has_no_entity_for_them(tmp_path) -> None:
-    import rerun as rr
-
-    path = tmp_path / "small.rrd"
-    with recording_to(path, "robot", "0123456789") as recording:
-        at = [rr.TimeColumn("pose", sequence=range(2))]
-        draw_legs(recording, at, Legs(np.empty((2, 0, 2, 3)), ()), 1.0)
-    assert path.stat().st_size > 0
-
-
-def test_a_view_looks_at_the_arm_from_outside() -> None:
-    points = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3)) + np.array([0, 0, 0.5])
-    controls = eye(points, points, 1.0, np.array([2.0, 0.0, 1.0]))
-    assert main_view("all", controls).name == "all"
-
-
-@pytest.mark.thorough
-def test_sizes_are_spread_by_rank_and_drawn() -> None:
-    pytest.importorskip("matplotlib")
-    sizes = np.random.default_rng(0).uniform(size=3 * MOST_POINTS)
-    rows = spread_by_size(sizes)
-    assert len(rows) == MOST_POINTS and sizes[rows[-1]] == sizes.max() and (np.diff(sizes[rows]) >= 0).all()
-    points = np.random.default_rng(1).normal(size=(12, 3))
-    pictures = (
-        *size_maps(SizeMap(points, sizes[:12], "error")),
-        histograms("h", [Spread(sizes, "#111111", ("m", 0.5))], "error"),
-    )
-    assert len({picture.name for picture in pictures}) == len(pictures) >= 2
-    assert all(picture.draw().axes for picture in pictures)
 
 
 def test_in_a_pipe_there_are_no_bars(capfd: pytest.CaptureFixture[str]) -> None:
@@ -144,24 +90,3 @@ def test_a_recording_is_written_where_rerun_is_turned_off(
         assert os.environ["RERUN"] == "0"
     assert (tmp_path / "off.rrd").stat().st_size > 1000  # without content there would be none
     assert capfd.readouterr() == ("", "")
-
-
-class Logged:
-    """A recording that keeps the texts that it is given."""
-
-    def __init__(self) -> None:
-        self.texts: dict[str, str] = {}
-
-    def log(self, entity: str, text: Any, static: bool) -> None:
-        self.texts[entity] = text.text.as_arrow_array().to_pylist()[0]
-
-
-def test_a_summary_is_what_comes_before_the_sections_or_the_first() -> None:
-    first, second = Section("First", (Paragraph("one"),)), Section("Second", (Paragraph("two"),))
-    legend, warnings = Section("Legend", (Paragraph("what"),)), Warnings(("careful",))
-    for blocks, kept in (((Paragraph("lead"), warnings, first, second), "lead"), ((warnings, first, second), "one")):
-        logged = Logged()
-        log_texts(logged, Document("Title", blocks), legend)  # type: ignore[arg-type]
-        summary, details = logged.texts["summary"], logged.texts["details"]
-        assert kept in summary and "what" in summary and "two" not in summary and "careful" not in summary
-        assert all(word in details for word in ("one", "two", "careful")) and "what" not in details

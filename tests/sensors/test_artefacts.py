@@ -105,26 +105,6 @@ def cubes() -> lab.MeasurementSession:
 
 
 @pytest.mark.thorough
-def test_simulated_contacts_lie_on_the_faces_of_one_cube(cubes: lab.MeasurementSession) -> None:
-    """MuJoCo's points: opposite faces are an edge and two radii apart, neighbours at right angles."""
-    data, real = cubes.measurements, cubes.true_robot
-    points = real.points(data.joints, ("p1",))[:, 0]
-    for place in ("1", "2"):
-        rows = {
-            face: points[[i for i in range(100) if (data.other["location"][i], data.other["face"][i]) == (place, face)]]
-            for face in ("x+", "x-", "y+", "z+")
-        }
-        normals = {face: np.linalg.svd(on - on.mean(axis=0))[2][-1] for face, on in rows.items()}
-        x = normals["x+"]
-        for other in ("y+", "z+"):
-            assert abs(x @ normals[other]) < 2e-3  # noise of 0.01 mm over 100 mm, from 5 contacts
-        apart = abs(x @ (rows["x+"].mean(axis=0) - rows["x-"].mean(axis=0)))
-        assert apart == pytest.approx(0.206, abs=3e-4)
-        assert np.abs(rows["x+"] - rows["x+"].mean(axis=0)).max() < 0.2
-    assert (data.conditions["edge_mm"] == 200.0).all()
-
-
-@pytest.mark.thorough
 def test_opposite_faces_give_the_size_and_three_faces_do_not(cubes: lab.MeasurementSession) -> None:
     data = cubes.measurements
     whole = lab.identify(data, observe="cube", tip_radius_mm=3.0, noise_mm=0.01)
@@ -151,16 +131,6 @@ def test_the_uncertainty_of_an_artefact_goes_into_the_size_of_the_arm(cubes: lab
         expected = np.hypot(alone, 1e-4 * abs(found.values[found.model.scale_link]))
         assert found.std[names.index(link)] == pytest.approx(expected, rel=0.1)
         assert np.abs(found.residuals - exact.residuals).max() < 1e-7
-
-
-@pytest.mark.thorough
-def test_readings_of_an_indicator_have_a_direction() -> None:
-    """Readings counted the other way give the same arm."""
-    data = lab.simulate("irb120", observe="dial", poses=60, seed=4, instrument="dial-indicator").measurements
-    other = replace(data, conditions={**data.conditions, "dial_mm": 12.0 - data.conditions["dial_mm"]})
-    found, turned = (lab.identify(each, observe="dial").identification for each in (data, other))
-    size = len(ARM.names)
-    np.testing.assert_allclose(found.values[:size], turned.values[:size], atol=1e-8)
 
 
 REFUSED = {
@@ -230,28 +200,3 @@ def test_an_artefact_too_large_for_the_arm_is_refused() -> None:
         lab.simulate("irb120", observe="cube", poses=20, artefact_mm=0.0)
     with pytest.raises(LabError, match="--artefact-mm is of --observe cube, sphere-plate, ball-bar"):
         lab.simulate("irb120", observe="plane", poses=20, artefact_mm=100.0)
-
-
-def test_an_uncertain_artefact_needs_noise_to_be_weighed_against() -> None:
-    with pytest.raises(LabError, match="--artefact-u-mm is weighed against the noise"):
-        lab.calibrate("irb120", observe="ball-bar", poses=40, instrument="exact", artefact_u_mm=0.01)
-
-
-@pytest.fixture(scope="module")
-def indicators() -> lab.MeasurementSession:
-    """Indicators at an arm whose flange keeps its direction: no reading tells the tool's length from their zeros."""
-    return lab.simulate("scara", observe="dial", instrument="dial-indicator", poses=60, seed=2)
-
-
-@pytest.mark.thorough
-def test_a_tool_that_indicators_do_not_show_makes_no_other_robot(indicators: lab.MeasurementSession) -> None:
-    found = lab.identify(indicators.measurements, robot="scara", observe="dial", noise_mm=0.005)
-    assert found.verdict.word != "bad"
-    assert found.identification.spread == pytest.approx(1, abs=0.05)
-
-
-@pytest.mark.thorough
-def test_readings_in_a_wrong_unit_are_of_no_such_robot(indicators: lab.MeasurementSession) -> None:
-    data = indicators.measurements
-    wrong = replace(data, conditions={**data.conditions, "dial_mm": data.conditions["dial_mm"] / 25.4})
-    assert lab.identify(wrong, robot="scara", observe="dial", noise_mm=0.005).verdict.word == "bad"

@@ -33,11 +33,3 @@ def test_a_scaled_arm_touches_the_scaled_sockets(result: lab.CalibrationResult) 
     apart = [np.diff(arm.points(joints, values)[:, 0], axis=0) for values in (truth.values, seen.values)]
     lengths = [np.linalg.norm(each, axis=1) for each in apart]
     np.testing.assert_allclose(lengths[1], scale * lengths[0], rtol=1e-12)
-
-
-@pytest.mark.thorough
-def test_an_arm_with_a_slide_has_no_truth_at_another_size() -> None:
-    """Its joint positions are lengths, which no scale of the links changes."""
-    result = lab.calibrate("scara", observe="plane", poses=30, seed=1, instrument="exact")
-    assert result.identification.lacks_size and result.comparison is None
-    assert result.verdict.word == "doubtful"

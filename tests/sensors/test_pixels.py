@@ -179,21 +179,6 @@ def test_missing_columns_are_named() -> None:
         PixelSensor.configured(CameraOptions(), FitInputs(noise_mm=0.1))
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(("camera", "board"), [("p2", "world"), ("world", "p3")])
-def test_a_target_carries_what_a_hand_carries(camera: str, board: str, tmp_path: Path) -> None:
-    """On an arm of one tip all targets have one frame: whichever is named, the same arm is identified."""
-    rigs = [
-        Rig((Camera(fixed_to=camera.replace("p2", name)),), (replace(SMALL, fixed_to=board.replace("p3", name)),))
-        for name in ("p2", "p3", "hand")
-    ]
-    data = session(rigs[-1], tmp_path, poses=14, seed=3).measurements
-    options = {"robot": "irb120", "observe": "pixels"}
-    found = [lab.identify(data, cameras=written(rig, tmp_path), **options).identification for rig in rigs]
-    known = [{each.model.names[i]: float(each.values[i]) for i in each.fit.free} for each in found]
-    assert known[0] == pytest.approx(known[2], abs=1e-9) and known[1] == pytest.approx(known[2], abs=1e-9)
-
-
 def test_a_hand_of_several_tips_and_an_unknown_target_are_refused(tmp_path: Path) -> None:
     both = TreeArm(lab.load_robot("torso").chain, ("left.p1", "right.p1"))
     with pytest.raises(LabError, match=r"fixed to hand, and the arm has several tips; .*: left.p1, right.p1"):

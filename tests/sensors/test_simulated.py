@@ -52,8 +52,6 @@ def test_without_noise_an_arm_is_found_as_it_truly_is(name: str) -> None:
 NOISY = {  # of each error model one
     "pose, mixed": {"instrument": "leica-at960"},
     "cable": {"instrument": "draw-wire"},
-    "ball-bar": {"instrument": "ball-in-socket"},
-    "dial": {"instrument": "dial-indicator"},
 }
 
 

@@ -1,6 +1,5 @@
 """A table is enough: the virtual arm that is built from it stands, touches, hides, weighs and is calibrated."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -45,8 +44,8 @@ def floor_ratios(robot: str, seeds: range, alarms: int = 0) -> list[float]:
     return ratios
 
 
-@pytest.mark.sampled(8)
-@pytest.mark.parametrize("name", RANKS)
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("name", ["scara", "rx130.urdf"])
 def test_a_campaign_ends_at_the_statistical_floor(name: str, tmp_path: Path) -> None:
     assert max(floor_ratios(path_of(name, tmp_path), range(1, 2))) < 1.6
 
@@ -131,16 +130,3 @@ def test_gravity_torques_are_mujocos(drawn: Robot) -> None:
         data.qpos[addresses] = reading
         mujoco.mj_forward(model, data)
         np.testing.assert_allclose(-data.qfrc_bias, expected, rtol=0, atol=1e-9 * max(1.0, np.abs(expected).max()))
-
-
-@pytest.mark.parametrize(("lower", "upper"), [(-0.2, 0.0), (0.0, 0.2)])
-def test_a_slide_keeps_to_the_arm_that_carries_it(lower: float, upper: float) -> None:
-    """Its rod reaches back by the stroke: a quill that goes down stands out above, or the other way round."""
-    chain = load_robot("scara").chain
-    chain = replace(chain, lower=np.array([*chain.lower[:2], lower, -3]), upper=np.array([*chain.upper[:2], upper, 3]))
-    for sign in (1.0, -1.0):
-        rods = link_rods(replace(chain, sign=np.array([1.0, 1, sign, 1])))
-        slide = next(rod for rod in rods if rod.joint == 2)
-        ends = [sorted(z + sign * reading for z in (slide.start[2], slide.end[2])) for reading in (lower, upper)]
-        assert all(low <= 1e-12 and high >= -1e-12 for low, high in ends)  # at height zero the arm carries it
-        assert np.ptp(ends[0]) == pytest.approx(0.2)

@@ -112,8 +112,7 @@ def test_the_cone_follows_the_targets_axis_in_the_arm(tmp_path) -> None:
         np.testing.assert_array_equal(visible(robot, joints, ("p1",), device), expected)
 
 
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize("name", INSTRUMENTS)
+@pytest.mark.parametrize("name", ["exact", "leica-at960"])
 def test_candidates_are_feasible_and_every_draw_is_accounted_for(name: str) -> None:
     device, chain = INSTRUMENTS[name], MODEL.chain
     told: list[tuple[int, int]] = []

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers.cells import between_table_and_post
 
-from lab.campaign.robot import load_robot
 from lab.core.se3 import Array
 from lab.simulation import free_path
 from lab.simulation.collisions import collides
@@ -36,14 +35,6 @@ def test_what_it_says_is_what_each_place_says(name: str, clearance_mm: float, tm
     said = [free(*move) for move in moves]
     assert said == [place_by_place(model, *move) for move in moves]
     assert 0 < sum(said) < len(said)
-
-
-def test_of_a_mechanism_each_place_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    """How far its points move is an estimate, so that no look vouches for other places."""
-    model = load_robot("delta").model
-    monkeypatch.delattr(free_path._Serial, "_clear_share")
-    start, end = model.chain.random_joints(2, np.random.default_rng(0))
-    assert path_check(model)(start, end) == place_by_place(model, start, end, 0.010)
 
 
 def test_one_place_is_a_way_too(tmp_path: Path) -> None:

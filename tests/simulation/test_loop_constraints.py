@@ -199,29 +199,6 @@ def test_a_tree_without_loops_is_a_serial_arm():
     np.testing.assert_allclose(points, arm.points(joints, values), rtol=0, atol=ROUNDING_M)
 
 
-def test_a_delta_never_changes_sides():
-    """The modes of a Delta are the sides of the plane through its elbows, moved in by the wrists' radius."""
-    case = replace(described("delta/mechanism"), values=described("delta/mechanism").mechanism.nominal_values)
-    joints, rng = case.joints(100), np.random.default_rng(5)
-    frames = case.mechanism.assembled(joints, case.values).configuration.frames
-    names = [frame.name for frame in case.mechanism.tree.frames]
-    origin = [
-        frames[names.index(name)][1][:3].T
-        for name in ("platform", *(f"{w}{i}" for i in (1, 2, 3) for w in ("elbow", "wrist")))
-    ]
-    centres = [origin[k] - (origin[k + 1] - origin[0]) for k in (1, 3, 5)]
-    normal = np.cross(centres[1] - centres[0], centres[2] - centres[0])
-
-    def side(points: Array) -> Array:
-        return ((points - centres[0]) * normal).sum(axis=1)
-
-    start = rng.uniform([-0.6, -0.6, -1.5], [0.6, 0.6, 1.5], (100, 3))
-    points, jumped = case.settled(joints, start.T)
-    same = side(points[:, 0]) * side(start) > 0
-    assert same[~jumped].all()
-    assert jumped.mean() < 0.2
-
-
 @pytest.mark.parametrize("name", ["rpr2/mechanism", "rpr3/mechanism"])
 def test_what_does_not_close_is_refused(name: str):
     case = described(name)

@@ -76,16 +76,6 @@ def test_a_base_that_moved_is_told_with_its_rows_and_size(day: Measurements) -> 
     (move,) = shared.moves
     assert (move.before, move.after) == ("40", "41") and move.size_m == pytest.approx(50e-6, rel=0.1)
     assert shared.step_m * np.sqrt(3) == pytest.approx(50e-6, rel=0.15)  # three coefficients of one variance
-    assert shared.descriptions[0].startswith("the base or the instrument moved by ")
-    assert shared.descriptions[0].endswith(" µm between poses 40 and 41")
-
-
-@pytest.mark.thorough
-def test_it_may_move_twice(day: Measurements) -> None:
-    along = 60e-6 * (np.arange(60) >= 20) - 40e-6 * (np.arange(60) >= 45)
-    shared = shared_by(moved(day, along))
-    assert [(move.before, move.after) for move in shared.moves] == [("19", "20"), ("44", "45")]
-    assert [move.size_m for move in shared.moves] == pytest.approx([60e-6, 40e-6], rel=0.15)
 
 
 @pytest.mark.parametrize(

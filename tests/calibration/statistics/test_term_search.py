@@ -42,11 +42,9 @@ def campaign(
     joints = IRB120.chain.random_joints(poses, rng)
     moved = joints + (3e-5 * rng.standard_normal(joints.shape) if noise == "joints" else 0.0)
     points = arm.points(moved, values)
-    error = rng.standard_t(3, points.shape) / np.sqrt(3) if noise == "heavy" else rng.standard_normal(points.shape)
+    error = rng.standard_normal(points.shape)
     if noise == "drift":
         error += 4 * np.linspace(-1, 1, poses)[:, None, None] * rng.standard_normal(3)
-    if noise == "somewhere":
-        error *= np.exp(rng.standard_normal((poses, 1, 1)))
     return measured(IRB120.chain.joint_names, joints, targets, points + SIGMA * error)
 
 
@@ -114,7 +112,7 @@ def test_the_search_takes_what_lowers_the_squares_most() -> None:
     np.testing.assert_allclose(search.basis.T @ search.basis, np.eye(search.basis.shape[1]), atol=1e-12)
 
 
-KINDS = [("plain", ("p1",)), ("joints", THREE), ("heavy", ("p1",)), ("drift", ("p1",)), ("somewhere", ("p1",))]
+KINDS = [("plain", ("p1",)), ("joints", THREE), ("drift", ("p1",))]
 
 
 def false_alarms(noise: str, targets: tuple[str, ...], seeds: range, poses: int) -> int:
@@ -126,7 +124,7 @@ def false_alarms(noise: str, targets: tuple[str, ...], seeds: range, poses: int)
     return count
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("noise", "targets"), KINDS)
 def test_a_rigid_arm_is_given_nothing(noise: str, targets: tuple[str, ...]) -> None:
     """At a level of 0.5 %, 8 campaigns have 2 or more false alarms once in 1,400."""

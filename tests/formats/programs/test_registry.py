@@ -67,13 +67,3 @@ def test_a_result_says_of_each_language_the_file_or_the_reason() -> None:
 
 def test_a_run_may_hold_the_files_of_every_language() -> None:
     assert set(registry.program_file_names()) == {"plan.mod", "plan.txt", "program.mod", "program.txt"}
-
-
-@pytest.mark.thorough
-def test_names_are_shortened_and_many_that_begin_alike_are_told_apart() -> None:
-    ids = tuple(f"{'a long name ' * 900}{i}" for i in range(3000))
-    moves = TargetMoves("arm", ids, np.zeros((3000, 6)), np.arange(3000), np.eye(4), np.eye(4))
-    lines = registry.target_files(joints(6), "rapid", moves)["program.mod"].decode("ascii").splitlines()
-    names = [line.split("jointtarget ")[1].split(":=")[0] for line in lines if "jointtarget" in line]
-    assert len(set(map(str.lower, names))) == 3000 and max(map(len, names)) <= 32
-    assert max(map(len, lines)) < 250

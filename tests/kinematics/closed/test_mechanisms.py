@@ -100,7 +100,6 @@ RANKS = [  # facts, section 5: of the parameters that are not held
     ("rpr3/mechanism", ("p1", "p2", "p3"), ("base.*", "tool.*"), False, 15, 15),
     ("rpr3/mechanism", ("p1",), ("base.*", "tool.*"), False, 14, 15),
     ("delta/mechanism", ("p1",), ("tool.*",), False, 24, 39),
-    ("delta/small", ("p1",), ("tool.*",), False, 24, 39),
     ("delta/six_rods", ("p1",), ("tool.*",), False, 38, 60),
 ]
 

@@ -6,7 +6,6 @@ from helpers.robots import ROOT
 
 from lab.campaign.robot import load_robot
 from lab.core import se3
-from lab.extensions.robotics.closed.recognition import classical_model_of, working_modes
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.mobility import BodyCount, body_count, mobility
 
@@ -49,14 +48,3 @@ def test_the_fourth_axis_turns_the_tool_and_nothing_else() -> None:
     np.testing.assert_allclose(poses[:, :3, 3], alone[:, :3, 3], atol=1e-14)
     turns = se3.exp(joints[:, 3:] * np.array([0.0, 0.0, 1.0]))
     np.testing.assert_allclose(poses[:, :3, :3], turns, atol=1e-12)
-
-
-def test_its_legs_reach_a_pose_in_eight_ways() -> None:
-    """Two of each leg; the fourth joint has none of its own."""
-    mechanism = mechanism_of("models/delta/irb340.toml")
-    course = classical_model_of(mechanism)
-    assert course is not None and course.order == (0, 1, 2)
-    home = mechanism.assembled(mechanism.home[None], mechanism.nominal_values).configuration.passive.T[0]
-    modes = working_modes(mechanism, course, home)
-    assert len(modes) == 8 and all(mode.joints.shape == (4,) for mode in modes)
-    assert min(np.abs(mode.joints - mechanism.home).max() for mode in modes) < 1e-12

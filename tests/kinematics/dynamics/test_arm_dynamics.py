@@ -7,16 +7,13 @@ import pytest
 
 from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
-from lab.core.se3 import exp, pose
 from lab.extensions.dynamics.arm.base_parameters import base_parameters, random_states, regrouping_formulas
 from lab.extensions.dynamics.simulation import CarryingArm, drawn_mounting
 from lab.kinematics.dynamics.rigid_body import (
     ArmDynamics,
     flange_in_last_link,
-    hand_motion,
     load_in_frame,
     torque_regressor,
-    wrench_regressor,
 )
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.model_files import link_inertias
@@ -66,17 +63,6 @@ def test_a_load_at_the_flange_is_one_of_the_last_link() -> None:
     expected = torque_regressor(flange, flange.nominal(), *states, DOWN) @ phi
     np.testing.assert_allclose(arm.regressor(*states) @ arm.standard(links, {}), expected, atol=1e-12)
     assert np.abs(in_link - phi).max() > 0.01  # the flange stands off
-
-
-def test_a_load_moves_to_another_frame_with_its_wrench() -> None:
-    T = pose(exp(np.array([0.3, -0.4, 0.9])), np.array([0.1, -0.2, 0.3]))
-    chain = load_virtual("tx40").serial_model.chain
-    arm = SerialArm(chain)
-    motion = hand_motion(arm, arm.nominal(), *random_states(ArmDynamics.of(chain, DOWN), 4, np.random.default_rng(4)))
-    phi = np.array([2.0, 0.1, 0.2, -0.1, 0.3, 0.4, 0.5, 0.01, 0.02, 0.03])
-    there, back = load_in_frame(T), load_in_frame(np.linalg.inv(T))
-    np.testing.assert_allclose(back @ there, np.eye(10), atol=1e-12)
-    assert np.abs(wrench_regressor(motion, DOWN) @ (there @ phi - phi)).max() > 1.0
 
 
 @pytest.mark.parametrize(

@@ -121,32 +121,3 @@ def test_a_virtual_arm_has_it_only_where_it_is_asked_for() -> None:
     assert not CrossHarmonics().simulated(FACTS, rngs).cross_rad.any()
     drawn = CrossHarmonics(0.3).simulated(FACTS, rngs).cross_rad
     assert np.allclose(np.linalg.norm(drawn, axis=2).max(axis=1), 0.3e-3) and not np.diagonal(drawn).any()
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("joint", "width"), [(4, 0.3e-3), (1, 0.0)])
-def test_play_is_found_for_the_one_joint_whose_approach_is_known(joint: int, width: float) -> None:
-    """A file with the direction of approach of one joint alone; and nothing is found where there is no play."""
-    data, _ = session(joint, "joint2.cross6", 0.0)
-    side = np.random.default_rng(0).choice([-1.0, 1.0], len(data))
-    name = IRB120.chain.joint_names[joint]
-    play = width / 2 * side[:, None] * np.eye(6)[joint]
-    arm = IRB120.arm(("p1",))
-    nominal = arm.nominal(IRB120.tool)
-    moved = arm.points(data.joints + play, nominal) - arm.points(data.joints, nominal)
-    given = replace(data, points=data.points + moved, conditions={f"approach_{name}": side})
-    for model in ("auto", "backlash"):
-        found = lab.identify(given, robot="irb120", model=model)
-        assert (f"joint{joint + 1}.backlash" in found.fit.groups) is (width > 0 or model == "backlash")
-        named = dict(zip(found.identification.model.names, found.identification.values, strict=True))
-        if width:
-            assert named[f"joint{joint + 1}.backlash"] == pytest.approx(width, rel=0.1)
-        assert [each for each in found.warnings if f"for joint {name} only: columns approach_" in each]
-
-
-@pytest.mark.thorough
-def test_of_two_names_for_the_same_the_joints_is_taken() -> None:
-    """Beside geometry joint 5 by joint 6 is link 5's end about x by joint 6: the virtual arm calls it the former."""
-    found = lab.calibrate("irb120", poses=70, seed=4, effects=lab.Effects(cross_harmonic_mrad=0.4), model="auto")
-    assert "joint5.cross6" in found.fit.groups and "link5.rx_cross6" not in found.fit.groups
-    assert found.to_dict()["truth"]["nees_per_parameter"] < 2

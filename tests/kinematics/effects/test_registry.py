@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, SCARA
 
-from lab.campaign.option_groups import Effects
 from lab.core.errors import LabError
 from lab.kinematics.effects.effect import ArmFacts, MovesJoints, PoseConditions, SessionInfo, SimulatedEffect, in_order
 from lab.kinematics.effects.registry import (
-    CAMPAIGN_SPECIFIC,
-    CANDIDATES,
     EFFECTS,
-    GROUPS,
     EffectOptions,
     describe_term,
     searched_terms,
@@ -31,24 +27,6 @@ ALL_ON = EffectOptions(
     link_gj=(8e4,),
     noise_tail_dof=5.0,  # above 2: below, there is no variance
 )
-OPTIONS = """stiffness_nm_per_rad payload_kg harmonic_mrad harmonic2_mrad gear_ppm coupling_ppm backlash_mrad
-    repeatability_mrad lag drift_mm_per_h drift_mrad_per_h bump_mm bump_mrad growth_ppm_per_h hours
-    bad_share bad_mm link_ei link_gj"""
-
-
-def test_the_order_is_that_of_every_run_so_far() -> None:
-    """Flags, keys in config.json and random substreams are an interface: a new effect comes last."""
-    first = OPTIONS.split()
-    assert [each.name for each in fields(Effects)][: len(first)] == first
-    assert GROUPS[:9] == (
-        "compliance", "payload", "harmonics", "harmonics2", "gear", "coupling", "backlash", "drift", "sessions"
-    )  # fmt: skip
-    assert set(GROUPS) - set(CANDIDATES) == {"payload", "extension", "tubes"} and CAMPAIGN_SPECIFIC == (
-        "drift",
-        "sessions",
-    )
-    draws = [kind.draws for kind in EFFECTS if kind.draws]
-    assert draws[:6] == [2, 1, 1, 1, 2, 2]
 
 
 @pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.__name__)

@@ -41,18 +41,6 @@ def test_forward_kinematics_as_printed() -> None:
     np.testing.assert_allclose(poses[1, :3, :3], [[-1, 0, 0], [0, 0, -1], [0, -1, 0]], atol=1e-15)
 
 
-def test_prismatic_arm_in_closed_form() -> None:
-    """VERSATRAN RPPRRR: a column q2 that turns by q1, and an arm of length q3 across it."""
-    arm = SerialArm(VERSATRAN)
-    values = arm.nominal()
-    rng = np.random.default_rng(0)
-    joints = VERSATRAN.random_joints(200, rng)
-    joints[:, 3:] = 0.0
-    q1, q2, q3 = joints[:, :3].T
-    place = arm.flange(joints, values)[:, :3, 3]
-    np.testing.assert_allclose(place, np.column_stack([-q3 * np.sin(q1), q3 * np.cos(q1), q2]), atol=1e-15)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_kinematics_is_the_product_of_its_matrices(name: str) -> None:
     """An independent second way: 4x4 matrices multiplied in the order that each convention states."""

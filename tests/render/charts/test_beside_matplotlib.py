@@ -1,7 +1,5 @@
 """A chart puts values, ticks and arrows where matplotlib does, which draws the same picture for ``plot()``."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -98,42 +96,3 @@ def test_ticks_are_those_of_matplotlib(ends) -> None:
         np.testing.assert_allclose(found, theirs[inside], atol=1e-12 * max(map(abs, ends)))
         assert len(set(said)) == len(said)
         np.testing.assert_allclose([float(word.replace("−", "-")) for word in said], found, rtol=1e-5, atol=1e-15)
-
-
-def test_arrows_have_the_ends_that_matplotlib_gives_them() -> None:
-    x, y, u, v = np.array([[1.0, 4.0], [2.0, 3.0], [2.0, -1.0], [0.5, np.nan]])
-    options = {"angles": "xy", "scale_units": "xy", "scale": 0.5}
-
-    def draw(axes: Axes) -> None:
-        axes.quiver(x, y, u, v, **options)
-        axes.set(xlim=(0, 10), ylim=(0, 5))
-
-    chart, paper = charted(draw), on_paper(draw)
-    paper.figure.draw_without_rendering()
-    across, up = chart.scales()
-    found = re.findall(r"M([\d.]+) ([\d.]+)l(-?[\d.]+) (-?[\d.]+)m", chart.svg())
-    assert len(found) == 1  # the other has no direction
-    start, along = np.array(found[0][:2], float), np.array(found[0][2:], float)
-    np.testing.assert_allclose(start, [float(across(1.0)), float(up(2.0))], atol=0.6)
-    tip = paper.transData.transform((1 + 2 / 0.5, 2 + 0.5 / 0.5)) * 72 / paper.figure.dpi
-    np.testing.assert_allclose((start + along) * [1, -1] + [0, chart.height], tip, atol=0.6)
-
-
-def test_axes_within_axes_are_where_matplotlib_puts_them() -> None:
-    made: list = []
-
-    def draw(axes: Axes) -> None:
-        axes.set(xlim=(0, 2), ylim=(0, 1))
-        axes.set_aspect("equal")
-        inset = axes.inset_axes((0.1, -0.3, 0.8, 0.05))
-        inset.set(xlim=(1, 3), ylim=(0, 1), xlabel="scale")
-        made.append(inset)
-
-    chart, paper = charted(draw), on_paper(draw)
-    paper.figure.draw_without_rendering()
-    svg = chart.svg()
-    across, up = made[0].scales()
-    for x, y in ((1, 0), (3, 1), (2.5, 0.5)):
-        there = np.array([float(across(x)), chart.height - float(up(y))])
-        np.testing.assert_allclose(there, made[1].transData.transform((x, y)) * 72 / paper.figure.dpi, atol=0.3)
-    assert ">scale<" in svg and len(set(re.findall(r'\bid="([^"]*)"', svg))) == 2

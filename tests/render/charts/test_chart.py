@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from lab.render.charts.chart import Chart, Sheet, axes_picture, inline_svg, name_points, shades
-from lab.render.charts.marks import ROUND, Axes, Legend, cells, colour, line, marks, text_width
-from lab.render.style import rgb
+from lab.render.charts.marks import ROUND, Axes, cells, colour, line, marks
 
 SIZE, MARGINS = (4.0, 3.0), (0.5, 0.5, 0.5, 0.5)
 
@@ -35,13 +34,6 @@ def test_lines_are_parted_at_gaps_and_stay_near() -> None:
         marks(np.zeros(1), np.zeros(1), "q", 3, ["#000000"])
 
 
-def test_marks_that_one_sees_through_darken_each_other() -> None:
-    """One path is painted once, however often it crosses itself: each mark is a path of its own, at most 300 are."""
-    for count, paths in ((7, 7), (900, 300)):
-        drawn = marks(np.zeros(count), np.zeros(count), "o", 3, ["#000000"], alpha=0.5)
-        assert drawn.count("<path") == paths and drawn.count("h0") == count and 'stroke-opacity="0.5"' in drawn
-
-
 def test_cells_have_their_colours_and_gaps_none() -> None:
     shown = shades(np.array([[0.0, 0.5], [np.nan, 1.0]]), ("#000000", "#ff0000", "#ffffff"))
     drawn = cells(np.arange(3.0), np.arange(3.0), shown)
@@ -49,19 +41,6 @@ def test_cells_have_their_colours_and_gaps_none() -> None:
         ("M0.00", "#000000"), ("M1.00", "#ff0000"), ("M1.00", "#ffffff"),
     ]  # fmt: skip
     assert colour("0.5") == "#808080" and colour("red") == "red"
-
-
-def test_a_legend_hides_no_points_where_it_can() -> None:
-    def draw(axes: Axes) -> None:
-        axes.set(xlim=(0, 1), ylim=(0, 1))
-        axes.plot([0.6, 0.9], [0.9, 0.9], "o", label="upper right")
-        axes.plot([0.05, 0.3], [0.9, 0.9], label="upper left")
-        axes.legend(loc="best")
-
-    words = re.findall(r'<text x="([\d.]+)" y="([\d.]+)"[^>]*>(upper [^<]*)', charted(draw).svg())
-    assert [said for *_, said in words] == ["upper right", "upper left"]
-    assert all(float(x) < 100 and float(y) > 120 for x, y, _ in words)  # lower left
-    assert Legend().loc == "best" and text_width("mm", 9) > text_width("il", 9)
 
 
 def test_words_are_words_and_ids_the_picture_s_own() -> None:
@@ -92,24 +71,6 @@ def test_what_a_chart_does_not_have_is_an_error_and_no_silence() -> None:
         chart.plot([0], [1], "q-")
 
 
-def test_hidden_axes_have_neither_lines_nor_ticks() -> None:
-    shown, hidden = (charted(lambda axes, off=off: (axes.plot([0, 1], [0, 1]), off and axes.axis("off"))).svg()
-                     for off in (False, True))  # fmt: skip
-    assert "<text" in shown and "<text" not in hidden and len(hidden) < len(shown)
-
-
-def test_a_title_that_is_too_wide_is_broken_and_makes_room() -> None:
-    long = "the distance from the socket before calibration, from the side and from above"
-    short, wide = (charted(lambda axes, title=title: axes.set(title=title)) for title in ("short", long))
-    assert wide.height > short.height and wide.svg().count("<tspan") >= 1
-    middle = (wide.left + wide.width - wide.right) / 2
-    for part in wide.title.split("\n"):
-        assert text_width(part, 10) <= 2 * min(middle, wide.width - middle)
-    assert wide.title.replace("\n", " ") == long
-    area = [chart.scales()[1].start - chart.scales()[1].end for chart in (short, wide)]
-    assert area[0] == pytest.approx(area[1])
-
-
 def test_named_points_say_what_they_are_within_the_axes() -> None:
     def draw(axes: Axes) -> None:
         axes.set(xlim=(0, 1), ylim=(0, 1))
@@ -119,31 +80,3 @@ def test_named_points_say_what_they_are_within_the_axes() -> None:
     assert [each[2:] for each in chart.named_points()] == [("pose", "a\tb\n<i>", "1 mm")]
     shown = inline_svg(axes_picture("n", "l", SIZE, draw))
     assert re.search(r'data-points="(\d+)\t(\d+)\tpose\ta b &lt;i&gt;\t1 mm"', shown)
-
-
-def test_colours_of_a_page_are_variables_but_on_areas_of_their_own() -> None:
-    own = {"boxstyle": "round,pad=0.1", "facecolor": "#440154", "edgecolor": "none"}
-
-    def draw(axes: Axes) -> None:
-        axes.plot([0, 1], [0, 1], color="#0b2a6b")
-        axes.scatter([0], [0], c=[[0.5, 0.25, 0.123]])
-        axes.scatter([0], [0], c=["#123456"], edgecolors="white", linewidths=1)
-        axes.annotate("word", (0, 0), color="white", bbox=own)
-        axes.annotate("#abcdef", (0, 0), color="black")
-
-    shown = inline_svg(axes_picture("n", "l", SIZE, draw))
-    assert {"--c-0b2a6b", "--c-000000", "rgb(18,52,86)", "rgb(68,1,84)", "rgb(255,255,255)"} <= set(
-        re.findall(r"--c-\w+|rgb\([\d,]+\)", shown)
-    )
-    assert not re.search(r'="#\w{6}"', shown) and ">#abcdef<" in shown and 'fill="var(--c-ffffff)"' not in shown
-    parts = np.array(rgb(re.search(r"--c-(8\w{5})", shown)[1]))  # type: ignore[index]
-    assert np.abs(parts - 255 * np.array([0.5, 0.25, 0.123])).max() <= 255 / 62 + 1
-
-
-@pytest.mark.parametrize("size", [6.5, 8, 9, 14])
-def test_a_picture_is_not_shown_narrower_than_its_letters_allow(size: float) -> None:
-    shown = inline_svg(axes_picture("n", "l", SIZE, lambda axes: axes.annotate("word", (0, 0), fontsize=size)))
-    width, least = map(int, re.search(r"width: (\d+)px; min-width: (\d+)px", shown).groups())  # type: ignore[union-attr]
-    smallest = min(size, 9)  # that of the ticks
-    assert width >= least and smallest * least / (72 * SIZE[0]) == pytest.approx(10, rel=0.01)
-    assert width == max(96 * SIZE[0], least)
