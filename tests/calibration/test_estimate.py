@@ -1,6 +1,5 @@
 """An estimate: its parameters by name, what it predicts, and its way through a pickle and through files."""
 
-import pickle
 from pathlib import Path
 
 import numpy as np
@@ -75,17 +74,6 @@ def test_one_target_of_each_pose_is_that_of_all(soft: lab.CalibrationResult) -> 
         )
     parts = whole.identified + whole.load + whole.discrepancy + whole.extrapolation + whole.visit
     np.testing.assert_allclose(whole.covariance, parts, rtol=1e-12)
-
-
-def test_it_comes_back_from_a_pickle(soft: lab.CalibrationResult) -> None:
-    estimate = soft.estimate
-    inputs = poses(estimate, 3)
-    before = estimate.predict(inputs)
-    again = pickle.loads(pickle.dumps(estimate))
-    after = again.predict(inputs)
-    assert again.params == estimate.params and again.groups == estimate.groups
-    np.testing.assert_array_equal(after.points, before.points)
-    np.testing.assert_array_equal(after.covariance, before.covariance)
 
 
 def test_it_comes_back_from_its_files(soft: lab.CalibrationResult, tmp_path: Path) -> None:

@@ -201,16 +201,6 @@ def test_wrong_arrays_are_refused_in_a_line(name: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_wrong_arguments_are_told(result: lab.CalibrationResult) -> None:
-    with pytest.raises(LabError, match=r"scaling is 'Raw'; give raw, unit, length, whitened or si"):
-        ROBOT.criteria(JOINTS, scaling="Raw")
-    for call in (ROBOT.criteria, ROBOT.identifiability, result.estimate.identifiability):
-        with pytest.raises(LabError, match="joints hold no configuration"):
-            call(JOINTS[:0])
-    with pytest.raises(LabError, match=r"inputs have shape \(1, 5\); give \(6,\) or \(n, 6\)"):
-        result.estimate.predict(JOINTS[0, :5])
-
-
 def test_one_target_and_one_pose_are_given_alone(result: lab.CalibrationResult) -> None:
     np.testing.assert_array_equal(ROBOT.points(JOINTS, targets="p1"), ROBOT.points(JOINTS, targets=("p1",)))
     alone, many = result.estimate.predict(JOINTS[0].tolist()), result.estimate.predict(JOINTS[:1])

@@ -49,10 +49,6 @@ def fitted(data: Measurements, noise: Noise | None = None, held: Measurements | 
     return run_steps(Fitted(fitter(data, noise, **options), data, held), FITTING)
 
 
-def told(fit: Fitted) -> tuple[str, ...]:
-    return phrases(fit.checks)
-
-
 def random_joints(count: int, seed: int) -> np.ndarray:
     return IRB120.chain.random_joints(count, np.random.default_rng(seed))
 

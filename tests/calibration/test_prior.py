@@ -8,14 +8,13 @@ from helpers.robots import IRB120, perturbed, somewhere
 
 from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.outliers_and_noise import outliers_among_fitted
-from lab.calibration.prior import Directions, Prior, Tolerance, directions_of, prior_of
+from lab.calibration.prior import Directions, Prior, Tolerance, directions_of
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
-from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.phrases.registry import in_one_line
 
@@ -141,15 +140,6 @@ def test_outliers_are_found_beside_it(noise: Noise) -> None:
     assert sorted(outliers_among_fitted(found, data, noise, NoiseDistribution(), 0).rows) == off
     without = identify(ARM, data.take(np.setdiff1d(np.arange(50), off)), NOMINAL, noise, AUTO)
     assert without.prior is None
-
-
-def test_effects_have_no_part_in_it() -> None:
-    model = IRB120.arm_with(("p1",), ("compliance",))
-    values = np.concatenate([NOMINAL, np.zeros(len(model.names) - len(NOMINAL))])
-    structure = base_set(model, values)
-    links = prior_of(model, structure, values, Tolerance(), links_alone=True)
-    assert {model.parameters[i].is_link for i in links.of} == {True}
-    assert len(prior_of(model, structure, values, Tolerance()).of) > len(links.of)
 
 
 @pytest.mark.thorough

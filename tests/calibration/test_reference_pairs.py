@@ -67,13 +67,6 @@ def test_a_changed_digit_is_noticed() -> None:
         assert reference_pairs_digits.compared(wrong).least < reference_pairs_digits.required(pair)
 
 
-def test_an_arm_of_other_parameters_is_refused() -> None:
-    pair = pair_named("near-parallel")
-    pair["robot"]["convention"] = "distal"
-    with pytest.raises(lab.LabError, match="near-parallel: the lab's parameters are"):
-        reference_pairs_digits.compared(pair)
-
-
 @pytest.mark.parametrize("name", ["rpr", "near-parallel"])
 def test_the_public_call_gives_the_same_parameters(name: str) -> None:
     pair = pair_named(name)

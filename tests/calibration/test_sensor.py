@@ -6,14 +6,13 @@ from typing import ClassVar
 import numpy as np
 from helpers.robots import IRB120
 
-from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.identify import identify
 from lab.calibration.sensor import Sensor, SensorTerms
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.serial.arm import SerialArm
-from lab.noise.instruments import INSTRUMENTS
 
 ARM = SerialArm(IRB120.chain)
 
@@ -40,14 +39,3 @@ def test_a_sensor_of_a_stranger_is_identified() -> None:
     found = identify(model, seen, ARM.nominal())
     assert found.status == "converged"
     np.testing.assert_allclose(ARM.points(joints, found.values), seen.points, atol=1e-12)  # m, rounding alone
-
-
-def test_a_sensor_of_lengths_has_no_weights_and_no_sessions_of_its_own() -> None:
-    sensor = ShiftedPoints()
-    points = np.zeros((3, 2, 3))
-    points[0], points[1, 0] = np.nan, np.nan
-    data = measured(IRB120.chain.joint_names, np.zeros((3, 6)), ("p1", "p2"), points)
-    assert sensor.rows(data).tolist() == [False, True, True] and sensor.targets(data) == ("p1", "p2")
-    assert sensor.with_sessions(ARM, data, ARM.nominal()) is data and sensor.solve is None
-    assert sensor.balanced(ARM, data, ARM.nominal(), IdentifyOptions()) is ARM
-    assert sensor.weighted_by(INSTRUMENTS["exact"], data) is sensor and sensor.weighted_as(ARM) is sensor

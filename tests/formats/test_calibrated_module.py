@@ -88,17 +88,6 @@ def test_each_effect_is_told(case: str) -> None:
         assert np.abs(whole - without).max() > 1e-9, term
 
 
-def test_the_last_frame_is_where_a_point_without_an_offset_is() -> None:
-    arm, values, _ = arm_with(*CASES["everything of joints"])
-    values[[i for i, name in enumerate(arm.names) if name.startswith("tool.p2")]] = 0.0
-    model = plain_model(arm, values, load_virtual("irb120").loads, np.eye(3), {})
-    inputs, size = inputs_of(arm, 5), arm.rigid.chain.size
-    Ts, _ = arm.tool(inputs, values, 1)
-    for row, T in zip(inputs.tolist(), Ts, strict=True):
-        found, _ = place(model, row[:size], dict(zip(arm.conditions, row[size:], strict=True)))
-        np.testing.assert_allclose(found, T, rtol=0, atol=1e-13)
-
-
 def test_every_lasting_group_is_in_the_cases() -> None:
     tried = {name for _, groups in CASES.values() for name in groups}
     of_its_own = {"compliance", "payload"}  # one or the other

@@ -14,7 +14,6 @@ from lab.render.document import (
     TERMINAL,
     Badge,
     Bullets,
-    Card,
     Code,
     Column,
     Command,
@@ -28,7 +27,6 @@ from lab.render.document import (
 )
 from lab.render.markdown import to_markdown
 from lab.render.page import to_html
-from lab.render.style import explained
 from lab.render.terminal import to_text
 
 HOSTILE = """<script>alert("$x_1$")</script>&'<b>*_|`[a](b)"""
@@ -99,14 +97,6 @@ def test_columns_and_blocks_are_shown_where_they_say() -> None:
         assert {name for name in words if f"only-{name}" in text} == {medium, "every"}
 
 
-def test_a_card_is_paragraphs_where_there_is_no_page() -> None:
-    card = Card(("Verdict: ", Badge("bad", "bad")), (("error", "3 mm", ""), ("gate", "1 mm", "")), "about", "do it")
-    rendered = render(Document("t", card.everywhere))
-    assert "Verdict: bad\nError: 3 mm; gate: 1 mm.\nNext: do it" in rendered["terminal"]
-    page = rendered["page"].split("</style>")[1]
-    assert page.count("do it") == 1 and page.count("3 mm") == 1
-
-
 def test_numbers_are_aligned_at_the_right_and_words_are_not() -> None:
     table = Table(("", "", "", ""), (("1.5", "x", "", "± 3"), ("−2e−5", "1", "", "∞")))
     assert table.numeric == (True, False, False, True)
@@ -160,8 +150,3 @@ def test_a_page_needs_nothing_but_itself_and_has_the_same_bytes() -> None:
     ids = re.findall(r'\bid="([^"]*)"', page)
     assert len(ids) == len(set(ids)) and page.count("<svg") == 2
     assert "prefers-color-scheme: dark" in page and "@media print" in page and 'name="viewport"' in page
-
-
-def test_terms_are_found_as_words() -> None:
-    assert [term for term, _ in explained(["The ps of RMSE, and gates"])] == ["gate", "p"]
-    assert explained(["nothing here"]) == ()

@@ -12,7 +12,7 @@ import lab
 from lab.core.se3 import transform
 from lab.render.document import Document, Scene
 from lab.render.page import to_html
-from lab.render.page_scene import ArmScene, Arrows, Line, Surface, coarse, moments, moving_arm, posed_arm, scene_json
+from lab.render.page_scene import ArmScene, Arrows, coarse, moments, moving_arm, posed_arm, scene_json
 from lab.render.scene import MagnifiedEllipsoids
 
 
@@ -114,18 +114,3 @@ def test_a_motion_stops_where_the_arm_is_at_its_poses(scene: ArmScene) -> None:
     (path,) = data["lines"]
     np.testing.assert_allclose(floats(path["points"]).reshape(-1, 3)[moving.stops], there.points, atol=1e-6)
     assert scene.slider == ("pose", 2)
-
-
-def test_lines_and_surfaces_have_switches_and_their_places(scene: ArmScene) -> None:
-    line = Line("edge", np.array([[0, 0, 0], [np.nan] * 3, [3, 0, 0]]), np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9]]))
-    wall = Surface("wall", np.array([[0, 0, 0], [1, 0, 0], [0, 5, 0.0]]), np.array([[0, 1, 2]]), (9, 9, 9))
-    drawn = replace(scene, lines=(line,), surfaces=(wall,), all_text="", ghosts_text="all poses at a time")
-    assert [name for name, *_ in drawn.switches] == ["arm", "ghosts", "edge", "wall"]
-    data = json.loads(scene_json(drawn))
-    assert data["lines"][0]["rgb"] == [[1, 2, 3], [4, 5, 6], [7, 8, 9]]
-    assert np.isnan(floats(data["lines"][0]["points"])).tolist() == [False] * 3 + [True] * 3 + [False] * 3
-    corners = floats(data["surfaces"][0]["vertices"]).reshape(-1, 3)
-    np.testing.assert_allclose(np.unique(corners, axis=0), np.unique(wall.vertices, axis=0), atol=1e-6)
-    assert data["radius"] > json.loads(scene_json(scene))["radius"]  # they are in view
-    plain = [name for name, *_ in scene.switches]
-    assert plain == ["arm", "others"]

@@ -2,15 +2,12 @@
 
 import io
 import re
-from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
-from lab.render import terminal as progress
 from lab.render.document import Badge, Bullets, Document, Paragraph, Table
-from lab.render.terminal import linked, print_document, time_left, to_text
+from lab.render.terminal import print_document, time_left, to_text
 
 
 def test_where_there_is_no_terminal_nothing_is_wrapped_or_cut(capsys: pytest.CaptureFixture[str]) -> None:
@@ -43,20 +40,6 @@ def test_the_time_left_is_said_when_it_is_known() -> None:
     assert time_left(6.0, 2, 10) == ", about 24 s left" and time_left(60.0, 1, 11) == ", about 10 min left"
 
 
-def test_a_stage_that_begins_anew_is_reckoned_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What earlier robots or designs took says nothing of the time that this one has left."""
-    said, clock = list[str](), iter(range(0, 1000, 10))
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(clock)))
-    monkeypatch.setattr("rich.progress.Progress.update", lambda _, task, description: said.append(description))
-    with progress.status("planning") as stage:
-        for count in (9, 8):
-            for done in range(2):
-                stage(f"2 of 5, design of {count} poses", done, 4)
-    left = [words.partition(", about ")[2] for words in said]
-    assert left[0] == left[2] == "" and left[1] == left[3] != ""
-
-
 @pytest.mark.parametrize("width", [40, 80, 100])
 def test_no_word_is_broken_in_a_table(width: int) -> None:
     words = "uncertainty of the identified parameters including autocorrelated thermal_zeros"
@@ -64,13 +47,3 @@ def test_no_word_is_broken_in_a_table(width: int) -> None:
     text = to_text(Document("title", (Table(("group", "hold-out error, mm", "", "identifiability"), rows),)), width)
     parts = set(re.split(r"[\s┃│]+", text))
     assert {*words.split(), "0.123", "1,234.5", "calibrated.py", "hold-out", "identifiability"} <= parts
-
-
-def test_a_path_is_a_link_where_the_terminal_knows_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = tmp_path / "a page.html"
-    assert linked(page) == str(page)
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
-    monkeypatch.setenv("TERM", "xterm-256color")
-    assert linked(page) == f"\x1b]8;;{page.as_uri()}\x1b\\{page}\x1b]8;;\x1b\\" and "%20" in linked(page)
-    monkeypatch.setenv("TERM", "dumb")
-    assert linked(page) == str(page)

@@ -10,14 +10,12 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.core import se3
-from lab.core.errors import LabError, LabWarning
+from lab.core.errors import LabWarning
 from lab.core.random import rng_for
 from lab.kinematics.serial.arm import SerialArm
-from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.model import at_zero
-from lab.simulation.model_files import calibrated_mjcf, load_model
-from lab.simulation.tracking import track
+from lab.simulation.model_files import calibrated_mjcf
 from lab.simulation.true_robot import Perturbation, perturbed_bodies, random_perturbation, random_tracker, true_robot
 
 MODEL = IRB120.model
@@ -109,21 +107,6 @@ def test_more_poses_keep_the_first_ones_and_none_collides() -> None:
     assert collides(MODEL, np.deg2rad([[0, 60, 70, 0, 110, 0]])).all()  # folded into its own base
 
 
-@pytest.mark.thorough
-def test_a_model_that_always_touches_itself_is_refused(tmp_path) -> None:
-    """By a ball of the room around it: a pair of its own bodies that always touches is excluded, and said."""
-    path = tmp_path / "stuck.xml"
-    ball = '<geom type="sphere" size="0.3"/>'
-    path.write_text(
-        '<mujoco><worldbody><geom type="sphere" size="1"/><body name="a"><joint name="j1" range="-1 1" limited="true"/>'
-        f'{ball}<body name="b" pos="0 0 .1"><joint name="j2" axis="1 0 0" range="-1 1" limited="true"/>'
-        f'{ball}<body name="c" pos="0 0 .1"><joint name="j3" axis="1 0 0" range="-1 1" limited="true"/>{ball}'
-        "</body></body></body></worldbody></mujoco>"
-    )
-    with pytest.raises(LabError, match="touch nothing"):
-        random_poses(load_model(path), 5, rng_for(0, "poses"))
-
-
 def test_a_calibrated_arm_is_a_robot_again(tmp_path) -> None:
     """Read as a drawing, nearly parallel axes get a beta, not a d of a hundred metres (facts, section 7)."""
     truth = perturbed_arm(IRB120, VirtualCampaign(seed=7)).truth(ARM.targets)
@@ -139,15 +122,6 @@ def test_a_calibrated_arm_is_a_robot_again(tmp_path) -> None:
         arm.points(joints, real.truth(arm.targets).values), real.points(joints, TARGETS), atol=1e-12
     )
     assert len(real.truth(arm.targets).base_set.identifiable) == 33
-
-
-def test_the_tracker_reports_in_its_own_frame() -> None:
-    place = random_tracker(MODEL, np.random.default_rng(0))
-    still = Perturbation((), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(6))
-    joints = IRB120.chain.random_joints(5, np.random.default_rng(1))
-    seen = track(true_robot(MODEL, still, place), joints, TARGETS, INSTRUMENTS["exact"], np.random.default_rng(0))
-    world = ARM.points(joints, ARM.nominal(IRB120.tool))
-    np.testing.assert_allclose(se3.transform(place, seen.points), world, atol=1e-14)
 
 
 def test_the_calibrated_model_loads_again_exactly(tmp_path) -> None:

@@ -75,18 +75,6 @@ def test_what_a_fit_in_a_valley_leaves_is_not_taken_for_noise(scattered: lab.Cal
     assert search.shared is None and not search.trials and not search.undecided
 
 
-def test_a_steady_drift_of_the_base_is_told_by_its_size() -> None:
-    day = lab.simulate("irb120", seed=5, poses=60, targets=("p1",))
-    arm = ROBOT.arm(("p1",))
-    along = np.linspace(-30e-6, 30e-6, 60)[:, None, None] * np.array([0.6, 0.0, 0.8])
-    data = replace(day.measurements, points=day.measurements.points + along)
-    found = identify(arm, data, arm.nominal(ROBOT.tool), Noise())
-    shared = search_noise(found, data, Noise()).shared
-    assert shared is not None and not shared.autocorrelated_m
-    assert shared.drift_m * np.sqrt(3) == pytest.approx(30e-6, rel=0.35)  # one draw of three coefficients
-    assert "drifts steadily" in shared.descriptions[0]
-
-
 def test_rows_are_in_time_by_their_clock_else_by_their_place() -> None:
     day: Measurements = lab.simulate("irb120", seed=3, poses=6).measurements
     assert row_times(day.take([4, 1])).tolist() == [4.0, 1.0]

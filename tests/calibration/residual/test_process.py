@@ -128,20 +128,6 @@ def test_what_no_group_has_is_predicted_and_its_bounds_hold() -> None:
     assert better.values[-1] == 1 and better.nominal_aligned[-1] == 0
 
 
-@pytest.mark.thorough
-def test_it_knows_less_where_nothing_was_measured() -> None:
-    """Joint 1 on one side only: the other side's function of its position is as unknown as before."""
-    whole, fresh = campaign(200, 8, rigid=False), campaign(200, 9, rigid=False)
-    data = whole.take(np.flatnonzero(whole.joints[:, 0] < 0)[:70])
-    found = with_residual(identify(ARM, data, NOMINAL), data)
-    assert found.process is not None
-    sizes = np.sqrt(np.trace(found.process.covariances(fresh.joints)[:, 0], axis1=1, axis2=2))
-    there = fresh.joints[:, 0] < 0
-    assert np.median(sizes[~there]) > 1.15 * np.median(sizes[there])
-    squares = prediction_squares(found, None, fresh.joints, fresh.points, residual_spread(found))[0]
-    assert (squares[~there] < 3 * stats.f.ppf(0.95, 3, found.dof)).mean() > 0.93
-
-
 def test_a_file_gives_the_same_process_and_one_that_was_cut_is_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     process = JointProcess(

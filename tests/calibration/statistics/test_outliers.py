@@ -139,17 +139,6 @@ def test_a_third_of_the_poses_may_be_off() -> None:
         assert set(rows) <= set(found.rows) and len(found.rows) <= 21
 
 
-def test_one_bad_target_of_three_names_the_pose() -> None:
-    for seed in range(5):
-        seen, start, _, rng = campaign(seed, 30, THREE)
-        points = seen.points.copy()
-        points[7, 1] += 2e-4 * directions(rng, 1)[0]
-        points[9, 0] = np.nan
-        found = found_in(replace(seen, points=points), start, rng, THREE)
-        assert found.rows.tolist() == [7]
-        assert found.sizes_m[0] == pytest.approx(2e-4, abs=3e-5)
-
-
 def test_unseen_targets_weigh_nothing() -> None:
     """Poses where one, two or no targets were seen: the same answer as without the empty rows, at the level."""
     seen, start, _, _ = campaign(1, 30, THREE)

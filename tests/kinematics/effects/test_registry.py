@@ -7,7 +7,7 @@ import pytest
 from helpers.robots import IRB120, SCARA
 
 from lab.core.errors import LabError
-from lab.kinematics.effects.effect import ArmFacts, MovesJoints, PoseConditions, SessionInfo, SimulatedEffect, in_order
+from lab.kinematics.effects.effect import ArmFacts, MovesJoints, PoseConditions, SessionInfo, SimulatedEffect
 from lab.kinematics.effects.registry import (
     EFFECTS,
     EffectOptions,
@@ -80,11 +80,6 @@ def test_options_of_one_effect_are_checked_where_it_is_described() -> None:
         with pytest.raises(LabError, match=message):
             replace(EffectOptions(), **wrong).check()
     EffectOptions().check()
-
-
-def test_conditions_come_in_the_order_of_a_files_columns() -> None:
-    mixed = ["session 2", "time_s", "approach_q2", "payload_kg", "approach_q1", "time_s"]
-    assert in_order(mixed) == ("payload_kg", "approach_q2", "approach_q1", "time_s", "session 2")
 
 
 @pytest.mark.parametrize(
