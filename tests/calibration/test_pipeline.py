@@ -138,6 +138,7 @@ def test_a_step_is_left_out() -> None:
     assert whole.validation.judged_by == "cross-validation" and whole.bounds is not None
 
 
+@pytest.mark.thorough
 def test_the_state_is_looked_at_after_a_step() -> None:
     data = simulated((), {}, random_joints(40, 9), {}, 9)
     first = start(IRB120, data, PipelineOptions(PointSensor(), judging=Judging(holdout=0.25)))

@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from lab.core import se3
@@ -17,13 +14,14 @@ def rotation_vectors(regime: str, rng: np.random.Generator) -> Array:
     angles = {
         "anywhere": rng.uniform(0, np.pi, 500),
         "near identity": rng.uniform(0, 1e-7, 500),
+        "next to nothing": rng.uniform(0, 1e-160, 500),
         "near half a turn": np.pi - rng.uniform(0, 1e-9, 500),
         "where the series ends": rng.uniform(0.009, 0.011, 500),
     }[regime]
     return directions * angles[:, None]
 
 
-REGIMES = ["anywhere", "near identity", "near half a turn", "where the series ends"]
+REGIMES = ["anywhere", "near identity", "next to nothing", "near half a turn", "where the series ends"]
 
 
 @pytest.mark.parametrize("regime", REGIMES)
@@ -123,17 +121,3 @@ def test_every_way_to_write_a_rotation_leads_back(regime: str) -> None:
     ):
         np.testing.assert_allclose(back(there(rotations)), rotations, atol=1e-14, err_msg=there.__name__)
         np.testing.assert_allclose(back(there(rotations[7])), rotations[7], atol=1e-14)  # one alone
-
-
-VECTORS = arrays(np.float64, 3, elements=st.floats(-1e3, 1e3))
-SMALL_AND_LARGE = st.one_of(VECTORS, VECTORS.map(lambda v: v * 1e-160), VECTORS.map(lambda v: v * 1e-9))
-
-
-@given(SMALL_AND_LARGE)
-def test_every_rotation_vector_has_one_rotation_and_a_shortest_vector(vector: Array) -> None:
-    rotation = se3.exp(vector)
-    np.testing.assert_allclose(rotation, Rotation.from_rotvec(vector).as_matrix(), atol=1e-12)
-    shortest = se3.log(rotation)
-    assert np.linalg.norm(shortest) <= np.pi + 1e-15
-    np.testing.assert_allclose(se3.exp(shortest), rotation, atol=1e-12)
-    np.testing.assert_allclose(se3.rotation_from_roll_pitch_yaw(se3.roll_pitch_yaw(rotation)), rotation, atol=1e-12)
