@@ -5,9 +5,7 @@ import os
 import pickle
 import sys
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -78,18 +76,6 @@ def test_a_robot_whose_files_changed_since_is_refused(tmp_path: Path) -> None:
     file.write_text(file.read_text() + "\n# another\n")
     with pytest.raises(lab.LabError, match="changed since it was pickled"):
         pickle.loads(kept)
-
-
-def _identified(robot: lab.Robot, seed: int) -> lab.CalibrationResult:
-    return lab.identify(lab.simulate(robot, poses=20, seed=seed).measurements, robot=robot)
-
-
-@pytest.mark.thorough
-def test_other_processes_take_robots_and_give_results() -> None:
-    robot = lab.load_robot("irb120")
-    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        found = list(pool.map(_identified, [robot] * 2, (1, 2)))
-    assert found == [_identified(robot, seed) for seed in (1, 2)] and found[0] != found[1]
 
 
 def test_measurements_print_in_ten_lines_and_give_their_columns() -> None:

@@ -54,8 +54,8 @@ def random_joints(count: int, seed: int) -> np.ndarray:
 
 
 @pytest.mark.thorough
-def test_repeats_from_the_other_side_or_session_are_no_repeats() -> None:
-    """Twice the same joints, approached from both sides or before and after a bump, are not the noise of one pose."""
+def test_repeats_from_the_other_side_are_no_repeats() -> None:
+    """Twice the same joints, approached from both sides, are not the noise of one pose."""
     joints = np.repeat(random_joints(40, 0), 2, axis=0)
     sides = np.tile([1.0, -1.0], 40)
     approach = {f"approach_{name}": sides for name in NAMES}
@@ -63,23 +63,20 @@ def test_repeats_from_the_other_side_or_session_are_no_repeats() -> None:
     assert fitted(data).adequacy.outcome != "passed"
     plain = replace(data, conditions={})  # who does not say from which side cannot be helped
     assert fitted(plain).adequacy.name == "lack_of_fit.repeats"
-    bumped = simulated(("sessions",), {"x": 5e-4}, joints, {}, 1, sessions=["1", "2"] * 40)
-    assert fitted(bumped).adequacy.outcome != "passed"
     honest = simulated((), {}, joints, {}, 1)
     tested = fitted(honest).adequacy
     assert tested.name == "lack_of_fit.repeats" and tested.outcome == "passed"
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("prior", [False, True])
-def test_what_is_named_is_what_is_left_out(prior: bool) -> None:
+def test_what_is_named_is_what_is_left_out() -> None:
     """A prior weighs by a sigma that outliers inflate: they are found again with the clean one."""
     for seed in range(3):
         data = simulated((), {}, random_joints(50, seed), {}, seed)
         points = data.points.copy()
         points[[3, 20, 41], 0, 0] += np.array([50e-3, 5e-3, 0.3e-3])
         spoilt = replace(data, points=points)
-        fit = fitted(spoilt, robust=True, prior=prior)
+        fit = fitted(spoilt, robust=True, prior=True)
         named = {pose.id for pose in fit.outliers}
         assert {"3", "20", "41"} <= named and set(fit.rows.ids) == set(spoilt.ids) - named
         assert fit.identification.sigma_m < 1.5 * SIGMA

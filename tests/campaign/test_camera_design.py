@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 import lab
-from lab.campaign.design_problem import PoseProblem, best_design, pose_problem
+from lab.campaign.design_problem import PoseProblem, pose_problem
 from lab.campaign.options import DesignOptions
 from lab.core.errors import LabError
-from lab.core.random import rng_for
-from lab.pose_selection.criteria import predict
 from lab.pose_selection.exchange import information
 from lab.sensors.cameras.planning import PlannedPictures
 
@@ -83,26 +81,6 @@ def test_few_rows_hold_the_information_of_all_corners_by_differences(problem: Po
     found = problem.whitened(joints)
     assert found.shape[1] == 6
     assert np.allclose(information(found), expected, rtol=1e-5, atol=1e-6 * expected.max())
-
-
-@pytest.mark.thorough
-def test_designed_poses_predict_a_smaller_error_than_random_ones_in_sight(problem: PoseProblem) -> None:
-    design = best_design(_options_of(problem), problem, _POSES)
-    assert (design.rows >= 0).all()  # exchanged alone
-    assert _planned(problem).sees(design.joints).all()
-
-    def error(joints: np.ndarray) -> float:
-        found = predict(information(problem.whitened(joints)), problem.test, rng_for(0, "promise"))
-        return float(np.sqrt(np.mean(found.rms**2)))
-
-    rng = np.random.default_rng(1)
-    inputs = problem.inputs
-    others = [error(inputs[rng.choice(len(inputs), _POSES, replace=False)]) for _ in range(20)]
-    assert error(design.joints) < min(others)
-
-
-def _options_of(problem: PoseProblem) -> DesignOptions:
-    return DesignOptions(observe="pixels", poses=_POSES, starts=1)
 
 
 @pytest.mark.thorough

@@ -150,15 +150,13 @@ def test_what_is_there_is_found_and_nothing_else(seed: int) -> None:
 @pytest.mark.thorough
 def test_repeats_of_a_pose_are_one_witness() -> None:
     """A pose that is measured twenty times with one error of its own shows nothing of the arm."""
-    found = 0
-    for seed in range(6):
+    for seed in range(3):
         data = campaign(seed, {}, 40, noise="plain")
         repeated = data.take(np.repeat(np.arange(40), 20))
         repeated = replace(repeated, ids=tuple(map(str, range(800))))
         search = search_of(repeated, geometry(repeated))
         assert len(search.starts) == 40
-        found += bool(search.run(np.random.default_rng(0), 9))
-    assert found <= 1  # of 200 sessions one finds something by chance
+        assert not search.run(np.random.default_rng(0), 9)
     alone = replace(search, starts=np.arange(len(search.residual)), allowed=np.ones(len(TERMS), bool))
     assert alone.run(np.random.default_rng(0), 9)  # as if they were 800 poses
 
