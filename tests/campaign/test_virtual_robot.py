@@ -1,4 +1,4 @@
-"""A virtual robot from its options: each of its parts has a stream of its own, and its truth is what is measured."""
+"""A virtual robot from its options: each of its parts has a stream of its own."""
 
 from dataclasses import replace
 
@@ -7,18 +7,9 @@ import pytest
 from helpers.robots import IRB120
 
 from lab.campaign.options import VirtualCampaign
-from lab.campaign.virtual_robot import fresh_poses, perturbed_arm, poses_to_measure, truth_of
+from lab.campaign.virtual_robot import fresh_poses, perturbed_arm, poses_to_measure
 
 OPTIONS = VirtualCampaign(seed=3, poses=8)
-ARM = IRB120.arm(("p1",))
-
-
-def test_the_truth_gives_the_exact_points() -> None:
-    real = perturbed_arm(IRB120, OPTIONS)
-    joints, _, _ = poses_to_measure(IRB120, OPTIONS)
-    truth = truth_of(real, ARM)
-    assert truth is not None
-    np.testing.assert_allclose(ARM.points(joints, truth.values), real.points(joints, ("p1",)), atol=1e-12)
 
 
 def test_more_poses_change_neither_the_arm_nor_the_first_poses() -> None:

@@ -86,18 +86,6 @@ def test_a_denavit_hartenberg_arm_has_just_those_parameters() -> None:
     assert np.abs(truth.values - ARM.nominal(IRB120.tool))[len(base) + 3 :].max() < 0.01
 
 
-def test_streams_are_independent() -> None:
-    """Other poses, other instruments and other noise leave the arm and its tracker as they were."""
-    joints = IRB120.chain.random_joints(20, np.random.default_rng(0))
-    first = perturbed_arm(IRB120, VirtualCampaign(seed=5)).points(joints, TARGETS)
-    other = perturbed_arm(IRB120, VirtualCampaign(seed=5, poses=60, instrument="leica-at960")).points(joints, TARGETS)
-    np.testing.assert_array_equal(first, other)
-    another = perturbed_arm(IRB120, VirtualCampaign(seed=6)).points(joints, TARGETS)
-    assert np.abs(first - another).max() > 1e-3
-    draws = [rng_for(5, purpose).random() for purpose in ("arm", "tracker", "poses", "noise", "fresh", "split")]
-    assert len(set(draws)) == 6
-
-
 def test_more_poses_keep_the_first_ones_and_none_collides() -> None:
     fifty = random_poses(MODEL, 50, rng_for(1, "poses"))
     sixty = random_poses(MODEL, 60, rng_for(1, "poses"))
