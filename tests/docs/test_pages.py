@@ -5,8 +5,8 @@ import contextlib
 import importlib
 import json
 import re
+import runpy
 import shlex
-import subprocess
 import sys
 import tomllib
 import xml.etree.ElementTree as ET
@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from helpers.pages import PAGES, README, Page
 from helpers.robots import ROOT
+from helpers.run_script import threads_for_processes
 
 from lab import extension_points
 from lab.campaign.robot import load_robot, load_virtual
@@ -85,8 +86,11 @@ REAL_EXAMPLE = [each for each in README.commands if "example ur5" in each or "ur
 @pytest.mark.thorough
 @pytest.mark.parametrize("page", [page for page in PAGES if page.commands], ids=lambda page: page.name)
 def test_every_command_of_a_page_runs(page: Page, tmp_path, monkeypatch, capsys) -> None:
+    """With few candidates and fresh poses, in this process alone: what is judged is not asked here."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("lab.campaign.virtual_robot.FRESH_POSES", 100)  # of 1000: what is judged is not asked here
+    monkeypatch.setattr("lab.campaign.virtual_robot.FRESH_POSES", 100)  # of 1000
+    monkeypatch.setattr("lab.studies.campaigns.CANDIDATES", 100)  # of 1000
+    monkeypatch.setattr("lab.studies.campaigns.STARTS", 1)  # of 2
     write_files(page, tmp_path)
     (tmp_path / "models").symlink_to(ROOT / "models")
     for command in [each for each in page.commands if each not in REAL_EXAMPLE]:  # which a test below runs
@@ -94,7 +98,8 @@ def test_every_command_of_a_page_runs(page: Page, tmp_path, monkeypatch, capsys)
         if arguments[0] == "design":
             arguments += [] if "--candidates" in arguments else ["--candidates", "100"]  # of 2000
             arguments += [] if "--starts" in arguments else ["--starts", "1"]
-        assert main(arguments) == 0, command
+        with threads_for_processes():
+            assert main(arguments) == 0, command
         assert capsys.readouterr().out
 
 
@@ -121,8 +126,13 @@ def imported(program: str) -> set[str]:
     return {name.partition(".")[0] for name in names}
 
 
+def own_criterion(program: str) -> tuple[pytest.MarkDecorator, ...]:
+    """Differences of a score of one's own take half a minute of design."""
+    return (pytest.mark.slow,) if "(lab.Criterion)" in program else ()
+
+
 PROGRAMS = [
-    (page, program, page.blocks[i + 1])
+    pytest.param(page, program, page.blocks[i + 1], id=page.name, marks=own_criterion(program))
     for page in PAGES
     for i, block in enumerate(page.blocks)
     if (program := program_of(page, *block))
@@ -130,13 +140,18 @@ PROGRAMS = [
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("page", "program", "below"), PROGRAMS, ids=[page.name for page, *_ in PROGRAMS])
-def test_a_program_prints_what_is_shown_below_it(page: Page, program: str, below: tuple[str, str], tmp_path) -> None:
+@pytest.mark.parametrize(("page", "program", "below"), PROGRAMS)
+def test_a_program_prints_what_is_shown_below_it(
+    page: Page, program: str, below: tuple[str, str], tmp_path, monkeypatch, capsys
+) -> None:
     if absent := [name for name in imported(program) if find_spec(name) is None]:
         pytest.skip(f"{absent[0]} is not installed")
     (tmp_path / "program.py").write_text(program, encoding="utf-8")
-    done = subprocess.run([sys.executable, "program.py"], capture_output=True, text=True, check=True, cwd=tmp_path)
-    assert below == ("text", done.stdout)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(extension_points, "_given", {})
+    monkeypatch.setattr(sys, "argv", ["program.py"])
+    runpy.run_path("program.py", run_name="__main__")
+    assert below == ("text", capsys.readouterr().out)
 
 
 TOML = [(page, block) for page in PAGES for block in page.of("toml")]
@@ -250,7 +265,7 @@ def test_the_numbers_beside_the_picture_are_those_of_the_command(tmp_path, capsy
     assert f"the mean error falls from {before:.2f} mm to {after:.4f} mm" in README.text
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_numbers_of_the_real_example_are_those_of_its_command(tmp_path, monkeypatch, capsys) -> None:
     *before_it, command = REAL_EXAMPLE
     (tmp_path / "models").symlink_to(ROOT / "models")

@@ -207,27 +207,20 @@ tolerances = own_parts:Tolerances
 @pytest.mark.thorough
 def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(tmp_path: Path) -> None:
     site = weighing(tmp_path)
-    (site / "grid.toml").write_text(
-        'name = "grid"\nrobot = "scara"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\n'
-        'criterion = ["random", "volume"]\nposes = 12\n'
-    )
-    (site / "far.toml").write_text((site / "grid.toml").read_text().replace("volume", "far"))
     design = "design --robot course2r --poses 6 --candidates 60 --starts 1 --json"
-    own, known, refused, study, blind, failed = lab(
+    own, known, refused, blind, failed = lab(
         site,
         f"{design} --criterion frobenius --out own",
         f"{design} --out known",
         f"{design} --criterion frobenios",
-        "study grid.toml --workers 1 --json --out study",
         "design --robot scara --criterion frobenius --poses 8 --candidates 60",
-        "study far.toml --workers 1 --out far",
+        f"{design} --criterion far",
     )
-    assert failed[0] == 2 and "criterion 'far' raises IndexError: index 99 is out of bounds" in failed[2]
+    assert failed[0] == 2 and "criterion 'far' raises IndexError" in failed[2]
     assert own[0] == known[0] == 0, own[2] + known[2]
     first, second = json.loads(own[1]), json.loads(known[1])
     assert first["criterion"] == "frobenius" and first["indices"]["o1"]["value"] < second["indices"]["o1"]["value"]
     assert refused[0] == 2 and "A, G, I, far, frobenius, volume; for one of your own" in refused[2]
-    assert study[0] == 0, study[2]
     assert blind[0] == 2 and "criterion frobenius chose 8 poses that cannot tell all" in blind[2]
     package(site, "parts", OWN_PARTS)
     for name in ("own_parts", "own_kalman"):
@@ -249,7 +242,7 @@ def test_a_third_party_s_parts_are_used_by_their_names_in_commands_and_studies(t
     loaded = python(site, "-c", "import lab; print(lab.load_run('own_parts_run').estimate.groups)")
     assert loaded.stdout == "('runout',)\n", loaded.stderr
     (site / "grid.toml").write_text(
-        'name = "grid"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\ncriterion = "random"\ninstrument = '
+        'name = "grid"\nrobots = 1\ndraws = 1\nfresh = 10\n[factors]\ncriterion = "random"\ninstrument = '
         '"photogrammetry"\nposes = 20\neffects = "gears"\nsampler = "tolerances"\n'
         'estimator = ["least-squares", "kalman"]\n[effects.gears]\nown_effects = ["runout:mrad=0.3"]\n'
     )
@@ -265,11 +258,6 @@ def test_the_core_runs_without_its_extensions(tmp_path: Path) -> None:
     (site / "models").symlink_to(ROOT / "models")
     package(site, "virtual_calibration_lab", "")
     work.mkdir()
-    (work / "grid.toml").write_text(
-        'name = "grid"\nrobot = "scara"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\ncriterion = "random"\n'
-        "poses = [12, 20]\n"
-    )
-    (work / "targets.csv").write_text("id,x_mm,y_mm,z_mm\n1,0,0,0\n")
     commands = {
         "calibrate --robot scara --poses 30 --no-recording --out first": 0,
         "identify first/measurements.csv --robot scara --no-recording --out again": 0,
@@ -278,7 +266,6 @@ def test_the_core_runs_without_its_extensions(tmp_path: Path) -> None:
         "certify again --out certificate": 0,
         "inspect irb120": 0,
         "inspect delta": 0,
-        "study grid.toml --workers 1 --out study": 0,
         "payload --robot tx40 --simulate": 2,
         "design --controller rapid": 2,
     }

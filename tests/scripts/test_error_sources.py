@@ -51,7 +51,7 @@ def test_measured_positions_are_read_in_si() -> None:
         assert q.shape == (len(p), 6) and np.abs(q).max() < 2 * np.pi and 0.3 < np.ptp(p, axis=0).max() < 3
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_geometry_comes_before_the_joints_of_both_measured_arms() -> None:
     for arm in answer_of("error_sources.py")["arms"]:
         assert arm["ratio"][2] < 1 and arm["shares"]["rest"][2] < arm["shares"]["joints"][1]

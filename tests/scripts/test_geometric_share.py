@@ -16,7 +16,7 @@ def test_effects_grow_with_the_level() -> None:
     assert effects_at(Effects(backlash_mrad=0.05), 4.0) == {"backlash_mrad": pytest.approx(0.2)}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_few_arms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The share falls with the level; what is left grows as the effects do, and without them it is the noise."""
     monkeypatch.setattr(geometric_share, "LEVELS", (1.0, 4.0))

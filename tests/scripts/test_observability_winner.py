@@ -4,7 +4,7 @@ import pytest
 from helpers.run_script import answer_of
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_without_the_three_rows_the_order_is_stable_and_with_them_it_is_chance() -> None:
     indices = ("O1", "O2", "O3", "O4", "O5")
     found = answer_of("observability_winner.py", "--searches", 3, "--draws", 500, "--seed", 20, "--indices", *indices)

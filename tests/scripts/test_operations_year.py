@@ -33,5 +33,3 @@ def test_a_moved_zero_is_found_and_mended(tmp_path: Path) -> None:
     assert {name: arm.state for name, arm in shown.items()} == {"A-1": "bad", "A-2": "good"}
     after = {arm.serial: arm for arm in lab.history(tmp_path, on="2024-04-10").arms}
     assert {arm.state for arm in after.values()} == {"good"}
-    trend = after["A-1"].trend
-    assert trend is not None and [each.named for each in trend.changes] == [("link3.theta",)]

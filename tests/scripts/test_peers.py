@@ -51,7 +51,7 @@ def test_solutions_are_counted_that_meet_their_pose(problems: peers.Problems) ->
     json.dumps(found)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_lab_is_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run_script("peers", ["--only", "lab", "--rounds", "1", "--folder", str(tmp_path), "--json"])
     found = json.loads(capsys.readouterr().out)

