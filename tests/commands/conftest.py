@@ -9,6 +9,7 @@ from helpers.bad_input import ARM_TOML, ARM_URDF, ARM_XML, csv
 from helpers.browser import BROWSERS, Browser, installed, opened
 from helpers.campaigns import calibration, run_of, session
 from helpers.drawing import nothing_drawn
+from helpers.writing_commands import inputs_of_commands
 
 from lab.cli import main
 from lab.commands.calibrate.result import CalibrationResult
@@ -43,6 +44,15 @@ def seven() -> CalibrationResult:
 def seven_run() -> Path:
     """The folder of that calibration, without page, pictures and recording."""
     return run_of(seed=7)
+
+
+@pytest.fixture(scope="session")
+def command_inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What ``helpers.writing_commands.COMMANDS`` read, to be copied."""
+    folder = tmp_path_factory.mktemp("inputs")
+    with pytest.MonkeyPatch.context() as patch, nothing_drawn():
+        patch.chdir(folder)
+        return inputs_of_commands(folder)
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 from helpers.bad_input import contents, run, the_line
-from helpers.writing_commands import COMMANDS, ended, forked, inputs_of_commands, whole
+from helpers.campaigns import own_copy
+from helpers.writing_commands import COMMANDS, ended, forked, whole
 
 from lab.core.whole_folder import draft_of
 
@@ -23,19 +24,14 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning"),
 ]
 STUDY = "study study.toml --workers 1"
-CHEAP = ("verify", "payload", "import", "certify")  # the others with -m slow
+CHEAP = ("verify", "import")  # the others with -m slow
 EACH = [pytest.param(name, marks=() if name in CHEAP else pytest.mark.slow) for name in (*COMMANDS, "study")]
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(command_inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Runs and files that the commands are given; each test leaves them as they were."""
-    place, here = tmp_path_factory.mktemp("places"), Path.cwd()
-    os.chdir(place)
-    try:
-        return inputs_of_commands(place)
-    finally:
-        os.chdir(here)
+    return own_copy(command_inputs, tmp_path_factory.mktemp("places") / "here")
 
 
 @pytest.fixture

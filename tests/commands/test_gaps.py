@@ -18,8 +18,7 @@ import pytest
 from day_files import ur5e_urdf
 from helpers.bad_input import run
 from helpers.campaigns import run_of
-from helpers.drawing import nothing_drawn
-from helpers.writing_commands import COMMANDS, STUDY, inputs_of_commands
+from helpers.writing_commands import COMMANDS, STUDY
 
 import lab
 from lab.commands.result import Result
@@ -32,6 +31,8 @@ pytestmark = [pytest.mark.figures, pytest.mark.filterwarnings("always::lab.core.
 
 ALONE = {"calibrate", "design", "dynamics", "kinematics", "inspect", "reproduce", "workspace"}  # need no files
 QUICK = {"calibrate", "kinematics"}
+MORE = [pytest.param(name, marks=pytest.mark.thorough) for name in ("certify", "compensate")]
+in_parts = pytest.mark.parametrize("written", [*sorted(QUICK), *MORE], indirect=True, scope="module")
 
 
 @dataclass
@@ -61,15 +62,6 @@ def broken_like(function: Any) -> Any:
     return doc.guarded(fails)
 
 
-@pytest.fixture(scope="module")
-def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of all files that the commands read."""
-    folder = tmp_path_factory.mktemp("inputs")
-    with pytest.MonkeyPatch.context() as patch, nothing_drawn():
-        patch.chdir(folder)
-        return inputs_of_commands(folder)
-
-
 @pytest.fixture(
     scope="module",
     params=[name if name in QUICK else pytest.param(name, marks=pytest.mark.thorough) for name in COMMANDS],
@@ -85,7 +77,7 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
         draw(self, place)
 
     with pytest.MonkeyPatch.context() as patch, pytest.warns(GapWarning) as warned:
-        patch.chdir(folder.parent if name in ALONE else request.getfixturevalue("inputs"))
+        patch.chdir(folder.parent if name in ALONE else request.getfixturevalue("command_inputs"))
         patch.setattr(Result, "draw", kept)
         patch.setattr("lab.commands.result.load_reference", lambda _: broken)
         patch.setattr("lab.render.page.to_html", broken)
@@ -131,6 +123,7 @@ def parts_of(result: Result) -> list[tuple[ModuleType, str]]:
     return list(dict.fromkeys(found))
 
 
+@in_parts
 def test_each_part_of_a_document_that_fails_leaves_a_gap(written: Written, monkeypatch: pytest.MonkeyPatch) -> None:
     result = written.result
     monkeypatch.setattr("lab.render.charts.chart.inline_svg", lambda picture: "")
@@ -149,6 +142,7 @@ def scenes(blocks: Any) -> list[doc.Scene]:
     return [each for each in blocks if isinstance(each, doc.Scene)] + [scene for each in inner for scene in each]
 
 
+@in_parts
 def test_each_figure_and_scene_that_fails_leaves_a_gap(written: Written) -> None:
     document = written.result.document()
     for picture in document.pictures:

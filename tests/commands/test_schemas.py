@@ -10,15 +10,15 @@ from pathlib import Path
 import jsonschema
 import pytest
 from helpers.bad_input import run as run_line
+from helpers.campaigns import own_copy
 from helpers.robots import ROOT
 from helpers.writing_commands import COMMANDS as EXAMPLES
-from helpers.writing_commands import inputs_of_commands
 
 import lab
 from lab.campaign.config_file import SCHEMA
 from lab.cli import main
 from lab.commands.registry import all_commands, command_named
-from lab.commands.run_folder import write_json
+from lab.commands.run_folder import run_folder, write_json
 
 FILES = ("config", "parameters", "result")
 FILE_OF = {"calibrate": "result", "identify": "result", "certify": "certificate"}  # of other commands their name
@@ -74,6 +74,7 @@ def test_a_run_knows_its_inputs(runs: list[Path]) -> None:
 def test_programs_read_errors_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["identify", "nowhere.csv", "--json"]) == 2
     told = capsys.readouterr()
+    jsonschema.validate(json.loads(told.out), schema("error"))
     error = json.loads(told.out)["error"]
     assert error["exit_code"] == 2 and "nowhere.csv" in error["message"] and error["message"] in told.err
     assert main(["identify", "nowhere.csv"]) == 2
@@ -90,12 +91,11 @@ def test_json_is_written_as_the_library_writes_it(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def place(command_inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A working folder with what the examples of all commands read."""
-    folder = tmp_path_factory.mktemp("examples")
+    folder = own_copy(command_inputs, tmp_path_factory.mktemp("examples") / "here")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        inputs_of_commands(folder)
         shutil.copytree("history/day", "one/day")
         shutil.copytree("history/day", "broken/day")
         (folder / "broken" / "day" / "result.json").write_text("{")
@@ -137,6 +137,9 @@ def test_the_json_of_every_command_is_as_its_schema_says(
         config = json.loads((out / "config.json").read_text())
         if config["model_sha256"]:
             jsonschema.validate(config, schema("config"))
+        if name != "study" and not [*out.glob("*.stl")]:  # a study goes on; volumes (.stl) bar --overwrite, a defect
+            with run_folder(out, overwrite=True):  # every file is known as the run's own
+                pass
 
 
 def test_every_command_has_a_schema_and_every_recording_can_be_left_out() -> None:
@@ -158,8 +161,3 @@ def test_a_recording_is_written_unless_it_is_left_out(tmp_path: Path) -> None:
     assert result.to_dict() == without.to_dict()
     names = {each: {path.name for path in (tmp_path / each).iterdir()} for each in ("with", "without")}
     assert names["with"] - names["without"] == {"recording.rrd"} and names["without"] < names["with"]
-
-
-def test_errors_are_as_their_schema_says(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["identify", "nowhere.csv", "--json"]) == 2
-    jsonschema.validate(json.loads(capsys.readouterr().out), schema("error"))
