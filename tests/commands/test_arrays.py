@@ -113,13 +113,6 @@ def test_a_robot_of_a_table_is_that_of_its_file(tmp_path: Path) -> None:
     assert lab.calibrate(arm, poses=40, seed=1).to_dict()["verdict"] == "good"
 
 
-def test_the_targets_of_a_table_without_a_tool_are_documented() -> None:
-    arm = robot_from_dh(TABLE, unit="mm", joint_unit="deg")
-    for name, point in arm.tool.items():
-        x, y, z = (round(1e3 * coordinate) for coordinate in point)
-        assert f"{name} ({x}, {y}, {z})" in " ".join((robot_from_dh.__doc__ or "").split())
-
-
 def test_a_robot_of_a_table_moves_as_the_one_that_has_it() -> None:
     """Distances between poses of a target, which no base changes."""
     known = lab.load_robot("irb120")

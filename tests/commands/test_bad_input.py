@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers.bad_input import Case, assert_cases_differ, assert_told_in_one_line, run, the_line
+from helpers.bad_input import Case, assert_told_in_one_line, run, the_line
 
 pytestmark = pytest.mark.usefixtures("folder")
 
@@ -23,10 +23,6 @@ CASES = [
     Case("cli: value missing", "calibrate --poses", ("--poses", "value is missing")),
     Case("cli: one argument too many", "inspect arm.toml more", ("more", "--help")),
 ]
-
-
-def test_each_case_is_its_own() -> None:
-    assert_cases_differ(CASES, 8)
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)

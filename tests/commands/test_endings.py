@@ -154,23 +154,9 @@ def test_what_is_said_is_one_line_that_steers_no_terminal(capfd: pytest.CaptureF
 
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of POSIX")
-def test_a_terminal_gets_what_is_said_without_a_broken_word(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    warning = "warning: the intervals of autocorrelated well-conditioned residuals are cluster-robust " * 3
-    monkeypatch.setenv("COLUMNS", "40")
-    program.say(warning)
-    assert capsys.readouterr().err.count("\n") == 1
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    program.say(warning)
-    lines = capsys.readouterr().err.splitlines()
-    assert max(map(len, lines)) <= 40 and " ".join(lines).split() == ["lab:", *warning.split()]
-
-
-@pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of POSIX")
 @pytest.mark.parametrize(
     "name",
-    ["SIGINT", pytest.param("SIGTERM", marks=pytest.mark.thorough), pytest.param("SIGHUP", marks=pytest.mark.thorough)],
+    ["SIGINT", pytest.param("SIGTERM", marks=pytest.mark.thorough)],
 )
 def test_a_program_that_is_ended_while_it_writes_says_so_and_leaves_nothing(name: str, folder: Path) -> None:
     before = sorted(folder.iterdir())

@@ -36,12 +36,6 @@ def test_all_that_is_measured_is_listed(capsys: pytest.CaptureFixture[str], tmp_
     for each, shipped in zip(listed["examples"], EXAMPLES, strict=True):
         assert each["bytes"] == sum(path.stat().st_size for path in shipped.paths) and each["licence"] == "MIT"
         assert each["rows"] == len(shipped.measurements)
-        text = (ROOT / "models" / each["robot"] / "README.md").read_text()
-        assert all(word.strip(",.") in text for word in each["source"].split(" (")[0].split()[:2])  # its author
-    assert main(["example"]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
-    for each in listed["examples"]:
-        assert all(str(each[key]) in printed for key in ("name", "robot", "source", "licence", "command"))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -109,7 +103,6 @@ def test_nothing_is_overwritten(tmp_path: Path, monkeypatch, capsys) -> None:
     [
         ("ur5e", "'ur5e' is no example; is ur5 meant? There are ur5, ur10, ur10-random, panda"),
         ("UR10", "'UR10' is no example; is ur10 meant?"),
-        ("kr6_r700", "'kr6_r700' is no example; there are ur5"),
         ("--out here", "--out is for one example: name it; there are ur5"),
         ("panda --out file", "file: cannot be written (File exists); nothing was written; give another --out"),
         ("panda --out file/below", "file/below: cannot be written (Not a directory); nothing was written"),

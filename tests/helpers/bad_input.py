@@ -1,7 +1,7 @@
 """Commands given bad input: what they print, and what they leave behind."""
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -212,13 +212,6 @@ def warnings_of(err: str) -> list[str]:
     lines = err.splitlines()
     assert all(line.startswith("lab: warning: ") for line in lines), err
     return lines
-
-
-def assert_cases_differ(cases: Sequence[Case], at_least: int) -> None:
-    """So many cases, each of its own."""
-    assert len(cases) >= at_least
-    assert len({case.id for case in cases}) == len(cases)
-    assert len({(case.argv, *map(str, case.files.values())) for case in cases}) == len(cases)
 
 
 def assert_told_in_one_line(case: Case, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -8,8 +8,6 @@ from helpers.campaigns import calibration
 
 from lab.commands.calibrate.figures import correlation_picture, residual_pictures, uncertainty_map
 from lab.commands.calibrate.result import stiffnesses
-from lab.render.charts.chart import inline_svg
-from lab.render.plots import size_maps
 
 
 def test_residuals_show_a_trend_where_there_is_one_and_no_other(seven) -> None:
@@ -50,12 +48,3 @@ def test_stiffness_is_that_of_compliance_and_not_of_its_change_with_torque() -> 
     softening = stiffnesses(replace(found.identification, values=values), found.robot.chain)
     assert [each.joint for each in softening] == ["q2", "q3"]
     assert [each.stiffness for each in softening] == pytest.approx([3e4, 3e4], rel=0.05)
-
-
-def test_a_map_of_which_every_pose_is_extrapolated_is_drawn(seven) -> None:
-    """As of twenty validation poses beyond a grid: no pose is a disc, all are crosses."""
-    shown = uncertainty_map(seven)
-    everywhere = replace(shown, extrapolated=np.ones(len(shown.points), dtype=np.bool_))
-    nowhere = replace(shown, extrapolated=np.zeros(len(shown.points), dtype=np.bool_))
-    for each in (everywhere, nowhere):
-        assert all("<svg" in inline_svg(picture) for picture in size_maps(each))

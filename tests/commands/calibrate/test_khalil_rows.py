@@ -37,9 +37,3 @@ def test_intervals_are_those_of_many_draws(posed: lab.CalibrationResult) -> None
     if not rows["Z.gamma"].get("note"):
         np.testing.assert_allclose([rows[f"Z.{symbol}"]["std"] for symbol in SYMBOLS], spread, rtol=0.06)
     assert ("note" in rows["Z.r"]) == (rows["Z.r"]["std"] is None) == (rows["Z.r"]["interval_95"] is None)
-
-
-def test_a_point_has_no_orientation_of_its_own() -> None:
-    result = calibration(seed=7)
-    rows = {row["name"]: row for row in khalil_rows(result.estimate, 2.0)}
-    assert "parallel" in rows["E.p1.r"]["note"] and rows["E.p1.d"]["std"] is None and len(rows) == 12

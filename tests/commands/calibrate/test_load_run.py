@@ -38,7 +38,6 @@ def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path)
     assert calibrated.estimate.free_names == tuple(names[i] for i in kept) and len(kept) == len(names) - 7
     assert (calibrated.estimate.free_covariance == outcome.identification.covariance[np.ix_(kept, kept)]).all()
     assert calibrated.estimate.left_out == ("drift",)
-    assert calibrated.warnings == ("of the run: drift was of its session only: predicted positions are without it",)
     assert calibrated.estimate.residual_m == pytest.approx(calibrated.estimate.noise_m, rel=0.3)
 
 

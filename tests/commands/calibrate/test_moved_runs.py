@@ -15,7 +15,7 @@ from lab.core.errors import LabError
 
 MADE = "--robot arm.toml --instrument tracker.toml --cell cell.toml --poses 14"
 BUILT = (
-    "certify {}/first", "verify {}/first {}/second/measurements.csv --force", "history {}/first {}/second",
+    "certify {}/first",
     "compensate {}/second/measurements.csv --run {}/first --no-check",
 )  # fmt: skip
 
@@ -82,14 +82,6 @@ def test_a_moved_run_is_made_again_by_its_configuration(
         assert Path("again", name).read_bytes() == (tmp_path / "archive" / name).read_bytes()
 
 
-@pytest.mark.thorough
-def test_a_run_of_measurements_is_made_again_from_their_copy(day: Path, tmp_path: Path) -> None:
-    assert run("identify runs/first/measurements.csv --robot arm.toml --holdout 0.2 --out measured") == 0
-    shutil.rmtree("runs")
-    assert run("identify --config measured/config.json --out again") == 0
-    assert Path("again/parameters.json").read_bytes() == Path("measured/parameters.json").read_bytes()
-
-
 @pytest.mark.parametrize("argv", ["certify runs/first", "calibrate --config runs/first/config.json"])
 def test_an_altered_copy_is_refused(day: Path, argv: str, capfd: pytest.CaptureFixture[str]) -> None:
     copy = day / "runs" / "first" / "inputs" / "tracker.toml"
@@ -123,32 +115,15 @@ def test_a_run_without_copies_takes_only_its_own_inputs(
 
     assert instrument() == pytest.approx(7.5e-6)
     Path("tracker.toml").write_text(TRACKER.replace("7.5", "75"))
-    with pytest.raises(LabError, match=r"no copy of its input tracker.toml, and the file of that name is another one"):
+    with pytest.raises(LabError, match=r"tracker.toml, .* is another one"):
         instrument()
     Path("tracker.toml").unlink()
-    with pytest.raises(LabError, match=r"input tracker.toml, and the file of that name is not there; put"):
+    with pytest.raises(LabError, match=r"tracker.toml, .* is not there"):
         instrument()
     Path("cell.toml").write_text(CELL.replace("clearance_mm = 5", "clearance_mm = 6"))
-    with pytest.raises(LabError, match=r"input cell.toml, and the file of that name is another one"):
+    with pytest.raises(LabError, match=r"cell.toml, .* is another one"):
         load_run(older, accept_edited=True)
     load_run(older, cell=day / "runs" / "second" / "inputs" / "cell.toml", accept_edited=True)
-
-
-@pytest.mark.thorough
-def test_a_compensation_is_made_again_from_the_copy_of_its_run(
-    day: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    Path("mesh.stl").write_bytes(trimesh.creation.box((0.1, 0.1, 0.1)).export(file_type="stl"))
-    mesh = '[[obstacle]]\nname = "b"\nshape = "mesh"\nunit = "m"\nfile = "mesh.stl"\nposition_mm = [9000, 0, 0]\n'
-    Path("cell.toml").write_text(mesh)
-    assert run("calibrate --robot arm.toml --cell cell.toml --poses 14 --out own") == 0
-    assert run("compensate runs/second/measurements.csv --run own --force --no-check --out corrected") in (0, 1)
-    moved = shutil.move("corrected", tmp_path / "archive")
-    shutil.rmtree(day)
-    (tmp_path / "elsewhere").mkdir()
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    assert run(f"compensate --config {moved}/config.json --out again") in (0, 1)
-    assert Path("again/joints.csv").read_bytes() == Path(moved, "joints.csv").read_bytes()
 
 
 @pytest.mark.thorough

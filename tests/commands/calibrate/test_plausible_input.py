@@ -43,7 +43,7 @@ def test_what_is_measured_twice_is_no_copy() -> None:
     one = replace(data, points=np.where(np.arange(6)[:, None, None] == 2, points[1], points))
     kept = without_copies(Path("day.csv"), one)
     assert kept.ids == ("0", "1", "3", "4", "5")
-    assert "1 row is a copy of an earlier one to the last digit (the first: row 2, of row 1)" in kept.warnings[-1]
+    assert "row 2, of row 1" in kept.warnings[-1]
     other = replace(one, sessions=("", "", "b", "", "", ""))
     assert without_copies(Path("day.csv"), other) is other
     warm = replace(one, conditions={"temp_C": np.arange(6.0)})
@@ -51,10 +51,10 @@ def test_what_is_measured_twice_is_no_copy() -> None:
 
 
 def test_a_noise_in_micrometres_is_refused_with_what_it_would_be(day: Measurements) -> None:
-    with pytest.raises(LabError, match=r"--noise-mm 8: the residuals .* is it in µm\? That would be 0\.008 mm"):
+    with pytest.raises(LabError, match=r"--noise-mm 8: .* 0\.008 mm"):
         lab.identify(day, robot="scara", noise_mm=8.0, holdout=0.2)
     column = replace(day, sigma_m=np.full(len(day), 5e-3))
-    with pytest.raises(LabError, match=r"column sigma_mm 5: .* That would be 0\.005 mm"):
+    with pytest.raises(LabError, match=r"column sigma_mm 5: .* 0\.005 mm"):
         lab.identify(column, robot="scara", holdout=0.2)
     lab.identify(day, robot="scara", noise_mm=0.05, holdout=0.2)
 
@@ -64,10 +64,8 @@ def test_a_noise_that_hides_errors_is_told_and_not_good(day: Measurements) -> No
     vague = lab.identify(day, robot="scara", noise_mm=0.2, holdout=0.2)
     assert sound.verdict.word == "good" and vague.verdict.word == "doubtful"
     assert vague.verdict.fit.standing == "doubtful"
-    text = in_one_line(vague.verdict.reasons)
-    assert "--noise-mm 0.2 is " in text and "times too large: the residuals correspond to a noise of 0.00" in text
-    known = lab.verify(sound, day, noise_mm=0.2).warnings
-    assert any("the run's residuals correspond to" in each and "not detected" in each for each in known)
+    assert "--noise-mm 0.2 is " in in_one_line(vague.verdict.reasons)
+    assert any("not detected" in each for each in lab.verify(sound, day, noise_mm=0.2).warnings)
     assert not any("not detected" in each for each in lab.verify(sound, day, noise_mm=0.01).warnings)
 
 
@@ -79,30 +77,24 @@ def negated(joints: Array) -> Array:
     return joints * [1, -1, 1, 1]
 
 
-MISTAKES: dict[str, Callable[[Measurements], Measurements]] = {
-    "joint 2 negated": lambda day: turned(day, negated),
-    "joints a row late": lambda day: turned(day, lambda joints: np.roll(joints, 1, axis=0)),
-    "radians taken for degrees": lambda day: turned(day, np.deg2rad),
-    "points in metres taken for mm": lambda day: replace(day, points=day.points / 1e3),
-    "x and y exchanged": lambda day: replace(day, points=day.points[..., [1, 0, 2]]),
-    "half of the rows in another unit": lambda day: replace(
-        day, points=np.where((np.arange(len(day)) % 2 == 0)[:, None, None], day.points, day.points / 1e3)
-    ),
+MISTAKES: dict[str, tuple[Callable[[Measurements], Measurements], str]] = {  # with the first reason
+    "joint 2 negated": (lambda day: turned(day, negated), "given.poses"),
+    "joints a row late": (lambda day: turned(day, lambda joints: np.roll(joints, 1, axis=0)), "given.poses"),
+    "radians taken for degrees": (lambda day: turned(day, np.deg2rad), "given.poses"),
+    "points in metres taken for mm": (lambda day: replace(day, points=day.points / 1e3), "situation.unit"),
+    "x and y exchanged": (lambda day: replace(day, points=day.points[..., [1, 0, 2]]), "situation.mirrored"),
 }
 
 
-def mistaken(robust: bool) -> list[object]:
-    """The cheapest with every change; searches for outliers among nonsense take long."""
-    marks = [pytest.mark.slow if robust else pytest.mark.thorough] * len(MISTAKES)
-    marks[0] = pytest.mark.thorough
-    return [pytest.param(name, robust, marks=mark) for name, mark in zip(MISTAKES, marks, strict=True)]
-
-
-@pytest.mark.parametrize(("mistake", "robust"), [*mistaken(True), *mistaken(False)])
-def test_a_mistake_is_never_good(mistake: str, robust: bool, day: Measurements) -> None:
+@pytest.mark.thorough
+@pytest.mark.parametrize("robust", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_bad_and_named_first(mistake: str, robust: bool, day: Measurements) -> None:
     """However many poses --robust would leave out to make the rest fit."""
-    found = lab.identify(MISTAKES[mistake](day), robot="scara", instrument="uniform-8um", robust=robust)
+    change, reason = MISTAKES[mistake]
+    found = lab.identify(change(day), robot="scara", instrument="uniform-8um", robust=robust)
     assert found.verdict.word == "bad" and found.exit_code == 1
+    assert robust or found.verdict.reasons[0].name == reason
 
 
 @pytest.mark.thorough
@@ -118,12 +110,12 @@ def test_a_negated_joint_is_named_whether_the_fit_shows_it_or_not() -> None:
     for joint in (1, 4):
         signs = np.where(np.arange(6) == joint, -1, 1)
         (words,) = said(turned(day, lambda joints, signs=signs: joints * signs))  # type: ignore[misc]
-        assert words.startswith(f"with joint q{joint + 1} negated these measurements fit to 0.005 mm")
+        assert f"joint q{joint + 1} negated" in words
     assert said(day) == said(replace(day, points=day.points[..., [1, 0, 2]])) == []
 
 
 def test_next_to_nothing_but_copies_is_refused(day: Measurements) -> None:
-    with pytest.raises(LabError, match=r"39 rows are copies of an earlier one .* 1 row is left; measure more poses"):
+    with pytest.raises(LabError, match=r"39 rows are copies .* 1 row is left"):
         without_copies(Path("day.csv"), doubled(day.take([0]), [0] * 39))
     assert len(without_copies(Path("day.csv"), doubled(day.take(range(5)), [0] * 39))) == 5
 
@@ -136,9 +128,7 @@ def test_points_in_another_scale_are_told_and_not_good(scale: float) -> None:
     found = lab.identify(replace(day, points=scale * day.points), robot="irb120", holdout=0.25)
     said = [reason for reason in phrases(found.verdict.reasons) if "check the scale of the points" in reason]
     assert bool(said) == (found.verdict.word != "good") == (abs(scale - 1) > 0.005)
-    for each in said:
-        assert "all 3 long links (link2.a, link3.a, link4.d)" in each
-        assert f"{'longer' if scale > 1 else 'shorter'} than the robot's" in each
+    assert all(("longer" if scale > 1 else "shorter") in each for each in said)
 
 
 @pytest.mark.thorough
@@ -158,6 +148,4 @@ def test_a_column_of_noise_in_two_units_is_told_and_not_good() -> None:
         mixed = replace(day, sigma_m=np.where(np.arange(len(day)) % 3 == 0, factor * sigma, sigma))
         found = lab.identify(mixed, robot="irb120", holdout=0.25)
         assert (found.verdict.word == "good") == (factor == 1.0), phrases(found.verdict.reasons)
-        assert any(
-            "column sigma_mm ranges from 0.00462 to 4.62" in each for each in phrases(found.verdict.reasons)
-        ) == (factor > 1)
+        assert any("sigma_mm" in each for each in phrases(found.verdict.reasons)) == (factor > 1)

@@ -9,7 +9,7 @@ from helpers.robots import data_file
 from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.run import identify
-from lab.render.phrases.registry import in_one_line, phrases
+from lab.render.phrases.registry import phrases
 
 
 def mean_mm(errors) -> float:
@@ -45,11 +45,7 @@ def test_ur10_random_poses() -> None:
     assert outcome.verdict.word == "doubtful"
     found = outcome.to_dict()  # the probe's centre lies near axis 6: without a prior link5.theta may be anything
     assert found["condition"] < 1_000 < 10_000 < found["plain_condition"] and found["farthest_link"]["tolerances"] < 10
-    said = phrases(outcome.verdict.reasons)
-    assert "joint 2 runs out 20 times a turn" in said[0]  # a wave of its gear
-    assert said[0].endswith("fit with --model auto")
-    assert any(each.startswith("lack of fit: the residuals vary with the joints") for each in said)
-    assert any("in the extrapolated 100 % of the workspace" in each for each in said)  # joint 2 moved a sixth of a turn
+    assert "joint 2 runs out 20 times a turn" in phrases(outcome.verdict.reasons)[0]  # a wave of its gear
 
 
 @pytest.mark.thorough
@@ -67,34 +63,16 @@ def test_ur10_cubes_over_some_splits(splits: int) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("file", [pytest.param("ur10_ipa_C.csv", marks=pytest.mark.slow), "ur10_ipa_D.csv"])
-def test_ur10_is_cross_validated_where_nothing_is_asked(file: str) -> None:
-    outcome = identify(MeasuredCampaign(data_file(file), "ur10"))
-    errors = outcome.validation.errors
-    assert outcome.validation.judged_by == "cross-validation" and errors is not None
-    assert np.isfinite(errors.after).all() and mean_mm(errors.after) <= 0.47
-    named = [warning for warning in outcome.warnings if "rx_deg, ry_deg, rz_deg" in warning]
-    assert len(named) == 1 and "ignored" in named[0]
-    unsure = [warning for warning in outcome.warnings if "barely separate" in warning]
-    assert len(unsure) == 1 and "link5.theta" in unsure[0]  # the probe's centre lies near axis 6
-
-
-def liaowu(model: str, robust: bool = False):
-    return identify(
+def test_irb120_bends() -> None:
+    """Its compliance is found, and halves what geometry leaves on poses of another day."""
+    outcome = identify(
         MeasuredCampaign(
             data_file("irb120_liaowu_calib36.csv"),
             validate=data_file("irb120_liaowu_test40.csv"),
             refit=("tool",),
-            fitting=Fitting(model, robust),
+            fitting=Fitting("auto"),
         )
     )
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("robust", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_irb120_bends(robust: bool) -> None:
-    """Its compliance is found, and halves what geometry leaves on poses of another day."""
-    outcome = liaowu("auto", robust)
     errors = outcome.validation.errors
     assert outcome.fit.groups == ("compliance",) and errors is not None
     assert 0.1 < mean_mm(errors.after) <= 0.168 and 1e3 * errors.after.max() <= 0.37
@@ -116,7 +94,6 @@ def test_irb120_with_a_wire(holdout: float | None) -> None:
     assert holdout or rms <= 0.36 < before + 0.01  # a single split may be above; test_cable.py has their mean
     said = "\n".join(outcome.warnings)
     assert "before rows 140, 506: 3 anchors" in said and "row 950" in said
-    assert "rounded to 0.1°, which causes errors of 0.27" in said
     assert outcome.verdict.word == "doubtful"
     assert {"accuracy.gain", "determination.limit"} <= {each.name for each in outcome.verdict.reasons}
 
@@ -147,8 +124,6 @@ def test_ur10_runs_out_many_times_a_turn() -> None:
     assert 0.05 < after <= 0.21 and outcome.identification.status == "converged"
     orders = [int(name.partition("harmonic")[2]) for name in outcome.fit.groups if ".harmonic" in name]
     assert len(orders) >= 8 and max(orders) > 10
-    told = {group["name"]: group["words"] for group in outcome.to_dict()["groups"]}
-    assert all(f"runs out {order} times a turn" in "".join(told.values()) for order in orders if order > 1)
 
 
 @pytest.mark.slow
@@ -169,7 +144,6 @@ def test_ur10_home_lies_beyond_what_was_measured() -> None:
     found, inputs = outcome.identification, rows.inputs(outcome.identification.model.conditions)
     unknown = measured.unknown(found.model, inputs[[home]], found.values)
     assert errors.after[home, 0] < 1e-3 and errors.after[home, 0] < 2.8 * np.sqrt((unknown**2).sum())
-    assert any("beyond the fitted joint positions" in said for said in outcome.warnings)
     assert outcome.verdict.word == "doubtful"
 
 
@@ -186,9 +160,6 @@ def test_ur10_as_poses(every: int, tmp_path) -> None:
     assert errors is not None and errors.after.shape[1] == 1 and 0.2 < mean_mm(errors.after) < 0.5
     assert outcome.identification.fit.condition < 200 and len(outcome.identification.fit.free) == 30
     assert 0.3 < outcome.to_dict()["noise_mrad"] < 1.5 and outcome.verdict.word == "doubtful"
-    assert any(  # as the waves of its gears make them
-        each.startswith("lack of fit: the residuals vary with the joints") for each in phrases(outcome.verdict.reasons)
-    )
 
 
 def few_poses(folder) -> MeasuredCampaign:
@@ -202,9 +173,3 @@ def few_poses(folder) -> MeasuredCampaign:
 def test_ur10_as_poses_with_a_stated_noise(tmp_path) -> None:
     stated = identify(replace(few_poses(tmp_path), noise_mm=0.3, noise_mrad=0.6)).to_dict()
     assert stated["noise_mm"] == pytest.approx(0.3) and stated["noise_mrad"] == pytest.approx(0.6)
-
-
-@pytest.mark.slow  # tests/calibration/test_verdict.py has a small one
-def test_ur10_as_poses_with_other_angles(tmp_path) -> None:
-    wrong = identify(replace(few_poses(tmp_path), orientation="fixed-xyz"))
-    assert wrong.verdict.word == "bad" and "wrong --orientation" in in_one_line(wrong.verdict.reasons)

@@ -6,12 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.campaigns import calibration, session
-from helpers.robots import data_file
 
 import lab
 from lab.commands.calibrate.run import CalibrationResult
 from lab.core.errors import LabError
-from lab.formats.measurement_csv import read_measurements
 
 WAVING = {"poses": 60, "seed": 3, "harmonic2_mrad": 0.3, "instrument": "uniform-8um"}
 
@@ -65,25 +63,11 @@ def test_wrong_requests_are_refused_in_one_line() -> None:
 
 
 @pytest.mark.thorough
-def test_auto_beside_it_chooses_as_auto_does() -> None:
-    """Of a real arm whose target is near axis 6: the automatic prior acts on the weak directions in both."""
-    options = {"robot": "ur5", "holdout": 0.3, "noise_mm": 0.01}
-    names = tuple(f"q{i}" for i in range(1, 7))
-    rows = read_measurements(data_file("ur5_jacobi_1000.csv"), names, (False,) * 6)
-    some = rows.take(np.arange(0, len(rows), 4))
-    alone, beside = (lab.identify(some, model=model, **options) for model in ("auto", "auto+residual"))
-    assert beside.identification.status == "converged" and beside.fit.groups == alone.fit.groups != ()
-    assert beside.to_dict()["condition"] < 1_000
-    assert beside.to_dict()["after_mm"]["mean"] < alone.to_dict()["after_mm"]["mean"]
-
-
-@pytest.mark.sampled(2)
-@pytest.mark.parametrize("model", ["drift+residual", "sessions+residual"])
-def test_a_run_beside_effects_of_a_session_is_written_and_read(model: str, tmp_path: Path) -> None:
+def test_a_run_beside_effects_of_a_session_is_written_and_read(tmp_path: Path) -> None:
     """Its offsets are predicted without the conditions that only drift or sessions ask for."""
     data = session(poses=40, seed=3, harmonic2_mrad=0.3, instrument="uniform-8um").measurements
     data = replace(data, sessions=("a",) * 20 + ("b",) * 20, points=data.points + 1e-5 * np.arange(40)[:, None, None])
-    result = lab.identify(data, robot="irb120", model=model, noise_mm=0.008)
+    result = lab.identify(data, robot="irb120", model="drift+residual", noise_mm=0.008)
     folder = result.save(tmp_path / "run")
     joints = data.joints[:5] + 0.01
     read, held = lab.load_estimate(folder).predict(joints), result.estimate.predict(joints)

@@ -16,7 +16,7 @@ from lab.core.measurements import measured
 from lab.noise.correlation import Correlation
 from lab.noise.instruments import instrument
 
-TRACKERS = ("leica-at960", "leica-at500", "faro-vantage")
+TRACKERS = ("leica-at960", "faro-vantage")
 NOISE = """
 [noise]
 radial_um = 0

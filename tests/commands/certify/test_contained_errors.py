@@ -38,13 +38,6 @@ def test_a_step_of_3_mm_is_in_the_budget_and_in_no_statement(tmp_path: Path) -> 
 
 
 @pytest.mark.thorough
-def test_the_true_error_is_contained_a_little(tmp_path: Path) -> None:
-    """Three campaigns: U is at least the 95 % of a validation by 18 poses, of which 17 it covers."""
-    found = certified(tmp_path, "drift of 1 mm", 3)
-    assert all(each.covered.mean() >= 16 / 18 for each in found if each.certificate is not None)
-
-
-@pytest.mark.thorough
 def test_a_good_campaign_has_the_uncertainty_that_it_had(tmp_path: Path) -> None:
     found = certified(tmp_path, "none, stated", 3)
     assert np.median([each.over_today for each in found]) <= 1.3

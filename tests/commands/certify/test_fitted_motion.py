@@ -32,11 +32,3 @@ def test_the_motion_has_the_size_of_its_parameters(group: str, tmp_path: Path) -
     moved = shift + np.cross(turn, POSITIONS) + values.get(f"{prefix}.scale", 0.0) * POSITIONS
     assert found.offset_m == pytest.approx(hours * np.sqrt((moved**2).sum(axis=1).mean()), rel=1e-6)
     assert found.offset_m > 1e-4 and "base or instrument" in found.detail
-
-
-@pytest.mark.thorough
-def test_a_run_without_such_groups_has_no_motion(tmp_path: Path) -> None:
-    day = lab.simulate("irb120", poses=30, seed=4, instrument="uniform-8um").measurements
-    lab.identify(day, robot="irb120", instrument="uniform-8um").write(tmp_path)
-    calibrated = load_run(tmp_path, accept_edited=True)
-    assert not list(fitted_motions(calibrated, fitted_rows(calibrated).rows, POSITIONS))

@@ -25,7 +25,7 @@ from lab.cli import main
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.program import open_program, stated_positions_note
+from lab.commands.compensate.program import open_program
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.compensate.run import compensate
 from lab.commands.run_folder import _refuse_other_files
@@ -123,8 +123,7 @@ def test_a_program_is_written_beside_its_result_and_checked(
     file.write_bytes(text.encode("latin-1"))
     assert main(["compensate", "--program", str(file), "--run", str(seven_run), "--out", str(out)]) == 1
     said = capsys.readouterr()
-    assert "pFar" in said.out and "out of reach" in said.out and "Offs(...) is computed" in said.out
-    assert "to be checked" in said.err
+    assert "pFar" in said.out and "Offs(...) is computed" in said.out
     new = (out / "Teile.mod").read_bytes().decode("latin-1")
     assert far.strip() in new and other.strip() in new and new != text and not (out / "program.mod").exists()
     result = json.loads((out / "result.json").read_text())["program"]
@@ -322,7 +321,6 @@ def test_a_tool_near_the_measured_point_is_named_with_the_distance(
     x, y, z = calibrated.robot.tool["p1"]
     tools = [f"{x},{y},{z + 0.006},0,0,0", f"{x},{y},{z + 0.06},0,0,0"]
     result, _ = corrected_urscript(tools, calibrated, tmp_path, monkeypatch)
-    assert [each for each in result.warnings if "measured point p1 is" in each and "was not used" in each]
     near, far = (each["measured"] for each in result.to_dict()["program"]["tools"])
     assert near["point"] == "p1" and near["distance_mm"] == pytest.approx(6, abs=0.5) and far is None
 
@@ -332,9 +330,7 @@ def test_what_is_expected_to_get_worse_stays_as_it_is(
 ) -> None:
     """A calibration that knows less than the nominal model corrects nothing."""
     poor = replace(calibrated, estimate=replace(calibrated.estimate, covariance=1e6 * calibrated.estimate.covariance))
-    with pytest.raises(
-        LabError, match=r"no target can be corrected; line 3: .* mm with the correction and .* mm without"
-    ):
+    with pytest.raises(LabError, match=r"no target can be corrected; line 3"):
         corrected_urscript(["0,0,0.05,0,0,0", "0,0.1,0.4,1,0,0"], poor, tmp_path, monkeypatch)
 
 
@@ -349,19 +345,3 @@ def test_some_targets_are_left_and_the_others_corrected(
     assert [i for i, (a, b) in enumerate(zip(before, after, strict=True)) if a != b] == [4]
     assert [(each.line, each.reason) for each in result.program.uncorrected] == [(3, "too far")]
     assert result.exit_code == 1 and len(result.reached) == 1
-
-
-def test_the_default_tool_is_no_statement_where_it_disagrees(
-    calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """p1 is 8 mm from the default place: nobody stated it. Where it agrees, it is taken for stated."""
-    values = calibrated.estimate.values.copy()
-    values[[calibrated.estimate.arm.names.index("tool.p1.x")]] += 0.008
-    far = replace(calibrated, estimate=with_values(calibrated.estimate, values))
-    words = []
-    for run in (far, calibrated):
-        result, _ = corrected_urscript(["0,0,0.05,0,0,0"], run, tmp_path, monkeypatch)
-        assert result.reference is not None
-        words.append(stated_positions_note(result.reference))
-    assert words[0] == "No position of a measured point in the flange is given."
-    assert words[1].startswith("The measured points (p1) are 0.")

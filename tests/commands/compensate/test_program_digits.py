@@ -254,17 +254,6 @@ def test_few_digits_carry_the_correction(language: str, seven: CalibrationResult
     assert_carried(found, result)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_any_digits_carry_the_correction_on_the_makers_robots(language: str, go_and_see: GoAndSee) -> None:
-    for digits in (1, 3) if language == "urscript" else (0, 2):
-        run = hidden(calibrated(ROBOTS[language][-1]), seed=digits)
-        content = made(language, run, digits, np.random.default_rng(digits))
-        found, result = go_and_see(language, run, content)
-        assert len(found) >= 5
-        assert_carried(found, result)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_study_of_few_digits(language: str, go_and_see: GoAndSee) -> None:

@@ -133,31 +133,11 @@ def test_pairs_of_logs_are_matched_right_or_refused() -> None:
     assert found == {"right": 2}, found
 
 
-@pytest.mark.thorough
-def test_more_pairs_of_logs_are_matched_right_or_refused() -> None:
-    found = outcomes(range(2, 14))
-    assert set(found) <= {"right", "refused"} and found["right"] >= 10, found
-
-
 @pytest.mark.slow
 def test_two_hundred_pairs_of_logs_are_matched_right_or_refused() -> None:
     """Offsets to 60 s, drifts to 100 ppm, missing and double points, four patterns of dwell: none silently wrong."""
     found = outcomes(range(1000, 1200))
     assert set(found) <= {"right", "refused"} and found["right"] >= 180, found
-
-
-@pytest.mark.slow
-def test_lists_of_timed_poses_are_matched_right_or_refused() -> None:
-    """A row for each pose: a moment has no length, so that an offset is found less sharply than the right poses."""
-    found: Counter[str] = Counter()
-    for seed in range(3000, 3100):
-        pair = session(seed, poses=12 if seed % 3 else None)
-        stops = settled_windows(pair.log, pair.robot.chain.prismatic, 0.1, 0.5)
-        count = len(stops)
-        rows = replace(pair.log, names=("",) * count, lines=tuple(range(count)), joints=stops.joints,
-                       seconds=stops.starts + 0.5)  # fmt: skip
-        found[outcome(replace(pair, log=rows)).split()[0].strip(",")] += 1
-    assert set(found) == {"right", "refused"} and found["right"] >= 85, found
 
 
 @pytest.mark.slow
@@ -185,7 +165,7 @@ def test_clocks_that_agree_need_no_option() -> None:
 
 def test_a_given_offset_that_is_a_stop_off_is_refused() -> None:
     pair = session(4, pattern="equal", offset_s=7.3, drift_ppm=0.0, poses=18, lost=0.0)
-    with pytest.raises(LabError, match=r"clock-offset-s 13.3 places 17 of 18; --clock-offset-s 7.3 places 18 of 18"):
+    with pytest.raises(LabError, match=r"13.3 places 17 of 18; .*7.3 places 18 of 18"):
         pair.matched(13.3)
     assert pair.wrong(pair.matched(7.3)) == 0
 
@@ -203,7 +183,7 @@ def test_a_tour_that_is_repeated_is_ambiguous() -> None:
         seconds=points.seconds[near],
     )  # fmt: skip
     part = replace(pair, points=few, truth=pair.truth[near])
-    with pytest.raises(LabError, match="these poses fit both; give --clock-offset-s 0 if"):
+    with pytest.raises(LabError, match="fit both; give --clock-offset-s 0"):
         part.matched()
     assert part.wrong(part.matched(0.0)) == 0
 
@@ -227,7 +207,7 @@ def test_points_of_another_session_are_refused() -> None:
     pair = session(6, pattern="equal", offset_s=0.0, poses=12, lost=0.0)
     other = session(60, pattern="equal", offset_s=0.0, poses=12, lost=0.0)
     mixed = replace(pair, points=replace(other.points, seconds=other.points.seconds))
-    with pytest.raises(LabError, match="no offset of the clocks lets the points follow the nominal arm"):
+    with pytest.raises(LabError, match="no offset of the clocks"):
         mixed.matched()
 
 

@@ -1,6 +1,8 @@
 """`lab import`: a day in a tracker's and a controller's files comes back as it was, by name, in order and by time."""
 
 import json
+import shlex
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -131,71 +133,33 @@ def test_rows_of_other_poses_are_suspected(tmp_path: Path, day: MeasurementSessi
     assert "do not follow the nominal arm" in result.warnings[-1]
 
 
-def wrong(case: str, points: Path, joints: Path) -> list[str]:
-    """The arguments of a case, whose files are made wrong."""
-    text, poses = points.read_text(), joints.read_text()
-    flags: list[str] = []
-    if case == "count mismatch":
-        joints.write_text("\n".join(poses.splitlines()[:-2]))
-        flags = ["--by", "order"]
-    elif case == "no common name":
-        joints.write_text(poses.replace("P", "Q"))
-        flags = ["--by", "name"]
-    elif case == "a pose twice":
-        joints.write_text(poses.replace("P1,", "P2,"))
-    elif case == "a point twice":
-        points.write_text(text.replace("robot, P1,", "robot, P2,"))
-    elif case == "no times":
-        flags = ["--by", "time"]
-    elif case == "degrees called radians":
-        joints.write_text(poses.replace("(deg)", "(rad)"))
-    elif case == "no targets":
-        flags = ["--targets", ","]
-    elif case == "targets twice":
-        flags = ["--targets", "p1,p1"]
-    elif case == "coverage of nothing":
-        flags = ["--coverage", "0"]
-    elif case == "no map":
-        flags = ["--columns", "map.toml"]
-    elif case == "no such joint file":
-        joints.unlink()
-    elif case == "no such export":
-        points.unlink()
-    elif case == "another robot":
-        flags = ["--robot", "scara"]
-    elif case == "export of joints":
-        points.write_text(poses)
-    elif case == "three targets, one measured":
-        flags = ["--by", "order", "--targets", "p1,p2,p3"]
-    elif case == "station without a name":
-        flags = ["--station", " "]
-    elif case == "station with a comma":
-        flags = ["--station", "a,b"]
-    elif case == "offset not finite":
-        flags = ["--clock-offset-s", "inf"]
-    return [str(points), "--joints", str(joints), *flags]
+def replacing(old: str, new: str) -> Callable[[str], str]:
+    return lambda text: text.replace(old, new)
 
 
-CASES = {
-    "count mismatch": "remove those without a partner",
-    "no common name": "--by order",
-    "a pose twice": "two poses are named",
-    "a point twice": "appears twice",
-    "no times": "--by name",
-    "degrees called radians": "correct the unit in the header",
-    "no targets": "--targets",
-    "targets twice": "--targets",
-    "coverage of nothing": "--coverage",
-    "no map": "map.toml",
-    "no such joint file": "poses.csv",
-    "no such export": "sa.txt",
-    "another robot": "the joint slides",
-    "export of joints": "no column is x",
-    "three targets, one measured": "3 points each",
-    "offset not finite": "--clock-offset-s",
-    "station without a name": "--station",
-    "station with a comma": "--station",
-}
+Change = Callable[[str], str | None] | None  # of a file's text; None takes the file away
+CASES: dict[str, tuple[str, str, Change, Change]] = {  # words, options, changes of points and of poses
+    "count mismatch": (
+        "remove those without a partner", "--by order", None, lambda text: "\n".join(text.splitlines()[:-2])
+    ),
+    "no common name": ("--by order", "--by name", None, replacing("P", "Q")),
+    "a pose twice": ("two poses are named", "", None, replacing("P1,", "P2,")),
+    "a point twice": ("appears twice", "", replacing("robot, P1,", "robot, P2,"), None),
+    "no times": ("--by name", "--by time", None, None),
+    "degrees called radians": ("correct the unit in the header", "", None, replacing("(deg)", "(rad)")),
+    "no targets": ("--targets", "--targets ,", None, None),
+    "targets twice": ("--targets", "--targets p1,p1", None, None),
+    "coverage of nothing": ("--coverage", "--coverage 0", None, None),
+    "no map": ("map.toml", "--columns map.toml", None, None),
+    "no such joint file": ("poses.csv", "", None, lambda _: None),
+    "no such export": ("sa.txt", "", lambda _: None, None),
+    "another robot": ("the joint slides", "--robot scara", None, None),
+    "export of joints": ("no column is x", "", lambda _: "name, q1 (deg), q2 (deg), q3 (deg)\nP1, 1, 2, 3\n", None),
+    "three targets, one measured": ("3 points each", "--by order --targets p1,p2,p3", None, None),
+    "offset not finite": ("--clock-offset-s", "--clock-offset-s inf", None, None),
+    "station without a name": ("--station", "--station ' '", None, None),
+    "station with a comma": ("--station", "--station a,b", None, None),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -203,9 +167,17 @@ def test_mistakes_are_told_in_one_line(
     case: str, files: tuple[Path, Path], capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(files[0].parent)
-    assert main(["import", *wrong(case, *files), "--out", "run"]) == 2
+    words, flags, *changes = CASES[case]
+    for file, change in zip(files, changes, strict=True):
+        if change is None:
+            continue
+        if (text := change(file.read_text())) is None:
+            file.unlink()
+        else:
+            file.write_text(text)
+    assert main(["import", str(files[0]), "--joints", str(files[1]), *shlex.split(flags), "--out", "run"]) == 2
     out, err = capfd.readouterr()
-    assert CASES[case] in err and len(err.strip().splitlines()) == 1 and out == ""
+    assert words in err and len(err.strip().splitlines()) == 1 and out == ""
     assert not Path("run").exists()
 
 

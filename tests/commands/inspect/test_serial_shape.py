@@ -59,10 +59,7 @@ def test_above_axis_1_five_axes_lose_a_motion_and_gain_none() -> None:
     assert len(elbow.free) == 1 and shoulder.joints is not None and not len(shoulder.free)
 
 
-def test_inspect_prints_it(capsys) -> None:
-    assert main(["inspect", "rx130"]) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "reach 1360 mm" in said and "sin q5 = 0" in said and "+1 q4 −1 q6" in said
+def test_inspect_gives_it_as_json(capsys) -> None:
     assert main(["inspect", "course2r", "--json"]) == 0
     seen = json.loads(capsys.readouterr().out)
     assert seen["freedoms"] | {"free": []} == seen["freedoms"] and seen["freedoms"]["degrees_of_freedom"] == 2

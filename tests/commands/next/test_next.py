@@ -99,7 +99,6 @@ def test_a_call_by_a_run_and_by_its_options(plan: Path, tmp_path: Path) -> None:
     by_file = lab.next_pose(plan, tmp_path / "rows.csv", candidates=200)
     np.testing.assert_array_equal(in_memory.joints, by_file.joints)
     assert in_memory.to_dict()["wanted_mm"] == 0.01
-    assert f"About {in_memory.proposal.remaining} further pose" in in_memory.summary()
     folder = by_file.save(tmp_path / "run")
     rows = (folder / "next.csv").read_text().splitlines()
     assert len(rows) == len(by_file.proposal.waypoints) and rows[-1].startswith("measure,")
@@ -170,14 +169,6 @@ def test_a_growing_file_is_followed(plan: Path, tmp_path: Path) -> None:
     assert (tmp_path / "run" / "recording.rrd").stat().st_size > 10_000
 
 
-@pytest.mark.thorough
-def test_a_new_process_tests_the_noise_at_the_same_level(planner: PosePlanner) -> None:
-    """Who asks anew after each pose gets the proposals of who follows the file: no state is kept between them."""
-    data, proposals, _ = session(planner, 3.0, most=20)
-    again = [planner.propose(data.take(range(count))).noise for count in range(len(data) + 1)]
-    assert again == [each.noise for each in proposals] and again[-1] is not None
-
-
 def test_where_no_way_leads_on_it_begins_at_home(planner: PosePlanner, monkeypatch: pytest.MonkeyPatch) -> None:
     """An arm that the nominal model has in a collision: its way home is the user's, and the rest is free."""
     home, free = planner.problem.access.hubs[0], planner.problem.access.free
@@ -193,10 +184,9 @@ def test_where_no_way_leads_on_it_begins_at_home(planner: PosePlanner, monkeypat
     assert not planner.propose(at=home).from_home
 
 
-def test_measurements_of_another_robot_are_refused() -> None:
-    plan = lab.design("scara", poses=14, candidates=60, starts=1)
+def test_measurements_of_another_robot_are_refused(plan: Path) -> None:
     other = lab.simulate("irb120", poses=3, seed=0).measurements
-    with pytest.raises(lab.LabError, match="the measurements are of irb120, but the plan is for scara"):
+    with pytest.raises(lab.LabError, match=r"irb120, but .* scara"):
         lab.next_pose(plan, other, candidates=60)
 
 
@@ -208,10 +198,7 @@ def test_poses_for_the_cross_validation_alone_are_called_so() -> None:
     assert easy.proposal.for_validation and not easy.proposal.reached and easy.proposal.accuracy_m < 5e-3
     left = easy.planner.fewest - easy.proposal.measured
     assert easy.proposal.remaining == left > 0
-    assert f"{left} further poses make the {easy.planner.fewest} that a cross-validation needs" in " ".join(
-        easy.summary().split()
-    )
-    assert not fine.proposal.for_validation and "cross-validation" not in fine.summary()
+    assert not fine.proposal.for_validation
 
 
 def test_a_session_of_two_targets_begins_without_a_row(tmp_path: Path) -> None:

