@@ -46,17 +46,8 @@ def deadly(died: Path, study: Study, task: Task, joints: np.ndarray) -> dict[str
     return slow(study, task, joints)
 
 
-def fatal(study: Study, task: Task, joints: np.ndarray) -> dict[str, np.ndarray]:
-    os.kill(os.getpid(), signal.SIGKILL)
-    raise AssertionError
-
-
 def refused(study: Study, cell: Cell) -> np.ndarray:
     raise LabError(f"factor poses: {cell.poses} are too few; give 99 or more")
-
-
-def nothing(name: str) -> None:
-    """What is found of a package that is not there."""
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from helpers.robots import ROOT
 from lab.cli import main
 from lab.core.errors import LabError
 from lab.studies.campaigns import origin_of
-from lab.studies.executors import StoppedError, cluster_executor, local_executor, run_jobs
+from lab.studies.executors import StoppedError, cluster_executor, local_executor
 from lab.studies.grid import Study, read_study
 from lab.studies.run import StudyDone, read_campaigns, read_store, run_study
 
@@ -227,21 +227,6 @@ def test_a_damaged_file_is_done_again(damage: str, tmp_path: Path, expected: dic
     with ThreadPoolExecutor(1) as executor:
         assert toy(tmp_path, executor, resume=True).computed == 2000
     assert contents(tmp_path) == expected
-
-
-def test_memory_does_not_grow_with_the_study() -> None:
-    """No more jobs are taken, and results held, than are in flight."""
-    taken, held = [], []
-
-    def jobs() -> Iterator[tuple[int, Callable[[], int]]]:
-        for number in range(100):
-            taken.append(number)
-            yield number, lambda: 0
-
-    with ThreadPoolExecutor(2) as executor:
-        for finished, _ in enumerate(run_jobs(executor, jobs(), in_flight=8)):
-            held.append(len(taken) - finished)
-    assert len(taken) == 100 and max(held) <= 8
 
 
 # What is refused, in one line

@@ -479,18 +479,6 @@ def test_a_thousand_moving_runs_by_torques(seed):
     honest(study(bench.identified, 1000))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("moving", "options"), [(False, {}), (False, {"tilt": True, "turn": True}), (True, {})])
-def test_a_thousand_runs_by_wrench(moving, options):
-    motion = fourier(3, TIMES) if moving else static_poses(20, 22)
-    wrench = sensed(motion)
-
-    def identified(rng: np.random.Generator) -> LoadEstimate:
-        return from_wrench(ARM, VALUES, wrench_records(motion[0], wrench, rng, moving), UPRIGHT, **options)
-
-    honest(study(identified, 1000))
-
-
 def test_rows_have_the_times_of_what_was_decimated_into_them() -> None:
     """The filters are symmetric: the time itself, decimated as the readings are, is the rows' time."""
     band = band_of(TIMES)

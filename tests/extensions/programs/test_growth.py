@@ -4,10 +4,8 @@
 No clock is read. A reader whose work grows with the square of the length takes hours for these texts.
 """
 
-import sys
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
 import pytest
@@ -21,13 +19,6 @@ from lab.formats.programs.registry import read_program
 LENGTH = 60_000
 END = {"rapid": ".mod", "krl": ".src", "fanuc": ".ls", "val3": ".pgx", "urscript": ".script", "jbi": ".jbi"}
 TARGET = "[[100,0,500],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
-POINT = '<Data name="p{}" type="pointRx"><Value key="0" x="1" y="0" z="500" rx="0" ry="0" rz="0" fatherId="f{}[0]"/></Data>\n'
-FRAME = (
-    '<Data name="f{}" type="frame"><Value key="0" x="0" y="0" z="0.5" rx="0" ry="0" rz="0" fatherId="f{}[0]"/></Data>\n'
-)
-TOOL = (
-    '<Data name="t" type="tool"><Value key="0" x="0" y="0" z="0" rx="0" ry="0" rz="0" fatherId="flange[0]"/></Data>\n'
-)
 LISTED = "P[{}]{{\n GP1:\n UF : 0, UT : 0, CONFIG : '{}N U T, 0, 0, 0',\n X = 1 mm, Y = 0 mm, Z = 500 mm, W = 0 deg, P = 0 deg, R = 0 deg\n}};\n"
 # A program with one target in each language; filler takes the place of the @.
 PROGRAMS = {
@@ -86,56 +77,6 @@ def test_long_nonsense_is_read_or_refused_in_a_line(language: str) -> None:
                 read(language, filled(language, filler, separator))
             except LabError as error:
                 assert "\n" not in str(error) and len(str(error)) < 1_000
-
-
-def moves(language: str, count: int) -> str:
-    """A program of moves to as many targets, or one in which each line could be looked for in all others."""
-    each = range(count)
-    if language == "rapid":
-        declared = "".join(f"CONST robtarget p{i}:={TARGET};\n" for i in each)
-        return f"MODULE M\n{declared}PROC main()\n{''.join(f'MoveJ p{i},v100,fine,tool0;' for i in each)}\nENDPROC\n"
-    if language == "krl":
-        lines = [
-            f"XP{i}={{X {i},Y 0,Z 5,A 0,B 0,C 0}}\nDECL FDAT FP{i}={{TOOL_NO 0,BASE_NO 0}}\nPTP XP{i}\n" for i in each
-        ]
-        return f"DEF m()\n{''.join(lines)}END\n"
-    if language == "fanuc":
-        listed = "".join(LISTED.format(i, "N   " * 3) for i in each)
-        return f"/PROG A\n/MN\n{''.join(f' {i}:J P[{i}] 100% FINE ;' + chr(10) for i in each)}/POS\n{listed}/END\n"
-    if language == "val3":
-        return (
-            TOOL
-            + "".join(POINT.format(i, i) + FRAME.format(i, i + 1) for i in each)
-            + FRAME.format(count, "world").replace("fworld", "world")
-        )
-    if language == "urscript":
-        return "set_tcp(p[0,0,0,0,0,0])\n" + "".join(f"a{i}=p[0.1,0,0.5,0,0,0]\nmovej(a{i})\n" for i in each)
-    places = "".join(f"C{i}={i},0,500,0,0,0\n" for i in each)
-    return f"//POS\n///TOOL 0\n///POSTYPE ROBOT\n///RECTAN\n{places}//INST\n{''.join(f'MOVJ C{i}' + chr(10) for i in each)}"
-
-
-def calls(language: str, count: int) -> int:
-    """How many functions are called to read a program of so many targets, built-in ones too."""
-    text, made = moves(language, count), 0
-
-    def counted(_frame: FrameType, event: str, _argument: object) -> None:
-        nonlocal made
-        made += event in ("call", "c_call")
-
-    before = sys.getprofile()
-    sys.setprofile(counted)
-    try:
-        found = read(language, text)
-    finally:
-        sys.setprofile(before)
-    assert len(found.targets) == count
-    return made
-
-
-@pytest.mark.parametrize("language", PROGRAMS)
-def test_twice_the_targets_take_twice_the_calls(language: str) -> None:
-    calls(language, 10)  # what is only done once
-    assert calls(language, 200) < 2.2 * calls(language, 100)
 
 
 def test_more_frames_than_a_controller_keeps_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

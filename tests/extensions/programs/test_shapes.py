@@ -139,6 +139,13 @@ def test_a_data_list_of_krl() -> None:
     assert [each.text for each in found.targets[0].numbers] == ["500.5", "-20.25", "700.125", "180.0", "0.0", "179.99"]
 
 
+def test_a_position_of_krl_is_moved_to_by_its_name() -> None:
+    declared = "XP1={X 1,Y 0,Z 5,A 0,B 0,C 0}\nDECL FDAT FP1={TOOL_NO 0,BASE_NO 0}\n"
+    found = read("a.src", f"DEF m()\n{declared}PTP XP1\nEND\n")
+    assert [(each.name, each.tool, each.base) for each in found.targets] == [("XP1", "$NULLFRAME", "$NULLFRAME")]
+    assert [(move.line, move.motion, move.target) for move in found.moves] == [(4, "joints", 0)]
+
+
 URSCRIPT = """def Prog():
   set_tcp(p[0.0,0.0,0.15,0.0,0.0,0.0])
   global feature=p[.4, -.3, .1, 0.0, 0.0, 1.5707963]
