@@ -126,13 +126,8 @@ def imported(program: str) -> set[str]:
     return {name.partition(".")[0] for name in names}
 
 
-def own_criterion(program: str) -> tuple[pytest.MarkDecorator, ...]:
-    """Differences of a score of one's own take half a minute of design."""
-    return (pytest.mark.slow,) if "(lab.Criterion)" in program else ()
-
-
 PROGRAMS = [
-    pytest.param(page, program, page.blocks[i + 1], id=page.name, marks=own_criterion(program))
+    pytest.param(page, program, page.blocks[i + 1], id=page.name)
     for page in PAGES
     for i, block in enumerate(page.blocks)
     if (program := program_of(page, *block))
@@ -265,7 +260,7 @@ def test_the_numbers_beside_the_picture_are_those_of_the_command(tmp_path, capsy
     assert f"the mean error falls from {before:.2f} mm to {after:.4f} mm" in README.text
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_numbers_of_the_real_example_are_those_of_its_command(tmp_path, monkeypatch, capsys) -> None:
     *before_it, command = REAL_EXAMPLE
     (tmp_path / "models").symlink_to(ROOT / "models")
