@@ -41,7 +41,7 @@ from lab.core.whole_folder import (
     resolved,
     write_whole,
 )
-from lab.formats.structured import read_bytes, read_checksums, read_json
+from lab.formats.structured import read_bytes, read_checksums
 from lab.kinematics.joints import JointSpec
 from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Table, guarded
 from lab.render.terminal import status
@@ -161,7 +161,7 @@ def _same(file: Path, other: Path | None) -> bool:
 
 
 LOAD_FILE = "load.json"  # a payload, in the folder of a run
-_FILES = {  # and programs: a folder with anything else is not replaced
+_FILES = {  # and what its checksums list: a folder with anything else is not replaced
     LOAD_FILE, CHECKSUMS,
     "config.json", "measurements.csv", "parameters.json", "covariance.csv", "residual.csv", "fitted_poses.csv",
     "result.json", "calibrated.xml", "calibrated.toml", "calibrated.urdf", "calibrated_origins.xacro",
@@ -253,9 +253,7 @@ def _refuse_other_files(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise LabError(f"{out}: is a file; give --out a folder")
     there = {path.name: path for path in out.iterdir()} if out.exists() else {}
-    from lab.formats.programs.registry import is_program_file
-
-    known = _FILES | _program_of(out / "config.json") | {name for name in there if is_program_file(name)}
+    known = _FILES | _listed(out)
     strays = [name for name, path in there.items() if not _is_of_run(path, known)]
     if strays:
         raise LabError(f"{out}: holds {min(strays)}, which is not a file of a run; give --out another folder")
@@ -269,15 +267,11 @@ def _is_of_run(path: Path, known: set[str]) -> bool:
     return path.is_dir() if path.name == INPUTS else (left_of(path) or path.name) in known and path.is_file()
 
 
-def _program_of(path: Path) -> set[str]:
-    """The name of the program that a run corrected, by its ``config.json``; none where it is of no such run."""
-    if not _is_config(path):
-        return set()
-    try:
-        program = read_json(path, "").get("options", {}).get("program")
-    except (LabError, AttributeError):
-        return set()
-    return {Path(program).name} if isinstance(program, str) else set()
+def _listed(out: Path) -> set[str]:
+    """Return the names of the files that a run's checksums list: programs and volumes have names of their own."""
+    with suppress(LabError):
+        return set(listed_digests(read_checksums(out)))
+    return set()
 
 
 def _is_config(path: Path) -> bool:

@@ -9,11 +9,11 @@ from helpers.robots import IRB120, SCARA
 
 from lab.formats.description import IdentifiedRobot
 from lab.formats.programs.registry import (
+    PLAN,
     Controller,
     language_of,
     languages,
     plan_or_refusal,
-    program_file_names,
     refusal,
 )
 from lab.formats.urdf import identified_urdf
@@ -23,7 +23,7 @@ def test_each_language_moves_the_joints_or_says_why_not() -> None:
     assert tuple(language.name.lower() for language in languages()) == get_args(Controller)
     for language in languages():
         name = language.name.lower()
-        assert plan_or_refusal(IRB120.chain, name)[name] in program_file_names()
+        assert plan_or_refusal(IRB120.chain, name)[name] == PLAN + language.suffix
         assert refusal(IRB120.chain, name) is None
         why = language.refusal(SCARA)
         assert why is not None and plan_or_refusal(SCARA, name)[name] == refusal(SCARA, name) == why
@@ -46,7 +46,7 @@ def test_a_makers_language_is_told_by_the_robots_name(robot: str, language: str 
     assert (found and found.name) == language
     if language is None:
         assert f"the maker of robot {robot} is not known; choose --controller of fanuc," in (refusal(chain, None) or "")
-        assert not any(each in program_file_names() for each in plan_or_refusal(chain, None).values())
+        assert not any(each.startswith(PLAN) for each in plan_or_refusal(chain, None).values())
     asked = language_of(chain, "krl")
     assert asked is not None and asked.name == "KRL"
 

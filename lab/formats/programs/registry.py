@@ -17,7 +17,6 @@ __all__ = [
     "PLAN",
     "PROGRAM",
     "Controller",
-    "is_program_file",
     "language_of",
     "language_of_maker",
     "languages",
@@ -25,7 +24,6 @@ __all__ = [
     "path_program",
     "plan_files",
     "plan_or_refusal",
-    "program_file_names",
     "read_program",
     "refusal",
     "target_files",
@@ -122,18 +120,6 @@ def path_program(joints: JointSpec, controller: str | None, moves: PathMoves) ->
 
 def _plan_file(language: Language, station: str) -> str:
     return PLAN + (f"_{station}" if station else "") + language.suffix
-
-
-def is_program_file(name: str) -> bool:
-    """Check whether this is a file name of a program in a run's folder."""
-    return name in program_file_names() or (
-        name.startswith(f"{PLAN}_") and any(name.endswith(language.suffix) for language in languages())
-    )
-
-
-def program_file_names() -> tuple[str, ...]:
-    """Return the file names of programs in a run's folder, without those of stations."""
-    return tuple(stem + language.suffix for stem in (PLAN, PROGRAM) for language in languages())
 
 
 def read_program(
