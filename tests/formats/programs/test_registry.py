@@ -63,7 +63,3 @@ def test_a_result_says_of_each_language_the_file_or_the_reason() -> None:
     assert registry.plan_or_refusal(joints(6), "spoken")["spoken"] == "no spoken program for 6 joints"
     assert registry.refusal(joints(6), "spoken") == "no spoken program for 6 joints"
     assert registry.refusal(joints(2), "spoken") is None
-
-
-def test_a_run_may_hold_the_files_of_every_language() -> None:
-    assert set(registry.program_file_names()) == {"plan.mod", "plan.txt", "program.mod", "program.txt"}
