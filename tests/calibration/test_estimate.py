@@ -27,6 +27,7 @@ def poses(estimate: Estimate, count: int) -> Array:
     return np.concatenate([joints, np.full((count, len(estimate.arm.conditions)), 2.0)], axis=1)
 
 
+@pytest.mark.thorough
 def test_parameters_are_found_by_name_and_an_unknown_name_lists_them(soft: lab.CalibrationResult) -> None:
     found, estimate = soft.identification, soft.estimate
     at = found.fit.free.index(found.model.names.index("link2.a"))

@@ -44,6 +44,7 @@ def _planned(problem: PoseProblem) -> PlannedPictures:
     return problem.planned
 
 
+@pytest.mark.thorough
 def test_no_candidate_looks_away_and_a_turned_wrist_sees_nothing(problem: PoseProblem) -> None:
     planned, joints = _planned(problem), problem.candidates.joints
     tips = planned.arm.tips(joints)

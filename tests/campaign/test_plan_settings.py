@@ -71,6 +71,7 @@ def ran(line: str, capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_calibrate_measures_a_plan_as_it_was_made(own: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Elsewhere too: the copies in the run's folder are read."""
     Path("elsewhere").mkdir()

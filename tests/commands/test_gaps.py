@@ -188,6 +188,7 @@ def name_of_any_bytes(folder: Path) -> str:
     return f"identify {os.fsdecode(path)}"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", [missing_meshes, denormal_points, name_of_any_bytes])
 def test_what_once_cost_an_identification_is_drawn_whole(case: Callable[[Path], str], tmp_path: Path) -> None:
     with warnings.catch_warnings():

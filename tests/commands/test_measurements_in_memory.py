@@ -79,6 +79,7 @@ def test_a_frame_that_is_far_away_is_no_other_unit(days: dict[str, Measurements]
     assert lab.identify(apart, instrument="uniform-8um").to_dict()["after_mm"]["mean"] < 0.1
 
 
+@pytest.mark.thorough
 def test_a_file_of_a_run_has_the_run_s_robot_and_another_one_is_asked_for(tmp_path: Path) -> None:
     """By calls and by the command; the default robot is none of data that name theirs."""
     file = run_of("versatran", poses=30, seed=3) / "measurements.csv"

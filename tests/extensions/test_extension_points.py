@@ -164,6 +164,7 @@ assert refusal(load_robot("irb120").chain, "spoken") == "no spoken program for 6
 """
 
 
+@pytest.mark.thorough
 def test_a_third_party_s_command_is_run_as_the_lab_s_own(said: dict[str, tuple[int, str, str]]) -> None:
     code, printed, warned = said["weigh 2 --json"]
     assert (code, warned) == (0, "") and json.loads(printed) == {"newton": pytest.approx(19.62)}

@@ -205,6 +205,7 @@ def _oil(kind: Callable[[np.ndarray], Any]) -> type[VirtualEffect]:
     return Oil
 
 
+@pytest.mark.thorough
 def test_a_file_s_column_of_one_s_own_is_read(tmp_path: Path) -> None:
     add("lab.effects", "oil", _oil(DrawnOil))
     day = lab.simulate("irb120", poses=40, seed=7, effects=lab.Effects(own_effects=("oil:urad_per_k=20",)))
@@ -308,6 +309,7 @@ def test_an_error_in_the_simulated_effect_names_it(name: str) -> None:
         lab.simulate("irb120", poses=10, effects=lab.Effects(own_effects=("oil:urad_per_k=20",)))
 
 
+@pytest.mark.thorough
 def test_auto_tries_a_group_of_a_package_where_it_is_named() -> None:
     add("lab.effects", "runout", own_parts.Runout)
     add("lab.effects", "oil", _oil(DrawnOil))

@@ -102,6 +102,7 @@ def test_a_day_that_differs_in_all_of_them_is_a_change_that_nothing_explains() -
     assert change is not None and not change.explained and not change.named
 
 
+@pytest.mark.thorough
 def test_a_drifting_socket_is_noise_and_a_slip_beside_it_is_found() -> None:
     """The socket wanders by twice the repeatability, from day to day by nine tenths of itself."""
     tests, rng = arm()[0], np.random.default_rng(5)

@@ -32,6 +32,7 @@ def scattered() -> lab.CalibrationResult:
     )
 
 
+@pytest.mark.thorough
 def test_scatter_is_found_and_the_prediction_is_that_of_the_real_error(scattered: lab.CalibrationResult) -> None:
     said = scattered.to_dict()
     assert said["noise_model"]["joint_scatter_mrad"] == pytest.approx(0.03, rel=0.25)

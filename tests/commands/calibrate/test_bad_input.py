@@ -132,6 +132,7 @@ def test_a_run_that_cannot_be_put_in_place_leaves_the_earlier_one(
     assert contents(folder) == before
 
 
+@pytest.mark.thorough
 def test_an_earlier_run_is_replaced_only_where_that_is_said(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert run(f"{CALIBRATE} --out run") == 0
     before = contents(folder)

@@ -40,6 +40,7 @@ def test_predicted_errors_are_those_of_the_verdict_and_extrapolation_is_marked(s
     assert beyond.extrapolated.sum() > 0.9 * len(beyond.points)  # two poses span next to nothing
 
 
+@pytest.mark.thorough
 def test_stiffness_is_that_of_compliance_and_not_of_its_change_with_torque() -> None:
     """Springs that soften with torque have a positive term of the third power, which is no compliance."""
     soft = {"stiffness_nm_per_rad": 3e4, "hardening_mrad": 0.3, "payload_kg": (0.0, 3.0)}

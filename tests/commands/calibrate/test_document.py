@@ -44,6 +44,7 @@ def test_a_run_has_its_sections_and_figures(drawn_run: Path) -> None:
     assert config["model_sha256"] in seen.text and config["versions"]["mujoco"] in seen.text
 
 
+@pytest.mark.thorough
 @pytest.mark.pages
 def test_its_numbers_are_those_of_the_result(seven_run: Path, seven, tmp_path: Path) -> None:
     seen = written(tmp_path / "report.html", seven)

@@ -81,6 +81,7 @@ def test_a_run_that_is_none_is_told_in_one_line(soft: Path, tmp_path, name: str,
     assert str(tmp_path) in str(told.value) and "\n" not in str(told.value)
 
 
+@pytest.mark.thorough
 def test_only_a_good_run_is_fit_to_build_on(soft: Path, tmp_path, word: str = "not judged") -> None:
     load_run(soft).refuse_unfit("an export")
     other = broken(soft, tmp_path, "result.json", edited(verdict=word, reason="why"))

@@ -43,6 +43,7 @@ def test_a_session_without_mistakes_is_good() -> None:
     assert check["observed_95_mm"] < check["allowed_95_mm"] and not check["exceeded"]
 
 
+@pytest.mark.thorough
 def test_the_first_sentence_names_the_poses_and_the_size() -> None:
     data, rng = session_with_noise(1)
     found = identified(MISTAKES["the tracker moved half way"](data, rng, 3e-3))
@@ -63,6 +64,7 @@ def test_an_effect_that_is_called_noise_is_named(effect: dict[str, float], named
     assert found.verdict.word == "doubtful" and named in phrases(found.verdict.reasons)[0]
 
 
+@pytest.mark.thorough
 def test_scatter_is_supported_by_repeated_poses_alone() -> None:
     """An arm stops 20 µm off from one visit to the next: in 60 poses, or in 20 that are each visited three times."""
     words = {}

@@ -69,6 +69,7 @@ def test_a_moved_run_whose_inputs_are_gone_or_others_gives_the_same(
     assert shown(argv, moved, capfd) == before
 
 
+@pytest.mark.thorough
 def test_a_moved_run_is_made_again_by_its_configuration(
     day: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

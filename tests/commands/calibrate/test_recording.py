@@ -21,6 +21,7 @@ from lab.simulation.model_files import load_model
 pytestmark = pytest.mark.usefixtures("strict_recordings")
 
 
+@pytest.mark.thorough
 def test_rerun_verifies_it(recording, home):
     done = rrd(home, "verify", recording)
     assert done.returncode == 0, done.stderr
@@ -122,6 +123,7 @@ def test_the_drawn_hand_carries_the_predicted_targets(outcome):
     np.testing.assert_allclose(drawn, in_world(outcome, arm.points(joints, identification.values)[:, 0]), atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_unseen_targets_are_left_out(tmp_path, home):
     outcome = calibration(seed=3, targets=TWO)
     points = outcome.fitted.points.copy()
@@ -225,6 +227,7 @@ def test_shells_enclose_their_geoms(tmp_path):
     assert not found
 
 
+@pytest.mark.thorough
 def test_poses_that_are_off_are_marked_and_keep_their_numbers(tmp_path, home):
     """What is left out is drawn where it was measured; the others stand at their rows of the file."""
     outcome = calibration(seed=2, bad_share=0.08, bad_mm=(5.0, 50.0), robust=True)

@@ -64,6 +64,7 @@ def test_later_rows_of_another_place_are_extrapolated_and_said_to_be() -> None:
     assert any("of 50 validation poses are" in each for each in found.warnings)
 
 
+@pytest.mark.thorough
 def test_a_region_is_that_of_the_task(day: Measurements, tmp_path: Path) -> None:
     """Targets near measured points, given as a file in their frame; a box that holds nothing is refused."""
     near = 1e3 * (day.points[:20, 0] + 0.01)

@@ -110,6 +110,7 @@ def test_the_corrected_joints_bring_the_tool_to_the_targets(run: Path, tmp_path,
     assert (nominal.tool["p1"] == drawing.values[-3:]).all()
 
 
+@pytest.mark.thorough
 def test_the_program_and_the_arm_are_those_of_the_run(run: Path, tmp_path, capsys) -> None:
     calibrated = load_run(run)
     Ts = poses(calibrated, 3)

@@ -33,6 +33,7 @@ def planned() -> lab.DesignResult:
     return lab.design("irb120", poses=10, candidates=60, starts=1)
 
 
+@pytest.mark.thorough
 def test_the_tour_is_played_through_its_poses() -> None:
     """By an own way: the bodies at the joint positions of each pose; the moves take as long as the tour's."""
     plan = planned()

@@ -24,6 +24,7 @@ def results(folder: Path) -> list[lab.Result]:
     return [lab.history([folder / a, folder / b]) for a, b in (("run3", "run2"), ("run1", "run0"))]
 
 
+@pytest.mark.thorough
 def test_what_moved_between_two_runs_has_its_size(dated_runs: Path) -> None:
     same, other = results(dated_runs)
     assert same.exit_code == 0 and same.arms[0].changes.found == ()

@@ -121,6 +121,7 @@ def test_exports_of_joint_states_are_read(export: Callable[..., Path], tmp_path:
     assert log.clock == "date"
 
 
+@pytest.mark.thorough
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("ahead", [AHEAD, 0.0])
 def test_a_campaign_comes_back_and_identifies_the_same(

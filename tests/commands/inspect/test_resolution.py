@@ -52,6 +52,7 @@ def test_a_coupled_drive_turns_two_joints_by_a_count(tmp_path: Path) -> None:
     assert by_count(free, "q1")[1] == pytest.approx(ARC * reach.mean())
 
 
+@pytest.mark.thorough
 def test_slides_and_mechanisms_have_theirs(capsys) -> None:
     assert main(["inspect", "scara", "--joint-steps", "0.001,0.001,0.002,0.001", "--json"]) == 0
     np.testing.assert_allclose(by_count(json.loads(capsys.readouterr().out)["resolution"], "q3"), 3 * [0.002])

@@ -46,6 +46,7 @@ def session(planner: PosePlanner, noise_times: float, most: int = 200):
         points.append(real.points(joints[-1][None], targets)[0] + noise)
 
 
+@pytest.mark.thorough
 def test_proposed_poses_reach_the_accuracy(planner: PosePlanner) -> None:
     data, proposals, real = session(planner, 1.0)
     last, chain = proposals[-1], planner.problem.robot.chain
@@ -90,6 +91,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_a_call_by_a_run_and_by_its_options(plan: Path, tmp_path: Path) -> None:
     first = lab.next_pose(plan, candidates=200)
     assert first.joints is not None and first.proposal.accuracy_m is None
@@ -190,6 +192,7 @@ def test_measurements_of_another_robot_are_refused(plan: Path) -> None:
         lab.next_pose(plan, other, candidates=60)
 
 
+@pytest.mark.thorough
 def test_poses_for_the_cross_validation_alone_are_called_so() -> None:
     """An accuracy that few poses predict: the further ones are only to show it; a finer one needs them itself."""
     plan = lab.design("scara", poses=14, candidates=100, starts=1)
@@ -201,6 +204,7 @@ def test_poses_for_the_cross_validation_alone_are_called_so() -> None:
     assert not fine.proposal.for_validation
 
 
+@pytest.mark.thorough
 def test_a_session_of_two_targets_begins_without_a_row(tmp_path: Path) -> None:
     """Before the first measurement: no file, or a file with a header alone."""
     made = lab.design("scara", poses=8, candidates=60, starts=1, targets=("p1", "p2"))

@@ -27,6 +27,7 @@ def soft() -> tuple[Path, lab.CalibrationResult]:
     return run_of(poses=24, seed=3, targets=TWO, **SOFT), calibration(poses=24, seed=3, targets=TWO, **SOFT)
 
 
+@pytest.mark.thorough
 def test_the_points_are_the_arm_s_in_both_frames(soft: tuple[Path, lab.CalibrationResult]) -> None:
     folder, result = soft
     run, rows = load_run(folder), result.measurements.take(range(12))

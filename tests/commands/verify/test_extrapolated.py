@@ -36,6 +36,7 @@ def calibrated() -> CalibrationResult:
     return lab.identify(patches(1e-3)[0], robot="irb120")
 
 
+@pytest.mark.thorough
 def test_a_verification_marks_each_pose_where_nothing_was_fitted(calibrated: CalibrationResult) -> None:
     _, apart = patches(1e-3)
     mixed = apart.take(np.arange(8))  # the first two are of a patch that was fitted

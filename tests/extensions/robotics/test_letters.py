@@ -228,6 +228,7 @@ def test_inverse_jacobians_by_blocks_and_pseudo_inverses() -> None:
     np.testing.assert_allclose(J @ inverse_of_jacobian(J, 5).matrix @ J, J, rtol=0, atol=1e-10)
 
 
+@pytest.mark.thorough
 def test_the_command_has_jacobians_in_any_frame() -> None:
     joints = np.array([10.0, 20, 30, 40, 50, 60])
     for frame in (0, 2, 6):
