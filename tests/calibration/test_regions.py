@@ -116,9 +116,10 @@ def moved_onto(points: np.ndarray, there: np.ndarray) -> np.ndarray:
     return a @ (u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v) + there.mean(axis=0)
 
 
-def test_without_an_instruments_frame_errors_are_predicted_with_the_base_placed_anew() -> None:
+@pytest.mark.parametrize(("observe", "instrument"), [("cable", "draw-wire"), ("dial", "dial-indicator")])
+def test_without_an_instruments_frame_errors_are_predicted_with_the_base_placed_anew(observe, instrument) -> None:
     """Against arms drawn from the covariance, each moved onto the estimated one as measured points would move it."""
-    result = lab.calibrate("irb120", observe="cable", instrument="draw-wire", poses=60, seed=2)
+    result = lab.calibrate("irb120", observe=observe, instrument=instrument, poses=60, seed=2)
     found, predicted = result.identification, result.verdict.region
     assert found.unplaced == ("base",) and predicted.anew == ("base",)
     arm, rng = found.model.arm, np.random.default_rng(0)
