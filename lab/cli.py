@@ -157,24 +157,17 @@ def _help() -> str:
 
     width = max(len(each.name) for each in all_commands()) + 2
     room, rest = max(40, shutil.get_terminal_size().columns), " " * (width + 2)
+    lines = list[str]()
+    for title, commands in grouped_commands().items():
+        texts = (f"  {each.name:{width}}{each.help}" for each in commands)
+        lines += [f"{title}:", *(textwrap.fill(text, room, subsequent_indent=rest) for text in texts), ""]
     return "\n".join(
         [
             "usage: lab COMMAND [OPTIONS]",
             "",
             textwrap.fill((lab.__doc__ or "").partition("\n")[0], room),
             "",
-            *(
-                line
-                for title, commands in grouped_commands().items()
-                for line in (
-                    f"{title}:",
-                    *(
-                        textwrap.fill(f"  {each.name:{width}}{each.help}", room, subsequent_indent=rest)
-                        for each in commands
-                    ),
-                    "",
-                )
-            ),
+            *lines,
             textwrap.fill(_MORE_HELP, room, break_on_hyphens=False),
         ]
     )

@@ -43,7 +43,7 @@ from lab.core.whole_folder import (
 )
 from lab.formats.structured import read_bytes, read_checksums
 from lab.kinematics.joints import JointSpec
-from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Table, guarded
+from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Table
 from lab.render.terminal import status
 
 if TYPE_CHECKING:
@@ -253,7 +253,7 @@ def _refuse_other_files(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise LabError(f"{out}: is a file; give --out a folder")
     there = {path.name: path for path in out.iterdir()} if out.exists() else {}
-    known = _FILES | _listed(out)
+    known = _FILES.union(listed_files(out))  # programs and volumes have names of their own
     strays = [name for name, path in there.items() if not _is_of_run(path, known)]
     if strays:
         raise LabError(f"{out}: holds {min(strays)}, which is not a file of a run; give --out another folder")
@@ -265,13 +265,6 @@ def _is_of_run(path: Path, known: set[str]) -> bool:
     if path.is_symlink():
         return False
     return path.is_dir() if path.name == INPUTS else (left_of(path) or path.name) in known and path.is_file()
-
-
-def _listed(out: Path) -> set[str]:
-    """Return the names of the files that a run's checksums list: programs and volumes have names of their own."""
-    with suppress(LabError):
-        return set(listed_digests(read_checksums(out)))
-    return set()
 
 
 def _is_config(path: Path) -> bool:
@@ -507,7 +500,6 @@ def _written(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-@guarded
 def provenance_section(
     name: str, options: "DataclassInstance", model_sha256: str, serial: str | None = None
 ) -> Section:

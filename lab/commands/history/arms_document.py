@@ -31,6 +31,15 @@ _ROW, _MOST_NAME = 0.24, 26  # inches of an arm; characters of its name
 _MOST_DRAWN = 12  # arms on the card
 _NAMED = 3  # arms that a sentence names
 _MOST_OPEN, _MOST_CHECKED = 15, 40  # arms in the open table; in the picture of checks
+KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
+    "good": "good",
+    "due": "doubtful",
+    "doubtful": "doubtful",
+    "bad": "bad",
+}
+_MOST_DIGITS = 6
+_MOST_ARMS = 200  # listed beyond these
+_CHANGES = ("arm", "calibrations", "last change between", "and", "what changed", "by", "95 %", "unit")
 
 
 def checks_picture(result: HistoryResult) -> doc.Picture:
@@ -106,17 +115,6 @@ def _errors_picture(result: HistoryResult) -> tuple[doc.Picture, ...]:
     label = f"Mean error of {counted(len(known), 'arm')} at the last check, against the gate"
     size = (3.8, 0.85 + _ROW * len(known))
     return (axes_picture("errors-now", label, size, draw, (_beside(known), 0.5, 0.15, 0.1)),)
-
-
-KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
-    "good": "good",
-    "due": "doubtful",
-    "doubtful": "doubtful",
-    "bad": "bad",
-}
-_MOST_DIGITS = 6
-_MOST_ARMS = 200  # listed beyond these
-_CHANGES = ("arm", "calibrations", "last change between", "and", "what changed", "by", "95 %", "unit")
 
 
 def arms_document(result: HistoryResult) -> doc.Document:

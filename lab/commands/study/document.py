@@ -470,7 +470,6 @@ def _figures(result: StudyResult) -> doc.Section:
     return doc.Section("Figures", tuple(figures), shown_in=doc.PAGE)
 
 
-@doc.guarded
 def provenance_of(result: StudyResult) -> doc.Section:
     """Tabulate the settings of a study; a run that goes on with one has the same."""
     study = result.done.study
