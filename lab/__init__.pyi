@@ -2,26 +2,30 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from lab.calibration.estimate import Estimate
-from lab.calibration.estimate_files import save_estimate
+from lab.arm_history.history_result import HistoryResult
 from lab.calibration.estimator import EstimationProblem, Estimator
-from lab.campaign.instruments import instrument
-from lab.campaign.option_groups import Effects
-from lab.campaign.options import DesignOptions, VirtualCampaign
-from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.load_run import load_estimate, load_run
-from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.calibrate.run import MeasurementSession
-from lab.commands.certify.result import Certificate
-from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.result import CompensationResult
-from lab.commands.design.run import DesignResult, PlanCheckResult
-from lab.commands.example import ExampleResult
-from lab.commands.history.result import HistoryResult
-from lab.commands.import_measurements.run import ImportResult
-from lab.commands.inspect.run import Inspection
-from lab.commands.measurements import (
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+from lab.extensions.dynamics.arm.dynamics_result import DynamicsResult
+from lab.extensions.dynamics.dynamics_options import DynamicsOptions, PayloadOptions
+from lab.extensions.dynamics.payload.payload_result import PayloadResult
+from lab.extensions.reproduction.reproduction_options import ReproduceOptions
+from lab.extensions.reproduction.reproduction_result import ReproductionResult
+from lab.extensions.robotics.kinematics.kinematics_options import KinematicsOptions
+from lab.extensions.robotics.kinematics.kinematics_result import KinematicsResult
+from lab.extensions.robotics.kinematics.rotation import Rotation
+from lab.extensions.robotics.trajectory.trajectory_options import TrajectoryOptions
+from lab.extensions.robotics.trajectory.trajectory_result import TrajectoryResult
+from lab.extensions.robotics.workspace.workspace_options import WorkspaceOptions
+from lab.extensions.robotics.workspace.workspace_result import WorkspaceResult
+from lab.formats.target_csv import Targets
+from lab.library.calibration_result import CalibrationResult
+from lab.library.certificate_result import Certificate
+from lab.library.compensation_result import CompensationResult
+from lab.library.design import DesignResult, PlanCheckResult
+from lab.library.example import ExampleResult
+from lab.library.given_measurements import (
     WorldFrames,
     measurements,
     read_measurements,
@@ -29,9 +33,19 @@ from lab.commands.measurements import (
     world_frames,
     write_measurements,
 )
-from lab.commands.next.planner import PosePlanner
-from lab.commands.next.run import NextPoseResult
-from lab.commands.options import (
+from lab.library.identify import MeasurementSession
+from lab.library.import_measurements import ImportResult
+from lab.library.inspect import Inspection
+from lab.library.load_run import load_estimate, load_run
+from lab.library.next_pose import NextPoseResult
+from lab.library.point_verification import VerificationResult
+from lab.library.pose_planner import PosePlanner
+from lab.library.predict import PredictionResult
+from lab.library.result import Result
+from lab.library.touch_plan import TouchPlan
+from lab.library.touch_verification import TouchesResult
+from lab.noise.instruments import Instrument
+from lab.options.command_options import (
     CertifyOptions,
     ExampleOptions,
     HistoryOptions,
@@ -42,32 +56,18 @@ from lab.commands.options import (
     StudyOptions,
     VerifyOptions,
 )
-from lab.commands.predict import PredictionResult
-from lab.commands.result import Result
-from lab.commands.study.run import StudyResult
-from lab.commands.verify.points import VerificationResult
-from lab.commands.verify.touch_plan import TouchPlan
-from lab.commands.verify.touches import TouchesResult
-from lab.core.errors import LabError
-from lab.core.measurements import Measurements
-from lab.core.se3 import Array
-from lab.extensions.dynamics.arm.result import DynamicsResult
-from lab.extensions.dynamics.options import DynamicsOptions, PayloadOptions
-from lab.extensions.dynamics.payload.result import PayloadResult
-from lab.extensions.reproduction.options import ReproduceOptions
-from lab.extensions.reproduction.result import ReproductionResult
-from lab.extensions.robotics.kinematics.options import KinematicsOptions
-from lab.extensions.robotics.kinematics.result import KinematicsResult
-from lab.extensions.robotics.kinematics.rotation import Rotation
-from lab.extensions.robotics.trajectory.options import TrajectoryOptions
-from lab.extensions.robotics.trajectory.result import TrajectoryResult
-from lab.extensions.robotics.workspace.options import WorkspaceOptions
-from lab.extensions.robotics.workspace.result import WorkspaceResult
-from lab.formats.target_csv import Targets
-from lab.noise.instruments import Instrument
+from lab.options.compensation import CompensateOptions
+from lab.options.measured_campaign import MeasuredCampaign
+from lab.options.named_instruments import instrument
+from lab.options.option_groups import Effects
+from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
 from lab.pose_selection.criteria import Criterion
+from lab.prediction.estimate import Estimate
+from lab.prediction.estimate_files import save_estimate
+from lab.robots.robot import Robot, load_robot
 from lab.simulation.sampler import Sampler
 from lab.studies.grid import Study
+from lab.studies.study import StudyResult
 
 __all__ = [
     "CalibrationResult",

@@ -3,7 +3,7 @@
 A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.entry-points."lab.commands"]`` with
 ``weigh = "my_package.commands:WEIGH"``. These are the groups, with the object and the meaning of its name:
 
-- ``lab.commands``: a ``Command`` of ``lab.commands.registry``; the name is the command.
+- ``lab.commands``: a ``Command`` of ``lab.cli.commands``; the name is the command.
 - ``lab.names``: a function or a class, available as ``lab.NAME``.
 - ``lab.languages``: the class of a ``Language`` of ``lab.formats.programs.protocol``, made without arguments;
   the name is its ``name`` in small letters, and the value of ``--controller``.
@@ -26,12 +26,12 @@ An extension may use the public interface ``lab``, this module, and the toolbox,
 
 - ``lab.core``: transforms, units, errors, limits, named random streams;
   ``lab.kinematics``: arms, mechanisms, derivatives.
-- ``lab.formats``: robot tables and the readers of files; ``lab.campaign.robot`` and ``option_types``: robots by name,
-  and the types of options.
+- ``lab.formats``: robot tables and the readers of files; ``lab.robots``: robots by name;
+  ``lab.options``: a ``Command``, the types of options, and the keywords of a call.
 - ``lab.simulation``: models of MuJoCo, collisions, meshes;
   ``lab.pose_selection``: criteria, exchange, durations of moves.
-- ``lab.render``: documents, charts, recordings; the modules of ``lab.commands`` (not the commands): a command's result,
-  its run's folder, values for ``--json``.
+- ``lab.library``: a call's result, its run's folder, values for ``--json``;
+  ``lab.report``: documents, charts, recordings.
 
 The lab's own extensions (``lab.extensions``) are registered in the same way. An entry is imported at its first use. One
 that cannot be imported is left out, with a line on the standard error. ``add`` registers an object without a package,

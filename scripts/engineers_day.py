@@ -19,11 +19,11 @@ from day_files import controller_log, leica, ur5e_urdf
 from shared import Answer, Document, named_values, paragraphs, run_script
 
 import lab
-from lab.campaign.robot import load_virtual
 from lab.core import limits
 from lab.core.limits import whole
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.robots.robot import load_virtual
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.free_path import path_check
 from lab.simulation.tracking import track

@@ -12,11 +12,11 @@ from types import FunctionType
 import pytest
 
 import lab
-from lab.campaign.option_groups import Fitting
-from lab.campaign.options import VirtualCampaign
-from lab.commands.compensate.options import CompensateOptions
-from lab.commands.registry import all_commands
+from lab.cli.commands import all_commands
 from lab.core.errors import LabError
+from lab.options.compensation import CompensateOptions
+from lab.options.option_groups import Fitting
+from lab.options.virtual_campaign import VirtualCampaign
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -40,7 +40,7 @@ def test_using_it_loads_neither_drawing_nor_recording() -> None:
 
 
 def test_help_loads_nothing_heavy() -> None:
-    used = loaded_by("from lab.cli import main; main(['--help'])")
+    used = loaded_by("from lab.cli.main import main; main(['--help'])")
     assert not {"mujoco", "rerun", "matplotlib", "pyarrow", "numpy", "scipy"} & used
 
 
@@ -114,7 +114,7 @@ def test_what_is_wrong_is_said_in_one_line(call, says: str) -> None:
 @pytest.mark.thorough
 def test_the_calls_are_the_commands(tmp_path, capsys) -> None:
     """The same options by keywords, as an object and on the command line give the same parameters."""
-    from lab.cli import main
+    from lab.cli.main import main
 
     assert (
         main(["calibrate", "--seed", "3", "--poses", "20", "--model", "gear", "--json", "--out", f"{tmp_path}/c"]) == 0

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from sphinx.application import Sphinx
 
-from lab.commands.help_text import Option, grouped, options_of_command
-from lab.commands.registry import Command, all_commands
+from lab.cli.commands import all_commands
+from lab.cli.help_text import Option, grouped, options_of_command
+from lab.options.command import Command
 
 __all__ = ["anchor", "command_page", "heading", "literal", "meaning", "table", "unit_of", "value", "write_pages"]
 

@@ -11,9 +11,9 @@ from sphinx.util.docutils import SphinxDirective
 from stored_rows import table_of
 
 from lab.extensions.reproduction.item import Exercise, Item, source_named
-from lab.extensions.reproduction.result import solution_of
-from lab.render.document import Document, Matrices, Table, plain
-from lab.render.terminal import to_text
+from lab.extensions.reproduction.reproduction_result import solution_of
+from lab.report.document import Document, Matrices, Table, plain
+from lab.report.terminal import to_text
 
 
 class SourceExercises(SphinxDirective):

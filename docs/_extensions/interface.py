@@ -23,8 +23,9 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 import lab
-from lab.commands.help_text import Option, field_texts, grouped, options_of_command
-from lab.commands.registry import Command, all_commands
+from lab.cli.commands import all_commands
+from lab.cli.help_text import Option, field_texts, grouped, options_of_command
+from lab.options.command import Command
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 GROUPS, FOLDER = REFERENCE / "interface.toml", REFERENCE / "interface"

@@ -21,7 +21,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from lab.extensions.reproduction.item import Item, source_named
-from lab.render.markdown import to_markdown
+from lab.report.markdown import to_markdown
 
 DOCS = Path(__file__).parents[1]
 ROWS, STORED = DOCS / "reference" / "source_rows.toml", DOCS / "results" / "stored"

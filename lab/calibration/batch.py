@@ -23,7 +23,7 @@ from lab.core.se3 import Array
 from lab.kinematics.compiled.kernels import solve_positive
 from lab.kinematics.compiled.numpy_kernels import walk_stacked
 from lab.kinematics.parameter import Parameter, names_of
-from lab.kinematics.serial.arm import SerialArm, Stacked
+from lab.kinematics.serial.serial_arm import SerialArm, Stacked
 from lab.kinematics.serial.walk import Motion
 
 __all__ = [

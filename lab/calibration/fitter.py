@@ -9,8 +9,8 @@ from typing import Any, Literal, Protocol, TypeVar
 import numpy as np
 
 from lab.calibration.estimator import Estimator
-from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.calibration.noise.search import NoiseSearch
+from lab.calibration.identification import Identification, IdentifyOptions, identify
+from lab.calibration.noise_search import NoiseSearch
 from lab.calibration.outliers_and_noise import noise_of, outliers_among_fitted
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import with_residual
@@ -26,10 +26,10 @@ from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.effects.arm import Arm
+from lab.kinematics.effects.arm_with_effects import Arm
 from lab.kinematics.effects.backlash import approached_groups
 from lab.kinematics.effects.effect import CHANGING_WITH_TIME, ArmFacts, SessionInfo
-from lab.kinematics.effects.registry import CANDIDATES, expected_terms, searched_terms
+from lab.kinematics.effects.effect_registry import CANDIDATES, expected_terms, searched_terms
 from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.model import Model, RigidArm
 from lab.noise.error_model import ErrorModel

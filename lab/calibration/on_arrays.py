@@ -18,7 +18,7 @@ from lab.core.errors import LabError, counted
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.values import Value
-from lab.kinematics.effects.arm import Arm
+from lab.kinematics.effects.arm_with_effects import Arm
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set, named
 from lab.pose_selection.criteria import Scaling, indices
 

@@ -12,8 +12,8 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification
-from lab.calibration.noise.search import NoiseSearch, counted, in_stretches, search_noise
+from lab.calibration.identification import Identification
+from lab.calibration.noise_search import NoiseSearch, counted, in_stretches, search_noise
 from lab.calibration.observation import Observation, observation_of, only_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, held_out_outliers

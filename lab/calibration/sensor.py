@@ -12,7 +12,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identify import IdentifyOptions, Solve
+from lab.calibration.identification import IdentifyOptions, Solve
 from lab.calibration.observation import Observation
 from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements

@@ -11,7 +11,7 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
-from lab.calibration.identify import Identification
+from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of
 from lab.calibration.refit import placed_anew
 from lab.calibration.stations import few_points_of_a_station

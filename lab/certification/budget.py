@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import RANK_TOLERANCE, Observations
 from lab.calibration.observation import Observation
-from lab.calibration.workspace_prediction import length_not_exceeded
 from lab.core.linear_model import LinearModel, covariance_root
 from lab.core.measurements import seen_mask
 from lab.core.probability import Uncertain, normal_ppf
@@ -31,6 +30,7 @@ from lab.core.se3 import Array
 from lab.core.significance import VARIANCE_COMPONENTS
 from lab.core.units import KELVIN, MICRONS, PPM, Unit
 from lab.noise.instruments import SystematicError, TrackerErrors
+from lab.prediction.workspace_prediction import length_not_exceeded
 
 __all__ = [
     "COVERAGE",

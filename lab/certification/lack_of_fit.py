@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
-from lab.calibration.workspace_prediction import length_not_exceeded
 from lab.core.linear_model import matched_dof, p_value_of_squares
 from lab.core.probability import binomial_cdf
 from lab.core.se3 import Array
 from lab.core.significance import CERTIFICATE_VALIDATION
+from lab.prediction.workspace_prediction import length_not_exceeded
 
 __all__ = ["LackOfFit", "ValidationErrors", "lack_of_fit"]
 

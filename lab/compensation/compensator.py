@@ -22,10 +22,18 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
 from lab.kinematics.differential import SINGULAR_M
-from lab.kinematics.effects.arm import Arm
+from lab.kinematics.effects.arm_with_effects import Arm
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.closed_form import Solutions
-from lab.kinematics.inverse.newton import FREEDOMS, PLACES, PoseTarget, reach, shortest_step, tool_at, within_reach
+from lab.kinematics.inverse.newton_inverse import (
+    FREEDOMS,
+    PLACES,
+    PoseTarget,
+    reach,
+    shortest_step,
+    tool_at,
+    within_reach,
+)
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["AGREED_M", "CLEAR_RAD", "NEAR_RAD", "REQUESTED_BRANCH", "Compensation", "Compensator"]

@@ -16,9 +16,9 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.effects.arm import Arm, ArmWithEffects
+from lab.kinematics.effects.arm_with_effects import Arm, ArmWithEffects
 from lab.kinematics.effects.compliance import NEWTON_STEPS
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["MODULE_FILE", "largest_difference", "loaded", "module_text", "plain_model", "refusing_text"]
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Convention
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["Link", "free_name", "last_axis_frame", "link_tree"]
 

@@ -28,7 +28,7 @@ from lab.formats.robot_toml import (
     written_base_and_tool,
 )
 from lab.formats.structured import read_toml
-from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.closed_arm import ClosedArm
 from lab.kinematics.closed.loop_closure import BASE, Frame, Kind, Pin, Rod, Step, Tree
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.parameter import is_reserved_owner

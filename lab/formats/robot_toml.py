@@ -22,10 +22,10 @@ from lab.formats.drives_toml import Drives, drives_in, drives_lines
 from lab.formats.structured import is_number, read_toml
 from lab.formats.ur_calibration import read_corrections
 from lab.kinematics.dynamics.beam import MATERIALS, LinkSections, Material, tube
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, chain_from_axes
 from lab.kinematics.serial.chain import COLUMNS, Chain, parallel_links
 from lab.kinematics.serial.khalil_frames import ANGULAR, SYMBOLS, KhalilFrame, khalil_frame, pose_of
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = [
     "ANGLES",

@@ -28,7 +28,7 @@ from lab.core.units import MM
 from lab.formats.description import DescriptionFormat, IdentifiedRobot
 from lab.formats.link_tree import link_tree
 from lab.formats.structured import read_text
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["UR_CORRECTIONS", "UR_KINEMATICS", "read_corrections", "ur_frames"]
 

@@ -26,8 +26,8 @@ from lab.formats.link_tree import Link, free_name, last_axis_frame, link_tree
 from lab.formats.structured import read_bytes, read_text
 from lab.formats.ur_calibration import ur_frames
 from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = [
     "UrdfSource",

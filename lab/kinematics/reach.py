@@ -8,8 +8,8 @@ import scipy  # its parts are loaded at their first use
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["extents", "reach_from_axis"]
 

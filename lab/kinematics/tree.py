@@ -28,8 +28,8 @@ from lab.kinematics.parameter import (
     names_of,
     tool_parameters,
 )
-from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm, target_positions
 from lab.kinematics.serial.chain import COLUMNS, Chain
+from lab.kinematics.serial.serial_arm import DEFAULT_TOOL, SerialArm, target_positions
 
 __all__ = ["TreeArm", "TreeChain", "first_of_tips", "point_of", "tip_of", "tree_chain"]
 

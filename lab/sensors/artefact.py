@@ -18,7 +18,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.identification import IdentifyOptions, identify
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
@@ -30,7 +30,7 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, placed_parameters
 from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, labels_by_location
-from lab.sensors.options import ArtefactOptions, FitInputs
+from lab.sensors.sensor_options import ArtefactOptions, FitInputs
 
 __all__ = ["FEATURE", "Artefact", "ArtefactSensor", "placed_truth", "true_scale"]
 

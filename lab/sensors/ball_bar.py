@@ -16,7 +16,7 @@ from lab.sensors.artefact import Artefact, ArtefactSensor, true_scale
 from lab.sensors.cable import trilaterated
 from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import NONE, Fixtures, known_lengths
-from lab.sensors.options import VirtualSetup
+from lab.sensors.sensor_options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import fit_base_and_tool
+from lab.calibration.identification import fit_base_and_tool
 from lab.calibration.observation import Points
 from lab.calibration.sensor import SensorTerms
 from lab.core.errors import LabError, option_name
@@ -28,7 +28,7 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, placed_parameters
 from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, refuse_blank
-from lab.sensors.options import VirtualSetup
+from lab.sensors.sensor_options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
 

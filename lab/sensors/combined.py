@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification, IdentifyOptions, component_variances, identify
+from lab.calibration.identification import Identification, IdentifyOptions, component_variances, identify
 from lab.calibration.observation import Observation, UnsizedObservation, observation_of
 from lab.calibration.sensor import SensorTerms
 from lab.calibration.weights import Noise
@@ -28,15 +28,15 @@ from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.gauge import scale_link
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import Instrument
-from lab.sensors.cameras.observation import Pixels, with_tip
+from lab.sensors.cameras.board_observation import Pixels, with_tip
 from lab.sensors.fixtures import Fixtures
 from lab.sensors.full_pose import Poses
-from lab.sensors.options import FitInputs, SensorOptions, VirtualSetup
 from lab.sensors.pixels import PixelSensor
-from lab.sensors.registry import JOINED, sensor_named
+from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
+from lab.sensors.sensor_registry import JOINED, sensor_named
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot

@@ -19,8 +19,8 @@ from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, labels_by_location
-from lab.sensors.options import VirtualSetup
 from lab.sensors.plane import Planes, plane_through
+from lab.sensors.sensor_options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.identify import Identification
+from lab.calibration.identification import Identification
 from lab.calibration.observation import no_extra_residuals
 from lab.core import se3
 from lab.core.errors import LabError, counted, option_name
@@ -29,10 +29,10 @@ from lab.core.units import MM
 from lab.kinematics.gauge import placed_after_tool, scale_link
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.contact import POINT, TOUCHING
-from lab.sensors.options import FitInputs, SensorOptions
+from lab.sensors.sensor_options import FitInputs, SensorOptions
 from lab.sensors.virtual_sensor import VirtualSensor
 from lab.simulation.true_robot import TrueRobot
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification, IdentifyOptions, Solve, component_variances, identify
+from lab.calibration.identification import Identification, IdentifyOptions, Solve, component_variances, identify
 from lab.calibration.initial_guess import initial_guess
 from lab.calibration.observation import ROTATION_PARAMETERS, no_extra_residuals, placed_in_instrument_frame
 from lab.calibration.sensor import SensorTerms
@@ -30,11 +30,11 @@ from lab.formats.orientations import orientation_texts, oriented_target, read_or
 from lab.kinematics.compiled.kernels import real, with_fallback
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.tree import TreeArm
 from lab.noise.instruments import Instrument, PoseInstrument
-from lab.sensors.options import FitInputs, PoseOptions, VirtualSetup
+from lab.sensors.sensor_options import FitInputs, PoseOptions, VirtualSetup
 from lab.sensors.tip import tip_rates, tip_rotations
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.effects import Effects

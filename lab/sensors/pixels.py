@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.identification import Identification, IdentifyOptions, identify
 from lab.calibration.sensor import SensorTerms
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -19,17 +19,17 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.sensors.cameras.board_observation import Pixels
+from lab.sensors.cameras.camera_simulation import simulated_corners
 from lab.sensors.cameras.detection import detected, picture_of
-from lab.sensors.cameras.observation import Pixels
 from lab.sensors.cameras.planning import PlannedPictures
 from lab.sensors.cameras.rig import PX, Rig, read_rig, usual_rig
-from lab.sensors.cameras.simulation import simulated_corners
-from lab.sensors.options import CameraOptions, FitInputs, VirtualSetup
+from lab.sensors.sensor_options import CameraOptions, FitInputs, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.effects import Effects
-from lab.simulation.model import RobotModel
+from lab.simulation.robot_model import RobotModel
 from lab.simulation.tracking import VirtualMeasurement, target_rotations
 from lab.simulation.true_robot import TrueRobot
 

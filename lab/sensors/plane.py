@@ -12,7 +12,7 @@ from lab.core.se3 import Array, exp, left_jacobian, transform
 from lab.formats.measurement_csv import ObservedColumns
 from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, labels_by_location
-from lab.sensors.options import VirtualSetup
+from lab.sensors.sensor_options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
 

@@ -11,7 +11,7 @@ from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.sensors.full_pose import Poses
-from lab.sensors.options import VirtualSetup
+from lab.sensors.sensor_options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.tracking import VirtualMeasurement, track_with_errors, visible_targets
 

@@ -16,7 +16,7 @@ from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, refuse_blank
-from lab.sensors.options import FitInputs, SocketOptions, VirtualSetup
+from lab.sensors.sensor_options import FitInputs, SocketOptions, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
 

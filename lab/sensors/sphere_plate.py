@@ -16,7 +16,7 @@ from lab.formats.measurement_csv import ObservedColumns
 from lab.sensors.artefact import Artefact, ArtefactSensor, placed_truth, true_scale
 from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import Fixtures, known_lengths
-from lab.sensors.options import ProbeOptions, VirtualSetup
+from lab.sensors.sensor_options import ProbeOptions, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
 

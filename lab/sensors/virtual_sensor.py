@@ -8,15 +8,15 @@ from typing import Any, ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identify import Identification
+from lab.calibration.identification import Identification
 from lab.calibration.sensor import Sensor
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.kinematics.serial.axes_to_dh import Truth
-from lab.sensors.options import FitInputs, SensorOptions, VirtualSetup
-from lab.simulation.model import RobotModel
+from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
+from lab.simulation.robot_model import RobotModel
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
 

@@ -19,10 +19,10 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.link_tree import link_tree
 from lab.formats.robot_toml import RobotTable
-from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import DEFAULT_TOOL, SerialArm
 from lab.simulation.collisions import contacts_at
-from lab.simulation.model import (
+from lab.simulation.robot_model import (
     FLANGE,
     TRACKER,
     SerialModel,

@@ -22,7 +22,7 @@ from lab.core.random import ScrambledSobol
 from lab.core.se3 import Array
 from lab.noise.instruments import FieldOfView, Instrument
 from lab.simulation.collisions import LOWER_CLEARANCE, collision_flags, keeps_clearances, kinematics_at, most_frequent
-from lab.simulation.model import RobotModel
+from lab.simulation.robot_model import RobotModel
 
 __all__ = [
     "MARGIN",

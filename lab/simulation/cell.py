@@ -22,7 +22,7 @@ from lab.formats.cell_toml import Cell, Obstacle
 from lab.formats.link_tree import free_name
 from lab.simulation.collisions import contacts_at, describe_collisions, kinematics_at
 from lab.simulation.meshes import VISUAL_GROUP
-from lab.simulation.model import (
+from lab.simulation.robot_model import (
     TRACKER,
     RobotModel,
     SerialModel,

@@ -29,7 +29,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat
 from lab.formats.mechanism_toml import MechanismFile
-from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.closed_arm import ClosedArm
 from lab.kinematics.closed.loop_closure import (
     BASE,
     CONTRACTED,
@@ -42,10 +42,11 @@ from lab.kinematics.closed.loop_closure import (
     Step,
 )
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.serial.arm import DEFAULT_TOOL
+from lab.kinematics.serial.serial_arm import DEFAULT_TOOL
 from lab.simulation.build_serial import DENSITY
 from lab.simulation.effects import Effects
-from lab.simulation.model import (
+from lab.simulation.load_model import set_vectors, write_in_full
+from lab.simulation.robot_model import (
     FLANGE,
     TRACKER,
     RobotModel,
@@ -56,7 +57,6 @@ from lab.simulation.model import (
     coordinates,
     update_constants,
 )
-from lab.simulation.model_files import set_vectors, write_in_full
 from lab.simulation.sampler import NORMAL, Sampler, drawn
 from lab.simulation.true_robot import TrueRobot, put_before_tracker
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.simulation.model import RobotModel
+from lab.simulation.robot_model import RobotModel
 
 __all__ = [
     "LOWER_CLEARANCE",

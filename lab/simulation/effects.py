@@ -38,8 +38,8 @@ from lab.kinematics.effects.effect import (
     in_order,
     is_usual,
 )
+from lab.kinematics.effects.effect_registry import EFFECTS, EffectOptions
 from lab.kinematics.effects.own import finite_of, own_function
-from lab.kinematics.effects.registry import EFFECTS, EffectOptions
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["NOTHING_SET", "Effects", "random_conditions", "random_effects", "true_parameters"]

@@ -22,7 +22,7 @@ from lab.formats.link_tree import free_name
 from lab.noise.instruments import Instrument
 from lab.simulation.candidate_poses import view_of
 from lab.simulation.collisions import REFLECTOR, contacts_at
-from lab.simulation.model import RobotModel, compiled
+from lab.simulation.robot_model import RobotModel, compiled
 
 __all__ = [
     "CLEARANCE_MM",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
-from lab.simulation.model import TRACKER, RobotModel, at_zero, body_pose, site_pose
+from lab.simulation.robot_model import TRACKER, RobotModel, at_zero, body_pose, site_pose
 
 __all__ = [
     "VISUAL_GROUP",

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 from lab.simulation.collisions import kinematics_at
-from lab.simulation.model import TRACKER, RobotModel
+from lab.simulation.robot_model import TRACKER, RobotModel
 
 __all__ = ["unhidden"]
 

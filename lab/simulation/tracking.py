@@ -15,7 +15,7 @@ from lab.kinematics.effects.effect import BUMPED
 from lab.noise.instruments import Instrument
 from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.effects import NOTHING_SET
-from lab.simulation.model import update_constants
+from lab.simulation.robot_model import update_constants
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = [

@@ -18,11 +18,11 @@ from lab.kinematics.effects.compliance import HardeningSprings, JointSprings
 from lab.kinematics.effects.effect import PAYLOAD, PoseConditions
 from lab.kinematics.effects.sessions import StationPoses
 from lab.kinematics.model import RigidArm
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.simulation.effects import NOTHING_SET, Effects
-from lab.simulation.elastic import FlexibleArm
-from lab.simulation.model import OpenModel, RobotModel, SerialModel, coordinates, joint_axes, update_constants
+from lab.simulation.elastic_links import FlexibleArm
+from lab.simulation.robot_model import OpenModel, RobotModel, SerialModel, coordinates, joint_axes, update_constants
 from lab.simulation.sampler import NORMAL, Sampler, drawn
 
 __all__ = [

@@ -19,11 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.batch import BatchFits, PointBatch, align, fit_points, in_nominal_frame
-from lab.campaign.design_problem import best_design, pose_problem
-from lab.campaign.option_groups import Effects
-from lab.campaign.options import DesignOptions, VirtualCampaign
-from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.campaign.virtual_robot import draw_conditions, perturbed_arm, poses_to_measure, requested_conditions, truth_of
 from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.linear_model import whitening
@@ -35,9 +30,14 @@ from lab.kinematics.effects.effect import PAYLOAD
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.parameter import names_of
-from lab.kinematics.serial.arm import DEFAULT_TOOL, Stacked, stacked
+from lab.kinematics.serial.serial_arm import DEFAULT_TOOL, Stacked, stacked
+from lab.library.virtual_arm import draw_conditions, perturbed_arm, poses_to_measure, requested_conditions, truth_of
 from lab.noise.instruments import Instrument, instrument, is_isotropic, observing
+from lab.options.option_groups import Effects
+from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
+from lab.planning.design_problem import best_design, pose_problem
 from lab.pose_selection.criteria import refuse_unknown
+from lab.robots.robot import Robot, load_robot, load_virtual
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import true_parameters
 from lab.simulation.tracking import misalignments, track

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_type_hints
 
 from lab.calibration.estimator import LEAST_SQUARES, estimator_named
-from lab.campaign.option_groups import Effects, Fitting
-from lab.campaign.option_types import PriorMode
 from lab.core.errors import LabError, error_context
 from lab.core.limits import CAMPAIGNS, CELLS, DRAWN_POINTS, DRAWS, NAME, POSES, ROBOTS, SEED, TARGETS, positive, whole
 from lab.formats.structured import read_toml, structured
-from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
-from lab.sensors.registry import sensor_named
+from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC
+from lab.options.option_groups import Effects, Fitting
+from lab.options.option_types import PriorMode
+from lab.sensors.sensor_registry import sensor_named
 from lab.simulation.sampler import sampler_named
 
 __all__ = [

@@ -9,25 +9,25 @@ from typing import Any
 
 import numpy as np
 
-from lab.calibration.fitted import Fitted
 from lab.calibration.fitter import Fitter
-from lab.calibration.identify import Identification
-from lab.calibration.pipeline import FITTING, run_steps
+from lab.calibration.identification import Identification
 from lab.calibration.validation import TruthComparison, compare_with_truth, errors_of, validate_file
 from lab.calibration.weights import Noise
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import Robot
-from lab.campaign.virtual_robot import draw_conditions, perturbed_arm, requested_conditions, truth_of
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
-from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
+from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.parameter import Parameter
+from lab.library.virtual_arm import draw_conditions, perturbed_arm, requested_conditions, truth_of
 from lab.noise.instruments import Instrument
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.robots.robot import Robot
 from lab.simulation.effects import true_parameters
 from lab.simulation.tracking import VirtualMeasurement, recorded
 from lab.simulation.true_robot import TrueRobot
+from lab.verdict.fitted import Fitted
+from lab.verdict.pipeline import FITTING, run_steps
 
 __all__ = ["NOT_CONVERGED", "RANK_DEFICIENT", "identified_campaigns", "parameter_errors"]
 

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.other_numbers import PLACED, in_other_numbers, trimmed_error
 from lab.core.checks import Check
 from lab.core.se3 import Array
-from lab.verification.prediction import CalibrationPrediction
+from lab.verdict.other_numbers import PLACED, in_other_numbers, trimmed_error
+from lab.verification.predicted_points import CalibrationPrediction
 
 __all__ = ["another_unit", "situation"]
 

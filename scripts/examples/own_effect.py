@@ -10,7 +10,7 @@ import tyro
 import lab
 from lab.extension_points import add
 from lab.kinematics.effects.effect import Effect, FittedGroup, MovesJoints, SimulatedEffect, VirtualEffect
-from lab.kinematics.effects.registry import effect
+from lab.kinematics.effects.effect_registry import effect
 from lab.kinematics.parameter import joint_parameter
 
 OIL = "oil_C"

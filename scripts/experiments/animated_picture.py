@@ -18,9 +18,9 @@ import lab
 from lab.core.errors import LabError
 from lab.core.se3 import Array, transform
 from lab.core.units import MM
-from lab.render.document import format_magnification
-from lab.render.scene import magnification, moved
-from lab.render.style import ARM, ARROW_AFTER, BEFORE, GRID, INK, MUTED, rgb
+from lab.report.document import format_magnification
+from lab.report.scene import magnification, moved
+from lab.report.style import ARM, ARROW_AFTER, BEFORE, GRID, INK, MUTED, rgb
 from lab.simulation.meshes import arm_shells, body_poses
 
 if TYPE_CHECKING:

@@ -18,9 +18,9 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.beam import Beam
 from lab.kinematics.dynamics.gravity import link_loads
-from lab.simulation.elastic import AT_REST, JointMotion
-from lab.simulation.model import SerialModel, at_zero, body_pose, last_frame
-from lab.simulation.model_files import bodies_of_links, loads_of
+from lab.simulation.elastic_links import AT_REST, JointMotion
+from lab.simulation.load_model import bodies_of_links, loads_of
+from lab.simulation.robot_model import SerialModel, at_zero, body_pose, last_frame
 
 __all__ = ["BeamChain"]
 

@@ -23,40 +23,40 @@ import lab
 from lab.calibration.batch import align, fit_points
 from lab.calibration.fitter import FitOptions, Fitter
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.identify import Identification, fit_base_and_tool, identify
+from lab.calibration.identification import Identification, fit_base_and_tool, identify
 from lab.calibration.observation import Points
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import select
 from lab.calibration.statistics.outliers import find_outliers
 from lab.calibration.weights import Noise, weigh
-from lab.campaign.design_problem import best_design, pose_problem
-from lab.campaign.option_groups import Effects
-from lab.campaign.options import DesignOptions, VirtualCampaign
-from lab.campaign.robot import load_robot, load_virtual
-from lab.campaign.virtual_robot import perturbed_arm
-from lab.commands.import_measurements.matching import matched
-from lab.commands.options import ImportOptions
 from lab.core.limits import PROGRAM_BYTES, PROGRAM_MOVES
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.extensions.dynamics.arm_simulation import LoadBench, RigidLoad, RunErrors, peak_torques
 from lab.extensions.dynamics.load_files import Mounting
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.extensions.dynamics.payload.methods import from_torques
-from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, peak_torques
 from lab.formats.cell_toml import read_cell
 from lab.formats.joint_log import JointLog
+from lab.formats.programs.languages import read_program
 from lab.formats.programs.program_text import Outside
-from lab.formats.programs.registry import read_program
 from lab.formats.tracker_export import TrackerPoints
 from lab.kinematics.compiled.kernels import compiled
 from lab.kinematics.effects.effect import HOUR_S
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.closed_form import closed_form_of
-from lab.kinematics.inverse.newton import PoseTarget
-from lab.kinematics.serial.arm import SerialArm, StackedArm
+from lab.kinematics.inverse.newton_inverse import PoseTarget
+from lab.kinematics.serial.serial_arm import SerialArm, StackedArm
+from lab.library.log_matching import matched
+from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import instrument
+from lab.options.command_options import ImportOptions
+from lab.options.option_groups import Effects
+from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
+from lab.planning.design_problem import best_design, pose_problem
 from lab.pose_selection.exchange import certify
+from lab.robots.robot import load_robot, load_virtual
 from lab.sensors.points import PointSensor
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.cell import in_cell

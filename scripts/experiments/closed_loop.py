@@ -14,11 +14,7 @@ import numpy as np
 from shared import Answer, Document, Flag, Paragraph, paragraphs, run_script
 
 import lab
-from lab.calibration.identify import most_likely_parameters
-from lab.campaign.design_problem import best_design, pose_problem
-from lab.campaign.option_groups import Effects, Fitting
-from lab.campaign.options import DesignOptions, VirtualCampaign
-from lab.campaign.robot import Robot, load_robot
+from lab.calibration.identification import most_likely_parameters
 from lab.compensation.compensator import CLEAR_RAD, Compensator
 from lab.compensation.iso9283 import (
     CYCLES,
@@ -37,12 +33,16 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.differential import ROTATION_M
-from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
+from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.inverse.branches import NominalInverse, ordered
-from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.inverse.newton_inverse import PoseTarget
 from lab.noise.instruments import Instrument, instrument
+from lab.options.option_groups import Effects, Fitting
+from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
+from lab.planning.design_problem import best_design, pose_problem
+from lab.robots.robot import Robot, load_robot
 from lab.simulation.collisions import collides, random_poses
-from lab.simulation.model import RobotModel
+from lab.simulation.robot_model import RobotModel
 from lab.simulation.tracking import track
 from lab.simulation.true_robot import TrueRobot
 

@@ -12,19 +12,19 @@ import numpy as np
 from shared import Answer, Document, Flag, Paragraph, Row, Table, example, run_script, short
 
 import lab
-from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.identification import IdentifyOptions, identify
 from lab.calibration.weights import Noise
-from lab.campaign.option_groups import Effects
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import load_virtual
-from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.probability import t_ppf
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
+from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import instrument
+from lab.options.option_groups import Effects
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.robots.robot import load_virtual
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import VirtualMeasurement, track_with_errors
 from lab.studies import executors

@@ -5,22 +5,22 @@ from functools import cached_property
 
 import numpy as np
 
-from lab.calibration.identify import Identification, identify
+from lab.calibration.identification import Identification, identify
 from lab.calibration.statistics.model_selection import Selection, select
 from lab.calibration.weights import Noise
-from lab.campaign.robot import Robot, load_virtual
-from lab.commands.hand_load import HandLoad
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.effects.arm import ArmWithEffects
+from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.effects.effect import HOUR_S
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.library.hand_load import HandLoad
 from lab.noise.instruments import Instrument, instrument
 from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import exchange
+from lab.robots.robot import Robot, load_virtual
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from shared import SERIES, Answer, Document, Flag, drawing, paragraphs, run_script, save_figure
 
-from lab.campaign.robot import Robot, load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
+from lab.robots.robot import Robot, load_robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -19,11 +19,11 @@ from designed_campaign import POSES, DesignedCampaign
 from shared import SERIES, Answer, Document, Flag, Paragraph, drawing, paragraphs, run_script, save_figure
 from threadpoolctl import threadpool_limits
 
-from lab.campaign.option_groups import Effects
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.measurements import Measurements
 from lab.kinematics.gauge import base_set
+from lab.library.virtual_arm import perturbed_arm
+from lab.options.option_groups import Effects
+from lab.options.virtual_campaign import VirtualCampaign
 from lab.simulation.true_robot import TrueRobot
 from lab.studies import executors
 

@@ -17,12 +17,7 @@ from designed_campaign import DesignedCampaign
 from shared import Answer, Document, Flag, paragraphs, run_script
 
 import lab
-from lab.calibration.identify import Identification
-from lab.campaign.option_groups import Effects
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import Robot, load_virtual
-from lab.campaign.virtual_robot import perturbed_arm
-from lab.commands.hand_load import HandLoad
+from lab.calibration.identification import Identification
 from lab.compensation.compensator import Compensator
 from lab.core import se3
 from lab.core.measurements import Measurements
@@ -30,14 +25,19 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.robotics.trajectory.cartesian import Feed, PathMove, arc, path_move
 from lab.extensions.robotics.trajectory.tracking import TrackedArm, tracking_along
-from lab.kinematics.effects.arm import Arm, ArmWithEffects
+from lab.kinematics.effects.arm_with_effects import Arm, ArmWithEffects
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.inverse.branches import NominalInverse
-from lab.kinematics.inverse.newton import PoseTarget
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.inverse.newton_inverse import PoseTarget
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.library.hand_load import HandLoad
+from lab.library.virtual_arm import perturbed_arm
+from lab.options.option_groups import Effects
+from lab.options.virtual_campaign import VirtualCampaign
 from lab.pose_selection.tour import rated
+from lab.robots.robot import Robot, load_virtual
 from lab.simulation.collisions import random_poses
-from lab.simulation.elastic import AT_REST, JointMotion
+from lab.simulation.elastic_links import AT_REST, JointMotion
 from lab.simulation.true_robot import TrueSerialRobot
 
 EI, GJ = 48_400.0, 36_000.0  # N m²: aluminium, a tube of 80 x 4 mm

@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 from shared import Answer, Document, Flag, Paragraph, Row, Table, run_script
 
-from lab.campaign.model_files import models_folder
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_robot
+from lab.robots.robot_files import models_folder
 
 FILES = {"ur5": "ur5_jacobi_1000.csv", "ur10": "ur10_ipa_C.csv"}
 SOURCES = ("joints", "geometry", "rest")

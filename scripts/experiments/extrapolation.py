@@ -16,12 +16,12 @@ from scipy import stats
 from shared import Answer, Document, Flag, Section, Table, run_script, short
 
 import lab
-from lab.calibration.extrapolation import joint_regions, prediction_squares
 from lab.calibration.validation import configurations, folds
-from lab.campaign.robot import Robot, load_robot
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
+from lab.prediction.extrapolation import joint_regions, prediction_squares
+from lab.robots.robot import Robot, load_robot
 
 Split = Literal["random", "regions", "beyond"]
 _SHARES = (

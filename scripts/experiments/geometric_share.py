@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from shared import SERIES, Answer, Document, Flag, Table, drawing, paragraphs, run_script, save_figure
 
-from lab.campaign.option_groups import Effects
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
-from lab.render.style import MUTED, REFERENCE
+from lab.options.option_groups import Effects
+from lab.report.style import MUTED, REFERENCE
 from lab.studies.analysis import CampaignArray, resampled
 from lab.studies.grid import NONE, Study
-from lab.studies.run import study_runner
+from lab.studies.run_study import study_runner
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

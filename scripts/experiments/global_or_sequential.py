@@ -19,15 +19,15 @@ from scipy.special import elliprg
 from shared import SERIES, Answer, Document, Flag, drawing, paragraphs, run_script, save_figure, write_rows
 
 from lab.calibration.batch import MAX_STEPS, MeasuredPoses, StackedPoseArm, fit_poses
-from lab.campaign.robot import Robot, load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
-from lab.render.style import MUTED, REFERENCE
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.report.style import MUTED, REFERENCE
+from lab.robots.robot import Robot, load_robot
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import target_rotations
 from lab.simulation.true_robot import true_robot_from_table

@@ -17,14 +17,14 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from shared import Answer, Document, Flag, Section, Table, paragraphs, run_script
 
-from lab.calibration.estimate import IdentifiedSubset
-from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
 from lab.kinematics.gauge import base_set
+from lab.prediction.estimate import IdentifiedSubset
+from lab.robots.robot import load_robot
 from lab.simulation.collisions import random_poses
-from lab.verification.change_points import Directions, Series
+from lab.verification.parameter_changes import Directions, Series
 
 TARGETS = ("p1", "p2", "p3")
 HALF_WIDTH_M = 8e-6  # of the uniform noise

@@ -11,18 +11,18 @@ import numpy as np
 from scipy import stats
 from shared import Answer, Document, Flag, Section, named_values, paragraphs, run_script
 
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit, isotropy, sandwich
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.validation import compare_with_truth, error_tangent
 from lab.calibration.weights import Noise, weigh
-from lab.campaign.option_groups import Effects
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import load_robot
-from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.random import rng_for
+from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import Instrument, instrument
+from lab.options.option_groups import Effects
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.robots.robot import load_robot
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track
 from lab.studies import executors

@@ -27,12 +27,12 @@ from scipy import stats
 from shared import Answer, Block, Document, Flag, Section, Table, example, paragraphs, run_script, short
 
 import lab
-from lab.calibration.estimate import Estimate
-from lab.campaign.robot import Robot, load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.render.document import Strong, Text
+from lab.prediction.estimate import Estimate
+from lab.report.document import Strong, Text
+from lab.robots.robot import Robot, load_robot
 
 sys.path.append(str(peers.FOLDER))
 Arm = import_module("scipy_jobs").Arm  # a chain of numpy alone, written apart from the lab

@@ -12,10 +12,10 @@ from shared import Answer, Document, Flag, Section, Table, run_script, short
 
 import lab
 from lab.calibration.validation import configurations, split_by_label
-from lab.campaign.robot import Robot, load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
+from lab.robots.robot import Robot, load_robot
 
 
 @dataclass(frozen=True)

@@ -20,18 +20,18 @@ from lab.calibration.outliers_and_noise import tail_dof
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import find_outliers
-from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.effects.arm import Arm
+from lab.kinematics.effects.arm_with_effects import Arm
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.noise.change_points import ANOTHER_SESSION
 from lab.noise.error_term import Components, ErrorShapes, correlation_of
 from lab.noise.variance_components import Estimate, RestrictedProblem, SmallSample, chosen_components, small_sample
+from lab.robots.robot import load_robot
 from lab.studies import executors
-from lab.verification.prediction import STEP, CalibrationPrediction, VerificationProblem, with_estimated_noise
-from lab.verification.test import change_test
+from lab.verification.change_test import change_test
+from lab.verification.predicted_points import STEP, CalibrationPrediction, VerificationProblem, with_estimated_noise
 
 SIGMA_M, SCATTER_RAD, CARRY, DRIFT_M, STEP_M, TAIL_DOF = 8e-6, 30e-6, 0.9, 60e-6, 50e-6, 3.0
 _ARMS = 5  # pose sets

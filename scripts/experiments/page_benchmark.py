@@ -15,9 +15,9 @@ from statistics import median
 from shared import Answer, Document, Flag, Table, run_script
 
 import lab
-from lab.campaign.robot import load_robot
-from lab.commands.result import Result
 from lab.core.errors import LabError
+from lab.library.result import Result
+from lab.robots.robot import load_robot
 
 LIMIT_S, LIMITS_MB = 1.0, {True: 2.0, False: 1.0}  # with a scene, without
 

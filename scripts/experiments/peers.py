@@ -29,7 +29,7 @@ import lab
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.pose_selection.exchange import Certificate, certify
 
 ROOT = Path(__file__).parents[2]

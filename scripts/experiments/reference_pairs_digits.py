@@ -17,11 +17,11 @@ import numpy as np
 from shared import Answer, Document, Flag, Table, run_script
 
 import lab
-from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.campaign.robot import Robot
+from lab.calibration.identification import Identification, IdentifyOptions, identify
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.robots.robot import Robot
 
 __all__ = ["FOLDER", "Digits", "answer", "compared", "measured", "required", "robot_of", "wishes"]
 

@@ -22,12 +22,12 @@ from typing import TYPE_CHECKING, Any
 import tyro
 from threadpoolctl import threadpool_limits
 
-from lab.campaign.option_types import Flag
 from lab.core.errors import LabError
-from lab.render.charts.chart import save_figure
-from lab.render.document import Block, Document, Paragraph, Row, Section, Table, short
-from lab.render.style import FIGURE_STYLE, SERIES
-from lab.render.terminal import print_document
+from lab.options.option_types import Flag
+from lab.report.charts.chart import save_figure
+from lab.report.document import Block, Document, Paragraph, Row, Section, Table, short
+from lab.report.style import FIGURE_STYLE, SERIES
+from lab.report.terminal import print_document
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

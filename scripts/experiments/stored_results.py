@@ -33,17 +33,17 @@ from benchmark import machine, median_ms
 from shared import Answer, Document, Flag, paragraphs, run_script
 
 import lab
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.weights import Noise
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import load_robot
-from lab.campaign.virtual_robot import perturbed_arm
-from lab.cli import main
+from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.kinematics.compiled import kernels
 from lab.kinematics.inverse.closed_form import closed_form_of
+from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import instrument
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.robots.robot import load_robot
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track
 

@@ -28,18 +28,18 @@ from shared import (
     save_figure,
 )
 
-from lab.campaign.option_groups import Effects
-from lab.campaign.robot import load_virtual
-from lab.commands.study.document import effect_text
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
-from lab.render.document import fixed
-from lab.render.style import GRID, REFERENCE, SCALINGS
+from lab.options.option_groups import Effects
+from lab.report.document import fixed
+from lab.report.style import GRID, REFERENCE, SCALINGS
+from lab.report.views.study_document import effect_text
+from lab.robots.robot import load_virtual
 from lab.simulation.collisions import random_poses
 from lab.studies.analysis import CampaignArray, Comparison, Mean, Pair, compared, groups, means
 from lab.studies.grid import ANY, Cell, Study
-from lab.studies.run import read_store, study_runner
+from lab.studies.run_study import read_store, study_runner
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -20,16 +20,16 @@ from shared import Answer, Document, Flag, Section, Table, paragraphs, run_scrip
 
 import lab
 from lab.calibration.validation import errors_at
-from lab.calibration.verdict import Verdict, Word
-from lab.calibration.workspace_prediction import MEAN_OF_RMS
-from lab.campaign.robot import Robot, load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
-from lab.render.phrases.registry import phrases
+from lab.phrases.phrase import phrases
+from lab.prediction.workspace_prediction import MEAN_OF_RMS
+from lab.robots.robot import Robot, load_robot
+from lab.verdict.verdict import Verdict, Word
 
 ROBOT = load_robot("irb120")
 ARM = ROBOT.serial_arm(("p1",))

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import tyro
 
-from lab.campaign.model_files import models_folder
-from lab.campaign.robot import load_robot
+from lab.robots.robot import load_robot
+from lab.robots.robot_files import models_folder
 from lab.simulation.closed_robot import closed_mjcf
 
 

@@ -42,7 +42,7 @@ def profile(frame, event, _):
         functions.add(frame.f_code)
         pairs.add((by, name))
 atexit.register(lambda: (sys.setprofile(None), out.write_text(json.dumps([sorted(pairs), len(functions)]))))
-from lab.cli import main
+from lab.cli.main import main
 sys.argv = ["lab", "identify", sys.argv[3], "--out", sys.argv[4], "--json"]
 sys.setprofile(profile)
 main()

@@ -5,15 +5,15 @@ import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 from helpers.truths import truth_of
 
-from lab.calibration import identify as lift_module
+from lab.calibration import identification as lift_module
 from lab.calibration.identifiability import condition_of, scaled_condition, weak_directions
-from lab.calibration.identify import IdentifyOptions, identify, most_likely_parameters
+from lab.calibration.identification import IdentifyOptions, identify, most_likely_parameters
 from lab.calibration.prior import Tolerance, alias_matrix, prior_of, standard_deviations
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 ARM = SerialArm(IRB120.chain)
 NOMINAL = ARM.nominal(IRB120.tool)

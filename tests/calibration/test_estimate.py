@@ -7,10 +7,10 @@ import pytest
 from helpers.drawing import nothing_drawn
 
 import lab
-from lab.calibration.estimate import Estimate
-from lab.calibration.estimate_files import read_estimate
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.prediction.estimate import Estimate
+from lab.prediction.estimate_files import read_estimate
 
 SOFT = {"stiffness_nm_per_rad": 1e5, "payload_kg": (0.0, 3.0), "model": "compliance+drift", "hours": 1.0}
 

@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120
 
-from lab.calibration.checks import check_validation_poses
-from lab.calibration.estimate_files import (
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identification import WEAK, Identification, identify
+from lab.calibration.statistics.candidate_models import TELLING, largest_useful_std
+from lab.calibration.validation import Errors, Validation
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements, measured
+from lab.kinematics.effects.arm_with_effects import Arm
+from lab.kinematics.effects.coupling import gear
+from lab.kinematics.effects.harmonics import harmonics
+from lab.kinematics.parameter import BASE_PARAMETERS
+from lab.prediction.estimate_files import (
     POSES_FILE,
     Extrapolation,
     measured_range_from_dict,
@@ -16,18 +25,9 @@ from lab.calibration.estimate_files import (
     read_cover,
     write_cover,
 )
-from lab.calibration.extrapolation import MeasuredRange, PoseCover, distinct_poses, measured_range
-from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import WEAK, Identification, identify
-from lab.calibration.statistics.candidate_models import TELLING, largest_useful_std
-from lab.calibration.validation import Errors, Validation
-from lab.calibration.verdict import verdict
-from lab.core.errors import LabError
-from lab.core.measurements import Measurements, measured
-from lab.kinematics.effects.arm import Arm
-from lab.kinematics.effects.coupling import gear
-from lab.kinematics.effects.harmonics import harmonics
-from lab.kinematics.parameter import BASE_PARAMETERS
+from lab.prediction.extrapolation import MeasuredRange, PoseCover, distinct_poses, measured_range
+from lab.verdict.fit_checks import check_validation_poses
+from lab.verdict.verdict import verdict
 
 SIGMA, POSES = 2e-5, 80
 ARM = IRB120.arm(("p1",))

@@ -7,13 +7,13 @@ from helpers.truths import truth_of
 from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.identify import _canonical, ellipsoids, identify, mapping_ellipsoids, position_covariance
+from lab.calibration.identification import _canonical, ellipsoids, identify, mapping_ellipsoids, position_covariance
 from lab.calibration.initial_guess import initial_guess
 from lab.calibration.validation import compare_with_truth, errors_at
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import measured
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import INSTRUMENTS
 
 ARM = SerialArm(IRB120.chain)

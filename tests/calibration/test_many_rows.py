@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 
-from lab.calibration import gauss_newton, identify
+from lab.calibration import gauss_newton
+from lab.calibration import identification as identify
+from lab.calibration import noise_search as search
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.noise import search
 from lab.calibration.statistics import linearized as linear_problem
 from lab.calibration.statistics import outliers
 from lab.calibration.statistics.goodness_of_fit import sandwich
@@ -16,7 +17,7 @@ from lab.calibration.weights import Noise
 from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 ARM = SerialArm(IRB120.chain)
 FREE = base_set(ARM, ARM.nominal()).identifiable

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
-from lab.calibration.other_numbers import PLACED, in_other_numbers, trimmed_error
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.verdict.other_numbers import PLACED, in_other_numbers, trimmed_error
 
 CHAIN = IRB120.chain
 ARM = SerialArm(CHAIN)

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
-from lab.calibration.fitted import Fitted, Judging
 from lab.calibration.fitter import Fitter
-from lab.calibration.pipeline import FITTING, STEPS, PipelineOptions, identify_robot, run_steps, start
 from lab.calibration.weights import Noise
-from lab.campaign.option_groups import Fitting
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.gauge import base_set
-from lab.render.phrases.registry import phrases
+from lab.options.option_groups import Fitting
+from lab.phrases.phrase import phrases
 from lab.sensors.points import PointSensor
+from lab.verdict.fitted import Fitted, Judging
+from lab.verdict.pipeline import FITTING, STEPS, PipelineOptions, identify_robot, run_steps, start
 
 SIGMA = 5e-6
 POINTS = PipelineOptions(PointSensor())

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 
-from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.identification import IdentifyOptions, identify
 from lab.calibration.outliers_and_noise import outliers_among_fitted
 from lab.calibration.prior import Directions, Prior, Tolerance, directions_of
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.validation import Errors, Validation
-from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
-from lab.kinematics.serial.arm import SerialArm
-from lab.render.phrases.registry import in_one_line
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.phrases.phrase import in_one_line
+from lab.verdict.verdict import verdict
 
 ARM = SerialArm(IRB120.chain)
 NOMINAL = ARM.nominal(IRB120.tool)

@@ -8,11 +8,11 @@ from helpers.robots import IRB120
 
 import lab
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification, identify
-from lab.calibration.regions import measured_region, region_of_points, workspace_region
+from lab.calibration.identification import Identification, identify
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import measured
+from lab.prediction.regions import measured_region, region_of_points, workspace_region
 
 SIGMA = 2e-5
 CHAIN = IRB120.chain

@@ -7,10 +7,10 @@ import pytest
 from helpers.robots import IRB120
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification, identify
-from lab.calibration.residual_spread import for_later_rows, residual_spread
+from lab.calibration.identification import Identification, identify
 from lab.calibration.weights import Noise
 from lab.core.measurements import measured
+from lab.prediction.residual_spread import for_later_rows, residual_spread
 
 CHAIN, ARM = IRB120.chain, IRB120.arm(("p1",))
 NOMINAL = ARM.nominal(IRB120.tool)

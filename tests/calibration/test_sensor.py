@@ -6,13 +6,13 @@ from typing import ClassVar
 import numpy as np
 from helpers.robots import IRB120
 
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.sensor import Sensor, SensorTerms
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 ARM = SerialArm(IRB120.chain)
 

@@ -8,13 +8,13 @@ from helpers.pose_data import measured_poses
 from helpers.robots import IRB120, RX130
 
 from lab.calibration.gauss_newton import Fit, fit
-from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.identification import IdentifyOptions, identify
 from lab.calibration.sequential import fit_sequentially, split_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.full_pose import Poses
 
 ARM = SerialArm(RX130)

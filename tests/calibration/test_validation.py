@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 
-from lab.calibration.identify import Identification, identify
+from lab.calibration.identification import Identification, identify
 from lab.calibration.validation import (
     configurations,
     folds,
@@ -16,13 +16,13 @@ from lab.calibration.validation import (
     validate_file,
     validate_folds,
 )
-from lab.calibration.verdict import verdict
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
-from lab.kinematics.effects.arm import affected
+from lab.kinematics.effects.arm_with_effects import affected
 from lab.kinematics.effects.backlash import backlash
-from lab.kinematics.serial.arm import SerialArm
-from lab.render.phrases.registry import phrases
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.phrases.phrase import phrases
+from lab.verdict.verdict import verdict
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names

@@ -8,18 +8,18 @@ from helpers.fixture_data import many, measured_fixtures
 from helpers.pose_data import measured_poses
 from helpers.robots import IRB120
 
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.validation import Errors, Validation
-from lab.calibration.verdict import rotation_noise_rad, verdict
 from lab.calibration.weights import Noise
 from lab.core.measurements import measured
-from lab.kinematics.serial.arm import SerialArm
-from lab.render.phrases.registry import in_one_line
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.phrases.phrase import in_one_line
 from lab.sensors.cable import Cable
 from lab.sensors.fixtures import Fixtures
 from lab.sensors.full_pose import balanced
 from lab.sensors.plane import Planes
 from lab.sensors.socket import Sockets
+from lab.verdict.verdict import rotation_noise_rad, verdict
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from helpers.judged import Case, campaign, errors
 
-from lab.calibration.identify import IdentifyOptions
-from lab.calibration.noise.plausibility import finding
+from lab.calibration.identification import IdentifyOptions
 from lab.calibration.validation import Validation
-from lab.calibration.verdict import judge, verdict
-from lab.calibration.workspace_prediction import prediction_check
-from lab.campaign.robot import load_robot
 from lab.core.checks import Check
-from lab.kinematics.serial.arm import SerialArm
-from lab.render.phrases.registry import in_one_line
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.phrases.phrase import in_one_line
+from lab.prediction.workspace_prediction import prediction_check
+from lab.robots.robot import load_robot
+from lab.verdict.noise_findings import finding
+from lab.verdict.verdict import judge, verdict
 
 GATE = 1e-3
 clean = cache(campaign)

@@ -8,11 +8,11 @@ from helpers.pose_data import measured_poses
 from helpers.robots import IRB120
 from helpers.truths import truth_of
 
-from lab.calibration.identify import Identification, identify
+from lab.calibration.identification import Identification, identify
 from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weigh
 from lab.core.measurements import Measurements, measured
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import INSTRUMENTS, Instrument, TrackerErrors
 from lab.sensors.full_pose import Poses
 

@@ -7,12 +7,12 @@ import pytest
 from helpers.judged import SIGMA_M, campaign
 from helpers.robots import IRB120
 
-from lab.calibration.extrapolation import MeasuredRange, PoseCover
 from lab.calibration.prior import Tolerance
-from lab.calibration.regions import Region
-from lab.calibration.residual_spread import ResidualSpread, residual_spread
-from lab.calibration.verdict import verdict
-from lab.calibration.workspace_prediction import (
+from lab.phrases.phrase import in_one_line
+from lab.prediction.extrapolation import MeasuredRange, PoseCover
+from lab.prediction.regions import Region
+from lab.prediction.residual_spread import ResidualSpread, residual_spread
+from lab.prediction.workspace_prediction import (
     MEAN_OF_RMS,
     PredictedErrors,
     own_tolerance,
@@ -20,7 +20,7 @@ from lab.calibration.workspace_prediction import (
     predict_over_region,
     predicted_errors_at,
 )
-from lab.render.phrases.registry import in_one_line
+from lab.verdict.verdict import verdict
 
 CHAIN = IRB120.chain
 TURNING = np.ones(CHAIN.size, dtype=np.bool_)

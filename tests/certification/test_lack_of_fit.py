@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.calibration.workspace_prediction import length_not_exceeded
 from lab.certification.lack_of_fit import ValidationErrors, lack_of_fit
 from lab.core.se3 import Array
+from lab.prediction.workspace_prediction import length_not_exceeded
 
 SIGMA_M, POSES = 10e-6, 40
 OWN = np.broadcast_to(SIGMA_M**2 * np.eye(3), (POSES, 3, 3))

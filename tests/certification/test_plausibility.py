@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from lab.certification.plausibility import CampaignFacts, implausibilities
+from lab.certification.certificate_plausibility import CampaignFacts, implausibilities
 from lab.core.checks import Check
 from lab.formats.certificate_toml import read_certificate_details
-from lab.render.phrases.registry import phrase
+from lab.phrases.phrase import phrase
 
 GOOD = {
     "certificate": {"date": "2026-03-31", "measured_on": "2026-03-30"},

@@ -14,7 +14,7 @@ from lab.core.probability import Uncertain
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import SYSTEMATIC_ERRORS, TrackerErrors, instrument
 
 ARM = SerialArm(IRB120.chain, ("p1", "p2"))

@@ -11,9 +11,9 @@ from helpers.campaigns import calibration, run_of, session
 from helpers.drawing import nothing_drawn
 from helpers.writing_commands import inputs_of_commands
 
-from lab.cli import main
-from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.calibrate.run import identify
+from lab.cli.main import main
+from lab.library.calibration_result import CalibrationResult
+from lab.library.identify import identify
 
 
 @pytest.fixture

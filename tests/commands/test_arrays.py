@@ -10,8 +10,8 @@ import pytest
 from helpers.campaigns import session
 
 import lab
-from lab.commands.measurements import measurements, robot_from_dh
 from lab.core.measurements import Measurements
+from lab.library.given_measurements import measurements, robot_from_dh
 
 TABLE = [
     [0, 290, 0, -90], [-90, 0, 270, 0], [0, 0, 70, -90], [0, 302, 0, 90], [0, 0, 0, -90], [180, 72, 0, 0],

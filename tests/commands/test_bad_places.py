@@ -15,9 +15,9 @@ from helpers.bad_input import contents, run, the_line
 from helpers.campaigns import own_copy
 from helpers.writing_commands import COMMANDS, ended, forked, whole
 
-from lab.commands.run_folder import run_folder
 from lab.core.errors import LabError
 from lab.core.whole_folder import draft_of
+from lab.library.run_folder import run_folder
 
 pytestmark = [
     pytest.mark.thorough,

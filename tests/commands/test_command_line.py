@@ -10,16 +10,18 @@ from pathlib import Path
 import pytest
 import tyro
 
-from lab.campaign.option_groups import Effects, Fitting
-from lab.campaign.options import VirtualCampaign
-from lab.cli import main
-from lab.commands import registry
-from lab.commands.command_line import options_of, parsed
-from lab.commands.measurements import read_measurements, world_frames, write_measurements
-from lab.commands.registry import Command, all_commands, command_named
+from lab.cli.command_line import parsed
+from lab.cli.commands import all_commands, command_named
+from lab.cli.main import main
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.formats.structured import structured
+from lab.library.given_measurements import read_measurements, world_frames, write_measurements
+from lab.options import command as registry
+from lab.options.call_options import options_of
+from lab.options.command import Command
+from lab.options.option_groups import Effects, Fitting
+from lab.options.virtual_campaign import VirtualCampaign
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def test_keywords_are_options_those_of_groups_among_them() -> None:
 
 
 def test_measurements_come_back_and_their_frame_is_the_world_s(tmp_path: Path) -> None:
-    from lab.commands.calibrate.run import simulate
+    from lab.library.identify import simulate
 
     day = simulate("irb120", poses=8, seed=2, instrument="exact", position_sigma_mm=0, rotation_sigma_mrad=0)
     write_measurements(tmp_path / "day.csv", day.measurements, day.robot)

@@ -13,12 +13,12 @@ from helpers.campaigns import calibration, run_of, session
 from helpers.robots import IRB120, ROOT, data_file
 
 import lab
-from lab.cli import main
+from lab.cli.main import main
 from lab.core import se3
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.formats.robot_toml import read_table
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 FILES = {
     "SHA256SUMS", "config.json", "measurements.csv", "parameters.json", "covariance.csv", "fitted_poses.csv",
@@ -215,7 +215,7 @@ def test_help_needs_nothing_heavy() -> None:
     """``lab --help`` imports neither numpy nor MuJoCo nor rerun."""
     code = """
 import sys
-from lab.cli import main
+from lab.cli.main import main
 try:
     main(["--help"])
 except SystemExit as stop:

@@ -15,9 +15,10 @@ import pytest
 from helpers.bad_input import run, the_line
 from helpers.processes import interruptible
 
-from lab.commands import program, registry
-from lab.commands.result import Result
+from lab.cli import process as program
 from lab.core.errors import LabError
+from lab.library.result import Result
+from lab.options import command as registry
 
 pytestmark = pytest.mark.usefixtures("folder")
 
@@ -141,7 +142,7 @@ def test_a_result_that_lacks_what_each_has_is_no_defect(
     result: object, missing: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     usual = registry.load_reference
-    returning = {"lab.commands.inspect.run:inspect": lambda _: result}
+    returning = {"lab.library.inspect:inspect": lambda _: result}
     monkeypatch.setattr(registry, "load_reference", lambda name: returning.get(name) or usual(name))
     assert run("inspect arm.toml") == 2
     assert missing in the_line(capfd.readouterr().err)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from helpers.recordings import column, rrd, statics
 
-from lab.commands.calibrate.load_run import load_run
-from lab.commands.compensate.run import compensate
-from lab.commands.error_recording import record_compensation, record_verification
-from lab.commands.verify.run import verify
+from lab.library.compensate import compensate
+from lab.library.load_run import load_run
+from lab.library.verify import verify
+from lab.report.views.error_recording import record_compensation, record_verification
 
 pytestmark = [pytest.mark.usefixtures("strict_recordings"), pytest.mark.figures]
 

@@ -11,9 +11,9 @@ from helpers.bad_input import contents, the_line
 from helpers.robots import ROOT
 
 import lab
-from lab.cli import main
-from lab.commands.example import EXAMPLES
-from lab.commands.options import ExampleOptions
+from lab.cli.main import main
+from lab.library.example import EXAMPLES
+from lab.options.command_options import ExampleOptions
 
 NAMES = [each.name for each in EXAMPLES]
 

@@ -59,7 +59,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = f"calibrate --robot arm.toml --poses 14 --instrument tracker.toml {soft}"
     with pytest.MonkeyPatch.context() as patch, nothing_drawn():
         patch.chdir(folder)
-        patch.setattr("lab.commands.study.run.local_executor", lambda _: ThreadPoolExecutor(1))
+        patch.setattr("lab.studies.study.local_executor", lambda _: ThreadPoolExecutor(1))
         for seed, name in enumerate(("base/run", "other")):
             assert run(f"{made} --seed {seed} --date 2026-01-0{1 + seed} --out {name}") == 0
         assert run("study study.toml --workers 1 --out base/study") == 0
@@ -163,9 +163,9 @@ def quick(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Few draws of a budget, robots that are built once, studies in this process, and pages that are not laid out."""
     monkeypatch.chdir(place)
     monkeypatch.setattr("lab.certification.budget._DRAWS", 10)
-    monkeypatch.setattr("lab.campaign.model_files.is_own", lambda _: True)
-    monkeypatch.setattr("lab.render.page.to_html", lambda _: "")
-    monkeypatch.setattr("lab.commands.study.run.local_executor", lambda _: ThreadPoolExecutor(1))
+    monkeypatch.setattr("lab.robots.robot_files.is_own", lambda _: True)
+    monkeypatch.setattr("lab.report.page.to_html", lambda _: "")
+    monkeypatch.setattr("lab.studies.study.local_executor", lambda _: ThreadPoolExecutor(1))
 
 
 @pytest.mark.usefixtures("quick")

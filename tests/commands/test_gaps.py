@@ -21,11 +21,11 @@ from helpers.campaigns import run_of
 from helpers.writing_commands import COMMANDS, STUDY
 
 import lab
-from lab.commands.result import Result
 from lab.core.gaps import GapWarning, attempted
 from lab.extension_points import load_reference
-from lab.render import document as doc
-from lab.render import page
+from lab.library.result import Result
+from lab.report import document as doc
+from lab.report import page
 
 pytestmark = [pytest.mark.figures, pytest.mark.filterwarnings("always::lab.core.gaps.GapWarning")]
 
@@ -79,9 +79,9 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     with pytest.MonkeyPatch.context() as patch, pytest.warns(GapWarning) as warned:
         patch.chdir(folder.parent if name in ALONE else request.getfixturevalue("command_inputs"))
         patch.setattr(Result, "draw", kept)
-        patch.setattr("lab.commands.result.load_reference", lambda _: broken)
-        patch.setattr("lab.render.page.to_html", broken)
-        patch.setattr("lab.render.terminal.print_document", broken)
+        patch.setattr("lab.library.result.load_reference", lambda _: broken)
+        patch.setattr("lab.report.page.to_html", broken)
+        patch.setattr("lab.report.terminal.print_document", broken)
         code = run(f"{COMMANDS[name]} --out {folder}")
     (result,) = results
     return Written(result, folder, code, "\n".join(str(each.message) for each in warned))
@@ -126,7 +126,7 @@ def parts_of(result: Result) -> list[tuple[ModuleType, str]]:
 @in_parts
 def test_each_part_of_a_document_that_fails_leaves_a_gap(written: Written, monkeypatch: pytest.MonkeyPatch) -> None:
     result = written.result
-    monkeypatch.setattr("lab.render.charts.chart.inline_svg", lambda picture: "")
+    monkeypatch.setattr("lab.report.charts.chart.inline_svg", lambda picture: "")
     for module, name in parts_of(result):
         function = getattr(module, name)
         with monkeypatch.context() as patch, pytest.warns(GapWarning, match="broken on purpose"):
@@ -207,7 +207,7 @@ for module in ("rerun", "matplotlib", "cv2", "sympy", "distributed", "trimesh"):
     sys.modules[module] = None  # as where it is not installed
 version = metadata.version
 metadata.version = lambda name: version("nothing-of-that-name" if name == "rerun-sdk" else name)
-from lab.cli import main
+from lab.cli.main import main
 
 for arguments in sys.argv[1:]:
     sys.argv[1:] = arguments.split()

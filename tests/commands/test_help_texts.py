@@ -5,11 +5,12 @@ import shlex
 
 import pytest
 
-from lab.cli import main
-from lab.commands.command_line import parsed
-from lab.commands.help_text import HELP_FLAGS, grouped, help_text, options_of_command
-from lab.commands.registry import Command, all_commands, command_named
+from lab.cli.command_line import parsed
+from lab.cli.commands import all_commands, command_named
+from lab.cli.help_text import HELP_FLAGS, grouped, help_text, options_of_command
+from lab.cli.main import main
 from lab.noise.instruments import INSTRUMENTS, observers
+from lab.options.command import Command
 
 
 def help_of(command: str, capsys: pytest.CaptureFixture[str]) -> str:

@@ -18,7 +18,7 @@ from helpers.bad_input import contents, run, the_line
 from helpers.campaigns import own_copy
 from helpers.writing_commands import COMMANDS, forked, whole
 
-from lab.cli import main
+from lab.cli.main import main
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(os, "fork"), reason="forks of POSIX"),
@@ -115,7 +115,7 @@ def test_an_interruption_after_the_run_was_written_says_so(
     def late(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("lab.render.terminal.print_document", late)
+    monkeypatch.setattr("lab.report.terminal.print_document", late)
     assert run("kinematics arm.toml --joints 1,2,3 --out there") == 130
     assert the_line(capfd.readouterr().err).endswith("there was written before") and whole(folder / "there")
 

@@ -8,7 +8,7 @@ import pytest
 from helpers.campaigns import identification, run_of, session
 
 import lab
-from lab.cli import main
+from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from helpers.bad_input import ARM_TOML, contents, run, the_line
 
-from lab.commands.run_folder import free_name, input_files, run_folder
 from lab.core.errors import LabError
+from lab.library.run_folder import free_name, input_files, run_folder
 
 pytestmark = pytest.mark.usefixtures("folder")
 
@@ -74,7 +74,7 @@ def test_two_runs_of_one_name_are_two_folders(folder: Path) -> None:
 
 
 def test_robots_by_path_are_inputs(folder: Path) -> None:
-    from lab.campaign.options import VirtualCampaign
+    from lab.options.virtual_campaign import VirtualCampaign
 
     assert input_files(VirtualCampaign(robot="arm.toml")) == (Path("arm.toml"),)
     assert input_files(VirtualCampaign(robot="irb120")) == ()

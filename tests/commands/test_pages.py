@@ -10,10 +10,10 @@ from helpers.browser import Browser
 from helpers.campaigns import run_of, session
 from helpers.html_page import Page
 
-from lab.cli import main
-from lab.commands.calibrate.load_run import load_run
+from lab.cli.main import main
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
+from lab.library.load_run import load_run
 
 pytestmark = [pytest.mark.figures, pytest.mark.thorough]
 

@@ -19,9 +19,9 @@ from helpers.load_mistakes import (
 )
 from scipy import stats
 
+from lab.extensions.dynamics.dynamics_phrases import phrase
+from lab.extensions.dynamics.dynamics_plausibility import misplaced_points, stuck_channels
 from lab.extensions.dynamics.load_files import PayloadSamples
-from lab.extensions.dynamics.phrases import phrase
-from lab.extensions.dynamics.plausibility import misplaced_points, stuck_channels
 
 ROUTES = {"torques": OF_TORQUES, "wrench": OF_WRENCH}
 LEVEL = 0.05  # of the test of residuals

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from lab.campaign.option_groups import Effects, Fitting
-from lab.campaign.options import VirtualCampaign
-from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.compensate.options import CompensateOptions
-from lab.commands.options import HistoryOptions
-from lab.commands.run_folder import command_line
+from lab.library.run_folder import command_line
+from lab.options.command_options import HistoryOptions
+from lab.options.compensation import CompensateOptions
+from lab.options.measured_campaign import MeasuredCampaign
+from lab.options.option_groups import Effects, Fitting
+from lab.options.virtual_campaign import VirtualCampaign
 
 
 def test_a_command_line_gives_the_options_back(tmp_path: Path, capsys) -> None:

@@ -15,10 +15,10 @@ from helpers.robots import ROOT
 from helpers.writing_commands import COMMANDS as EXAMPLES
 
 import lab
-from lab.campaign.config_file import SCHEMA
-from lab.cli import main
-from lab.commands.registry import all_commands, command_named
-from lab.commands.run_folder import run_folder, write_json
+from lab.cli.commands import all_commands, command_named
+from lab.cli.main import main
+from lab.library.run_folder import run_folder, write_json
+from lab.robots.config_file import SCHEMA
 
 FILES = ("config", "parameters", "result")
 FILE_OF = {"calibrate": "result", "identify": "result", "certify": "certificate"}  # of other commands their name

@@ -10,10 +10,10 @@ from helpers.campaigns import own_copy, run_of
 from helpers.drawing import nothing_drawn
 
 import lab
-from lab.cli import main
-from lab.commands.calibrate.result import CalibrationResult
+from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import write_measurements
+from lab.library.calibration_result import CalibrationResult
 
 DETAILS = '[robot]\nserial_number = "{}"\n'
 

@@ -9,20 +9,20 @@ import pytest
 from helpers.campaigns import session
 
 import lab
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.stations import few_points_of_a_station
 from lab.calibration.validation import compare_with_truth
 from lab.calibration.weights import Noise
-from lab.campaign.robot import load_virtual
-from lab.campaign.virtual_robot import truth_of
-from lab.cli import main
-from lab.commands.calibrate.run import MeasurementSession
+from lab.cli.main import main
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import SessionInfo
+from lab.library.identify import MeasurementSession
+from lab.library.virtual_arm import truth_of
 from lab.noise.instruments import INSTRUMENTS
+from lab.robots.robot import load_virtual
 from lab.simulation.effects import true_parameters
 
 WEST, EAST, BACK = (

@@ -7,15 +7,15 @@ import pytest
 from helpers.robots import IRB120, chain_of, perturbed, somewhere
 from scipy import optimize
 
-from lab.campaign.robot import Robot, load_robot
 from lab.compensation import compensator as compensator_module
 from lab.compensation.compensator import AGREED_M, Compensation, Compensator
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.inverse.branches import NominalInverse
-from lab.kinematics.inverse.newton import PoseTarget
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.inverse.newton_inverse import PoseTarget
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import Robot, load_robot
 
 CROSSED = ("joint2.cross6", "link3.x_cross6", "link5.rx_cross4", "joint3.backlash")
 CASES = {

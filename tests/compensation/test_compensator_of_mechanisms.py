@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from closed_loop import compensator_of
 
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import load_robot
-from lab.commands.calibrate.run import calibrate
 from lab.compensation.compensator import Compensator
 from lab.core.errors import LabError
 from lab.kinematics.inverse.branches import NominalInverse
-from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.inverse.newton_inverse import PoseTarget
+from lab.library.identify import calibrate
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.robots.robot import load_robot
 from lab.simulation.collisions import random_poses
 
 EXACT = VirtualCampaign(robot="delta/small", seed=3, poses=20, instrument="exact")
@@ -19,7 +19,7 @@ EXACT = VirtualCampaign(robot="delta/small", seed=3, poses=20, instrument="exact
 @pytest.mark.thorough
 def test_a_delta_goes_where_it_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its errors of a millimetre are gone, at targets that were never measured; MuJoCo says where it is."""
-    monkeypatch.setattr("lab.campaign.virtual_robot.FRESH_POSES", 20)
+    monkeypatch.setattr("lab.library.virtual_arm.FRESH_POSES", 20)
     outcome = calibrate(EXACT)
     assert outcome.real is not None
     compensator = compensator_of(outcome)

@@ -5,7 +5,7 @@ import pickle
 import pytest
 
 import lab
-from lab.cli import main
+from lab.cli.main import main
 from lab.core import errors
 from lab.core.errors import LabError, error_context, option_name, options_as_flags
 from lab.core.limits import POSES, POSITIVE_OPTION, positive, whole

@@ -20,11 +20,10 @@ from helpers.robots import ROOT
 from helpers.run_script import threads_for_processes
 
 from lab import extension_points
-from lab.campaign.robot import load_robot, load_virtual
-from lab.cli import main
-from lab.commands.registry import all_commands
+from lab.cli.commands import all_commands
+from lab.cli.main import main
+from lab.extensions.dynamics.arm_simulation import LoadBench, RigidLoad, RunErrors
 from lab.extensions.dynamics.load_files import Mounting, read_mounting, write_loads
-from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
 from lab.formats.cell_toml import read_cell
 from lab.formats.certificate_toml import read_certificate_details
 from lab.formats.drives_toml import read_drives
@@ -32,6 +31,7 @@ from lab.formats.instrument_toml import read_instrument
 from lab.formats.loose_table import read_column_map
 from lab.formats.mechanism_toml import read_mechanism
 from lab.formats.robot_toml import read_table
+from lab.robots.robot import load_robot, load_virtual
 from lab.sensors.cameras.rig import read_rig
 from lab.simulation.collisions import random_poses
 from lab.studies.grid import read_study
@@ -88,7 +88,7 @@ REAL_EXAMPLE = [each for each in README.commands if "example ur5" in each or "ur
 def test_every_command_of_a_page_runs(page: Page, tmp_path, monkeypatch, capsys) -> None:
     """With few candidates and fresh poses, in this process alone: what is judged is not asked here."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("lab.campaign.virtual_robot.FRESH_POSES", 100)  # of 1000
+    monkeypatch.setattr("lab.library.virtual_arm.FRESH_POSES", 100)  # of 1000
     monkeypatch.setattr("lab.studies.campaigns.CANDIDATES", 100)  # of 1000
     monkeypatch.setattr("lab.studies.campaigns.STARTS", 1)  # of 2
     write_files(page, tmp_path)

@@ -10,8 +10,8 @@ import pytest
 from helpers.robots import ROOT
 
 import lab
-from lab.commands.help_text import options_of_command
-from lab.commands.registry import all_commands
+from lab.cli.commands import all_commands
+from lab.cli.help_text import options_of_command
 
 pytest.importorskip("sphinx")
 pytestmark = pytest.mark.thorough  # sphinx is of the extra docs

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from helpers.robots import ROOT
 
-from lab.commands.command_line import parsed
-from lab.commands.registry import command_named
+from lab.cli.command_line import parsed
+from lab.cli.commands import command_named
 from lab.extensions.reproduction.item import source_named, sources
 
 _SPEC = importlib.util.spec_from_file_location("stored_rows", ROOT / "docs" / "_extensions" / "stored_rows.py")

@@ -18,9 +18,9 @@ from lab.core.se3 import exp
 from lab.kinematics.dynamics.beam import MATERIALS, Beam, loads_on, tube
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import load_of, pseudo_inertia
-from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.registry import effect
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.effects.arm_with_effects import ArmWithEffects
+from lab.kinematics.effects.effect_registry import effect
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import TrackerErrors
 from lab.sensors.cameras.geometry import projected
 

@@ -19,10 +19,10 @@ import numpy as np
 import tyro
 
 import lab
-from lab.commands.registry import Command
-from lab.commands.result import Result
+from lab.options.command import Command
+from lab.library.result import Result
 from lab.core.errors import LabError
-from lab.render.document import Document, Paragraph
+from lab.report.document import Document, Paragraph
 
 WEIGH = Command("weigh", "Weigh a robot.", "weighing:Options", "weighing:weigh")
 
@@ -116,7 +116,7 @@ def python(site: Path, *arguments: str, cwd: Path | None = None) -> subprocess.C
 
 COMMANDS = """
 import contextlib, io, json, sys
-from lab.cli import main
+from lab.cli.main import main
 for line in json.loads(sys.argv[1]):
     printed, said = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(said):
@@ -155,9 +155,9 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str, 
 
 SPOKEN = """
 import numpy as np
-from lab.campaign.robot import load_robot
+from lab.robots.robot import load_robot
 from lab.formats.programs.protocol import MeasuringTour
-from lab.formats.programs.registry import plan_files, refusal
+from lab.formats.programs.languages import plan_files, refusal
 tour = MeasuringTour("two", np.zeros((4, 2)), np.array([-1, 0, 1, -1]), ("3", "4"))
 assert plan_files(load_robot("course2r").chain, "spoken", tour) == {"plan.txt": b"two: 4 stops"}
 assert refusal(load_robot("irb120").chain, "spoken") == "no spoken program for 6 joints"

@@ -11,8 +11,6 @@ import pytest
 
 import lab
 from lab import extension_points
-from lab.campaign.option_groups import Fitting
-from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.extension_points import add
 from lab.kinematics.effects import own
@@ -26,8 +24,10 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     VirtualEffect,
 )
-from lab.kinematics.effects.registry import effect, own_columns
+from lab.kinematics.effects.effect_registry import effect, own_columns
 from lab.kinematics.parameter import joint_parameter
+from lab.options.option_groups import Fitting
+from lab.robots.robot import load_virtual
 
 ROBOT = load_virtual("irb120")
 OIL = "oil_C"

@@ -8,18 +8,18 @@ import pytest
 
 import lab
 from lab import extension_points
-from lab.campaign.option_groups import Effects
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import load_virtual
-from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.errors import LabError
 from lab.extension_points import add, added, load_part, registered
 from lab.kinematics.effects.effect import VirtualEffect
-from lab.kinematics.effects.registry import CANDIDATES, effect, own_effect
+from lab.kinematics.effects.effect_registry import CANDIDATES, effect, own_effect
+from lab.library.virtual_arm import perturbed_arm
 from lab.noise.error_term import TERMS, own_term, terms_with
 from lab.noise.instruments import instrument, is_isotropic, observing
+from lab.options.option_groups import Effects
+from lab.options.virtual_campaign import VirtualCampaign
 from lab.pose_selection.criteria import CRITERIA, criterion
-from lab.sensors.registry import sensor_named
+from lab.robots.robot import load_virtual
+from lab.sensors.sensor_registry import sensor_named
 
 ROBOT = load_virtual("irb120")
 

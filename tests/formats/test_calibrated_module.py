@@ -10,14 +10,14 @@ from helpers.bare_python import bare_python
 from helpers.robots import perturbed, somewhere
 
 from lab.calibration.residual.process import COMPONENTS, JointProcess
-from lab.campaign.robot import load_virtual
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.calibrated_module import largest_difference, loaded, module_text, plain_model, refusing_text
 from lab.formats.plain_arm import place
-from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC, GROUPS
+from lab.kinematics.effects.arm_with_effects import ArmWithEffects
+from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC, GROUPS
+from lab.robots.robot import load_virtual
 
 TURN = se3.exp(np.array([0.1, -0.4, 0.2]))  # of the measured tool in the last frame
 CASES = {

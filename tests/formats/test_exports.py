@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, perturbed, somewhere
 
-from lab.campaign.robot import Robot, SerialRobot, load_robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.link_tree import link_tree
 from lab.formats.robot_toml import RobotTable, read_table
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import Robot, SerialRobot, load_robot
 from lab.simulation.build_serial import table_model
 
 TARGETS = ("p1", "p2", "p3")

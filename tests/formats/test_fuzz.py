@@ -14,8 +14,8 @@ from helpers.fuzzing import RandomChance, changed, mutated
 from helpers.time_limit import ends
 from hypothesis import HealthCheck, given, settings
 
-from lab.campaign.option_groups import Effects
 from lab.core.errors import LabError
+from lab.options.option_groups import Effects
 from lab.studies.grid import read_study
 
 MOST_KIB = 1 << 20

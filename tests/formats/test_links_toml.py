@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import load_robot
-from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.errors import LabError
 from lab.kinematics.dynamics.beam import MATERIALS, tube
 from lab.kinematics.dynamics.gravity import link_loads
 from lab.kinematics.effects.bending import ElasticLinks
+from lab.library.virtual_arm import perturbed_arm
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.robots.robot import load_robot
 
 TUBES = """robot = "irb120"
 

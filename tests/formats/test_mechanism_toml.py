@@ -7,7 +7,7 @@ import pytest
 from helpers.mechanisms import CRANK
 from helpers.robots import ROOT
 
-from lab.cli import main
+from lab.cli.main import main
 from lab.formats.mechanism_toml import read_mechanism, write_mechanism
 from lab.kinematics.closed.loop_closure import Tree
 from lab.kinematics.closed.mechanism import Mechanism

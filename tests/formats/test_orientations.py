@@ -6,7 +6,7 @@ from helpers.robots import IRB120
 
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.full_pose import PoseSensor
 
 

@@ -8,7 +8,7 @@ import pytest
 from helpers.robots import IRB120, SCARA
 
 from lab.formats.description import IdentifiedRobot
-from lab.formats.programs.registry import (
+from lab.formats.programs.languages import (
     PLAN,
     Controller,
     language_of,

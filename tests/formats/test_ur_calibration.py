@@ -14,7 +14,7 @@ from lab.core.se3 import Array
 from lab.formats.description import IdentifiedRobot
 from lab.formats.robot_toml import read_table
 from lab.formats.ur_calibration import UR_KINEMATICS
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 # A real robot's table, as the controller reports it: ur_calibration, doc/algorithm.rst (a UR10e)
 REAL = np.array([

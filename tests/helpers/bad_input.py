@@ -9,9 +9,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from lab.cli import main
+from lab.cli.main import main
 from lab.formats.robot_toml import read_table
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 ROWS = 24
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from lab.campaign.robot import load_robot
-from lab.simulation.model import RobotModel
+from lab.robots.robot import load_robot
+from lab.simulation.robot_model import RobotModel
 
 CELL = """clearance_mm = {}
 [[obstacle]]

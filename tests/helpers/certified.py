@@ -8,13 +8,13 @@ import numpy as np
 
 import lab
 from lab.certification.budget import propagated
-from lab.commands.certify.result import Certificate
-from lab.commands.certify.run import certify
-from lab.commands.options import CertifyOptions
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.library.certificate_result import Certificate
+from lab.library.certify import certify
+from lab.options.command_options import CertifyOptions
 
 INSTRUMENT = "uniform-8um"
 POSES, HELD = 60, 0.3

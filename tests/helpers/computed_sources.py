@@ -3,8 +3,8 @@
 from functools import cache
 
 from lab.extensions.reproduction.item import Computed, Item, source_named, sources
-from lab.extensions.reproduction.options import ReproduceOptions
-from lab.extensions.reproduction.result import ReproductionResult
+from lab.extensions.reproduction.reproduction_options import ReproduceOptions
+from lab.extensions.reproduction.reproduction_result import ReproductionResult
 
 __all__ = ["ITEMS", "SEARCHED", "computed", "item_of", "result_of"]
 

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from lab.core.se3 import Array
-from lab.simulation.model import RobotModel
+from lab.simulation.robot_model import RobotModel
 
 LOOK_M = 0.001
 FAR_M = 0.03  # between bounding spheres: shapes that are farther apart are not measured

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 from markupsafe import Markup
 
-from lab.commands.result import Result
+from lab.library.result import Result
 
 _PAGE = Result._write_page
 
@@ -21,11 +21,11 @@ def nothing_drawn(*, pages: bool = False) -> Iterator[None]:
         pages: write pages, with empty pictures; else they are empty files, too.
     """
     with pytest.MonkeyPatch.context() as patch:
-        study_figures = types.ModuleType("lab.commands.study.figures")
+        study_figures = types.ModuleType("lab.report.views.study_figures")
         study_figures.pictures_of = lambda _: {}
         study_figures.write_figures = lambda *_: None
         patch.setitem(sys.modules, study_figures.__name__, study_figures)
-        patch.setattr("lab.render.charts.chart.inline_svg", lambda picture: Markup())
+        patch.setattr("lab.report.charts.chart.inline_svg", lambda picture: Markup())
         patch.setattr(Result, "_record", lambda self, path: path.write_bytes(b""))
         patch.setattr(Result, "_write_page", _PAGE if pages else lambda self, path: path.write_bytes(b""))
         yield

@@ -5,7 +5,7 @@ import numpy as np
 
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import elements, inertia_about_centre
-from lab.simulation.model import RobotModel
+from lab.simulation.robot_model import RobotModel
 
 
 def inverse_dynamics(robot: RobotModel, load: Array | None, motion: tuple[Array, Array, Array]) -> Array:

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lab.calibration.estimate import Estimate, EstimatedParameter, NominalArm
 from lab.core.se3 import Array
+from lab.prediction.estimate import Estimate, EstimatedParameter, NominalArm
 
 __all__ = ["nominal_estimate", "with_values"]
 

@@ -16,11 +16,6 @@ from helpers.daily_checks import daily
 from helpers.robots import IRB120, ROOT
 from helpers.tracker_files import spatial_analyzer
 from helpers.writing_commands import weighted
-from lab.campaign.config_file import read_options
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import load_robot
-from lab.commands.calibrate.load_run import load_run
-from lab.commands.hand_load import read_hand_load
 from lab.extensions.dynamics.load_files import read_load, read_loads, read_motion, read_mounting
 from lab.extensions.robotics.trajectory.motion import read_path
 from lab.formats.cell_toml import read_cell
@@ -32,14 +27,19 @@ from lab.formats.joint_log import read_joint_log
 from lab.formats.loose_table import JointColumns, PointColumns, read_column_map, read_loose
 from lab.formats.measurement_csv import read_measurements, write_measurements
 from lab.formats.mechanism_toml import read_mechanism
+from lab.formats.programs.languages import read_program
 from lab.formats.programs.program_text import Outside
-from lab.formats.programs.registry import read_program
 from lab.formats.robot_toml import read_table
 from lab.formats.target_csv import read_joints, read_targets
 from lab.formats.tracker_export import read_tracker_points
 from lab.formats.ur_calibration import read_corrections
+from lab.library.hand_load import read_hand_load
+from lab.library.load_run import load_run
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.robots.config_file import read_options
+from lab.robots.robot import load_robot
 from lab.sensors.cameras.rig import read_rig
-from lab.simulation.model_files import load_model
+from lab.simulation.load_model import load_model
 from lab.studies.grid import read_study
 
 __all__ = ["KINDS", "LONG_RUNS", "RUNS", "STUDY", "FileKind", "calibration", "weighing"]

@@ -8,7 +8,7 @@ from helpers.pose_data import off_by
 from helpers.robots import IRB120
 from lab.core.measurements import FIXTURE, Measurements, measured
 from lab.core.se3 import Array
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.cable import Cable
 from lab.sensors.fixtures import Fixtures
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from helpers.robots import perturbed, somewhere
-from lab.campaign.robot import Robot, load_robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import SessionInfo, absent
+from lab.robots.robot import Robot, load_robot
 
 __all__ = ["GoodData", "good_data"]
 

@@ -16,17 +16,17 @@ from scipy.spatial.transform import Rotation
 import lab
 from helpers.controller_programs import END, PULSES, configuration, posed, program, spelt
 from helpers.simulated_controllers import Controller
-from lab.campaign.instruments import named_instrument
-from lab.campaign.option_groups import Effects
-from lab.campaign.robot import Robot, load_virtual
-from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.calibrate.run import identify, simulate
-from lab.commands.compensate.result import CompensationResult
 from lab.core.se3 import Array
 from lab.formats.programs.program_text import ArmShape
+from lab.library.calibration_result import CalibrationResult
+from lab.library.compensation_result import CompensationResult
+from lab.library.identify import identify, simulate
 from lab.noise.instruments import observing
-from lab.sensors.options import VirtualSetup
-from lab.sensors.registry import sensor_named
+from lab.options.named_instruments import named_instrument
+from lab.options.option_groups import Effects
+from lab.robots.robot import Robot, load_virtual
+from lab.sensors.sensor_options import VirtualSetup
+from lab.sensors.sensor_registry import sensor_named
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot

@@ -8,9 +8,8 @@ import numpy as np
 from helpers.pose_data import off_by
 from helpers.robots import IRB120
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.identification import Identification, IdentifyOptions, identify
 from lab.calibration.observation import observation_of
-from lab.calibration.regions import Region, measured_region
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.validation import Errors, Validation, errors_at
 from lab.calibration.weights import Noise, weigh
@@ -18,7 +17,8 @@ from lab.core.checks import Check
 from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.prediction.regions import Region, measured_region
 
 ARM = SerialArm(IRB120.chain)
 SIGMA_M = 10e-6

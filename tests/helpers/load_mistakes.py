@@ -8,20 +8,20 @@ from typing import Literal
 import numpy as np
 
 import lab
-from lab.campaign.robot import Robot, load_virtual
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.extensions.dynamics.arm_simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
+from lab.extensions.dynamics.dynamics_options import PayloadOptions
+from lab.extensions.dynamics.dynamics_phrases import phrase
+from lab.extensions.dynamics.dynamics_plausibility import ArmSize, implausibilities, misplaced_points
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples, write_loads, write_mounting
-from lab.extensions.dynamics.options import PayloadOptions
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
+from lab.extensions.dynamics.payload.identify_payload import payload
 from lab.extensions.dynamics.payload.methods import CompliantArm, from_sag
-from lab.extensions.dynamics.payload.result import wild_sample
-from lab.extensions.dynamics.payload.run import payload
-from lab.extensions.dynamics.phrases import phrase
-from lab.extensions.dynamics.plausibility import ArmSize, implausibilities, misplaced_points
-from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
+from lab.extensions.dynamics.payload.payload_result import wild_sample
 from lab.kinematics.dynamics.rigid_body import torque_regressor
+from lab.robots.robot import Robot, load_virtual
 from lab.simulation.collisions import random_poses
 
 __all__ = [

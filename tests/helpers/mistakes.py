@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 import lab
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.robots.robot import load_robot
 
 __all__ = ["MISTAKES", "Mistake", "session_with_noise", "stopped_elsewhere"]
 

@@ -3,8 +3,8 @@
 from helpers.robots import IRB120, data_file
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
-from lab.kinematics.serial.arm import SerialArm
-from lab.sensors.registry import sensor_named
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.sensors.sensor_registry import sensor_named
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names

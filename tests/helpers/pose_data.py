@@ -8,7 +8,7 @@ from lab.core import se3
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.full_pose import QUATERNION, Poses
 
 

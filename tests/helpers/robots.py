@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.campaign.robot import load_robot
 from lab.core.se3 import Array
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain, parallel_links
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_robot
 
 ROOT = Path(__file__).parent.parent.parent
 MODELS = ROOT / "models"

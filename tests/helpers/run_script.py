@@ -16,7 +16,7 @@ from shared import run_script
 
 from helpers.robots import ROOT
 
-_TAKING = ("lab.studies.executors", "lab.studies.run", "lab.commands.study.run")
+_TAKING = ("lab.studies.executors", "lab.studies.run_study", "lab.studies.study")
 
 
 @contextlib.contextmanager

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from helpers.robots import IRB120
-from lab.simulation.model import RobotModel
-from lab.simulation.model_files import load_model
+from lab.simulation.load_model import load_model
+from lab.simulation.robot_model import RobotModel
 
 MODEL = IRB120.model
 

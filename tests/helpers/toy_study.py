@@ -12,7 +12,7 @@ from lab.core.errors import LabError
 from lab.studies.campaigns import COLUMNS
 from lab.studies.executors import local_executor
 from lab.studies.grid import Cell, Study, Task
-from lab.studies.run import run_study
+from lab.studies.run_study import run_study
 
 STUDY = Study(name="toy", robots=4, draws=2000, factors={"poses": (12, 15)})  # 8 tasks
 

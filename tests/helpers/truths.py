@@ -5,8 +5,8 @@ import numpy as np
 from helpers.robots import perturbed, somewhere
 from lab.core import se3
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
+from lab.kinematics.serial.serial_arm import SerialArm
 
 
 def truth_of(arm: SerialArm, rng: np.random.Generator, base: bool = True):

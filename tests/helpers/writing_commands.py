@@ -11,12 +11,12 @@ import numpy as np
 
 from helpers.bad_input import run
 from helpers.daily_checks import daily
-from lab.campaign.robot import load_virtual
-from lab.commands.run_folder import check_edits
 from lab.core.whole_folder import CHECKSUMS
+from lab.extensions.dynamics.arm_simulation import LoadBench, RigidLoad, RunErrors
 from lab.extensions.dynamics.load_files import Mounting, write_loads, write_mounting
-from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
 from lab.formats.measurement_csv import write_measurements
+from lab.library.run_folder import check_edits
+from lab.robots.robot import load_virtual
 from lab.simulation.collisions import random_poses
 
 __all__ = ["COMMANDS", "ended", "forked", "inputs_of_commands", "weighted", "whole"]

@@ -24,8 +24,8 @@ from lab.kinematics.differential import (
     singular_distance,
 )
 from lab.kinematics.inverse.closed_form import closed_form_of
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
 
 DECOUPLED = {chain.name: chain for chain in (IRB120.chain, RX130, TX40, SCEMI, VERSATRAN)}
 

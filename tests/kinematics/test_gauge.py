@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, RX130, SCARA, SCEMI, TX40, VERSATRAN, chain_of, perturbed, somewhere
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.compiled import kernels
 from lab.kinematics.gauge import base_set, base_set_of, independent_columns
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, chain_from_axes, parameters_from_axes
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_robot
 
 MM = 1e-3
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from helpers.robots import chain_of
 
-from lab.campaign.robot import load_robot
 from lab.kinematics.closed.mobility import mobility_of
+from lab.robots.robot import load_robot
 
 PLANAR = chain_of("planar", "craig", "RRR", [30, 0, 0], [0, 0.4, 0.3], [0] * 3, [0] * 3)
 FOUR = chain_of("four", "craig", "RRRR", [0, 0, 0, 0], [0, 0.4, 0.3, 0.2], [0] * 4, [0] * 4)

@@ -6,9 +6,8 @@ from helpers.robots import IRB120, VERSATRAN
 
 from lab.calibration.initial_guess import columns_of
 from lab.calibration.prior import Tolerance, standard_deviations
-from lab.campaign.robot import load_robot, load_virtual
 from lab.kinematics.effects.effect import SessionInfo
-from lab.kinematics.effects.registry import GROUPS, effect
+from lab.kinematics.effects.effect_registry import GROUPS, effect
 from lab.kinematics.parameter import (
     BASE_PARAMETERS,
     Parameter,
@@ -16,6 +15,7 @@ from lab.kinematics.parameter import (
     names_of,
     targets_of,
 )
+from lab.robots.robot import load_robot, load_virtual
 from lab.sensors.cable import Cable
 from lab.sensors.plane import Planes
 from lab.sensors.socket import Sockets

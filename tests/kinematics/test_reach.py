@@ -4,7 +4,7 @@ import numpy as np
 from helpers.robots import IRB120
 
 from lab.kinematics.reach import reach_from_axis
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 
 def test_no_pose_is_farther_than_the_reach() -> None:

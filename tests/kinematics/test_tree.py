@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set, structure_jacobian
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.tree import TreeArm, first_of_tips, tree_chain
+from lab.robots.robot import load_robot
 
 BOTH = ("left.p1", "right.p1")
 

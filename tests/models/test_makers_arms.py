@@ -9,8 +9,8 @@ import robots_against_urdf
 from helpers.robots import ROOT
 
 import lab
-from lab.campaign.model_files import description_of, own_models
-from lab.campaign.robot import load_robot
+from lab.robots.robot import load_robot
+from lab.robots.robot_files import description_of, own_models
 
 POSES = json.loads(Path(__file__).with_name("urdf_poses.json").read_text())
 MAKERS = sorted(

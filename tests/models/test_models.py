@@ -10,12 +10,12 @@ import pytest
 import trimesh
 from helpers.robots import IRB120, ROOT
 
-from lab.campaign.model_files import models_folder, own_models, sha256_of
-from lab.campaign.robot import load_robot
-from lab.cli import main
+from lab.cli.main import main
 from lab.formats.drives_toml import read_drives
 from lab.formats.measurement_csv import read_measurements
-from lab.sensors.registry import sensor_named
+from lab.robots.robot import load_robot
+from lab.robots.robot_files import models_folder, own_models, sha256_of
+from lab.sensors.sensor_registry import sensor_named
 
 CLOSED = sorted(path for folder in (ROOT / "models").glob("*/mechanism.toml") for path in folder.parent.glob("*.toml"))
 MEASURED = sorted((ROOT / "models").glob("*/measured"))

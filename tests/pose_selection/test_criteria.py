@@ -9,7 +9,7 @@ from helpers.robots import IRB120
 import lab
 from lab.core.errors import LabError
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.pose_selection.criteria import CRITERIA, Criterion, Scaling, criterion, indices, prepared
 from lab.pose_selection.exchange import exchange, information
 

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120
 
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.weights import Noise
-from lab.campaign.options import DesignOptions, VirtualCampaign
-from lab.campaign.virtual_robot import perturbed_arm
-from lab.commands.design.run import DesignResult, design
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
 from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.library.design import DesignResult, design
+from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import instrument
+from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
 from lab.pose_selection.criteria import CRITERIA, Scaling, criterion, predict, smallest_count
 from lab.pose_selection.exchange import ascend, certify, exchange, information
 from lab.simulation.candidate_poses import feasibility

@@ -7,7 +7,7 @@ import pytest
 from geometric_share import effects_at
 from helpers.run_script import answer_of
 
-from lab.campaign.option_groups import Effects
+from lab.options.option_groups import Effects
 
 
 def test_effects_grow_with_the_level() -> None:

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from lab.calibration.batch import StackedPoseArm
-from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.identification import IdentifyOptions, identify
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.measurements import measured
 from lab.kinematics.gauge import base_set
+from lab.robots.robot import load_robot
 from lab.sensors.full_pose import QUATERNION, Poses
 
 ARM = load_robot("rx130").arm(("p1",))

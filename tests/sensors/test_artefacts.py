@@ -12,13 +12,13 @@ from lab.core.errors import LabError
 from lab.core.measurements import FIXTURE
 from lab.core.se3 import exp, log
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.artefact import FEATURE, Artefact
 from lab.sensors.ball_bar import BallBar
 from lab.sensors.cube import Cube
 from lab.sensors.dial import Dials
-from lab.sensors.options import FitInputs, SensorOptions
-from lab.sensors.registry import configured_sensor, sensor_named
+from lab.sensors.sensor_options import FitInputs, SensorOptions
+from lab.sensors.sensor_registry import configured_sensor, sensor_named
 from lab.sensors.sphere_plate import SpherePlate, TouchedSpheres
 
 ARM = SerialArm(IRB120.chain)

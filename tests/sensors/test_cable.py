@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.observed_files import cable_file
 
-from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.identification import IdentifyOptions, identify
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.joint_rounding import rounding
 from lab.calibration.validation import configurations, errors_of, split_by_label

@@ -5,12 +5,12 @@ import pytest
 from helpers.robots import IRB120, assert_derivatives
 
 import lab
-from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.identification import IdentifyOptions, identify
 from lab.core.errors import LabError
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.combined import Combined, combined_sensor
-from lab.sensors.options import FitInputs, SensorOptions
-from lab.sensors.registry import sensor_named
+from lab.sensors.sensor_options import FitInputs, SensorOptions
+from lab.sensors.sensor_registry import sensor_named
 
 ARM = SerialArm(IRB120.chain)
 NOMINAL = ARM.nominal(IRB120.tool)

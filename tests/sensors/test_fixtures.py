@@ -6,20 +6,20 @@ from helpers.fixture_data import many, measured_fixtures, true_values
 from helpers.observed_files import HEADER, read
 from helpers.robots import IRB120, assert_derivatives
 
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.validation import errors_of
-from lab.campaign.option_groups import Fitting
-from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.run import identify as identify_file
 from lab.core.errors import LabError
 from lab.core.measurements import FIXTURE
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
-from lab.render.phrases.registry import in_one_line
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.library.identify import identify as identify_file
+from lab.options.measured_campaign import MeasuredCampaign
+from lab.options.option_groups import Fitting
+from lab.phrases.phrase import in_one_line
 from lab.sensors.cable import Cable
 from lab.sensors.fixtures import Fixtures
 from lab.sensors.plane import Planes
-from lab.sensors.registry import sensor_named
+from lab.sensors.sensor_registry import sensor_named
 from lab.sensors.socket import Sockets, SocketSensor
 
 ARM = SerialArm(IRB120.chain)

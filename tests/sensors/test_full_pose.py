@@ -8,14 +8,14 @@ from helpers.fixture_data import many, measured_fixtures
 from helpers.pose_data import measured_poses
 from helpers.robots import IRB120, RX130, assert_derivatives
 
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.observation import Observation, observation_of
 from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import INSTRUMENTS
 from lab.sensors.cable import Cable
 from lab.sensors.full_pose import Poses, balanced

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.campaign.virtual_robot import truth_of
+from lab.library.virtual_arm import truth_of
 from lab.sensors.socket import SocketSensor
 
 DAY = {"poses": 24, "fixtures": 3, "seed": 5, "instrument": "exact"}

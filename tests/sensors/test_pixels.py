@@ -8,15 +8,15 @@ import pytest
 from helpers.robots import IRB120, assert_derivatives
 
 import lab
-from lab.calibration.identify import IdentifyOptions, fit_base_and_tool, identify
+from lab.calibration.identification import IdentifyOptions, fit_base_and_tool, identify
 from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.tree import TreeArm
 from lab.sensors.cameras.rig import PX, Board, Camera, Rig, Simulated
-from lab.sensors.options import CameraOptions, FitInputs
 from lab.sensors.pixels import PixelSensor
+from lab.sensors.sensor_options import CameraOptions, FitInputs
 
 ARM = SerialArm(IRB120.chain)
 SMALL = Board(columns=5, rows=4, square_mm=30.0)

@@ -6,11 +6,11 @@ from helpers.observed_files import HEADER, read
 from helpers.robots import IRB120
 
 from lab.core.errors import LabError
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.full_pose import PoseSensor
-from lab.sensors.options import FitInputs, SensorOptions
 from lab.sensors.plane import PlaneSensor
-from lab.sensors.registry import configured_sensor, sensor_named
+from lab.sensors.sensor_options import FitInputs, SensorOptions
+from lab.sensors.sensor_registry import configured_sensor, sensor_named
 
 ARM = SerialArm(IRB120.chain)
 

@@ -7,8 +7,8 @@ import pytest
 
 from lab.calibration.sensor import Sensor
 from lab.core.errors import LabError
-from lab.sensors.options import FitInputs, SensorOptions, VirtualSetup
-from lab.sensors.registry import SENSORS, configured_sensor, sensor_named
+from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
+from lab.sensors.sensor_registry import SENSORS, configured_sensor, sensor_named
 from lab.sensors.virtual_sensor import VirtualSensor
 
 

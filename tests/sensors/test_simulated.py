@@ -9,8 +9,8 @@ from lab.core.errors import LabError
 from lab.core.se3 import exp, inverse, log, rotation_from_quaternion, transform
 from lab.formats.orientations import read_orientations
 from lab.noise.instruments import INSTRUMENTS
-from lab.sensors.options import VirtualSetup
-from lab.sensors.registry import sensor_named
+from lab.sensors.sensor_options import VirtualSetup
+from lab.sensors.sensor_registry import sensor_named
 from lab.sensors.socket import SocketSensor
 from lab.simulation.tracking import VirtualMeasurement, target_rotations
 

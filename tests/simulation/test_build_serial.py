@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.commands.calibrate.run import calibrate
 from lab.core import se3
+from lab.library.identify import calibrate
 from lab.noise.instruments import instrument
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.robots.robot import Robot, load_robot, load_virtual
 from lab.simulation.build_serial import DENSITY, link_rods
 from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collides, kinematics_at

@@ -9,15 +9,15 @@ import pytest
 from helpers.robots import IRB120
 
 import lab
-from lab.campaign.robot import Robot, load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.cell_toml import read_cell
 from lab.formats.target_csv import Targets
+from lab.robots.robot import Robot, load_robot
 from lab.simulation.cell import in_cell
 from lab.simulation.collisions import collides, colliding_pairs, describe_collisions
-from lab.simulation.model import last_frame
+from lab.simulation.robot_model import last_frame
 
 TABLE = """
 clearance_mm = 20

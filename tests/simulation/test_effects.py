@@ -13,21 +13,21 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import last_moves, measured
 from lab.core.se3 import Array
-from lab.kinematics.effects.arm import ArmWithEffects
+from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.effects.backlash import JointHysteresis, Play, ReadingLag
 from lab.kinematics.effects.compliance import CompensatorSpring, HardeningSprings, JointSprings, compliances
 from lab.kinematics.effects.coupling import GearErrors, JointCoupling
 from lab.kinematics.effects.effect import LEVER_M, ArmFacts, PoseConditions, SimulatedEffect
+from lab.kinematics.effects.effect_registry import EffectOptions, effect
 from lab.kinematics.effects.harmonics import Runout
 from lab.kinematics.effects.readings import Displaced, VisitScatter
-from lab.kinematics.effects.registry import EffectOptions, effect
 from lab.kinematics.effects.temperature import ThermalExpansion, ThermalGrowth, ThermalZeros, TrackerDrift
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.effects import Effects, random_conditions, random_effects, true_parameters
-from lab.simulation.elastic import FlexibleArm
-from lab.simulation.model import RobotModel
-from lab.simulation.model_files import load_model, loads_of
+from lab.simulation.elastic_links import FlexibleArm
+from lab.simulation.load_model import load_model, loads_of
+from lab.simulation.robot_model import RobotModel
 from lab.simulation.tracking import VirtualMeasurement, misalignments, track, track_with_errors
 from lab.simulation.true_robot import Perturbation, TrueRobot, random_perturbation, random_tracker, true_robot
 

@@ -7,14 +7,14 @@ import pytest
 from beam_chain import BeamChain
 from helpers.robots import IRB120
 
-from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.effect import ArmFacts
-from lab.kinematics.effects.registry import EffectOptions
+from lab.kinematics.effects.effect_registry import EffectOptions
+from lab.robots.robot import Robot, load_robot, load_virtual
 from lab.simulation.effects import random_effects, true_parameters
-from lab.simulation.elastic import AT_REST, FlexibleArm, JointMotion
+from lab.simulation.elastic_links import AT_REST, FlexibleArm, JointMotion
 
 ALUMINIUM = np.array([2.067e-5, 2.067e-5, 2.79e-5, 1.5e-8])  # a tube of 80 x 4 mm: 1/EI, 1/EI, 1/GJ, 1/EA
 JOINTS = IRB120.chain.random_joints(2, np.random.default_rng(1))

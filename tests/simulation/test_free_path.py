@@ -10,7 +10,7 @@ from lab.core.se3 import Array
 from lab.simulation import free_path
 from lab.simulation.collisions import collides
 from lab.simulation.free_path import path_check
-from lab.simulation.model import RobotModel
+from lab.simulation.robot_model import RobotModel
 
 STEP_M = 0.005  # coarser than the lab's, so that each place can be looked at
 

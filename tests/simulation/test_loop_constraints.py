@@ -10,10 +10,10 @@ from helpers.robots import ROOT, RX130, perturbed
 
 from lab.core.se3 import Array
 from lab.formats.mechanism_toml import read_mechanism
-from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.closed_arm import ClosedArm
 from lab.kinematics.closed.loop_closure import BASE, Frame, Pin, Rod, Step, Tree
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.simulation.closed_robot import closed_mjcf, closed_qpos, closed_spec
 
 ROUNDING_M = 1e-12  # of sums of lengths about 1 m, where no pose is near a singularity

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from helpers.bad_input import ARM_URDF, ARM_XML, swapped
 
-from lab.campaign.model_files import models_folder
 from lab.core.errors import LabError
-from lab.simulation.model_files import load_model, refuse_unbounded_model
+from lab.robots.robot_files import models_folder
+from lab.simulation.load_model import load_model, refuse_unbounded_model
 
 
 def asset(text: str) -> str:

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.campaign.robot import load_robot, load_virtual
-from lab.simulation.plausibility import implausible_robot
+from lab.robots.robot import load_robot, load_virtual
+from lab.simulation.robot_plausibility import implausible_robot
 
 URDF = """<robot name="arm">
   <link name="base"/><link name="upper"/><link name="lower"/>

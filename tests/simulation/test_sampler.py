@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import lab
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import load_virtual
-from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.errors import LabError
+from lab.library.virtual_arm import perturbed_arm
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.robots.robot import load_virtual
 from lab.simulation.sampler import Sampler, own_sampler, sampler_named
 from lab.simulation.true_robot import perturbed_bodies
 

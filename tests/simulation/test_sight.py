@@ -3,7 +3,7 @@
 import numpy as np
 from helpers.robots import IRB120
 
-from lab.simulation.model import SerialModel
+from lab.simulation.robot_model import SerialModel
 from lab.simulation.sight import unhidden
 
 

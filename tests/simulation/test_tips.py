@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from helpers.robots import ROOT
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.simulation.model import SerialModel, TreeModel
-from lab.simulation.model_files import load_model
+from lab.robots.robot import load_robot
+from lab.simulation.load_model import load_model
+from lab.simulation.robot_model import SerialModel, TreeModel
 
 TORSO = ROOT / "models" / "torso" / "robot.xml"
 HEAD = '<robot name="pair"><link name="world"/>'
@@ -121,8 +121,8 @@ def test_an_identified_robot_is_written_whole(name: str, tmp_path: Path) -> None
 
 
 def test_the_bodies_of_a_true_robot_are_off_and_its_truth_is_found() -> None:
-    from lab.campaign.options import VirtualCampaign
-    from lab.campaign.virtual_robot import perturbed_arm, truth_of
+    from lab.library.virtual_arm import perturbed_arm, truth_of
+    from lab.options.virtual_campaign import VirtualCampaign
 
     options = VirtualCampaign("torso", targets=("left.p1", "right.p1"), seed=4)
     robot = load_robot("torso")

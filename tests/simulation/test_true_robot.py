@@ -6,16 +6,16 @@ import pytest
 from helpers.robots import IRB120, somewhere
 
 import lab
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import load_robot
-from lab.campaign.virtual_robot import perturbed_arm
 from lab.core import se3
 from lab.core.errors import LabWarning
 from lab.core.random import rng_for
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.library.virtual_arm import perturbed_arm
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.robots.robot import load_robot
 from lab.simulation.collisions import collides, random_poses
-from lab.simulation.model import at_zero
-from lab.simulation.model_files import calibrated_mjcf
+from lab.simulation.load_model import calibrated_mjcf
+from lab.simulation.robot_model import at_zero
 from lab.simulation.true_robot import Perturbation, perturbed_bodies, random_perturbation, random_tracker, true_robot
 
 MODEL = IRB120.model

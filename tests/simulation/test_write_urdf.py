@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from day_files import JOINTS, ur5e_urdf
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
-from lab.simulation.model_files import URDF, XACRO
+from lab.robots.robot import load_robot
+from lab.simulation.load_model import URDF, XACRO
 
 
 @pytest.fixture(scope="module")

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lab.commands.study.document import (
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.core.significance import STUDY_COMPARISON
+from lab.report.views.study_document import (
     comparison_sentence,
     effect_text,
     sentences,
 )
-from lab.commands.study.run import write_csv
-from lab.core.errors import LabError
-from lab.core.se3 import Array
-from lab.core.significance import STUDY_COMPARISON
 from lab.studies.analysis import (
     Analysis,
     CampaignArray,
@@ -30,6 +29,7 @@ from lab.studies.analysis import (
     resampled,
 )
 from lab.studies.grid import Cell, Study
+from lab.studies.study import write_csv
 
 METRIC = "fresh_mean_mm"
 CRITERIA = ("O1", "O5", "O3", "random")

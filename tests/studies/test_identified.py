@@ -10,17 +10,17 @@ import pytest
 
 import lab
 from lab.calibration.estimator import EstimationProblem
-from lab.campaign.option_groups import Effects
-from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.options.option_groups import Effects
+from lab.robots.robot import load_virtual
 from lab.simulation.collisions import random_poses
 from lab.studies.campaigns import METRICS, cell_poses, refuse_impossible, run_task
 from lab.studies.executors import local_executor
 from lab.studies.grid import Study, Task
 from lab.studies.identified import RANK_DEFICIENT
-from lab.studies.run import read_campaigns, run_study
+from lab.studies.run_study import read_campaigns, run_study
 
 SOFT = {"soft": Effects(stiffness_nm_per_rad=1e5, harmonic_mrad=0.1)}
 

@@ -23,12 +23,12 @@ from helpers import toy_study
 from helpers.processes import interruptible
 from helpers.robots import ROOT
 
-from lab.cli import main
+from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.studies.campaigns import origin_of
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
 from lab.studies.grid import Study, read_study
-from lab.studies.run import StudyDone, read_campaigns, read_store, run_study
+from lab.studies.run_study import StudyDone, read_campaigns, read_store, run_study
 
 TOY = toy_study.STUDY
 SMALL = """
@@ -260,7 +260,7 @@ def test_what_can_go_on_is_the_same_study(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_worker_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = origin_of("irb120") | {"versions": origin_of("irb120")["versions"] | {"numpy": "1"}}
-    monkeypatch.setattr("lab.studies.run._origin_here", lambda robot: other)
+    monkeypatch.setattr("lab.studies.run_study._origin_here", lambda robot: other)
     with ThreadPoolExecutor(1) as executor, pytest.raises(StoppedError, match=r"a worker has numpy 1, not 2"):
         toy(tmp_path / "study", executor)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from lab.calibration.estimate import IdentifiedSubset
 from lab.core.significance import TREND_YEAR
-from lab.verification.change_points import Directions, Series, levels
+from lab.prediction.estimate import IdentifiedSubset
+from lab.verification.parameter_changes import Directions, Series, levels
 
 COUNT = 8
 SCALE = np.geomspace(1e-6, 1e-3, COUNT)

@@ -8,11 +8,11 @@ from scipy import stats
 from lab.calibration import gauss_newton
 from lab.calibration.gauss_newton import Observations
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
-from lab.render.phrases.registry import phrase
-from lab.verification import prediction as tails
-from lab.verification.prediction import DRAWS, CalibrationPrediction, squares_of_tails
-from lab.verification.test import Verified, verify
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.phrases.phrase import phrase
+from lab.verification import predicted_points as tails
+from lab.verification.change_test import Verified, verify
+from lab.verification.predicted_points import DRAWS, CalibrationPrediction, squares_of_tails
 
 ARM, SIGMA, POSES = SerialArm(IRB120.chain, ("p1", "p2")), 5e-6, 90
 FREE = base_set(ARM, ARM.nominal()).identifiable

@@ -11,10 +11,10 @@ import lab
 from lab.calibration.gauss_newton import Observations
 from lab.core.random import rng_for
 from lab.core.significance import VERIFICATION
-from lab.kinematics.effects.arm import Arm
+from lab.kinematics.effects.arm_with_effects import Arm
 from lab.noise.error_term import Components
 from lab.noise.variance_components import ComponentErrors
-from lab.verification.prediction import STEP, CalibrationPrediction, with_estimated_noise
+from lab.verification.predicted_points import STEP, CalibrationPrediction, with_estimated_noise
 
 CASE = CASES["AR(1) 0.9, 1 target, 40 poses"]
 ARM = linear_arm(CASE, 0, 12)

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weigh
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.measurements import measured
 from lab.core.se3 import Array
-from lab.kinematics.serial.arm import SerialArm
-from lab.render.phrases.registry import phrase
-from lab.verification.prediction import CalibrationPrediction
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.phrases.phrase import phrase
+from lab.robots.robot import load_robot
+from lab.verification.change_test import Verified, verify
+from lab.verification.predicted_points import CalibrationPrediction
 from lab.verification.situation import another_unit
-from lab.verification.test import Verified, verify
 
 SIGMA = 1e-5
 ROBOTS = ("irb120", "ur5", "panda")

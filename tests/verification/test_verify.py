@@ -13,25 +13,25 @@ from scipy import stats
 
 import lab
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weigh
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.virtual_robot import perturbed_arm
-from lab.cli import main
+from lab.cli.main import main
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.linear_model import whitening
 from lab.core.measurements import Measurements, measured
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
 from lab.formats.measurement_csv import write_measurements
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import instrument
-from lab.render.phrases.registry import phrase
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.phrases.phrase import phrase
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track
-from lab.verification.prediction import CalibrationPrediction, VerificationProblem
-from lab.verification.test import change_test, refitted, split_test, verify
+from lab.verification.change_test import change_test, refitted, split_test, verify
+from lab.verification.predicted_points import CalibrationPrediction, VerificationProblem
 
 SIGMA = 5e-6
 NAMES = IRB120.chain.joint_names

@@ -18,7 +18,7 @@ import numpy as np
 import scipy  # its solvers are loaded at their first use
 from numpy.typing import NDArray
 
-from lab.calibration.identify import Identification
+from lab.calibration.identification import Identification
 from lab.calibration.residual.process import (
     JointKernels,
     JointProcess,
@@ -37,8 +37,8 @@ from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, evenly, thinned
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.effects.arm_with_effects import ArmWithEffects
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["ExpectedGain", "bound_factor", "expected_gain", "left_out", "with_residual"]
 

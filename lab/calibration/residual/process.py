@@ -31,7 +31,7 @@ from lab.core.linear_model import unit_columns
 from lab.core.measurements import evenly
 from lab.core.se3 import Array
 from lab.core.units import PPM
-from lab.kinematics.effects.arm import Arm, ArmWithEffects, affected
+from lab.kinematics.effects.arm_with_effects import Arm, ArmWithEffects, affected
 from lab.kinematics.effects.effect import LEVER_M, Effect
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import RANK_TOLERANCE, ExtraResiduals, Observations
-from lab.calibration.identify import WEAK, Identification, IdentifyOptions, identify
+from lab.calibration.identification import WEAK, Identification, IdentifyOptions, identify
 from lab.calibration.observation import Observation, observation_of
 from lab.calibration.prior import prior_of
 from lab.calibration.statistics.joint_rounding import by_joint_positions

@@ -13,9 +13,9 @@ import scipy  # its statistics are loaded at their first use
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
-from lab.calibration.identify import Identification
-from lab.calibration.noise.rigid_distances import goodness_by_distances, instrument_noise
+from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of, only_positions
+from lab.calibration.rigid_distances import goodness_by_distances, instrument_noise
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M

@@ -19,7 +19,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lab.calibration.identify import Identification, IdentifyOptions
+from lab.calibration.identification import Identification, IdentifyOptions
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.candidate_models import (
     LEAST_SIGMA_M,
@@ -44,7 +44,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS, TERM_SEARCH
 from lab.kinematics.effects.effect import Effect, absent
-from lab.kinematics.effects.registry import CANDIDATES
+from lab.kinematics.effects.effect_registry import CANDIDATES
 from lab.kinematics.effects.sessions import at_first_station
 
 __all__ = ["GroupTrial", "Selection", "follow", "objection", "select"]

@@ -6,14 +6,21 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign.robot import Robot
 from lab.core.errors import LabError
 from lab.core.linear_model import LinearModel
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.extensions.dynamics.arm_simulation import (
+    CarryingArm,
+    LoadBench,
+    RigidLoad,
+    RunErrors,
+    drawn_mounting,
+    peak_torques,
+)
+from lab.extensions.dynamics.dynamics_options import SimulationOptions
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
-from lab.extensions.dynamics.options import SimulationOptions
 from lab.extensions.dynamics.payload.excitation import (
     CHECKED,
     PERIOD_S,
@@ -24,17 +31,10 @@ from lab.extensions.dynamics.payload.excitation import (
     design_poses,
     random_path,
 )
-from lab.extensions.dynamics.simulation import (
-    CarryingArm,
-    LoadBench,
-    RigidLoad,
-    RunErrors,
-    drawn_mounting,
-    peak_torques,
-)
 from lab.kinematics.dynamics.rigid_body import LOAD, Dynamics, hand_motion, wrench_regressor
+from lab.robots.robot import Robot
 from lab.simulation.collisions import collides
-from lab.simulation.model import SerialModel
+from lab.simulation.robot_model import SerialModel
 
 __all__ = ["MeasuringBench", "simulated_load"]
 

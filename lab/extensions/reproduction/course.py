@@ -11,18 +11,18 @@ from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.course_machines import CARRIER_ITEMS, PARALLEL_ITEMS, VERSATRAN_ITEMS
 from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter, with_exercises
-from lab.extensions.reproduction.models import SAMPLES, as_row, matrix_formulas, nominal_chain, sampled, serial
+from lab.extensions.reproduction.source_models import SAMPLES, as_row, matrix_formulas, nominal_chain, sampled, serial
 from lab.extensions.robotics.workspace.boundary import carrier_volume
 from lab.kinematics.closed.mobility import mobility_of
 from lab.kinematics.differential import pseudo_inverse, rates
 from lab.kinematics.inverse.closed_form import closed_form_of
-from lab.kinematics.inverse.newton import PoseTarget, reach
+from lab.kinematics.inverse.newton_inverse import PoseTarget, reach
 from lab.kinematics.trajectory.profiles import Trajectory
 from lab.kinematics.trajectory.trajectory import through
-from lab.render.charts.chart import axes_picture
-from lab.render.charts.marks import Axes
-from lab.render.document import Picture
-from lab.render.style import AFTER
+from lab.report.charts.chart import axes_picture
+from lab.report.charts.marks import Axes
+from lab.report.document import Picture
+from lab.report.style import AFTER
 
 __all__ = ["COURSE"]
 

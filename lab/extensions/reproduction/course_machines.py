@@ -12,7 +12,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, unreadable, word
 from lab.extensions.reproduction.item import Item
-from lab.extensions.reproduction.models import (
+from lab.extensions.reproduction.source_models import (
     SAMPLES,
     Sampled,
     as_row,
@@ -21,7 +21,7 @@ from lab.extensions.reproduction.models import (
     nominal_mechanism,
     sampled,
 )
-from lab.extensions.robotics.closed.models import Delta, SharedPin, ThreeLegs, TwoLegs
+from lab.extensions.robotics.closed.classical_mechanisms import Delta, SharedPin, ThreeLegs, TwoLegs
 from lab.extensions.robotics.closed.recognition import classical_model_of
 from lab.extensions.robotics.inverse.khalil_equations import (
     Roots,
@@ -36,7 +36,7 @@ from lab.extensions.robotics.inverse.khalil_equations import (
     type_9,
     type_10,
 )
-from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.closed_arm import ClosedArm
 from lab.kinematics.closed.mobility import body_count
 
 __all__ = ["CARRIER_ITEMS", "PARALLEL_ITEMS", "VERSATRAN_ITEMS"]

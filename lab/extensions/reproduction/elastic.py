@@ -5,19 +5,19 @@ from functools import cache
 
 import numpy as np
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.reproduction.answer import Answer, holds
 from lab.extensions.reproduction.item import Item, Missing, Source, with_exercises
-from lab.extensions.reproduction.models import SAMPLES, Sampled, link_matrices, matrix_formulas, sampled
+from lab.extensions.reproduction.source_models import SAMPLES, Sampled, link_matrices, matrix_formulas, sampled
 from lab.extensions.reproduction.thesis_model import printed_links
 from lab.extensions.robotics.trajectory.tracking import Correction, compensated, elastic_errors, greville
 from lab.kinematics.dynamics.beam import COMPLIANCES, MATERIALS, Beam, loads_on, tube
-from lab.kinematics.effects.arm import ArmWithEffects
+from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.serial.walk import Torsors
+from lab.robots.robot import load_robot
 
 __all__ = ["ELASTIC"]
 

@@ -14,7 +14,7 @@ from lab.extensions.reproduction.answer import Answer
 _GROUP = "lab.sources"  # of entry points
 
 if TYPE_CHECKING:
-    from lab.render.document import Picture
+    from lab.report.document import Picture
 
     SourceName = str
 else:

@@ -8,10 +8,10 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.item import Item, Missing, Source, with_exercises
-from lab.extensions.reproduction.models import SAMPLES, as_row, link_matrices, matrix_formulas, sampled, serial
+from lab.extensions.reproduction.source_models import SAMPLES, as_row, link_matrices, matrix_formulas, sampled, serial
 from lab.kinematics.gauge import base_set_of
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.khalil_frames import khalil_frame, pose_of
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["STAUBLI"]
 

@@ -10,7 +10,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, at_least, drawn, given, holds, number, word
 from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter, with_exercises
-from lab.extensions.reproduction.models import as_row, link_matrices, matrix_formulas
+from lab.extensions.reproduction.source_models import as_row, link_matrices, matrix_formulas
 from lab.extensions.reproduction.thesis_case import (
     CRITERIA,
     DROPPED,
@@ -29,10 +29,10 @@ from lab.extensions.reproduction.thesis_statements import STATEMENT_ITEMS
 from lab.extensions.robotics.trajectory.tracking import greville
 from lab.kinematics.gauge import base_set_of
 from lab.pose_selection.criteria import indices
-from lab.render.charts.chart import axes_picture
-from lab.render.charts.marks import Axes
-from lab.render.document import Picture
-from lab.render.style import AFTER, INK, MUTED
+from lab.report.charts.chart import axes_picture
+from lab.report.charts.marks import Axes
+from lab.report.document import Picture
+from lab.report.style import AFTER, INK, MUTED
 
 __all__ = ["ESTIMATES", "THESIS"]
 

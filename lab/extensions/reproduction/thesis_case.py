@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.reproduction.models import serial
+from lab.extensions.reproduction.source_models import serial
 from lab.kinematics.parameter import Parameter
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import instrument
 from lab.pose_selection.criteria import Criterion, Scaling, criterion, indices
 from lab.pose_selection.exchange import Design, ascend, exchange

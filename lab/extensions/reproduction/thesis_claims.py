@@ -13,7 +13,6 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign.robot import load_robot
 from lab.core.probability import beta_ppf, t_isf
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -25,8 +24,9 @@ from lab.kinematics.gauge import base_set_of
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 from lab.kinematics.reach import reach_from_axis
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.pose_selection.criteria import indices
+from lab.robots.robot import load_robot
 from lab.simulation.true_robot import random_table
 
 __all__ = [

@@ -5,13 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lab.campaign.robot import load_virtual
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.item import Item
-from lab.extensions.reproduction.models import (
+from lab.extensions.reproduction.source_models import (
     as_row,
     link_matrices,
     matrix_formulas,
@@ -21,9 +20,10 @@ from lab.extensions.reproduction.models import (
     serial,
 )
 from lab.kinematics.inverse.closed_form import closed_form_of
+from lab.robots.robot import load_virtual
 
 if TYPE_CHECKING:
-    from lab.render.document import Picture
+    from lab.report.document import Picture
 
 __all__ = ["MODEL_ITEMS", "printed_links"]
 

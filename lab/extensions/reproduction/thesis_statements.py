@@ -4,7 +4,6 @@ from functools import cache
 
 import numpy as np
 
-from lab.campaign.robot import load_robot
 from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, number, stated
 from lab.extensions.reproduction.item import Item
@@ -24,10 +23,11 @@ from lab.extensions.reproduction.thesis_claims import (
 )
 from lab.extensions.robotics.closed.recognition import classical_model_of
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.render.charts.chart import axes_picture
-from lab.render.charts.marks import Axes
-from lab.render.document import Picture
-from lab.render.style import AFTER, BEFORE
+from lab.report.charts.chart import axes_picture
+from lab.report.charts.marks import Axes
+from lab.report.document import Picture
+from lab.report.style import AFTER, BEFORE
+from lab.robots.robot import load_robot
 
 __all__ = ["STATEMENT_ITEMS"]
 

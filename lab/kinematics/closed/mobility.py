@@ -15,8 +15,8 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.closed.loop_closure import BASE, Tree
 from lab.kinematics.differential import ROTATION_M
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["SINGULAR", "BodyCount", "ClosedFormShape", "Nearest", "body_count", "is_planar", "mobility", "mobility_of"]
 

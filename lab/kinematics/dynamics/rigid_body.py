@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array, skew
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.serial.walk import Motion, along
 
 __all__ = [

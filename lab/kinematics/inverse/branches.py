@@ -10,7 +10,7 @@ from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.inverse.closed_form import ClosedForm, Solutions, closed_form_of
-from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, pose_landmarks, reach, shortest_step, tool_at
+from lab.kinematics.inverse.newton_inverse import FREEDOMS, PoseTarget, pose_landmarks, reach, shortest_step, tool_at
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 

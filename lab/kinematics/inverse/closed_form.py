@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.extension_points import load_all
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = [
     "EXACT",

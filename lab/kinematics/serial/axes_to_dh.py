@@ -16,8 +16,8 @@ from lab.core.newton import least_squares_step, newton
 from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.model import Model
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import PARALLEL_RAD, Chain, parallel_links
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.serial.walk import Motion
 
 __all__ = ["JointAxes", "Truth", "chain_from_axes", "parameters_from_axes"]

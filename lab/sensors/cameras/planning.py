@@ -10,12 +10,12 @@ from lab.core import se3
 from lab.core.errors import LabError, option_name
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.serial.arm import SerialArm
-from lab.sensors.cameras.observation import Pixels
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.sensors.cameras.board_observation import Pixels
+from lab.sensors.cameras.camera_simulation import NominalArm, Scene, corner_noise_px, placed_scene
 from lab.sensors.cameras.rig import PX, Board, Camera, Rig
-from lab.sensors.cameras.simulation import NominalArm, Scene, corner_noise_px, placed_scene
 from lab.sensors.tip import tip_frames
-from lab.simulation.model import RobotModel, SerialModel
+from lab.simulation.robot_model import RobotModel, SerialModel
 
 __all__ = ["PlannedPictures"]
 

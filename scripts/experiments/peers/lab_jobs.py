@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import lab
-from lab.calibration.identify import identify as identified
+from lab.calibration.identification import identify as identified
 from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import exchange

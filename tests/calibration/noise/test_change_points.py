@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 import lab
-from lab.calibration.identify import identify
-from lab.calibration.noise.search import NoiseSearch, search_noise
+from lab.calibration.identification import identify
+from lab.calibration.noise_search import NoiseSearch, search_noise
 from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weigh
-from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.probability import f_sf
 from lab.formats.noise_model import noise_model_from_dict, noise_model_to_dict
 from lab.noise.change_points import APART, ChangePoint, before_and_after, likeliest_change
 from lab.noise.error_model import ErrorModel, row_times
+from lab.robots.robot import load_robot
 
 ROBOT = load_robot("irb120")
 ARM = ROBOT.arm(("p1",))

@@ -7,15 +7,15 @@ import pytest
 
 import lab
 from lab.calibration.gauss_newton import Status
-from lab.calibration.identify import Identification, identify
-from lab.calibration.noise.search import search_noise
+from lab.calibration.identification import Identification, identify
+from lab.calibration.noise_search import search_noise
 from lab.calibration.outliers_and_noise import noise_of
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise
-from lab.campaign.robot import load_robot
 from lab.core.measurements import Measurements
 from lab.noise.error_model import ErrorModel, row_times
 from lab.noise.error_term import TERMS
+from lab.robots.robot import load_robot
 
 ROBOT = load_robot("irb120")
 TARGETS = ("p1", "p2", "p3")

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from helpers.mistakes import ARM, MISTAKES, session_with_noise
 
-from lab.calibration.identify import identify
-from lab.calibration.noise.plausibility import (
-    COMMON_NOISE_M,
-    COMMON_SCATTER_M,
-    changes_in_time,
-    shared_error_findings,
-)
-from lab.calibration.noise.search import search_noise
+from lab.calibration.identification import identify
+from lab.calibration.noise_search import search_noise
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.goodness_of_fit import repeats
 from lab.calibration.weights import Noise, weigh
 from lab.core.checks import Check
 from lab.core.measurements import Measurements
 from lab.noise.error_model import ErrorModel
-from lab.render.phrases.registry import phrase
+from lab.phrases.phrase import phrase
+from lab.verdict.noise_findings import (
+    COMMON_NOISE_M,
+    COMMON_SCATTER_M,
+    changes_in_time,
+    shared_error_findings,
+)
 
 UNTESTED = Check("lack_of_fit.nothing", "not tested")
 REPEATED = Check("lack_of_fit.repeats", "passed", p=0.5)

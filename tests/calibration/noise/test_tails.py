@@ -6,7 +6,7 @@ import pytest
 from lab.calibration.outliers_and_noise import tail_dof
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution
 from lab.core.significance import VERIFICATION
-from lab.verification.prediction import CalibrationPrediction
+from lab.verification.predicted_points import CalibrationPrediction
 
 
 def residuals(rng: np.random.Generator, errors: np.ndarray) -> LinearizedFit:

@@ -5,7 +5,7 @@ import pytest
 from helpers.robots import IRB120
 
 import lab
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.residual.estimation import _left_out, expected_gain, with_residual
 from lab.core.errors import LabError
 from lab.core.measurements import measured

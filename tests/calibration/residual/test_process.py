@@ -11,15 +11,7 @@ from helpers.robots import IRB120
 from scipy import stats
 
 import lab
-from lab.calibration.estimate_files import (
-    ResidualSizes,
-    read_residual,
-    residual_columns,
-    residual_to_dict,
-    write_residual,
-)
-from lab.calibration.extrapolation import prediction_squares
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import (
     COMPONENTS,
@@ -33,12 +25,20 @@ from lab.calibration.residual.process import (
     scaled_by,
     unit_covariances,
 )
-from lab.calibration.residual_spread import residual_spread
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.structured import structured
+from lab.prediction.estimate_files import (
+    ResidualSizes,
+    read_residual,
+    residual_columns,
+    residual_to_dict,
+    write_residual,
+)
+from lab.prediction.extrapolation import prediction_squares
+from lab.prediction.residual_spread import residual_spread
 
 ARM = IRB120.arm(("p1",))
 NOMINAL = ARM.nominal(IRB120.tool)

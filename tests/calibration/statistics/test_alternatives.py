@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from designed_campaign import DesignedCampaign
 
-from lab.calibration.checks import check_alternatives
-from lab.campaign.option_groups import Effects
-from lab.campaign.options import VirtualCampaign
-from lab.campaign.virtual_robot import perturbed_arm
-from lab.render.phrases.registry import phrases
+from lab.library.virtual_arm import perturbed_arm
+from lab.options.option_groups import Effects
+from lab.options.virtual_campaign import VirtualCampaign
+from lab.phrases.phrase import phrases
+from lab.verdict.fit_checks import check_alternatives
 
 STEEL, ALUMINIUM = 175_000.0, 48_400.0  # N m²: tubes of 80 x 5 and 80 x 4 mm
 DAY = DesignedCampaign("irb120", ("p1",), ("compliance", "bending"))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.statistics.remaining_error import ExplainedError, explained_errors
 from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements, measured

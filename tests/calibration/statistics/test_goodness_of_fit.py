@@ -15,9 +15,9 @@ from lab.core.linear_model import whitening
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import INSTRUMENTS, Instrument, TrackerErrors
-from lab.render.phrases.registry import phrase
+from lab.phrases.phrase import phrase
 
 ARM = SerialArm(IRB120.chain)
 FREE = base_set(ARM, ARM.nominal()).identifiable

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 
-from lab.calibration.identify import IdentifyOptions
+from lab.calibration.identification import IdentifyOptions
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.calibration.statistics.joint_lag import Lag, lagging, moves_before
@@ -16,7 +16,7 @@ from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
-from lab.kinematics.effects.registry import CANDIDATES
+from lab.kinematics.effects.effect_registry import CANDIDATES
 from lab.kinematics.model import Model
 
 SIGMA, SPRING = 5e-6, 1 / 15_000

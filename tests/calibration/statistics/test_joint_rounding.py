@@ -8,7 +8,7 @@ from helpers.robots import IRB120
 
 from lab.calibration.statistics.joint_rounding import rounding
 from lab.core.measurements import measured
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names

@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, data_file, somewhere
 
-from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.identification import Identification, IdentifyOptions, identify
 from lab.calibration.statistics.candidate_models import FullModel, HeldOutGain, Score, SelectionTask
 from lab.calibration.statistics.model_selection import Selection, objection, select
 from lab.calibration.weights import Noise
-from lab.campaign.robot import Robot, load_robot
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.core.units import MRAD
 from lab.formats.measurement_csv import read_measurements
-from lab.kinematics.effects.arm import affected
+from lab.kinematics.effects.arm_with_effects import affected
 from lab.kinematics.effects.effect import ArmFacts, Effect, SessionInfo
-from lab.kinematics.effects.registry import CANDIDATES, EffectOptions
+from lab.kinematics.effects.effect_registry import CANDIDATES, EffectOptions
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter
 from lab.noise.instruments import instrument
+from lab.robots.robot import Robot, load_robot
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_effects
 from lab.simulation.tracking import track

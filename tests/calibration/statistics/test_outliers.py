@@ -12,7 +12,7 @@ from lab.calibration.statistics.linearized import NoiseDistribution, linearized,
 from lab.calibration.statistics.outliers import Outliers, find_outliers, leave_out
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 ARM, THREE = SerialArm(IRB120.chain), SerialArm(IRB120.chain, ("p1", "p2", "p3"))
 SIGMA = 8e-6 / np.sqrt(3)

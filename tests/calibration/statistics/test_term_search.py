@@ -8,17 +8,17 @@ import pytest
 from helpers.robots import IRB120
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identify import WEAK, Identification, identify
+from lab.calibration.identification import WEAK, Identification, identify
 from lab.calibration.statistics.candidate_models import TermSearch, TermTable
 from lab.calibration.statistics.model_selection import Selection, select
 from lab.calibration.validation import configurations
 from lab.core.measurements import Measurements, measured
 from lab.core.significance import TERM_SEARCH
-from lab.kinematics.effects.arm import ArmWithEffects
+from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.effects.effect import ArmFacts, Effect
-from lab.kinematics.effects.registry import expected_terms, searched_terms
+from lab.kinematics.effects.effect_registry import expected_terms, searched_terms
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 SIGMA = 8e-6
 TERMS = searched_terms(ArmFacts(IRB120.chain, IRB120.loads))

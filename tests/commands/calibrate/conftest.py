@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from helpers.campaigns import calibration
 
-from lab.commands.calibrate.recording import record
+from lab.report.views.calibration_recording import record
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.commands.calibrate.run import CalibrationResult
+from lab.library.identify import CalibrationResult
 
 
 def identified(seed: int, day: dict[str, object], **options: object) -> CalibrationResult:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.campaigns import calibration
 
-from lab.commands.calibrate.figures import correlation_picture, residual_pictures, uncertainty_map
-from lab.commands.calibrate.result import stiffnesses
+from lab.library.calibration_result import stiffnesses
+from lab.report.views.calibration_figures import correlation_picture, residual_pictures, uncertainty_map
 
 
 def test_residuals_show_a_trend_where_there_is_one_and_no_other(seven) -> None:

@@ -11,14 +11,14 @@ from helpers.html_page import Page
 from helpers.robots import data_file
 
 import lab
-from lab.calibration.checks import note
-from lab.campaign.option_groups import Fitting
-from lab.commands.calibrate.figures import error_vectors, has_correction, world_of
-from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.run import identify
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.render.document import digits_of, short
+from lab.library.identify import identify
+from lab.options.measured_campaign import MeasuredCampaign
+from lab.options.option_groups import Fitting
+from lab.report.document import digits_of, short
+from lab.report.views.calibration_figures import error_vectors, has_correction, world_of
+from lab.verdict.fit_checks import note
 
 SECTIONS = ["Errors and reasons", "Before and after calibration", "Errors over the workspace",
             "Uncertainty and goodness of fit", "Parameters", "Identifiability and conditioning",

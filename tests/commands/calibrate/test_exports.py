@@ -11,9 +11,9 @@ from helpers.campaigns import run_of, session
 from helpers.estimates import nominal_estimate, with_values
 
 import lab
-from lab.campaign.robot import load_virtual
-from lab.commands.calibrate.exports import comment_on_missing_effects
 from lab.formats.calibrated_module import loaded
+from lab.library.arm_files import comment_on_missing_effects
+from lab.robots.robot import load_virtual
 
 
 def test_a_file_of_geometry_says_what_it_lacks() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.good_data import good_data
 
-from lab.cli import main
+from lab.cli.main import main
 
 TOO_FEW = ("too few", "need at least", "leave no residuals")  # the only reasons to refuse good data
 QUICK = (17, 21)  # one that is identified within a second, and one that is refused

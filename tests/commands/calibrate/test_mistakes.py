@@ -8,7 +8,7 @@ import pytest
 from helpers.mistakes import MISTAKES, session_with_noise, stopped_elsewhere
 
 import lab
-from lab.render.phrases.registry import phrases
+from lab.phrases.phrase import phrases
 
 STATED = {"": {}, "stated": {"noise_mm": 0.009}, "stated too large": {"noise_mm": 0.05}}
 SIZES_M = (0.1e-3, 0.3e-3, 1e-3)  # the standard error of a step is 4 µm, that of a turn 15 µm at a metre

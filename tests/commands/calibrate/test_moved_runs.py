@@ -10,8 +10,8 @@ from helpers.bad_input import ARM_TOML, ARM_XML, run, the_line
 from helpers.drawing import nothing_drawn
 from helpers.file_kinds import CELL, TRACKER
 
-from lab.commands.calibrate.load_run import load_run
 from lab.core.errors import LabError
+from lab.library.load_run import load_run
 
 MADE = "--robot arm.toml --instrument tracker.toml --cell cell.toml --poses 14"
 BUILT = (

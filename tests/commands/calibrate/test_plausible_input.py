@@ -12,7 +12,7 @@ import lab
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured, without_copies
 from lab.core.se3 import Array
-from lab.render.phrases.registry import in_one_line, phrases
+from lab.phrases.phrase import in_one_line, phrases
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers.robots import data_file
 
-from lab.campaign.option_groups import Fitting
-from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.run import identify
-from lab.render.phrases.registry import phrases
+from lab.library.identify import identify
+from lab.options.measured_campaign import MeasuredCampaign
+from lab.options.option_groups import Fitting
+from lab.phrases.phrase import phrases
 
 
 def mean_mm(errors) -> float:

@@ -7,16 +7,16 @@ from helpers.recordings import FLOAT32, column, in_world, needs_vulkan, rrd, sta
 from helpers.robots import ROOT
 
 import lab
-from lab.calibration.identify import ellipsoids, identify, mapping_ellipsoids, position_covariance
-from lab.commands.calibrate.recording import record
-from lab.commands.calibrate.scene import scene
+from lab.calibration.identification import ellipsoids, identify, mapping_ellipsoids, position_covariance
 from lab.core import se3
-from lab.kinematics.serial.arm import SerialArm
-from lab.render.document import format_magnification
-from lab.render.scene import MOST_POSES, drawn_rows, magnification
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.report.document import format_magnification
+from lab.report.scene import MOST_POSES, drawn_rows, magnification
+from lab.report.views.calibration_recording import record
+from lab.report.views.calibration_scene import scene
+from lab.simulation.load_model import load_model
 from lab.simulation.meshes import body_poses, shells
-from lab.simulation.model import FLANGE
-from lab.simulation.model_files import load_model
+from lab.simulation.robot_model import FLANGE
 
 pytestmark = pytest.mark.usefixtures("strict_recordings")
 

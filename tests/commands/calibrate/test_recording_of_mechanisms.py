@@ -7,11 +7,11 @@ from helpers.campaigns import calibration
 from helpers.recordings import column, rrd, statics
 from rerun.chunk import RrdReader
 
-from lab.campaign import virtual_robot as virtual_arm
-from lab.commands.calibrate.recording import record
-from lab.commands.calibrate.run import VirtualCampaign, calibrate
-from lab.commands.calibrate.scene import scene
-from lab.render.recording import LEGS
+from lab.library import virtual_arm as virtual_arm
+from lab.library.identify import VirtualCampaign, calibrate
+from lab.report.recording import LEGS
+from lab.report.views.calibration_recording import record
+from lab.report.views.calibration_scene import scene
 
 POSES = 20
 ROUNDED = 4e-7  # m: float32 of about 2 m

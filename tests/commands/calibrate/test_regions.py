@@ -8,10 +8,10 @@ import pytest
 from helpers.campaigns import TWO, calibration, identification, session
 
 import lab
-from lab.calibration.workspace_prediction import bounds_at
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
-from lab.render.phrases.registry import in_one_line
+from lab.phrases.phrase import in_one_line
+from lab.prediction.workspace_prediction import bounds_at
 
 
 @pytest.fixture(scope="module")

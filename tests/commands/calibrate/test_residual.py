@@ -8,8 +8,8 @@ import pytest
 from helpers.campaigns import calibration, session
 
 import lab
-from lab.commands.calibrate.run import CalibrationResult
 from lab.core.errors import LabError
+from lab.library.identify import CalibrationResult
 
 WAVING = {"poses": 60, "seed": 3, "harmonic2_mrad": 0.3, "instrument": "uniform-8um"}
 

@@ -13,16 +13,16 @@ from helpers.drawing import nothing_drawn
 from helpers.robots import ROOT
 
 import lab
-from lab.cli import main
-from lab.commands.certify.inputs import digests_of
-from lab.commands.certify.result import Certificate
-from lab.commands.certify.run import certify
-from lab.commands.options import CertifyOptions
+from lab.cli.main import main
 from lab.compensation.iso9283 import repeatability
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.whole_folder import checksum_lines
 from lab.formats.measurement_csv import read_measurements, write_measurements
+from lab.library.certificate_inputs import digests_of
+from lab.library.certificate_result import Certificate
+from lab.library.certify import certify
+from lab.options.command_options import CertifyOptions
 
 TRACKER = """
 name = "Tracker"

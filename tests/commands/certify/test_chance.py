@@ -8,13 +8,13 @@ from helpers.robots import IRB120
 
 import lab
 from lab.calibration.gauss_newton import Observations
-from lab.commands.certify.inputs import FittedRows, _scatter_m
-from lab.commands.certify.run import certify
-from lab.commands.options import CertifyOptions
 from lab.core.linear_model import whitening
 from lab.core.measurements import measured
+from lab.library.certificate_inputs import FittedRows, _scatter_m
+from lab.library.certify import certify
 from lab.noise.correlation import Correlation
 from lab.noise.instruments import instrument
+from lab.options.command_options import CertifyOptions
 
 TRACKERS = ("leica-at960", "faro-vantage")
 NOISE = """

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import lab
-from lab.commands.calibrate.load_run import load_run
-from lab.commands.certify.inputs import fitted_motions, fitted_rows
+from lab.library.certificate_inputs import fitted_motions, fitted_rows
+from lab.library.load_run import load_run
 
 POSITIONS = np.array([[0.5, 0.0, 0.5], [0.0, 0.6, 0.4]])
 CASES = {

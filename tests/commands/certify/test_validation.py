@@ -10,11 +10,11 @@ import pytest
 import lab
 from lab.certification.budget import Propagation, quantities_of
 from lab.certification.lack_of_fit import lack_of_fit
-from lab.commands.calibrate.load_run import load_run
-from lab.commands.certify.inputs import fitted_rows, instrument_noise_m, random_errors, validation_errors
-from lab.commands.certify.run import _propagation
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import write_measurements
+from lab.library.certificate_inputs import fitted_rows, instrument_noise_m, random_errors, validation_errors
+from lab.library.certify import _propagation
+from lab.library.load_run import load_run
 from lab.noise.instruments import TrackerErrors
 
 INSTRUMENT = "uniform-8um"

@@ -12,15 +12,15 @@ import pytest
 from helpers.campaigns import run_of
 from helpers.robots import IRB120, perturbed, somewhere
 
-from lab.campaign.robot import load_robot
-from lab.cli import main
-from lab.commands.calibrate.load_run import CalibrationRun, load_run
+from lab.cli.main import main
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
 from lab.formats.robot_toml import read_table
 from lab.formats.target_csv import read_targets
 from lab.kinematics.differential import singular_distance
+from lab.library.load_run import CalibrationRun, load_run
+from lab.robots.robot import load_robot
 from lab.simulation.collisions import collides
 
 FILES = {

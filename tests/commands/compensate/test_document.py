@@ -8,11 +8,11 @@ import pytest
 from helpers.html_page import Page
 
 import lab
-from lab.cli import main
-from lab.commands.calibrate.load_run import load_run
-from lab.commands.compensate.document import page_scene
+from lab.cli.main import main
 from lab.core import se3
-from lab.render.document import short
+from lab.library.load_run import load_run
+from lab.report.document import short
+from lab.report.views.compensation_document import page_scene
 
 NASTY = """<script>alert("$x_1$")</script>&'<b>"""
 

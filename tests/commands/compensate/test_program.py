@@ -21,18 +21,18 @@ from helpers.controller_programs import (
 from helpers.estimates import with_values
 from scipy.spatial.transform import Rotation
 
-from lab.cli import main
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by
-from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.program import open_program
-from lab.commands.compensate.result import CompensationResult
-from lab.commands.compensate.run import compensate
-from lab.commands.run_folder import _refuse_other_files
+from lab.cli.main import main
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.programs.program_text import ArmShape
+from lab.library.calibration_result import CalibrationResult
+from lab.library.compensate import compensate
+from lab.library.compensation_result import CompensationResult
+from lab.library.corrected_program import open_program
+from lab.library.load_run import CalibrationRun, calibrated_by
+from lab.library.run_folder import _refuse_other_files
+from lab.options.compensation import CompensateOptions
 from lab.simulation.collisions import collides
 
 TOOL = posed(Rotation.from_rotvec([0.3, 0, 0.1]), np.array([0.01, 0.02, 0.1]))
@@ -73,7 +73,7 @@ def test_ways_are_the_programs_also_to_and_from_what_is_not_corrected(
     calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The second target is through the floor, so it stays as it is, and the controller goes there all the same."""
-    from lab.commands.compensate import run as command
+    from lab.library import compensate as command
 
     monkeypatch.setattr(command, "load_run", lambda *_, **__: calibrated)
     monkeypatch.setattr(command, "reachability", None)  # asks for ways that the program does not take
@@ -91,7 +91,7 @@ def test_a_robot_that_is_as_drawn_keeps_its_program(
     language: str, calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No error, no correction: every byte is the same."""
-    from lab.commands.compensate import run as command
+    from lab.library import compensate as command
 
     values = calibrated.estimate.nominal.copy()
     values[-3:] = calibrated.robot.tool["p1"]
@@ -267,7 +267,7 @@ def test_wrong_options_are_told_in_a_line_and_nothing_is_written(
     arguments: list[str], words: str, calibrated: CalibrationRun, folder: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    from lab.commands.compensate import run as command
+    from lab.library import compensate as command
 
     monkeypatch.setattr(command, "load_run", lambda *_, **__: calibrated)
     (folder / "a.mod").write_text(RAPID)
@@ -291,7 +291,7 @@ def urscript_of(tools: list[str], run: CalibrationRun) -> tuple[str, Array]:
 
 
 def corrected_urscript(tools: list[str], run: CalibrationRun, folder: Path, monkeypatch: pytest.MonkeyPatch):
-    from lab.commands.compensate import run as command
+    from lab.library import compensate as command
 
     monkeypatch.setattr(command, "load_run", lambda *_, **__: run)
     text, Ts = urscript_of(tools, run)

@@ -14,15 +14,15 @@ from helpers.estimates import with_values
 from helpers.simulated_controllers import Controller, NominalArm, Stop
 from scipy.spatial.transform import Rotation
 
-from lab.campaign.options import VirtualCampaign
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by
-from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.calibrate.run import calibrate
-from lab.commands.compensate import run as command
-from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.result import CompensationResult
 from lab.core.se3 import Array
 from lab.formats.programs.program_text import ArmShape
+from lab.library import compensate as command
+from lab.library.calibration_result import CalibrationResult
+from lab.library.compensation_result import CompensationResult
+from lab.library.identify import calibrate
+from lab.library.load_run import CalibrationRun, calibrated_by
+from lab.options.compensation import CompensateOptions
+from lab.options.virtual_campaign import VirtualCampaign
 
 TOOL = posed(Rotation.from_rotvec([0.3, 0, 0.1]), np.array([0.01, 0.02, 0.1]))
 TABLE = posed(Rotation.from_rotvec([0.1, 0.2, 0.3]), np.array([0.3, 0.1, 0.2]))

@@ -7,9 +7,9 @@ import pytest
 from helpers.hidden_robots import rigid_rest
 from scipy.spatial.transform import Rotation
 
-from lab.commands.compensate.program_reference import ProgramErrors, program_errors
 from lab.compensation.flange import point_rows
 from lab.core.se3 import Array
+from lab.library.program_reference import ProgramErrors, program_errors
 
 COUNT, RNG = 20, np.random.default_rng(4)
 POSITIONS = RNG.uniform(-0.4, 0.4, (COUNT, 3))

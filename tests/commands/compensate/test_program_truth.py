@@ -11,7 +11,7 @@ import pytest
 from helpers.controller_programs import LANGUAGES
 from helpers.hidden_robots import Day, Trial, calibrated_day, hidden_cell, tried
 
-from lab.commands.compensate.program import flange_note
+from lab.library.corrected_program import flange_note
 
 pytestmark = pytest.mark.thorough
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.campaign.options import DesignOptions
-from lab.cli import main
-from lab.commands.calibrate.run import simulate
-from lab.commands.design.run import SessionDuration, planned_session
+from lab.cli.main import main
 from lab.formats.programs.protocol import PAUSE_S
+from lab.library.design import SessionDuration, planned_session
+from lab.library.identify import simulate
+from lab.options.virtual_campaign import DesignOptions
 
 BOX = """[[obstacle]]
 name = "box"

@@ -13,14 +13,14 @@ from helpers.drawing import nothing_drawn
 from helpers.recordings import column, rrd, statics
 from helpers.robots import IRB120, SCARA
 
-from lab.campaign.options import DesignOptions
-from lab.cli import main
-from lab.commands.design.document import plan_scene
-from lab.commands.design.run import design
+from lab.cli.main import main
 from lab.core.random import rng_for
 from lab.extensions.programs.rapid import Rapid
 from lab.formats.measurement_csv import read_measurements
+from lab.library.design import design
 from lab.noise.instruments import instrument
+from lab.options.virtual_campaign import DesignOptions
+from lab.report.views.design_document import plan_scene
 from lab.simulation.tracking import track
 from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 

@@ -9,10 +9,10 @@ import pytest
 from helpers.html_page import Page
 
 import lab
-from lab.campaign.design_problem import pose_problem
-from lab.campaign.options import DesignOptions
-from lab.commands.design.document import page_scene
 from lab.core.se3 import transform
+from lab.options.virtual_campaign import DesignOptions
+from lab.planning.design_problem import pose_problem
+from lab.report.views.design_document import page_scene
 from lab.simulation.meshes import body_poses
 
 

@@ -14,8 +14,8 @@ from helpers.html_page import Page
 from scipy import stats
 
 import lab
-from lab.cli import main
-from lab.commands.history.result import STATES
+from lab.arm_history.history_result import STATES
+from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
 

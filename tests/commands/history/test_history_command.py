@@ -11,7 +11,7 @@ import pytest
 
 import lab
 from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested
-from lab.cli import main
+from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.kinematics.gauge import STRUCTURE_POSES

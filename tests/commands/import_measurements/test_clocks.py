@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.campaign.robot import Robot, load_robot
-from lab.commands.import_measurements.clocks import NominalFit
-from lab.commands.import_measurements.matching import Matching, matched, settled_windows
-from lab.commands.options import ImportOptions
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.joint_log import JointLog
 from lab.formats.tracker_export import TrackerPoints
+from lab.library.log_clocks import NominalFit
+from lab.library.log_matching import Matching, matched, settled_windows
+from lab.options.command_options import ImportOptions
+from lab.robots.robot import Robot, load_robot
 
 ROBOTS = ("irb120", "ur5", "ur10", "panda", "rx130", "tx40")
 PATTERNS = ("equal", "uneven", "long", "short moves")

@@ -12,13 +12,13 @@ from day_files import controller_log, leica
 from helpers.html_page import Page
 from helpers.tracker_files import plain, polyworks, rows_of_joints, spatial_analyzer
 
-from lab.campaign.robot import load_robot
-from lab.cli import main
-from lab.commands.calibrate.run import MeasurementSession, simulate
-from lab.commands.import_measurements.run import import_measurements
-from lab.commands.options import ImportOptions
+from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import read_measurements
+from lab.library.identify import MeasurementSession, simulate
+from lab.library.import_measurements import import_measurements
+from lab.options.command_options import ImportOptions
+from lab.robots.robot import load_robot
 
 POSES = 30
 

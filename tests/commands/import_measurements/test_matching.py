@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.commands.import_measurements.matching import matched
-from lab.commands.options import ImportOptions
 from lab.core.errors import LabError
 from lab.formats.joint_log import JointLog
 from lab.formats.tracker_export import TrackerPoints
+from lab.library.log_matching import matched
+from lab.options.command_options import ImportOptions
 
 MANY = 20_000
 

@@ -9,13 +9,13 @@ import pytest
 from helpers.robots import ROOT
 from scipy.integrate import dblquad
 
-from lab.cli import main
-from lab.commands.inspect.nominal import ClosedShape, closed_shape_of
+from lab.cli.main import main
 from lab.extensions.robotics.closed.recognition import classical_model_of
 from lab.formats.mechanism_toml import read_mechanism
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
 from lab.kinematics.closed.mobility import SINGULAR
 from lab.kinematics.joints import JointSpec
+from lab.library.inspected_model import ClosedShape, closed_shape_of
 
 MODELS = ROOT / "models"
 NAMES = ("rpr2/mechanism", "rpr3/mechanism", "delta/mechanism", "delta/small", "delta/six_rods")

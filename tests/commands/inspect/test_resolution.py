@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import lab
-from lab.cli import main
-from lab.commands.inspect.resolution import encoders_of
+from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.units import MM
+from lab.library.joint_resolution import encoders_of
 
 ARC = 2 * np.pi / 4096 / 50  # rad of a joint by one count
 

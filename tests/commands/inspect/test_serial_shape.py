@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from lab.campaign.robot import load_robot
-from lab.cli import main
-from lab.commands.inspect.nominal import shape_of
-from lab.kinematics.serial.arm import SerialArm
+from lab.cli.main import main
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.library.inspected_model import shape_of
+from lab.robots.robot import load_robot
 
 # facts-robots, section 1: the flange's reach (mm), the ways to a pose, the determinant
 ARMS = {

@@ -7,8 +7,8 @@ import pytest
 from helpers.robots import ROOT
 
 import lab
-from lab.campaign.robot import load_robot
-from lab.cli import main
+from lab.cli.main import main
+from lab.robots.robot import load_robot
 
 SCHEMA = json.loads((ROOT / "docs" / "reference" / "schemas" / "inspect.schema.json").read_text(encoding="utf-8"))
 

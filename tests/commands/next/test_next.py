@@ -15,11 +15,11 @@ from helpers.campaigns import session as simulated
 from helpers.robots import ROOT
 
 import lab
-from lab.cli import main
-from lab.commands.next.planner import PosePlanner
-from lab.commands.run_folder import check_edits
+from lab.cli.main import main
 from lab.core.measurements import measured
 from lab.formats.measurement_csv import write_measurements
+from lab.library.pose_planner import PosePlanner
+from lab.library.run_folder import check_edits
 
 HALF_WIDTH_M = 8e-6  # of uniform-8um
 

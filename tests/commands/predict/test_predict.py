@@ -10,13 +10,13 @@ from helpers.campaigns import TWO, calibration, run_of
 from helpers.robots import ROOT
 
 import lab
-from lab.cli import main
-from lab.commands.calibrate.load_run import load_run
+from lab.cli.main import main
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.formats.calibrated_module import loaded
 from lab.formats.csv_table import CsvTable
 from lab.formats.measurement_csv import write_measurements
+from lab.library.load_run import load_run
 
 SOFT = {"stiffness_nm_per_rad": 1e5, "payload_kg": (0.0, 3.0), "backlash_mrad": 0.2, "model": "compliance+backlash"}
 

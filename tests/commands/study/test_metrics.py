@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import lab
-from lab.commands.study.document import varying
 from lab.core.errors import LabError
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.report.views.study_document import varying
 from lab.studies.analysis import groups
 from lab.studies.grid import ANY, Cell, Study
 from lab.studies.identified import parameter_errors

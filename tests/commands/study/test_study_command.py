@@ -10,7 +10,7 @@ import pytest
 from helpers.drawing import nothing_drawn
 from helpers.run_script import threads_for_processes
 
-from lab.cli import main
+from lab.cli.main import main
 
 GRID = """
 name = "a <small> one"
@@ -83,7 +83,7 @@ def test_a_name_is_one_folder(tmp_path, capsys) -> None:
 @pytest.mark.thorough
 def test_failures_are_in_the_json_by_reason(tmp_path, capsys, monkeypatch) -> None:
     """Twelve poses are too few for compliance and harmonics, which is known of each campaign alone."""
-    monkeypatch.setattr("lab.commands.study.run.local_executor", lambda workers: ThreadPoolExecutor(1))
+    monkeypatch.setattr("lab.studies.study.local_executor", lambda workers: ThreadPoolExecutor(1))
     (tmp_path / "grid.toml").write_text(
         'name = "few"\nrobots = 5\ndraws = 1\nfresh = 10\n[factors]\ncriterion = "random"\nposes = 12\n'
         'model = ["geometric", "compliance+harmonics"]\nprior = "auto"\n'

@@ -9,10 +9,10 @@ import pytest
 from helpers.html_page import Page
 
 import lab
-from lab.cli import main
+from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import write_measurements
-from lab.render.document import short
+from lab.report.document import short
 
 
 @pytest.mark.pages

@@ -8,9 +8,9 @@ import pytest
 from helpers.robots import IRB120
 
 import lab
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by
-from lab.commands.calibrate.run import CalibrationResult
 from lab.core.measurements import Measurements, measured
+from lab.library.identify import CalibrationResult
+from lab.library.load_run import CalibrationRun, calibrated_by
 
 SIGMA = 2e-5
 ARM = IRB120.arm(("p1",))

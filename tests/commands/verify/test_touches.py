@@ -14,7 +14,7 @@ from helpers.robots import ROOT
 import lab
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import read_measurements
-from lab.sensors.registry import sensor_named
+from lab.sensors.sensor_registry import sensor_named
 
 SLIP = np.array([0.0, 0.0, 0.6e-3, 0.0, 0.0, 0.0])
 

@@ -9,15 +9,15 @@ import pytest
 from helpers.robots import ROOT
 
 import lab
-from lab.campaign.robot import load_virtual
-from lab.cli import main
-from lab.extensions.dynamics.arm.document import dynamics_document
+from lab.cli.main import main
+from lab.extensions.dynamics.arm.dynamics_document import dynamics_document
+from lab.extensions.dynamics.arm_simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
 from lab.extensions.dynamics.load_files import read_motion, write_loads
-from lab.extensions.dynamics.payload.document import payload_document
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
-from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
+from lab.extensions.dynamics.payload.payload_document import payload_document
 from lab.formats.drives_toml import Drives, drives_lines, read_drives
-from lab.render.document import Card, plain
+from lab.report.document import Card, plain
+from lab.robots.robot import load_virtual
 
 
 @pytest.mark.pages

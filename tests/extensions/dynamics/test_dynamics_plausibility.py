@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 import lab
-from lab.campaign.robot import load_virtual
 from lab.extensions.dynamics.arm.base_parameters import base_parameters
-from lab.extensions.dynamics.arm.identify import DynamicModel, identify_dynamics, nearest_physical_arm
+from lab.extensions.dynamics.arm.identify_dynamics import DynamicModel, identify_dynamics, nearest_physical_arm
+from lab.extensions.dynamics.arm_simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
+from lab.extensions.dynamics.dynamics_phrases import phrase
+from lab.extensions.dynamics.dynamics_plausibility import ArmSize, implausible_dynamics
 from lab.extensions.dynamics.load_files import PayloadSamples, write_loads
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
-from lab.extensions.dynamics.phrases import phrase
-from lab.extensions.dynamics.plausibility import ArmSize, implausible_dynamics
-from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
 from lab.kinematics.dynamics.rigid_body import ArmDynamics, khalil_chain
-from lab.simulation.model_files import link_inertias
+from lab.robots.robot import load_virtual
+from lab.simulation.load_model import link_inertias
 
 TX40 = load_virtual("tx40")
 LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5, 26, 12.5]) * 1e-4)

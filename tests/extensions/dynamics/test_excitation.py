@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from helpers.robots import VERSATRAN
 
-from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.extensions.dynamics.arm_simulation import CarryingArm, RigidLoad
 from lab.extensions.dynamics.payload.excitation import (
     Box,
     FourierPath,
@@ -20,11 +20,11 @@ from lab.extensions.dynamics.payload.excitation import (
     design_poses,
     random_path,
 )
-from lab.extensions.dynamics.simulation import CarryingArm, RigidLoad
 from lab.kinematics.dynamics.rigid_body import hand_motion, torque_regressor, wrench_regressor
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import information
+from lab.robots.robot import load_virtual
 from lab.simulation.collisions import collides, random_poses
 
 TX40 = load_virtual("tx40").model

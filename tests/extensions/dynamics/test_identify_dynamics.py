@@ -5,22 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.extensions.dynamics.arm.base_parameters import base_parameters
-from lab.extensions.dynamics.arm.identify import (
+from lab.extensions.dynamics.arm.identify_dynamics import (
     DynamicModel,
     DynamicsEstimate,
     identify_dynamics,
     nearest_physical_arm,
     thinned_run,
 )
+from lab.extensions.dynamics.arm_simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
+from lab.extensions.dynamics.dynamics_phrases import phrase
 from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
-from lab.extensions.dynamics.phrases import phrase
-from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
 from lab.kinematics.dynamics.rigid_body import ArmDynamics
-from lab.simulation.model_files import link_inertias
+from lab.robots.robot import load_virtual
+from lab.simulation.load_model import link_inertias
 
 TX40 = load_virtual("tx40").serial_model
 MOUNTING = drawn_mounting(TX40)
@@ -136,7 +136,7 @@ def test_a_delay_is_estimated() -> None:
 def test_long_runs_are_worked_out_part_by_part(monkeypatch: pytest.MonkeyPatch) -> None:
     records = runs(DRIVEN, None)
     whole = thinned_run(MODEL, records, False)
-    monkeypatch.setattr("lab.extensions.dynamics.arm.identify._PART", 100)
+    monkeypatch.setattr("lab.extensions.dynamics.arm.identify_dynamics._PART", 100)
     parts = thinned_run(MODEL, records, False)
     np.testing.assert_allclose(parts.columns, whole.columns, atol=1e-9 * np.abs(whole.columns).max())
     assert len(whole.times()) == whole.columns.shape[1]

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
 from lab.extensions.dynamics.arm.base_parameters import base_parameters, regrouping_formulas
 from lab.extensions.dynamics.arm.newton_euler import newton_euler
 from lab.extensions.robotics.kinematics.symbolic import symbolic_chain
 from lab.formats.formula_program import programs_text
 from lab.kinematics.dynamics.rigid_body import ArmDynamics
+from lab.robots.robot import load_robot
 
 G = np.array([0.0, 0.0, -9.81])
 

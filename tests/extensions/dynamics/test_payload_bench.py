@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120
 
-from lab.campaign.robot import load_virtual
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
-from lab.extensions.dynamics.simulation import (
+from lab.extensions.dynamics.arm_simulation import (
     CarryingArm,
     LoadBench,
     RigidLoad,
@@ -23,11 +21,13 @@ from lab.extensions.dynamics.simulation import (
     own_dynamics,
     peak_torques,
 )
+from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
 from lab.kinematics.dynamics.rigid_body import hand_motion, torque_regressor, wrench_regressor
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
-from lab.simulation.model import RobotModel
-from lab.simulation.model_files import load_model
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_virtual
+from lab.simulation.load_model import load_model
+from lab.simulation.robot_model import RobotModel
 
 PEAK_NM = np.array([131.8, 131.8, 103.5, 46.1, 43.2, 30.7])
 LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5e-4, 26e-4, 12.5e-4]))

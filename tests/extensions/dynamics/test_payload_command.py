@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.campaign.robot import load_virtual
-from lab.cli import main
-from lab.commands.calibrate.load_run import load_run
-from lab.commands.hand_load import HandLoad
+from lab.cli.main import main
+from lab.extensions.dynamics.arm_simulation import LoadBench, RigidLoad, RunErrors
 from lab.extensions.dynamics.load_files import Mounting, write_loads, write_mounting
-from lab.extensions.dynamics.payload.estimate import equivalent_ellipsoid
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
-from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
+from lab.extensions.dynamics.payload.payload_estimate import equivalent_ellipsoid
+from lab.library.hand_load import HandLoad
+from lab.library.load_run import load_run
+from lab.robots.robot import load_virtual
 from lab.simulation.collisions import random_poses
 
 TX40 = load_virtual("tx40")

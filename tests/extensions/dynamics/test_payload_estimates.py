@@ -8,16 +8,15 @@ from helpers.dynamics import inverse_dynamics
 from numpy.testing import assert_allclose
 from scipy import signal
 
-from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import PAYLOAD_RESIDUALS
+from lab.extensions.dynamics.dynamics_phrases import phrase
 from lab.extensions.dynamics.filtering import band_of
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
-from lab.extensions.dynamics.payload.estimate import LoadEstimate
 from lab.extensions.dynamics.payload.methods import CompliantArm, from_sag, from_torques, from_wrench
+from lab.extensions.dynamics.payload.payload_estimate import LoadEstimate
 from lab.extensions.dynamics.payload.physical_consistency import nearest_physical, physical_estimate
-from lab.extensions.dynamics.phrases import phrase
 from lab.extensions.dynamics.regression import least_squares
 from lab.kinematics.dynamics.rigid_body import (
     LOAD,
@@ -29,8 +28,9 @@ from lab.kinematics.dynamics.rigid_body import (
     torque_regressor,
     wrench_regressor,
 )
-from lab.kinematics.serial.arm import SerialArm
-from lab.simulation.model_files import loads_of
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_virtual
+from lab.simulation.load_model import loads_of
 
 TX40 = load_virtual("tx40").model
 ARM = SerialArm(TX40.chain)

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
+from lab.extensions.dynamics.arm_simulation import LoadBench, RigidLoad, RunErrors
+from lab.extensions.dynamics.dynamics_options import PayloadOptions
+from lab.extensions.dynamics.dynamics_phrases import phrase
+from lab.extensions.dynamics.dynamics_plausibility import ArmSize, implausibilities
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples, write_loads, write_mounting
-from lab.extensions.dynamics.options import PayloadOptions
-from lab.extensions.dynamics.payload.result import PayloadResult
-from lab.extensions.dynamics.payload.run import payload
-from lab.extensions.dynamics.phrases import phrase
-from lab.extensions.dynamics.plausibility import ArmSize, implausibilities
-from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
+from lab.extensions.dynamics.payload.identify_payload import payload
+from lab.extensions.dynamics.payload.payload_result import PayloadResult
+from lab.robots.robot import load_virtual
 from lab.simulation.collisions import random_poses
 
 TX40 = load_virtual("tx40")

@@ -13,8 +13,8 @@ from helpers.robots import IRB120
 
 from lab.core.errors import LabError
 from lab.core.limits import PROGRAM_FRAMES
+from lab.formats.programs.languages import read_program
 from lab.formats.programs.program_text import Outside, ProgramText
-from lab.formats.programs.registry import read_program
 
 LENGTH = 60_000
 END = {"rapid": ".mod", "krl": ".src", "fanuc": ".ls", "val3": ".pgx", "urscript": ".script", "jbi": ".jbi"}

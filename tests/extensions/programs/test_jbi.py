@@ -15,7 +15,7 @@ from lab.extensions.programs.jbi import Jbi
 from lab.formats.programs.program_text import ArmShape, postures_of
 from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, TargetMoves
 from lab.kinematics.inverse.branches import NominalInverse
-from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.inverse.newton_inverse import PoseTarget
 
 ARM = IRB120.arm(("p1",))
 VALUES = ARM.nominal(IRB120.tool)

@@ -10,14 +10,14 @@ import pytest
 from helpers.robots import IRB120
 
 import lab
-from lab.commands.design.run import DesignResult
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.extensions.programs.rapid import Rapid
 from lab.formats.measurement_csv import read_measurements
+from lab.formats.programs.languages import languages, read_program
 from lab.formats.programs.program_text import Outside, ProgramText, postures_of
 from lab.formats.programs.protocol import Language, MeasuringTour
-from lab.formats.programs.registry import languages, read_program
+from lab.library.design import DesignResult
 
 WALL = """
 [[obstacle]]

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.formats.programs.languages import languages, read_program
 from lab.formats.programs.program_text import Number, Outside, ProgramText, TargetText, replaced, values_of, written
-from lab.formats.programs.registry import languages, read_program
 
 NUMBERED = {"fanuc": ("UTOOL[2]", "UFRAME[3]"), "jbi": ("TOOL[2]", "USER[3]")}  # frames that a text only numbers
 

@@ -10,9 +10,9 @@ from helpers.robots import IRB120
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.extensions.programs.jbi import Jbi
+from lab.formats.programs.languages import languages, read_program
 from lab.formats.programs.program_text import ArmShape, Outside, ProgramText, postures_of
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
-from lab.formats.programs.registry import languages, read_program
 
 SHAPE = ArmShape.of(IRB120.chain)
 

@@ -12,7 +12,8 @@ from helpers.computed_sources import ITEMS
 
 import lab.extensions.reproduction as package
 from lab.core import se3
-from lab.extensions.reproduction import course, course_machines, models, staubli, thesis, thesis_model
+from lab.extensions.reproduction import course, course_machines, staubli, thesis, thesis_model
+from lab.extensions.reproduction import source_models as models
 from lab.extensions.reproduction.item import Item
 
 MODULES = [

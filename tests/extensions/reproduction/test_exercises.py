@@ -7,9 +7,9 @@ from helpers.computed_sources import ITEMS, SEARCHED, computed, item_of, result_
 
 from lab.core.errors import LabError
 from lab.extensions.reproduction.item import Item, with_exercises
-from lab.extensions.reproduction.result import solution_of
-from lab.render.document import Matrices, Table
-from lab.render.page import to_html
+from lab.extensions.reproduction.reproduction_result import solution_of
+from lab.report.document import Matrices, Table
+from lab.report.page import to_html
 
 ASKING = [(source, item) for source, item in ITEMS if item.exercise is not None]
 QUICK = [each for each in ASKING if each[1].number not in SEARCHED]

@@ -10,14 +10,14 @@ import pytest
 from helpers.computed_sources import ITEMS, computed, result_of
 from helpers.robots import ROOT
 
-from lab.cli import main
-from lab.commands.command_line import parsed
-from lab.commands.registry import command_named
+from lab.cli.command_line import parsed
+from lab.cli.commands import command_named
+from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.extensions.reproduction.item import Computed, labels, source_named
-from lab.extensions.reproduction.options import ReproduceOptions
-from lab.extensions.reproduction.result import ReproductionResult
-from lab.render.page import to_html
+from lab.extensions.reproduction.reproduction_options import ReproduceOptions
+from lab.extensions.reproduction.reproduction_result import ReproductionResult
+from lab.report.page import to_html
 
 
 @pytest.mark.pages

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.extensions.robotics.trajectory.cartesian import Feed, arc, line, path_move
 from lab.extensions.robotics.trajectory.motion import Motion
 from lab.kinematics.trajectory.trajectory import common_phases, independent
 from lab.pose_selection.tour import rated
+from lab.robots.robot import load_robot
 
 STARTS = {"irb120": np.radians([0, 20, -30, 10, 60, 0]), "scara": np.array([0.3, 1, -0.05, 0]), "delta": np.zeros(3)}
 

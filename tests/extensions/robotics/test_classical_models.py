@@ -7,7 +7,7 @@ import pytest
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.robotics.closed.models import AZIMUTHS_RAD, Delta, SharedPin, ThreeLegs, TwoLegs
+from lab.extensions.robotics.closed.classical_mechanisms import AZIMUTHS_RAD, Delta, SharedPin, ThreeLegs, TwoLegs
 from lab.kinematics.closed.mobility import mobility
 
 DRAWS = 10_000

@@ -7,7 +7,7 @@ import pytest
 from helpers.robots import ROOT
 
 from lab.core.errors import LabError
-from lab.extensions.robotics.closed.models import AZIMUTHS_RAD, Delta
+from lab.extensions.robotics.closed.classical_mechanisms import AZIMUTHS_RAD, Delta
 from lab.extensions.robotics.closed.recognition import ClassicalModel, classical_model_of
 from lab.formats.mechanism_toml import read_mechanism
 from lab.kinematics.closed.loop_closure import BASE, Frame, Step

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, chain_of
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.extensions.robotics.inverse.first_joints import ThreeJoints, fitted_factor
@@ -17,9 +16,10 @@ from lab.extensions.robotics.inverse.planar import PlanarArm, Scara
 from lab.extensions.robotics.inverse.six_axes import SphericalWrist, ThreeParallel
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns
 from lab.kinematics.inverse.closed_form import ClosedForm, Solutions, closed_form_of
-from lab.kinematics.inverse.newton import PoseTarget
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.inverse.newton_inverse import PoseTarget
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_robot
 
 POINT = np.array([0.25, 0.03, 0.02])  # that arms of two and three joints bring to a place
 BRANCHES = {"irb120": 8, "rx130": 8, "tx40": 8, "versatran": 4, "scemi": 8, "scara": 2}

@@ -14,13 +14,13 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import lab
-from lab.cli import main
+from lab.cli.main import main
 from lab.core.se3 import Array
-from lab.extensions.robotics.trajectory.result import TrajectoryResult
 from lab.extensions.robotics.trajectory.tracking import compensated
+from lab.extensions.robotics.trajectory.trajectory_result import TrajectoryResult
 from lab.kinematics.dynamics.gravity import LinkLoads, Loads, link_loads
-from lab.kinematics.serial.arm import SerialArm
-from lab.simulation.elastic import JointMotion
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.simulation.elastic_links import JointMotion
 
 COURSE = """id,x_mm,y_mm,z_mm,vx_mm_per_s,vy_mm_per_s,vz_mm_per_s
 P0,866.0254037844386,0,0,,,

@@ -7,12 +7,12 @@ import pytest
 from beam_chain import BeamChain
 from helpers.robots import IRB120, chain_of
 
-from lab.campaign.robot import load_virtual
 from lab.core.se3 import Array
 from lab.extensions.robotics.trajectory.tracking import Correction, compensated, elastic_errors, greville
 from lab.kinematics.dynamics.gravity import LinkLoads, Loads, link_loads
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.serial.walk import Torsors
+from lab.robots.robot import load_virtual
 
 TUBE = np.array([2.067e-5, 2.067e-5, 2.79e-5, 1.5e-8])
 

@@ -8,7 +8,7 @@ from lab.core.se3 import Array
 from lab.extensions.robotics.trajectory.tracking import Tracking, tracking
 from lab.kinematics.dynamics.beam import COMPLIANCES
 from lab.kinematics.trajectory.trajectory import through
-from lab.simulation.elastic import AT_REST, JointMotion
+from lab.simulation.elastic_links import AT_REST, JointMotion
 
 TUBE = np.array([2.067e-5, 2.067e-5, 2.79e-5, 0.0])
 SECTIONS = np.zeros((6, 4))

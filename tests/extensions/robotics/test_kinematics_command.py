@@ -10,9 +10,9 @@ from helpers.robots import ROOT
 from scipy.spatial.transform import Rotation
 
 import lab
-from lab.campaign.robot import load_robot
-from lab.cli import main
+from lab.cli.main import main
 from lab.core import se3
+from lab.robots.robot import load_robot
 
 POSE = "--pose=-44.11,383.46,786,77.71,-0.38,170.88"  # Mahdadi & Bouafia 2020, section III.2.2
 EIGHT = [  # their table III.3

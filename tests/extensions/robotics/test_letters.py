@@ -13,16 +13,16 @@ import pytest
 import sympy
 from helpers.any_chain import random_chain
 
-from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.extensions.robotics.kinematics.letters import ModelsInLetters, inverse_in_letters
-from lab.extensions.robotics.kinematics.models import inverse_of_jacobian
-from lab.extensions.robotics.kinematics.run import solve_kinematics
+from lab.extensions.robotics.kinematics.nominal_models import inverse_of_jacobian
+from lab.extensions.robotics.kinematics.solve_kinematics import solve_kinematics
 from lab.extensions.robotics.kinematics.symbolic import formula_text, symbolic_chain, textbook
 from lab.extensions.robotics.kinematics.symbolic_inverse import symbolic_inverse
 from lab.formats.formula_program import programs_text
 from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.kinematics.serial.chain import Chain
+from lab.robots.robot import load_robot
 
 STEP = 1e-5
 CHAINS = {name: load_robot(name).chain for name in ("irb120", "versatran", "scara", "planar3r", "ur5")}

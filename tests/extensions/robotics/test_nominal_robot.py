@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
-from lab.extensions.robotics.kinematics.models import nominal_robot
+from lab.extensions.robotics.kinematics.nominal_models import nominal_robot
+from lab.robots.robot import load_robot
 
 
 @pytest.mark.parametrize("name", ["scorbot", "irb120", "rrr3"])

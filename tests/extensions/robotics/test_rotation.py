@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.cli import main
+from lab.cli.main import main
 from lab.core.errors import LabError
 
 rotation = lab.solve_kinematics

@@ -5,11 +5,11 @@ import pytest
 import sympy
 from helpers.any_chain import random_chain
 
-from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.extensions.robotics.kinematics.symbolic import symbolic_chain, textbook
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_robot
 
 POINTS = 1000
 

@@ -10,13 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import lab
-from lab.cli import main
+from lab.cli.main import main
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.extensions.robotics.trajectory.document import page_scene, tool_speeds
-from lab.extensions.robotics.trajectory.result import path_moves
-from lab.formats.programs.registry import languages, path_program
-from lab.simulation.elastic import FlexibleArm, JointMotion
+from lab.extensions.robotics.trajectory.trajectory_document import page_scene, tool_speeds
+from lab.extensions.robotics.trajectory.trajectory_result import path_moves
+from lab.formats.programs.languages import languages, path_program
+from lab.simulation.elastic_links import FlexibleArm, JointMotion
 
 EXAMPLE = """id,x_mm,y_mm,z_mm,vx_mm_per_s,vy_mm_per_s,vz_mm_per_s
 P0,866.0254037844386,0,0,,,

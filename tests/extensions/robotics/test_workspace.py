@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, chain_of
 
-from lab.campaign.robot import load_robot
 from lab.extensions.robotics.workspace.boundary import boundary
 from lab.extensions.robotics.workspace.measure import measured, workspace_of
 from lab.extensions.robotics.workspace.membership import ByRods, Search, anyhow, domain_of, memberships, within_turns
-from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.inverse.newton_inverse import PoseTarget
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_robot
 
 VOLUMES = {  # m³, L = 1 m
     "cartesian": 1.0,

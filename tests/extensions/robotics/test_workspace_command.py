@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from lab.cli import main
+from lab.cli.main import main
 
 
 def run(capsys, *arguments: object) -> tuple[int, dict, str]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lab.extensions.programs.rapid import Rapid
-from lab.formats.programs import registry
+from lab.formats.programs import languages as registry
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
 from lab.kinematics.joints import JointSpec
 

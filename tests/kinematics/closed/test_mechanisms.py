@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from helpers.robots import ROOT, RX130
 
-from lab.calibration.identify import identify
+from lab.calibration.identification import identify
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.formats.mechanism_toml import read_mechanism
-from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.closed_arm import ClosedArm
 from lab.kinematics.closed.loop_closure import Frame, Rod, Step, Tree
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.effects.arm import affected
+from lab.kinematics.effects.arm_with_effects import affected
 from lab.kinematics.effects.coupling import gear
 from lab.kinematics.gauge import base_set, base_set_of
-from lab.kinematics.serial.arm import SerialArm, stacked
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm, stacked
 
 FILES = ("rpr2/mechanism", "rpr3/mechanism", "delta/mechanism", "delta/small", "delta/six_rods")
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from helpers.robots import ROOT
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.mobility import BodyCount, body_count, mobility
+from lab.robots.robot import load_robot
 
 IRB340 = str(ROOT / "models" / "delta" / "irb340.toml")
 MECHANISMS = sorted(

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from helpers.robots import ROOT, chain_of
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.extensions.robotics.inverse.first_joints import ThreeJoints
 from lab.extensions.robotics.inverse.five_axes import FiveAxes
 from lab.extensions.robotics.inverse.six_axes import SphericalWrist, ThreeParallel
 from lab.kinematics.compiled import kernels
 from lab.kinematics.inverse.closed_form import Solutions
-from lab.kinematics.inverse.newton import PoseTarget, reach
-from lab.kinematics.serial.arm import SerialArm, StackedArm
+from lab.kinematics.inverse.newton_inverse import PoseTarget, reach
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm, StackedArm
+from lab.robots.robot import load_robot
 from lab.sensors.full_pose import Poses
 
 ROUNDING = 1e-14  # m, rad or their quotients: of some dozens of products of numbers of about one

@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.extensions.dynamics.arm.base_parameters import base_parameters, random_states, regrouping_formulas
-from lab.extensions.dynamics.simulation import CarryingArm, drawn_mounting
+from lab.extensions.dynamics.arm_simulation import CarryingArm, drawn_mounting
 from lab.kinematics.dynamics.rigid_body import (
     ArmDynamics,
     flange_in_last_link,
     load_in_frame,
     torque_regressor,
 )
-from lab.kinematics.serial.arm import SerialArm
-from lab.simulation.model_files import link_inertias
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_virtual
+from lab.simulation.load_model import link_inertias
 
 SERIAL = ("irb120", "tx40", "rx130", "scara", "scemi", "versatran", "course2r")
 DOWN = np.array([0.0, 0.0, -9.81])

@@ -11,8 +11,8 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.beam import Beam, loads_on
 from lab.kinematics.dynamics.gravity import Loads, link_loads
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
 
 L, EI_Y, EI_Z, GJ, EA = 0.7, 150.0, 90.0, 60.0, 4e4
 STIFF = np.array([EI_Y, EI_Z, GJ, EA])

@@ -8,7 +8,6 @@ from helpers.dynamics import inverse_dynamics
 from helpers.robots import RX130, chain_of
 from numpy.testing import assert_allclose
 
-from lab.campaign.robot import load_robot, load_virtual
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -24,8 +23,9 @@ from lab.kinematics.dynamics.rigid_body import (
     symmetric,
     torque_regressor,
 )
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_robot, load_virtual
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 OBLIQUE = np.array([1.5, -4.0, -8.8])

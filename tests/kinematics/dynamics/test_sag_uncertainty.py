@@ -4,7 +4,7 @@ import numpy as np
 from helpers.robots import IRB120
 
 from lab.kinematics.dynamics.rigid_body import sag_uncertainty, torque_regressor
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 ARM = SerialArm(IRB120.serial_model.chain, ("p1",))
 DOWN = np.array([0.0, 0.0, -9.81])

@@ -5,7 +5,7 @@ import pytest
 from helpers.robots import IRB120, VERSATRAN
 
 from lab.kinematics.effects.backlash import approached_groups
-from lab.kinematics.effects.registry import describe_term, effect
+from lab.kinematics.effects.effect_registry import describe_term, effect
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ import lab
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import ArmFacts
+from lab.kinematics.effects.effect_registry import describe_term, effect, searched_terms
 from lab.kinematics.effects.harmonics import CROSS_FAMILIES, CrossHarmonics
-from lab.kinematics.effects.registry import describe_term, effect, searched_terms
 from lab.kinematics.gauge import base_set
 
 FACTS = ArmFacts(IRB120.chain, IRB120.loads)

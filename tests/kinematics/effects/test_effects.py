@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, assert_derivatives, somewhere
 
-from lab.calibration.identify import identify
-from lab.campaign.robot import load_robot
+from lab.calibration.identification import identify
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.effects.arm import ArmWithEffects
+from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.effects.effect import HOUR_S, SessionInfo
-from lab.kinematics.effects.registry import GROUPS, effect
+from lab.kinematics.effects.effect_registry import GROUPS, effect
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SequentialBatch, SerialArm, stacked
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SequentialBatch, SerialArm, stacked
+from lab.robots.robot import load_robot
 
 ALONE = tuple(name for name in GROUPS if name not in ("payload", "tubes", "compensator"))  # in others
 PARAMETERS = {

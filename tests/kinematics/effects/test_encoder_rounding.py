@@ -9,8 +9,8 @@ from helpers.robots import ROOT
 import lab
 from lab.core.errors import LabError
 from lab.formats.noise_model import noise_model_from_dict
+from lab.kinematics.effects.effect_registry import EFFECTS
 from lab.kinematics.effects.readings import EncoderCounts, EncoderRounding
-from lab.kinematics.effects.registry import EFFECTS
 
 DRIVES = "".join(f"\n[[drive]]\ngear_ratio = {gear}\ncounts_per_turn = 1000\n" for gear in (48, 48, 50, -46, 45, 32))
 COUPLING = "\n[[coupling]]\ndrive = 6\njoint = 5\nratio = 32\n"

@@ -8,7 +8,7 @@ from helpers.robots import IRB120, SCARA
 
 from lab.core.errors import LabError
 from lab.kinematics.effects.effect import ArmFacts, MovesJoints, PoseConditions, SessionInfo, SimulatedEffect
-from lab.kinematics.effects.registry import (
+from lab.kinematics.effects.effect_registry import (
     EFFECTS,
     EffectOptions,
     describe_term,

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.measurements import STATION
-from lab.kinematics.effects.arm import affected
+from lab.kinematics.effects.arm_with_effects import affected
 from lab.kinematics.effects.effect import PoseConditions
 from lab.kinematics.effects.sessions import (
     StationPoses,
@@ -15,6 +14,7 @@ from lab.kinematics.effects.sessions import (
     stations,
 )
 from lab.kinematics.effects.temperature import drift
+from lab.robots.robot import load_robot
 
 ROBOT = load_robot("irb120")
 PLACES = np.stack(

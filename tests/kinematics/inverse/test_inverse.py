@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, chain_of, perturbed, somewhere
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
 from lab.kinematics.inverse.closed_form import Solutions
-from lab.kinematics.inverse.newton import PoseTarget, reach, shortest_step, within_reach
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.inverse.newton_inverse import PoseTarget, reach, shortest_step, within_reach
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_robot
 
 # Newton's method
 

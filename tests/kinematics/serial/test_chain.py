@@ -14,12 +14,12 @@ from helpers.robots import (
     somewhere,
 )
 
-from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot import load_robot
 
 CHAINS = {chain.name: chain for chain in (IRB120.chain, RX130, TX40, SCEMI, VERSATRAN, SCARA)}
 

@@ -11,7 +11,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.extensions.dynamics.filtering import BAND_HZ, Band, band_of
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
-from lab.extensions.dynamics.payload.estimate import LoadEstimate, estimate_of, excitation_advice
+from lab.extensions.dynamics.payload.payload_estimate import LoadEstimate, estimate_of, excitation_advice
 from lab.extensions.dynamics.regression import BiasCandidate, ChannelSolution, Series, check_residuals, least_squares
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import (
@@ -23,7 +23,7 @@ from lab.kinematics.dynamics.rigid_body import (
     torque_regressor,
     wrench_regressor,
 )
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["CompliantArm", "from_sag", "from_torques", "from_wrench"]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.newton import least_squares_step
 from lab.core.se3 import Array
-from lab.extensions.dynamics.payload.estimate import LoadEstimate
+from lab.extensions.dynamics.payload.payload_estimate import LoadEstimate
 from lab.kinematics.dynamics.rigid_body import is_physical, pseudo_inertia
 
 __all__ = ["BodyCone", "Nearest", "nearest_physical", "physical_estimate"]

@@ -12,7 +12,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.robotics.closed.models import Delta, Distances, ThreeLegs, TwoLegs, left, wrapped
+from lab.extensions.robotics.closed.classical_mechanisms import Delta, Distances, ThreeLegs, TwoLegs, left, wrapped
 from lab.kinematics.closed.loop_closure import Configuration, Tree
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.robotics.closed.models import Distances
+from lab.extensions.robotics.closed.classical_mechanisms import Distances
 from lab.extensions.robotics.closed.recognition import ClassicalModel, classical_model_of
 from lab.extensions.robotics.workspace.membership import ByLegs
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses

@@ -23,8 +23,8 @@ from lab.extensions.robotics.inverse.khalil_equations import TINY, type_2
 from lab.extensions.robotics.inverse.planar import PlanarJoints
 from lab.kinematics.compiled.kernels import planar_frame, with_fallback
 from lab.kinematics.inverse.closed_form import EXACT, Axes, Determinant, Solutions, determinant, plane_across
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["FiveAxes"]
 

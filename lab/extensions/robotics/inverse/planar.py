@@ -36,8 +36,8 @@ from lab.kinematics.inverse.closed_form import (
     plane_across,
     real_part,
 )
-from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["PlanarArm", "PlanarJoints", "Scara"]
 

@@ -19,7 +19,7 @@ from lab.extensions.robotics.kinematics.symbolic import (
 from lab.extensions.robotics.kinematics.symbolic_inverse import Found, SymbolicInverse, symbolic_inverse
 from lab.formats.formula_program import FormulaProgram
 from lab.kinematics.serial.chain import Chain
-from lab.render.document import Block, Bullets, Paragraph, Table, guarded
+from lab.report.document import Block, Bullets, Paragraph, Table, guarded
 
 __all__ = ["ModelsInLetters", "inverse_in_letters"]
 

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from lab.commands.result import Result, tidy
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.euler import AxisAngle, EulerAngles, axis_angle, euler_angles, rotation_from_euler
 from lab.core.limits import OPTION_SIZE, POSITIVE_OPTION, QUATERNION_NORM, ROTATION_ERROR
 from lab.core.orientation import ORDERS
 from lab.core.se3 import Array
-from lab.extensions.robotics.kinematics.options import KinematicsOptions
-from lab.render.document import Bullets, Document, Paragraph, Section, Table, Warnings, fixed
+from lab.extensions.robotics.kinematics.kinematics_options import KinematicsOptions
+from lab.library.result import Result, tidy
+from lab.report.document import Bullets, Document, Paragraph, Section, Table, Warnings, fixed
 
 __all__ = ["Rotation", "converted"]
 

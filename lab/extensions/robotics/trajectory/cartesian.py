@@ -21,7 +21,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach
+from lab.kinematics.inverse.newton_inverse import FREEDOMS, PoseTarget, reach
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.trajectory.profiles import Trajectory

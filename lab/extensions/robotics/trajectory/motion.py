@@ -21,14 +21,14 @@ from lab.core.limits import PASSED
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
 from lab.core.units import MM, joints_to_si
-from lab.extensions.robotics.kinematics.models import Solver
+from lab.extensions.robotics.kinematics.nominal_models import Solver
 from lab.extensions.robotics.trajectory.cartesian import CartesianPath, PathMove, arc, line, path_move
-from lab.extensions.robotics.trajectory.options import TrajectoryOptions
+from lab.extensions.robotics.trajectory.trajectory_options import TrajectoryOptions
 from lab.formats.csv_table import CsvTable
 from lab.formats.measurement_csv import ObservedColumns, read_measurements
 from lab.formats.target_csv import holds_targets, read_targets
 from lab.kinematics.differential import rates
-from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.inverse.newton_inverse import PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.trajectory.profiles import Trajectory

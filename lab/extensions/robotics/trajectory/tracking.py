@@ -17,24 +17,24 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.campaign.robot import Robot
-from lab.commands.calibrate.load_run import CalibrationRun
-from lab.commands.hand_load import carrying
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
-from lab.extensions.robotics.trajectory.options import TrajectoryOptions
+from lab.extensions.robotics.trajectory.trajectory_options import TrajectoryOptions
 from lab.kinematics.differential import SINGULAR_M, WEIGHTS
 from lab.kinematics.dynamics.beam import COMPLIANCES
 from lab.kinematics.dynamics.gravity import LinkLoads
-from lab.kinematics.effects.arm import Arm, ArmWithEffects
+from lab.kinematics.effects.arm_with_effects import Arm, ArmWithEffects
 from lab.kinematics.effects.effect import PAYLOAD, absent, approach_of, last_move_of, rates_of
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.serial.walk import RIGID, Torsors
-from lab.render.phrases.fit import listed
+from lab.library.hand_load import carrying
+from lab.library.load_run import CalibrationRun
+from lab.phrases.fit_phrases import listed
+from lab.robots.robot import Robot
 
 __all__ = [
     "Correction",

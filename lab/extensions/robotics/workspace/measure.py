@@ -21,7 +21,7 @@ from lab.core.se3 import Array
 from lab.extensions.robotics.workspace.boundary import boundary, carrier_volume, solid_volume
 from lab.extensions.robotics.workspace.membership import Domain, Membership, domain_of, memberships
 from lab.kinematics.differential import WEIGHTS
-from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.inverse.newton_inverse import PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 

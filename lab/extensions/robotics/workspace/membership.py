@@ -28,7 +28,7 @@ from lab.extensions.robotics.inverse.first_joints import ThreeJoints
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
 from lab.kinematics.differential import WEIGHTS
 from lab.kinematics.inverse.closed_form import Axes, ClosedForm, Solutions, closed_form_of
-from lab.kinematics.inverse.newton import PoseTarget, pose_landmarks, tool_at
+from lab.kinematics.inverse.newton_inverse import PoseTarget, pose_landmarks, tool_at
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.reach import extents

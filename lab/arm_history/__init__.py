@@ -1,0 +1,1 @@
+"""The dated runs of one arm: what changed between two of them, and since when."""

@@ -1,1 +1,0 @@
-"""Error models of measurements: an instrument, joint scatter, drift in time, and heavy tails."""

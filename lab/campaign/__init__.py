@@ -1,1 +1,0 @@
-"""Parts of one campaign, for commands and studies: options, robot, virtual robot, design problem."""

@@ -1,1 +1,0 @@
-"""Commands of the lab: a module or a folder each."""

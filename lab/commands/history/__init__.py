@@ -1,1 +1,0 @@
-"""``lab history``: what moved between runs and since when; which arms are good and due."""

@@ -1,0 +1,285 @@
+"""Document of an arm's dynamics: how well the parameters explain torques, their values, and how they are grouped."""
+
+import numpy as np
+
+from lab.core.limits import called
+from lab.core.significance import PAYLOAD_RESIDUALS
+from lab.extensions.dynamics.arm.dynamics_result import DynamicsResult
+from lab.extensions.dynamics.arm.identify_dynamics import DynamicsEstimate
+from lab.extensions.dynamics.dynamics_phrases import phrase
+from lab.extensions.dynamics.payload.payload_document import (
+    FIT_BADGES,
+    IMPLAUSIBLE,
+    fit_figures,
+    share_figure,
+    true_values,
+)
+from lab.extensions.dynamics.payload.payload_result import parameter_rows
+from lab.report import document as doc
+from lab.report.charts.chart import axes_picture, log_ticks
+from lab.report.charts.marks import Axes
+from lab.report.document import digits_of, fixed, sentence, short
+from lab.report.page_scene import ArmScene, moving_arm
+from lab.report.scene import drawn_rows
+from lab.report.style import PREDICTED
+
+__all__ = ["dynamics_document", "main_picture"]
+
+_ROUNDING = 1e-12  # of true values, SI
+
+
+def main_picture(result: DynamicsResult) -> doc.Picture:
+    """Return the torques of the first drive, or without measurements the singular values."""
+    found = result.estimate
+    return _singular_values_picture(result) if found is None else _fits(result, found)[0].pictures[0]
+
+
+def dynamics_document(result: DynamicsResult) -> doc.Document:
+    """Summarise an arm's dynamics: how well the parameters explain torques, their values, and how they are grouped."""
+    base, found = result.base, result.estimate
+    grouping = (doc.Paragraph(_counts(result)), _formulas(result), doc.Paragraph(_without(result)))
+    name = called(result.robot.name, result.options.serial)
+    only = doc.EVERYWHERE if found is None else doc.PAGE
+    fit = () if found is None else (FIT_BADGES[found.adequate], f" {sentence(phrase(found.verdict))}")
+    return doc.Document(
+        f"{name}: {base.size} base parameters of {len(base.names)} standard ones",
+        (
+            _card(result),
+            doc.Paragraph(fit, shown_in=doc.NARROW),
+            doc.Warnings(result.warnings),
+            *(() if found is None else _identified(result, found)),
+            doc.Section("Base parameters", grouping, shown_in=only, folded=found is not None),
+            doc.Section("Inverse dynamics in letters", _letters(result), folded=found is not None),
+            *(() if found is None else (doc.Section("Conditioning", (_conditioning(result),), shown_in=doc.PAGE),)),
+        ),
+    )
+
+
+@doc.guarded
+def _card(result: DynamicsResult) -> doc.Card:
+    """Summarise the dynamics: whether the model explains the torques, how far, and what to do next."""
+    base, found = result.base, result.estimate
+    condition = result.singular_values[0] / result.singular_values[-1]
+    if found is None:
+        numbers = (
+            ("base parameters", f"{base.size} of {len(base.names)}", ""),
+            ("of links and motors", f"{base.inertial}", ""),
+            ("condition number", f"{condition:.0f}", ""),
+        )
+        about = "Torques along a motion determine the base parameters alone: the other ones are grouped into them."
+        step = "Record a motion with torques and give its file; or rehearse it with --simulate."
+        return doc.Card(("Motion: ", doc.Badge("not measured")), numbers, about, step, (_conditioning(result),))
+    named = [("torques left unexplained", short(100 * found.relative_error, "%"), "after")]
+    named += [(f"error on {each.of}", short(100 * each.total_relative, "%"), "after") for each in found.predictions[:1]]
+    if (count := int(np.isfinite(found.values).sum())) < base.size or found.load is None:
+        named.append(("base parameters", f"{count} of {base.size}", ""))
+    if found.load is not None and np.isfinite(found.load.mass_kg):
+        named.append(("payload", _interval_text(found.load.mass_kg, found.load.mass_half_width_kg) + " kg", ""))
+    about = f"{sentence(phrase(found.verdict))} {_noise(result, found)}"
+    figures = (share_figure(_drives(result), found.measured, found.residual, "torque"),)
+    badge = IMPLAUSIBLE if result.implausible else FIT_BADGES[found.adequate]
+    return doc.Card(("Fit: ", badge), tuple(named), about, _next(result, found), figures)
+
+
+def _next(result: DynamicsResult, found: DynamicsEstimate) -> str:
+    """Return what to do with identified dynamics."""
+    if result.implausible:
+        return "Mend what the first warning names; then identify again."
+    if found.adequate is False:
+        return "Find the cause that the fit names; then identify again."
+    if not np.isfinite(found.values).all():
+        return "Record a motion that moves more joints at a time and faster; then identify again."
+    if not found.predictions:
+        return "Predict another motion with --validate, before the parameters are used."
+    return "Use the parameters of result.json in the controller's or the simulation's model."
+
+
+def _drives(result: DynamicsResult) -> list[tuple[str, str]]:
+    chain = result.robot.chain
+    return [(name, "N" if slides else "Nm") for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)]
+
+
+def _fits(result: DynamicsResult, found: DynamicsEstimate) -> tuple[doc.Figure, doc.Figure]:
+    caption = "Torques of the drives: measured (dots), and predicted by the parameters (line)."
+    return fit_figures(_drives(result), found.time_s, found.measured, found.residual, "torque", caption)
+
+
+def _page_scene(result: DynamicsResult) -> ArmScene:
+    """The arm on the first run's path."""
+    samples, robot = result.samples, result.robot
+    assert samples is not None
+    run = samples.run(bool(samples.loaded.all()))
+    assert run.time_s is not None
+    arm = robot.serial_arm(("p1",))
+    rows = drawn_rows(len(run))
+    return moving_arm(robot.model, arm, arm.nominal(robot.tool), run.joints[rows], run.time_s[rows], (0,), ("start",))
+
+
+@doc.guarded
+def _letters(result: DynamicsResult) -> tuple[doc.Block, ...]:
+    """Tabulate the steps of Newton and Euler's recursion."""
+    found = result.in_letters
+    if found is None:
+        return ()
+    letters = ", ".join(f"{name} = {value:.6g}" for name, value in found.letters.items()).replace("-", "−")
+    count = f"{found.multiplications} multiplications and {found.additions} additions"
+    units = "q1, qd1 and qdd1 are joint 1's position, speed and acceleration (SI, rad)"
+    torques = tuple((f"torque {j}", each) for j, each in enumerate(found.torques, 1))
+    return (
+        doc.Paragraph(f"Newton and Euler's recursion with the base parameters: {count}. Here {units}. {letters}."),
+        doc.Table(("", ""), (*found.steps, *torques)),
+    )
+
+
+@doc.guarded
+def _identified(result: DynamicsResult, found: DynamicsEstimate) -> tuple[doc.Section, ...]:
+    return (
+        doc.Section("Measured and predicted", _fits(result, found), shown_in=doc.PAGE),
+        doc.Section(
+            "The motion and the predicted torques",
+            (
+                doc.Scene("motion-scene", lambda: _page_scene(result), "The arm on the path of the first run."),
+                _predictions(result, found),
+                doc.Paragraph(_physical(result)),
+            ),
+            shown_in=doc.PAGE,
+        ),
+        doc.Section(
+            "Identified parameters", (_values(result, found), doc.Paragraph(_noise(result, found), shown_in=doc.NARROW))
+        ),
+        doc.Section("Physical consistency", (doc.Paragraph(_physical(result)),), shown_in=doc.NARROW),
+        doc.Section("Predicted torques", (_predictions(result, found),), shown_in=doc.NARROW),
+        doc.Section("The load", _loads(result, found)),
+    )
+
+
+def _values(result: DynamicsResult, found: DynamicsEstimate) -> doc.Table:
+    """Round values to the second digit of their half-widths."""
+    units = result.arm.units([formula.name for formula in result.formulas])
+    rows: list[tuple[str, ...]] = []
+    for name, unit, value, half, relative in zip(
+        found.names, units, result.values, found.half_width, found.relative_sigma, strict=True
+    ):
+        if not np.isfinite(value):
+            rows.append((name, "–", "–", "–", unit))
+            continue
+        digits = digits_of(half, 9)
+        rows.append((name, fixed(value, digits), fixed(half, digits), f"{short(100 * relative)} %", unit))
+    caption = "With half-widths of 95 % intervals and relative standard deviations."
+    columns: tuple[str, ...] = ("base parameter", "value", "±", "relative σ", "unit")
+    if result.session is not None:
+        columns = (*columns, "true")
+        rows = [
+            (*row, short(true if abs(true) > _ROUNDING else 0.0))
+            for row, true in zip(rows, result.session.truth.tolist(), strict=True)
+        ]
+    return doc.Table(columns, tuple(rows), caption)
+
+
+def _noise(result: DynamicsResult, found: DynamicsEstimate) -> str:
+    noise = ", ".join(short(sigma) for sigma in found.noise)
+    units = "Nm" if not any(result.robot.chain.prismatic) else "Nm (N of a slide)"
+    late = ""
+    if found.delay is not None:
+        value, half = (short(1e3 * each) for each in (found.delay.value, found.delay.half_width))
+        late = f" The torques are {value} ± {half} ms later than the positions."
+    return (
+        f"What is left of the torques is {short(100 * found.relative_error)} % of them. The noise of one reading is "
+        f"{noise} {units} (1σ, estimated).{late}"
+    )
+
+
+def _physical(result: DynamicsResult) -> str:
+    """State whether the parameters are physically consistent."""
+    fit = result.physical
+    if fit is None:
+        return ""
+    if fit.physical:
+        return "Links, motors and joints can have these parameters."
+    noise = "which the noise explains" if fit.p > PAYLOAD_RESIDUALS else "which the noise does not explain"
+    taken = "the table has these" if result.options.physical else "--physical takes these"
+    return (
+        f"No arm has exactly what least squares found; the nearest that one has is {short(fit.distance)} standard "
+        f"deviations away, {noise} (p = {fit.p:.2g}); {taken}."
+    )
+
+
+def _predictions(result: DynamicsResult, found: DynamicsEstimate) -> doc.Table:
+    """Return a row for each predicted path, and for each drive of it."""
+    rows = []
+    for each in found.predictions:
+        rows.append((each.of, "all", short(100 * each.total_relative, "%"), short(each.total_noise_ratio)))
+        for name, relative, ratio in zip(result.robot.chain.joint_names, each.relative, each.noise_ratio, strict=True):
+            rows.append(("", name, short(100 * relative, "%"), short(ratio)))
+    return doc.Table(("torques of", "drive", "relative error", "error / noise"), tuple(rows))
+
+
+@doc.guarded
+def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[doc.Block, ...]:
+    """Compare the load by both methods."""
+    if found.load is None:
+        return ()
+    first, *others = [parameter_rows(load) for load in (found.load, found.by_difference) if load is not None]
+    if not first:
+        return (doc.Paragraph("The motion does not identify the load."),)
+    rows = []
+    true = None if result.session is None or result.session.load is None else true_values(result.session.load)
+    for name, value, width, unit in first:
+        cells = [_interval_text(row[1], row[2]) for rows_of_other in others for row in rows_of_other if row[0] == name]
+        cells = [_interval_text(value, width), *cells]
+        true_cell = () if true is None else (short(true[name]),)
+        rows.append((name, *cells, *("–" for _ in range(2 - len(cells))), unit, *true_cell))
+    caption = "About and along the frame of the flange, with half-widths of 95 % intervals."
+    columns = ("", "with the arm at once", "by difference of the runs", "unit", *(() if true is None else ("true",)))
+    return (doc.Table(columns, tuple(rows), caption),)
+
+
+def _interval_text(value: float, half_width: float) -> str:
+    if not np.isfinite(half_width):
+        return f"{short(value)} ± –"
+    digits = digits_of(half_width, 6)
+    return f"{fixed(value, digits)} ± {fixed(half_width, digits)}"
+
+
+def _singular_values_picture(result: DynamicsResult) -> doc.Picture:
+    """Plot singular values relative to the largest, from the best determined direction to the worst."""
+    relative = result.singular_values / result.singular_values[0]
+
+    def draw(axes: Axes) -> None:
+        axes.plot(np.arange(1, len(relative) + 1), relative, "o", color=PREDICTED, markersize=4.5)
+        log_ticks(axes, "y", relative.min() / 1.6, 1.7)
+        axes.set(xlabel="direction, from the best determined to the worst", ylabel="relative singular value")
+
+    text = "Singular values of the base regressor with unit columns"
+    return axes_picture("singular-values", text, (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15))
+
+
+def _counts(result: DynamicsResult) -> str:
+    base, others = result.base, result.base.size - result.base.inertial
+    left = f" ({', '.join(result.options.without)} left out)" if result.options.without else ""
+    return (
+        f"The torques determine {base.inertial} parameters of links and motors, and {others} of friction and offsets"
+        f"{left}. The rest is grouped into them, with these coefficients of the table's lengths:"
+    )
+
+
+def _formulas(result: DynamicsResult) -> doc.Table:
+    names = [formula.name for formula in result.formulas]
+    units = result.arm.units(names)
+    rows = tuple((formula.label, formula.text(), unit) for formula, unit in zip(result.formulas, units, strict=True))
+    caption = (
+        "XX to ZZ: inertia about and along the frame on the joint's axis; MX MY MZ: first moments; M: mass; Ia: motor "
+        "inertia; Fc, Fv: Coulomb and viscous friction; off: offset. R: others are grouped into it."
+    )
+    return doc.Table(("base parameter", "is", "unit"), rows, caption)
+
+
+def _without(result: DynamicsResult) -> str:
+    names = [result.base.names[i] for i in result.base.without_effect]
+    return f"No torque depends on {', '.join(names)}." if names else ""
+
+
+def _conditioning(result: DynamicsResult) -> doc.Figure:
+    condition = result.singular_values[0] / result.singular_values[-1]
+    caption = f"Over random states, columns of unit length; the condition number is {condition:.0f}."
+    return doc.Figure("singular-values-figure", (_singular_values_picture(result),), caption)

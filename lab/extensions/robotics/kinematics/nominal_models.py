@@ -1,0 +1,501 @@
+"""Direct, inverse and differential models of a nominal robot.
+
+The equations of a robot's table are read without the simulator, which takes long to load.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.core.units import MM
+from lab.formats.robot_toml import described_links, is_mechanism, read_table
+from lab.kinematics.differential import manipulability
+from lab.kinematics.differential import rates as joint_rates
+from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
+from lab.kinematics.inverse.closed_form import Determinant
+from lab.kinematics.inverse.newton_inverse import FREEDOMS, PoseTarget
+from lab.kinematics.joints import JointSpec
+from lab.kinematics.model import RigidArm
+from lab.kinematics.serial.chain import Chain
+from lab.kinematics.serial.serial_arm import SerialArm
+from lab.robots.robot_files import description_of, parted, sha256_of
+
+if TYPE_CHECKING:
+    from lab.extensions.robotics.closed.recognition import ClassicalModel, MeasuredLegs
+    from lab.kinematics.closed.mechanism import Mechanism
+    from lab.robots.robot import Robot
+
+__all__ = [
+    "InverseJacobian",
+    "NominalRobot",
+    "Placement",
+    "Reached",
+    "Solution",
+    "Solver",
+    "configurations",
+    "inverse_of_jacobian",
+    "matching",
+    "nominal_robot",
+    "placements",
+]
+
+_SAME = 1e-6  # rad or m: solutions nearer to each other are one
+_REACHED_M = 1e-6  # a pose is written to the micron, which joints that are too few for its digits may miss
+_ON_SINGULARITY = 1e-9  # of a factor of the determinant
+_LEAST = 1e-9  # of a part of a self-motion: it is none
+
+
+@dataclass(frozen=True)
+class NominalRobot:
+    """A nominal robot, with the source of its model.
+
+    Attributes:
+        chain: the nominal model, whose joints are measured.
+        sha256: of the files that it was read from.
+        warnings: about the files, for the user.
+        source: the name or path that it was loaded by.
+        loaded: the whole loaded robot, where available.
+    """
+
+    chain: JointSpec
+    sha256: str
+    warnings: tuple[str, ...]
+    source: str
+    loaded: "Robot | None" = field(default=None, repr=False)
+
+    @property
+    def name(self) -> str:
+        """Name of the robot."""
+        return self.chain.name
+
+    def arm(self, targets: tuple[str, ...]) -> RigidArm:
+        """Return the equations of the arm, with these targets."""
+        return SerialArm(self.chain, targets) if isinstance(self.chain, Chain) else self.whole.arm(targets)
+
+    @cached_property
+    def whole(self) -> "Robot":
+        """The robot with its simulated model, loaded on first use."""
+        from lab.robots.robot import load_robot
+
+        return self.loaded or load_robot(self.source)
+
+
+def nominal_robot(robot: "str | Path | Robot") -> NominalRobot:
+    """Load a robot's equations, by the name of a model of the lab, a path, or a loaded robot.
+
+    Raises:
+        LabError: there is no such robot, or it cannot be read.
+    """
+    if isinstance(robot, str | Path) and not parted(str(robot))[1]:
+        path = description_of(str(robot))
+        if path.suffix == ".toml" and described_links(path) is None and not is_mechanism(path):
+            table = read_table(path)
+            return NominalRobot(table.chain, sha256_of(path), table.warnings, str(robot))
+    from lab.robots.robot import load_robot
+
+    loaded = load_robot(robot)
+    return NominalRobot(loaded.chain, loaded.sha256, loaded.warnings, loaded.source, loaded)
+
+
+def configurations(determinant: Determinant, joints: Array) -> list[dict[str, str]]:
+    """Return signs (+, - or 0) of all factors of det J at joint positions ``(n, joints)``, by the singularity's name.
+
+    An arm changes such a sign only where it passes the singularity (Borrel & Liegeois 1986). A factor that is constant
+    is left out.
+    """
+    factors = [factor for factor in determinant.factors if factor.terms]
+    signs = [
+        np.where(np.abs(value := factor.at(joints)) <= _ON_SINGULARITY, 0, np.sign(value)).astype(int)
+        for factor in factors
+    ]
+    names = [factor.name for factor in factors]
+    return [dict(zip(names, ("0+-"[sign] for sign in row), strict=True)) for row in zip(*signs, strict=True)]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """An IK solution for a pose.
+
+    Attributes:
+        joints: ``(n,)`` joint positions, rad or m.
+        configuration: the side of each singularity, by its name: +, - or 0 (on it); of a mechanism with loops the
+            branch of each leg, by its joint.
+        free: ``(n,)`` joints that may take any position, as the arm is singular there.
+        tilt_rad: rotation error, where an arm of fewer than six joints cannot take the rotation.
+    """
+
+    joints: Array
+    configuration: Mapping[str, str]
+    free: NDArray[np.bool_]
+    tilt_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class _PoseSolutions:
+    """IK solutions found for one pose.
+
+    Attributes:
+        solutions: nearest to the reference first.
+        gap_m: distance out of reach, of a search the distance to the nearest place found; zero where there is a
+            solution, NaN where unknown.
+        how: ``closed form`` (then these are all) or ``search``.
+        reassembled: number of further solutions of a mechanism with loops in another assembly mode alone.
+        others: number of further solutions in configurations not requested.
+    """
+
+    solutions: tuple[Solution, ...]
+    gap_m: float
+    how: str
+    reassembled: int = 0
+    others: int = 0
+
+
+@dataclass(frozen=True)
+class Solver:
+    """Inverse kinematics of a nominal robot.
+
+    Attributes:
+        values: parameters ``(p,)``, with one target.
+    """
+
+    arm: RigidArm
+    values: Array
+
+    def __call__(self, wanted: PoseTarget, reference: Array) -> list[_PoseSolutions]:
+        """Return the solutions of each pose.
+
+        Args:
+            reference: joint positions ``(n, joints)`` near which solutions are preferred, NaN where none are given.
+        """
+        by_legs = self._legs(wanted) if self.arm.chain.has_loops else None
+        if by_legs is not None:
+            return [by_legs(wanted.take(np.array([i])), reference[i]) for i in range(len(wanted))]
+        inverse = NominalInverse(self.arm, self.values)
+        found = inverse.solutions(wanted, reference)
+        joints, branches = ordered(self.arm.chain, found, reference, np.zeros(found.gap_m.shape, dtype=np.bool_))
+        form, closed = inverse.closed_form, inverse.exact(wanted)
+        out = []
+        for i, order in enumerate(branches):
+            gap, tilt, free = found.gap_m[i, order], found.tilt_rad[i, order], found.free[i, order]
+            met = np.flatnonzero(gap <= (0.0 if closed[i] else _REACHED_M))
+            retained = _different(joints[i], met, self.arm.chain.prismatic)
+            named: list[dict[str, str]] = [{} for _ in retained]
+            if form is not None and retained:
+                named = configurations(form.determinant, joints[i, retained])
+            elif retained and self.arm.chain.size == FREEDOMS:
+                signs = np.sign(np.linalg.det(self.arm.tool(joints[i, retained], self.values)[1])).astype(int)
+                named = [{"det": "0+-"[sign]} for sign in signs]
+            solutions = tuple(
+                Solution(joints[i, k], name, free[k], float(tilt[k])) for k, name in zip(retained, named, strict=True)
+            )
+            nearest = form is not None and form.exact_only and retained and tilt[retained].any()  # not the pose itself
+            missed = 0.0 if retained else float(gap.min(initial=np.inf))
+            out.append(_PoseSolutions(solutions, missed, "closed form" if closed[i] and not nearest else "search"))
+        return out
+
+    def _legs(self, wanted: PoseTarget) -> "Callable[[PoseTarget, Array], _PoseSolutions] | None":
+        """Return the closed form of a mechanism's legs if it solves such poses, else None."""
+        from lab.extensions.robotics.closed.recognition import classical_model_of, measured_legs_of
+        from lab.kinematics.closed.mechanism import Mechanism
+
+        mechanism = self.arm.chain
+        if not isinstance(mechanism, Mechanism):
+            return None
+        if wanted.turned.all() and (lengths := measured_legs_of(mechanism)) is not None:
+            return partial(self._by_lengths, lengths)
+        classical = classical_model_of(mechanism)
+        if classical is None:
+            return None
+        turns = any(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive)
+        others = [j for j in range(mechanism.size) if j not in classical.order]
+        if others and (turns or len(others) > 1 or not self._turns_alone(others[0], wanted)):
+            return None  # these joints and the legs move the tool alike
+        return partial(self._by_legs, mechanism, classical) if wanted.turned.all() or not turns else None
+
+    def _turn_of(self, joint: int) -> tuple[Array, Array]:
+        """Return the displacement ``(3,)`` of the tool's point by one radian of a joint, and its rotation vector."""
+        moved = self.arm.chain.home + np.eye(self.arm.chain.size)[[joint]] * np.array([[0.0], [1.0]])
+        Ts = self.arm.tool(moved, self.values)[0]
+        return Ts[1, :3, 3] - Ts[0, :3, 3], se3.log(Ts[1, :3, :3] @ Ts[0, :3, :3].T)
+
+    def _turns_alone(self, joint: int, wanted: PoseTarget) -> bool:
+        """Check that a joint turns the tool by its own angle; where a rotation is free, about the tool's point."""
+        displaced, turned = self._turn_of(joint)
+        still = wanted.turned.all() or np.linalg.norm(displaced) < _SAME
+        return bool(still and abs(np.linalg.norm(turned) - 1) < _SAME)
+
+    def _by_lengths(self, legs: "MeasuredLegs", wanted: PoseTarget, reference: Array) -> _PoseSolutions:
+        """Return the only joint positions of legs of measured lengths, if they belong to the nominal assembly mode."""
+        joints = legs.joints(
+            se3.pose(wanted.rotations[0], wanted.positions[0] - wanted.rotations[0] @ self.values[-3:])
+        )
+        T, jacobian = self.arm.tool(joints[None], self.values)
+        if not np.abs(wanted.errors(T)).max() < _REACHED_M:  # NaN where the loops do not close
+            return _PoseSolutions((), np.nan, "closed form", 1)
+        side = "0+-"[int(np.sign(np.linalg.det(jacobian[0])))] if len(joints) == FREEDOMS else None
+        named = {} if side is None else {"det": side}
+        return _PoseSolutions((Solution(joints, named, np.zeros(len(joints), dtype=np.bool_)),), 0.0, "closed form")
+
+    def _by_legs(
+        self, mechanism: "Mechanism", classical: "ClassicalModel", wanted: PoseTarget, reference: Array
+    ) -> _PoseSolutions:
+        """Return the working modes of a mechanism with a closed form, for one pose.
+
+        A joint that turns the tool in the platform takes the rotation's part about its axis.
+        """
+        from lab.extensions.robotics.closed.recognition import passive_values_of, working_modes
+
+        tool, near = self.values[-3:], reference if np.isfinite(reference).all() else mechanism.home
+        start, free = mechanism.home.copy(), np.zeros(mechanism.size, dtype=np.bool_)
+        others = [j for j in range(mechanism.size) if j not in classical.order]
+        home = self.arm.tool(start[None], self.values)[0][0, :3, :3]
+        for joint in others:
+            if wanted.turned[0]:
+                start[joint] += self._turn_of(joint)[1] @ se3.log(wanted.rotations[0] @ home.T)
+            else:
+                start[joint], free[joint] = near[joint], True
+        rotation = wanted.rotations[0] if wanted.turned[0] else self.arm.tool(start[None], self.values)[0][0, :3, :3]
+        T_base_platform = se3.pose(rotation, wanted.positions[0] - rotation @ tool)
+        passive, missed = passive_values_of(mechanism, T_base_platform, start)
+        every = working_modes(mechanism, classical, passive) if missed <= _REACHED_M else []
+        rows = np.array([mode.joints for mode in every]).reshape(-1, mechanism.size)
+        rows[:, others] = start[others]
+        rows = nearest_whole_turns(mechanism, rows, np.broadcast_to(near, rows.shape))
+        there = self.arm.tool(rows, self.values)[0][:, :3, 3] if every else np.empty((0, 3))
+        off = np.abs(there - wanted.positions[0]).max(axis=1)
+        modes = [(row, mode) for row, mode, missing in zip(rows, every, off, strict=True) if missing < _REACHED_M]
+        modes.sort(key=lambda each: float(np.abs(each[0] - near).max()))
+        names, several = mechanism.joint_names, any(any(mode.branches) for _, mode in modes)
+        branches = tuple(
+            Solution(
+                row,
+                {names[j]: "+-"[mode.branches[j]] for j in sorted(classical.order)} if several else {},
+                free,
+            )
+            for row, mode in modes
+        )
+        gap = 0.0 if branches else missed if missed > _REACHED_M else np.nan
+        return _PoseSolutions(branches, gap, "closed form", len(every) - len(modes))
+
+
+def matching(found: _PoseSolutions, requested: tuple[str, ...]) -> _PoseSolutions:
+    """Select the solutions of one configuration, e.g. ``("elbow+", "wrist-")``.
+
+    Raises:
+        LabError: a requested name has no sign or both, or no solution has it; the message lists the names.
+    """
+    names = sorted({name for each in found.solutions for name in each.configuration})
+    sides: dict[str, str] = {}
+    for each in requested:
+        name, sign = each[:-1].strip(), each[-1:].replace("−", "-")
+        if sign not in ("+", "-") or (found.solutions and name not in names):
+            there = ", ".join(f"{name}+ and {name}-" for name in names) or "none: this robot's solutions have no names"
+            raise LabError(f"--of {each}: no configuration is called so; there are {there}")
+        if sides.setdefault(name, sign) != sign:
+            raise LabError(f"--of {name}+,{name}-: a solution has one of the two; ask for one, or leave out {name}")
+    retained = tuple(s for s in found.solutions if sides.items() <= s.configuration.items())
+    return replace(found, solutions=retained, others=len(found.solutions) - len(retained))
+
+
+def _different(joints: Array, rows: NDArray[np.int_], prismatic: tuple[bool, ...]) -> list[int]:
+    """Return rows of joint positions ``(k, joints)`` without repetitions, up to whole turns; the first is retained."""
+    retained: list[int] = []
+    for row in rows.tolist():
+        apart = joints[retained] - joints[row]
+        apart = np.where(prismatic, apart, apart - 2 * np.pi * np.round(apart / (2 * np.pi)))
+        if not (np.abs(apart).max(axis=1, initial=0.0) < _SAME).any():
+            retained.append(row)
+    return retained
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A robot at some joint positions.
+
+    Attributes:
+        name: the row's id, or the solution's number.
+        joints: ``(n,)`` rad or m.
+        T_base_tool: pose ``(4, 4)`` (m) of the tool's point, turned as the last frame or the platform.
+        jacobian: geometric ``(6, n)`` in the requested frame: velocity of the point (m), then angular velocity
+            (rad), by the joint positions.
+        rank: of the Jacobian.
+        manipulability: Yoshikawa's, sqrt(det J J') or sqrt(det J' J), SI.
+        determinant: of the Jacobian, SI; of an arm with a closed form that of the rows that it can have; None where
+            there is none.
+        factors: each factor of the determinant by the name of its singularity; zero at the singularity.
+        self_motions: ``(k, n)`` directions of the joints that move nothing, the largest part 1.
+        lost: ``(l, 6)`` directions in which no joint moves the tool (m, rad), in the requested frame.
+        beyond: description of the exceeded limit; empty where none is.
+        configuration: of a solution, as ``Solution`` has it.
+        free: names of the joints that may take any position, because the arm is singular.
+        tilt_rad: rotation error of a wanted pose.
+        rates: ``(n,)`` rad/s or m/s, given or found; None where neither rates nor a twist were requested.
+        twist: ``(6,)`` m/s and rad/s of these rates.
+        missing: ``(6,)`` the part of a wanted twist that the robot cannot have.
+    """
+
+    name: str
+    joints: Array
+    T_base_tool: Array
+    jacobian: Array
+    rank: int
+    manipulability: float
+    determinant: float | None
+    factors: Mapping[str, float]
+    self_motions: Array
+    lost: Array
+    beyond: str
+    configuration: Mapping[str, str]
+    free: tuple[str, ...] = ()
+    tilt_rad: float = 0.0
+    rates: Array | None = None
+    twist: Array | None = None
+    missing: Array | None = None
+
+    @property
+    def inverse_jacobian(self) -> "InverseJacobian | None":
+        """Inverse or pseudo-inverse of the Jacobian; None where the loops do not close."""
+        return inverse_of_jacobian(self.jacobian, self.rank) if np.isfinite(self.jacobian).all() else None
+
+
+@dataclass(frozen=True)
+class InverseJacobian:
+    """Inverse of a Jacobian.
+
+    Attributes:
+        matrix: ``(n, 6)``.
+        kind: ``blocks``, ``inverse``, pseudo-inverse from the ``left`` or the ``right``, or ``singular``.
+    """
+
+    matrix: Array
+    kind: str
+
+
+def inverse_of_jacobian(jacobian: Array, rank: int) -> InverseJacobian:
+    """Invert a Jacobian ``(6, n)`` (Mallem 2011, section 5.6, with the pseudo-inverse's misprint mended).
+
+    Where the last three joints of six only turn the tool, J = [A 0; C D] is inverted by blocks of 3 by 3. A Jacobian
+    of fewer columns has J⁺ = (J'J)^-1 J', one of more J' (J J')^-1. Of less than full rank it is found by singular
+    values.
+    """
+    size = jacobian.shape[1]
+    if rank < min(6, size):
+        return InverseJacobian(np.asarray(np.linalg.pinv(jacobian, rcond=_ON_SINGULARITY)), "singular")
+    if size < FREEDOMS:
+        return InverseJacobian(np.asarray(np.linalg.solve(jacobian.T @ jacobian, jacobian.T)), "left")
+    if size > FREEDOMS:
+        return InverseJacobian(np.asarray(np.linalg.solve(jacobian @ jacobian.T, jacobian).T), "right")
+    A, B, C, D = jacobian[:3, :3], jacobian[:3, 3:], jacobian[3:, :3], jacobian[3:, 3:]
+    if np.abs(B).max() > _LEAST:
+        return InverseJacobian(np.asarray(np.linalg.inv(jacobian)), "inverse")
+    A_back, D_back = np.linalg.inv(A), np.linalg.inv(D)
+    return InverseJacobian(np.block([[A_back, np.zeros((3, 3))], [-D_back @ C @ A_back, D_back]]), "blocks")
+
+
+def placements(
+    arm: RigidArm,
+    values: Array,
+    determinant: Determinant | None,
+    rows: Array,
+    names: Sequence[str],
+    solved: Sequence[Solution] | None = None,
+    *,
+    frame: Literal["base", "tool"] | int = "base",
+    rates: Array | None = None,
+    twist: Array | None = None,
+) -> tuple[Placement, ...]:
+    """Place the nominal robot at each of ``rows`` ``(m, n)`` of joint positions.
+
+    Args:
+        names: of the rows.
+        solved: the solutions, if the rows are such.
+        frame: whose axes Jacobian and twist have: the base's, the tool's, or those of a link by its number.
+        rates: ``(n,)`` given joint rates.
+        twist: ``(6,)`` a wanted twist.
+    """
+    if not len(rows):
+        return ()
+    chain, size = arm.chain, arm.chain.size
+    Ts, jacobians = arm.tool(rows, values)
+    if frame not in ("base", 0):
+        axes = Ts if isinstance(frame, str) or not isinstance(arm, SerialArm) else arm.frame(rows, values, frame)
+        back = axes[:, :3, :3].swapaxes(1, 2)
+        jacobians = np.concatenate([back @ jacobians[:, :3], back @ jacobians[:, 3:]], axis=1)
+    wanted = np.zeros((len(rows), 6)) if twist is None else np.tile(twist, (len(rows), 1))
+    closes: NDArray[np.bool_] = np.array(np.isfinite(jacobians).all(axis=(1, 2)))
+    moved = joint_rates(np.where(closes[:, None, None], jacobians, 0.0), wanted)
+    width = np.where(closes, manipulability(np.where(closes[:, None, None], jacobians, 0.0)), np.nan)
+    out = []
+    for i, (joints, name) in enumerate(zip(rows, names, strict=True)):
+        solution = None if solved is None else solved[i]
+        factors = {} if determinant is None else {f.name: float(f.at(joints)) for f in determinant.factors if f.terms}
+        size_of = None if determinant is None else float(determinant.at(joints))
+        if determinant is None and size == FREEDOMS:
+            size_of = float(np.linalg.det(jacobians[i]))
+        given = rates if rates is not None else moved.joints[i] if twist is not None else None
+        rank = int(moved.rank[i])
+        self_motions = moved.free[i, : size - rank]
+        out.append(
+            Placement(
+                name, joints, Ts[i], jacobians[i], rank, float(width[i]), size_of, factors,
+                _largest_one(self_motions), moved.lost[i, : 6 - rank], _beyond(arm, joints, bool(closes[i])),
+                {} if solution is None else solution.configuration,
+                () if solution is None else tuple(np.array(chain.joint_names)[solution.free].tolist()),
+                0.0 if solution is None else solution.tilt_rad, given, None if given is None else jacobians[i] @ given,
+                None if twist is None else moved.missing[i],
+            )
+        )  # fmt: skip
+    return tuple(out)
+
+
+def _largest_one(rows: Array) -> Array:
+    """Scale rows so that the largest part is 1, and remove rounding errors."""
+    scaled = rows / np.abs(rows).max(axis=1, keepdims=True, initial=1e-300) if len(rows) else rows
+    return np.asarray(np.where(np.abs(scaled) < _LEAST, 0.0, scaled))
+
+
+def _beyond(arm: RigidArm, joints: Array, closes: bool) -> str:
+    """Describe the limit exceeded the most by some joint positions, or why the loops do not close."""
+    if not closes:
+        return arm.chain.infeasibility_reason(joints)
+    excess = arm.chain.excess(joints)
+    j = int(np.argmax(excess))
+    return arm.chain.limit_note(j, joints[j]) if excess[j] > _LEAST else ""
+
+
+@dataclass(frozen=True)
+class Reached:
+    """Result of the inverse kinematics of one pose.
+
+    Attributes:
+        name: the row's id.
+        position: ``(3,)`` m.
+        rotation: ``(3, 3)``, NaN where the orientation is free.
+        solutions: numbers of its placements, from 0.
+        gap_m, how, reassembled, others: as the solver has them.
+    """
+
+    name: str
+    position: Array
+    rotation: Array
+    solutions: tuple[int, ...]
+    gap_m: float
+    how: str
+    reassembled: int = 0
+    others: int = 0
+
+    @property
+    def away(self) -> str:
+        """Description of the distance to a pose without a solution; empty where there is one, or it is unknown."""
+        if self.solutions or not self.gap_m or not np.isfinite(self.gap_m):
+            return ""
+        gap = MM.text(self.gap_m, 6)
+        return f"it is {gap} out of reach" if self.how == "closed form" else f"the nearest place found is {gap} away"

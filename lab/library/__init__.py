@@ -1,0 +1,1 @@
+"""The public functions: values in, values out."""

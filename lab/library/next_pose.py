@@ -1,0 +1,437 @@
+"""Propose the pose to measure next, once or as a measurement file grows."""
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lab.cli.process import say
+from lab.core.errors import LabError, counted, option_name
+from lab.core.limits import TABLE_BYTES, WAYPOINTS
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+from lab.core.units import MM
+from lab.formats.csv_table import write_columns
+from lab.formats.measurement_csv import read_measurements
+from lab.formats.structured import read_text
+from lab.kinematics.joints import JointSpec
+from lab.library.design import DesignResult
+from lab.library.load_run import CALIBRATIONS, MEASUREMENTS_FILE
+from lab.library.pose_planner import PosePlanner, Proposal
+from lab.library.result import Result, joint_values, number
+from lab.library.run_folder import joint_columns
+from lab.options.call_options import options_of, takes
+from lab.options.command_options import NextOptions
+from lab.options.virtual_campaign import DesignOptions
+from lab.report.document import (
+    NARROW,
+    PAGE,
+    Badge,
+    Block,
+    Card,
+    Code,
+    Document,
+    Paragraph,
+    Scene,
+    Section,
+    Table,
+    Text,
+    Warnings,
+    fixed,
+    guarded,
+    plain,
+    short,
+)
+from lab.report.scene import MOST_POSES
+from lab.report.terminal import status
+from lab.robots.config_file import CONFIG_FILE, SCHEMA, RunConfig, read_config, read_options
+from lab.robots.robot import Robot, load_virtual
+
+__all__ = ["NextPoseResult", "next_pose", "proposal_text"]
+
+_POLL_S = 0.2
+_UNREADABLE_S = 5.0  # a file that cannot be read for so long is not just being written
+_OF_PLAN = (
+    "robot", "cell", "accuracy_mm", "targets", "instrument", "home", "clearance_mm", "self_clearance_mm", "no_check",
+)  # fmt: skip
+_NEXT_FILE = "next.csv"
+_SHOWN = "The arm at the pose to measure next, with the target's place there and at the poses measured so far."
+_MEND = "give the folder of a run of lab design, lab identify or lab calibrate"
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class NextPoseResult(Result):
+    """The pose to measure next, and the accuracy so far.
+
+    Attributes:
+        options: of the command.
+        planner: the robot with its candidates.
+        data: the measurements so far, of the last proposal.
+        proposals: one, or one after each new row of a file that was followed; the last one counts.
+    """
+
+    command = "next"
+    robot_at = "planner.problem.robot"
+    shown_by = "lab.library.next_pose:_document"
+    recorded_by = "lab.report.views.next_recording:record_proposals"
+
+    options: NextOptions
+    planner: PosePlanner
+    data: Measurements
+    proposals: tuple[Proposal, ...]
+
+    @property
+    def proposal(self) -> Proposal:
+        """The last proposal."""
+        return self.proposals[-1]
+
+    @property
+    def joints(self) -> Array | None:
+        """``(joints,)`` rad or m of the pose to measure next; None where the accuracy is reached."""
+        return self.proposal.joints
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings for the reader."""
+        noise, found = self.proposal.noise, list(self.planner.problem.warnings)
+        if self.proposal.from_home:
+            found.append(
+                "no free way leads on from the last pose, as the nominal model has it: move the arm home first; the "
+                "way there is not checked"
+            )
+        if noise is not None and noise.larger:
+            found.append(
+                f"the residuals are {noise.ratio:.2g} times the stated noise: check the instrument and its setup; "
+                "predicted errors count with the larger noise"
+            )
+        return tuple(found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm, angles in degrees."""
+        last, wanted = self.proposal, self.planner.accuracy_m
+        return {
+            "robot": self.planner.problem.robot.name,
+            "wanted_mm": None if wanted is None else MM.of(wanted),
+            **self._values(last),
+            "proposals": [self._values(each) for each in self.proposals],
+            "warnings": list(self.warnings),
+        }
+
+    def _values(self, proposal: Proposal) -> dict[str, Any]:
+        chain, noise = self.planner.problem.robot.chain, proposal.noise
+        rows = None if proposal.waypoints is None else joint_columns(chain, proposal.waypoints)
+        return {
+            "measured": proposal.measured,
+            "reached": proposal.reached,
+            "accuracy_mm": _mm(proposal.accuracy_m),
+            "after_next_mm": _mm(proposal.next_m),
+            "remaining": proposal.remaining,
+            "next": None if rows is None else {name: number(values[-1]) for name, values in rows.items()},
+            "via": [] if rows is None else _rows({name: values[1:-1] for name, values in rows.items()}),
+            "noise_ratio": None if noise is None else number(noise.ratio),
+            "noise_larger_than_stated": None if noise is None else noise.larger,
+        }
+
+    def columns(self) -> Mapping[str, Sequence[Any] | Array]:
+        """A row for each proposal: poses measured, predicted errors (mm), and joint positions of the next pose."""
+        size = self.planner.problem.robot.chain.size
+        joints = [np.full(size, np.nan) if each.joints is None else each.joints for each in self.proposals]
+        return {
+            "measured": [each.measured for each in self.proposals],
+            "accuracy_mm": [_mm(each.accuracy_m) for each in self.proposals],
+            "after_next_mm": [_mm(each.next_m) for each in self.proposals],
+            "remaining": [each.remaining for each in self.proposals],
+            **joint_columns(self.planner.problem.robot.chain, np.array(joints)),
+        }
+
+    def write_files(self, folder: Path) -> None:
+        """Write ``next.csv``: the way to the next pose, without a row where the accuracy is reached."""
+        chain, way = self.planner.problem.robot.chain, self.proposal.waypoints
+        joints = np.empty((0, chain.size)) if way is None else way[1:]
+        purposes = ["via"] * (len(joints) - 1) + ["measure"] * (len(joints) > 0)
+        write_columns(folder / _NEXT_FILE, {"stop": purposes, **joint_columns(chain, joints)})
+
+
+def _mm(length: float | None) -> float | None:
+    return None if length is None else number(MM.of(length))
+
+
+def _rows(columns: Mapping[str, Array]) -> list[dict[str, float]]:
+    return [dict(zip(columns, map(float, row), strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+@takes(NextOptions, file="measurements")
+def next_pose(
+    plan: str | Path | DesignResult | NextOptions, measurements: str | Path | Measurements | None = None, **options: Any
+) -> NextPoseResult:
+    """Propose the pose to measure next, given all measured so far, and predict the accuracy.
+
+    Args:
+        plan: the folder of a run of ``lab design`` or ``lab identify``, or a plan in memory; or all options in one
+            object.
+        measurements: what is measured so far: a CSV file, or measurements in memory (rad or m, points in m).
+        options: those of ``lab next``, by name: ``accuracy_mm``, ``criterion``, ``instrument`` and so on.
+
+    Returns:
+        Joint positions of the pose to measure next, a free way there, and predicted errors before and after it.
+
+    Raises:
+        LabError: the run or the file cannot be used, or no pose can be reached; the message says why.
+
+    Example:
+        >>> import lab
+        >>> plan = lab.design("irb120", poses=14, candidates=100, starts=1)
+        >>> lab.next_pose(plan, candidates=100).joints.shape
+        (6,)
+    """
+    given = measurements if isinstance(measurements, Measurements) else None
+    if isinstance(plan, NextOptions):
+        asked = plan
+    else:
+        file = None if given is not None else measurements
+        folder = "plan in memory" if isinstance(plan, DesignResult) else plan
+        asked = options_of("lab.next_pose", NextOptions, {"plan": folder, "file": file, **options})
+    asked.check()
+    with status("next pose") as stage:
+        requested, file = _planned(asked, given, plan.options if isinstance(plan, DesignResult) else None)
+        planner = PosePlanner(**requested, progress=partial(stage, "candidates"))
+        chain = planner.problem.robot.chain
+        stage("proposal")
+        found = list[tuple[Measurements, Proposal]]()
+        for data in (given,) if given is not None else _growing(asked, file, planner):
+            _refuse_other_robot(data, planner.problem.robot)
+            _refuse_other_targets(file or "measurements", data, planner.options.targets)
+            seen = data.with_points()
+            found.append((data, planner.propose(seen.only("calibrate"), at=seen.joints[-1] if len(seen) else None)))
+            if asked.follow:
+                say(proposal_text(chain, found[-1][1]))
+            if found[-1][1].reached:
+                break
+    return NextPoseResult(asked, planner, found[-1][0], tuple(proposal for _, proposal in found))
+
+
+def _planned(
+    asked: NextOptions, given: Measurements | None, plan: DesignOptions | None
+) -> tuple[dict[str, Any], Path | None]:
+    """The arguments of a planner, by a run or a plan in memory, and the measurement file."""
+    folder, file = asked.plan, asked.file
+    config = RunConfig({}, "design", schema=SCHEMA) if plan is not None else read_config(folder, _MEND)
+    if config.command == "design":
+        plan = plan or read_options(folder / CONFIG_FILE, "design", DesignOptions)
+        if plan.observe != "points":
+            raise LabError(f"{folder}: is a plan for {plan.observe}; lab next is for measured points alone; measure it")
+        if plan.payload_kg or plan.model != "geometric":
+            raise LabError(f"{folder}: is a plan for model {plan.model}; lab next is for geometry alone; measure it")
+        known = {name: getattr(plan, name) for name in _OF_PLAN}
+    elif config.command in CALIBRATIONS:
+        campaign = read_options(folder / CONFIG_FILE, config.command, CALIBRATIONS[config.command])
+        if campaign.instrument is None and asked.instrument is None:
+            raise LabError(f"{folder}: names no instrument; give {option_name('instrument')}")
+        file = asked.file or folder / MEASUREMENTS_FILE
+        chain = load_virtual(campaign.robot or "irb120", campaign.cell).chain
+        data = given if given is not None else _read(file, chain)
+        targets = () if data is None else data.targets
+        known = {name: getattr(campaign, name) for name in ("robot", "cell", "instrument")} | {"targets": targets}
+    else:
+        raise LabError(f"{folder}: is a run of lab {config.command}; {_MEND}")
+    changed = {name: value for name in ("accuracy_mm", "instrument") if (value := getattr(asked, name)) is not None}
+    return known | changed | {name: getattr(asked, name) for name in ("criterion", "candidates", "seed")}, file
+
+
+def _refuse_other_robot(data: Measurements, planned: Robot) -> None:
+    if data.robot and data.robot not in (planned.name, str(planned.source)):
+        raise LabError(
+            f"the measurements are of {data.robot}, but the plan is for {planned.name}; give those of this robot"
+        )
+
+
+def _refuse_other_targets(what: str | Path, data: Measurements, planned: tuple[str, ...]) -> None:
+    if len(data) and data.targets != planned:
+        raise LabError(
+            f"{what}: has the targets {', '.join(data.targets)}, but the plan is for {', '.join(planned)}; give the "
+            "measurements of this plan"
+        )
+
+
+def _read(file: Path, chain: JointSpec) -> Measurements | None:
+    """The rows of a file; None where a session has not begun, and the file has a header alone."""
+    if file.is_file() and len(read_text(file, TABLE_BYTES).strip().splitlines()) < 2:
+        return None
+    return read_measurements(file, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
+
+
+def _growing(asked: NextOptions, file: Path | None, planner: PosePlanner) -> Iterator[Measurements]:
+    """The measurements of a file, and again after each change of what is measured where the file is followed."""
+    chain = planner.problem.robot.chain
+    if file is None:
+        yield planner.nothing_measured
+        return
+    state, since, unreadable = _state(file), time.monotonic(), None
+    data = _read(file, chain) or planner.nothing_measured
+    yield data
+    while asked.follow and time.monotonic() - since < asked.patience_s:
+        try:
+            time.sleep(_POLL_S)
+        except KeyboardInterrupt:  # the user has seen enough: the run is written with what there is
+            return
+        if (latest := _state(file)) == state:
+            continue
+        try:
+            found = _read(file, chain) or planner.nothing_measured
+        except LabError:  # a row is being written
+            unreadable = unreadable or time.monotonic()
+            if time.monotonic() - unreadable > _UNREADABLE_S:
+                raise
+            continue
+        state, since, unreadable = latest, time.monotonic(), None
+        if found.seen.sum() != data.seen.sum():
+            data = found
+            yield data
+
+
+def _state(file: Path) -> tuple[int, int] | None:
+    """Size and time of the last change; None while the file is being replaced."""
+    try:
+        found = file.stat()
+    except OSError:
+        return None
+    return found.st_size, found.st_mtime_ns
+
+
+def proposal_text(chain: JointSpec, proposal: Proposal) -> str:
+    """Describe a proposal in one line."""
+    so_far = f"{counted(proposal.measured, 'pose')} measured"
+    if proposal.accuracy_m is not None:
+        so_far += f", {MM.text(proposal.accuracy_m)} predicted"
+    if proposal.joints is None:
+        return f"{so_far}: the wanted accuracy is reached"
+    values = joint_values(chain.prismatic, proposal.joints)
+    pose = ", ".join(f"{name} {fixed(value, 3)}" for name, value in zip(chain.joint_names, values, strict=True))
+    more = "" if proposal.remaining is None else f"; about {counted(proposal.remaining, 'further pose')} to go"
+    why = ", for the cross-validation alone" if more and proposal.for_validation else ""
+    return f"{so_far}; next: {pose}{more}{why}"
+
+
+def _page_scene(result: NextPoseResult) -> Any:
+    """The arm at the proposed pose, where there is one, then at those that were measured."""
+    from lab.report.page_scene import posed_arm  # which imports MuJoCo
+
+    problem, proposed = result.planner.problem, result.proposal.joints
+    measured = result.data.joints[result.data.seen.any(axis=1)][: MOST_POSES - 1]
+    names = [f"measured {row}" for row in range(1, len(measured) + 1)]
+    joints = measured.reshape(-1, problem.robot.chain.size)
+    if proposed is not None:
+        names, joints = ["next", *names], np.concatenate([proposed[None], joints])
+    return posed_arm(problem.robot.model, problem.arm, problem.values, joints, names)
+
+
+def _document(result: NextPoseResult) -> Document:
+    last, name = result.proposal, result.planner.problem.robot.name
+    title = f"{name}: the wanted accuracy is reached" if last.joints is None else f"{name}: measure this pose next"
+    shown = "The arm at the poses measured so far." if last.joints is None else _SHOWN
+    scene = Scene("next-scene", lambda: _page_scene(result), shown, shown_in=PAGE)
+    seen = last.joints is not None or bool(result.data.seen.any())
+    way = _way(result)
+    joints = ("joint", *(plain(row[0]) for row in way.rows))
+    turned = tuple(zip(way.headings[1:], *(row[1:] for row in way.rows), strict=True)) if way.rows else ()
+    return Document(
+        title,
+        (
+            _card(result),
+            Paragraph(_lead(result), "lead", shown_in=NARROW),
+            Warnings(result.warnings),
+            replace(way, shown_in=NARROW),
+            Section("The arm", (*((scene,) * seen), Paragraph(_lead(result)), Table(joints, turned)), shown_in=PAGE),
+            *_progress(result),
+        ),
+    )
+
+
+def _lead(result: NextPoseResult) -> str:
+    """Describe the accuracy so far, after the next pose, and how many more poses there are, and what for."""
+    last, wanted = result.proposal, result.planner.accuracy_m
+    so_far = "not all parameters are determined yet" if last.accuracy_m is None else (
+        f"95 % of the validation poses are predicted within {MM.text(last.accuracy_m)} in 95 % of the calibrations"
+    )  # fmt: skip
+    lead = f"{counted(last.measured, 'pose')} measured: {so_far}."
+    if last.joints is None:
+        return f"{lead} Stop measuring, and run lab identify on the file."
+    if last.next_m is not None:
+        lead += f" With the next pose: {MM.text(last.next_m)}."
+    if wanted is None or last.remaining is None:
+        return lead
+    further = counted(last.remaining, "further pose")
+    if last.for_validation:
+        return (
+            f"{lead} The wanted {MM.text(wanted)} is predicted already. {further.capitalize()} make the "
+            f"{result.planner.fewest} that a cross-validation needs to show it."
+        )
+    return f"{lead} About {further} reach {MM.text(wanted)}."
+
+
+@guarded
+def _card(result: NextPoseResult) -> Card:
+    """Summarise the session: whether the accuracy is reached, how good it is, and what to do now."""
+    last, wanted, fewest = result.proposal, result.planner.accuracy_m, result.planner.fewest
+    badge = Badge("measure on")
+    if last.joints is None:
+        badge = Badge("accuracy reached", "good")
+    elif last.for_validation:
+        badge = Badge("accurate enough, too few poses to show it", "doubtful")
+    numbers = [("poses measured", str(last.measured), "")]
+    if last.accuracy_m is not None:
+        numbers.append(("predicted now", MM.text(last.accuracy_m), "after"))
+    if wanted is not None:
+        numbers.append(("wanted", MM.text(wanted, 6), ""))
+    if last.joints is not None and last.remaining is not None:
+        why = "to go, for the cross-validation" if last.for_validation else "to go, about"
+        numbers.append((why, counted(last.remaining, "pose"), ""))
+    about = (
+        "The error that 95 % of the validation poses keep in 95 % of such calibrations."
+        if last.accuracy_m is not None
+        else "The error is predicted as soon as the poses determine all parameters. "
+        f"A cross-validation needs {counted(fewest, 'pose')}."
+    )
+    step: Text = "Stop measuring, and run lab identify on the file."
+    if last.joints is not None:
+        step = (
+            "Move the arm by ",
+            Code(_NEXT_FILE),
+            ", measure there, add the row to the file, and run lab next again.",
+        )
+    return Card(("Session: ", badge), tuple(numbers), about, step)
+
+
+def _way(result: NextPoseResult) -> Table:
+    """Tabulate the way to the next pose; no rows where there is none."""
+    chain, waypoints = result.planner.problem.robot.chain, result.proposal.waypoints
+    if waypoints is None:
+        return Table(("stop",), ())
+    rows = tuple(
+        ("measure" if i == len(waypoints) - 1 else "via", *(fixed(value, 3) for value in row))
+        for i, row in enumerate(joint_values(chain.prismatic, waypoints))
+        if i
+    )
+    units = ["mm" if slides else "°" for slides in chain.prismatic]
+    headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
+    return Table(("stop", *headings), rows)
+
+
+@guarded
+def _progress(result: NextPoseResult) -> tuple[Block, ...]:
+    """Tabulate the predicted errors of a session that was followed."""
+    if len(result.proposals) < 2:
+        return ()
+    table = Table(
+        ("poses measured", "predicted, mm", "after the next pose, mm", "poses to go"),
+        tuple(
+            (str(each.measured), *(short(_mm(size)) if size else "" for size in (each.accuracy_m, each.next_m)),
+             "" if each.remaining is None else str(each.remaining))
+            for each in result.proposals
+        ),
+    )  # fmt: skip
+    return (Section("Session so far", (table,), shown_in=PAGE),)

@@ -1,0 +1,391 @@
+"""Predict the points of a calibrated arm at joint positions, with all effects and their uncertainty."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.errors import LabError, counted, error_context
+from lab.core.measurements import Measurements, measured
+from lab.core.se3 import Array
+from lab.core.units import MM
+from lab.formats.csv_table import write_columns
+from lab.formats.measurement_csv import ObservedColumns, read_measurements
+from lab.library.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, load_run
+from lab.library.result import Result, number, plain_numbers
+from lab.library.run_folder import joint_columns
+from lab.options.call_options import options_of, takes
+from lab.options.command_options import PredictOptions
+from lab.phrases.fit_phrases import listed, model_name
+from lab.phrases.phrase import phrases
+from lab.prediction.estimate import PredictedPoints
+from lab.report import document as doc
+from lab.report.document import capital, fixed, short
+from lab.report.plots import Spread, histograms
+from lab.verdict.fit_checks import check_extrapolated, check_limits
+
+if TYPE_CHECKING:
+    from lab.library.identify import CalibrationResult
+
+__all__ = ["PredictionResult", "predict"]
+
+_PREDICTED_FILE = "predicted.csv"
+_PAIRS = ((0, 0, "xx"), (0, 1, "xy"), (0, 2, "xz"), (1, 1, "yy"), (1, 2, "yz"), (2, 2, "zz"))
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class PredictionResult(Result):
+    """Predicted points of a calibrated arm at given joint positions.
+
+    Attributes:
+        run: the run that calibrated the arm.
+        rows: the joint positions, with their conditions.
+        inputs: ``(n, joints + conditions)`` of the arm.
+        predicted: the measured points in the frame in which the arm was measured, with covariances.
+        R_instrument_last: rotations ``(n, 3, 3)`` of the last frame there.
+        without_effects_m: error of geometry alone at these poses (root mean square); None where there is nothing
+            else.
+        notes: warnings on the inputs.
+    """
+
+    command = "predict"
+    robot_at = "run.robot"
+    shown_by = "lab.library.predict:_prediction_document"
+    drawn_by = "lab.library.predict:_radii_picture"
+
+    options: PredictOptions
+    run: CalibrationRun
+    rows: Measurements
+    inputs: Array
+    predicted: PredictedPoints
+    R_instrument_last: Array
+    without_effects_m: float | None
+    notes: tuple[str, ...]
+
+    @property
+    def points(self) -> Array:
+        """``(n, k, 3)`` m, in the frame in which the arm was measured; NaN where loops of a mechanism do not close."""
+        return self.predicted.points
+
+    @property
+    def exit_code(self) -> int:
+        """0 where every pose is predicted, else 1."""
+        return 0 if np.isfinite(self.points).all() else 1
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings for the reader."""
+        ids = [self.rows.ids[i] for i in np.flatnonzero(self.extrapolated)]
+        lost = np.flatnonzero(~np.isfinite(self.points).all(axis=(1, 2)))
+        messages = []
+        if len(lost):
+            messages = [f"{len(lost)} poses are out of reach of the calibrated arm (first: {self.rows.ids[lost[0]]})"]
+        return (*self.notes, *phrases(check_extrapolated("poses", ids, len(self.rows))), *messages)
+
+    @cached_property
+    def extrapolated(self) -> NDArray[np.bool_]:
+        """``(n,)`` which poses no fitted pose is near, where the model is known to lack something."""
+        return self.run.estimate.extrapolated(self.inputs[:, : self.run.robot.chain.size])
+
+    @property
+    def T_instrument_base(self) -> Array:
+        """Pose ``(4, 4)`` (m) of the arm's base, frame 0 of its table, in the frame of the measurements."""
+        rigid, values = self.run.estimate.geometry
+        return rigid.T_tracker_frame0(values)
+
+    @property
+    def points_in_base(self) -> Array:
+        """``(n, k, 3)`` m: the points in the arm's base."""
+        return np.asarray(se3.transform(se3.inverse(self.T_instrument_base), self.points))
+
+    @property
+    def rotations(self) -> Array:
+        """``(n, 3, 3)`` of the tool: as measured where orientations were, else of the last frame."""
+        return np.asarray(self.R_instrument_last @ self.run.estimate.R_last_tool)
+
+    @cached_property
+    def radii_95(self) -> dict[str, Array]:
+        """``(n, k)`` m: lengths that 95 % of the errors do not exceed: parameters, unmodelled, visit, together."""
+        return self.predicted.radii_95()
+
+    @property
+    def radius_statistics_mm(self) -> dict[str, dict[str, float | None]]:
+        """Mean and largest of these over all poses and points."""
+        found = {}
+        for name, lengths in self.radii_95.items():
+            sizes = MM.of(lengths[np.isfinite(lengths)])
+            found[name] = {
+                "mean": number(float(sizes.mean())) if sizes.size else None,
+                "max": number(float(sizes.max())) if sizes.size else None,
+            }
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
+        T, errors = self.T_instrument_base, self.without_effects_m
+        return {
+            "run": str(self.run.folder),
+            "robot": self.run.robot.name,
+            "run_verdict": self.run.result.to_dict(),
+            "model": self.run.estimate.model,
+            "poses": len(self.rows),
+            "frames": {
+                "instrument": "the frame in which the arm was measured",
+                "base": "frame 0 of the arm's table",
+                "base_in_instrument": {
+                    "position_mm": plain_numbers(MM.of(T[:3, 3])),
+                    "quaternion_wxyz": plain_numbers(se3.quaternion_from_rotation(T[:3, :3])),
+                },
+            },
+            "radius_95_mm": self.radius_statistics_mm,
+            "without_effects_mm": None if errors is None else number(MM.of(errors)),
+            "predictions": self._predictions(),
+            "warnings": list(self.warnings),
+        }
+
+    def _predictions(self) -> list[dict[str, Any]]:
+        points, base = plain_numbers(MM.of(self.points)), plain_numbers(MM.of(self.points_in_base))
+        covariances = plain_numbers(1e6 * self.predicted.covariance)
+        radii = {name: plain_numbers(MM.of(lengths)) for name, lengths in self.radii_95.items()}
+        here, there = (plain_numbers(se3.quaternion_from_rotation(R)) for R in self._both_rotations)
+        return [
+            {
+                "id": self.rows.ids[i],
+                "extrapolated": bool(self.extrapolated[i]),
+                "quaternion_wxyz": {"instrument": here[i], "base": there[i]},
+                "points": {
+                    target: {
+                        "instrument_mm": points[i][k],
+                        "base_mm": base[i][k],
+                        "covariance_mm2": covariances[i][k],
+                        "radius_95_mm": {name: lengths[i][k] for name, lengths in radii.items()},
+                    }
+                    for k, target in enumerate(self.run.estimate.arm.targets)
+                },
+            }
+            for i in range(len(self.rows))
+        ]
+
+    @property
+    def _both_rotations(self) -> tuple[Array, Array]:
+        return self.rotations, np.asarray(self.T_instrument_base[:3, :3].T @ self.rotations)
+
+    def write_files(self, folder: Path) -> None:
+        """Write ``predicted.csv``."""
+        write_columns(folder / _PREDICTED_FILE, dict(self.columns()))
+
+    def columns(self) -> Mapping[str, Sequence[Any] | Array]:
+        """A row a pose: joints and conditions; then points, orientation, and how sure each point is."""
+        chain = self.run.robot.chain
+        found: dict[str, Sequence[Any] | Array] = {"id": list(self.rows.ids), **joint_columns(chain, self.rows.joints)}
+        found |= {
+            name: self.rows.conditions[name]
+            for name in self.run.estimate.arm.conditions
+            if name in self.rows.conditions
+        }
+        for name, R in zip(("", "base_"), self._both_rotations, strict=True):
+            parts = zip("wxyz", se3.quaternion_from_rotation(R).T, strict=True)
+            found |= {f"{name}q{part}": values for part, values in parts}
+        covariances = 1e6 * self.predicted.covariance
+        for k, target in enumerate(self.run.estimate.arm.targets):
+            for places, end in ((self.points, "mm"), (self.points_in_base, "base_mm")):
+                found |= {f"{target}_{axis}_{end}": MM.of(places[:, k, i]) for i, axis in enumerate("xyz")}
+            for name, lengths in self.radii_95.items():
+                cause = "" if name == "together" else f"_{name}"
+                found[f"{target}_radius_95{cause}_mm"] = MM.of(lengths[:, k])
+            found |= {f"{target}_cov_{pair}_mm2": covariances[:, k, i, j] for i, j, pair in _PAIRS}
+        return {**found, "extrapolated": self.extrapolated.tolist()}
+
+
+_MOST_LISTED = 100  # poses in the table
+_CAUSES = {
+    "parameters": "uncertain parameters",
+    "unmodelled": "model discrepancy",
+    "visit": "scatter between visits",
+    "together": "together",
+}
+
+
+def _prediction_document(result: PredictionResult) -> doc.Document:
+    run = result.run.result
+    return doc.Document(
+        f"{result.run.robot.name}: {counted(len(result.rows), 'pose')} predicted",
+        (
+            doc.Paragraph(
+                (doc.Badge(run.verdict, "good" if run.verdict == "good" else "doubtful"), " is the run's verdict")
+            ),
+            doc.Bullets(tuple(map(capital, run.reasons))),
+            doc.Paragraph(_lead(result), "lead"),
+            doc.Warnings(result.warnings),
+            doc.Section("Uncertainty", _uncertainty(result)),
+            doc.Section("Every pose", _every_pose(result), shown_in=doc.PAGE),
+        ),
+    )
+
+
+def _radii_picture(result: PredictionResult) -> doc.Picture:
+    """Radii of 95 % of the errors, all causes together and of the parameters alone, as histograms."""
+    every, own = (lengths[np.isfinite(lengths)] for lengths in _two(result))
+    spreads = [Spread.before(every, ("together: mean", float(every.mean())))]
+    spreads.append(Spread.after(own, ("parameters: mean", float(own.mean()))))
+    return histograms("radii", spreads, "radius of 95 % of the errors", result.run.result.gate_mm)
+
+
+def _two(result: PredictionResult) -> tuple[np.ndarray, np.ndarray]:
+    return result.radii_95["together"].ravel(), result.radii_95["parameters"].ravel()
+
+
+def _lead(result: PredictionResult) -> str:
+    points, size = ", ".join(result.run.estimate.arm.targets), result.radius_statistics_mm["together"]
+    text = (
+        f"Position of {points}" if len(result.run.estimate.arm.targets) == 1 else f"Positions of the points {points}"
+    ) + f" at {counted(len(result.rows), 'pose')} of the arm that {result.run.folder} calibrated"
+    if size["mean"] is None or size["max"] is None:
+        return text + ": none of them is within reach."
+    text += (
+        f": 95 % of the errors are within {short(size['mean'])} mm on average, {short(size['max'])} mm at most, "
+        f"without the noise of a new measurement. Model: {model_name(result.run.estimate.groups)}."
+    )
+    if result.without_effects_m is None:
+        return text
+    lacking = ", ".join(listed(result.run.estimate.groups))
+    return f"{text} Without {lacking} the points would be {MM.text(result.without_effects_m, 2)} off (rms)."
+
+
+@doc.guarded
+def _uncertainty(result: PredictionResult) -> tuple[doc.Block, ...]:
+    rows = tuple(
+        (_CAUSES[name], *("" if size is None else short(size) for size in (sizes["mean"], sizes["max"])))
+        for name, sizes in result.radius_statistics_mm.items()
+    )
+    note = (
+        f"Radius of the sphere that holds 95 % of the errors. {_PREDICTED_FILE} has each point's covariance and "
+        "radii; result.json has the covariance."
+    )
+    table = doc.Table(("cause of errors", "mean, mm", "largest, mm"), rows)
+    if not np.isfinite(_two(result)[0]).any():
+        return table, doc.Paragraph(note, "note")
+    caption = "Radii of all causes together (vermilion, hatched), and of uncertain parameters alone (blue)."
+    return table, doc.Paragraph(note, "note"), doc.Figure("radii-figure", (_radii_picture(result),), caption)
+
+
+@doc.guarded
+def _every_pose(result: PredictionResult) -> tuple[doc.Block, ...]:
+    here, base, radius = MM.of(result.points), MM.of(result.points_in_base), MM.of(result.radii_95["together"])
+    rows = tuple(
+        (
+            result.rows.ids[i],
+            target,
+            *(fixed(float(value), 3) for value in (*here[i, k], *base[i, k])),
+            short(float(radius[i, k])),
+        )
+        for i in range(min(len(result.rows), _MOST_LISTED))
+        for k, target in enumerate(result.run.estimate.arm.targets)
+        if np.isfinite(here[i, k]).all()
+    )
+    header = ("pose", "point", *(f"{axis}, mm" for axis in "xyz"), *(f"{axis} in the base, mm" for axis in "xyz"))
+    note = "x, y and z are in the frame in which the arm was measured, then in its base (frame 0 of its table)."
+    table = doc.Table(
+        (*header, "radius, mm"), rows, most_rows=_MOST_LISTED, rest_in=_PREDICTED_FILE, count=here.shape[0]
+    )
+    return (doc.Paragraph(note, "note"), table) if rows else ()
+
+
+@takes(PredictOptions, file="joints")
+def predict(
+    joints: "str | Path | Measurements | Array | Sequence[Sequence[float]] | PredictOptions",
+    run: "str | Path | CalibrationResult | None" = None,
+    conditions: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> PredictionResult:
+    """Predict where the points of a calibrated robot are at joint positions, with all identified effects.
+
+    Args:
+        joints: a CSV file; or joint positions in memory, ``(n, joints)`` in rad (m of a slide), or measurements; or
+            all options in one object.
+        run: what calibrated the robot: a result of ``calibrate`` or ``identify``, or the folder of a run.
+        conditions: of joint positions in memory, by the names of a file's columns: ``payload_kg``, ``temp_C``,
+            ``approach_q1``; one number, or one for each pose.
+        options: those of ``lab predict``, by name: ``force``, ``load``, ``accept_edited``.
+
+    Returns:
+        Points (m) in the frame in which the robot was measured and in its base, with the pose of the tool, and the
+        covariance of each point's error, by its cause.
+
+    Raises:
+        LabError: the run is not good, joint positions are not the robot's, or a condition that the model asks for is
+            missing.
+
+    Example:
+        >>> import lab
+        >>> result = lab.calibrate("irb120", seed=7)
+        >>> there = lab.predict([[0.1, 0.2, -0.3, 0.4, 0.5, 0.6]], run=result)
+        >>> there.points.shape
+        (1, 1, 3)
+    """
+    if isinstance(joints, PredictOptions):
+        by = load_run(joints.run, joints.load, accept_edited=joints.accept_edited)
+        return _predicted(joints, by, _read(joints.file, by))
+    file = str(joints) if isinstance(joints, str | Path) else "joints in memory"
+    requested = options_of("lab.predict", PredictOptions, {"file": file, **folder_of(run), **options})
+    by = calibrated_by(run, requested.run, requested.load, accept_edited=requested.accept_edited)
+    if isinstance(joints, str | Path):
+        if conditions is not None:
+            raise LabError("lab.predict: conditions apply to joints in memory; a file gives them in columns")
+        return _predicted(requested, by, _read(requested.file, by))
+    rows = joints if isinstance(joints, Measurements) else _in_memory(joints, by)
+    return _predicted(requested, by, _with_conditions(rows, conditions or {}))
+
+
+def _read(file: Path, run: CalibrationRun) -> Measurements:
+    chain, columns = run.robot.chain, ObservedColumns().with_conditions(run.estimate.arm.conditions)
+    data = read_measurements(file, chain.joint_names, chain.prismatic, points=False, columns=columns)
+    return data.take([i for i, use in enumerate(data.use) if use != "skip"])
+
+
+def _in_memory(joints: "Array | Sequence[Sequence[float]]", run: CalibrationRun) -> Measurements:
+    chain = run.robot.chain
+    try:
+        rows = np.atleast_2d(np.asarray(joints, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise LabError(f"lab.predict: joints are not an array of numbers ({error}); give (n, {chain.size})") from error
+    if rows.ndim != 2 or rows.shape[1] != chain.size or not np.isfinite(rows).all():
+        raise LabError(
+            f"lab.predict: joints of shape {rows.shape} for robot {run.robot.name}; give (n, {chain.size}) finite "
+            "positions in rad, of a slide in m"
+        )
+    return measured(chain.joint_names, rows, (), np.empty((len(rows), 0, 3)))
+
+
+def _with_conditions(rows: Measurements, given: Mapping[str, Any]) -> Measurements:
+    columns = dict(rows.conditions)
+    for name, value in given.items():
+        try:
+            columns[name] = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), len(rows)))
+        except (TypeError, ValueError) as error:
+            raise LabError(f"lab.predict: condition {name}: give one number, or one for each pose") from error
+    return replace(rows, conditions=columns)
+
+
+def _predicted(options: PredictOptions, run: CalibrationRun, rows: Measurements) -> PredictionResult:
+    """Predict the rows."""
+    if not options.force:
+        run.refuse_unfit("prediction")
+    run.refuse_unplaced("points")
+    if not len(rows):
+        raise LabError(f"{options.file}: has no row to predict; give joint positions")
+    run.robot.refuse_impossible(options.file, rows)
+    estimate = run.estimate
+    notes = [*run.warnings, *rows.warnings, *phrases(check_limits(run.robot.chain, rows))]
+    notes += condition_notes(run, options.file, list(rows.conditions), "pose", "predicted")
+    rows = rows if run.load is None else run.load.with_payload(rows)
+    with error_context(options.file):
+        inputs = rows.inputs(estimate.arm.conditions)
+    Ts, _ = estimate.arm.tool(inputs, estimate.values)
+    off = estimate.geometry_error(inputs)
+    return PredictionResult(options, run, rows, inputs, estimate.predict(inputs), Ts[:, :3, :3], off, tuple(notes))

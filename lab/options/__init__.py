@@ -1,0 +1,1 @@
+"""Options of what is simulated, of a fit, and of its judgement."""

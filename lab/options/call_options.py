@@ -1,0 +1,140 @@
+"""Make a command's options of the keywords of a call, which takes the same ones."""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import MISSING, Field, fields, is_dataclass
+from difflib import get_close_matches
+from functools import wraps
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import Any, TypeVar, cast, get_type_hints
+
+from threadpoolctl import threadpool_limits
+
+from lab.core.errors import LabError
+from lab.formats.structured import structured
+
+__all__ = ["options_of", "takes"]
+
+_Options = TypeVar("_Options")
+_WHOLE = ("effects",)  # groups of options that a call takes as one object; older scripts give their options one by one
+_Call = TypeVar("_Call", bound=Callable[..., Any])
+
+
+def options_of(call: str, kind: type[_Options], given: Mapping[str, Any], unused: Collection[str] = ()) -> _Options:
+    """Return the options that keywords set; the others are at their defaults.
+
+    Args:
+        call: its name in errors.
+        unused: options that the call has no use for.
+
+    Raises:
+        LabError: there is no such option, one is missing, or a value is not of its type.
+    """
+    groups, nested = dict(_options(kind)), dict[str, Any]()
+    shown = dict.fromkeys(
+        group if group in _WHOLE else name for name, (group, _, _) in groups.items() if name not in unused
+    )
+    for whole in (name for name in _WHOLE if given.get(name) is not None):
+        if twice := [name for name in given if groups.get(name, ("",))[0] == whole]:
+            raise LabError(f"{call}: {twice[0]} is given beside {whole}, which has it too; give it in one of them")
+    for name, value in given.items():
+        if name in shown and name not in groups:
+            nested[name] = _plain(call, name, value) | nested.get(name, {})
+            continue
+        if name not in groups:
+            meant = "".join(f": is {each} meant? There" for each in get_close_matches(name, shown, 1))
+            raise LabError(f"{call}: '{name}' is no option{meant or '; there'} are {', '.join(shown)}")
+        group = groups[name][0]
+        if name == "instrument" and value is not None:
+            value = _name_of_instrument(value)
+        (nested.setdefault(group, {}) if group else nested)[name] = value
+    return structured(call, kind, nested)
+
+
+def _plain(call: str, name: str, value: Any) -> dict[str, Any]:
+    """Return a group of options that was given as one object as a mapping; the empty one of None."""
+    if value is None or isinstance(value, Mapping):
+        return dict(value or {})
+    if not is_dataclass(value) or isinstance(value, type):
+        raise LabError(f"{call}: {name} is {value!r}; give {name}=lab.{name.capitalize()}(...)")
+    return {each.name: getattr(value, each.name) for each in fields(value)}
+
+
+def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Callable[[_Call], _Call]:
+    """Mark a public call whose ``**options`` are a command's: ``help`` and editors show them as its keywords.
+
+    It runs on one BLAS thread: small matrices gain nothing from more, and results stay the same to the last bit.
+
+    Args:
+        kind: class of the command's options; an object of it may be the only argument.
+        unused: options of that class that the call refuses, as it has no use for them.
+        called: options that are arguments of the call by another name.
+    """
+
+    def mark(function: _Call) -> _Call:
+        shown = signature(function)
+
+        @wraps(function)
+        def call(*given: Any, **options: Any) -> Any:
+            named = dict(zip(shown.parameters, given, strict=False)) | options
+            _refuse_twice(f"lab.{function.__name__}", kind, called, named)
+            _refuse_unused(f"lab.{function.__name__}", unused, named)
+            with threadpool_limits(1):
+                return function(*given, **options)
+
+        own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
+        taken = {*called, *unused, *(each.name for each in own)}
+        more = [each for each in _parameters(kind) if each.name not in taken]
+        call.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+        return cast(_Call, call)
+
+    return mark
+
+
+def _parameters(kind: type[Any]) -> Iterator[Parameter]:
+    """Yield a call's parameter for each option, and one for each group that it takes as one object."""
+    hints = get_type_hints(kind)
+    for one in fields(kind):
+        if one.name in _WHOLE:
+            yield Parameter(one.name, Parameter.KEYWORD_ONLY, default=None, annotation=hints[one.name] | None)
+            continue
+        inner = _options(hints[one.name]) if is_dataclass(hints[one.name]) else [(one.name, ("", one, hints[one.name]))]
+        for name, (_, each, hint) in inner:
+            default = Parameter.empty if each.default is MISSING else each.default
+            yield Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=hint)
+
+
+def _name_of_instrument(given: Any) -> Any:
+    """The name of an instrument given as an object or a path; anything else as it is."""
+    from lab.noise.instruments import Instrument
+    from lab.options.named_instruments import name_of  # what most commands do without
+
+    return name_of(given) if isinstance(given, Path | Instrument) else given
+
+
+def _refuse_twice(call: str, kind: type[Any], called: Mapping[str, str], given: Mapping[str, Any]) -> None:
+    """Refuse what the call would pass over: an argument by another name, or one beside all options in one object."""
+    if wrong := [name for name in given if name in called]:
+        right = called[wrong[0]]
+        twice = (
+            f"{wrong[0]} and {right} are the same, given twice" if right in given else f"{wrong[0]} is no option here"
+        )
+        raise LabError(f"{call}: {twice}; give {right} alone")
+    beside = [name for name, value in given.items() if not isinstance(value, kind)]
+    if beside and len(beside) < len(given):
+        raise LabError(f"{call}: {beside[0]} is given beside a {kind.__name__}, which holds all options; set it there")
+
+
+def _refuse_unused(call: str, unused: Collection[str], given: Mapping[str, Any]) -> None:
+    if stray := [name for name in given if name in unused]:
+        raise LabError(f"{call}: {stray[0]} changes nothing here; leave it out")
+
+
+def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]", Any]]]:
+    """Yield each option by name: its group's name ("" if it is in none), its field and its type."""
+    hints = get_type_hints(kind)
+    for one in fields(kind):
+        if is_dataclass(hints[one.name]):
+            yield from ((name, (one.name, *each[1:])) for name, each in _options(hints[one.name]))
+        else:
+            yield one.name, ("", one, hints[one.name])

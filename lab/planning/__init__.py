@@ -1,0 +1,1 @@
+"""Choose the poses of a measurement session, in their surroundings."""

@@ -1,0 +1,1 @@
+"""The identified arm, and the error to be expected where it works."""

@@ -1,1 +1,0 @@
-"""Draw and print: pages, figures, recordings."""

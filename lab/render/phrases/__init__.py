@@ -1,1 +1,0 @@
-"""Make sentences from checks."""

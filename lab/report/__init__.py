@@ -1,0 +1,1 @@
+"""What a person sees: documents, pages, charts, scenes, recordings."""

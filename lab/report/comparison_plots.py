@@ -1,0 +1,178 @@
+"""Pictures that compare: intervals in rows, heat maps with their scale, and axes of dates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date, timedelta
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+from lab.report.charts.chart import axes_picture, shades
+from lab.report.charts.marks import Axes
+from lab.report.document import Picture
+from lab.report.style import EQUAL_CONTRAST, INK, MUTED, OUTLIER, luminance
+
+__all__ = ["ColourScale", "Intervals", "date_axis", "heat_map", "interval_chart", "signed_place", "signed_ticks"]
+
+_MONTHS = (1, 2, 3, 6, 12, 24, 60, 120)  # between ticks
+_DAYS = (1, 2, 7, 14)
+_MOST_DATES = 4  # along an axis: their labels do not touch
+_FEW_DAYS = 75  # whose ticks name days
+_BESIDE = 0.04  # of the width of a time axis, left free on either side
+
+
+def date_axis(axes: Axes, first: date, last: date, right: float = _BESIDE) -> None:
+    """Set the lower axis to the dates from ``first`` to ``last``, of which a picture's x is the ordinal.
+
+    Args:
+        right: share of the width that is left free after the last date.
+    """
+    span = max((last - first).days, 10)
+    if span <= _FEW_DAYS:
+        step = next((each for each in _DAYS if span / each < _MOST_DATES), span // _MOST_DATES)
+        ticks = [first + timedelta(i) for i in range(0, span + 1, step)]
+        labels = [f"{each:%m-%d}" for each in ticks]
+    else:
+        months = [each.year * 12 + each.month - 1 for each in (first, last)]
+        step = next((each for each in _MONTHS if (months[1] - months[0]) / each < _MOST_DATES), _MONTHS[-1])
+        starts = (date(at // 12, at % 12 + 1, 1) for at in range(-(-months[0] // step) * step, months[1] + 1, step))
+        ticks = [each for each in starts if each >= first]
+        labels = [f"{each:%Y-%m}" for each in ticks]
+    axes.set_xticks([each.toordinal() for each in ticks], labels)
+    axes.set(xlim=(first.toordinal() - _BESIDE * span, first.toordinal() + (1 + right) * span))
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Numbers with half-widths of their intervals, one in each row of a chart.
+
+    Attributes:
+        distinct: which rows differ from zero.
+    """
+
+    label: str
+    values: Array  # (n,)
+    halves: Array  # (n,)
+    distinct: NDArray[np.bool_]  # (n,)
+
+
+_SET_MARKS = "os^vD"
+
+
+def interval_chart(
+    name: str, label: str, rows: Sequence[str], sets: Sequence[Intervals], axis: str, band: float = 0.0
+) -> Picture:
+    """A row for each name: a dot and an interval of each set, bold and coloured where it differs from zero.
+
+    Args:
+        axis: what the numbers are.
+        band: where dotted lines are drawn on either side of zero; 0 for none.
+    """
+    at = np.arange(len(rows))[::-1].astype(float)
+    apart = np.linspace(0.26, -0.26, len(sets)) if len(sets) > 1 else np.zeros(1)
+
+    def draw(axes: Axes) -> None:
+        axes.axvline(0, color=INK, linewidth=1)
+        for edge in (-band, band) if band else ():
+            axes.axvline(edge, color=MUTED, linewidth=1, linestyle=":")
+        for each, offset, mark in zip(sets, apart, _SET_MARKS, strict=False):
+            for which, colour, width, size in ((~each.distinct, MUTED, 1.2, 13), (each.distinct, OUTLIER, 2.0, 26)):
+                if not which.any():
+                    continue
+                ends = each.values[which] - each.halves[which], each.values[which] + each.halves[which]
+                axes.hlines(at[which] + offset, *ends, colors=colour, linewidth=width)
+                axes.scatter(each.values[which], at[which] + offset, c=colour, s=size, marker=mark)
+        axes.set_yticks(at, list(rows))
+        axes.set(ylim=(-0.7, len(rows) - 0.3), xlabel=axis)
+        axes.grid(visible=False, axis="y")
+
+    widest = max(map(len, rows))
+    size = (3.8, 0.75 + (0.2 if len(sets) < 3 else 0.3) * len(rows))
+    return axes_picture(name, label, size, draw, (0.25 + 0.078 * widest, 0.5, 0.15, 0.1))
+
+
+@dataclass(frozen=True)
+class ColourScale:
+    """Colours of a heat map.
+
+    Attributes:
+        colours: from the share 0 of the scale to 1, evenly spaced.
+        ticks: shares of the scale with their labels.
+        title: what the colours mean.
+    """
+
+    colours: tuple[str, ...]
+    ticks: Sequence[tuple[float, str]]
+    title: str
+
+
+def signed_place(sizes: Array, most: float) -> Array:
+    """Return the places of sizes ``(...)`` on a colour scale from ``-most`` to ``most``, 0 to 1.
+
+    The scale is linear from -1 to 1 and logarithmic beyond; ``most`` is at least 1.
+    """
+    reach = np.where(np.abs(sizes) <= 1, np.abs(sizes), 1 + np.log(np.maximum(np.abs(sizes), 1)))
+    return np.asarray(0.5 + np.sign(sizes) * reach / (1 + np.log(most)) / 2)
+
+
+def signed_ticks(most: float) -> list[tuple[float, str]]:
+    """Return places and labels of such a scale: 0, and 1 and 3 times powers of ten on either side."""
+    ends = [each for power in range(_POWERS) for each in (10.0**power, 3 * 10.0**power) if each <= most]
+    sizes = np.array([0.0, *ends, *(-each for each in ends)])
+    labels = ["0", *(f"+{each:g}" for each in ends), *(f"−{each:g}" for each in ends)]
+    return list(zip(signed_place(sizes, most).tolist(), labels, strict=True))
+
+
+def heat_map(
+    name: str, label: str, rows: Sequence[str], columns: Sequence[str], shares: Array, scale: ColourScale,
+    texts: Sequence[Sequence[str]] = (), lines: Sequence[int] = (), height: float = 0.2,
+    titles: tuple[str, str] = ("", ""),
+) -> Picture:  # fmt: skip
+    """A matrix of colours with its scale attached.
+
+    Args:
+        shares: ``(rows, columns)`` places on the scale, 0 to 1; NaN for none.
+        texts: written in the cells, by row, where they fit.
+        lines: columns before which a line is drawn.
+        height: of a row, inches.
+        titles: what the rows and the columns are.
+    """
+    m, n = shares.shape
+    widest = max(map(len, rows))
+    below = (0.8 if max(map(len, columns)) * n > _MOST_ACROSS else 0.3) + 0.22 * bool(titles[1])
+    beside = 0.2 + 0.078 * widest + 0.22 * bool(titles[0])
+    cell = (_MAP_WIDTH - beside - 0.1) / (1.26 * n)  # inches
+    if max((len(text) for line in texts for text in line), default=0) * _LETTER > cell:
+        texts = ()  # the colours alone
+    bar = (1.04 * n, 1.09 * n)
+
+    def draw(axes: Axes) -> None:
+        tints = shades(shares[::-1], scale.colours)
+        axes.pcolormesh(np.arange(n + 1.0), np.arange(m + 1.0), tints)
+        axes.pcolormesh(bar, np.linspace(0, m, 65), shades(np.linspace(0, 1, 64), scale.colours)[:, None])
+        for share, text in scale.ticks:
+            axes.hlines([share * m], bar[1], bar[1] + 0.015 * n, color=INK, linewidth=0.8)
+            axes.annotate(text, (bar[1] + 0.025 * n, share * m), va="center")
+        for at in lines:
+            axes.vlines([at], 0, m, color=OUTLIER, linewidth=2)
+        for i, line in enumerate(texts):
+            for j, text in enumerate(line):
+                if text:
+                    dark = luminance(tints[m - 1 - i, j]) < EQUAL_CONTRAST
+                    colour = "#ffffff" if dark else "#000000"
+                    axes.annotate(text, (j + 0.5, m - 0.5 - i), ha="center", va="center", color=colour)
+        axes.set_yticks(np.arange(m) + 0.5, list(rows[::-1]))
+        slanted = max(map(len, columns)) * n > _MOST_ACROSS
+        axes.set_xticks(np.arange(n) + 0.5, list(columns), rotation=30 if slanted else 0)
+        axes.annotate(scale.title, (1, 1), (0, 5), xycoords="axes fraction", textcoords="offset points", ha="right")
+        axes.tick_params(length=0)
+        axes.grid(visible=False)
+        axes.set(xlim=(0, 1.26 * n), ylim=(0, m), ylabel=titles[0], xlabel=titles[1])
+
+    return axes_picture(name, label, (_MAP_WIDTH, below + 0.4 + height * m), draw, (beside, below, 0.1, 0.35))
+
+
+_MAP_WIDTH, _LETTER = 4.6, 0.082  # inches
+_POWERS = 9  # of ten, of the ticks of a signed scale
+_MOST_ACROSS = 36  # letters under a heat map that are not slanted

@@ -1,0 +1,1 @@
+"""The document, the figures and the recording of each result."""

@@ -1,0 +1,1 @@
+"""Robots by name or file, and what a run keeps of them."""

@@ -1,0 +1,126 @@
+"""List the sensors by name; a sensor's module is imported when it is used.
+
+This module imports no numpy, so that a command line is parsed quickly. A new sensor is a new line of ``SENSORS``, and
+its options, if it has any, are a new base of ``SensorOptions`` or new fields of ``VirtualSetup``. A package adds one,
+without options, by an entry point of ``lab.sensors``.
+"""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from lab.core.errors import LabError, option_name
+from lab.extension_points import added, load
+from lab.sensors.sensor_options import FitInputs, SensorOptions
+
+if TYPE_CHECKING:
+    from lab.sensors.virtual_sensor import VirtualSensor
+
+__all__ = ["JOINED", "SENSORS", "SensorName", "configured_sensor", "sensor_named", "sensors_with"]
+
+SENSORS: Mapping[str, str] = {  # in the order of --help
+    "points": "lab.sensors.points:PointSensor",
+    "pose": "lab.sensors.full_pose:PoseSensor",
+    "cable": "lab.sensors.cable:CableSensor",
+    "socket": "lab.sensors.socket:SocketSensor",
+    "plane": "lab.sensors.plane:PlaneSensor",
+    "cube": "lab.sensors.cube:CubeSensor",
+    "sphere-plate": "lab.sensors.sphere_plate:SpherePlateSensor",
+    "ball-bar": "lab.sensors.ball_bar:BallBarSensor",
+    "dial": "lab.sensors.dial:DialSensor",
+    "pixels": "lab.sensors.pixels:PixelSensor",
+}
+"""The class of each sensor, as ``module:name``."""
+
+JOINED = "+"  # between the names of sensors that measure together
+_GROUP = "lab.sensors"
+_NAMES = (*SENSORS, *added(_GROUP, SENSORS))  # that a command line takes
+
+
+def _name(given: list[str]) -> str:
+    if unknown := [name for name in given[0].split(JOINED) if name not in _NAMES]:
+        raise ValueError(f"{unknown[0]!r} is unknown; give {', '.join(_NAMES)}, or several joined by {JOINED}")
+    return given[0]
+
+
+SensorName = Annotated[
+    str,
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="{" + ",".join(_NAMES) + "}[+...]",
+        instance_from_str=_name,
+        is_instance=lambda instance: isinstance(instance, str),
+        str_from_instance=lambda name: [name],
+    ),
+]
+"""A sensor's name, or several joined by +, as a command line takes it."""
+
+
+def sensor_named(name: str) -> "type[VirtualSensor]":
+    """Return the sensor of this name, or of several joined by +.
+
+    Raises:
+        LabError: there is none, they do not measure together, or its package cannot be imported or gives something
+            else.
+    """
+    if JOINED in name:
+        combine = resolve_name("lab.sensors.combined:combined_sensor")
+        joined: type[VirtualSensor] = combine(tuple(name.split(JOINED)))
+        return joined
+    if name in SENSORS:
+        sensor: type[VirtualSensor] = resolve_name(SENSORS[name])
+        return sensor
+    if name not in (own_names := added(_GROUP, SENSORS)):
+        raise LabError(f"{option_name('observe')} {name}: unknown; give one of {', '.join((*SENSORS, *own_names))}")
+    from lab.sensors.virtual_sensor import VirtualSensor as Base  # which imports numpy
+
+    own = load(_GROUP, name)
+    if not (isinstance(own, type) and issubclass(own, Base) and own.name == name):
+        raise LabError(f"sensor '{name}': {own!r} is no subclass of {Base.__module__}.{Base.__name__} with this name")
+    return own
+
+
+def sensors_with(setting: str) -> tuple[str, ...]:
+    """Return the names of the sensors whose simulation reads this field of ``VirtualSetup``."""
+    return tuple(name for name in SENSORS if setting in sensor_named(name).setup)
+
+
+def configured_sensor(name: str, options: SensorOptions, fit: FitInputs) -> "VirtualSensor":
+    """Return the sensor of this name with its options.
+
+    Args:
+        name: as ``--observe`` takes it.
+        options: of all sensors.
+        fit: the other options of the identification.
+
+    Raises:
+        LabError: there is no such sensor, an option is of another sensor, or makes no sense.
+    """
+    chosen = sensor_named(name)
+    sensor = chosen.configured(options, fit)
+    own = _names_of(chosen.flags)
+    for other in (sensor_named(each) for each in SENSORS):
+        if other not in chosen.combines and (given := _flags_given(options, other.flags, own)):
+            raise LabError(f"{given[0]} is of {option_name('observe')} {other.name}; give that too, or leave it out")
+    return sensor
+
+
+def _names_of(flags: type[Any] | None) -> set[str]:
+    return {field.name for field in fields(flags)} if flags is not None else set()
+
+
+def _flags_given(options: object, flags: type[Any] | None, own: set[str]) -> list[str]:
+    """Return the flags of one sensor that differ from their defaults, as typed; none without ``flags``.
+
+    Args:
+        own: names of those that the chosen sensor takes too.
+    """
+    given = []
+    for field in fields(flags) if flags is not None else ():
+        if field.name not in own and (value := getattr(options, field.name)) != field.default:
+            name = "--" + field.name.replace("_", "-")
+            given.append(name if field.default is None else f"{name} {value}")
+    return given

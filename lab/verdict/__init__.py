@@ -1,0 +1,1 @@
+"""Validate a fit and judge it, by named steps."""

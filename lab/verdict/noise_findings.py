@@ -1,0 +1,290 @@
+"""Check whether the errors of a campaign are plausible for an instrument and a robot.
+
+A noise model explains any residuals: a tracker that was moved becomes a step, a joint whose zero was shifted becomes
+scatter. So what it explains is a finding. A finding is supported where repeated poses, or an instrument whose stated
+noise is as large, show it too. A verdict cannot be good with an unsupported finding, nor with errors larger than
+common instruments and industrial arms have.
+
+Beside the shared errors that ``noise.search`` estimates, the residuals are scanned for changes during the campaign
+(the base's place and direction, a tool point, a joint's zero, the size of the arm, that of the errors), at every row;
+and for an arm that grows steadily as it warms up.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identification import Identification
+from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.calibration.statistics.linearized import LinearizedFit, SubsetFit, linearized
+from lab.core.checks import Check
+from lab.core.measurements import Measurements, evenly
+from lab.core.probability import f_sf
+from lab.core.se3 import Array
+from lab.core.significance import CHANGE_IN_TIME
+from lab.kinematics.parameter import targets_of
+from lab.noise.change_points import likeliest_change, rows_around, session_of
+from lab.noise.error_model import ErrorModel, row_times
+
+__all__ = ["COMMON_NOISE_M", "COMMON_SCATTER_M", "changes_in_time", "finding", "shared_error_findings"]
+
+COMMON_NOISE_M = 0.15e-3
+"""Largest white noise (1σ per axis) of instruments in common use: photogrammetry and optical systems of a cell."""
+COMMON_SCATTER_M = 0.1e-3
+"""Largest scatter (RMS at the tool) of where an industrial arm stops: ISO 9283 repeatabilities are 0.01 to 0.1 mm."""
+_COMMON_DRIFT_M = 0.1e-3
+"""Largest drift or wandering (1σ per axis) of a set-up that was left alone."""
+
+_MIN_ROWS_EACH_SIDE = 8  # of a change in the size of errors
+_MAX_SCANNED_POSES = 2_000
+_MIN_VARIANCE_RATIO = 1.5  # of a change in the size of errors: a smaller one harms nothing
+_TIME_SPAN_OF_REPEATS = 0.5  # of the campaign, between visits of one pose that show what changes with time
+_FLOOR_M = 1e-7  # residuals below are rounding
+_SPANNED = 1e-6  # of a column's norm that others leave
+
+
+def finding(kind: str, size_m: float, *, supported: bool = False, **data: Any) -> Check:
+    """Return a finding about the errors of a campaign beyond the instrument's independent noise.
+
+    Args:
+        kind: ``step`` of base or instrument, ``drift``, ``correlated`` in time, ``scatter`` of joints, ``noise`` larger
+            than common instruments', ``change`` during the campaign of anything else, ``missing``
+            effects of the arm.
+        size_m: how large it is at the measured points (m).
+        supported: whether repeated poses or the stated instrument show it, and its size is common.
+        data: ``between``, the ids of the rows between which it happened, where it is an event; what its phrase needs.
+
+    Returns:
+        A check that failed where nothing supports the finding.
+    """
+    return Check(f"finding.{kind}", "noted" if supported else "failed", data={"size_m": size_m, **data})
+
+
+def shared_error_findings(
+    found: Identification,
+    rows: Measurements,
+    shared: ErrorModel | None,
+    adequacy: Check,
+    labels: NDArray[np.int_],
+) -> list[Check]:
+    """Findings from estimated shared errors and from the estimated size of the noise.
+
+    Args:
+        shared: errors beside the instrument's that were estimated from the residuals; None where none were.
+        labels: ``(n,)`` one a configuration; rows that share one are repeats.
+    """
+    if found.residual_sigma_m < _FLOOR_M:
+        return []
+    repeated = adequacy.name == "lack_of_fit.repeats" and adequacy.outcome == "passed"
+    revisited = repeated and _revisited(rows, labels)
+    stated = found.sigma_given and adequacy.outcome != "failed"
+    findings = []  # scatter that the stated noise covers is the instrument's; correlated errors are not, as it is white
+    if shared is not None:
+        findings += [finding("step", move.size_m, between=(move.before, move.after)) for move in shared.moves]
+        if shared.drift_m:
+            fine = revisited and shared.drift_m < _COMMON_DRIFT_M
+            whole_m = 2 * float(np.sqrt(3)) * shared.drift_m  # from its beginning to its end, of all three axes
+            findings.append(finding("drift", whole_m, supported=fine))
+        if shared.autocorrelated_m:
+            fine = revisited and shared.autocorrelated_m < _COMMON_DRIFT_M
+            findings.append(finding("correlated", shared.autocorrelated_m, supported=fine, correlation=shared.carry))
+        if shared.scatter_rad:
+            slopes = by_joint_positions(
+                found.model, rows.inputs(found.model.conditions), found.values, rows.joints.shape[1]
+            )
+            made = shared.scatter_rad * float(np.sqrt(np.nanmean((slopes**2).sum(axis=(2, 3)))))
+            fine = (repeated or stated) and made < COMMON_SCATTER_M
+            findings.append(finding("scatter", made, supported=fine, scatter_rad=shared.scatter_rad))
+    sigma = found.sigma_m if shared is None else shared.independent_m
+    if not found.sigma_given and sigma > COMMON_NOISE_M and not repeated:
+        findings.append(finding("noise", sigma))
+    return findings
+
+
+def changes_in_time(found: Identification, observed: Observations, rows: Measurements) -> list[Check]:
+    """Return the likeliest change during the campaign, where one is significant: at most one finding.
+
+    F tests of whitened rows for each row at which it may have happened: the base's place and direction at once, each
+    tool point, each joint's zero, the size of the arm; of its steady growth; and of the mean square of the errors
+    before and after. The level is that of the whole scan (Bonferroni).
+
+    Args:
+        observed: the fitted rows, weighted as they were, without estimated shared errors.
+    """
+    times = row_times(rows)
+    if (some := evenly(len(rows), _MAX_SCANNED_POSES)) is not None:
+        observed, rows, times = observed.take(some), rows.take(some), times[some]
+    linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals)
+    white = np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2)[: linear.poses]
+    within, changing = linear.everywhere(), _changing(found, linear, observed, rows)
+    grows = next(what for what in changing if "size" in what)  # a joint that moves points alike is named beside it
+    tried, best = 2, None
+    for what, columns in changing.items():
+        scan = likeliest_change(white, columns, times)
+        if scan is None:
+            continue
+        tried += 1
+        if best is None or scan.p < best[1].p:
+            best = what, scan, columns
+    size, growth = _change_of_size(within, times), _steady_growth(within, changing[grows], times)
+    first = min((each.p for each in (size, best and best[1]) if each is not None), default=1.0)
+    if growth is not None and tried * growth[0] < CHANGE_IN_TIME and growth[0] <= first:
+        ends = (rows.ids[i] for i in (int(np.argmin(times)), int(np.argmax(times))))
+        return [finding("change", growth[1] / observed.typical_weight, between=tuple(ends), what=grows)]
+    if best is not None and tried * best[1].p < CHANGE_IN_TIME and (size is None or best[1].p <= size.p):
+        what, scan, columns = best
+        before, after = (rows.ids[i] for i in rows_around(times, scan.change.time))
+        moved_m = _size_of(found, linear, observed, white, columns, times, scan.change.time)
+        return [finding("change", moved_m, between=(before, after), what=what)]
+    if size is not None and tried * size.p < CHANGE_IN_TIME:
+        before, after = (rows.ids[i] for i in rows_around(times, size.time))
+        size_m = size.ratio * found.residual_sigma_m
+        return [finding("change", size_m, between=(before, after), ratio=size.ratio, grows=size.grows)]
+    return []
+
+
+def _revisited(rows: Measurements, labels: NDArray[np.int_]) -> bool:
+    """Find a pose that was measured again after half of the campaign, so that its repeats show what time does."""
+    times = row_times(rows)
+    session = session_of(times)
+    for each in np.unique(session):
+        here = session == each
+        span = np.ptp(times[here])
+        for label in np.unique(labels[here]):
+            if np.ptp(times[here & (labels == label)]) >= _TIME_SPAN_OF_REPEATS * span > 0:
+                return True
+    return False
+
+
+def _changing(
+    found: Identification, linear: LinearizedFit, observed: Observations, rows: Measurements
+) -> Mapping[tuple[str, ...], Array]:
+    """Whitened derivatives ``(n, m, c)`` by what may change at once, by the names of what moves."""
+    model, joints = found.model, rows.joints.shape[1]
+    points, jacobian = model.observe(observed.inputs, found.values)
+    middle = np.nanmean(points, axis=(0, 1))
+    moved = np.broadcast_to(np.eye(3), (*points.shape[:2], 3, 3))
+    turned = np.stack([np.cross(axis, points - middle) for axis in np.eye(3)], axis=-1)
+    columns: dict[tuple[str, ...], Array] = {("base",): linear.rows_of(observed, np.concatenate([moved, turned], -1))}
+    base = [model.names.index(f"base.{axis}") for axis in "xyz" if f"base.{axis}" in model.names]
+    grown = points - (found.values[base] if len(base) == 3 else middle)
+    columns["size",] = linear.rows_of(observed, grown[..., None])
+    for target in targets_of(model.parameters):
+        own = [i for i, name in enumerate(model.names) if name.startswith(f"tool.{target}.")]
+        if len(own) == 3:
+            columns[f"tool.{target}",] = linear.rows_of(observed, jacobian[..., own])
+    slopes = linear.rows_of(observed, by_joint_positions(model, observed.inputs, found.values, joints))
+    for joint, name in enumerate(rows.joint_names):
+        column = slopes[..., [joint]]
+        same = next((what for what, others in columns.items() if _spans(others, column)), None)
+        if same is None:
+            columns[f"joint.{name}",] = column
+        else:  # the first joint's zero is a turn of the base, the last one's a move of a tool point
+            columns[*same, f"joint.{name}"] = columns.pop(same)
+    return columns
+
+
+def _steady_growth(within: SubsetFit, columns: Array, times: Array) -> tuple[float, float] | None:
+    """Test a growth proportional to the time within each session; None where the rows cannot show one.
+
+    Returns:
+        Its p-value, and the whitened root mean square move of points from the first row to the last.
+
+    Args:
+        columns: ``(poses, m, 1)`` whitened derivatives by the relative size of the arm.
+    """
+    session, since = session_of(times), np.zeros(len(times))
+    for each in np.unique(session):
+        here = session == each
+        since[here] = times[here] - times[here].mean()
+    linear, span = within.linear, float(np.ptp(since))
+    column = np.zeros_like(linear.residual)
+    column[: linear.poses] = since[:, None] * columns[..., 0]
+    own = within.residuals(column)
+    dof, left = within.dof - 1, float((own**2).sum())
+    if dof < 1 or left <= _SPANNED * float((column**2).sum()):
+        return None
+    pull, squares = float((own * linear.residual).sum()), float((linear.residual**2).sum())
+    explained = pull**2 / left
+    p = f_sf(explained / (max(squares - explained, 1e-300) / dof), 1, dof)
+    count = max(int(linear.mask[: linear.poses].sum()), 1)
+    return float(p), abs(pull / left) * span * float(np.sqrt(3 * (columns**2).sum() / count))
+
+
+def _spans(columns: Array, own: Array) -> bool:
+    """Decide whether one column ``(n, m, 1)`` is a linear combination of others ``(n, m, c)``."""
+    flat, wanted = columns.reshape(-1, columns.shape[2]), own.ravel()
+    left = wanted - flat @ np.linalg.lstsq(flat, wanted, rcond=None)[0]
+    return bool(np.linalg.norm(left) <= _SPANNED * np.linalg.norm(wanted))
+
+
+@dataclass(frozen=True)
+class _ChangeOfSize:
+    """A change of the size of the errors.
+
+    Attributes:
+        time: when it happened, between two rows.
+        p: the chance of as large a ratio at any candidate, where nothing changed.
+        ratio: of the larger size to the smaller.
+        grows: whether the errors after it are the larger ones.
+    """
+
+    time: float
+    p: float
+    ratio: float
+    grows: bool
+
+
+def _change_of_size(within: SubsetFit, times: Array) -> _ChangeOfSize | None:
+    """Return the likeliest change of the errors' size; None where there are too few rows for one.
+
+    Squares of a pose, over what the fit leaves of it, before against after: F with as many degrees of freedom as both
+    have, of the larger over the smaller, times two and times the candidates.
+    """
+    linear = within.linear
+    left, squares = within.left()[: linear.poses], linear.residual[: linear.poses] ** 2
+    mask = linear.mask[: linear.poses]
+    total, freedom = (np.where(mask, each, 0.0).sum(axis=1) for each in (squares, left))
+    order = np.argsort(times, kind="stable")
+    sums, dofs = np.cumsum(total[order]), np.cumsum(freedom[order])
+    ordered, count = times[order], len(order)
+    starts = np.arange(_MIN_ROWS_EACH_SIDE, count - _MIN_ROWS_EACH_SIDE + 1)
+    starts = starts[ordered[starts] > ordered[starts - 1]] if len(starts) else starts
+    if not len(starts) or dofs[-1] < 2 * _MIN_ROWS_EACH_SIDE:
+        return None
+    before, after = sums[starts - 1], sums[-1] - sums[starts - 1]
+    dof = dofs[starts - 1], dofs[-1] - dofs[starts - 1]
+    ratio = np.maximum(after / dof[1], 1e-300) / np.maximum(before / dof[0], 1e-300)
+    p = np.where(
+        ratio >= 1,
+        f_sf(np.maximum(ratio, 1.0), dof[1], dof[0]),
+        f_sf(np.maximum(1 / ratio, 1.0), dof[0], dof[1]),
+    )
+    best = int(np.argmin(p))
+    larger = max(ratio[best], 1 / ratio[best])
+    if larger < _MIN_VARIANCE_RATIO:
+        return None
+    time = float(ordered[starts[best] - 1 : starts[best] + 1].mean())
+    chance = min(1.0, 2 * float(p[best]) * len(starts))
+    return _ChangeOfSize(time, chance, float(np.sqrt(larger)), bool(ratio[best] >= 1))
+
+
+def _size_of(
+    found: Identification,
+    linear: LinearizedFit,
+    observed: Observations,
+    white: Array,
+    columns: Array,
+    times: Array,
+    time: float,
+) -> float:
+    after = (times > time)[:, None, None] * columns
+    fitted = np.concatenate([white[..., :-1], after], axis=2).reshape(-1, white.shape[2] - 1 + columns.shape[2])
+    solution = np.linalg.lstsq(fitted, white[..., -1].ravel(), rcond=None)[0][-columns.shape[2] :]
+    moved = (columns @ solution)[times > time] / observed.typical_weight
+    count = max(int(linear.mask[: linear.poses][times > time].sum()), 1)
+    return float(np.sqrt(3 * (moved**2).sum() / count))

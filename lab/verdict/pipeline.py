@@ -1,0 +1,553 @@
+"""Identify a robot from measurements, by a list of named steps over one state.
+
+``STEPS`` maps names to functions that take a ``Fitted`` and return it with more in it. A caller leaves a step out, puts
+one of her own under its name, or runs a part of them and looks at the state::
+
+    identify_robot(robot, data, options, steps={**STEPS, "fit": my_fit})
+    run_steps(start(robot, data, options), FITTING)
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from lab.calibration.fitter import MOST_CHOSEN_BY, FitOptions, Fitter, NominalRobot
+from lab.calibration.observation import observation_of, only_positions
+from lab.calibration.outliers_and_noise import outliers_among_held_out, tail_of
+from lab.calibration.residual.estimation import with_residual
+from lab.calibration.residual.process import GROUP
+from lab.calibration.sensor import Sensor
+from lab.calibration.statistics.goodness_of_fit import (
+    adequacy_of,
+    lack_of_fit_not_tested,
+    repeats,
+    with_intervals_between_poses,
+    with_intervals_of_poses,
+    with_own_intervals,
+)
+from lab.calibration.statistics.joint_lag import moves_before
+from lab.calibration.statistics.model_selection import Selection
+from lab.calibration.validation import (
+    Validation,
+    hold_out,
+    hold_out_last,
+    rows_in_time,
+    shared_rows,
+    validate_file,
+    validate_folds,
+    validate_rows,
+)
+from lab.calibration.weights import Noise, weigh
+from lab.core.checks import Check
+from lab.core.errors import LabError, option_name
+from lab.core.measurements import Measurements
+from lab.core.units import MM
+from lab.kinematics.effects.effect import SessionInfo
+from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC, describe_term
+from lab.noise.instruments import Instrument
+from lab.prediction.extrapolation import measured_range
+from lab.prediction.regions import Region, measured_region, region_of_points, workspace_region
+from lab.prediction.residual_spread import for_later_rows
+from lab.prediction.workspace_prediction import bounds_at, check_prediction, own_tolerance
+from lab.verdict.fit_checks import (
+    check_approaches,
+    check_excluded,
+    check_geometry_alone,
+    check_groups,
+    check_held_out,
+    check_improvement,
+    check_instrument,
+    check_joint_signs,
+    check_joints,
+    check_limits,
+    check_nominal,
+    check_outlier_search,
+    check_outliers,
+    check_prior,
+    check_residual,
+    check_sessions,
+    check_setup,
+    check_size,
+    check_twist,
+    check_validation_poses,
+    check_workspace,
+    doubted,
+    in_other_numbers_or_poses,
+    noise_in_another_unit,
+    points_in_another_scale,
+)
+from lab.verdict.fitted import Fitted, Judging, named_poses
+from lab.verdict.noise_findings import changes_in_time, finding, shared_error_findings
+from lab.verdict.verdict import verdict
+
+__all__ = ["FITTING", "STEPS", "PipelineOptions", "Step", "identify_robot", "run_steps", "start"]
+
+Step = Callable[[Fitted], Fitted]
+_IN_TIME = ("finding.step", "finding.drift", "finding.correlated")
+
+
+@dataclass(frozen=True)
+class PipelineOptions:
+    """Options of an identification.
+
+    Attributes:
+        instrument: whose noise weighs the measurements; None where it is not given.
+        noise_m: the noise (1 sigma a coordinate) instead; None where it is not given.
+    """
+
+    kind: Sensor
+    fit: FitOptions = field(default_factory=FitOptions)
+    instrument: Instrument | None = None
+    noise_m: float | None = None
+    judging: Judging = field(default_factory=Judging)
+    seed: int = 0
+
+
+def identify_robot(
+    robot: NominalRobot,
+    data: Measurements,
+    options: PipelineOptions,
+    *,
+    steps: Mapping[str, Step] | None = None,
+) -> Fitted:
+    """Identify a robot from measurements, and validate and judge the fit.
+
+    Args:
+        data: the measurements: joint positions (rad or m), points (m) in any one frame.
+
+    Raises:
+        LabError: an option makes no sense for these measurements, or they are too few.
+    """
+    return run_steps(start(robot, data, options), STEPS if steps is None else steps)
+
+
+def run_steps(state: Fitted, steps: Mapping[str, Step]) -> Fitted:
+    """Pass a state through steps, in their order."""
+    for step in steps.values():
+        state = step(state)
+    return state
+
+
+def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> Fitted:
+    """Return the state before the first step: the rows to fit, and those that the data hold for the validation.
+
+    Raises:
+        LabError: no row has a measured point, or the noise of some rows is unknown.
+    """
+    kind, device = options.kind, options.instrument
+    if device is not None:
+        kind = kind.weighted_by(device, data)
+    targets = kind.targets(data)
+    arm = robot.arm(targets)
+    data = kind.with_sessions(arm, data, arm.nominal(robot.tool))
+    fitter = Fitter(
+        robot,
+        targets,
+        data,
+        kind,
+        kind.noise(Noise(device, options.noise_m, error_terms=options.fit.error_terms)),
+        options.fit,
+        options.seed,
+    )
+    observed, other = fitter.observed(), options.judging.other
+    judged_by: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
+    judged_by += [] if other is None else [(other, CAMPAIGN_SPECIFIC)]
+    rows, test = observed.only("calibrate").with_points(), observed.only("test").with_points()
+    if not len(rows):
+        raise LabError("no row with use = calibrate has a measured point; mark or measure some")
+    if "test" in data.use and not len(test):
+        raise LabError("no row with use = test has a measured point; mark or measure some")
+    given = np.isfinite(rows.sigma_m)
+    if options.noise_m is None and device is None and given.any() and not given.all():
+        raise LabError(
+            f"{rows.where(int(np.argmin(given)))}, column sigma_mm: empty, but other rows "
+            f"have it; fill it in, or give {option_name('noise_mm')} or {option_name('instrument')} for the empty ones"
+        )
+    fitter = replace(fitter, judged_by=tuple(judged_by))
+    return Fitted(fitter, rows, test if len(test) else None, options.judging)
+
+
+def _hold_poses_out(state: Fitted) -> Fitted:
+    """Hold out a share of the rows on request.
+
+    Needs: ``given``. Adds: ``held``.
+    """
+    judging, model = state.judging, partial(state.fitter.model_with, ())
+    if judging.holdout is not None:
+        rows, held_out = hold_out(model(), state.given, judging.holdout, state.fitter.seed)
+        return replace(state, given=rows, held_out=held_out)
+    if judging.holdout_last is not None:
+        rows, held_out = hold_out_last(model(), state.given, judging.holdout_last)
+        return replace(state, given=rows, held_out=held_out)
+    return state
+
+
+def _select_model(state: Fitted) -> Fitted:
+    """Select the groups of the model and the errors that measurements share, each with the other.
+
+    Needs: ``given``. Adds: ``selection``, ``groups``, ``unshown``, ``noise``; ``fitter`` weights by that noise.
+    """
+    fitter, selection, search = state.fitter.selected_with_noise(state.given)
+    groups, unshown = (selection.chosen, selection.fixed) if selection else ((), ())
+    return replace(state, fitter=fitter, selection=selection, groups=groups, unshown=unshown, noise=search)
+
+
+def _fit(state: Fitted) -> Fitted:
+    """Fit the parameters, without outliers on request.
+
+    Needs: ``groups``, ``unshown``. Adds: ``rows``, ``weighted``, ``observations``, ``identification``,
+    ``outlier_search``.
+    """
+    found, clean, outliers = state.fitter.identified(state.given, state.groups, state.unshown)
+    return replace(state.with_fit(found, clean), outlier_search=outliers)
+
+
+def _find_outliers(state: Fitted) -> Fitted:
+    """Find outliers among the rows that were given and among those held out, and the tails of the noise.
+
+    Needs: ``weighted``. Adds: ``outlier_search``, ``outliers``, ``tail_dof``.
+    """
+    found, noise = state.weighted, state.fitter.noise
+    search = state.outlier_search or state.fitter.outliers_of(found, state.given)
+    outliers, tail = named_poses(state.given, search), tail_of(found, state.rows, noise)
+    if state.held_out is not None and observation_of(found.model).positions:
+        outliers += named_poses(
+            state.held_out, outliers_among_held_out(found, state.rows, state.held_out, noise, tail), held_out=True
+        )
+    return replace(state, outlier_search=search, outliers=outliers, tail_dof=tail)
+
+
+def _check_lack_of_fit(state: Fitted) -> Fitted:
+    """Test lack of fit, by the best test that the data allow.
+
+    Needs: ``weighted``; a robust fit leaves the ``outliers`` out of the rows held out. Adds: ``adequacy``.
+    """
+    held_out = state.held_out
+    if held_out is not None and state.left_out:
+        held_out = held_out.without([pose.id for pose in state.outliers])
+    found = adequacy_of(state.weighted, state.rows, held_out, state.fitter.noise, state.fitter.noise_shape)
+    state = replace(state, adequacy=found)
+    if found.outcome == "failed" and not state.fitter.options.residual:
+        state = state.with_checks([found])
+    if state.left_out or state.outlier_search is None:
+        return state
+    searched = state.fitter.options.search
+    return state.with_checks(
+        check_outliers(state.weighted, state.observations, state.outlier_search, searched=searched)
+    )
+
+
+def _choose_intervals(state: Fitted) -> Fitted:
+    """Choose the covariance: of the weights, with small-sample corrections, or of whole poses (cluster-robust).
+
+    An estimator of one's own brings its covariance with it.
+
+    Needs: ``weighted``, ``noise``. Changes: ``identification``.
+    """
+    if state.fitter.options.estimator is not None:
+        return state
+    found, fitter, searched = state.weighted, state.fitter, state.fitter.options.search
+    observation, checks = observation_of(found.model), list[Check]()
+    trusted = state.noise.corrected(found)
+    if state.noise.undecided and found.prior is None and not fitter.options.residual:
+        trusted, checks = with_intervals_of_poses(found, state.observations, searched=searched)
+    elif only_positions(observation) and state.noise.shared is None:
+        known = weigh(observation, state.rows, fitter.noise)[1]
+        plausible = known or found.prior is not None
+        trusted, checks = with_own_intervals(
+            found, state.observations, fitter.noise, searched=searched, plausible=plausible
+        )
+    elif not observation.positions:
+        trusted, checks = with_intervals_between_poses(trusted, state.observations)
+    return replace(state, identification=trusted).with_checks(checks)
+
+
+def _check_fit(state: Fitted) -> Fitted:
+    """Check outliers, groups, prior, nominal values, weak parameters and joint positions.
+
+    Needs: ``weighted``, ``outliers``, ``selection``. Adds: ``checks``.
+    """
+    fitter, found, robot = state.fitter, state.weighted, state.fitter.robot
+    options, nominal = fitter.options, state.fitter.nominal(state.weighted.model)
+    checks = check_held_out(state.outliers)
+    checks += [] if state.outlier_search is None else check_outlier_search(state.outlier_search)
+    checks += check_groups(state.groups, state.selection, fitter.data)
+    if options.search or "backlash" in options.groups:
+        checks += check_approaches(robot.chain, fitter.data, searched=options.search)
+    if options.search:
+        refused = {name: fitter.unanswerable(name) for name in fitter.approached(options.candidates)}
+        checks += [
+            Check("group.not_in_validation", "noted", data={"group": name, "why": why})
+            for name, why in refused.items()
+            if why
+        ]
+        if (count := len(state.given)) > MOST_CHOSEN_BY:
+            checks.append(Check("selection.thinned", "noted", data={"used": MOST_CHOSEN_BY, "count": count}))
+    if options.prior == "on":
+        checks += check_prior(found, nominal, fitter.options.tolerance)
+    checks += check_nominal(found, nominal) + check_size(found)
+    if only_positions(observation_of(found.model)):
+        checks += check_instrument(fitter.noise.instrument, state.rows.points)
+        inputs = state.observations.inputs
+        checks += check_setup(robot, fitter.kind, fitter.targets, state.groups, found, inputs, fitter.session)
+    moves = moves_before(fitter.data, state.rows.ids, several_a_pose=fitter.kind.several_a_pose)
+    omitted = partial(fitter.derivatives_by_others, found, state.groups)
+    checks += check_joints(found, state.observations, state.rows, moves, robot.chain.encoders, omitted)
+    return state.with_checks(checks + check_twist(robot.chain, found))
+
+
+def _measure_range(state: Fitted) -> Fitted:
+    """Measure the range of the joint positions, and estimate the model discrepancy beyond it.
+
+    Needs: ``weighted``. Adds: ``measured``.
+    """
+    slopes = not state.fitter.options.residual  # whose process has its own uncertainty beyond an end
+    prismatic = state.fitter.robot.chain.prismatic
+    return replace(state, measured=measured_range(state.weighted, state.observations, prismatic, slopes=slopes))
+
+
+def _fit_residual(state: Fitted) -> Fitted:
+    """Fit residual joint offsets on request: a process with its own noise.
+
+    Needs: ``weighted``. Changes: ``identification``, ``adequacy``, ``noise``, ``tail_dof``, ``fitter``.
+    """
+    checks, residual, inputs = list[Check](), state.fitter.options.residual, state.observations.inputs
+    if residual:
+        fitter = state.fitter.knowing(None)
+        state = replace(
+            state,
+            identification=with_residual(state.weighted, state.rows),
+            observations=weigh(observation_of(state.weighted.model), state.rows, fitter.noise)[0],
+            adequacy=lack_of_fit_not_tested("residual"),
+            noise=replace(state.noise, shared=None),
+            fitter=fitter,
+            tail_dof=float("inf"),
+        )
+        checks = check_residual(state.identification)
+    groups = (*state.groups, *[GROUP] * residual)
+    checks += check_geometry_alone(state.fitter.robot, state.identification, groups, inputs)
+    return state.with_checks(checks)
+
+
+def _check_noise(state: Fitted) -> Fitted:
+    """Test for a change during the campaign, and for effects that the model does not have.
+
+    Needs: ``weighted``, ``adequacy``, ``noise``. Adds: ``findings``.
+    """
+    found, rows, fitter, adequacy = state.weighted, state.rows, state.fitter, state.adequacy
+    if fitter.options.residual or not only_positions(observation_of(found.model)) or found.status != "converged":
+        return state
+    findings = shared_error_findings(found, rows, state.noise.shared, adequacy, repeats(rows))
+    tested = fitter.options.search or (adequacy.name == "lack_of_fit.chi2" and adequacy.outcome == "passed")
+    beside = None if tested else fitter.with_missing_effects(rows, state.selection)
+    if not any(each.name in _IN_TIME for each in findings):
+        fullest = found if beside is None else beside.identification  # what an effect explains did not change
+        observed, _ = weigh(observation_of(fullest.model), rows, fitter.noise.independent)
+        findings += changes_in_time(fullest, observed, rows)
+    first = [each for each in findings if "between" in each.data] + ([] if beside is None else [_missing(beside)])
+    first.sort(key=lambda each: -each.data["size_m"])
+    return replace(state, findings=(*first, *(each for each in findings if "between" not in each.data)))
+
+
+def _missing(beside: Selection) -> Check:
+    before, after = beside.groups[0].holdout_m, beside.groups[len(beside.chosen)].holdout_m
+    named = [describe_term(name) or name for name in beside.chosen]
+    size_m = float(np.sqrt(max(before**2 - after**2, 0.0)))
+    return finding("missing", size_m, effects=named, before_m=before, after_m=after)
+
+
+def _validate(state: Fitted) -> Fitted:
+    """Validate on further measurements, else on the rows held out, else by folds of all rows.
+
+    Needs: ``identification``, ``groups``. Adds: ``validation``.
+    """
+    if state.judging.other is not None:
+        found, checks = _by_other(state, state.judging.other)
+    elif state.held_out is not None:
+        found, checks = _by_held_out(state, state.held_out)
+    else:
+        again = partial(state.fitter.predicting, groups=state.groups, fixed=state.unshown, process=state.process)
+        found = validate_folds(again, state.identification, state.given, state.fitter.seed, state.progress)
+        found, checks = found.naming([pose.id for pose in state.outliers]), []
+    return replace(state, validation=found).with_checks([*found.checks, *checks])
+
+
+def _by_held_out(state: Fitted, held_out: Measurements) -> tuple[Validation, list[Check]]:
+    """Validate on rows held out, of which outliers are errors like the others: also where they are not fitted."""
+    session, placed = state.fitter.session, []
+    if session.stations:
+        placed.append(("station", held_out.stations, session.stations))
+    if "sessions" in state.groups:
+        placed.append(("session", held_out.sessions, session.sessions))
+    judged, unplaced = np.ones(len(held_out), dtype=bool), list[tuple[str, str]]()
+    for what, names, known in placed:
+        judged &= [name in known for name in names]
+        unplaced += [(what, name) for name in set(names) - set(known)]
+    checks = [Check("validation.unplaced", "noted", data={"what": w, "name": name}) for w, name in sorted(unplaced)]
+    if not judged.any():
+        return Validation(None, None), checks
+    found = validate_rows(state.identification, held_out.take(np.flatnonzero(judged)))
+    return found.naming([pose.id for pose in state.outliers if pose.held_out]), checks
+
+
+def _by_other(state: Fitted, other: Measurements) -> tuple[Validation, list[Check]]:
+    """Validate on measurements of another file, by the groups that last from one campaign to another."""
+    session, refit = _stations_of(other, state), state.judging.refit
+    lasting = [group for group in state.groups if group not in CAMPAIGN_SPECIFIC]
+    arm = state.fitter.robot.arm_with(other.targets, lasting, session)
+    model = arm if state.process is None else state.process.added_to(arm)
+    found = validate_file(state.identification, model, other, refit)
+    found, checks = replace(found, fitted_share=shared_rows(other, state.rows)), list[Check]()
+    if set(CAMPAIGN_SPECIFIC) & set(state.groups) and "base" not in refit:
+        checks.append(Check("validation.frame", "noted"))
+    if (
+        "payload_kg" in model.conditions
+        and "payload_kg" in state.rows.conditions
+        and "payload_kg" not in other.conditions
+    ):
+        checks.append(Check("validation.payload", "noted"))
+    return found, checks
+
+
+def _stations_of(other: Measurements, state: Fitted) -> SessionInfo:
+    """Return the stations whose places a fit found, where the rows of another file are validated from these.
+
+    Raises:
+        LabError: a station of the file was not fitted, and no base is placed anew for it.
+    """
+    known, named = state.fitter.session.stations, set(other.stations)
+    if "base" in state.judging.refit or (len(known) < 2 and len(named) < 2):
+        return SessionInfo()
+    if unplaced := sorted(named - set(known)):
+        raise LabError(
+            f"station '{unplaced[0]}' was not fitted, so its place is unknown; {option_name('refit')} base "
+            f"places every station anew"
+        )
+    return SessionInfo(stations=known)
+
+
+def _judge(state: Fitted) -> Fitted:
+    """Predict the errors where the arm is used, compare them with the validation's, and decide the verdict.
+
+    Needs: ``identification``, ``adequacy``, ``measured``, ``findings``, ``validation``. Adds: ``prediction``,
+    ``bounds``, ``verdict``.
+    """
+    found, fitter, judging, validation = state.identification, state.fitter, state.judging, state.validation
+    given_m = fitter.noise.sigma_m
+    doubts = noise_in_another_unit(None if given_m is None else MM.of(given_m), state.rows, found)
+    doubts += points_in_another_scale(found)
+    judged = _judged(state)
+    prediction = check_prediction(found, judged, fitter.noise, state.measured, seed=fitter.seed)
+    poses, region = _regions(state)
+    left = state.residual_spread
+    word = verdict(
+        found,
+        judged,
+        judging.gate_m,
+        goodness=state.adequacy,
+        tolerance=fitter.options.tolerance,
+        measured=state.measured,
+        findings=state.findings,
+        prediction=prediction,
+        poses=poses,
+        region=region,
+        left=left,
+    )
+    one_station = fitter.kind.name == "points" and len(fitter.session.stations) < 2
+    if word.word == "bad" and validation.judged_by != "fresh" and one_station:
+        word = replace(word, reasons=(*in_other_numbers_or_poses(fitter.robot, state.rows), *word.reasons))
+    if judging.holdout_last is not None:
+        order, most_m = rows_in_time(state.rows), word.region.uncalibrated_rms_m / np.sqrt(3)
+        left = for_later_rows(left, found, state.observations, order, most_m)
+    bounds = bounds_at(found, left, validation, state.measured, own_tolerance(found, fitter.options.tolerance, poses))
+    return replace(state, prediction=prediction, bounds=bounds, verdict=doubted(word, doubts))
+
+
+def _judged(state: Fitted) -> Validation:
+    """Return the validation that the verdict is decided by: without few outliers, where the fit leaves them out."""
+    if not state.left_out:
+        return state.validation
+    return state.validation.without_few([pose.id for pose in state.outliers])
+
+
+def _regions(state: Fitted) -> tuple[Region, Region]:
+    """Return poses like the measured ones, and those of the region of the task.
+
+    Raises:
+        LabError: the region's file cannot be read, or the arm reaches none of its points.
+    """
+    found, robot, task = state.identification, state.fitter.robot, state.judging.region
+    model, values = found.model, found.values
+    turning = ~np.array(robot.chain.prismatic, dtype=np.bool_)
+    poses = measured_region(found, state.observations, turning)
+    if task is None or task.kind == "measured":
+        return poses, poses
+    if task.kind == "workspace":
+        return poses, workspace_region(model, values, state.rows.joints, turning)
+    arm = robot.arm(state.fitter.targets)
+    T_instrument_frame0 = arm.T_tracker_frame0(values[: len(arm.names)])
+    points = task.points(T_instrument_frame0, robot.chain.joint_names, robot.chain.prismatic)
+    region = region_of_points(
+        task.kind,
+        points,
+        model=model,
+        values=values,
+        inputs=state.rows.inputs(model.conditions),
+        joints=robot.chain,
+        name=state.judging.region_name,
+    )
+    return poses, region
+
+
+def _check_signs(state: Fitted) -> Fitted:
+    """Check, where the verdict is bad, whether a joint is counted in the other direction.
+
+    Needs: ``verdict``. Adds: ``checks``, before all others.
+    """
+    if state.verdict.word != "bad":
+        return state
+    found = check_joint_signs(state.fitter.knowing(None), state.rows)
+    return replace(state, checks=(*found, *state.checks))
+
+
+def _check_validation(state: Fitted) -> Fitted:
+    """Check what the validation covers, and the rows that were not used.
+
+    Needs: ``verdict``, ``validation``. Adds: ``checks``.
+    """
+    fitter, kind, validation = state.fitter, state.fitter.kind, state.validation
+    checks, blank = list[Check](), int((~kind.rows(fitter.data)).sum())
+    if blank:
+        data = {"blank": blank, "count": len(fitter.data), "reading": kind.terms.reading}
+        checks.append(Check("rows.blank", "noted", data=data))
+    checks += check_limits(fitter.robot.chain, fitter.data)
+    checks += check_validation_poses(state.identification, state.measured, validation.rows)
+    checks += check_workspace(state.verdict)
+    if _judged(state) is not validation:
+        checks.append(check_excluded(state.outliers))
+    if kind.in_instrument_frame and "sessions" not in state.groups:
+        checks += check_sessions(state.rows)
+    return state.with_checks(checks + check_improvement(validation))
+
+
+FITTING: Mapping[str, Step] = {
+    "select model": _select_model,
+    "fit": _fit,
+    "find outliers": _find_outliers,
+    "check lack of fit": _check_lack_of_fit,
+    "choose intervals": _choose_intervals,
+    "check fit": _check_fit,
+    "measure range": _measure_range,
+    "fit residual": _fit_residual,
+    "check noise": _check_noise,
+}
+STEPS: Mapping[str, Step] = {
+    "hold out": _hold_poses_out,
+    **FITTING,
+    "validate": _validate,
+    "judge": _judge,
+    "check signs": _check_signs,
+    "check validation": _check_validation,
+}
