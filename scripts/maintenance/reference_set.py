@@ -5,7 +5,8 @@ that the first checkout wrote, so that both compute from the same numbers. Answe
 read, not computed again. Sentences are not compared: they may change.
 
 Usage: ``python scripts/maintenance/reference_set.py BEFORE AFTER --folder FOLDER --data DATA [--only PART]
-[--json]``; exit code 1 if an answer differs.
+[--renamed FILE] [--json]``; exit code 1 if an answer differs. The file names each key that was renamed on purpose, as
+TOML: ``old = "new"``, at its top for all commands, or in a table ``[NAME]`` for those of that first word.
 """
 
 import argparse
@@ -17,9 +18,11 @@ import re
 import subprocess
 import sys
 import tokenize
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 __all__ = ["COMMANDS", "Difference", "difference", "main"]
@@ -190,11 +193,18 @@ class Difference:
         return not self.decisions and apart <= _LEAST and self.numbers <= _LEAST_NUMBER
 
 
-def difference(name: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> Difference:
+def difference(
+    name: str, before: Mapping[str, Any], after: Mapping[str, Any], renamed: Mapping[str, Any] = MappingProxyType({})
+) -> Difference:
     """Compare two answers, each with ``exit``, ``result``, ``parameters`` and the numbers of its ``files``.
 
     What only the second has, as a key that a later version added, is not compared.
+
+    Args:
+        renamed: new names of keys by the old ones; those of one command in a mapping under its name.
     """
+    own = renamed.get(re.split(r"\W", name)[0], {})
+    keys = {old: new for old, new in renamed.items() if isinstance(new, str)} | dict(own)
     estimates, intervals, compared, decisions = [math.nan], [math.nan], 0, []
     second = {row["name"]: row for row in after["parameters"]}
     for row in before["parameters"]:
@@ -211,6 +221,7 @@ def difference(name: str, before: Mapping[str, Any], after: Mapping[str, Any]) -
         parts = set(place.split("/"))
         if _NOT_COMPARED & parts or (_PROSE & parts and isinstance(value, str)):
             continue
+        place = "/".join(keys.get(part, part) for part in place.split("/"))
         if place not in there:
             decisions.append(f"{place}: {value}, missing")
             continue
@@ -358,11 +369,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--folder", type=Path, required=True, help="where answers are kept")
     parser.add_argument("--data", type=Path, required=True, help="folder of measured arms")
     parser.add_argument("--only", action="append", default=[], help="run only the commands whose name has this in it")
+    parser.add_argument("--renamed", type=Path, help="TOML file of the keys that were renamed")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     given = parser.parse_args(arguments)
     for root in (given.before, given.after):
         if not (root / "lab" / "__main__.py").is_file():
             parser.error(f"{root} is no checkout of the lab: it has no lab/__main__.py")
+    renamed = {} if given.renamed is None else tomllib.loads(given.renamed.read_text(encoding="utf-8"))
     folder = given.folder.resolve()
     first, inputs = folder / "before", folder / "inputs"
     sides = [(given.before.resolve(), first)]
@@ -378,7 +391,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             own.mkdir(parents=True, exist_ok=True)
             places = {"own": own, "first": first, "inputs": inputs, "data": given.data.resolve()}
             answers.append(_run(root, own, name, words.format(**places)))
-        found.append(difference(name, answers[0], answers[-1]))
+        found.append(difference(name, answers[0], answers[-1], renamed))
         if not given.json:
             made = found[-1]
             text = "same" if made.same else "; ".join(made.decisions[:8]) or "numbers differ"

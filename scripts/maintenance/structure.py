@@ -8,12 +8,14 @@ file, with every call between modules noted.
 
 import argparse
 import ast
+import io
 import json
 import statistics
 import subprocess
 import sys
 import tempfile
-from collections import defaultdict
+import tokenize
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -42,7 +44,10 @@ def profile(frame, event, _):
         functions.add(frame.f_code)
         pairs.add((by, name))
 atexit.register(lambda: (sys.setprofile(None), out.write_text(json.dumps([sorted(pairs), len(functions)]))))
-from lab.cli.main import main
+try:
+    from lab.cli.main import main
+except ImportError:  # of an earlier checkout
+    from lab.cli import main
 sys.argv = ["lab", "identify", sys.argv[3], "--out", sys.argv[4], "--json"]
 sys.setprofile(profile)
 main()
@@ -111,6 +116,35 @@ def _public(tree: ast.Module) -> int:
             names = [each.id for target in targets for each in ast.walk(target) if isinstance(each, ast.Name)]
             count += sum(not name.startswith("_") for name in names)
     return count
+
+
+def _complexity(function: ast.AST) -> int:
+    """Count the decisions of a function, conditions of expressions and comprehensions among them, and one."""
+    branches = ast.If | ast.For | ast.While | ast.ExceptHandler | ast.IfExp | ast.Assert | ast.match_case
+    count = 1
+    for node in ast.walk(function):
+        if isinstance(node, branches):
+            count += 1
+        elif isinstance(node, ast.comprehension):
+            count += 1 + len(node.ifs)
+        elif isinstance(node, ast.BoolOp):
+            count += len(node.values) - 1
+    return count
+
+
+def _comment_lines(text: str) -> int:
+    """Count the comments that have a line of their own."""
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return sum(token.type == tokenize.COMMENT and token.line.lstrip().startswith("#") for token in tokens)
+
+
+_SHELL = ("cli", "commands", "options", "render", "report", "phrases")  # rooms that parse, print or draw
+_DRAWING = ("lab.render", "lab.report")  # who imports these, draws too
+
+
+def _is_shell(name: str, imports: set[str]) -> bool:
+    """Check whether a module of the core parses, prints or draws."""
+    return name.split(".")[1:2] in [[room] for room in _SHELL] or any(each.startswith(_DRAWING) for each in imports)
 
 
 def _lines_of(tree: ast.Module) -> tuple[set[int], set[int], set[int]]:
@@ -183,12 +217,32 @@ def structure(root: Path, measurements: Path | None = None) -> dict[str, Any]:
     outside = [name for name in modules if not name.startswith("lab.extensions")]
     circles = _circles(imports)
     code = sum(len(each) for _, _, each in kinds)
+    functions = [
+        node
+        for tree in modules.values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+    public_classes = Counter(
+        node.name
+        for tree in modules.values()
+        for node in tree.body
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    )
+    file_names = Counter(path.name for path in files if path.name != "__init__.py")
     found: dict[str, Any] = {
         "modules": len(modules),
         "lines": sum(lines.values()),
         "lines of code": code,
         "modules outside extensions": len(outside),
         "lines outside extensions": sum(lines[name] for name in outside),
+        "lines that parse, print or draw, outside extensions": sum(
+            lines[name] for name in outside if _is_shell(name, imports[name])
+        ),
+        "lines of comments": sum(_comment_lines("\n".join(text) + "\n") for text in files.values()),
+        "functions above complexity 10": sum(_complexity(each) > 10 for each in functions),
+        "public class names in several modules": sum(count > 1 for count in public_classes.values()),
+        "file names in several rooms": sum(count > 1 for count in file_names.values()),
         "median lines of a module": statistics.median(lines[name] for name in full),
         "imports and __all__, share of code": round(sum(len(each) for _, each, _ in kinds) / code, 3),
         "modules with one importer": sum(len(importers[name]) == 1 for name in full),

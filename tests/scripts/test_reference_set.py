@@ -82,3 +82,30 @@ def test_answers_that_are_there_are_compared_without_running_the_commands_again(
     found = json.loads(capsys.readouterr().out)
     assert code == 1 and len(found) == len(reference.COMMANDS) >= 60
     assert [name for name, each in found.items() if not each["same"]] == ["design"]
+
+
+def test_a_renamed_key_is_compared_with_its_new_name_and_an_unnamed_one_is_missing() -> None:
+    before, after = made(), made()
+    after["result"] = {("order" if key == "rank" else key): value for key, value in RESULT.items()}
+    assert reference.difference("identify, default", before, after, {"identify": {"rank": "order"}}).same
+    assert reference.difference("identify", before, after, {"rank": "order"}).same
+    assert not reference.difference("identify", before, after, {"design": {"rank": "order"}}).same
+    after["result"]["order"] = 26
+    assert not reference.difference("identify", before, after, {"rank": "order"}).same
+
+
+def test_doubled_names_decisions_and_comments_of_a_package_are_counted(tmp_path: Path) -> None:
+    modules = {
+        "lab/core/one.py": "class Twice:\n    # a step\n    pass\n\n\nclass _Own:\n    text = '# no comment'\n",
+        "lab/core/two.py": "class Twice:\n    pass\n\n\nclass _Own:\n    pass\n",
+        "lab/report/one.py": "def shown(a):\n" + "".join(f"    if a == {i}:\n        return {i}\n" for i in range(10)),
+        "lab/core/few.py": "def few(a):\n" + "".join(f"    if a == {i}:\n        return {i}\n" for i in range(9)),
+        "lab/library/drawn.py": "from lab.report.one import shown\n\nSHOWN = [shown(a) for a in range(3) if a]\n",
+    }
+    for name, text in modules.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    counted = script("structure").structure(tmp_path)
+    assert counted["public class names in several modules"] == 1 and counted["lines of comments"] == 1
+    assert counted["functions above complexity 10"] == 1 and counted["file names in several rooms"] == 1
+    assert counted["lines that parse, print or draw, outside extensions"] == 21 + 3
