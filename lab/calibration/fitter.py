@@ -4,15 +4,14 @@ from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from lab.calibration.estimator import Estimator
-from lab.calibration.identification import Identification, IdentifyOptions, identify
+from lab.calibration.fit_options import FitOptions
+from lab.calibration.identification import Identification, identify
 from lab.calibration.noise_search import NoiseSearch
 from lab.calibration.outliers_and_noise import noise_of, outliers_among_fitted
-from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import JointProcess
 from lab.calibration.sensor import Sensor
@@ -29,12 +28,12 @@ from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm_with_effects import Arm
 from lab.kinematics.effects.backlash import approached_groups
 from lab.kinematics.effects.effect import CHANGING_WITH_TIME, ArmFacts, SessionInfo
-from lab.kinematics.effects.effect_registry import CANDIDATES, expected_terms, searched_terms
+from lab.kinematics.effects.effect_registry import expected_terms, searched_terms
 from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.model import Model, RigidArm
 from lab.noise.error_model import ErrorModel
 
-__all__ = ["MOST_CHOSEN_BY", "FitOptions", "Fitter", "NominalRobot"]
+__all__ = ["MOST_CHOSEN_BY", "Fitter", "NominalRobot"]
 
 _CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
@@ -73,45 +72,6 @@ class NominalRobot(Protocol):
 
     def arm_with(self, targets: tuple[str, ...], groups: Sequence[str], session: SessionInfo = ...) -> Arm:
         """Return the arm with groups of effects, for measurements of such sessions."""
-
-
-@dataclass(frozen=True)
-class FitOptions:
-    """Options of a fit.
-
-    Attributes:
-        groups: of effects that the model has beside geometry.
-        search: whether groups are searched for instead.
-        residual: whether what no group explains is predicted as offsets of the joints.
-        robust: whether outliers are left out.
-        fix, free: names or patterns of parameters to fix at nominal, or to identify though usually fixed.
-        prior: use of the tolerances of manufacture: along weakly observable directions, everywhere, or not at all.
-        estimator: of the parameters of one model; None for least squares. Groups are selected by least squares.
-        error_terms: names of error terms that packages add, to be searched among the noise.
-        further: groups of packages that a search tries, too.
-    """
-
-    groups: tuple[str, ...] = ()
-    search: bool = False
-    residual: bool = False
-    robust: bool = False
-    fix: tuple[str, ...] = ()
-    free: tuple[str, ...] = ()
-    prior: Literal["auto", "on", "off"] = "auto"
-    tolerance: Tolerance = field(default_factory=Tolerance)
-    estimator: Estimator | None = None
-    error_terms: tuple[str, ...] = ()
-    further: tuple[str, ...] = ()
-
-    @property
-    def candidates(self) -> tuple[str, ...]:
-        """The groups that a search tries."""
-        return (*CANDIDATES, *self.further)
-
-    @property
-    def geometric(self) -> bool:
-        """Check whether the model is geometry alone."""
-        return not (self.search or self.groups)
 
 
 class _LastResult:
@@ -209,18 +169,15 @@ class Fitter:
         return np.array([known.get(name, 0.0) for name in model.names])
 
     @property
-    def request(self) -> IdentifyOptions:
-        """Options of the identification."""
-        chosen = self.options
-        automatic = chosen.prior == "auto"
-        tolerance = chosen.tolerance if chosen.prior == "on" or automatic else None
-        return IdentifyOptions(chosen.fix, chosen.free, tolerance, automatic, self.kind.solve, chosen.estimator)
+    def fit_options(self) -> FitOptions:
+        """Options of the fit of one model, by the method of this kind of measurement."""
+        return replace(self.options, solve=self.kind.solve)
 
-    def modelled(self, groups: Sequence[str], fixed: Sequence[str]) -> tuple[Model, IdentifyOptions]:
+    def modelled(self, groups: Sequence[str], fixed: Sequence[str]) -> tuple[Model, FitOptions]:
         """Return the arm with these groups less the parameters held, and the options of its identification."""
         model = self.model_with(groups)
-        request = self.request if self.options.geometric else self.request.of(model.names)
-        return model, replace(request, fix=(*request.fix, *fixed))
+        options = self.fit_options if self.options.geometric else self.fit_options.of(model.names)
+        return model, replace(options, fix=(*options.fix, *fixed))
 
     def identified(
         self, rows: Measurements, groups: Sequence[str], fixed: Sequence[str] = ()
@@ -231,21 +188,21 @@ class Fitter:
             fixed: parameters of the groups that the selection found not to be observable in these poses.
         """
         found, clean, outliers = self.identified_with(rows, groups, fixed), rows, None
-        model, request = self.modelled(groups, fixed)
+        model, options = self.modelled(groups, fixed)
         for _ in range(_CLEANINGS if self.options.robust else 0):  # a prior weighs by a sigma that outliers inflate
             before, outliers = outliers, self.outliers_of(found, rows)
             if before is not None and set(before.rows) == set(outliers.rows):
                 break
             clean = rows.take(np.setdiff1d(np.arange(len(rows)), outliers.rows))
-            found = self.identified_from(model, clean, request)
+            found = self.identified_from(model, clean, options)
         return found, clean, outliers
 
     def identified_with(self, rows: Measurements, groups: Sequence[str], fixed: Sequence[str]) -> Identification:
         """Identify the arm with these groups from all these rows."""
 
         def make() -> Identification:
-            model, request = self.modelled(groups, fixed)
-            return self.identified_from(model, rows, request)
+            model, options = self.modelled(groups, fixed)
+            return self.identified_from(model, rows, options)
 
         return self._last_fit(make, rows, groups, fixed, self.kind, self.noise.shared)
 
@@ -308,10 +265,10 @@ class Fitter:
         """
         groups, fixed = (selection.chosen, selection.fixed) if selection else ((), ())
         others = [name for name in self.approached(self.options.candidates) if name not in groups]
-        request, some = self.modelled(groups, fixed)[1], thinned(rows, _MOST_TESTED)
+        options, some = self.modelled(groups, fixed)[1], thinned(rows, _MOST_TESTED)
         plain = self.knowing(self.noise.independent.shared)
         try:
-            beside = plain._searched(lambda more: self.model_with((*groups, *more)), some, request, others, _MOST_NAMED)
+            beside = plain._searched(lambda more: self.model_with((*groups, *more)), some, options, others, _MOST_NAMED)
         except LabError:  # too few rows to add anything
             return None
         return beside if beside.chosen else None
@@ -320,7 +277,7 @@ class Fitter:
         self,
         model_with: ModelWith,
         rows: Measurements,
-        request: IdentifyOptions,
+        options: FitOptions,
         candidates: Sequence[str],
         enough: int | None = None,
     ) -> Selection:
@@ -335,7 +292,7 @@ class Fitter:
             rows,
             self.nominal,
             self.noise,
-            request,
+            options,
             candidates=candidates,
             terms=searched_terms(facts),
             expected=expected_terms(facts),
@@ -345,7 +302,7 @@ class Fitter:
 
     def derivatives_by_others(self, found: Identification, groups: Sequence[str], rows: Measurements) -> list[Array]:
         """Derivatives of what rows observe by the parameters of each candidate group that is not in the model."""
-        task = SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request)
+        task = SelectionTask(self.model_with, self.nominal, rows, self.noise, self.fit_options)
         made = []
         for name in self.options.candidates:
             if name not in groups:
@@ -372,13 +329,13 @@ class Fitter:
             rows.inputs(self._arm_with([name]).conditions)
         groups, task = (
             self.approached(self.options.groups),
-            SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request),
+            SelectionTask(self.model_with, self.nominal, rows, self.noise, self.fit_options),
         )
         task.refuse_unknown_wishes(self.options.candidates if self.options.search else groups)
         found, clean, outliers = self.identified(rows, groups)
         if not self.options.search:
             model_with = self._weighted_as(found).model_with
-            return follow(model_with, clean, self.nominal, groups, self.noise, self.request, seed=self.seed)
+            return follow(model_with, clean, self.nominal, groups, self.noise, self.fit_options, seed=self.seed)
         selection = self._chosen(found, clean)
         if outliers is None or not len(outliers.rows):
             return selection
@@ -397,7 +354,7 @@ class Fitter:
         for _ in range(_BALANCINGS):
             before, weighted = selection, self._weighted_as(found)
             tried = [name for name in self.approached(self.options.candidates) if not self.unanswerable(name)]
-            selection = self._searched(weighted.model_with, rows, self.request, tried)
+            selection = self._searched(weighted.model_with, rows, self.fit_options, tried)
             if weighted is self or (before and before.chosen == selection.chosen):
                 break
             found, _, _ = self.identified(rows, selection.chosen, selection.fixed)
@@ -432,10 +389,10 @@ class Fitter:
         uniform = device is not None and device.kind == "uniform" and (shared is None or shared.is_given)
         return NoiseDistribution("uniform", self.noise.readings) if uniform else NoiseDistribution()
 
-    def identified_from(self, model: Model, rows: Measurements, request: IdentifyOptions) -> Identification:
+    def identified_from(self, model: Model, rows: Measurements, options: FitOptions) -> Identification:
         """Identify the parameters of a model from all these rows."""
-        model = self.kind.balanced(model, rows, self.nominal(model), request)
-        return identify(model, rows, self.nominal(model), self.noise, request)
+        model = self.kind.balanced(model, rows, self.nominal(model), options)
+        return identify(model, rows, self.nominal(model), self.noise, options)
 
     def outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
         """Find outliers among the rows, by a search that starts from an identification."""

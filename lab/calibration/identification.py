@@ -7,15 +7,15 @@ predictions, tolerances of manufacture make one most likely: its errors are spre
 variances, whichever of the group is identified. That arm is exported.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.estimator import EstimationProblem, Estimator, estimated
+from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit, settled
 from lab.calibration.identifiability import poses_needed, scaled_condition
 from lab.calibration.initial_guess import columns_of
@@ -50,8 +50,6 @@ __all__ = [
     "WEAK",
     "Ellipsoids",
     "Identification",
-    "IdentifyOptions",
-    "Solve",
     "component_variances",
     "ellipsoids",
     "fit_base_and_tool",
@@ -62,7 +60,6 @@ __all__ = [
     "spread",
 ]
 
-Solve = Callable[[Observation, Observations, Sequence[int], Array], Fit]
 _FIRST_POSES = 4_000  # of very many, for initial values and, mostly, the identifiable parameters
 _PRIOR_ROUNDS = 4  # of the directions and the scale of an automatic prior, and the fit by these
 _SETTLED_SCALE = 0.05  # of itself, by which the scale of the tolerances still changes
@@ -70,36 +67,6 @@ _LEAST_SIGMA = 1e-9  # m: residuals below are those of the arithmetic
 _MOST_NAMED = 8  # weak parameters in a warning
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
 PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the nominal model in the same poses
-
-
-@dataclass(frozen=True)
-class IdentifyOptions:
-    """Options of an identification.
-
-    Attributes:
-        fix, free: names or patterns of parameters to hold at nominal, or to keep though usually fixed.
-        tolerance: of manufacture, as a prior (MAP); None for none.
-        automatic: whether that prior acts only along weakly observable directions, at an estimated scale.
-        solve: another method to fit the free parameters than all at once (``sequential``); None for that.
-        estimator: whose estimate takes the place of that of least squares; None for none.
-        near: initial values, by parameters' names; the others start at nominal, base and tool without initial values.
-    """
-
-    fix: tuple[str, ...] = ()
-    free: tuple[str, ...] = ()
-    tolerance: Tolerance | None = None
-    automatic: bool = False
-    solve: Solve | None = None
-    estimator: Estimator | None = None
-    near: Mapping[str, float] = field(default_factory=dict)
-
-    def of(self, names: Sequence[str]) -> "IdentifyOptions":
-        """Drop patterns that match none of these parameters: they are of other groups' models."""
-        fix, free = (
-            tuple(pattern for pattern in patterns if any(fnmatchcase(name, pattern) for name in names))
-            for patterns in (self.fix, self.free)
-        )
-        return replace(self, fix=fix, free=free)
 
 
 class _PredictedCovariance(Protocol):
@@ -228,7 +195,7 @@ def identify(
     data: Measurements,
     nominal: Array,
     noise: Noise | None = None,
-    request: IdentifyOptions | None = None,
+    options: FitOptions = PLAIN,
 ) -> Identification:
     """Identify an arm's base set from the rows of ``data``, from nominal links, without initial base and tool.
 
@@ -240,17 +207,17 @@ def identify(
     Raises:
         LabError: there are fewer poses than the base set needs, or what is requested cannot be had.
     """
-    noise, request, observation = noise or Noise(), request or IdentifyOptions(), observation_of(arm).within(data)
+    noise, observation = noise or Noise(), observation_of(arm).within(data)
     model, nominal = observation.model, observation.nominal(nominal)
     observed, sigma_given = weigh(observation, data, noise)
     _refuse_impossible_or_few(observation, data, observed, nominal)
     aligned = fit_base_and_tool(observation, observed.alike, nominal)
     extra_residuals = weighted_constraints(observation, observed)
     constraint_rows = observation.extra_residuals(model.rank_point(aligned))[1]
-    structure = base_set(model, aligned, fix=request.fix, free=request.free, prior_rows=constraint_rows)
+    structure = base_set(model, aligned, fix=options.fix, free=options.free, prior_rows=constraint_rows)
     free = _identifiable(model, observed, aligned, structure, constraint_rows)
-    own = request.estimator
-    if (request.tolerance is None or request.automatic or own is not None) and len(free) < len(structure.identifiable):
+    own = options.estimator
+    if (options.prior != "on" or own is not None) and len(free) < len(structure.identifiable):
         needed = poses_needed(model, aligned, structure)
         if len(data) < needed:
             raise LabError(
@@ -259,25 +226,25 @@ def identify(
             )
     start = aligned.copy()
     start[list(structure.fixed)] = nominal[list(structure.fixed)]
-    start[list(free)] = [request.near.get(model.names[i], start[i]) for i in free]
-    if request.solve is None:
+    start[list(free)] = [options.near.get(model.names[i], start[i]) for i in free]
+    if options.solve is None:
         solution = fit(model, observed, free, start, extra_residuals=extra_residuals)
         solution = settled(model, observed, solution, extra_residuals)
     else:
-        solution = request.solve(observation, observed, free, start)
+        solution = options.solve(observation, observed, free, start)
     if own is not None:
-        solution = _estimated(own, observation, observed, structure, nominal, solution, start, request, sigma_given)
+        solution = _estimated(own, observation, observed, structure, nominal, solution, start, options, sigma_given)
     solution = _canonical(model, solution)
     residuals = data.points - model.points(observed.inputs, solution.values)
     dof, estimated = _residual_sigma(observation, observed, solution, residuals)
     acting = None
-    if request.tolerance is not None and request.solve is None and own is None:
+    if options.prior != "off" and options.solve is None and own is None:
         problem = _MAPProblem(observation, observed, structure, extra_residuals, start, sigma_given)
-        if request.automatic:
-            prior = prior_of(model, structure, nominal, request.tolerance, links_alone=True)
+        if options.prior == "auto":
+            prior = prior_of(model, structure, nominal, options.tolerance, links_alone=True)
             found = problem.automatically(prior, solution, dof, estimated)
         else:
-            found = problem.with_whole(prior_of(model, structure, nominal, request.tolerance), dof, estimated)
+            found = problem.with_whole(prior_of(model, structure, nominal, options.tolerance), dof, estimated)
         if found is not None:
             acting, solution, dof, estimated = found.prior, found.fit, found.dof, found.sigma
             extra_residuals = joined(extra_residuals, acting.rows(found.weight))
@@ -338,7 +305,7 @@ def _estimated(
     nominal: Array,
     plain: Fit,
     start: Array,
-    request: IdentifyOptions,
+    options: FitOptions,
     sigma_given: bool,
 ) -> Fit:
     """Return the fit by an estimator of the parameters that least squares fitted, in units of the noise.
@@ -356,8 +323,8 @@ def _estimated(
                 f"{option_name('noise_mm')}"
             )
     free, information = list(plain.free), np.zeros((len(start), len(start)))
-    if request.tolerance is not None:
-        prior = prior_of(model, structure, nominal, request.tolerance, links_alone=request.automatic)
+    if options.prior != "off":
+        prior = prior_of(model, structure, nominal, options.tolerance, links_alone=options.prior == "auto")
         information[np.ix_(prior.of, prior.of)] = prior.whiten.T @ prior.whiten
     scaled = replace(observed, whiten=observed.whiten / sigma)
     problem = EstimationProblem(

@@ -12,7 +12,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identification import IdentifyOptions, Solve
+from lab.calibration.fit_options import FitOptions, Solve
 from lab.calibration.observation import Observation
 from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements
@@ -127,7 +127,7 @@ class Sensor(ABC):
             LabError: a column is missing, or a cell has an impossible value.
         """
 
-    def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
+    def balanced(self, model: Model, data: Measurements, nominal: Array, options: FitOptions) -> Model:
         """Return a model of ``observation`` with the weights that its residuals call for, where these are estimated.
 
         Args:

@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lab.calibration.estimator import LEAST_SQUARES, Estimator, own_estimator
-from lab.calibration.fitter import FitOptions, Fitter
+from lab.calibration.fit_options import FitOptions
+from lab.calibration.fitter import Fitter
 from lab.calibration.identification import spread
 from lab.calibration.validation import TruthComparison, Validation, compare_with_truth, errors_of, validate_file
 from lab.calibration.weights import Noise

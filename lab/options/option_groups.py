@@ -15,7 +15,7 @@ from lab.kinematics.effects.effect_registry import GROUPS, EffectOptions, fitted
 from lab.options.option_types import PRIOR_MODES, Flag, Names, Numbers, PriorMode
 
 if TYPE_CHECKING:
-    from lab.calibration.fitter import FitOptions
+    from lab.calibration.fit_options import FitOptions
 
 __all__ = ["Effects", "Fitting"]
 
@@ -115,7 +115,7 @@ class Fitting:
             LabError: there is no such estimator or error term.
         """
         from lab.calibration.estimator import estimator_named
-        from lab.calibration.fitter import FitOptions
+        from lab.calibration.fit_options import FitOptions
         from lab.calibration.prior import Tolerance
         from lab.noise.error_term import own_term
 
@@ -123,17 +123,17 @@ class Fitting:
             own_term(name)
 
         return FitOptions(
-            () if self.searched else self.groups,
-            self.searched,
-            self.residual,
-            self.robust,
-            self.fix,
-            self.free,
-            self.prior,
-            Tolerance(MM.to_si(self.tolerance_mm), MRAD.to_si(self.tolerance_mrad)),
-            estimator_named(self.estimator),
-            self.error_terms,
-            self.groups if self.searched else (),
+            groups=() if self.searched else self.groups,
+            search=self.searched,
+            residual=self.residual,
+            robust=self.robust,
+            fix=self.fix,
+            free=self.free,
+            prior=self.prior,
+            tolerance=Tolerance(MM.to_si(self.tolerance_mm), MRAD.to_si(self.tolerance_mrad)),
+            estimator=estimator_named(self.estimator),
+            error_terms=self.error_terms,
+            further=self.groups if self.searched else (),
         )
 
 

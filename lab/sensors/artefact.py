@@ -18,7 +18,8 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identification import IdentifyOptions, identify
+from lab.calibration.fit_options import FitOptions
+from lab.calibration.identification import identify
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
@@ -288,13 +289,13 @@ class ArtefactSensor(FixtureSensor):
             model = replace(model, prior_m=(self.noise_m or _EXACT_M) * model.size_m / self.u_m)
         return model, seen
 
-    def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
+    def balanced(self, model: Model, data: Measurements, nominal: Array, options: FitOptions) -> Model:
         """Return the model with the artefact's uncertainty weighed against the residuals, where no noise was given."""
         assert isinstance(model, Artefact)
         if self.u_m is None or self.noise_m is not None:
             return model
         certain = replace(model, prior_m=0.0)
-        exact = identify(certain, data, nominal, Noise(), request.of(certain.names))
+        exact = identify(certain, data, nominal, Noise(), options.of(certain.names))
         if not (sigma_m := exact.residual_sigma_m) > _EXACT_M:
             raise LabError(
                 f"{option_name('artefact_u_mm')} is weighed against the noise of contacts, and these have none to "

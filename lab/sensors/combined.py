@@ -14,8 +14,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.fit_options import FitOptions
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identification import Identification, IdentifyOptions, component_variances, identify
+from lab.calibration.identification import Identification, component_variances, identify
 from lab.calibration.observation import Observation, UnsizedObservation, observation_of
 from lab.calibration.sensor import SensorTerms
 from lab.calibration.weights import Noise
@@ -457,14 +458,14 @@ class CombinedSensor(VirtualSensor):
             return np.full(sum(map(len, tables)), np.nan)
         return np.concatenate([table.sigma_m / ratio for table, ratio in zip(tables, ratios, strict=True)])
 
-    def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
+    def balanced(self, model: Model, data: Measurements, nominal: Array, options: FitOptions) -> Model:
         """Return the model with the ratios of all noises estimated from its residuals, where they are not given."""
         assert isinstance(model, Combined)
         if self.ratios is not None:
             return model
-        request = replace(request, solve=None, estimator=None)
+        options = replace(options, solve=None, estimator=None)
         for _ in range(_ROUNDS):
-            found = identify(model, data, nominal, Noise(), request)
+            found = identify(model, data, nominal, Noise(), options)
             variances = component_variances(model.within(data), found, data, model.within(data).groups)
             if not np.isfinite(variances).all() or (np.sqrt(variances) < _EXACT).any():
                 return model

@@ -12,8 +12,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from lab.calibration.fit_options import PLAIN, FitOptions, Solve
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identification import Identification, IdentifyOptions, Solve, component_variances, identify
+from lab.calibration.identification import Identification, component_variances, identify
 from lab.calibration.initial_guess import initial_guess
 from lab.calibration.observation import ROTATION_PARAMETERS, no_extra_residuals, placed_in_instrument_frame
 from lab.calibration.sensor import SensorTerms
@@ -202,7 +203,7 @@ class Poses:
         """Return None: repeats of a configuration are held out together."""
 
 
-def balanced(observation: Poses, data: Measurements, nominal: Array, request: IdentifyOptions | None = None) -> Poses:
+def balanced(observation: Poses, data: Measurements, nominal: Array, options: FitOptions = PLAIN) -> Poses:
     """Return the observation with the ratio of the two noises estimated from its residuals (Foerstner 1979).
 
     The residuals are those of least squares, whichever method then fits the parameters.
@@ -211,15 +212,15 @@ def balanced(observation: Poses, data: Measurements, nominal: Array, request: Id
         observation: with any ratio to start from.
         data: the observed poses, as ``identify`` takes them.
         nominal: ``(p,)`` nominal parameters.
-        request: the options of the identification.
+        options: the options of the identification.
 
     Returns:
         The observation as it is where residuals or a noise are zero.
     """
-    request = replace(request or IdentifyOptions(), solve=None)
+    options = replace(options, solve=None)
     groups = [0] * observation.positions + [1]
     for _ in range(_ROUNDS):
-        sums = component_variances(observation, identify(observation, data, nominal, Noise(), request), data, groups)
+        sums = component_variances(observation, identify(observation, data, nominal, Noise(), options), data, groups)
         if not np.isfinite(sums).all() or (np.sqrt(sums) < _EXACT).any():
             return observation
         change = float(np.sqrt(sums[1] / sums[0]))
@@ -301,10 +302,10 @@ class PoseSensor(VirtualSensor):
         observed = replace(data, targets=model.targets, points=points, conditions={**data.conditions, **conditions})
         return model, observed
 
-    def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
+    def balanced(self, model: Model, data: Measurements, nominal: Array, options: FitOptions) -> Model:
         """Return the model with the ratio of the two noises estimated from its residuals, where none was given."""
         assert isinstance(model, Poses)
-        return balanced(model, data, nominal, request) if self.ratio is None else model
+        return balanced(model, data, nominal, options) if self.ratio is None else model
 
     def weighted_by(self, instrument: Instrument, data: Measurements) -> Self:
         """Return the sensor with the instrument's ratio, the noise of a rotation over the mean of a position's."""

@@ -8,7 +8,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identification import Identification, IdentifyOptions, identify
+from lab.calibration.fit_options import FitOptions
+from lab.calibration.identification import Identification, identify
 from lab.calibration.sensor import SensorTerms
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -198,14 +199,14 @@ class PixelSensor(VirtualSensor):
             number[row] = self.rig.number(int(names["camera"][row]), int(names["board"][row]), int(text))
         return number
 
-    def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
+    def balanced(self, model: Model, data: Measurements, nominal: Array, options: FitOptions) -> Model:
         """Return the model with the noise by which priors of intrinsic parameters weigh, estimated where not given."""
         assert isinstance(model, Pixels)
         if self.sigma_px is not None or all(camera.intrinsics != "prior" for camera in self.rig.cameras):
             return model
-        request = replace(request, solve=None, estimator=None)
+        options = replace(options, solve=None, estimator=None)
         for _ in range(_ROUNDS):
-            found = identify(model, data, nominal, Noise(), request).sigma_m
+            found = identify(model, data, nominal, Noise(), options).sigma_m
             if not np.isfinite(found) or found <= 0:
                 break
             change, model = found / model.sigma, replace(model, sigma=found)

@@ -13,7 +13,8 @@ from functools import partial
 
 import numpy as np
 
-from lab.calibration.fitter import MOST_CHOSEN_BY, FitOptions, Fitter, NominalRobot
+from lab.calibration.fit_options import FitOptions
+from lab.calibration.fitter import MOST_CHOSEN_BY, Fitter, NominalRobot
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.outliers_and_noise import outliers_among_held_out, tail_of
 from lab.calibration.residual.estimation import with_residual

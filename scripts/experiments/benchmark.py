@@ -21,7 +21,8 @@ from shared import Answer, Document, Flag, paragraphs, processor, run_script
 
 import lab
 from lab.calibration.batch import align, fit_points
-from lab.calibration.fitter import FitOptions, Fitter
+from lab.calibration.fit_options import FitOptions
+from lab.calibration.fitter import Fitter
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identification import Identification, fit_base_and_tool, identify
 from lab.calibration.observation import Points

@@ -12,7 +12,8 @@ import numpy as np
 from shared import Answer, Document, Flag, Paragraph, Row, Table, example, run_script, short
 
 import lab
-from lab.calibration.identification import IdentifyOptions, identify
+from lab.calibration.fit_options import FitOptions
+from lab.calibration.identification import identify
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -116,7 +117,7 @@ def of_arm(options: Options, condition: str, number: int) -> dict[str, Array]:
     for draw in range(options.draws):
         data = measured(VirtualMeasurement(real, joints, TARGET, device, rng_for(seed, "noise", draw)))
         together = Together()
-        found = identify(arm, data, nominal, Noise(device), IdentifyOptions(estimator=together))
+        found = identify(arm, data, nominal, Noise(device), FitOptions(estimator=together, prior="off"))
         judge(LEAST_SQUARES, arm.points(fresh, found.fit.least_squares)[:, 0])
         for name, values in together.found.items():
             whole = found.values.copy()

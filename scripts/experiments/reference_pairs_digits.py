@@ -17,7 +17,8 @@ import numpy as np
 from shared import Answer, Document, Flag, Table, run_script
 
 import lab
-from lab.calibration.identification import Identification, IdentifyOptions, identify
+from lab.calibration.fit_options import FitOptions
+from lab.calibration.identification import Identification, identify
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -170,7 +171,7 @@ def wishes(pair: Mapping[str, Any], robot: Robot) -> tuple[tuple[str, ...], tupl
 def _identified(pair: Mapping[str, Any], robot: Robot, data: Measurements) -> Identification:
     fix, free = wishes(pair, robot)
     arm = robot.arm(tuple(pair["robot"]["targets"]))
-    return identify(arm, data, arm.nominal(robot.tool), request=IdentifyOptions(fix=fix, free=free))
+    return identify(arm, data, arm.nominal(robot.tool), options=FitOptions(fix=fix, free=free, prior="off"))
 
 
 def compared(pair: Mapping[str, Any]) -> Digits:

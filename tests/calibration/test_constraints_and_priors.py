@@ -6,8 +6,9 @@ from helpers.robots import IRB120, perturbed, somewhere
 from helpers.truths import truth_of
 
 from lab.calibration import identification as lift_module
+from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.identifiability import condition_of, scaled_condition, weak_directions
-from lab.calibration.identification import IdentifyOptions, identify, most_likely_parameters
+from lab.calibration.identification import identify, most_likely_parameters
 from lab.calibration.prior import Tolerance, alias_matrix, prior_of, standard_deviations
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
@@ -18,7 +19,7 @@ from lab.kinematics.serial.serial_arm import SerialArm
 ARM = SerialArm(IRB120.chain)
 NOMINAL = ARM.nominal(IRB120.tool)
 PLACED = ("base", "tool")
-SWAPPED = IdentifyOptions(fix=("link3.d",), free=("link2.d",))
+SWAPPED = FitOptions(fix=("link3.d",), free=("link2.d",), prior="off")
 SIGMA = 5e-6
 
 
@@ -30,8 +31,8 @@ def campaign(seed: int, poses: int = 50, noise: float = SIGMA) -> Measurements:
     return measured(IRB120.chain.joint_names, joints, ("p1",), points)
 
 
-def identified(data: Measurements, request: IdentifyOptions | None = None, nominal: np.ndarray = NOMINAL):
-    return identify(ARM, data, nominal, Noise(sigma_m=SIGMA), request)
+def identified(data: Measurements, options: FitOptions = PLAIN, nominal: np.ndarray = NOMINAL):
+    return identify(ARM, data, nominal, Noise(sigma_m=SIGMA), options)
 
 
 FRESH = IRB120.chain.random_joints(300, np.random.default_rng(99))
@@ -49,7 +50,7 @@ def test_another_representative_predicts_the_same() -> None:
 
 
 def test_a_parameter_held_lowers_the_rank_and_is_hidden_in_nothing() -> None:
-    found = identified(campaign(1), IdentifyOptions(fix=("link4.d", "link2.a")))
+    found = identified(campaign(1), FitOptions(fix=("link4.d", "link2.a"), prior="off"))
     assert found.fit.rank == 25 and not found.unobservable
     held = [ARM.names[i] for i in found.base_set.fixed_observable]
     assert held == ["link2.a", "link4.d"]
@@ -62,21 +63,21 @@ def test_a_parameter_held_lowers_the_rank_and_is_hidden_in_nothing() -> None:
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
-        (IdentifyOptions(free=("link2.d",)), ("link2.d is not identifiable", "hidden in link3.d", "fix")),
-        (IdentifyOptions(free=("link1.theta",)), ("hidden in base.rx, base.ry, base.rz",)),
+        (FitOptions(free=("link2.d",), prior="off"), ("link2.d is not identifiable", "hidden in link3.d", "fix")),
+        (FitOptions(free=("link1.theta",), prior="off"), ("hidden in base.rx, base.ry, base.rz",)),
         (
-            IdentifyOptions(free=("joint2.compliance",)),
+            FitOptions(free=("joint2.compliance",), prior="off"),
             ("--free joint2.compliance", "no such parameter; the groups are base.*, link1.*", "tool.p1.*"),
         ),
         (
-            IdentifyOptions(fix=("link7.d",)),
+            FitOptions(fix=("link7.d",), prior="off"),
             ("--fix link7.d: no such parameter; the nearest are link6.d,", "the groups are base.*"),
         ),
-        (IdentifyOptions(fix=("*",)), ("--fix", "no parameter")),
-        (IdentifyOptions(fix=("link3.d",), free=("link3.*",)), ("both name link3.d",)),
+        (FitOptions(fix=("*",), prior="off"), ("--fix", "no parameter")),
+        (FitOptions(fix=("link3.d",), free=("link3.*",), prior="off"), ("both name link3.d",)),
     ],
 )
-def test_wishes_that_cannot_be_met(asked: IdentifyOptions, says: tuple[str, ...]) -> None:
+def test_wishes_that_cannot_be_met(asked: FitOptions, says: tuple[str, ...]) -> None:
     with pytest.raises(LabError) as error:
         identified(campaign(3), asked)
     assert all(part in str(error.value) for part in says)
@@ -132,11 +133,11 @@ def test_tolerances_help_where_measurements_do_not() -> None:
         points = ARM.points(joints, true) + 2e-4 * rng.normal(size=(14, 1, 3))
         data = measured(IRB120.chain.joint_names, joints, ("p1",), points)
         noise = Noise(sigma_m=2e-4)
-        for request, out in ((IdentifyOptions(), plain), (IdentifyOptions(tolerance=Tolerance()), helped)):
-            found = identify(ARM, data, NOMINAL, noise, request)
+        for options, out in ((PLAIN, plain), (FitOptions(prior="on"), helped)):
+            found = identify(ARM, data, NOMINAL, noise, options)
             error = ARM.points(FRESH, found.values) - ARM.points(FRESH, true)
             out.append(np.linalg.norm(error, axis=2).mean())
-            if request.tolerance:
+            if options.prior == "on":
                 _, jacobian = ARM.observe(FRESH, found.values)
                 rows = jacobian[:, 0][..., list(found.fit.free)]
                 predicted = np.trace(rows @ found.covariance @ rows.swapaxes(1, 2), axis1=1, axis2=2).mean()
@@ -170,7 +171,7 @@ def test_a_posterior_is_where_measurements_and_prior_balance() -> None:
     """The gradient of both sums of squares is zero, with the prior's residual pulling towards the drawing."""
     data = campaign(8, 14, 2e-4)
     noise = Noise(sigma_m=2e-4)
-    found = identify(ARM, data, NOMINAL, noise, IdentifyOptions(tolerance=Tolerance()))
+    found = identify(ARM, data, NOMINAL, noise, FitOptions(prior="on"))
     assert found.status == "converged"
     _, jacobian = ARM.observe(data.joints, found.values)
     by_points = np.einsum("nkdp,nkd->p", jacobian, found.residuals) / 2e-4**2
@@ -189,8 +190,8 @@ def test_a_prior_serves_where_poses_are_too_few() -> None:
     for poses in (9, 6):
         data = campaign(9, poses)
         with pytest.raises(LabError, match="--prior: the measurements leave no residuals"):
-            identify(ARM, data, NOMINAL, None, IdentifyOptions(tolerance=Tolerance()))
-        found = identified(data, IdentifyOptions(tolerance=Tolerance()))
+            identify(ARM, data, NOMINAL, None, FitOptions(prior="on"))
+        found = identified(data, FitOptions(prior="on"))
         assert found.status == "converged" and len(found.fit.free) == 27 and np.isfinite(found.std).all()
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 
-from lab.calibration.identification import IdentifyOptions, identify
+from lab.calibration.fit_options import FitOptions
+from lab.calibration.identification import identify
 from lab.calibration.outliers_and_noise import outliers_among_fitted
-from lab.calibration.prior import Directions, Prior, Tolerance, directions_of
+from lab.calibration.prior import Directions, Prior, directions_of
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.weights import Noise
@@ -21,7 +22,7 @@ from lab.verdict.verdict import verdict
 ARM = SerialArm(IRB120.chain)
 NOMINAL = ARM.nominal(IRB120.tool)
 FRESH = IRB120.chain.random_joints(200, np.random.default_rng(99))
-AUTO = IdentifyOptions(tolerance=Tolerance(), automatic=True)
+AUTO = FitOptions()
 NEAR_AXIS, AWAY = (1e-3, 0.0, 0.1), (0.05, 0.0, 0.1)  # m, of a target: weakly observable, or not
 
 

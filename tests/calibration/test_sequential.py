@@ -7,8 +7,9 @@ import pytest
 from helpers.pose_data import measured_poses
 from helpers.robots import IRB120, RX130
 
+from lab.calibration.fit_options import FitOptions
 from lab.calibration.gauss_newton import Fit, fit
-from lab.calibration.identification import IdentifyOptions, identify
+from lab.calibration.identification import identify
 from lab.calibration.sequential import fit_sequentially, split_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.weights import Noise, weigh
@@ -54,7 +55,7 @@ def test_orientations_see_fifteen_angles_and_not_the_sixteenth() -> None:
 
 def test_identify_takes_it_as_a_wish() -> None:
     observation, data, true = measured_poses(ARM, 40, 1)
-    found = identify(observation, data, ARM.nominal(), request=IdentifyOptions(solve=fit_sequentially))
+    found = identify(observation, data, ARM.nominal(), options=FitOptions(solve=fit_sequentially, prior="off"))
     assert found.status == "converged" and np.abs(found.values - true).max() < 1e-11
 
 
@@ -62,7 +63,7 @@ def test_it_takes_orientations() -> None:
     observation, data, _ = measured_poses(ARM, 40, 0)
     with pytest.raises(LabError, match="--observe pose"):
         identify(ARM, type(data)(**{**data.__dict__, "points": data.points[:, :1], "targets": ("p1",)}),
-                 ARM.nominal(), request=IdentifyOptions(solve=fit_sequentially))  # fmt: skip
+                 ARM.nominal(), options=FitOptions(solve=fit_sequentially, prior="off"))  # fmt: skip
     blind = data.points.copy()
     blind[:, 1] = np.nan
     seen, _ = weigh(observation, type(data)(**{**data.__dict__, "points": blind}), Noise())
@@ -103,7 +104,7 @@ def test_noise_and_goodness_are_those_of_least_squares() -> None:
     sigma_rad = 1e-3
     _, data, _ = measured_poses(ARM, 60, 4, SIGMA, sigma_rad)
     observation, noise = Poses(ARM, "p1", sigma_rad / SIGMA), Noise(sigma_m=SIGMA)
-    found = identify(observation, data, ARM.nominal(), noise, IdentifyOptions(solve=fit_sequentially))
+    found = identify(observation, data, ARM.nominal(), noise, FitOptions(solve=fit_sequentially, prior="off"))
     together = identify(observation, data, ARM.nominal(), noise)
     seen, _ = weigh(observation, data, noise)
     assert (seen.apply(found.residuals) ** 2).sum() > 1.5 * (seen.apply(together.residuals) ** 2).sum()

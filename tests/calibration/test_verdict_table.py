@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.judged import Case, campaign, errors
 
-from lab.calibration.identification import IdentifyOptions
+from lab.calibration.fit_options import PLAIN
 from lab.calibration.validation import Validation
 from lab.core.checks import Check
 from lab.kinematics.serial.serial_arm import SerialArm
@@ -158,7 +158,7 @@ TABLE = {
         made(joints_as=lambda q: q[:, [0, 1, 2, 4, 3, 5]]), GATE, "bad", "links.other_robot link5.theta"
     ),
     "link6.a 253 mm off": Row(
-        made(change={"link6.a": 0.253}, request=IdentifyOptions(fix=("tool.p1.x",), free=("link6.a",))), GATE, "bad",
+        made(change={"link6.a": 0.253}, options=replace(PLAIN, fix=("tool.p1.x",), free=("link6.a",))), GATE, "bad",
         "links.other_robot link6.a",
     ),
     "a joint's zero 20° off": Row(

@@ -7,8 +7,9 @@ import numpy as np
 
 from helpers.pose_data import off_by
 from helpers.robots import IRB120
+from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identification import Identification, IdentifyOptions, identify
+from lab.calibration.identification import Identification, identify
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.validation import Errors, Validation, errors_at
@@ -41,7 +42,7 @@ def campaign(
     model: Model = ARM,
     range_share: float = 1.0,
     validated_share: float = 1.0,
-    request: IdentifyOptions | None = None,
+    options: FitOptions = PLAIN,
     sigma_m: float = SIGMA_M,
     known: bool = True,
     joints_as: Callable[[Array], Array] = lambda joints: joints,
@@ -54,7 +55,7 @@ def campaign(
     Args:
         model: that is fitted; the measured arm is always an IRB 120.
         range_share, validated_share: of each joint's range in which it is measured and validated.
-        request: what is asked of the identification.
+        options: what is asked of the identification.
         sigma_m: noise of a coordinate; without it 10 um are given to the fit where the noise is ``known``.
         joints_as: what the file says of the joint positions ``(n, joints)``.
         moved_as: where the arm was measured, of random joint positions.
@@ -73,7 +74,7 @@ def campaign(
     points[:, 0] = points_as(points[:, 0], rng)
     data = measured(chain.joint_names, joints_as(joints), ARM.targets, points)
     noise = Noise(sigma_m=sigma_m or SIGMA_M) if known else Noise()
-    found = identify(model, data, model.nominal(), noise, request)
+    found = identify(model, data, model.nominal(), noise, options)
     seen, weighted_by = weigh(observation_of(model), data, noise)
     goodness = goodness_of_fit(
         model, Observations(seen.inputs, seen.points, seen.whiten), found.fit, sigma_given=weighted_by

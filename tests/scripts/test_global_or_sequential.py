@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from lab.calibration.batch import StackedPoseArm
-from lab.calibration.identification import IdentifyOptions, identify
+from lab.calibration.fit_options import PLAIN, FitOptions
+from lab.calibration.identification import identify
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -72,9 +73,9 @@ def test_the_fits_are_those_of_the_library(few) -> None:
     data = measured(ARM.chain.joint_names, joints, observation.targets, both)
     data = replace(data, conditions={f"p1_{part}": turned[:, i] for i, part in enumerate(QUATERNION)})
     ours = script.fitted(few, noisy, few.start, script.ALL, script.SIGMA_M, sigma), script.sequential(few, noisy)
-    ways = (IdentifyOptions(), IdentifyOptions(solve=fit_sequentially))
-    for values, request, tolerance in zip(ours, ways, (1e-11, 1e-7), strict=True):
-        found = identify(observation, data, ARM.nominal(), Noise(sigma_m=script.SIGMA_M), request)
+    ways = (PLAIN, FitOptions(solve=fit_sequentially, prior="off"))
+    for values, options, tolerance in zip(ours, ways, (1e-11, 1e-7), strict=True):
+        found = identify(observation, data, ARM.nominal(), Noise(sigma_m=script.SIGMA_M), options)
         assert found.status == "converged"
         points = ARM.points(np.delete(few.validation[0], 2, axis=1), found.values[:-3])[:, 0]
         off = np.abs(few.nominal.poses(few.validation[:1], values[:1])[0][0] - points).max()

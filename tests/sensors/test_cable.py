@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.observed_files import cable_file
 
-from lab.calibration.identification import IdentifyOptions, identify
-from lab.calibration.prior import Tolerance
+from lab.calibration.fit_options import FitOptions
+from lab.calibration.identification import identify
 from lab.calibration.statistics.joint_rounding import rounding
 from lab.calibration.validation import configurations, errors_of, split_by_label
 from lab.sensors.cable import Cable, CableSensor, with_sessions
@@ -23,7 +23,7 @@ def test_a_draw_wire() -> None:
     before, after = [], []
     for seed in range(2):
         rows, held = split_by_label(configurations(seen.joints), 0.3, seed)
-        found = identify(observation, seen.take(rows), arm.nominal(), request=IdentifyOptions(tolerance=Tolerance()))
+        found = identify(observation, seen.take(rows), arm.nominal(), options=FitOptions(prior="on"))
         assert found.status == "converged" and len(found.fit.free) == 31
         errors = errors_of(found, seen.take(held))
         before.append(np.sqrt(np.mean(errors.before**2)))

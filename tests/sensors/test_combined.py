@@ -5,7 +5,8 @@ import pytest
 from helpers.robots import IRB120, assert_derivatives
 
 import lab
-from lab.calibration.identification import IdentifyOptions, identify
+from lab.calibration.fit_options import PLAIN
+from lab.calibration.identification import identify
 from lab.core.errors import LabError
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.combined import Combined, combined_sensor
@@ -62,7 +63,7 @@ def test_two_sensors_together_are_better_than_each() -> None:
         sensor = sensor_named(observe).configured(SensorOptions(), FitInputs())
         rows = np.flatnonzero(sensor.rows(data))
         model, table = sensor.observation(ARM, data.take(rows), NOMINAL)
-        model = sensor.balanced(model, table, NOMINAL, IdentifyOptions())
+        model = sensor.balanced(model, table, NOMINAL, PLAIN)
         found = identify(model, table.with_points(), NOMINAL)
         stds[observe] = dict(zip([model.names[i] for i in found.fit.free], found.std / found.sigma_m, strict=True))
     links = [name for name in stds["points"] if name.startswith("link") and name in stds["points+pixels"]]

@@ -8,7 +8,8 @@ import pytest
 from helpers.robots import IRB120, assert_derivatives
 
 import lab
-from lab.calibration.identification import IdentifyOptions, fit_base_and_tool, identify
+from lab.calibration.fit_options import PLAIN
+from lab.calibration.identification import fit_base_and_tool, identify
 from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -95,7 +96,7 @@ def test_a_board_of_unknown_size_leaves_the_arm_without_one(tmp_path: Path) -> N
     for size in ("known", "free"):
         sensor = PixelSensor(Rig((Camera(),), (replace(SMALL, size=size),)))
         model, observed = sensor.observation(ARM, data, nominal)
-        found = identify(model, observed, nominal, request=IdentifyOptions())
+        found = identify(model, observed, nominal, options=PLAIN)
         ranks[size] = [model.names[i] for i in found.base_set.identifiable]
     lost = set(ranks["known"]) - set(ranks["free"])
     assert set(ranks["free"]) - set(ranks["known"]) == {"board.board.scale"} and len(lost) == 1
@@ -121,7 +122,7 @@ def test_priors_of_a_lens_hold_it_where_few_pictures_do_not(tmp_path: Path) -> N
         sensor = PixelSensor(Rig((camera,), (SMALL,)))
         nominal = ARM.nominal(IRB120.tool)
         model, observed = sensor.observation(ARM, data, nominal)
-        model = sensor.balanced(model, observed, nominal, IdentifyOptions())
+        model = sensor.balanced(model, observed, nominal, PLAIN)
         found = identify(model, observed, nominal)
         spread[intrinsics] = dict(zip([model.names[i] for i in found.fit.free], found.std, strict=True))
     assert spread["prior"]["camera.camera.fx"] < 1.02 * PX.to_si(0.5) < spread["free"]["camera.camera.fx"] * 2

@@ -22,8 +22,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.fit_options import FitOptions
 from lab.calibration.gauss_newton import RANK_TOLERANCE, ExtraResiduals, Observations
-from lab.calibration.identification import WEAK, Identification, IdentifyOptions, identify
+from lab.calibration.identification import WEAK, Identification, identify
 from lab.calibration.observation import Observation, observation_of
 from lab.calibration.prior import prior_of
 from lab.calibration.statistics.joint_rounding import by_joint_positions
@@ -250,16 +251,16 @@ class SelectionTask:
     nominal_of: NominalOf
     data: Measurements
     noise: Noise
-    request: IdentifyOptions
+    options: FitOptions
 
     def identified(
         self, groups: Sequence[str], fixed: Sequence[str] = (), near: Identification | None = None
     ) -> Identification:
         """Identify with these groups less the parameters held; requests for other groups are left out."""
         model = self.model_with(groups)
-        request = self.request.of(observation_of(model).within(self.data).model.names)
+        options = self.options.of(observation_of(model).within(self.data).model.names)
         start = {} if near is None else dict(zip(near.model.names, near.values.tolist(), strict=True))
-        also_fixed = replace(request, fix=(*request.fix, *fixed), near=start, estimator=None)
+        also_fixed = replace(options, fix=(*options.fix, *fixed), near=start, estimator=None)
         return identify(model, self.data, self.nominal_of(model), self.noise, also_fixed)
 
     def refusal(self, group: str) -> LabError | None:
@@ -276,7 +277,7 @@ class SelectionTask:
         for group in ([], *([name] for name in groups)):
             with suppress(LabError):
                 names |= dict.fromkeys(observation_of(self.model_with(group)).within(self.data).model.names)
-        for option, patterns in ((option_name("fix"), self.request.fix), (option_name("free"), self.request.free)):
+        for option, patterns in ((option_name("fix"), self.options.fix), (option_name("free"), self.options.free)):
             named(tuple(names), option, patterns)
 
     def parameters(self, group: str) -> set[str]:
@@ -339,14 +340,14 @@ class FullModel:
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
         structure, measured = (model.observe(inputs, at)[1] for inputs in (anywhere, observed.inputs))
         extra_residuals = observation.extra_residuals(at)[1]
-        fixed = named(model.names, option_name("fix"), task.request.of(model.names).fix)
+        fixed = named(model.names, option_name("fix"), task.options.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
         clusters, sigma = cv_groups_of(made, task.data), 1.0 if known else alone.sigma_m
         prior = weighted_constraints(observation, observed)
-        if task.request.tolerance is not None and not task.request.automatic:
+        if task.options.prior == "on":
             base = base_set(model, at, prior_rows=extra_residuals)
-            prior = joined(prior, prior_of(model, base, start, task.request.tolerance).rows(sigma))
-        elif task.request.tolerance is not None and alone.prior is not None:  # an automatic one is geometry's alone
+            prior = joined(prior, prior_of(model, base, start, task.options.tolerance).rows(sigma))
+        elif task.options.prior == "auto" and alone.prior is not None:  # an automatic one is geometry's alone
             prior = joined(prior, alone.prior.rows(sigma, model.names))
         return cls(
             observation=observation,

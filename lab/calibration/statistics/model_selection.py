@@ -19,7 +19,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lab.calibration.identification import Identification, IdentifyOptions
+from lab.calibration.fit_options import PLAIN, FitOptions
+from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.candidate_models import (
     LEAST_SIGMA_M,
@@ -143,7 +144,7 @@ def select(
     data: Measurements,
     nominal: NominalOf,
     noise: Noise | None = None,
-    request: IdentifyOptions | None = None,
+    options: FitOptions = PLAIN,
     *,
     candidates: Sequence[str] = CANDIDATES,
     terms: Mapping[str, Effect] = _NO_TERMS,
@@ -167,7 +168,7 @@ def select(
     Raises:
         LabError: geometry alone cannot be identified.
     """
-    task = SelectionTask(model_with, nominal, data, noise or Noise(), request or IdentifyOptions())
+    task = SelectionTask(model_with, nominal, data, noise or Noise(), options)
     task.refuse_unknown_wishes(candidates)
     alone = task.identified(())
     refused = {
@@ -193,7 +194,7 @@ def follow(
     nominal: NominalOf,
     groups: Sequence[str],
     noise: Noise | None = None,
-    request: IdentifyOptions | None = None,
+    options: FitOptions = PLAIN,
     *,
     seed: int = 0,
 ) -> Selection:
@@ -207,7 +208,7 @@ def follow(
     Raises:
         LabError: a group cannot be built, or has no measurements to fit it by.
     """
-    task = SelectionTask(model_with, nominal, data, noise or Noise(), request or IdentifyOptions())
+    task = SelectionTask(model_with, nominal, data, noise or Noise(), options)
     data.inputs(observation_of(model_with(groups)).model.conditions)
     task.refuse_unknown_wishes(groups)
     found = task.identified(())

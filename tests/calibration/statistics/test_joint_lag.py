@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 
-from lab.calibration.identification import IdentifyOptions
+from lab.calibration.fit_options import PLAIN
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.calibration.statistics.joint_lag import Lag, lagging, moves_before
@@ -43,9 +43,7 @@ def found_in(data: Measurements, rivals: bool = True) -> tuple[Lag, ...]:
     def nominal(model: Model) -> Array:
         return model.nominal(IRB120.tool)
 
-    task = SelectionTask(
-        lambda groups: IRB120.arm_with(data.targets, groups), nominal, data, Noise(), IdentifyOptions()
-    )
+    task = SelectionTask(lambda groups: IRB120.arm_with(data.targets, groups), nominal, data, Noise(), PLAIN)
     found = task.identified(())
     observed, _ = weigh(observation_of(found.model), data, task.noise)
 

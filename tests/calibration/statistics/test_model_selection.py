@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, data_file, somewhere
 
-from lab.calibration.identification import Identification, IdentifyOptions, identify
+from lab.calibration.fit_options import PLAIN
+from lab.calibration.identification import Identification, identify
 from lab.calibration.statistics.candidate_models import FullModel, HeldOutGain, Score, SelectionTask
 from lab.calibration.statistics.model_selection import Selection, objection, select
 from lab.calibration.weights import Noise
@@ -132,7 +133,7 @@ def test_compliance_and_harmonics_of_a_mujoco_arm() -> None:
 def near_compliance() -> tuple[Measurements, Identification, FullModel]:
     data = example(["compliance", "harmonics"])
     found = identify(irb120(["compliance"]), data, nominal(irb120(["compliance"])), Noise(None, SIGMA))
-    task = SelectionTask(irb120, nominal, data, Noise(None, SIGMA), IdentifyOptions())
+    task = SelectionTask(irb120, nominal, data, Noise(None, SIGMA), PLAIN)
     return data, found, FullModel.of(task, CANDIDATES, task.identified(()), 0)
 
 
@@ -186,7 +187,7 @@ def test_all_three_must_say_so() -> None:
 def test_rows_of_one_configuration_are_held_out_together() -> None:
     data = example((), poses=40)
     data = data.take(np.repeat(np.arange(40), 3))
-    task = SelectionTask(irb120, nominal, data, Noise(), IdentifyOptions())
+    task = SelectionTask(irb120, nominal, data, Noise(), PLAIN)
     large = FullModel.of(task, ["gear"], task.identified(()), 0)
     assert (large.folds.reshape(40, 3) == large.folds[::3, None]).all() and set(large.folds) == set(range(5))
     table = large.around(task.identified(()))
