@@ -64,7 +64,8 @@ from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
 from lab.pose_selection.criteria import Criterion
 from lab.prediction.estimate import Estimate
 from lab.prediction.estimate_files import save_estimate
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 from lab.simulation.sampler import Sampler
 from lab.studies.grid import Study
 from lab.studies.study import StudyResult

@@ -23,7 +23,7 @@ from lab.core import limits
 from lab.core.limits import whole
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.free_path import path_check
 from lab.simulation.tracking import track

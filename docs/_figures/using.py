@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 import lab
 from lab.certification.characteristics import conformity_of
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 
 _POINTS = """id,x_mm,y_mm,z_mm,vx_mm_per_s,vy_mm_per_s,vz_mm_per_s
 P0,866.0254037844386,0,0,,,

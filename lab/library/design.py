@@ -45,7 +45,8 @@ from lab.pose_selection.criteria import (
 from lab.pose_selection.exchange import Certificate, Design, certify, information
 from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
 from lab.report.terminal import Stage, status
-from lab.robots.robot import Robot, load_virtual
+from lab.robots.load_robot import load_virtual
+from lab.robots.robot import Robot
 from lab.simulation.candidate_poses import field_of_view, incidence, stations_in, view_of
 from lab.simulation.collisions import describe_collisions
 from lab.simulation.free_path import path_check, planning_model

@@ -22,7 +22,8 @@ from lab.formats.orientations import orientation_texts
 from lab.formats.robot_toml import ANGLES, LENGTHS, write_table
 from lab.kinematics.serial.chain import Chain, Convention, parallel_links
 from lab.library.identify import MeasurementSession, checked, robot_of
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 from lab.sensors.sensor_registry import sensor_named
 
 __all__ = ["WorldFrames", "measurements", "read_measurements", "robot_from_dh", "world_frames", "write_measurements"]

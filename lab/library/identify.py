@@ -45,7 +45,8 @@ from lab.options.task_region import task_region
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.report.terminal import Stage, status
 from lab.robots.config_file import robot_of_file
-from lab.robots.robot import Robot, load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
+from lab.robots.robot import Robot
 from lab.sensors.sensor_registry import sensor_named
 from lab.simulation.effects import true_parameters
 from lab.simulation.sampler import Sampler, own_sampler

@@ -39,7 +39,8 @@ from lab.report.document import (
     guarded,
 )
 from lab.report.style import AFTER, BEFORE, GRID, MUTED
-from lab.robots.robot import Robot, load_robot, robot_of_call
+from lab.robots.load_robot import load_robot, robot_of_call
+from lab.robots.robot import Robot
 
 __all__ = ["ImportResult", "import_measurements"]
 

@@ -68,7 +68,8 @@ from lab.report.page_scene import ArmScene, posed_arm
 from lab.report.plots import SQUARE, VIEWS
 from lab.report.style import ARM, GATE, INK, INSTRUMENT, PREDICTED, TICK
 from lab.report.views.layout_graph import layout_blocks
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 from lab.sensors.sensor_registry import sensor_named
 from lab.simulation.cell import edges_text, extents_mm
 from lab.simulation.collisions import collides, colliding_pairs, describe_collisions

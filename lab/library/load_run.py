@@ -32,7 +32,8 @@ from lab.prediction.estimate_files import (
     read_estimate,
 )
 from lab.robots.config_file import CONFIG_FILE, RunConfig, RunInputs, input_names, read_config
-from lab.robots.robot import Robot, load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
+from lab.robots.robot import Robot
 from lab.sensors.sensor_registry import sensor_named
 
 if TYPE_CHECKING:

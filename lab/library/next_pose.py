@@ -49,7 +49,8 @@ from lab.report.document import (
 from lab.report.scene import MOST_POSES
 from lab.report.terminal import status
 from lab.robots.config_file import CONFIG_FILE, SCHEMA, RunConfig, read_config, read_options
-from lab.robots.robot import Robot, load_virtual
+from lab.robots.load_robot import load_virtual
+from lab.robots.robot import Robot
 
 __all__ = ["NextPoseResult", "next_pose", "proposal_text"]
 

@@ -24,7 +24,8 @@ from lab.pose_selection.criteria import PredictedAccuracy, is_singular, predict
 from lab.pose_selection.exchange import information
 from lab.pose_selection.next_pose import NoiseCheck, best_candidates, noise_check
 from lab.pose_selection.tour import fastest_path, rated
-from lab.robots.robot import Robot, load_virtual
+from lab.robots.load_robot import load_virtual
+from lab.robots.robot import Robot
 from lab.simulation.free_path import CLEARANCE_MM
 
 __all__ = ["PosePlanner", "Proposal"]

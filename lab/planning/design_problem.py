@@ -43,7 +43,8 @@ from lab.pose_selection.exchange import (
 from lab.pose_selection.tour import FreePath, fastest_path
 from lab.prediction.regions import region_of_points, without_columns
 from lab.report.terminal import Stage, no_stage
-from lab.robots.robot import Robot, load_virtual
+from lab.robots.load_robot import load_virtual
+from lab.robots.robot import Robot
 from lab.sensors.sensor_options import FitInputs, SensorOptions
 from lab.sensors.sensor_registry import configured_sensor
 from lab.sensors.virtual_sensor import PlannedReadings

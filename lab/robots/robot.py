@@ -1,32 +1,22 @@
-"""Load a robot by name or path: a folder of ``models``, an MJCF, a URDF, or a table.
+"""Represent a robot before any measurement: a serial arm, a mechanism with loops, or a robot with several tips."""
 
-Each kind of robot has its formats of description. The first is the one that a run keeps of a robot given as a model;
-the last, exact to the bit, that of a robot given as a table or as a mechanism.
-"""
-
-import hashlib
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from lab.calibration.on_arrays import ArmOnArrays, target_names
-from lab.core.errors import LabError, error_context, option_name
+from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.core.values import Value
 from lab.formats.cell_toml import Cell, read_cell
 from lab.formats.description import DescriptionFormat, IdentifiedRobot, with_comment
-from lab.formats.mechanism_toml import MECHANISM_TOML, read_mechanism
-from lab.formats.robot_toml import TABLE_TOML, described_links, is_mechanism, links_of, read_table
-from lab.formats.ur_calibration import UR_CORRECTIONS, UR_KINEMATICS
 from lab.kinematics.closed.closed_arm import ClosedArm
-from lab.kinematics.dynamics.gravity import Loads, refuse_without_length
+from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm_with_effects import Arm, affected
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.effect_registry import effect
@@ -35,21 +25,11 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.serial_arm import DEFAULT_TOOL, SerialArm
 from lab.kinematics.tree import TreeArm, point_of
-from lab.robots.config_file import CONFIG_FILE
-from lab.robots.robot_files import description_of, ends_of, is_own, joined, parted, sha256_of
-from lab.simulation.build_serial import table_model
+from lab.robots.description_formats import CLOSED_FORMATS, MAKER_FORMATS, SERIAL_FORMATS, TREE_FORMATS
 from lab.simulation.cell import implausible, in_cell
-from lab.simulation.closed_robot import (
-    CLOSED_MJCF,
-    ClosedModel,
-    TrueMechanism,
-    closed_model,
-    random_values,
-    true_mechanism,
-)
-from lab.simulation.load_model import MJCF, TREE_MJCF, URDF, XACRO, load_model, loads_of
-from lab.simulation.robot_model import OpenModel, Origin, RobotModel, SerialModel, TreeModel
-from lab.simulation.robot_plausibility import implausible_robot
+from lab.simulation.closed_robot import ClosedModel, TrueMechanism, random_values, true_mechanism
+from lab.simulation.load_model import loads_of
+from lab.simulation.robot_model import OpenModel, RobotModel, SerialModel, TreeModel
 from lab.simulation.true_robot import (
     GeometryErrors,
     TrueOpenRobot,
@@ -60,17 +40,7 @@ from lab.simulation.true_robot import (
     true_robot_from_table,
 )
 
-__all__ = [
-    "CLOSED_FORMATS", "SERIAL_FORMATS", "TREE_FORMATS", "ClosedRobot", "Robot", "SerialRobot", "TreeRobot",
-    "load_robot", "load_virtual", "robot_of_call",
-]  # fmt: skip
-
-
-_Model = TypeVar("_Model", bound=RobotModel)
-_MAKER_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (UR_KINEMATICS, UR_CORRECTIONS)
-SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (MJCF, URDF, XACRO, *_MAKER_FORMATS, TABLE_TOML)
-CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_MJCF, MECHANISM_TOML)
-TREE_FORMATS: tuple[DescriptionFormat[TreeArm, TreeModel], ...] = (TREE_MJCF,)
+__all__ = ["ClosedRobot", "Robot", "SerialRobot", "TreeRobot"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -204,7 +174,7 @@ class Robot(Value, ArmOnArrays):
         return arm, nominal, nominal
 
     @abstractmethod
-    def _simulated_loads(self) -> Loads | None:
+    def simulated_loads(self) -> Loads | None:
         """Return the masses of its model, assumed ones too; None without any, or for a mechanism."""
 
     @abstractmethod
@@ -241,7 +211,7 @@ class Robot(Value, ArmOnArrays):
     @property
     def stored_files(self) -> tuple[str, ...]:
         """The ones that a run keeps: also those of the controller's maker, if they are for such a robot."""
-        return (self.stored_file, *(each.file for each in _MAKER_FORMATS if each.file in self.description_files))
+        return (self.stored_file, *(each.file for each in MAKER_FORMATS if each.file in self.description_files))
 
     def placed_in(self, cell: Path | None) -> Self:
         """Return the robot in the cell of a file; unchanged without a file.
@@ -252,10 +222,10 @@ class Robot(Value, ArmOnArrays):
         if cell is None:
             return self
         described = read_cell(cell)
-        model = _in_cell(self.model, described)
+        model = in_cell(self.model, described)
         warnings = (*self.warnings, *implausible(model, described))
         placed = replace(self, model=model, warnings=warnings)
-        return placed if self.loads is None else replace(placed, loads=placed._simulated_loads())
+        return placed if self.loads is None else replace(placed, loads=placed.simulated_loads())
 
     def on_tips(self, targets: tuple[str, ...]) -> tuple[str, ...]:
         """Return targets, of which one without a tip stands for that of every tip: ``p1`` for left.p1 and right.p1."""
@@ -306,8 +276,10 @@ class SerialRobot(Robot):
         """Return the kinematic model with these targets."""
         return self.serial_arm(targets)
 
-    def _simulated_loads(self) -> Loads | None:
-        return _some(loads_of(self.model))
+    def simulated_loads(self) -> Loads | None:
+        """Return the masses of its model, assumed ones too; None without any."""
+        loads = loads_of(self.model)
+        return loads if loads.mass_kg.any() else None
 
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueOpenRobot:
         """Draw errors of every body and joint, or of the entries of the Denavit-Hartenberg table alone."""
@@ -343,7 +315,7 @@ class ClosedRobot(Robot):
         """Return the kinematic model with these targets on its platform."""
         return ClosedArm(self.model.chain, targets)
 
-    def _simulated_loads(self) -> None:
+    def simulated_loads(self) -> None:
         """Return None: a mechanism is rigid."""
 
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueMechanism:
@@ -390,7 +362,7 @@ class TreeRobot(Robot):
         """Return the kinematic model with these targets on its tips."""
         return TreeArm(self.model.chain, targets)
 
-    def _simulated_loads(self) -> None:
+    def simulated_loads(self) -> None:
         """Return None: a robot with several tips is rigid here."""
 
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueOpenRobot:
@@ -410,160 +382,3 @@ def _perturbed_bodies(
     sigmas = errors.position_sigma_m, errors.rotation_sigma_rad
     perturbation = random_perturbation(model, *sigmas, rng, errors.joint_offset_sigma, errors.sampler)
     return true_robot(model, perturbation, T_world_tracker)
-
-
-def load_robot(
-    robot: str | PathLike[str] | Robot, cell: Path | None = None, *, tips: Sequence[str] = (), base: str = ""
-) -> Robot:
-    """Load a robot: its nominal model, masses and warnings.
-
-    Args:
-        robot: the name of a model of the lab; a path to an MJCF, a URDF, or a TOML table or mechanism; or the folder
-            of a run of ``lab identify`` or ``lab calibrate``, or what ``lab.load_run`` made of it, for its calibrated
-            robot (geometry alone). A loaded robot is unchanged.
-        cell: the file that describes its cell, if any.
-        tips: of an MJCF or a URDF: the bodies, links or sites that are the ends of its chains. One makes a serial arm,
-            several a robot with several tips, whose targets are ``<tip>.p1`` and so on. By default the only chain, or
-            every site ``<tip>.flange``.
-        base: the body or link below the first joint; joints that move it are held at zero.
-
-    Returns:
-        The robot, with warnings on its files.
-
-    Raises:
-        LabError: there is no such robot, or it or its cell cannot be read.
-
-    Example:
-        >>> import lab
-        >>> robot = lab.load_robot("irb120")
-        >>> robot.name, len(robot.chain.joint_names)
-        ('irb120', 6)
-    """
-    if isinstance(robot, Robot):
-        if tips or base:
-            raise LabError(f"robot {robot.name} is loaded already; name its tips where it is loaded")
-        return robot.placed_in(cell)
-    if not isinstance(robot, str | PathLike):
-        raise LabError(f"a robot is given as {type(robot).__name__}; give a name, a path, or a loaded robot")
-    source = joined(fspath(robot), base, tips)
-    if (Path(source) / CONFIG_FILE).is_file():
-        source = _calibrated(Path(source))
-    loaded = _loaded(source)
-    origin = replace(loaded.model.origin, source=source)
-    return replace(loaded, model=replace(loaded.model, origin=origin)).placed_in(cell)
-
-
-def robot_of_call(call: str, data: object, robot: str | Path | Robot | None) -> Robot:
-    """Return the robot that a call was given for measured data; without data the default ``irb120``.
-
-    Raises:
-        LabError: data are given without a robot, or it cannot be loaded.
-    """
-    if robot is None and data is not None:
-        raise LabError(f"{call}: {data} names no robot; give robot=")
-    return load_robot("irb120" if robot is None else robot)
-
-
-def _calibrated(run: Path) -> str:
-    """Return the path of the calibrated robot in a run's folder."""
-    for name in ("calibrated.toml", "calibrated.xml"):
-        if (run / name).is_file():
-            return str(run / name)
-    raise LabError(f"{run}: holds no calibrated robot; give the folder of a run of lab identify or lab calibrate")
-
-
-def _load_again(origin: Origin) -> RobotModel:
-    """Load the model of a pickled robot; refuse missing or changed files."""
-    loaded = load_robot(origin.source)
-    if loaded.sha256 != origin.sha256:
-        raise LabError(f"{origin.source}: the robot's files changed since it was pickled; load it anew")
-    return loaded.model if origin.cell is None else _in_cell(loaded.model, origin.cell)
-
-
-def _in_cell(model: _Model, cell: Cell) -> _Model:
-    return replace(in_cell(model, cell), origin=replace(model.origin, cell=cell))
-
-
-def _loaded(robot: str) -> Robot:
-    name, ends = parted(robot)
-    path = description_of(name)
-    digest = sha256_of(path)
-    if ends:
-        digest = hashlib.sha256(f"{digest} {ends}".encode()).hexdigest()
-    return (_read_once if is_own(path) else _read)(path, digest, ends)
-
-
-def _read(path: Path, sha256: str, ends: str = "") -> Robot:
-    if ends and path.suffix == ".toml":
-        raise LabError(
-            f"{path}: is a table, whose tips are its own; leave out {option_name('tip')} and {option_name('base')}"
-        )
-    if path.suffix == ".toml" and (links := described_links(path)) is not None:
-        return _with_links(path, sha256, *links)
-    if path.suffix == ".toml" and is_mechanism(path):
-        described = read_mechanism(path)
-        closed = closed_model(path, described)
-        return ClosedRobot(replace(closed, origin=Origin(str(path), sha256, load=_load_again)), described.warnings)
-    if path.suffix == ".toml":
-        table = read_table(path)
-        model, warnings = table_model(path, table), table.warnings
-    else:
-        base, tips = ends_of(ends)
-        loaded = load_model(path, tips, base)
-        warnings = (f"{loaded.missing}, so no shape is shown",) if loaded.missing else ()
-        if loaded.overlapping:
-            pairs = ", ".join(f"{first} and {second}" for first, second in loaded.overlapping)
-            warnings = (*warnings, f"{pairs} touch by construction: their contacts are not checked")
-        if loaded.fixed_joints:
-            why = "move no tip, or the base: they are" if ends else "are taken for a gripper's, and"
-            warnings = (*warnings, f"{', '.join(loaded.fixed_joints)} {why} held at zero")
-        chains = loaded.chain.chains if isinstance(loaded, TreeModel) else (loaded.chain,)
-        warnings = (*warnings, *implausible_robot(chains, str(path)))
-        if isinstance(loaded, TreeModel):
-            return TreeRobot(replace(loaded, origin=Origin(str(path), sha256, load=_load_again)), warnings)
-        model = loaded
-    loads = None if model.masses_assumed else _some(loads_of(model))
-    if model.links is not None:
-        with error_context(path):
-            refuse_without_length(loads_of(model), model.links)
-    return SerialRobot(replace(model, origin=Origin(str(path), sha256, load=_load_again)), warnings, loads)
-
-
-_read_once = cache(_read)  # by digest: robots are immutable
-
-
-def _with_links(path: Path, sha256: str, base: str, sections: object) -> Robot:
-    beside = path.parent / base if (path.parent / base).is_file() else Path(base)
-    if beside.suffix == ".toml" and beside.is_file() and described_links(beside) is not None:
-        raise LabError(f"{path}: robot {base} names another robot in its turn; give that one")
-    loaded = _loaded(str(beside))
-    with error_context(path):
-        model = loaded.serial_model
-        if model.links is not None:
-            raise LabError(f"robot {base} has [[link]] sections of its own; change those")
-    links = links_of(path, sections, model.chain.size)
-    both = hashlib.sha256(f"{loaded.sha256} {sha256}".encode()).hexdigest()
-    model = replace(model, links=links, origin=Origin(str(path), both, load=_load_again))
-    with error_context(path):
-        refuse_without_length(loads_of(model), links)
-    loads = None if loaded.loads is None else loads_of(model)
-    return replace(loaded, model=model, loads=loads)
-
-
-def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
-    """Load a robot for a virtual arm: missing shapes and masses are assumed, with a warning.
-
-    Raises:
-        LabError: it cannot be loaded, or meshes that it needs cannot be read.
-    """
-    found = load_robot(robot, cell)
-    if found.model.missing:
-        raise LabError(f"{found.model.missing}, but a virtual arm needs them: add them, or remove what needs them")
-    messages = (
-        (*found.warnings, f"robot {found.name}: {found.model.assumed}") if found.model.assumed else found.warnings
-    )
-    return replace(found, loads=found._simulated_loads(), warnings=tuple(dict.fromkeys(messages)))
-
-
-def _some(loads: Loads) -> Loads | None:
-    return loads if loads.mass_kg.any() else None

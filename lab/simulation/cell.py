@@ -72,7 +72,7 @@ def in_cell(robot: _Model, cell: Cell) -> _Model:
     stations = tuple(each.name for each in cell.station)
     placed = replace(
         robot, spec=spec, model=model, chain=chain, tool=tool, acceptance_rad=acceptance, stations=stations,
-        obstacles=obstacles, plates=plates,
+        obstacles=obstacles, plates=plates, origin=replace(robot.origin, cell=cell),
     )  # fmt: skip
     if home is not None:
         if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:

@@ -37,7 +37,8 @@ from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
 from lab.planning.design_problem import best_design, pose_problem
 from lab.pose_selection.criteria import refuse_unknown
-from lab.robots.robot import Robot, load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
+from lab.robots.robot import Robot
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import true_parameters
 from lab.simulation.tracking import misalignments, track

@@ -35,7 +35,7 @@ from lab.core.whole_folder import (
 from lab.formats.structured import read_json, read_structured
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.report.terminal import bars
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.studies.analysis import CampaignArray
 from lab.studies.campaigns import COLUMNS, cell_poses, difference, origin_of, other_version, run_task
 from lab.studies.executors import StoppedError, local_executor, run_jobs

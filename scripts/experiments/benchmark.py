@@ -57,7 +57,7 @@ from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
 from lab.planning.design_problem import best_design, pose_problem
 from lab.pose_selection.exchange import certify
-from lab.robots.robot import load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
 from lab.sensors.points import PointSensor
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.cell import in_cell

@@ -40,7 +40,8 @@ from lab.noise.instruments import Instrument, instrument
 from lab.options.option_groups import Effects, Fitting
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
 from lab.planning.design_problem import best_design, pose_problem
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.robot_model import RobotModel
 from lab.simulation.tracking import track

@@ -25,7 +25,7 @@ from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import instrument
 from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import VirtualCampaign
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import VirtualMeasurement, track_with_errors
 from lab.studies import executors

@@ -20,7 +20,8 @@ from lab.library.hand_load import HandLoad
 from lab.noise.instruments import Instrument, instrument
 from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import exchange
-from lab.robots.robot import Robot, load_virtual
+from lab.robots.load_robot import load_virtual
+from lab.robots.robot import Robot
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track

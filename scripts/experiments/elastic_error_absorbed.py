@@ -18,7 +18,8 @@ from shared import SERIES, Answer, Document, Flag, drawing, paragraphs, run_scri
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

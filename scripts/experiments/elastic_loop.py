@@ -35,7 +35,8 @@ from lab.library.virtual_arm import perturbed_arm
 from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.pose_selection.tour import rated
-from lab.robots.robot import Robot, load_virtual
+from lab.robots.load_robot import load_virtual
+from lab.robots.robot import Robot
 from lab.simulation.collisions import random_poses
 from lab.simulation.elastic_links import AT_REST, JointMotion
 from lab.simulation.true_robot import TrueSerialRobot

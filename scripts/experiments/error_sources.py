@@ -23,7 +23,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.robots.robot_files import models_folder
 
 FILES = {"ur5": "ur5_jacobi_1000.csv", "ur10": "ur10_ipa_C.csv"}

@@ -21,7 +21,8 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.prediction.extrapolation import joint_regions, prediction_squares
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 
 Split = Literal["random", "regions", "beyond"]
 _SHARES = (

@@ -27,7 +27,8 @@ from lab.core.significance import STUDY_COMPARISON
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.report.style import MUTED, REFERENCE
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import target_rotations
 from lab.simulation.true_robot import true_robot_from_table

@@ -22,7 +22,7 @@ from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
 from lab.kinematics.gauge import base_set
 from lab.prediction.estimate import IdentifiedSubset
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.collisions import random_poses
 from lab.verification.parameter_changes import Directions, Series
 

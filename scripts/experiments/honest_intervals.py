@@ -22,7 +22,7 @@ from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import Instrument, instrument
 from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import VirtualCampaign
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track
 from lab.studies import executors

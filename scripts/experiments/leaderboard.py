@@ -32,7 +32,8 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.prediction.estimate import Estimate
 from lab.report.document import Strong, Text
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 
 sys.path.append(str(peers.FOLDER))
 Arm = import_module("scipy_jobs").Arm  # a chain of numpy alone, written apart from the lab

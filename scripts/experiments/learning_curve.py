@@ -15,7 +15,8 @@ from lab.calibration.validation import configurations, split_by_label
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 
 
 @dataclass(frozen=True)

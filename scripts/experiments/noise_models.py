@@ -28,7 +28,7 @@ from lab.kinematics.model import Model
 from lab.noise.change_points import ANOTHER_SESSION
 from lab.noise.error_term import Components, ErrorShapes, correlation_of
 from lab.noise.variance_components import Estimate, RestrictedProblem, SmallSample, chosen_components, small_sample
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.studies import executors
 from lab.verification.change_test import change_test
 from lab.verification.predicted_points import STEP, CalibrationPrediction, VerificationProblem, with_estimated_noise

@@ -17,7 +17,7 @@ from shared import Answer, Document, Flag, Table, run_script
 import lab
 from lab.core.errors import LabError
 from lab.library.result import Result
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 LIMIT_S, LIMITS_MB = 1.0, {True: 2.0, False: 1.0}  # with a scene, without
 

@@ -16,7 +16,7 @@ from shared import Answer, Document, Flag, Table, run_script
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 _NEARLY_RIGHT_RAD = 1e-5  # an angle so near a multiple of 90 degrees is one
 _SAME_M = 1e-6

@@ -43,7 +43,7 @@ from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import instrument
 from lab.options.virtual_campaign import VirtualCampaign
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track
 

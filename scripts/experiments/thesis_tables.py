@@ -35,7 +35,7 @@ from lab.options.option_groups import Effects
 from lab.report.document import fixed
 from lab.report.style import GRID, REFERENCE, SCALINGS
 from lab.report.views.study_document import effect_text
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import random_poses
 from lab.studies.analysis import CampaignArray, Comparison, Mean, Pair, compared, groups, means
 from lab.studies.grid import ANY, Cell, Study

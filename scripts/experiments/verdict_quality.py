@@ -28,7 +28,8 @@ from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 from lab.phrases.phrase import phrases
 from lab.prediction.workspace_prediction import MEAN_OF_RMS
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 from lab.verdict.verdict import Verdict, Word
 
 ROBOT = load_robot("irb120")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import tyro
 
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.robots.robot_files import models_folder
 from lab.simulation.closed_robot import closed_mjcf
 

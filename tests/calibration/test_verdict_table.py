@@ -15,7 +15,7 @@ from lab.core.checks import Check
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.phrases.phrase import in_one_line
 from lab.prediction.workspace_prediction import prediction_check
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.verdict.noise_findings import finding
 from lab.verdict.verdict import judge, verdict
 

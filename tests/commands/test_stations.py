@@ -22,7 +22,7 @@ from lab.kinematics.effects.effect import SessionInfo
 from lab.library.identify import MeasurementSession
 from lab.library.virtual_arm import truth_of
 from lab.noise.instruments import INSTRUMENTS
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.effects import true_parameters
 
 WEST, EAST, BACK = (

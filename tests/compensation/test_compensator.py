@@ -15,7 +15,8 @@ from lab.core.se3 import Array
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.inverse.newton_inverse import PoseTarget
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 
 CROSSED = ("joint2.cross6", "link3.x_cross6", "link5.rx_cross4", "joint3.backlash")
 CASES = {

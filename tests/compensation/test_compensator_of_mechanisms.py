@@ -10,7 +10,7 @@ from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.inverse.newton_inverse import PoseTarget
 from lab.library.identify import calibrate
 from lab.options.virtual_campaign import VirtualCampaign
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.collisions import random_poses
 
 EXACT = VirtualCampaign(robot="delta/small", seed=3, poses=20, instrument="exact")

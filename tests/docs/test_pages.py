@@ -31,7 +31,7 @@ from lab.formats.instrument_toml import read_instrument
 from lab.formats.loose_table import read_column_map
 from lab.formats.mechanism_toml import read_mechanism
 from lab.formats.robot_toml import read_table
-from lab.robots.robot import load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
 from lab.sensors.cameras.rig import read_rig
 from lab.simulation.collisions import random_poses
 from lab.studies.grid import read_study

@@ -155,7 +155,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str, 
 
 SPOKEN = """
 import numpy as np
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.formats.programs.protocol import MeasuringTour
 from lab.formats.programs.languages import plan_files, refusal
 tour = MeasuringTour("two", np.zeros((4, 2)), np.array([-1, 0, 1, -1]), ("3", "4"))

@@ -27,7 +27,7 @@ from lab.kinematics.effects.effect import (
 from lab.kinematics.effects.effect_registry import effect, own_columns
 from lab.kinematics.parameter import joint_parameter
 from lab.options.option_groups import Fitting
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 
 ROBOT = load_virtual("irb120")
 OIL = "oil_C"

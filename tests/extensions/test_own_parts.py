@@ -18,7 +18,7 @@ from lab.noise.instruments import instrument, is_isotropic, observing
 from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.pose_selection.criteria import CRITERIA, criterion
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.sensors.sensor_registry import sensor_named
 
 ROBOT = load_virtual("irb120")

@@ -17,7 +17,7 @@ from lab.formats.calibrated_module import largest_difference, loaded, module_tex
 from lab.formats.plain_arm import place
 from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC, GROUPS
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 
 TURN = se3.exp(np.array([0.1, -0.4, 0.2]))  # of the measured tool in the last frame
 CASES = {

@@ -14,7 +14,8 @@ from lab.formats.link_tree import link_tree
 from lab.formats.robot_toml import RobotTable, read_table
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import Robot, SerialRobot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot, SerialRobot
 from lab.simulation.build_serial import table_model
 
 TARGETS = ("p1", "p2", "p3")

@@ -11,7 +11,7 @@ from lab.kinematics.dynamics.gravity import link_loads
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.library.virtual_arm import perturbed_arm
 from lab.options.virtual_campaign import VirtualCampaign
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 TUBES = """robot = "irb120"
 

@@ -22,7 +22,8 @@ from lab.core.se3 import Array
 from lab.formats.calibrated_module import module_text, plain_model
 from lab.formats.ur_calibration import read_corrections
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 
 SAME_M = 1e-9  # asked for is 1e-6; what rounding leaves is 1e-12, and 1e-10 of links of 1e4 m in calibration.conf
 UR_NAMES = {"ur5": "UR5", "ur10": "UR10", "ur5e table": "UR5e", "ur5e urdf": "UR5e"}

@@ -10,7 +10,7 @@ import trimesh
 
 from lab.core.errors import LabError
 from lab.formats.urdf import is_urdf, read_urdf, stl_of_collada
-from lab.robots.robot import load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
 
 BOX = trimesh.creation.box((0.06, 0.08, 0.30))
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.robot_model import RobotModel
 
 CELL = """clearance_mm = {}

@@ -37,7 +37,7 @@ from lab.library.hand_load import read_hand_load
 from lab.library.load_run import load_run
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.robots.config_file import read_options
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.sensors.cameras.rig import read_rig
 from lab.simulation.load_model import load_model
 from lab.studies.grid import read_study

@@ -9,7 +9,8 @@ from helpers.robots import perturbed, somewhere
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import SessionInfo, absent
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 
 __all__ = ["GoodData", "good_data"]
 

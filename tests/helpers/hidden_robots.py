@@ -24,7 +24,8 @@ from lab.library.identify import identify, simulate
 from lab.noise.instruments import observing
 from lab.options.named_instruments import named_instrument
 from lab.options.option_groups import Effects
-from lab.robots.robot import Robot, load_virtual
+from lab.robots.load_robot import load_virtual
+from lab.robots.robot import Robot
 from lab.sensors.sensor_options import VirtualSetup
 from lab.sensors.sensor_registry import sensor_named
 from lab.simulation.collisions import random_poses

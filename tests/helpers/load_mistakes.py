@@ -21,7 +21,8 @@ from lab.extensions.dynamics.payload.identify_payload import payload
 from lab.extensions.dynamics.payload.methods import CompliantArm, from_sag
 from lab.extensions.dynamics.payload.payload_result import wild_sample
 from lab.kinematics.dynamics.rigid_body import torque_regressor
-from lab.robots.robot import Robot, load_virtual
+from lab.robots.load_robot import load_virtual
+from lab.robots.robot import Robot
 from lab.simulation.collisions import random_poses
 
 __all__ = [

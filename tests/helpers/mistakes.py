@@ -9,7 +9,7 @@ import lab
 from lab.core import se3
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 __all__ = ["MISTAKES", "Mistake", "session_with_noise", "stopped_elsewhere"]
 

@@ -8,7 +8,7 @@ import pytest
 from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain, parallel_links
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 ROOT = Path(__file__).parent.parent.parent
 MODELS = ROOT / "models"

@@ -16,7 +16,7 @@ from lab.extensions.dynamics.arm_simulation import LoadBench, RigidLoad, RunErro
 from lab.extensions.dynamics.load_files import Mounting, write_loads, write_mounting
 from lab.formats.measurement_csv import write_measurements
 from lab.library.run_folder import check_edits
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import random_poses
 
 __all__ = ["COMMANDS", "ended", "forked", "inputs_of_commands", "weighted", "whole"]

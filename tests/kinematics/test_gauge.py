@@ -11,7 +11,7 @@ from lab.kinematics.compiled import kernels
 from lab.kinematics.gauge import base_set, base_set_of, independent_columns
 from lab.kinematics.serial.axes_to_dh import JointAxes, chain_from_axes, parameters_from_axes
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 MM = 1e-3
 

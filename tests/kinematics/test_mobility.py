@@ -5,7 +5,7 @@ import pytest
 from helpers.robots import chain_of
 
 from lab.kinematics.closed.mobility import mobility_of
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 PLANAR = chain_of("planar", "craig", "RRR", [30, 0, 0], [0, 0.4, 0.3], [0] * 3, [0] * 3)
 FOUR = chain_of("four", "craig", "RRRR", [0, 0, 0, 0], [0, 0.4, 0.3, 0.2], [0] * 4, [0] * 4)

@@ -15,7 +15,7 @@ from lab.kinematics.parameter import (
     names_of,
     targets_of,
 )
-from lab.robots.robot import load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
 from lab.sensors.cable import Cable
 from lab.sensors.plane import Planes
 from lab.sensors.socket import Sockets

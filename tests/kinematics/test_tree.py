@@ -13,7 +13,7 @@ from lab.kinematics.gauge import base_set, structure_jacobian
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.tree import TreeArm, first_of_tips, tree_chain
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 BOTH = ("left.p1", "right.p1")
 

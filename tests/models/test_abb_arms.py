@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 # Origins (m) and axes of the joints at zero, and the flange's distance from link 6: of the public URDFs.
 IRB140 = (

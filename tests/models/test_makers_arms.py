@@ -9,7 +9,7 @@ import robots_against_urdf
 from helpers.robots import ROOT
 
 import lab
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.robots.robot_files import description_of, own_models
 
 POSES = json.loads(Path(__file__).with_name("urdf_poses.json").read_text())

@@ -13,7 +13,7 @@ from helpers.robots import IRB120, ROOT
 from lab.cli.main import main
 from lab.formats.drives_toml import read_drives
 from lab.formats.measurement_csv import read_measurements
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.robots.robot_files import models_folder, own_models, sha256_of
 from lab.sensors.sensor_registry import sensor_named
 

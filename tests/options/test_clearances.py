@@ -21,7 +21,8 @@ from lab.core.se3 import Array
 from lab.library.design import planned_session
 from lab.noise.instruments import INSTRUMENTS
 from lab.options.virtual_campaign import DesignOptions
-from lab.robots.robot import Robot, load_virtual
+from lab.robots.load_robot import load_virtual
+from lab.robots.robot import Robot
 from lab.simulation.collisions import collides, describe_collisions
 from lab.simulation.free_path import Clearances, path_check, planning_model
 from lab.simulation.robot_model import RobotModel

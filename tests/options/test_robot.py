@@ -11,7 +11,9 @@ from helpers.hidden_robots import ur5e_urdf
 from helpers.robots import ROOT
 
 from lab.core.errors import LabError
-from lab.robots.robot import CLOSED_FORMATS, SERIAL_FORMATS, ClosedRobot, SerialRobot, load_robot, load_virtual
+from lab.robots.description_formats import CLOSED_FORMATS, SERIAL_FORMATS
+from lab.robots.load_robot import load_robot, load_virtual
+from lab.robots.robot import ClosedRobot, SerialRobot
 from lab.robots.robot_files import description_of, models_folder, own_models, sha256_of
 
 

@@ -13,7 +13,7 @@ from lab.calibration.initial_guess import initial_guess
 from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.core.limits import checked_target
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.robots.robot_files import ends_of, joined, parted
 
 TORSO = ROOT / "models" / "torso" / "robot.xml"

@@ -7,7 +7,7 @@ from helpers.recordings import FLOAT32, column
 
 from lab.report.recording import TIME, draw_legs, draw_moves, draw_shells, moves_between, pose_times, recording_to
 from lab.report.scene import world_legs
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.meshes import body_poses, shells
 
 

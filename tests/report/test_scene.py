@@ -25,7 +25,7 @@ from lab.report.scene import (
     world_legs,
 )
 from lab.report.terminal import bars, status
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 
 @given(st.floats(1e-9, 1e3), st.floats(1e-3, 1e3))

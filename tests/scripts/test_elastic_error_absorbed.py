@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from helpers.run_script import answer_of
 
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 
 @pytest.mark.thorough

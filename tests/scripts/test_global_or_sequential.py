@@ -14,7 +14,7 @@ from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.measurements import measured
 from lab.kinematics.gauge import base_set
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.sensors.full_pose import QUATERNION, Poses
 
 ARM = load_robot("rx130").arm(("p1",))

@@ -13,7 +13,7 @@ from lab.calibration.weights import Noise
 from lab.core.measurements import FIXTURE, Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.sensors.sensor_registry import sensor_named
 from lab.sensors.socket import Sockets, SocketSensor
 

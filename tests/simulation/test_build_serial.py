@@ -10,7 +10,8 @@ from lab.core import se3
 from lab.library.identify import calibrate
 from lab.noise.instruments import instrument
 from lab.options.virtual_campaign import VirtualCampaign
-from lab.robots.robot import Robot, load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
+from lab.robots.robot import Robot
 from lab.simulation.build_serial import DENSITY, link_rods
 from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collides, kinematics_at

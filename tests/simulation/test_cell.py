@@ -14,7 +14,8 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.cell_toml import read_cell
 from lab.formats.target_csv import Targets
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 from lab.simulation.cell import in_cell
 from lab.simulation.collisions import collides, colliding_pairs, describe_collisions
 from lab.simulation.robot_model import last_frame

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lab.core.errors import LabError
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 BOX = '[[obstacle]]\nname = "table"\nshape = "box"\nsize_mm = {}\nposition_mm = {}\n'
 POST = '[[obstacle]]\nname = "post"\nshape = "cylinder"\nradius_mm = {}\nheight_mm = {}\nposition_mm = {}\n'

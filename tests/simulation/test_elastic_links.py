@@ -12,7 +12,8 @@ from lab.core.se3 import Array
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.effect import ArmFacts
 from lab.kinematics.effects.effect_registry import EffectOptions
-from lab.robots.robot import Robot, load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
+from lab.robots.robot import Robot
 from lab.simulation.effects import random_effects, true_parameters
 from lab.simulation.elastic_links import AT_REST, FlexibleArm, JointMotion
 

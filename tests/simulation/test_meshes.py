@@ -3,7 +3,7 @@
 import numpy as np
 from helpers.robots import IRB120
 
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.closed_robot import random_values, true_mechanism
 from lab.simulation.meshes import body_poses, instrument_body, shells
 

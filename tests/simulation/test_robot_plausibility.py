@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.robots.robot import load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
 from lab.simulation.robot_plausibility import implausible_robot
 
 URDF = """<robot name="arm">

@@ -7,7 +7,7 @@ import lab
 from lab.core.errors import LabError
 from lab.library.virtual_arm import perturbed_arm
 from lab.options.virtual_campaign import VirtualCampaign
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.sampler import Sampler, own_sampler, sampler_named
 from lab.simulation.true_robot import perturbed_bodies
 

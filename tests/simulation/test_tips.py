@@ -9,7 +9,7 @@ from helpers.robots import ROOT
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.load_model import load_model
 from lab.simulation.robot_model import SerialModel, TreeModel
 

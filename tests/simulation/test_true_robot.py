@@ -12,7 +12,7 @@ from lab.core.random import rng_for
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.library.virtual_arm import perturbed_arm
 from lab.options.virtual_campaign import VirtualCampaign
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.load_model import calibrated_mjcf
 from lab.simulation.robot_model import at_zero

@@ -8,7 +8,7 @@ import pytest
 from day_files import JOINTS, ur5e_urdf
 
 from lab.core import se3
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.load_model import URDF, XACRO
 
 

@@ -7,7 +7,7 @@ from lab.core.random import rng_for
 from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import INSTRUMENTS
 from lab.options.virtual_campaign import VirtualCampaign
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track
 from lab.studies.campaigns import _measured, _noisy, cell_poses, run_task

@@ -14,7 +14,7 @@ from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.options.option_groups import Effects
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import random_poses
 from lab.studies.campaigns import METRICS, cell_poses, refuse_impossible, run_task
 from lab.studies.executors import local_executor

@@ -12,7 +12,7 @@ from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.phrases.phrase import phrase
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.verification.change_test import Verified, verify
 from lab.verification.predicted_points import CalibrationPrediction
 from lab.verification.situation import another_unit

@@ -17,7 +17,7 @@ from lab.kinematics.dynamics.beam import COMPLIANCES, MATERIALS, Beam, loads_on,
 from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.serial.walk import Torsors
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 __all__ = ["ELASTIC"]
 

@@ -16,7 +16,7 @@ from lab.kinematics.serial.chain import Chain, Convention
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.report.document import Picture
 from lab.report.scene import placement_picture, skeleton
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 __all__ = [
     "SAMPLES",

@@ -26,7 +26,7 @@ from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 from lab.kinematics.reach import reach_from_axis
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.pose_selection.criteria import indices
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.true_robot import random_table
 
 __all__ = [

@@ -20,7 +20,7 @@ from lab.extensions.reproduction.source_models import (
     serial,
 )
 from lab.kinematics.inverse.closed_form import closed_form_of
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 
 if TYPE_CHECKING:
     from lab.report.document import Picture

@@ -27,7 +27,7 @@ from lab.report.charts.chart import axes_picture
 from lab.report.charts.marks import Axes
 from lab.report.document import Picture
 from lab.report.style import AFTER, BEFORE
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 __all__ = ["STATEMENT_ITEMS"]
 

@@ -17,7 +17,7 @@ from lab.core.probability import f_sf
 from lab.formats.noise_model import noise_model_from_dict, noise_model_to_dict
 from lab.noise.change_points import APART, ChangePoint, before_and_after, likeliest_change
 from lab.noise.error_model import ErrorModel, row_times
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 ROBOT = load_robot("irb120")
 ARM = ROBOT.arm(("p1",))

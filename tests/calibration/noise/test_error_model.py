@@ -15,7 +15,7 @@ from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements
 from lab.noise.error_model import ErrorModel, row_times
 from lab.noise.error_term import TERMS
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 ROBOT = load_robot("irb120")
 TARGETS = ("p1", "p2", "p3")

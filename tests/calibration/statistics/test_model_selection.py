@@ -23,7 +23,8 @@ from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter
 from lab.noise.instruments import instrument
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_effects
 from lab.simulation.tracking import track

@@ -16,7 +16,7 @@ from helpers.bad_input import (
     write,
 )
 
-from lab.robots.robot import load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
 
 pytestmark = pytest.mark.usefixtures("folder")
 

@@ -13,7 +13,7 @@ from helpers.estimates import nominal_estimate, with_values
 import lab
 from lab.formats.calibrated_module import loaded
 from lab.library.arm_files import comment_on_missing_effects
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 
 
 def test_a_file_of_geometry_says_what_it_lacks() -> None:

@@ -12,7 +12,7 @@ from helpers.campaigns import calibration, own_copy, run_of
 
 from lab.core.errors import LabError
 from lab.library.load_run import load_run
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 SOFT = {"stiffness_nm_per_rad": 1e5, "payload_kg": (0.0, 3.0), "model": "compliance+drift", "hours": 1.0}
 

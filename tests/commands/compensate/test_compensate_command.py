@@ -20,7 +20,7 @@ from lab.formats.robot_toml import read_table
 from lab.formats.target_csv import read_targets
 from lab.kinematics.differential import singular_distance
 from lab.library.load_run import CalibrationRun, load_run
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.simulation.collisions import collides
 
 FILES = {

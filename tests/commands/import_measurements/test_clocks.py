@@ -15,7 +15,8 @@ from lab.formats.tracker_export import TrackerPoints
 from lab.library.log_clocks import NominalFit
 from lab.library.log_matching import Matching, matched, settled_windows
 from lab.options.command_options import ImportOptions
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 
 ROBOTS = ("irb120", "ur5", "ur10", "panda", "rx130", "tx40")
 PATTERNS = ("equal", "uneven", "long", "short moves")

@@ -18,7 +18,7 @@ from lab.formats.measurement_csv import read_measurements
 from lab.library.identify import MeasurementSession, simulate
 from lab.library.import_measurements import import_measurements
 from lab.options.command_options import ImportOptions
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 POSES = 30
 

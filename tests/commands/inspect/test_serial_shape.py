@@ -8,7 +8,7 @@ import pytest
 from lab.cli.main import main
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.library.inspected_model import shape_of
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 # facts-robots, section 1: the flange's reach (mm), the ways to a pose, the determinant
 ARMS = {

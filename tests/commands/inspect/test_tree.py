@@ -8,7 +8,7 @@ from helpers.robots import ROOT
 
 import lab
 from lab.cli.main import main
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 SCHEMA = json.loads((ROOT / "docs" / "reference" / "schemas" / "inspect.schema.json").read_text(encoding="utf-8"))
 

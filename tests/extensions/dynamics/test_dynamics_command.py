@@ -17,7 +17,7 @@ from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.extensions.dynamics.payload.payload_document import payload_document
 from lab.formats.drives_toml import Drives, drives_lines, read_drives
 from lab.report.document import Card, plain
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 
 
 @pytest.mark.pages

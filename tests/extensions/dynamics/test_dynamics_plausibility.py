@@ -16,7 +16,7 @@ from lab.extensions.dynamics.dynamics_plausibility import ArmSize, implausible_d
 from lab.extensions.dynamics.load_files import PayloadSamples, write_loads
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.kinematics.dynamics.rigid_body import ArmDynamics, khalil_chain
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.load_model import link_inertias
 
 TX40 = load_virtual("tx40")

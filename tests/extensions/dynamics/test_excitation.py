@@ -24,7 +24,7 @@ from lab.kinematics.dynamics.rigid_body import hand_motion, torque_regressor, wr
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import information
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import collides, random_poses
 
 TX40 = load_virtual("tx40").model

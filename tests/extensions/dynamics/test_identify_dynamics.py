@@ -19,7 +19,7 @@ from lab.extensions.dynamics.dynamics_phrases import phrase
 from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.kinematics.dynamics.rigid_body import ArmDynamics
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.load_model import link_inertias
 
 TX40 = load_virtual("tx40").serial_model

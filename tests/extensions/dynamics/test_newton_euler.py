@@ -13,7 +13,7 @@ from lab.extensions.dynamics.arm.newton_euler import newton_euler
 from lab.extensions.robotics.kinematics.symbolic import symbolic_chain
 from lab.formats.formula_program import programs_text
 from lab.kinematics.dynamics.rigid_body import ArmDynamics
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 G = np.array([0.0, 0.0, -9.81])
 

@@ -25,7 +25,7 @@ from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
 from lab.kinematics.dynamics.rigid_body import hand_motion, torque_regressor, wrench_regressor
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.load_model import load_model
 from lab.simulation.robot_model import RobotModel
 

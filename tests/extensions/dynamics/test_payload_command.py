@@ -15,7 +15,7 @@ from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.extensions.dynamics.payload.payload_estimate import equivalent_ellipsoid
 from lab.library.hand_load import HandLoad
 from lab.library.load_run import load_run
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import random_poses
 
 TX40 = load_virtual("tx40")

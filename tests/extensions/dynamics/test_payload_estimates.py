@@ -29,7 +29,7 @@ from lab.kinematics.dynamics.rigid_body import (
     wrench_regressor,
 )
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.load_model import loads_of
 
 TX40 = load_virtual("tx40").model

@@ -15,7 +15,7 @@ from lab.extensions.dynamics.dynamics_plausibility import ArmSize, implausibilit
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples, write_loads, write_mounting
 from lab.extensions.dynamics.payload.identify_payload import payload
 from lab.extensions.dynamics.payload.payload_result import PayloadResult
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import random_poses
 
 TX40 = load_virtual("tx40")

@@ -11,7 +11,7 @@ from lab.extensions.robotics.trajectory.cartesian import Feed, arc, line, path_m
 from lab.extensions.robotics.trajectory.motion import Motion
 from lab.kinematics.trajectory.trajectory import common_phases, independent
 from lab.pose_selection.tour import rated
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 STARTS = {"irb120": np.radians([0, 20, -30, 10, 60, 0]), "scara": np.array([0.3, 1, -0.05, 0]), "delta": np.zeros(3)}
 

@@ -19,7 +19,7 @@ from lab.kinematics.inverse.closed_form import ClosedForm, Solutions, closed_for
 from lab.kinematics.inverse.newton_inverse import PoseTarget
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 POINT = np.array([0.25, 0.03, 0.02])  # that arms of two and three joints bring to a place
 BRANCHES = {"irb120": 8, "rx130": 8, "tx40": 8, "versatran": 4, "scemi": 8, "scara": 2}

@@ -6,7 +6,7 @@ import pytest
 from lab.extensions.robotics.kinematics.nominal_models import configurations
 from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 
 @pytest.mark.parametrize("name", ["irb120", "rx130", "tx40", "scemi", "versatran", "scara"])

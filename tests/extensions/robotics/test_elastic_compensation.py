@@ -12,7 +12,7 @@ from lab.extensions.robotics.trajectory.tracking import Correction, compensated,
 from lab.kinematics.dynamics.gravity import LinkLoads, Loads, link_loads
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.serial.walk import Torsors
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 
 TUBE = np.array([2.067e-5, 2.067e-5, 2.79e-5, 1.5e-8])
 

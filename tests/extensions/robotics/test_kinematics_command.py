@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import lab
 from lab.cli.main import main
 from lab.core import se3
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 POSE = "--pose=-44.11,383.46,786,77.71,-0.38,170.88"  # Mahdadi & Bouafia 2020, section III.2.2
 EIGHT = [  # their table III.3

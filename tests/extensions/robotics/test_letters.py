@@ -22,7 +22,7 @@ from lab.extensions.robotics.kinematics.symbolic_inverse import symbolic_inverse
 from lab.formats.formula_program import programs_text
 from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.kinematics.serial.chain import Chain
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 STEP = 1e-5
 CHAINS = {name: load_robot(name).chain for name in ("irb120", "versatran", "scara", "planar3r", "ur5")}

@@ -13,7 +13,7 @@ from lab.extensions.robotics.closed.recognition import (
 )
 from lab.kinematics.closed.loop_closure import Configuration
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 MODES = {"delta": (2, 8), "rpr3": (2, 1), "rpr2": (2, 1)}  # of assembly and of work, of most poses
 

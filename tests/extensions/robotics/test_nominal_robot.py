@@ -7,7 +7,7 @@ import pytest
 
 from lab.core.errors import LabError
 from lab.extensions.robotics.kinematics.nominal_models import nominal_robot
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 
 @pytest.mark.parametrize("name", ["scorbot", "irb120", "rrr3"])

@@ -9,7 +9,7 @@ from lab.core.errors import LabError
 from lab.extensions.robotics.kinematics.symbolic import symbolic_chain, textbook
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 POINTS = 1000
 

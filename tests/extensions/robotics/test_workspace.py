@@ -12,7 +12,7 @@ from lab.extensions.robotics.workspace.membership import ByRods, Search, anyhow,
 from lab.kinematics.inverse.newton_inverse import PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 VOLUMES = {  # m³, L = 1 m
     "cartesian": 1.0,

@@ -5,7 +5,7 @@ import pytest
 
 from lab.kinematics.closed.layout import layout_of
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 LEGS = {
     "rpr3": ["R-P̲-R"] * 3, "rrr3": ["R̲-R-R"] * 3, "prr3": ["P̲-R-R"] * 3, "rps3": ["R-P̲-S"] * 3,

@@ -7,7 +7,7 @@ from helpers.robots import ROOT
 from lab.core import se3
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.mobility import BodyCount, body_count, mobility
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 IRB340 = str(ROOT / "models" / "delta" / "irb340.toml")
 MECHANISMS = sorted(

@@ -21,7 +21,7 @@ from lab.kinematics.inverse.closed_form import Solutions
 from lab.kinematics.inverse.newton_inverse import PoseTarget, reach
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm, StackedArm
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 from lab.sensors.full_pose import Poses
 
 ROUNDING = 1e-14  # m, rad or their quotients: of some dozens of products of numbers of about one

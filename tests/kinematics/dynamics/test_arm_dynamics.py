@@ -15,7 +15,7 @@ from lab.kinematics.dynamics.rigid_body import (
     torque_regressor,
 )
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.load_model import link_inertias
 
 SERIAL = ("irb120", "tx40", "rx130", "scara", "scemi", "versatran", "course2r")

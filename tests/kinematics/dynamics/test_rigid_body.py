@@ -25,7 +25,7 @@ from lab.kinematics.dynamics.rigid_body import (
 )
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 OBLIQUE = np.array([1.5, -4.0, -8.8])

@@ -19,7 +19,7 @@ from lab.kinematics.effects.effect_registry import GROUPS, effect
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SequentialBatch, SerialArm, stacked
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 ALONE = tuple(name for name in GROUPS if name not in ("payload", "tubes", "compensator"))  # in others
 PARAMETERS = {

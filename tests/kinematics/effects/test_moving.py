@@ -7,7 +7,7 @@ from helpers.robots import IRB120
 from lab.kinematics.dynamics.beam import COMPLIANCES
 from lab.kinematics.dynamics.gravity import link_loads
 from lab.kinematics.effects.effect import rates_of
-from lab.robots.robot import load_virtual
+from lab.robots.load_robot import load_virtual
 from lab.simulation.elastic_links import FlexibleArm, JointMotion, along_the_line
 
 TUBE = np.array([2e-5, 2e-5, 3e-5, 1.5e-8])

@@ -14,7 +14,7 @@ from lab.kinematics.effects.sessions import (
     stations,
 )
 from lab.kinematics.effects.temperature import drift
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 ROBOT = load_robot("irb120")
 PLACES = np.stack(

@@ -14,7 +14,7 @@ from lab.kinematics.inverse.closed_form import Solutions
 from lab.kinematics.inverse.newton_inverse import PoseTarget, reach, shortest_step, within_reach
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 # Newton's method
 

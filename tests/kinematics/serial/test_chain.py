@@ -19,7 +19,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.robots.robot import load_robot
+from lab.robots.load_robot import load_robot
 
 CHAINS = {chain.name: chain for chain in (IRB120.chain, RX130, TX40, SCEMI, VERSATRAN, SCARA)}
 

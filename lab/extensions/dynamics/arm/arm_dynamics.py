@@ -29,7 +29,8 @@ from lab.formats.drives_toml import Drives, drives_in, read_drives
 from lab.formats.structured import read_toml
 from lab.kinematics.dynamics.rigid_body import LOAD, ArmDynamics, khalil_chain
 from lab.options.call_options import options_of, takes
-from lab.robots.robot import Robot, load_robot, load_virtual, robot_of_call
+from lab.robots.load_robot import load_robot, load_virtual, robot_of_call
+from lab.robots.robot import Robot
 from lab.simulation.load_model import link_inertias
 
 __all__ = ["dynamics"]

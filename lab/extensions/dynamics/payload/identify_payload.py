@@ -34,7 +34,8 @@ from lab.kinematics.dynamics.rigid_body import sag_uncertainty, torque_regressor
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.library.load_run import CalibrationRun, RunLike, calibrated_by, folder_of, load_run
 from lab.options.call_options import options_of, takes
-from lab.robots.robot import Robot, load_robot, load_virtual, robot_of_call
+from lab.robots.load_robot import load_robot, load_virtual, robot_of_call
+from lab.robots.robot import Robot
 from lab.simulation.collisions import random_poses
 
 __all__ = ["payload"]

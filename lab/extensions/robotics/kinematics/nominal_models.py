@@ -83,7 +83,7 @@ class NominalRobot:
     @cached_property
     def whole(self) -> "Robot":
         """The robot with its simulated model, loaded on first use."""
-        from lab.robots.robot import load_robot
+        from lab.robots.load_robot import load_robot
 
         return self.loaded or load_robot(self.source)
 
@@ -99,7 +99,7 @@ def nominal_robot(robot: "str | Path | Robot") -> NominalRobot:
         if path.suffix == ".toml" and described_links(path) is None and not is_mechanism(path):
             table = read_table(path)
             return NominalRobot(table.chain, sha256_of(path), table.warnings, str(robot))
-    from lab.robots.robot import load_robot
+    from lab.robots.load_robot import load_robot
 
     loaded = load_robot(robot)
     return NominalRobot(loaded.chain, loaded.sha256, loaded.warnings, loaded.source, loaded)

@@ -13,7 +13,8 @@ from lab.extensions.robotics.trajectory.trajectory_result import TrajectoryResul
 from lab.library.load_run import CalibrationRun, RunLike, calibrated_by, folder_of
 from lab.options.call_options import options_of, takes
 from lab.pose_selection.tour import rated
-from lab.robots.robot import Robot, load_robot, load_virtual
+from lab.robots.load_robot import load_robot, load_virtual
+from lab.robots.robot import Robot
 
 __all__ = ["trajectory"]
 

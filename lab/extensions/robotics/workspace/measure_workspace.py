@@ -18,7 +18,8 @@ from lab.extensions.robotics.workspace.workspace_result import RobotWorkspace, W
 from lab.kinematics.reach import reach_from_axis
 from lab.options.call_options import options_of, takes
 from lab.report.terminal import Stage, status
-from lab.robots.robot import Robot, load_robot
+from lab.robots.load_robot import load_robot
+from lab.robots.robot import Robot
 from lab.simulation.collisions import collides
 
 __all__ = ["workspace"]
