@@ -1,4 +1,4 @@
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -6,6 +6,7 @@ from lab.arm_history.history_result import HistoryResult
 from lab.calibration.estimator import EstimationProblem, Estimator
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
+from lab.core.progress import Event
 from lab.core.se3 import Array
 from lab.extensions.dynamics.arm.dynamics_result import DynamicsResult
 from lab.extensions.dynamics.dynamics_options import DynamicsOptions, PayloadOptions
@@ -79,6 +80,7 @@ __all__ = [
     "Estimate",
     "EstimationProblem",
     "Estimator",
+    "Event",
     "Inspection",
     "Instrument",
     "LabError",
@@ -176,6 +178,7 @@ def calibrate(
     tip_radius_mm: float | None = None,
     cameras: str | Path | None = None,
     noise_px: float | None = None,
+    progress: Callable[[Event], None] | None = None,
 ) -> CalibrationResult: ...
 def certify(
     run: str | Path | CertifyOptions,
@@ -187,6 +190,7 @@ def certify(
     decision_rule: Literal["guard-band", "simple"] = "guard-band",
     force: bool = False,
     accept_edited: bool = False,
+    progress: Callable[[Event], None] | None = None,
 ) -> Certificate: ...
 def compensate(
     targets: str | Path | Targets | CompensateOptions | None = None,
@@ -205,6 +209,7 @@ def compensate(
     require: Literal["good"] | None = None,
     no_recording: bool = False,
     digits: int | None = None,
+    progress: Callable[[Event], None] | None = None,
 ) -> CompensationResult: ...
 def design(
     robot: str | Path | Robot | DesignOptions = "irb120",
@@ -234,6 +239,7 @@ def design(
     no_check: bool = False,
     no_recording: bool = False,
     seed: int = 0,
+    progress: Callable[[Event], None] | None = None,
 ) -> DesignResult | PlanCheckResult: ...
 def dynamics(
     file: str | Path | DynamicsOptions | None = None,
@@ -263,11 +269,13 @@ def dynamics(
     payload_kg: float | None = None,
     payload_mm: Sequence[float] = ...,
     rounds: int = 1,
+    progress: Callable[[Event], None] | None = None,
 ) -> DynamicsResult: ...
 def example(
     name: str | ExampleOptions | None = None,
     *,
     out: str | Path | None = None,
+    progress: Callable[[Event], None] | None = None,
 ) -> ExampleResult: ...
 def history(
     runs: str | Path | CalibrationResult | Sequence[str | Path | CalibrationResult] | HistoryOptions,
@@ -281,6 +289,7 @@ def history(
     accept_edited: bool = False,
     out: str | Path | None = None,
     overwrite: bool = False,
+    progress: Callable[[Event], None] | None = None,
 ) -> HistoryResult: ...
 def identify(
     measurements: str | Path | Measurements | MeasuredCampaign,
@@ -320,6 +329,7 @@ def identify(
     error_terms: Sequence[str] = ...,
     load: str | Path | None = None,
     accept_edited: bool = False,
+    progress: Callable[[Event], None] | None = None,
 ) -> CalibrationResult: ...
 def import_measurements(
     points: str | Path | ImportOptions,
@@ -337,6 +347,7 @@ def import_measurements(
     still_deg_s: float = 0.1,
     settled_s: float = 0.5,
     station: str | None = None,
+    progress: Callable[[Event], None] | None = None,
 ) -> ImportResult: ...
 def inspect(
     robot: str | Path | Robot | InspectOptions = "irb120",
@@ -348,6 +359,7 @@ def inspect(
     model: str = "geometric",
     fix: Sequence[str] = ...,
     free: Sequence[str] = ...,
+    progress: Callable[[Event], None] | None = None,
 ) -> Inspection: ...
 def next_pose(
     plan: str | Path | DesignResult | NextOptions,
@@ -361,6 +373,7 @@ def next_pose(
     candidates: int = 2000,
     no_recording: bool = False,
     seed: int = 0,
+    progress: Callable[[Event], None] | None = None,
 ) -> NextPoseResult: ...
 def payload(
     file: str | Path | PayloadOptions | None = None,
@@ -391,6 +404,7 @@ def payload(
     payload_kg: float | None = None,
     payload_mm: Sequence[float] = ...,
     rounds: int = 1,
+    progress: Callable[[Event], None] | None = None,
 ) -> PayloadResult: ...
 def predict(
     joints: str | Path | Measurements | Array | Sequence[Sequence[float]] | PredictOptions,
@@ -400,11 +414,13 @@ def predict(
     force: bool = False,
     accept_edited: bool = False,
     load: str | Path | None = None,
+    progress: Callable[[Event], None] | None = None,
 ) -> PredictionResult: ...
 def reproduce(
     source: str | ReproduceOptions,
     *,
     item: str | None = None,
+    progress: Callable[[Event], None] | None = None,
 ) -> ReproductionResult: ...
 def simulate(
     robot: str | Path | Robot | VirtualCampaign = "irb120",
@@ -434,6 +450,7 @@ def simulate(
     artefact_u_mm: float | None = None,
     tip_radius_mm: float | None = None,
     cameras: str | Path | None = None,
+    progress: Callable[[Event], None] | None = None,
 ) -> MeasurementSession: ...
 def solve_kinematics(
     robot: str | Path | Robot | KinematicsOptions = "irb120",
@@ -463,6 +480,7 @@ def solve_kinematics(
     radians: bool = False,
     out: str | Path | None = None,
     overwrite: bool = False,
+    progress: Callable[[Event], None] | None = None,
 ) -> KinematicsResult | Rotation: ...
 def study(
     config: str | Path | Study | StudyOptions,
@@ -471,6 +489,7 @@ def study(
     resume: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
+    progress: Callable[[Event], None] | None = None,
 ) -> StudyResult: ...
 def trajectory(
     points: str | Path | TrajectoryOptions,
@@ -496,6 +515,7 @@ def trajectory(
     no_recording: bool = False,
     force: bool = False,
     accept_edited: bool = False,
+    progress: Callable[[Event], None] | None = None,
 ) -> TrajectoryResult: ...
 def verify(
     run: str | Path | CalibrationResult | VerifyOptions,
@@ -514,6 +534,7 @@ def verify(
     no_recording: bool = False,
     force: bool = False,
     accept_edited: bool = False,
+    progress: Callable[[Event], None] | None = None,
 ) -> VerificationResult | TouchesResult | TouchPlan: ...
 def workspace(
     robots: str | Path | Robot | Sequence[str | Robot] | WorkspaceOptions = ...,
@@ -526,4 +547,5 @@ def workspace(
     seed: int = 0,
     out: str | Path | None = None,
     overwrite: bool = False,
+    progress: Callable[[Event], None] | None = None,
 ) -> WorkspaceResult: ...

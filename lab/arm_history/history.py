@@ -12,9 +12,9 @@ from lab.arm_history.dated_runs import DatedRun, LeftOut, is_run, reason_of, run
 from lab.arm_history.history_result import STATES, ArmHistory, HistoryResult
 from lab.core.errors import LabError
 from lab.core.limits import day
+from lab.core.progress import stages
 from lab.options.call_options import options_of, takes
 from lab.options.command_options import HistoryOptions
-from lab.report.terminal import status
 
 if TYPE_CHECKING:
     from lab.library.calibration_result import CalibrationResult
@@ -68,7 +68,7 @@ def _history(options: HistoryOptions, places: Sequence[Any]) -> HistoryResult:
     given = all(map(is_run, places))
     on = date.today() if options.on is None else day("--on", options.on)
     left_out = list[LeftOut]()
-    with status("reading the runs") as stage:
+    with stages("reading the runs") as stage:
         if given:
             found = runs_given(places, options.runs, force=options.force, accept_edited=options.accept_edited)
         else:

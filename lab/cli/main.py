@@ -198,7 +198,7 @@ def _where(place: "Path") -> list[str]:
 
 def _run_command(command: "Command", arguments: list[str]) -> int:
     """Run, write and print; the exit code is the result's."""
-    from lab.report.terminal import starting
+    from lab.report.terminal import showing_progress, starting
 
     with starting(f"lab {command.name}"):
         from lab.cli.command_line import parsed
@@ -214,7 +214,8 @@ def _run_command(command: "Command", arguments: list[str]) -> int:
     own = getattr(options, "out", None)  # some commands write only where they are asked to
     before: list[tuple[Path, bytes]] = [] if own is None else [(own, _checksums(own))]
     try:
-        return _done(command, requested, before)
+        with showing_progress(say):
+            return _done(command, requested, before)
     except KeyboardInterrupt as stop:
         for place, checksums in before:
             if _checksums(place) not in (checksums, b""):  # it came too late

@@ -39,6 +39,7 @@ from lab.certification.lack_of_fit import LackOfFit, lack_of_fit
 from lab.core.errors import LabError
 from lab.core.measurements import PLACE, Measurements
 from lab.core.probability import Uncertain
+from lab.core.progress import Stage, stages
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
@@ -61,7 +62,6 @@ from lab.options.command_options import CertifyOptions
 from lab.options.named_instruments import named_instrument
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.phrases.phrase import phrases
-from lab.report.terminal import Stage, status
 
 __all__ = ["certify"]
 
@@ -93,7 +93,7 @@ def certify(run: str | Path | CertifyOptions, **options: Any) -> Certificate:
     if not isinstance(requested, CertifyOptions):
         requested = options_of("lab.certify", CertifyOptions, {"run": run, **options})
     requested.check()
-    with status("certifying") as stage:
+    with stages("certifying") as stage:
         return _certified(requested, stage)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from lab.compensation.compensator import REQUESTED_BRANCH, Compensation, Compensator
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import LAST_MOVE, asked, last_moves
+from lab.core.progress import stages
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MICRONS, MM
@@ -28,7 +29,6 @@ from lab.options.compensation import CompensateOptions
 from lab.phrases.fit_phrases import listed
 from lab.planning.design_problem import ReachabilityGraph, free_home, reachability, refusals, waypoints_in_order
 from lab.pose_selection.tour import rated
-from lab.report.terminal import status
 from lab.simulation.collisions import collides, random_poses
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _of_program(options: CompensateOptions, run: CalibrationRun) -> Compensation
     paths: tuple[tuple[int, str], ...] = ()
     if done.checked:
         names = [each.name for each in program.read.targets]
-        with status("checking") as stage:
+        with stages("checking") as stage:
             paths = paths_touched(
                 run.robot.model, program.nominal, configurations, program.read.moves, names, partial(stage, "ways")
             )
@@ -181,7 +181,7 @@ def _corrected(
     rows = np.flatnonzero(found.converged)
     path, which = found.joints[rows], np.arange(len(rows))
     if access is not None:
-        with status("checking") as stage:
+        with stages("checking") as stage:
             path, which = waypoints_in_order(rated(run.robot.chain)[0], access, path, partial(stage, "ways"))
     waypoints = Waypoints(path, which, [targets.ids[i] for i in rows], "target")
     done = CompensationResult(
@@ -242,14 +242,14 @@ def _in_their_order(
     compensator: Compensator, wanted: PoseTarget, conditions: Array, targets: Targets
 ) -> tuple[Compensation, Array]:
     """The corrected targets, and what the arm's effects ask for there, with where the joints come from."""
-    with status("correcting") as stage:
+    with stages("correcting") as stage:
         found = replace(compensator, progress=partial(stage, "targets"))(wanted, conditions, targets.joints)
     columns = [i for i, name in enumerate(compensator.arm.conditions) if name.startswith(LAST_MOVE)]
     if not columns:
         return found, conditions
     moved = conditions.copy()
     moved[:, columns] = last_moves(found.uncorrected)
-    with status("correcting once more, with the joints' last moves") as stage:
+    with stages("correcting once more, with the joints' last moves") as stage:
         return replace(compensator, progress=partial(stage, "targets"))(wanted, moved, targets.joints), moved
 
 

@@ -15,6 +15,7 @@ from lab.calibration.identifiability import enough_poses
 from lab.core.errors import LabError
 from lab.core.limits import WAYPOINTS
 from lab.core.measurements import Measurements, measured
+from lab.core.progress import Stage, stages
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
@@ -44,7 +45,6 @@ from lab.pose_selection.criteria import (
 )
 from lab.pose_selection.exchange import Certificate, Design, certify, information
 from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
-from lab.report.terminal import Stage, status
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
 from lab.simulation.candidate_poses import field_of_view, incidence, stations_in, view_of
@@ -547,7 +547,7 @@ def planned_session(options: DesignOptions, robot: Robot | None = None, own: Cri
     Raises:
         LabError: the request cannot be met.
     """
-    with status("planning") as progress:
+    with stages("planning") as progress:
         loaded = load_virtual(options.robot, options.cell) if robot is None else robot
         started = time.perf_counter()
         options = replace(options, targets=loaded.on_tips(options.targets))

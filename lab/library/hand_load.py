@@ -13,7 +13,8 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.structured import read_structured
 from lab.library.result import plain_numbers
-from lab.library.run_folder import LOAD_FILE, check_edits
+from lab.library.run_folder import check_edits
+from lab.robots.config_file import LOAD_FILE
 from lab.robots.robot import Robot
 
 __all__ = ["HandLoad", "carrying", "read_hand_load"]

@@ -19,6 +19,7 @@ from lab.calibration.weights import Noise
 from lab.core.checks import Check
 from lab.core.errors import LabError, error_context, option_name
 from lab.core.measurements import Measurements, setups, thinned, without_copies
+from lab.core.progress import Stage, stages
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
@@ -43,7 +44,6 @@ from lab.options.option_groups import Fitting
 from lab.options.plan_settings import filled_in
 from lab.options.task_region import task_region
 from lab.options.virtual_campaign import VirtualCampaign
-from lab.report.terminal import Stage, status
 from lab.robots.config_file import robot_of_file
 from lab.robots.load_robot import load_robot, load_virtual
 from lab.robots.robot import Robot
@@ -291,7 +291,7 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
         'good'
     """
     own, sampler = _own(options, "estimator", own_estimator), _own(options, "sampler", own_sampler)
-    with status("calibrating") as stage:
+    with stages("calibrating") as stage:
         stage("1 of 3, simulating the measurements")
         if isinstance(robot, VirtualCampaign):
             return _of_a_virtual_robot(*measurement_session(robot, load_virtual(robot.robot, robot.cell)), stage)
@@ -416,7 +416,7 @@ def identify(
     if isinstance(measurements, MeasuredCampaign):
         measurements = filled_in(measurements, measurements.file)[0]
         named_there = replace(measurements, robot=measurements.robot_named)
-        with status("identifying") as stage:
+        with stages("identifying") as stage:
             return _of_measurements(named_there, load_robot(named_there.robot_named, named_there.cell), stage)
     own = _own(options, "estimator", own_estimator)
     loaded, given = robot_of("lab.identify", measurements, robot), {}
@@ -429,7 +429,7 @@ def identify(
     if robot is None and "file" not in given:
         requested = filled_in(requested, requested.file)[0]
     requested = replace(requested, robot=loaded.source)
-    with status("identifying") as stage:
+    with stages("identifying") as stage:
         return _of_measurements(requested, loaded.placed_in(requested.cell), stage, given, own)
 
 

@@ -16,7 +16,7 @@ from lab.formats.structured import read_structured, structured
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.library.arm_files import ArmExport
 from lab.library.hand_load import HandLoad, carrying
-from lab.library.run_folder import LOAD_FILE, check_edits, listed_files
+from lab.library.run_folder import check_edits, listed_files
 from lab.noise.instruments import Instrument
 from lab.options.measured_campaign import MeasuredCampaign
 from lab.options.named_instruments import named_instrument
@@ -31,7 +31,7 @@ from lab.prediction.estimate_files import (
     RESULT_FILE,
     read_estimate,
 )
-from lab.robots.config_file import CONFIG_FILE, RunConfig, RunInputs, input_names, read_config
+from lab.robots.config_file import CONFIG_FILE, LOAD_FILE, RunConfig, RunInputs, input_names, read_config
 from lab.robots.load_robot import load_robot, load_virtual
 from lab.robots.robot import Robot
 from lab.sensors.sensor_registry import sensor_named

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from lab.cli.process import say
 from lab.core.errors import LabError, counted, option_name
 from lab.core.limits import TABLE_BYTES, WAYPOINTS
 from lab.core.measurements import Measurements
+from lab.core.progress import keep_line, stages
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.csv_table import write_columns
@@ -47,7 +47,6 @@ from lab.report.document import (
     short,
 )
 from lab.report.scene import MOST_POSES
-from lab.report.terminal import status
 from lab.robots.config_file import CONFIG_FILE, SCHEMA, RunConfig, read_config, read_options
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
@@ -197,7 +196,7 @@ def next_pose(
         folder = "plan in memory" if isinstance(plan, DesignResult) else plan
         asked = options_of("lab.next_pose", NextOptions, {"plan": folder, "file": file, **options})
     asked.check()
-    with status("next pose") as stage:
+    with stages("next pose") as stage:
         requested, file = _planned(asked, given, plan.options if isinstance(plan, DesignResult) else None)
         planner = PosePlanner(**requested, progress=partial(stage, "candidates"))
         chain = planner.problem.robot.chain
@@ -209,7 +208,7 @@ def next_pose(
             seen = data.with_points()
             found.append((data, planner.propose(seen.only("calibrate"), at=seen.joints[-1] if len(seen) else None)))
             if asked.follow:
-                say(proposal_text(chain, found[-1][1]))
+                keep_line("next pose", proposal_text(chain, found[-1][1]))
             if found[-1][1].reached:
                 break
     return NextPoseResult(asked, planner, found[-1][0], tuple(proposal for _, proposal in found))

@@ -17,7 +17,7 @@ from lab.core.checks import Check
 from lab.core.errors import LabError, be, counted, error_context
 from lab.core.limits import called
 from lab.core.measurements import Measurements, without_copies
-from lab.core.progress import Progress
+from lab.core.progress import Progress, Stage, stages
 from lab.core.se3 import Array, inverse
 from lab.core.significance import VERIFICATION
 from lab.core.units import MM, MRAD
@@ -39,7 +39,6 @@ from lab.report.page_scene import ArmScene, Arrows, posed_arm
 from lab.report.plots import Spread, histograms
 from lab.report.scene import LARGEST_FACTOR, drawn_rows, magnification, mean_lengths, moved, reach_of
 from lab.report.style import AFTER, ARROW_AFTER, BEFORE, INK, MUTED, PREDICTED, rgb
-from lab.report.terminal import Stage, status
 from lab.sensors.sensor_registry import sensor_named
 from lab.verdict.fit_checks import check_extrapolated, noise_beyond
 from lab.verification.change_test import Displacement, Hypothesis, Verified
@@ -406,7 +405,7 @@ def verified_points(
         LabError: the run did not identify what was measured, or the rows cannot be used.
     """
     _refuse_unseen_base(calibrated, options)
-    with status("verifying") as stage:
+    with stages("verifying") as stage:
         return _tested(options, calibrated, read, stage, from_file=from_file)
 
 

@@ -20,10 +20,10 @@ import tyro
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from lab.cli.commands import command_named
 from lab.core.errors import LabError
 from lab.core.gaps import attempted
 from lab.core.limits import TEXT_BYTES
+from lab.core.progress import stages
 from lab.core.se3 import Array
 from lab.core.version import __version__
 from lab.core.whole_folder import (
@@ -42,16 +42,15 @@ from lab.core.whole_folder import (
 from lab.formats.structured import read_bytes, read_checksums
 from lab.kinematics.joints import JointSpec
 from lab.report.document import PAGE, Code, Command, Paragraph, Row, Section, Table
-from lab.report.terminal import status
-from lab.robots.config_file import CONFIG_FILE, INPUTS, SCHEMA
+from lab.robots.config_file import CONFIG_FILE, INPUTS, RUN_FILES, SCHEMA
 from lab.robots.robot_files import is_own, parted
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 __all__ = [
-    "LOAD_FILE", "VIA", "Waypoints", "check_edits", "command_line", "complete", "free_name", "input_files",
-    "joint_columns", "listed_files", "positional", "provenance_section", "refuse_own_name", "run_folder",
+    "VIA", "Waypoints", "check_edits", "command_line", "complete", "free_name", "input_files",
+    "joint_columns", "listed_files", "positional", "provenance_section", "run_folder",
     "write_config", "write_json",
 ]  # fmt: skip
 
@@ -160,17 +159,6 @@ def _same(file: Path, other: Path | None) -> bool:
     return file.is_file() and other.is_file() and file_digest(file) == file_digest(other)
 
 
-LOAD_FILE = "load.json"  # a payload, in the folder of a run
-_FILES = {  # and what its checksums list: a folder with anything else is not replaced
-    LOAD_FILE, CHECKSUMS,
-    "config.json", "measurements.csv", "parameters.json", "covariance.csv", "residual.csv", "fitted_poses.csv",
-    "result.json", "calibrated.xml", "calibrated.toml", "calibrated.urdf", "calibrated_origins.xacro",
-    "ur_kinematics.yaml", "calibration.conf", "calibrated.py", "next.csv", "predicted.csv", "nominal.toml",
-    "joints.csv", "cartesian.csv", "plan.csv", "trajectory.csv", "corrected.csv", "load.csv", "motion.csv",
-    "another.csv", "values.csv", "workspace.csv", "sensor.toml", "history.csv", "history.prom",
-    "recording.rrd", "model.py", "model.c", "model.m",
-    "report.html",
-}  # fmt: skip
 _LONGEST_STEM = 100  # characters of a folder's default name
 _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 
@@ -214,7 +202,7 @@ def complete(out: Path, draw: Callable[[Path], None]) -> None:
         draw(out)
         write_whole(out / CHECKSUMS, checksum_lines(out).encode("utf-8", "surrogateescape"))
 
-    with threadpool_limits(1), held(out), status("writing the page"):
+    with threadpool_limits(1), held(out), stages("writing the page"):
         attempted(f"{CHECKSUMS} of page and recording", drawn, lambda _: None)
 
 
@@ -253,7 +241,7 @@ def _refuse_other_files(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise LabError(f"{out}: is a file; give --out a folder")
     there = {path.name: path for path in out.iterdir()} if out.exists() else {}
-    known = _FILES.union(listed_files(out))  # programs and volumes have names of their own
+    known = RUN_FILES.union(listed_files(out))  # programs and volumes have names of their own
     strays = [name for name, path in there.items() if not _is_of_run(path, known)]
     if strays:
         raise LabError(f"{out}: holds {min(strays)}, which is not a file of a run; give --out another folder")
@@ -294,19 +282,6 @@ def write_config(folder: Path, command: str, options: "DataclassInstance", model
     """Write ``config.json`` of a run, and beside it the copies of its inputs."""
     content = _config(command, options, model_sha256)
     write_json(folder / CONFIG_FILE, {**content, "inputs": _copy_inputs(folder, options)})
-
-
-def refuse_own_name(where: object, name: str) -> None:
-    """Refuse to write a file under the name of one that a run writes for itself.
-
-    Args:
-        where: the option, or the file that is written again under its name, as the error begins.
-
-    Raises:
-        LabError: a run has a file of this name.
-    """
-    if name.lower() in {INPUTS, *(each.lower() for each in _FILES)}:
-        raise LabError(f"{where}: a run writes a file {name} of its own, which this one would replace; rename it")
 
 
 def _input_hashes(options: "DataclassInstance") -> Iterator[tuple[str, str]]:
@@ -514,9 +489,7 @@ def provenance_section(
     rows: list[Row] = [(key, str(made["options"][key])) for key in _SHOWN if made["options"].get(key) is not None]
     rows += [("serial", serial)] if serial is not None else []
     rows += [("versions", libraries), ("model (SHA-256)", Code(model_sha256))]
-    text = "All other options had their defaults"
-    if command_named(name).folder:
-        text += f"; config.json holds every one; lab {name} --config config.json gives the same numbers again"
+    text = "All other options had their defaults; the run's config.json holds every one"
     return Section(
         "What was done",
         (Command(command_line(name, options)), Paragraph(f"{text}."), Table(("", ""), tuple(rows))),

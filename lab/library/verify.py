@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from lab.core.errors import LabError
 from lab.core.limits import one_serial
 from lab.core.measurements import Measurements
+from lab.core.progress import stages
 from lab.formats.measurement_csv import ObservedColumns, read_measurements
 from lab.library.identify import checked
 from lab.library.load_run import CalibrationRun, calibrated_by, folder_of, load_run
@@ -14,7 +15,6 @@ from lab.library.touch_plan import TouchPlan
 from lab.library.touch_verification import TouchesResult, verified_touches
 from lab.options.call_options import options_of, takes
 from lab.options.command_options import VerifyOptions
-from lab.report.terminal import status
 from lab.sensors.sensor_registry import sensor_named
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def verify(
     """
     if isinstance(run, VerifyOptions):
         run.check()
-        with status("reading the run"):
+        with stages("reading the run"):
             calibrated = load_run(run.run, accept_edited=run.accept_edited)
         return _verified(run, calibrated)
     if measurements is None:

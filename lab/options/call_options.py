@@ -11,12 +11,14 @@ from typing import Any, TypeVar, cast, get_type_hints
 from threadpoolctl import threadpool_limits
 
 from lab.core.errors import LabError
+from lab.core.progress import Listener, listening
 from lab.formats.structured import structured
 
 __all__ = ["options_of", "takes"]
 
 _Options = TypeVar("_Options")
 _WHOLE = ("effects",)  # groups of options that a call takes as one object; older scripts give their options one by one
+_PROGRESS = Parameter("progress", Parameter.KEYWORD_ONLY, default=None, annotation=Listener | None)
 _Call = TypeVar("_Call", bound=Callable[..., Any])
 
 
@@ -63,7 +65,8 @@ def _plain(call: str, name: str, value: Any) -> dict[str, Any]:
 def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Callable[[_Call], _Call]:
     """Mark a public call whose ``**options`` are a command's: ``help`` and editors show them as its keywords.
 
-    It runs on one BLAS thread: small matrices gain nothing from more, and results stay the same to the last bit.
+    It runs on one BLAS thread: small matrices gain nothing from more, and results stay the same to the last bit. Its
+    argument ``progress`` is called with each ``Event`` of the work; what it raises ends the call.
 
     Args:
         kind: class of the command's options; an object of it may be the only argument.
@@ -75,17 +78,19 @@ def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Calla
         shown = signature(function)
 
         @wraps(function)
-        def call(*given: Any, **options: Any) -> Any:
-            named = dict(zip(shown.parameters, given, strict=False)) | options
-            _refuse_twice(f"lab.{function.__name__}", kind, called, named)
-            _refuse_unused(f"lab.{function.__name__}", unused, named)
-            with threadpool_limits(1):
+        def call(*given: Any, progress: Listener | None = None, **options: Any) -> Any:
+            name, named = f"lab.{function.__name__}", dict(zip(shown.parameters, given, strict=False)) | options
+            if not (progress is None or callable(progress)):
+                raise LabError(f"{name}: progress is {progress!r}; give a function of a lab.Event, or leave it out")
+            _refuse_twice(name, kind, called, named)
+            _refuse_unused(name, unused, named)
+            with threadpool_limits(1), listening(progress):
                 return function(*given, **options)
 
         own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
         taken = {*called, *unused, *(each.name for each in own)}
         more = [each for each in _parameters(kind) if each.name not in taken]
-        call.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+        call.__signature__ = shown.replace(parameters=[*own, *more, _PROGRESS])  # type: ignore[attr-defined]
         return cast(_Call, call)
 
     return mark

@@ -11,6 +11,7 @@ from lab.core.limits import DIGITS
 from lab.core.orientation import AngleConvention
 from lab.formats.programs.languages import Controller
 from lab.options.option_types import Flag, NoRecording, Numbers
+from lab.robots.config_file import refuse_own_name
 
 __all__ = ["CompensateOptions"]
 
@@ -66,8 +67,6 @@ class CompensateOptions:
             text = "both are given" if self.targets else "none is given"
             raise LabError(f"give targets as a CSV file, or --program FILE: {text}")
         if self.program is not None:
-            from lab.library.run_folder import refuse_own_name
-
             refuse_own_name(f"--program {self.program}", self.program.name)
         if self.program is not None and self.orientation is not None:
             raise LabError("--orientation is for angles of a CSV file; a program's language defines its angles")

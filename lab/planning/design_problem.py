@@ -13,7 +13,7 @@ from lab.core.errors import LabError
 from lab.core.limits import WAYPOINTS
 from lab.core.linear_model import whitening
 from lab.core.measurements import STATION
-from lab.core.progress import Progress, no_progress
+from lab.core.progress import Progress, Stage, no_progress, no_stage
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM, joints_to_si
@@ -42,7 +42,6 @@ from lab.pose_selection.exchange import (
 )
 from lab.pose_selection.tour import FreePath, fastest_path
 from lab.prediction.regions import region_of_points, without_columns
-from lab.report.terminal import Stage, no_stage
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
 from lab.sensors.sensor_options import FitInputs, SensorOptions

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -15,10 +15,11 @@ from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text as RichText
 
+from lab.core.progress import Event, listening
 from lab.report import document as doc
 from lab.report.document import inlines, plain, shown
 
-__all__ = ["Stage", "bars", "linked", "no_stage", "print_document", "starting", "status", "time_left", "to_text"]
+__all__ = ["linked", "print_document", "showing_progress", "starting", "time_left", "to_text"]
 
 _UNWRAPPED = 100_000  # columns
 _BLUE, _AMBER, _RED, _GREEN, _GREY = "#5f5fff", "#b06000", "#eb0000", "#008800", "#767676"  # on black and on white
@@ -186,19 +187,7 @@ def _styled(text: doc.Text) -> RichText:
 
 
 _SURE = 0.5  # s: before, no remaining time is estimated
-_NAMED = 12  # letters of its name that identify a stage
 _ERASE = "\r\x1b[K"
-
-
-class Stage(Protocol):
-    """Receives the stage of the work: its name, and where parts are counted, how many are done of how many."""
-
-    def __call__(self, name: str, done: int = 0, of: int = 0) -> None:
-        """Show it."""
-
-
-def no_stage(name: str, done: int = 0, of: int = 0) -> None:
-    """Show nothing."""
 
 
 @contextmanager
@@ -215,28 +204,62 @@ def starting(what: str) -> Iterator[None]:
 
 
 @contextmanager
-def status(work: str) -> Iterator[Stage]:
-    """Show the stage of the work with the time, in a line that goes when the work is done."""
-    if not sys.stderr.isatty():
-        yield no_stage
-        return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+def showing_progress(keep: Callable[[str], None]) -> Iterator[None]:
+    """Show the progress of calls with the time, in a line on standard error that goes when the work is done.
 
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    begun: dict[str, float] = {}
-    with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
-        task = shown.add_task(work, total=None)
+    Args:
+        keep: prints a line that stays.
+    """
+    line = _ProgressLine() if sys.stderr.isatty() else None
 
-        def stage(name: str, done: int = 0, of: int = 0) -> None:
-            key = name[:_NAMED]
-            if not done:  # it begins, or begins anew
-                begun[key] = time.monotonic()
-            since = time.monotonic() - begun.setdefault(key, time.monotonic())
-            count = f" ({done:,} of {of:,}{time_left(since, done, of)})" if of else ""
-            shown.update(task, description=f"{work}: {name}{count}")
+    def show(event: Event) -> None:
+        if event.line:
+            keep(event.line)
+        elif line is not None:
+            line.show(event)
 
-        yield stage
+    try:
+        with listening(show):
+            yield
+    finally:
+        if line is not None:
+            line.stop()
+
+
+class _ProgressLine:
+    """The line of the work that is being done: its stage, what of it is done, and the time."""
+
+    def __init__(self) -> None:
+        self._progress: Any = None
+        self._stage, self._first, self._begun = "", 0, 0.0  # of the stage: parts done at first, and when (s)
+
+    def show(self, event: Event) -> None:
+        """Show an event; the line of work that has ended goes."""
+        if event.ended:
+            self.stop()
+            return
+        if self._progress is None:
+            self._start()
+        if event.stage != self._stage or not event.done:  # it begins, or begins anew
+            self._stage, self._first, self._begun = event.stage, event.done, time.monotonic()
+        left = time_left(time.monotonic() - self._begun, event.done - self._first, event.of - self._first)
+        count = f" ({event.done:,} of {event.of:,}{left})" if event.of else ""
+        text = f"{event.work}: {event.stage}{count}" if event.stage else event.work
+        self._progress.update(self._progress.task_ids[0], description=text)
+
+    def _start(self) -> None:
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+        self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
+        self._progress.add_task("", total=None)
+        self._progress.start()
+
+    def stop(self) -> None:
+        """Erase the line."""
+        if self._progress is not None:
+            self._progress.stop()
+            self._progress = None
 
 
 def time_left(seconds: float, done: int, of: int) -> str:
@@ -249,28 +272,3 @@ def time_left(seconds: float, done: int, of: int) -> str:
         return ""
     left = seconds / done * (of - done)
     return f", about {left / 60:.0f} min left" if left >= 100 else f", about {max(left, 1):.0f} s left"
-
-
-@contextmanager
-def bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Show a bar for each kind of thing that is made: its name, how many there are, and of how many."""
-    if not sys.stderr.isatty():
-        yield lambda what, there, all_of_them: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    shown_bars: dict[str, tuple[Any, int, float]] = {}
-    texts = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[left]}", markup=False)
-    columns = (texts[0], BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), texts[1])
-    with Progress(*columns, console=Console(stderr=True)) as shown:
-
-        def progress(what: str, there: int, all_of_them: int) -> None:
-            if what not in shown_bars:
-                task = shown.add_task(what, total=all_of_them, completed=there, left="")
-                shown_bars[what] = task, there, time.monotonic()
-            task, first, begun = shown_bars[what]
-            left = time_left(time.monotonic() - begun, there - first, all_of_them - first)
-            shown.update(task, completed=there, left=left.removeprefix(", "))
-
-        yield progress

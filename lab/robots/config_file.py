@@ -15,14 +15,25 @@ from lab.formats.structured import read_checksums, read_structured, structured
 from lab.robots.robot_files import parted
 
 __all__ = [
-    "CONFIG_FILE", "INPUTS", "SCHEMA", "RunConfig", "RunInputs", "input_names", "read_config", "read_options",
-    "robot_of_file",
+    "CONFIG_FILE", "INPUTS", "LOAD_FILE", "RUN_FILES", "SCHEMA", "RunConfig", "RunInputs", "input_names",
+    "read_config", "read_options", "refuse_own_name", "robot_of_file",
 ]  # fmt: skip
 
 _Options = TypeVar("_Options")
 SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas describes it
 CONFIG_FILE, INPUTS = "config.json", "inputs"
 _FILES = (".toml", ".xml", ".urdf")  # descriptions of robots, instruments and cells, unlike names of the lab's own
+LOAD_FILE = "load.json"  # a payload, in the folder of a run
+RUN_FILES = {  # and what its checksums list: a folder with anything else is not replaced
+    LOAD_FILE, CHECKSUMS,
+    "config.json", "measurements.csv", "parameters.json", "covariance.csv", "residual.csv", "fitted_poses.csv",
+    "result.json", "calibrated.xml", "calibrated.toml", "calibrated.urdf", "calibrated_origins.xacro",
+    "ur_kinematics.yaml", "calibration.conf", "calibrated.py", "next.csv", "predicted.csv", "nominal.toml",
+    "joints.csv", "cartesian.csv", "plan.csv", "trajectory.csv", "corrected.csv", "load.csv", "motion.csv",
+    "another.csv", "values.csv", "workspace.csv", "sensor.toml", "history.csv", "history.prom",
+    "recording.rrd", "model.py", "model.c", "model.m",
+    "report.html",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -168,3 +179,16 @@ def read_options(path: Path, command: str, kind: type[_Options]) -> _Options:
         if inputs.copy(given) is None and Path(given).is_file() and file_digest(Path(given)) != digest:
             raise LabError(f"{path}: {given} is another file than that of the run; put it back, or run anew")
     return structured(path, kind, inputs.located(config.options))
+
+
+def refuse_own_name(where: object, name: str) -> None:
+    """Refuse to write a file under the name of one that a run writes for itself.
+
+    Args:
+        where: the option, or the file that is written again under its name, as the error begins.
+
+    Raises:
+        LabError: a run has a file of this name.
+    """
+    if name.lower() in {INPUTS, *(each.lower() for each in RUN_FILES)}:
+        raise LabError(f"{where}: a run writes a file {name} of its own, which this one would replace; rename it")

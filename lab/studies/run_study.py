@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from lab.core.errors import LabError, option_name
+from lab.core.progress import Stage, no_stage, stages
 from lab.core.se3 import Array
 from lab.core.whole_folder import (
     draft_of,
@@ -34,7 +35,6 @@ from lab.core.whole_folder import (
 )
 from lab.formats.structured import read_json, read_structured
 from lab.kinematics.effects.effect import PAYLOAD
-from lab.report.terminal import bars
 from lab.robots.load_robot import load_robot
 from lab.studies.analysis import CampaignArray
 from lab.studies.campaigns import COLUMNS, cell_poses, difference, origin_of, other_version, run_task
@@ -303,9 +303,6 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
     return plain
 
 
-_Progress = Callable[[str, int, int], None]  # kind of files, number of finished ones, number of all
-
-
 @dataclass(frozen=True)
 class StudyDone:
     """A finished study.
@@ -339,7 +336,7 @@ def run_study(
     executor: Executor,
     *,
     resume: bool = False,
-    progress: _Progress = lambda kind, done, total: None,
+    progress: Stage = no_stage,
     posing: Callable[[Study, Cell], Array] = cell_poses,
     solving: Callable[[Study, Task, Array], dict[str, Array]] = run_task,
 ) -> StudyDone:
@@ -368,7 +365,7 @@ def run_study(
     return StudyDone(folder, study, computed, time.perf_counter() - started)
 
 
-def _posed(store: _Store, executor: Executor, progress: _Progress, work: Callable[..., Array]) -> dict[int, Array]:
+def _posed(store: _Store, executor: Executor, progress: Stage, work: Callable[..., Array]) -> dict[int, Array]:
     """Return the poses of every cell; missing ones are computed and stored."""
     cells = store.cells
     read = ((number, store.read_poses(number)) for number in range(len(cells)))
@@ -387,7 +384,7 @@ def _posed(store: _Store, executor: Executor, progress: _Progress, work: Callabl
 def _solved(
     store: _Store,
     executor: Executor,
-    progress: _Progress,
+    progress: Stage,
     work: Callable[..., dict[str, Array]],
     poses: dict[int, Array],
 ) -> int:
@@ -428,7 +425,7 @@ def study_runner(workers: int) -> Iterator[Callable[[Study, Path], tuple[Campaig
 
         def run(study: Study, folder: Path) -> tuple[CampaignArray, StudyDone]:
             folder.parent.mkdir(parents=True, exist_ok=True)
-            with bars() as progress:
+            with stages("running the study") as progress:
                 there = (folder / "config.json").is_file()
                 done = run_study(study, folder, executor, resume=there, progress=progress)
             table = read_campaigns(folder)

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from lab.core.errors import LabError, error_context
 from lab.core.gaps import attempted
+from lab.core.progress import stages
 from lab.extension_points import load_reference
 from lab.formats.csv_table import text_cell
 from lab.library.result import Result, number
 from lab.library.run_folder import free_name
 from lab.options.call_options import options_of, takes
 from lab.options.command_options import StudyOptions
-from lab.report.terminal import bars
 from lab.studies.analysis import COMPARED, Analysis, Comparison, Mean, analysed
 from lab.studies.campaigns import refuse_impossible
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
@@ -252,7 +252,7 @@ def _run(options: StudyOptions, known: Study) -> StudyResult:
     folder = options.out or free_name(Path("runs"), f"study-{known.name}")
     chosen = local_executor(options.workers) if options.scheduler is None else cluster_executor(options.scheduler)
     try:
-        with bars() as progress, chosen as executor:
+        with stages("running the study") as progress, chosen as executor:
             done = run_study(known, folder, executor, resume=options.resume, progress=progress)
     except StoppedError as error:
         raise LabError(f"{folder}: {error}") from error

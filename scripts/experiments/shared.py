@@ -27,7 +27,7 @@ from lab.options.option_types import Flag
 from lab.report.charts.chart import save_figure
 from lab.report.document import Block, Document, Paragraph, Row, Section, Table, short
 from lab.report.style import FIGURE_STYLE, SERIES
-from lab.report.terminal import print_document
+from lab.report.terminal import print_document, showing_progress
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,7 +88,7 @@ def run_script(name: str, arguments: Sequence[str] | None = None) -> None:
         for package in getattr(script, "NEEDS", ()):
             if find_spec(package) is None:
                 raise LabError(f"{package} is missing: pip install {package}")
-        with threadpool_limits(1):
+        with threadpool_limits(1), showing_progress(lambda line: print(line, file=sys.stderr)):
             answer: Answer = script.answer(options)
     except LabError as error:
         print(f"lab: {error}", file=sys.stderr)

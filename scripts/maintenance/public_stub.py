@@ -44,6 +44,8 @@ class Stub:
         """A type, as it is written; paths may be texts, and tuples of any length other sequences."""
         if isinstance(hint, str | ForwardRef):
             return self.as_written(hint if isinstance(hint, str) else hint.__forward_arg__)
+        if isinstance(hint, list):  # arguments of a callable
+            return f"[{', '.join(map(self.spelled, hint))}]"
         origin, args = get_origin(hint), get_args(hint)
         if origin is Annotated:
             return self.spelled(args[0])

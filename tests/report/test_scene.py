@@ -1,11 +1,11 @@
-"""What a recording shows: magnified ellipsoids, legs, the arm's lines, and the bars of long work."""
+"""What a recording shows: magnified ellipsoids, legs, and the arm's lines."""
 
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.robots import IRB120, RX130
+from helpers.robots import RX130
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,7 +24,6 @@ from lab.report.scene import (
     skeleton,
     world_legs,
 )
-from lab.report.terminal import bars, status
 from lab.robots.load_robot import load_robot
 
 
@@ -70,14 +69,6 @@ def test_legs_of_a_mechanism_in_the_world() -> None:
     assert "length is a joint position" in plain(legs_legend(found)) and legs_legend(Legs(found.ends[:, :0], ())) == ""
     assert reach_of(T, found.ends, found) == pytest.approx(np.linalg.norm(found.ends - T[:3, 3], axis=-1).max())
     np.testing.assert_allclose(moved(T, found.ends)[0, 0, 0], se3.transform(T, found.ends[0, 0, :1])[0])
-
-
-def test_in_a_pipe_there_are_no_bars(capfd: pytest.CaptureFixture[str]) -> None:
-    with bars() as progress, status("work") as tell:
-        progress("campaigns", 1, 2)
-        tell("a stage")
-    assert capfd.readouterr() == ("", "")
-    assert IRB120.name
 
 
 @pytest.mark.figures

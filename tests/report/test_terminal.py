@@ -6,8 +6,9 @@ import re
 import pytest
 from rich.console import Console
 
+from lab.core.progress import keep_line, stages
 from lab.report.document import Badge, Bullets, Document, Paragraph, Table
-from lab.report.terminal import print_document, time_left, to_text
+from lab.report.terminal import print_document, showing_progress, time_left, to_text
 
 
 def test_where_there_is_no_terminal_nothing_is_wrapped_or_cut(capsys: pytest.CaptureFixture[str]) -> None:
@@ -38,6 +39,31 @@ def test_the_time_left_is_said_when_it_is_known() -> None:
     assert time_left(0.8, 1, 10) == ", about 7 s left", "within a second of start"
     assert time_left(9.0, 99, 100) == ", about 1 s left", "never none"
     assert time_left(6.0, 2, 10) == ", about 24 s left" and time_left(60.0, 1, 11) == ", about 10 min left"
+
+
+def _work() -> None:
+    with stages("fitting") as stage:
+        stage("groups")
+        stage("folds", 3, 10)
+        keep_line("fitting", "a proposal")
+
+
+def test_in_a_pipe_progress_is_not_shown_and_lines_to_keep_are(capfd: pytest.CaptureFixture[str]) -> None:
+    kept = list[str]()
+    with showing_progress(kept.append):
+        _work()
+    assert capfd.readouterr() == ("", "") and kept == ["a proposal"]
+
+
+def test_on_a_terminal_the_line_of_progress_goes_when_the_work_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    out = io.StringIO()
+    monkeypatch.setattr(out, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr", out)
+    with showing_progress(lambda line: None):
+        _work()
+    shown = out.getvalue()
+    assert "fitting" in shown and shown.endswith("\x1b[2K"), "the line is erased"
 
 
 @pytest.mark.parametrize("width", [40, 80, 100])

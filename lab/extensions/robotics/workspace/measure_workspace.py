@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core.progress import Stage, stages
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.robotics.workspace.measure import workspace_of
@@ -17,7 +18,6 @@ from lab.extensions.robotics.workspace.workspace_options import WorkspaceOptions
 from lab.extensions.robotics.workspace.workspace_result import RobotWorkspace, WorkspaceResult
 from lab.kinematics.reach import reach_from_axis
 from lab.options.call_options import options_of, takes
-from lab.report.terminal import Stage, status
 from lab.robots.load_robot import load_robot
 from lab.robots.robot import Robot
 from lab.simulation.collisions import collides
@@ -59,7 +59,7 @@ def workspace(
         names = tuple(each.source if isinstance(each, Robot) else str(each) for each in given)
         requested = options_of("lab.workspace", WorkspaceOptions, {"robots": names, **options})
     requested.check()
-    with status("measuring") as stage:
+    with stages("measuring") as stage:
         found = tuple(
             _robot_workspace(load_robot(loaded.get(name, name), requested.cell), requested, stage)
             for name in requested.named
