@@ -20,6 +20,7 @@ A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.en
 - ``lab.error_terms``: an object or a subclass of ``ErrorTerm`` of ``lab.noise.error_term``; the name is a value of
   ``--error-terms``.
 - ``lab.samplers``: an object or a subclass of ``lab.Sampler``; the name is the value of ``--sampler``.
+- ``lab.views``: a ``View`` of ``lab.report.view``, which shows a result; the name is the class of the result.
 - ``lab.sources``: a ``Source`` of ``lab.extensions.reproduction.item``; the name is the argument of ``lab reproduce``.
 
 An extension may use the public interface ``lab``, this module, and the toolbox, which the import contract names:

@@ -228,8 +228,6 @@ class HistoryResult(Result):
     """
 
     command = "history"
-    shown_by = "lab.report.views.history_document:history_document"
-    drawn_by = "lab.report.views.history_document:main_picture"
 
     options: HistoryOptions
     on: date

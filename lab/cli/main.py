@@ -181,7 +181,7 @@ def _refuse_incomplete(command: "Command", result: object) -> None:
     start = f"lab {command.name}: {command.run} returns {type(result).__name__}"
     if not isinstance(result, Result):
         raise LabError(f"{start}; return a {Result.__module__}.Result")
-    if missing := [name for name in ("command", "options", "warnings", "shown_by") if not hasattr(result, name)]:
+    if missing := [name for name in ("command", "options", "warnings") if not hasattr(result, name)]:
         raise LabError(f"{start} without '{missing[0]}'; give it as a field, a property or an attribute of the class")
 
 
@@ -277,8 +277,9 @@ def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, 
             print(json.dumps(result.to_dict(), allow_nan=False))
         else:
             from lab.report.terminal import print_document
+            from lab.report.view import document_of
 
-            printing = partial(print_document, result.document(), warnings=False)
+            printing = partial(print_document, document_of(result), warnings=False)
             attempted("the summary", printing, lambda _: None, passed=(OSError,))
             if (written := requested.options.out if command.writes_on_request else place) is not None:
                 print("\n".join(_where(written)))

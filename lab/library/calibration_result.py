@@ -11,7 +11,6 @@ import numpy as np
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import Direction, weak_directions
 from lab.calibration.identification import Identification, most_likely_parameters
-from lab.calibration.observation import observation_of
 from lab.calibration.residual.estimation import ExpectedGain
 from lab.calibration.residual.process import GROUP
 from lab.calibration.rigid_distances import InstrumentNoise
@@ -108,9 +107,6 @@ class CalibrationResult(Result):
     """
 
     robot_at = "robot"
-    shown_by = "lab.report.views.calibration_document:document_of"
-    drawn_by = "lab.report.views.calibration_figures:main_picture"
-    recorded_by = "lab.report.views.calibration_recording:record"
 
     options: VirtualCampaign | MeasuredCampaign
     robot: Robot
@@ -383,11 +379,6 @@ class CalibrationResult(Result):
         """The parameters, in SI units."""
         names = ("name", "unit", "nominal", "estimate", "std", "status")
         return {name: [getattr(row, name) for row in self.parameters] for name in names}
-
-    @property
-    def is_recorded(self) -> bool:
-        """False of a cable or a socket, where there is nothing to draw."""
-        return bool(observation_of(self.identification.model).positions)
 
     def write_files(self, folder: Path) -> None:
         """Write the measurements, the estimate, the load, and the calibrated arm for other programs."""

@@ -76,9 +76,6 @@ class CompensationResult(Result):
 
     command = "compensate"
     robot_at = "run.robot"
-    shown_by = "lab.report.views.compensation_document:compensation_document"
-    drawn_by = "lab.report.views.compensation_document:corrections_picture"
-    recorded_by = "lab.report.views.error_recording:record_compensation"
 
     options: CompensateOptions
     run: CalibrationRun
@@ -319,11 +316,6 @@ class CompensationResult(Result):
     def verdict(self) -> Literal["good", "doubtful", "bad"]:
         """``bad`` where a target is not reached, ``doubtful`` where there are reasons for that, else ``good``."""
         return "bad" if self.failed else "doubtful" if self.reasons else "good"
-
-    @property
-    def is_recorded(self) -> bool:
-        """False where no target is reached."""
-        return len(self.reached) > 0
 
     @property
     def near_singular(self) -> tuple[_NearSingular, ...]:

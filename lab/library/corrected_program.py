@@ -17,6 +17,7 @@ from lab.compensation.compensator import Compensation
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import PROGRAM_BYTES
+from lab.core.number_text import short
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
 from lab.formats.programs.languages import read_program
@@ -34,7 +35,6 @@ from lab.library.program_reference import (
     requested_solutions,
 )
 from lab.options.compensation import CompensateOptions
-from lab.report.document import short
 
 if TYPE_CHECKING:
     from lab.library.program_reference import ProgramReference

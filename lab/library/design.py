@@ -187,9 +187,6 @@ class DesignResult(Result):
 
     command = "design"
     robot_at = "problem.robot"
-    shown_by = "lab.report.views.design_document:design_document"
-    drawn_by = "lab.report.views.design_document:main_picture"
-    recorded_by = "lab.report.views.design_recording:record_plan"
 
     options: DesignOptions
     problem: PoseProblem
@@ -426,7 +423,6 @@ class PlanCheckResult(Result):
 
     command = "design"
     robot_at = "robot"
-    shown_by = "lab.report.views.design_document:check_document"
 
     options: DesignOptions
     robot: Robot

@@ -16,7 +16,6 @@ from lab.library.given_measurements import read_measurements
 from lab.library.result import Result
 from lab.options.call_options import options_of, takes
 from lab.options.command_options import ExampleOptions
-from lab.report.document import Bullets, Code, Command, Document, Paragraph, Section, Table
 from lab.robots.robot_files import models_folder
 
 __all__ = ["EXAMPLES", "Example", "ExampleResult", "example"]
@@ -131,7 +130,6 @@ class ExampleResult(Result):
     """
 
     command = "example"
-    shown_by = "lab.library.example:_document"
     warnings = ()
 
     options: ExampleOptions
@@ -245,31 +243,3 @@ def _written(found: Example, folder: Path) -> tuple[Path, ...]:
             raise LabError(f"{folder}: cannot be written ({why}); nothing was written; give another --out") from error
         raise
     return tuple(written)
-
-
-def _document(result: ExampleResult) -> Document:
-    if result.options.name is None:
-        rows = tuple(
-            (each.name, each.robot, each.measured, f"{each.rows:,}", f"{each.size_bytes / 1e3:.0f} kB",
-             each.licence_name) for each in result.examples
-        )  # fmt: skip
-        columns = ("example", "robot", "what was measured", "rows", "size", "licence")
-        sources = Bullets(tuple(f"{each.name}: {each.source}" for each in result.examples))
-        steps = tuple(Command(f"lab example {each.name}\n{each.command()}") for each in result.examples)
-        return Document(
-            "Measurements of real robots that come with the lab",
-            (Table(columns, rows), Section("Sources", (sources,)), Section("Write one here, and identify", steps)),
-        )
-    (found,) = result.examples
-    facts = (
-        f"Robot: {found.robot}", f"Measured: {found.measured}", f"Rows: {found.rows:,}",
-        f"Licence: {found.licence_name}", f"Source: {found.source}",
-    )  # fmt: skip
-    if not result.files:
-        return Document(f"Example {found.name}", (Bullets(facts),))
-    written = Bullets(tuple((Code(str(file)),) for file in result.files))
-    command = Command(found.command(result.files[0].parent))
-    return Document(
-        f"Example {found.name}",
-        (Bullets(facts), Section("Written", (written,)), Section("Next", (Paragraph("Identify the robot:"), command))),
-    )

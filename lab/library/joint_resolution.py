@@ -1,6 +1,6 @@
 """Resolution of a robot at its tool: how far one count of each encoder moves it, over the workspace."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,8 @@ from lab.core.units import DEGREES, MM
 from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.model import RigidArm
 from lab.library.result import number
-from lab.report.document import Block, Paragraph, Table, guarded
 
-__all__ = ["encoders_of", "resolution", "resolution_blocks"]
+__all__ = ["encoders_of", "resolution"]
 
 _POSES = 500  # random ones within the limits
 
@@ -71,33 +70,3 @@ def _sizes(unit: str, found: Array) -> dict[str, float | None]:
     return {
         f"{name}_{unit}": number(float(of(found))) for name, of in (("min", np.min), ("mean", np.mean), ("max", np.max))
     }
-
-
-@guarded
-def resolution_blocks(values: Mapping[str, Any] | None) -> tuple[Block, ...]:
-    """Return the resolution as a paragraph and a table by encoder; of unknown encoders a note."""
-    if values is None:
-        text = (
-            "The resolution is not given: the increments of the encoders are not known. Give --joint-steps, or "
-            "counts_per_turn of each drive in the robot's table."
-        )
-        return (Paragraph(text, "note"),)
-    largest, mean, rms, most = (
-        _um(values[key]) for key in ("step_max_mm", "step_mean_mm", "rounding_mean_mm", "rounding_max_mm")
-    )
-    text = (
-        f"One count of an encoder moves {values['target']} by up to {largest} µm ({values['coarsest_encoder']}). Over "
-        f"{values['poses']} random poses the coarsest one moves it by {mean} µm in the mean. Rounding to whole counts "
-        f"displaces it by {rms} µm (RMS), at the worst pose by {most} µm (RMS)."
-    )
-    rows = tuple(
-        (each["joint"], *(_um(each[f"{name}_{unit}"]) for unit in ("mm", "deg") for name in ("min", "mean", "max")))
-        for each in values["encoders"]
-    )
-    heads = ("encoder of", "least, µm", "mean", "most", "least, m°", "mean", "most")
-    caption = "Motion of the target by one count of each encoder: least, mean and largest over the poses."
-    return Paragraph(text), Table(heads, rows, caption)
-
-
-def _um(size: float | None) -> str:
-    return "–" if size is None else f"{1e3 * size:.3g}"

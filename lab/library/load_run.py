@@ -16,6 +16,7 @@ from lab.formats.structured import read_structured, structured
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.library.arm_files import ArmExport
 from lab.library.hand_load import HandLoad, carrying
+from lab.library.result import views
 from lab.library.run_folder import check_edits, listed_files
 from lab.noise.instruments import Instrument
 from lab.options.measured_campaign import MeasuredCampaign
@@ -154,11 +155,9 @@ class CalibrationRun(Value):
         Raises:
             LabError: the run has no recording, or rerun-notebook is not installed (the extra ``notebook``).
         """
-        from lab.report.recording import notebook_viewer
-
         path = self.folder / "recording.rrd"
         try:
-            return notebook_viewer(path.read_bytes())
+            return views().viewer_of(path.read_bytes())
         except OSError as error:
             raise LabError(f"{path}: cannot be read ({error.strerror}); make the run without --no-recording") from error
 

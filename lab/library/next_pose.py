@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from lab.core.errors import LabError, counted, option_name
 from lab.core.limits import TABLE_BYTES, WAYPOINTS
 from lab.core.measurements import Measurements
+from lab.core.number_text import fixed
 from lab.core.progress import keep_line, stages
 from lab.core.se3 import Array
 from lab.core.units import MM
@@ -27,39 +28,18 @@ from lab.library.run_folder import joint_columns
 from lab.options.call_options import options_of, takes
 from lab.options.command_options import NextOptions
 from lab.options.virtual_campaign import DesignOptions
-from lab.report.document import (
-    NARROW,
-    PAGE,
-    Badge,
-    Block,
-    Card,
-    Code,
-    Document,
-    Paragraph,
-    Scene,
-    Section,
-    Table,
-    Text,
-    Warnings,
-    fixed,
-    guarded,
-    plain,
-    short,
-)
-from lab.report.scene import MOST_POSES
 from lab.robots.config_file import CONFIG_FILE, SCHEMA, RunConfig, read_config, read_options
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
 
-__all__ = ["NextPoseResult", "next_pose", "proposal_text"]
+__all__ = ["NEXT_FILE", "NextPoseResult", "length_mm", "next_pose", "proposal_text"]
 
 _POLL_S = 0.2
 _UNREADABLE_S = 5.0  # a file that cannot be read for so long is not just being written
 _OF_PLAN = (
     "robot", "cell", "accuracy_mm", "targets", "instrument", "home", "clearance_mm", "self_clearance_mm", "no_check",
 )  # fmt: skip
-_NEXT_FILE = "next.csv"
-_SHOWN = "The arm at the pose to measure next, with the target's place there and at the poses measured so far."
+NEXT_FILE = "next.csv"
 _MEND = "give the folder of a run of lab design, lab identify or lab calibrate"
 
 
@@ -76,8 +56,6 @@ class NextPoseResult(Result):
 
     command = "next"
     robot_at = "planner.problem.robot"
-    shown_by = "lab.library.next_pose:_document"
-    recorded_by = "lab.report.views.next_recording:record_proposals"
 
     options: NextOptions
     planner: PosePlanner
@@ -127,8 +105,8 @@ class NextPoseResult(Result):
         return {
             "measured": proposal.measured,
             "reached": proposal.reached,
-            "accuracy_mm": _mm(proposal.accuracy_m),
-            "after_next_mm": _mm(proposal.next_m),
+            "accuracy_mm": length_mm(proposal.accuracy_m),
+            "after_next_mm": length_mm(proposal.next_m),
             "remaining": proposal.remaining,
             "next": None if rows is None else {name: number(values[-1]) for name, values in rows.items()},
             "via": [] if rows is None else _rows({name: values[1:-1] for name, values in rows.items()}),
@@ -142,8 +120,8 @@ class NextPoseResult(Result):
         joints = [np.full(size, np.nan) if each.joints is None else each.joints for each in self.proposals]
         return {
             "measured": [each.measured for each in self.proposals],
-            "accuracy_mm": [_mm(each.accuracy_m) for each in self.proposals],
-            "after_next_mm": [_mm(each.next_m) for each in self.proposals],
+            "accuracy_mm": [length_mm(each.accuracy_m) for each in self.proposals],
+            "after_next_mm": [length_mm(each.next_m) for each in self.proposals],
             "remaining": [each.remaining for each in self.proposals],
             **joint_columns(self.planner.problem.robot.chain, np.array(joints)),
         }
@@ -153,10 +131,11 @@ class NextPoseResult(Result):
         chain, way = self.planner.problem.robot.chain, self.proposal.waypoints
         joints = np.empty((0, chain.size)) if way is None else way[1:]
         purposes = ["via"] * (len(joints) - 1) + ["measure"] * (len(joints) > 0)
-        write_columns(folder / _NEXT_FILE, {"stop": purposes, **joint_columns(chain, joints)})
+        write_columns(folder / NEXT_FILE, {"stop": purposes, **joint_columns(chain, joints)})
 
 
-def _mm(length: float | None) -> float | None:
+def length_mm(length: float | None) -> float | None:
+    """Return a length in mm; None where it is unknown or not finite."""
     return None if length is None else number(MM.of(length))
 
 
@@ -314,124 +293,3 @@ def proposal_text(chain: JointSpec, proposal: Proposal) -> str:
     more = "" if proposal.remaining is None else f"; about {counted(proposal.remaining, 'further pose')} to go"
     why = ", for the cross-validation alone" if more and proposal.for_validation else ""
     return f"{so_far}; next: {pose}{more}{why}"
-
-
-def _page_scene(result: NextPoseResult) -> Any:
-    """The arm at the proposed pose, where there is one, then at those that were measured."""
-    from lab.report.page_scene import posed_arm  # which imports MuJoCo
-
-    problem, proposed = result.planner.problem, result.proposal.joints
-    measured = result.data.joints[result.data.seen.any(axis=1)][: MOST_POSES - 1]
-    names = [f"measured {row}" for row in range(1, len(measured) + 1)]
-    joints = measured.reshape(-1, problem.robot.chain.size)
-    if proposed is not None:
-        names, joints = ["next", *names], np.concatenate([proposed[None], joints])
-    return posed_arm(problem.robot.model, problem.arm, problem.values, joints, names)
-
-
-def _document(result: NextPoseResult) -> Document:
-    last, name = result.proposal, result.planner.problem.robot.name
-    title = f"{name}: the wanted accuracy is reached" if last.joints is None else f"{name}: measure this pose next"
-    shown = "The arm at the poses measured so far." if last.joints is None else _SHOWN
-    scene = Scene("next-scene", lambda: _page_scene(result), shown, shown_in=PAGE)
-    seen = last.joints is not None or bool(result.data.seen.any())
-    way = _way(result)
-    joints = ("joint", *(plain(row[0]) for row in way.rows))
-    turned = tuple(zip(way.headings[1:], *(row[1:] for row in way.rows), strict=True)) if way.rows else ()
-    return Document(
-        title,
-        (
-            _card(result),
-            Paragraph(_lead(result), "lead", shown_in=NARROW),
-            Warnings(result.warnings),
-            replace(way, shown_in=NARROW),
-            Section("The arm", (*((scene,) * seen), Paragraph(_lead(result)), Table(joints, turned)), shown_in=PAGE),
-            *_progress(result),
-        ),
-    )
-
-
-def _lead(result: NextPoseResult) -> str:
-    """Describe the accuracy so far, after the next pose, and how many more poses there are, and what for."""
-    last, wanted = result.proposal, result.planner.accuracy_m
-    so_far = "not all parameters are determined yet" if last.accuracy_m is None else (
-        f"95 % of the validation poses are predicted within {MM.text(last.accuracy_m)} in 95 % of the calibrations"
-    )  # fmt: skip
-    lead = f"{counted(last.measured, 'pose')} measured: {so_far}."
-    if last.joints is None:
-        return f"{lead} Stop measuring, and run lab identify on the file."
-    if last.next_m is not None:
-        lead += f" With the next pose: {MM.text(last.next_m)}."
-    if wanted is None or last.remaining is None:
-        return lead
-    further = counted(last.remaining, "further pose")
-    if last.for_validation:
-        return (
-            f"{lead} The wanted {MM.text(wanted)} is predicted already. {further.capitalize()} make the "
-            f"{result.planner.fewest} that a cross-validation needs to show it."
-        )
-    return f"{lead} About {further} reach {MM.text(wanted)}."
-
-
-@guarded
-def _card(result: NextPoseResult) -> Card:
-    """Summarise the session: whether the accuracy is reached, how good it is, and what to do now."""
-    last, wanted, fewest = result.proposal, result.planner.accuracy_m, result.planner.fewest
-    badge = Badge("measure on")
-    if last.joints is None:
-        badge = Badge("accuracy reached", "good")
-    elif last.for_validation:
-        badge = Badge("accurate enough, too few poses to show it", "doubtful")
-    numbers = [("poses measured", str(last.measured), "")]
-    if last.accuracy_m is not None:
-        numbers.append(("predicted now", MM.text(last.accuracy_m), "after"))
-    if wanted is not None:
-        numbers.append(("wanted", MM.text(wanted, 6), ""))
-    if last.joints is not None and last.remaining is not None:
-        why = "to go, for the cross-validation" if last.for_validation else "to go, about"
-        numbers.append((why, counted(last.remaining, "pose"), ""))
-    about = (
-        "The error that 95 % of the validation poses keep in 95 % of such calibrations."
-        if last.accuracy_m is not None
-        else "The error is predicted as soon as the poses determine all parameters. "
-        f"A cross-validation needs {counted(fewest, 'pose')}."
-    )
-    step: Text = "Stop measuring, and run lab identify on the file."
-    if last.joints is not None:
-        step = (
-            "Move the arm by ",
-            Code(_NEXT_FILE),
-            ", measure there, add the row to the file, and run lab next again.",
-        )
-    return Card(("Session: ", badge), tuple(numbers), about, step)
-
-
-def _way(result: NextPoseResult) -> Table:
-    """Tabulate the way to the next pose; no rows where there is none."""
-    chain, waypoints = result.planner.problem.robot.chain, result.proposal.waypoints
-    if waypoints is None:
-        return Table(("stop",), ())
-    rows = tuple(
-        ("measure" if i == len(waypoints) - 1 else "via", *(fixed(value, 3) for value in row))
-        for i, row in enumerate(joint_values(chain.prismatic, waypoints))
-        if i
-    )
-    units = ["mm" if slides else "°" for slides in chain.prismatic]
-    headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
-    return Table(("stop", *headings), rows)
-
-
-@guarded
-def _progress(result: NextPoseResult) -> tuple[Block, ...]:
-    """Tabulate the predicted errors of a session that was followed."""
-    if len(result.proposals) < 2:
-        return ()
-    table = Table(
-        ("poses measured", "predicted, mm", "after the next pose, mm", "poses to go"),
-        tuple(
-            (str(each.measured), *(short(_mm(size)) if size else "" for size in (each.accuracy_m, each.next_m)),
-             "" if each.remaining is None else str(each.remaining))
-            for each in result.proposals
-        ),
-    )  # fmt: skip
-    return (Section("Session so far", (table,), shown_in=PAGE),)

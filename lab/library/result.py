@@ -1,34 +1,27 @@
 """Base class of all results: export as values, document and table, and saving."""
 
 from abc import ABC, abstractmethod
-from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from html import escape
+from dataclasses import asdict, dataclass
+from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.extras import optional
-from lab.core.gaps import attempted
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
 from lab.core.values import Value, arrow_stream, data_frame
-from lab.core.whole_folder import draft_file
-from lab.extension_points import load_reference
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from lab.report.document import Document, Picture, Section
 
 __all__ = [
     "ErrorStatistics", "Result", "error_statistics", "exit_code_of", "joint_values", "number", "plain_numbers",
-    "printed", "sizes_mm", "tidy",
+    "printed", "sizes_mm", "tidy", "views",
 ]  # fmt: skip
 
 
@@ -36,22 +29,15 @@ class Result(Value, ABC):
     """Result of a call of the interface.
 
     A subclass is ``@dataclass(frozen=True, repr=False, eq=False)``: it holds arrays, which neither print shortly nor
-    compare to one truth value. It holds data alone: the functions that show it are named, and imported on use. A
-    subclass gives the names declared for type checkers as fields, properties or attributes of the class.
+    compare to one truth value. It holds data alone; ``lab.report.view`` finds what shows it by its type, and shows the
+    table of one that has no view. A subclass gives the names declared for type checkers as fields, properties or
+    attributes of the class.
 
     Attributes:
         robot_at: the attribute that holds the robot, e.g. ``run.robot``; empty where there is none.
-        shown_by: ``module:function`` from the result to its ``Document``, to which is added what extensions show of it,
-            and how it was made.
-        drawn_by: ``module:function`` from the result to the ``Picture`` of its main figure; a LabError where there is
-            nothing to draw; empty where there never is.
-        recorded_by: ``module:function`` that writes the recording, of a path and the result; empty where there is none.
     """
 
     robot_at: ClassVar[str] = ""
-    shown_by: ClassVar[str]
-    drawn_by: ClassVar[str] = ""
-    recorded_by: ClassVar[str] = ""
 
     if TYPE_CHECKING:  # at run time a property here would be the default value of a dataclass's field
 
@@ -87,11 +73,6 @@ class Result(Value, ABC):
         given: str | None = getattr(self.options, "serial", None)
         return given
 
-    @property
-    def is_recorded(self) -> bool:
-        """True where there is something to record."""
-        return bool(self.recorded_by)
-
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """Return the values of ``--json`` and ``result.json``: plain values, lengths in mm; None where not finite."""
@@ -111,40 +92,14 @@ class Result(Value, ABC):
         """Return the result with the folder that its files are written to; itself if it names none of them."""
         return self
 
-    def document(self) -> "Document":
-        """Build the one document that terminal, page and recording show."""
-        from lab.report.document import Block, Document, Warnings
-
-        def bare(missing: str) -> Document:
-            return Document(f"lab {self.command}", (Warnings((missing, *self.warnings)),))
-
-        def done() -> Block:
-            section = self.provenance()
-            if not isinstance(section, Block):
-                raise TypeError(f"it is a {type(section).__name__}, not a Section")
-            return section
-
-        made: Document = attempted("the text", lambda: load_reference(self.shown_by)(self), bare)
-        provenance = attempted("the section on what was done", done, lambda missing: Warnings((missing,)))
-        return replace(made, blocks=(*made.blocks, provenance))
-
-    def provenance(self) -> "Section":
-        """Build the section on what was done: enough to do it again."""
-        from lab.library.run_folder import provenance_section
-
-        return provenance_section(self.command, self.options, self.model_sha256, self.serial)
-
     def plot(self) -> "Figure":
         """Draw the result's main figure by matplotlib.
 
         Raises:
             LabError: there is nothing to draw, or matplotlib is not installed (the extra ``plots``).
         """
-        if not self.drawn_by:
-            raise LabError(f"the result of lab {self.command} has no figure; report(path) writes its page")
-        optional("matplotlib", "plot()")
-        picture: Picture = load_reference(self.drawn_by)(self)
-        return picture.draw()
+        figure: Figure = views().figure_of(self)
+        return figure
 
     def recording(self) -> Any:
         """Show the recording in a notebook: return its viewer, which a cell shows as its last line.
@@ -152,14 +107,7 @@ class Result(Value, ABC):
         Raises:
             LabError: there is nothing to record, or rerun-notebook is not installed (the extra ``notebook``).
         """
-        if not self.is_recorded:
-            raise LabError(f"the result of lab {self.command} has no recording; report(path) writes its page")
-        from lab.report.recording import notebook_viewer
-
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "recording.rrd"
-            self._record(path)
-            return notebook_viewer(path.read_bytes())
+        return views().recording_viewer(self)
 
     def write(self, folder: Path) -> None:
         """Write all numbers of the run into a folder that is there and empty; ``save`` makes it.
@@ -177,25 +125,12 @@ class Result(Value, ABC):
 
         The numbers are there before, and stay: what cannot be drawn is left out, with a warning.
         """
-        if self.is_recorded and not getattr(self.options, "no_recording", False):
-            attempted("recording.rrd", lambda: self._record(folder / "recording.rrd"), _left_out)
-        attempted("report.html", lambda: self._write_page(folder / "report.html"), _left_out)
-
-    def _record(self, path: Path) -> None:
-        with draft_file(path) as draft:
-            load_reference(self.recorded_by)(draft, self)
-
-    def _write_page(self, path: Path) -> None:
-        from lab.report.page import to_html
-
-        with draft_file(path) as draft:  # a name of the user may have bytes that no character stands for
-            draft.write_text(to_html(self.document()), encoding="utf-8", errors="backslashreplace")
+        views().draw(self, folder)
 
     def summary(self) -> str:
         """Return the printed output of the command, as plain text."""
-        from lab.report.terminal import to_text
-
-        return "\n".join(line.rstrip() for line in to_text(self.document()).splitlines()).strip()
+        text: str = views().text_of(self)
+        return text
 
     def report(self, path: str | Path) -> Path:
         """Write the page to read and print, one HTML file that needs no network.
@@ -204,7 +139,7 @@ class Result(Value, ABC):
             LabError: the file cannot be written.
         """
         try:
-            self._write_page(Path(path))
+            views().write_page(self, Path(path))
         except OSError as error:
             raise LabError(f"{path}: cannot be written ({error.strerror}); give another path") from error
         return Path(path)
@@ -247,19 +182,14 @@ class Result(Value, ABC):
         return f"<{type(self).__name__}: summary(), to_dict(), to_frame(), plot(), report(path) and save(folder)>"
 
     def _repr_html_(self) -> str:
-        """A small table, with a link by which the page can be saved and opened."""
-        from lab.report.page import to_html
-
-        document = self.document()
-        facts = {self.command: document.title, "warnings": " ".join(self.warnings) or "none"}
-        rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in facts.items())
-        page = b64encode(to_html(document).encode()).decode()
-        link = f'<a download="{self.command}.html" href="data:text/html;base64,{page}">Open the page</a>'
-        return f"<table>{rows}</table><p>{link}</p>"
+        """Return a small table for a notebook's cell: title, verdict, main numbers, and how to get the page."""
+        cell: str = views().html_cell(self)
+        return cell
 
 
-def _left_out(missing: str) -> None:
-    """Put nothing in place of a file that could not be made."""
+def views() -> Any:
+    """Import ``lab.report.view``, which shows results: the one place where the library reaches up to it, on use."""
+    return import_module("lab.report.view")
 
 
 @dataclass(frozen=True)

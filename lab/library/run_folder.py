@@ -41,7 +41,6 @@ from lab.core.whole_folder import (
 )
 from lab.formats.structured import read_bytes, read_checksums
 from lab.kinematics.joints import JointSpec
-from lab.report.document import PAGE, Code, Command, Paragraph, Row, Section, Table
 from lab.robots.config_file import CONFIG_FILE, INPUTS, RUN_FILES, SCHEMA
 from lab.robots.robot_files import is_own, parted
 
@@ -50,7 +49,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "VIA", "Waypoints", "check_edits", "command_line", "complete", "free_name", "input_files",
-    "joint_columns", "listed_files", "positional", "provenance_section", "run_folder",
+    "joint_columns", "listed_files", "positional", "run_config", "run_folder",
     "write_config", "write_json",
 ]  # fmt: skip
 
@@ -266,7 +265,7 @@ def free_name(parent: Path, stem: str) -> Path:
     return next(name for name in names if not name.exists() and not (parent.exists() and is_being_written(name)))
 
 
-def _config(command: str, options: "DataclassInstance", model_sha256: str) -> dict[str, Any]:
+def run_config(command: str, options: "DataclassInstance", model_sha256: str) -> dict[str, Any]:
     """Return all options, and what else the numbers depend on: file contents, versions of libraries and schema."""
     return {
         "schema": SCHEMA,
@@ -280,7 +279,7 @@ def _config(command: str, options: "DataclassInstance", model_sha256: str) -> di
 
 def write_config(folder: Path, command: str, options: "DataclassInstance", model_sha256: str) -> None:
     """Write ``config.json`` of a run, and beside it the copies of its inputs."""
-    content = _config(command, options, model_sha256)
+    content = run_config(command, options, model_sha256)
     write_json(folder / CONFIG_FILE, {**content, "inputs": _copy_inputs(folder, options)})
 
 
@@ -435,7 +434,6 @@ def joint_columns(chain: JointSpec, joints: Array) -> dict[str, Array]:
 
 
 (_POSITIONAL,) = get_args(tyro.conf.Positional[str])[1:]  # the mark of an option without a flag
-_SHOWN = ("robot", "instrument", "seed")  # also where they are at their defaults
 
 
 def command_line(name: str, options: "DataclassInstance") -> str:
@@ -473,25 +471,3 @@ def _written(value: Any) -> str:
     if isinstance(value, tuple):
         return ",".join(_written(each) for each in value)
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def provenance_section(
-    name: str, options: "DataclassInstance", model_sha256: str, serial: str | None = None
-) -> Section:
-    """The section on what was done: enough to do it again.
-
-    Args:
-        name: of the command.
-        serial: the serial number of the arm, where it is known.
-    """
-    made = _config(name, options, model_sha256)
-    libraries = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
-    rows: list[Row] = [(key, str(made["options"][key])) for key in _SHOWN if made["options"].get(key) is not None]
-    rows += [("serial", serial)] if serial is not None else []
-    rows += [("versions", libraries), ("model (SHA-256)", Code(model_sha256))]
-    text = "All other options had their defaults; the run's config.json holds every one"
-    return Section(
-        "What was done",
-        (Command(command_line(name, options)), Paragraph(f"{text}."), Table(("", ""), tuple(rows))),
-        shown_in=PAGE,
-    )

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.errors import LabError, counted
-from lab.core.limits import called
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -20,8 +19,6 @@ from lab.kinematics.model import RigidArm
 from lab.library.load_run import CalibrationRun
 from lab.library.result import Result, joint_values
 from lab.options.command_options import VerifyOptions
-from lab.report import document as doc
-from lab.report.document import fixed
 from lab.sensors.contact import without_gaps
 from lab.simulation.collisions import collides
 from lab.verification.socket_checks import LEAST_CONFIGURATIONS, best_configurations
@@ -48,7 +45,6 @@ class TouchPlan(Result):
 
     command = "verify"
     robot_at = "calibrated.robot"
-    shown_by = "lab.library.touch_plan:_plan_document"
 
     options: VerifyOptions
     calibrated: CalibrationRun
@@ -90,29 +86,6 @@ class TouchPlan(Result):
             parts = [socket.partition(".") for socket in self.sockets]
             table = replace(table, other={"location": tuple(p[0] for p in parts), "socket": tuple(p[2] for p in parts)})
         write_measurements(folder / "plan.csv", table, chain.prismatic)
-
-
-def _plan_document(plan: TouchPlan) -> doc.Document:
-    chain = plan.calibrated.robot.chain
-    joints = [f"{name}, {chain.unit(i).name}" for i, name in enumerate(chain.joint_names)]
-    rows = [
-        (socket or "–", *(fixed(value, 2) for value in row))
-        for socket, row in zip(plan.sockets, plan._shown.tolist(), strict=True)
-    ]
-    note = (
-        f"Every cause keeps {100 * plan.own_share:.0f} % of its pattern or more that no other single cause explains, "
-        "but for causes that no configuration here tells apart. Touch near these positions; joint positions within "
-        "10° of them count as the same configuration."
-    )
-    blocks = (
-        doc.Paragraph(f"plan.csv holds {counted(len(plan.joints), 'configuration')}. Touch each every day, and add the "
-                      "joint positions to the file of all checks, with the day in session."),
-        doc.Table(("socket", *joints), tuple(rows)),
-        doc.Paragraph(note, "note"),
-        doc.Warnings(plan.warnings),
-    )  # fmt: skip
-    name = called(plan.calibrated.robot.name, plan.calibrated.serial or plan.options.serial)
-    return doc.Document(f"{name}: configurations of a daily check", blocks)
 
 
 def sockets_of(rows: Measurements, at: Sequence[int]) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from lab.core.gaps import attempted
+from lab.core.number_text import sentence
 from lab.report import document as doc
 from lab.report import style
 from lab.report.document import inlines, plain, shown
@@ -131,7 +132,7 @@ def _svg(picture: doc.Picture) -> Markup:
 
 
 def _gap(missing: str) -> Markup:
-    return Markup('<p class="note">{}</p>').format(doc.sentence(missing))
+    return Markup('<p class="note">{}</p>').format(sentence(missing))
 
 
 def _scene_of(block: doc.Scene) -> tuple[Any, Markup]:

@@ -14,11 +14,11 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from lab.core.errors import counted
+from lab.core.number_text import format_magnification, short
 from lab.core.se3 import Array, inverse, transform
 from lab.core.units import MM
 from lab.kinematics.model import RigidArm
 from lab.report.charts.chart import shades
-from lab.report.document import format_magnification, short
 from lab.report.scene import Legs, MagnifiedEllipsoids, moved, world_legs
 from lab.report.style import COLOUR_SCALE, INDEX, MUTED, PREDICTED, rgb
 from lab.simulation.meshes import Shell, arm_shells, body_poses

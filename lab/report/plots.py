@@ -7,12 +7,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core.number_text import capital, format_magnification, short
 from lab.core.probability import f_sf, t_ppf
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.report.charts.chart import axes_picture, cube, log_ticks, name_points, shades, view
 from lab.report.charts.marks import Axes
-from lab.report.document import Picture, capital, format_magnification, short
+from lab.report.document import Picture
 from lab.report.style import (
     AFTER,
     ARM,

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.extras import optional
+from lab.core.number_text import format_magnification
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.model import RigidArm
-from lab.report.document import Document, Section, Warnings, format_magnification, shown
+from lab.report.document import Document, Section, Warnings, shown
 from lab.report.markdown import to_markdown
 from lab.report.scene import Legs, MagnifiedEllipsoids, moved, world_legs
 from lab.report.style import (

@@ -5,12 +5,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lab.core.errors import LabError, error_context
-from lab.core.gaps import attempted
 from lab.core.progress import stages
-from lab.extension_points import load_reference
 from lab.formats.csv_table import text_cell
 from lab.library.result import Result, number
 from lab.library.run_folder import free_name
@@ -21,9 +19,6 @@ from lab.studies.campaigns import refuse_impossible
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
 from lab.studies.grid import FACTORS, NONE, RANKED, Cell, Study, is_any, read_study
 from lab.studies.run_study import StudyDone, read_campaigns, run_study
-
-if TYPE_CHECKING:
-    from lab.report.document import Section
 
 __all__ = ["StudyResult", "circumstances", "failures_text", "level_text", "plain_level", "shown_metrics", "study",
            "write_csv"]  # fmt: skip
@@ -86,8 +81,6 @@ class StudyResult(Result):
     """
 
     command = "study"
-    shown_by = "lab.report.views.study_document:study_document"
-    drawn_by = "lab.report.views.study_figures:first_picture"
 
     options: StudyOptions
     done: StudyDone
@@ -97,11 +90,6 @@ class StudyResult(Result):
     def warnings(self) -> tuple[str, ...]:
         """Warnings of a study, always empty: what did not converge is in the analysis."""
         return ()
-
-    def provenance(self) -> "Section":
-        """Build the section on what was done; not by the command, which may have gone on with another."""
-        section: Section = load_reference("lab.report.views.study_document:provenance_of")(self)
-        return section
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints: pairs and ranks by the metrics that terminal and page show."""
@@ -129,15 +117,6 @@ class StudyResult(Result):
     def write(self, folder: Path) -> None:
         """Write the analysis: means, pairs and ranks as CSV."""
         write_csv(folder, self.analysis)
-
-    def draw(self, folder: Path) -> None:
-        """Write the figures, and ``report.html``."""
-        attempted("the figures as files", lambda: self._write_figures(folder), lambda _: None)
-        super().draw(folder)
-
-    def _write_figures(self, folder: Path) -> None:
-        pictures = load_reference("lab.report.views.study_figures:pictures_of")(self)
-        load_reference("lab.report.views.study_figures:write_figures")(folder, pictures)
 
 
 def shown_metrics(known: Study) -> tuple[str, ...]:

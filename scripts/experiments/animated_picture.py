@@ -16,11 +16,12 @@ from shared import Answer, Document, paragraphs, run_script
 
 import lab
 from lab.core.errors import LabError
+from lab.core.number_text import format_magnification
 from lab.core.se3 import Array, transform
 from lab.core.units import MM
-from lab.report.document import format_magnification
 from lab.report.scene import magnification, moved
 from lab.report.style import ARM, ARROW_AFTER, BEFORE, GRID, INK, MUTED, rgb
+from lab.report.view import document_of
 from lab.simulation.meshes import arm_shells, body_poses
 
 if TYPE_CHECKING:
@@ -126,7 +127,7 @@ def measured_scene() -> Scene:
     both = (model.points(inputs, each)[:, 0] for each in (found.nominal_aligned, found.values))
     before, after = ((measured - predicted) @ turn.T for predicted in both)
     stops = _round_trip(rows.joints[np.linspace(0, len(rows) - 1, _STOPS).astype(int)])
-    points, headline = moved(T_world_tracker, measured), result.document().title
+    points, headline = moved(T_world_tracker, measured), document_of(result).title
     return Scene(result.robot, arm, values, points, before, after, _on_the_way(stops), headline)
 
 

@@ -23,9 +23,10 @@ import tyro
 from threadpoolctl import threadpool_limits
 
 from lab.core.errors import LabError
+from lab.core.number_text import short
 from lab.options.option_types import Flag
 from lab.report.charts.chart import save_figure
-from lab.report.document import Block, Document, Paragraph, Row, Section, Table, short
+from lab.report.document import Block, Document, Paragraph, Row, Section, Table
 from lab.report.style import FIGURE_STYLE, SERIES
 from lab.report.terminal import print_document, showing_progress
 

@@ -28,11 +28,11 @@ from shared import (
     save_figure,
 )
 
+from lab.core.number_text import fixed
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.options.option_groups import Effects
-from lab.report.document import fixed
 from lab.report.style import GRID, REFERENCE, SCALINGS
 from lab.report.views.study_document import effect_text
 from lab.robots.load_robot import load_virtual

@@ -127,7 +127,6 @@ class Unwarned(Result):
     """A result of another package's command that lacks one of what each has."""
 
     command = "inspect"
-    shown_by = ""
     options: object = None
 
     def to_dict(self) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from lab.extension_points import load_reference
 from lab.library.result import Result
 from lab.report import document as doc
 from lab.report import page
+from lab.report.view import document_of, is_recorded, view_of
 
 pytestmark = [pytest.mark.figures, pytest.mark.filterwarnings("always::lab.core.gaps.GapWarning")]
 
@@ -79,7 +80,7 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     with pytest.MonkeyPatch.context() as patch, pytest.warns(GapWarning) as warned:
         patch.chdir(folder.parent if name in ALONE else request.getfixturevalue("command_inputs"))
         patch.setattr(Result, "draw", kept)
-        patch.setattr("lab.library.result.load_reference", lambda _: broken)
+        patch.setattr("lab.report.view.load_reference", lambda _: broken)
         patch.setattr("lab.report.page.to_html", broken)
         patch.setattr("lab.report.terminal.print_document", broken)
         code = run(f"{COMMANDS[name]} --out {folder}")
@@ -92,13 +93,13 @@ def test_numbers_and_exit_code_are_those_without_a_drawing(written: Written) -> 
     assert json.loads((written.folder / "result.json").read_text())
     names = {path.name for path in written.folder.iterdir()}
     assert "SHA256SUMS" in names and not {"report.html", "recording.rrd"} & names
-    for missing in ("report.html", "the summary", *(["recording.rrd"] * written.result.is_recorded)):
+    for missing in ("report.html", "the summary", *(["recording.rrd"] * is_recorded(written.result))):
         assert f"{missing} is left out: RuntimeError: broken on purpose" in written.warned
 
 
 def parts_of(result: Result) -> list[tuple[ModuleType, str]]:
     """The functions that the document's own function calls: module in which it finds them, and name there."""
-    make = load_reference(result.shown_by)
+    make = load_reference(view_of(type(result)).document)
     guards = {attempted.__code__, doc.guarded(parts_of).__code__}  # between a guarded function and its caller
     makers, found = {make.__code__}, list[tuple[ModuleType, str]]()
 
@@ -131,7 +132,7 @@ def test_each_part_of_a_document_that_fails_leaves_a_gap(written: Written, monke
         function = getattr(module, name)
         with monkeypatch.context() as patch, pytest.warns(GapWarning, match="broken on purpose"):
             patch.setattr(module, name, broken_like(function))
-            shown, printed = page.to_html(result.document()), result.summary()
+            shown, printed = page.to_html(document_of(result)), result.summary()
         assert "broken on purpose" in shown + printed, name  # some parts are of one medium alone
         assert ("the text is left out" in printed) != hasattr(function, "__wrapped__"), name
 
@@ -144,7 +145,7 @@ def scenes(blocks: Any) -> list[doc.Scene]:
 
 @in_parts
 def test_each_figure_and_scene_that_fails_leaves_a_gap(written: Written) -> None:
-    document = written.result.document()
+    document = document_of(written.result)
     for picture in document.pictures:
         with pytest.warns(GapWarning, match=f"the figure '{picture.name}' is left out: RuntimeError"):
             assert "broken on purpose" in page._svg(replace(picture, draw=broken, chart=picture.chart and broken))
@@ -157,7 +158,7 @@ def test_each_figure_and_scene_that_fails_leaves_a_gap(written: Written) -> None
 @pytest.mark.parametrize("made", [lambda _: "a text", lambda _: None, broken], ids=["text", "nothing", "error"])
 def test_a_section_of_another_type_is_left_out(made: Callable[[Any], Any], monkeypatch: pytest.MonkeyPatch) -> None:
     result = lab.inspect("scara")
-    monkeypatch.setattr(type(result), "provenance", made)
+    monkeypatch.setattr("lab.report.views.provenance.provenance_section", made)
     with pytest.warns(GapWarning, match="the section on what was done is left out"):
         assert "is left out" in result.summary()
 

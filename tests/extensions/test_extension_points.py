@@ -23,6 +23,7 @@ from lab.options.command import Command
 from lab.library.result import Result
 from lab.core.errors import LabError
 from lab.report.document import Document, Paragraph
+from lab.report.view import View
 
 WEIGH = Command("weigh", "Weigh a robot.", "weighing:Options", "weighing:weigh")
 
@@ -41,7 +42,7 @@ class Options:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Weight(Result):
-    command, shown_by = "weigh", "weighing:document_of"
+    command = "weigh"
     warnings = ()
 
     options: Options
@@ -54,6 +55,7 @@ class Weight(Result):
 
 
 weigh = Weight
+VIEW = View("weighing:document_of")
 
 
 def document_of(weight):
@@ -138,6 +140,7 @@ def lab(site: Path, *lines: str, cwd: Path | None = None, after: str = "") -> li
 def weighing(site: Path) -> Path:
     """Install the package of this file into a folder."""
     commands = "[lab.commands]\nweigh = weighing:WEIGH\n[lab.languages]\nspoken = weighing:Spoken\n"
+    commands += "[lab.views]\nWeight = weighing:VIEW\n"
     commands += "[lab.criteria]\nfar = weighing:Far\nfrobenius = weighing:Frobenius\nvolume = weighing:Volume\n"
     package(site, "weighing", commands, COMMAND)
     return site

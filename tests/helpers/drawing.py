@@ -8,9 +8,9 @@ from contextlib import contextmanager
 import pytest
 from markupsafe import Markup
 
-from lab.library.result import Result
+from lab.report import view
 
-_PAGE = Result._write_page
+_PAGE = view.write_page
 
 
 @contextmanager
@@ -23,9 +23,9 @@ def nothing_drawn(*, pages: bool = False) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         study_figures = types.ModuleType("lab.report.views.study_figures")
         study_figures.pictures_of = lambda _: {}
-        study_figures.write_figures = lambda *_: None
+        study_figures.write_pictures = lambda *_: None
         patch.setitem(sys.modules, study_figures.__name__, study_figures)
         patch.setattr("lab.report.charts.chart.inline_svg", lambda picture: Markup())
-        patch.setattr(Result, "_record", lambda self, path: path.write_bytes(b""))
-        patch.setattr(Result, "_write_page", _PAGE if pages else lambda self, path: path.write_bytes(b""))
+        patch.setattr(view, "_write_recording", lambda result, path: path.write_bytes(b""))
+        patch.setattr(view, "write_page", _PAGE if pages else lambda result, path: path.write_bytes(b""))
         yield

@@ -2,7 +2,7 @@
 
 import pytest
 
-from lab.report.document import capital, digits_of, fixed, format_magnification, plus_minus, sentence, short
+from lab.core.number_text import capital, digits_of, fixed, format_magnification, plus_minus, sentence, short
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from lab.calibration.statistics.remaining_error import ExplainedError
 from lab.core.checks import Check
 from lab.core.errors import counted
 from lab.core.limits import called
+from lab.core.number_text import capital, digits_of, fixed, plus_minus, sentence, short
 from lab.core.significance import VARIANCE_COMPONENTS
 from lab.core.units import MICRONS, MM, MRAD
 from lab.kinematics.parameter import Parameter
@@ -23,7 +24,6 @@ from lab.phrases.phrase import in_one_line, phrases, reason_texts
 from lab.phrases.verdict_phrases import gate_text, next_step, region_text, without_figures
 from lab.prediction.estimate import EstimatedParameter
 from lab.report import document as doc
-from lab.report.document import capital, digits_of, fixed, plus_minus, sentence, short
 from lab.report.scene import drawn_rows
 from lab.report.views.calibration_figures import (
     correction_pictures,

@@ -16,6 +16,7 @@ from lab.calibration.validation import Errors, JudgedBy, configurations, errors_
 from lab.core.errors import LabError
 from lab.core.linear_model import half_width_95
 from lab.core.measurements import Measurements, rows_called, seen_mask
+from lab.core.number_text import short
 from lab.core.probability import beta_ppf, normal_ppf
 from lab.core.se3 import Array, inverse
 from lab.core.units import MM, Unit
@@ -25,7 +26,7 @@ from lab.prediction.estimate import EstimatedParameter
 from lab.prediction.workspace_prediction import predicted_errors
 from lab.report.charts.chart import axes_picture, cube, log_ticks, name_points, shades
 from lab.report.charts.marks import Axes
-from lab.report.document import Block, Figure, Picture, guarded, short
+from lab.report.document import Block, Figure, Picture, guarded
 from lab.report.plots import (
     MOST_POINTS,
     SMALL,

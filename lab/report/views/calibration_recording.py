@@ -12,14 +12,16 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from lab.core.number_text import format_magnification, short
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.library.calibration_result import CalibrationResult
 from lab.report import recording as rec
-from lab.report.document import Bullets, Document, Section, Strong, Table, Text, format_magnification, short
+from lab.report.document import Bullets, Document, Section, Strong, Table, Text
 from lab.report.markdown import to_markdown
 from lab.report.scene import legs_legend
 from lab.report.style import RGB_AFTER, RGB_BEFORE, RGB_MAPPING, RGB_MEASURED, RGB_OUTLIER, RGB_UNCERTAINTY
+from lab.report.view import document_of
 from lab.report.views.calibration_document import parameters_table
 from lab.report.views.calibration_scene import CampaignScene, scene
 from lab.simulation.meshes import instrument_body
@@ -49,7 +51,7 @@ def record(path: Path, outcome: CalibrationResult) -> None:
         _ellipsoids(recording, shown)
         _numbers(recording, outcome, shown)
         _steps(recording, outcome, shown)
-        rec.log_texts(recording, outcome.document(), _legend(outcome, shown))
+        rec.log_texts(recording, document_of(outcome), _legend(outcome, shown))
         recording.log(_PARAMETERS, rec.markdown(parameters_text(outcome)), static=True)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from lab.calibration.identification import ellipsoids
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.number_text import capital, fixed, short
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.programs.languages import path_file, refusal
@@ -15,7 +16,6 @@ from lab.library.corrected_program import stated_positions_note
 from lab.library.result import joint_values
 from lab.library.run_folder import VIA
 from lab.report import document as doc
-from lab.report.document import capital, fixed, short
 from lab.report.page_scene import ArmScene, Arrows, posed_arm
 from lab.report.plots import Spread, histograms
 from lab.report.scene import drawn_rows, magnification, magnified, moved, reach_of

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.identification import ellipsoids
+from lab.core.number_text import fixed, sentence, short
 from lab.core.se3 import Array
 from lab.core.units import MICRONS
 from lab.formats.programs.languages import PLAN, language_of, plan_or_refusal, refusal
@@ -21,7 +22,6 @@ from lab.pose_selection.tour import rated, tour_trajectory
 from lab.report import document as doc
 from lab.report.charts.chart import axes_picture, shades
 from lab.report.charts.marks import Axes
-from lab.report.document import fixed, sentence, short
 from lab.report.page_scene import ArmScene, Line, moments
 from lab.report.scene import (
     MOST_POSES,

@@ -12,15 +12,17 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from lab.core.number_text import fixed, format_magnification
 from lab.core.se3 import Array
 from lab.core.units import MICRONS
 from lab.library.design import DesignResult
 from lab.library.result import joint_values
 from lab.report import recording as rec
-from lab.report.document import Bullets, Document, Section, Strong, Table, fixed, format_magnification
+from lab.report.document import Bullets, Document, Section, Strong, Table
 from lab.report.markdown import to_markdown
 from lab.report.scene import legs_legend
 from lab.report.style import RGB_CURRENT, RGB_FIRST, RGB_LAST, RGB_MAPPING, RGB_MUTED, RGB_PATH, RGB_UNCERTAINTY
+from lab.report.view import document_of
 from lab.report.views.design_document import PlanScene, plan_scene
 
 __all__ = ["record_plan"]
@@ -56,7 +58,7 @@ def record_plan(path: Path, plan: DesignResult) -> None:
         rec.draw_ellipsoid(recording, "uncertainty", at, shown.uncertainty, RGB_UNCERTAINTY)
         _curve(recording, plan)
         rec.draw_program(recording, at, _program(plan, shown))
-        rec.log_texts(recording, plan.document(), _legend(shown))
+        rec.log_texts(recording, document_of(plan), _legend(shown))
         recording.log(_POSES, rec.markdown(to_markdown(_pose_table(plan, shown))), static=True)
 
 

@@ -14,13 +14,14 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from lab.core import se3
+from lab.core.number_text import format_magnification
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.model import RigidArm
 from lab.library.compensation_result import CompensationResult
-from lab.library.point_verification import VerificationResult, drawn_poses
+from lab.library.point_verification import VerificationResult
 from lab.report import recording as rec
-from lab.report.document import Bullets, Document, Section, Strong, Text, format_magnification
+from lab.report.document import Bullets, Document, Section, Strong, Text
 from lab.report.scene import (
     LARGEST_FACTOR,
     drawn_rows,
@@ -32,6 +33,8 @@ from lab.report.scene import (
     world_legs,
 )
 from lab.report.style import RGB_AFTER, RGB_BEFORE, RGB_MEASURED, RGB_UNCERTAINTY
+from lab.report.view import document_of
+from lab.report.views.verification_document import drawn_poses
 from lab.simulation.meshes import arm_shells, body_poses
 from lab.simulation.robot_model import RobotModel
 
@@ -208,7 +211,7 @@ def record_verification(path: Path, result: VerificationResult) -> None:
     )
     digest = hashlib.sha256(calibrated.robot.sha256.encode() + found.values.tobytes())
     digest.update(data.joints.tobytes() + data.points.tobytes())
-    record_errors(path, calibrated.robot.name, digest.hexdigest()[:32], scene, result.document())
+    record_errors(path, calibrated.robot.name, digest.hexdigest()[:32], scene, document_of(result))
 
 
 def record_compensation(path: Path, result: CompensationResult) -> None:
@@ -245,7 +248,7 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
         _at_waypoints(result.predicted_m[aimed], at_target, len(waypoints)),
     )
     digest = hashlib.sha256(run.robot.sha256.encode() + joints.tobytes() + wanted.tobytes() + values.tobytes())
-    record_errors(path, run.robot.name, digest.hexdigest()[:32], scene, result.document())
+    record_errors(path, run.robot.name, digest.hexdigest()[:32], scene, document_of(result))
 
 
 def _at_waypoints(values: Array, at_target: NDArray[np.int_], count: int) -> Array:

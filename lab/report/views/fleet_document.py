@@ -10,12 +10,12 @@ from lab.arm_history.changes import Changes
 from lab.arm_history.dated_runs import DatedRun
 from lab.arm_history.history_result import FEWEST_CHECKS, STATES, ArmHistory, HistoryResult
 from lab.core.errors import be, counted
+from lab.core.number_text import capital, digits_of, fixed, plus_minus, short
 from lab.phrases.verification_phrases import chance_text, parameter_text
 from lab.report import document as doc
 from lab.report.charts.chart import axes_picture, log_ticks
 from lab.report.charts.marks import Axes
 from lab.report.comparison_plots import date_axis
-from lab.report.document import capital, digits_of, fixed, plus_minus, short
 from lab.report.style import GATE, GRID, INK, MEASURED, MUTED, RMS, WORST
 from lab.verification.parameter_changes import ChangePoint
 

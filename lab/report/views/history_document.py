@@ -8,6 +8,7 @@ from lab.arm_history.changes import Changes
 from lab.arm_history.dated_runs import DatedRun
 from lab.arm_history.history_result import ArmHistory, HistoryResult
 from lab.core.errors import LabError, counted
+from lab.core.number_text import capital, digits_of, fixed, plus_minus, short
 from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
 from lab.core.units import MM, Unit
@@ -24,7 +25,6 @@ from lab.report.comparison_plots import (
     signed_place,
     signed_ticks,
 )
-from lab.report.document import capital, digits_of, fixed, plus_minus, short
 from lab.report.style import AFTER, ARROW_AFTER, GATE, INK, OUTLIER, WORST
 from lab.report.views.fleet_document import KINDS, VERDICT_MARKS, arms_document, change_rows, checks_picture
 

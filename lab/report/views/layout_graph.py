@@ -2,7 +2,6 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from lab.kinematics.closed.layout import Layout, layout_of
 from lab.kinematics.closed.mechanism import Mechanism
@@ -11,17 +10,9 @@ from lab.report.charts.marks import Axes
 from lab.report.document import Block, Figure, Paragraph, Picture, guarded
 from lab.report.style import ARM, GRID, INK, PREDICTED
 
-__all__ = ["layout_blocks", "layout_picture", "layout_values"]
+__all__ = ["layout_blocks", "layout_picture"]
 
 _ROW, _COLUMN, _EDGE = 0.42, 1.0, 0.5  # inches: a row's height, a column's width, and around
-
-
-def layout_values(mechanism: Mechanism) -> list[list[dict[str, Any]]]:
-    """Return the joints of each leg from the base to the platform."""
-    layout = layout_of(mechanism.tree)
-    return [
-        [{"kind": layout.joints[i].kind, "actuated": layout.joints[i].actuated} for i in leg] for leg in layout.legs
-    ]
 
 
 @guarded

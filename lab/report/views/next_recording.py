@@ -27,6 +27,7 @@ from lab.report.recording import (
 )
 from lab.report.scene import moved, reach_of, skeleton, world_legs
 from lab.report.style import RGB_CURRENT, RGB_MEASURED, RGB_UNCERTAINTY
+from lab.report.view import document_of
 from lab.simulation.meshes import body_poses, shells
 
 __all__ = ["record_proposals"]
@@ -41,7 +42,7 @@ def record_proposals(path: Path, result: NextPoseResult) -> None:
         scene = _Scene(recording, result.planner)
         for proposal in result.proposals:
             scene.show(result.data, proposal)
-        log_texts(recording, result.document())
+        log_texts(recording, document_of(result))
 
 
 class _Scene:

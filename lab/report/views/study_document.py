@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from lab.core.number_text import capital, sentence, short
 from lab.extension_points import load_reference
 from lab.report import document as doc
 from lab.report.charts.chart import axes_picture, log_ticks
 from lab.report.charts.marks import Axes
 from lab.report.comparison_plots import ColourScale, heat_map
-from lab.report.document import capital, sentence, short
 from lab.report.style import COLOUR_SCALE, PREDICTED
 from lab.studies.analysis import LEAST_ROBOTS, Analysis, Comparison, Kind, Mean, Pair, Rank
 from lab.studies.campaigns import origin_of

@@ -1,6 +1,6 @@
 """Figures of a study by matplotlib (the extra ``plots``): means, pairs and ranks of every factor that is compared."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache, partial
 from math import ceil, isfinite
 from pathlib import Path
@@ -17,17 +17,17 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 
 from lab.core.errors import LabError
+from lab.core.number_text import capital
 from lab.report import document as doc
 from lab.report.charts.chart import log_ticks, save_figure
 from lab.report.charts.marks import round_numbers
-from lab.report.document import capital
 from lab.report.style import FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
 from lab.report.views.study_document import behind_best, effect_text, factor_sentence, factor_text, metric_text, varying
 from lab.studies.analysis import Analysis, CellGroup, Comparison, Mean, groups
 from lab.studies.grid import ANY, Cell, is_any
 from lab.studies.study import StudyResult, circumstances, level_text, plain_level, shown_metrics
 
-__all__ = ["first_picture", "pictures_of", "study_pictures", "write_figures"]
+__all__ = ["first_picture", "pictures_of", "study_pictures", "write_pictures"]
 
 _KINDS = {
     "means": "with 95 % intervals over the robots",
@@ -66,9 +66,9 @@ def study_pictures(analysis: Analysis, metric: str) -> dict[str, doc.Picture]:
     return made
 
 
-def write_figures(folder: Path, pictures: Mapping[str, doc.Picture]) -> None:
-    """Write pictures, by the names of their files, each as PNG and SVG."""
-    for name, picture in pictures.items():
+def write_pictures(result: StudyResult, folder: Path) -> None:
+    """Write the figures of a study, each as PNG and SVG."""
+    for name, picture in pictures_of(result).items():
         save_figure(folder, name, picture.draw())
 
 

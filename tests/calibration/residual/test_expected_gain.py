@@ -9,6 +9,7 @@ from lab.calibration.identification import identify
 from lab.calibration.residual.estimation import _left_out, expected_gain, with_residual
 from lab.core.errors import LabError
 from lab.core.measurements import measured
+from lab.report.view import document_of
 
 
 def test_the_errors_of_poses_left_out_are_those_of_leaving_them_out() -> None:
@@ -38,7 +39,7 @@ def test_who_has_waves_is_told_what_it_would_gain_and_a_rigid_arm_nothing() -> N
     assert gain is not None and gain.poses == 100 and gain.after_m < 0.6 * gain.before_m
     assert found.to_dict()["remaining_error"]["with_residual"]["after_mm"] == pytest.approx(1e3 * gain.after_m)
     assert gain.description.endswith("poses): add it to --model, e.g. auto+residual.") and gain.description in repr(
-        found.document()
+        document_of(found)
     )
     rigid = lab.identify(lab.simulate("irb120", seed=3, poses=100).measurements, robot="irb120")
     assert rigid.fit.gain is None

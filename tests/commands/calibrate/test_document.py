@@ -12,11 +12,11 @@ from helpers.robots import data_file
 
 import lab
 from lab.core import se3
+from lab.core.number_text import digits_of, short
 from lab.formats.measurement_csv import write_measurements
 from lab.library.identify import identify
 from lab.options.measured_campaign import MeasuredCampaign
 from lab.options.option_groups import Fitting
-from lab.report.document import digits_of, short
 from lab.report.views.calibration_figures import error_vectors, has_correction, world_of
 from lab.verdict.fit_checks import note
 

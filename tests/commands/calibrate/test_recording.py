@@ -9,8 +9,8 @@ from helpers.robots import ROOT
 import lab
 from lab.calibration.identification import ellipsoids, identify, mapping_ellipsoids, position_covariance
 from lab.core import se3
+from lab.core.number_text import format_magnification
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.report.document import format_magnification
 from lab.report.scene import MOST_POSES, drawn_rows, magnification
 from lab.report.views.calibration_recording import record
 from lab.report.views.calibration_scene import scene

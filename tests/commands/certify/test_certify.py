@@ -23,6 +23,7 @@ from lab.library.certificate_inputs import digests_of
 from lab.library.certificate_result import Certificate
 from lab.library.certify import certify
 from lab.options.command_options import CertifyOptions
+from lab.report.view import document_of
 
 TRACKER = """
 name = "Tracker"
@@ -116,7 +117,7 @@ def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
     early = certify(CertifyOptions(Path("known"), Path("early.toml")))
     assert not early.issued and early.conformity is None and early.exit_code == 1
     assert early.to_dict()["implausible"][0]["impossible"]
-    assert not found.is_example and not found.document().mark
+    assert not found.is_example and not document_of(found).mark
     assert len(certify(CertifyOptions(Path("known"))).details.missing) == 10
 
 
@@ -246,7 +247,7 @@ def test_what_cannot_be_certified_is_refused_in_a_line(here: Path, capsys, tmp_p
 def test_a_virtual_robot_s_certificate_says_so(seven_run: Path) -> None:
     found = certify(CertifyOptions(seven_run))
     assert found.warnings[0].startswith("the robot is virtual")
-    assert found.is_example and found.document().mark
+    assert found.is_example and document_of(found).mark
 
 
 @pytest.mark.pages

@@ -10,8 +10,8 @@ from helpers.html_page import Page
 import lab
 from lab.cli.main import main
 from lab.core import se3
+from lab.core.number_text import short
 from lab.library.load_run import load_run
-from lab.report.document import short
 from lab.report.views.compensation_document import page_scene
 
 NASTY = """<script>alert("$x_1$")</script>&'<b>"""

@@ -11,8 +11,8 @@ from helpers.html_page import Page
 import lab
 from lab.cli.main import main
 from lab.core.errors import LabError
+from lab.core.number_text import short
 from lab.formats.measurement_csv import write_measurements
-from lab.report.document import short
 
 
 @pytest.mark.pages

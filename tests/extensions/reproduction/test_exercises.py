@@ -10,6 +10,7 @@ from lab.extensions.reproduction.item import Item, with_exercises
 from lab.extensions.reproduction.reproduction_result import solution_of
 from lab.report.document import Matrices, Table
 from lab.report.page import to_html
+from lab.report.view import document_of
 
 ASKING = [(source, item) for source, item in ITEMS if item.exercise is not None]
 QUICK = [each for each in ASKING if each[1].number not in SEARCHED]
@@ -54,7 +55,7 @@ def test_the_lab_s_solution_by_a_search_is_that_of_an_independent_reference(sour
 
 def test_a_page_has_the_exercise_folded_with_its_solution() -> None:
     result = result_of("course", "Section 8.6")
-    page = to_html(result.document())
+    page = to_html(document_of(result))
     folded = page.partition('class="folded"')[2].partition("</details>")[0]
     exercise = item_of("course", "Section 8.6").exercise
     for text in (exercise.question, *exercise.given, *exercise.steps, "w acos(−s1 zx + c1 zy)"):

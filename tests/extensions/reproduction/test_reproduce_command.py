@@ -18,6 +18,7 @@ from lab.extensions.reproduction.item import Computed, labels, source_named
 from lab.extensions.reproduction.reproduction_options import ReproduceOptions
 from lab.extensions.reproduction.reproduction_result import ReproductionResult
 from lab.report.page import to_html
+from lab.report.view import document_of
 
 
 @pytest.mark.pages
@@ -82,7 +83,7 @@ def test_ranges_of_numbers_are_spelled_out() -> None:
 
 
 def card_of(result: ReproductionResult) -> str:
-    return to_html(result.document()).partition('<section class="card"')[2].partition("</section>")[0]
+    return to_html(document_of(result)).partition('<section class="card"')[2].partition("</section>")[0]
 
 
 def test_a_value_that_differs_is_a_warning_and_the_exit_code() -> None:
@@ -96,7 +97,7 @@ def test_a_value_that_differs_is_a_warning_and_the_exit_code() -> None:
 
 
 def test_entries_that_are_not_right_are_marked_in_the_matrix() -> None:
-    page = to_html(result_of("course", "8.4").document())
+    page = to_html(document_of(result_of("course", "8.4")))
     marked_entries = re.findall(r"<td><strong>([^<]+)</strong>", page)
     assert marked_entries == [
         "−c1 c4 c5 s6 − c1 s4 c6 + s1 s5 s6",

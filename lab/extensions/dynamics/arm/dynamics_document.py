@@ -3,6 +3,7 @@
 import numpy as np
 
 from lab.core.limits import called
+from lab.core.number_text import digits_of, fixed, sentence, short
 from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.extensions.dynamics.arm.dynamics_result import DynamicsResult
 from lab.extensions.dynamics.arm.identify_dynamics import DynamicsEstimate
@@ -18,12 +19,14 @@ from lab.extensions.dynamics.payload.payload_result import parameter_rows
 from lab.report import document as doc
 from lab.report.charts.chart import axes_picture, log_ticks
 from lab.report.charts.marks import Axes
-from lab.report.document import digits_of, fixed, sentence, short
 from lab.report.page_scene import ArmScene, moving_arm
 from lab.report.scene import drawn_rows
 from lab.report.style import PREDICTED
+from lab.report.view import View
 
-__all__ = ["dynamics_document", "main_picture"]
+__all__ = ["VIEW", "dynamics_document", "main_picture"]
+
+VIEW = View(f"{__name__}:dynamics_document", f"{__name__}:main_picture")
 
 _ROUNDING = 1e-12  # of true values, SI
 

@@ -65,8 +65,6 @@ class DynamicsResult(Result):
     """
 
     command = "dynamics"
-    shown_by = "lab.extensions.dynamics.arm.dynamics_document:dynamics_document"
-    drawn_by = "lab.extensions.dynamics.arm.dynamics_document:main_picture"
 
     options: DynamicsOptions
     robot: Robot

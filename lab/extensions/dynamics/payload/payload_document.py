@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from lab.core.limits import called
+from lab.core.number_text import capital, digits_of, fixed, sentence, short
 from lab.core.se3 import Array
 from lab.core.units import MICRONS, MM
 from lab.extensions.dynamics.dynamics_phrases import phrase
@@ -15,21 +16,24 @@ from lab.kinematics.dynamics.rigid_body import inertia_about_centre
 from lab.report import document as doc
 from lab.report.charts.chart import axes_picture
 from lab.report.charts.marks import Axes
-from lab.report.document import capital, digits_of, fixed, sentence, short
 from lab.report.page_scene import ArmScene, moving_arm, posed_arm
 from lab.report.scene import drawn_rows
 from lab.report.style import GRID, MEASURED, PREDICTED, REFERENCE, RGB_PAYLOAD
+from lab.report.view import View
 from lab.simulation.meshes import Shell
 
 __all__ = [
     "FIT_BADGES",
     "IMPLAUSIBLE",
+    "VIEW",
     "fit_figures",
     "main_picture",
     "payload_document",
     "share_figure",
     "true_values",
 ]
+
+VIEW = View(f"{__name__}:payload_document", f"{__name__}:main_picture")
 
 _ROUNDING = 1e-9  # of true values, kg cm^2 or mm
 

@@ -53,8 +53,6 @@ class PayloadResult(Result):
     """
 
     command = "payload"
-    shown_by = "lab.extensions.dynamics.payload.payload_document:payload_document"
-    drawn_by = "lab.extensions.dynamics.payload.payload_document:main_picture"
 
     options: PayloadOptions
     robot: Robot

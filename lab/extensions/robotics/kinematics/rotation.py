@@ -18,12 +18,10 @@ from lab.core.orientation import ORDERS
 from lab.core.se3 import Array
 from lab.extensions.robotics.kinematics.kinematics_options import KinematicsOptions
 from lab.library.result import Result, tidy
-from lab.report.document import Bullets, Document, Paragraph, Section, Table, Warnings, fixed
 
-__all__ = ["Rotation", "converted"]
+__all__ = ["Rotation", "converted", "determined"]
 
 _ROUNDED = 1e-6  # of R'R - 1: a matrix that misses it is mended, and the reader told
-_NAMES = {"zyx": "yaw, pitch, roll", "xyz": "Bryant", "zxz": "Euler"}  # the order's other name
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -38,7 +36,6 @@ class Rotation(Result):
     """
 
     command = "kinematics"
-    shown_by = "lab.extensions.robotics.kinematics.rotation:_rotation_document"
 
     options: KinematicsOptions
     matrix: Array
@@ -62,7 +59,7 @@ class Rotation(Result):
                 each.order: {
                     "solutions": [[self._angle(angle) for angle in row] for row in each.solutions],
                     "singular": bool(each.free),
-                    "determined": _determined(each),
+                    "determined": determined(each),
                 }
                 for each in self.angles
             },
@@ -147,54 +144,6 @@ def _numbers(flag: str, given: Sequence[float], count: int, what: str) -> Array:
     return np.array(given, dtype=np.float64)
 
 
-def _determined(each: EulerAngles) -> str:
+def determined(each: EulerAngles) -> str:
     """Name what of the angles is determined where the order is singular; empty elsewhere."""
     return {1: "c + a", -1: "c − a", 0: ""}[each.free]
-
-
-def _rotation_document(result: Rotation) -> Document:
-    unit = "rad" if result.options.radians else "°"
-    digits = 6 if result.options.radians else 4
-
-    def shown(angle: float) -> str:
-        return fixed(result._angle(angle), digits)
-
-    matrix = Table(("", "", ""), tuple(tuple(fixed(each, 6) for each in row + 0.0) for row in result.matrix))
-    w, x, y, z = (fixed(each, 6) for each in result.quaternion)
-    other = ", ".join(fixed(-each + 0.0, 6) for each in result.quaternion)
-    lines = [f"quaternion wxyz ({w}, {x}, {y}, {z}), and its negative ({other})", *_axis_lines(result, shown, unit)]
-    rows = []
-    for each in result.angles:
-        name = f" ({_NAMES[each.order]})" if each.order in _NAMES else ""
-        note = f"singular: {_determined(each)} alone is determined" if each.free else ""
-        for i, row in enumerate(each.solutions):
-            rows.append(("" if i else f"{each.order}{name}", *(shown(angle) for angle in row), note))
-    heads = ("order", *(f"{name}, {unit}" for name in "abc"), "remark")
-    table = Table(heads if any(row[-1] for row in rows) else heads[:-1],
-                  tuple(row if any(each[-1] for each in rows) else row[:-1] for row in rows))  # fmt: skip
-    note = (
-        "zyx is R = Rz(a) Ry(b) Rx(c), about moving axes. About fixed axes the same turns come in reverse order: x by "
-        "c, then y by b, then z by a. Each order has two solutions."
-    )
-    return Document(
-        f"A rotation by {shown(result.axis.angle)} {unit}",
-        (
-            Warnings(result.warnings),
-            Section("Matrix of direction cosines", (matrix,)),
-            Section("Quaternion, axis and angle", (Bullets(tuple(lines)),)),
-            Section("Angles in twelve orders", (Paragraph(note), table)),
-        ),
-    )
-
-
-def _axis_lines(result: Rotation, shown: Any, unit: str) -> list[str]:
-    """Describe axis and angle with the other solution, and the axis by the two angles that turn z to it."""
-    axis, angle = result.axis.axis, shown(result.axis.angle)
-    if np.isnan(axis).any():
-        return [f"angle {angle} {unit}: nothing is turned, and any axis will do (singular)"]
-    plus, minus = (", ".join(fixed(each, 6) for each in sign * axis + 0.0) for sign in (1, -1))
-    lines = [f"axis ({plus}), angle {angle} {unit}, or axis ({minus}), angle {shown(-result.axis.angle)} {unit}"]
-    if result.axis.both_axes:
-        lines.append("half a turn: both axes do with either angle, so that the axis' sign is free (singular)")
-    pairs = " or ".join(f"α {shown(alpha)}, β {shown(beta)} {unit}" for alpha, beta in result._axis_directions())
-    return [*lines, f"the axis is Rz(α) Rx(β) z with {pairs}"]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from lab.core import se3
+from lab.core.number_text import fixed, sentence, short
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.robotics.trajectory.tracking import Tracking
@@ -14,12 +15,18 @@ from lab.library.result import joint_values
 from lab.report import document as doc
 from lab.report.charts.chart import axes_picture, shades
 from lab.report.charts.marks import Axes
-from lab.report.document import fixed, sentence, short
 from lab.report.page_scene import ArmScene, Line, moments, moving_arm
 from lab.report.scene import magnification, moved
 from lab.report.style import BEFORE, COLOUR_SCALE, GATE, GRID, SERIES, rgb
+from lab.report.view import View
 
-__all__ = ["main_picture", "page_scene", "tool_speeds", "trajectory_document"]
+__all__ = ["VIEW", "main_picture", "page_scene", "tool_speeds", "trajectory_document"]
+
+VIEW = View(
+    f"{__name__}:trajectory_document",
+    f"{__name__}:main_picture",
+    f"{__package__}.trajectory_recording:record_trajectory",
+)
 
 _STILL = 1e-9  # rad/s or m/s
 _LEAST_MM = 1e-4

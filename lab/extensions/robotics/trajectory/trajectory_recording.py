@@ -27,6 +27,7 @@ from lab.report.recording import (
 )
 from lab.report.scene import drawn_rows, magnification, moved, skeleton, world_legs
 from lab.report.style import RGB_CURRENT, RGB_LINKS, RGB_PATH, RGB_ROD
+from lab.report.view import document_of
 from lab.simulation.meshes import arm_shells, body_poses
 
 __all__ = ["record_trajectory"]
@@ -60,7 +61,7 @@ def record_trajectory(path: Path, result: TrajectoryResult) -> None:
         if result.tracking is not None:
             curves.append(rrb.TimeSeriesView(origin="errors", name="Errors of the tool, mm"))
             _draw_errors(recording, every, result.tracking)
-        log_texts(recording, result.document())
+        log_texts(recording, document_of(result))
         views = [main_view("Robot and path", eye_on_arm(origins, tool, reach))]
         if factor is not None:
             views.append(magnified_view(f"Links: rigid in grey, deflection x {factor:g}", origins, reach))

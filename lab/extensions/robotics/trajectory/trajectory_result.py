@@ -60,9 +60,6 @@ class TrajectoryResult(Result):
     """
 
     command = "trajectory"
-    shown_by = "lab.extensions.robotics.trajectory.trajectory_document:trajectory_document"
-    drawn_by = "lab.extensions.robotics.trajectory.trajectory_document:main_picture"
-    recorded_by = "lab.extensions.robotics.trajectory.trajectory_recording:record_trajectory"
 
     options: TrajectoryOptions
     robot: Robot
