@@ -153,7 +153,7 @@ class _Rows:
 
     def next(self, count: int, month: int) -> Measurements:
         """The next so many rows: the controller says less than where a joint stands whose zero has moved."""
-        part = self._all.take(range(self._taken, self._taken + count))
+        part = self._all[self._taken : self._taken + count]
         self._taken += count
         return replace(part, joints=part.joints - self._arm.off(month, self._options))
 

@@ -44,7 +44,7 @@ def history(
     Example:
         >>> import lab
         >>> day = lab.simulate("irb120", poses=60, seed=7).measurements
-        >>> halves = [day.take(range(30)), day.take(range(30, 60))]
+        >>> halves = [day[:30], day[30:60]]
         >>> first, second = (lab.identify(half, robot="irb120", instrument="uniform-8um") for half in halves)
         >>> lab.history([first, second], force=True).arms[0].changes.found
         ()

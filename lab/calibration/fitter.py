@@ -149,7 +149,7 @@ class Fitter:
     def session(self) -> SessionInfo:
         """Session metadata of the measurements to be fitted."""
         rows = self.data.only("calibrate")
-        rows = rows.take(np.flatnonzero(self.kind.rows(rows)))
+        rows = rows[self.kind.rows(rows)]
         time_s = rows.conditions.get("time_s", np.zeros(1))
         given = time_s[np.isfinite(time_s)]
         started = float(given[0]) if len(given) else 0.0
@@ -193,7 +193,7 @@ class Fitter:
             before, outliers = outliers, self.outliers_of(found, rows)
             if before is not None and set(before.rows) == set(outliers.rows):
                 break
-            clean = rows.take(np.setdiff1d(np.arange(len(rows)), outliers.rows))
+            clean = rows[np.setdiff1d(np.arange(len(rows)), outliers.rows)]
             found = self.identified_from(model, clean, options)
         return found, clean, outliers
 

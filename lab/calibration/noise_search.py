@@ -147,7 +147,7 @@ def in_stretches(data: Measurements) -> Measurements:
         return data
     length = _MOST_POSES // _STRETCHES
     starts = np.linspace(0, len(data) - length, _STRETCHES).round().astype(np.int_)
-    return data.take((starts[:, None] + np.arange(length)).ravel())
+    return data[(starts[:, None] + np.arange(length)).ravel()]
 
 
 def _varies_with_joints(linear: LinearizedFit, estimate: Estimate, data: Measurements) -> bool:

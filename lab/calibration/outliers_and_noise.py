@@ -71,7 +71,7 @@ def outliers_among_fitted(
 
 def _sized(found: Outliers, observation: Observation, rows: Measurements) -> Outliers:
     """Return the outliers with the lengths of their errors, as the observation counts them, the largest first."""
-    sizes = np.nan_to_num(observation.errors(rows.take(found.rows), found.fit.values)).max(axis=1)
+    sizes = np.nan_to_num(observation.errors(rows[found.rows], found.fit.values)).max(axis=1)
     order = np.argsort(-sizes, kind="stable")
     return replace(found, rows=found.rows[order], sizes_m=sizes[order], p_values=found.p_values[order])
 
@@ -194,7 +194,7 @@ def _settled(
 def _without(
     fits: _Fits, rows: Measurements, outliers: frozenset[int], reach: float, counts: ErrorModel | None
 ) -> _Explanation:
-    clean = rows.take(np.setdiff1d(np.arange(len(rows)), sorted(outliers)))
+    clean = rows[np.setdiff1d(np.arange(len(rows)), sorted(outliers))]
     search = search_noise(fits.fitted(clean, counts), clean, replace(fits.noise, shared=counts))
     numbers = 3 * int(rows.seen[sorted(outliers)].sum())
     return _Explanation(search, outliers, search.deviance + numbers * (2 * np.log(2 * reach) - np.log(2 * np.pi)))

@@ -119,7 +119,7 @@ class Validation:
         others = [i for i, name in enumerate(self.rows.ids) if name not in off]
         if len(self.rows) - len(others) > max(1, int(MOST_OUTLIERS * len(self.rows))):
             return self
-        return replace(self, errors=self.robust, rows=self.rows.take(others))
+        return replace(self, errors=self.robust, rows=self.rows[others])
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple
             f"{option_name('holdout')} {share:g}: {len(data)} poses leave too few to fit or to validate; change "
             f"the share"
         )
-    return data.take(fitted), data.take(held_out)
+    return data[fitted], data[held_out]
 
 
 def rows_in_time(data: Measurements) -> _Rows:
@@ -257,7 +257,7 @@ def hold_out_last(model: Model, data: Measurements, share: float) -> tuple[Measu
             f"configurations or "
             f"fixtures that were measured before; change the share, or give {option_name('holdout')}"
         )
-    return data.take(first), data.take(new)
+    return data[first], data[new]
 
 
 def shared_rows(test: Measurements, fitted: Measurements) -> float:
@@ -297,7 +297,7 @@ def validate_folds(
     identifiable, points = len(identification.base_set.identifiable), data.seen.sum(axis=1)
     enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * identifiable for fold in range(count))
     for fold in range(count):
-        if why := few_points_of_a_station(identification.model, data.take(np.flatnonzero(rows != fold))):
+        if why := few_points_of_a_station(identification.model, data[rows != fold]):
             return Validation(None, None, (_not_without_a_fold(why),))
     if count < _LEAST_FOLDS or not enough:
         wanted = poses_to_validate(identifiable, numbers * float(points.mean()))
@@ -308,7 +308,7 @@ def validate_folds(
     for fold in range(count):
         test = np.flatnonzero(rows == fold)
         try:
-            part = identify(data.take(np.flatnonzero(rows != fold)))
+            part = identify(data[rows != fold])
         except LabError as error:  # the other poses are too few for what all of them are enough for
             return Validation(None, None, (_not_without_a_fold(str(error)),))
         stuck += part.status != "converged"
@@ -316,7 +316,7 @@ def validate_folds(
         only_here = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]
         if len(unobservable) > 3 * len(only_here):
             return Validation(None, None, (_UNIDENTIFIED,))
-        errors = errors_of(part, data.take(test))
+        errors = errors_of(part, data[test])
         errors.before[:, only_here] = errors.after[:, only_here] = (
             np.nan
         )  # targets that only this fold's poses measured
@@ -356,7 +356,7 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
     together = setups(data) if refit else tuple((name, "") for name in data.sessions)  # stations known, or placed anew
     for setup in dict.fromkeys(together):
         own = [i for i, each in enumerate(together) if each == setup]
-        part = data.take(own)
+        part = data[own]
         reference, test = _reference_and_test(part, refit)
         order += [own[i] for i in test]
         inputs, points = part.inputs(model.conditions)[test], part.points[test]
@@ -364,7 +364,7 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
             moved = _transfer(identification.model, model, values)
             if refit:
                 where = _setup_name(setup) or "the validation file"
-                found = placed_anew(model, part.take(reference), part.take(test), moved, refit, where)
+                found = placed_anew(model, part[reference], part[test], moved, refit, where)
                 moved = found.values
                 if found.fixed:
                     held_out[where] = found.fixed
@@ -378,7 +378,7 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
         "file",
         Errors(np.concatenate(before), np.concatenate(after)),
         tuple(checks),
-        data.take(order) if comparable else None,
+        data[order] if comparable else None,
     )
 
 

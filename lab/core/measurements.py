@@ -1,11 +1,11 @@
 """Measurements of an instrument: joint positions with the positions of targets."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,12 @@ __all__ = [
     "SESSION",
     "STATION",
     "Measurements",
+    "Rows",
     "asked",
     "copied_rows",
     "describe_copies",
     "evenly",
+    "joined",
     "last_moves",
     "measured",
     "rows_called",
@@ -40,6 +42,9 @@ STATION = "station "  # prefix of a station's name: condition 1 in its rows, els
 LAST_MOVE = "last move of "  # prefix of a joint's name: condition of its last direction of motion
 PLACE = "place in the file"  # condition: progress of the campaign, from 0 to 1
 _ROWS_PRINTED = 7
+
+Rows: TypeAlias = "int | slice | list[int] | list[bool] | NDArray[np.int_] | NDArray[np.bool_] | np.bool_"
+"""Some rows of a table: a mask, a slice, or their numbers."""
 _STILL = 1e-4  # rad or m: smaller changes from row to row are no motion
 
 
@@ -55,7 +60,7 @@ class _Visits(Value):
     place: Array
     last_move: Array
 
-    def take(self, rows: NDArray[np.int_]) -> "_Visits":
+    def __getitem__(self, rows: NDArray[np.int_]) -> "_Visits":
         return _Visits(self.place[rows], self.last_move[rows])
 
 
@@ -79,7 +84,11 @@ def last_moves(joints: Array, sessions: Sequence[str] = ()) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measurements(Value):
-    """Joint positions and the points observed there, in the instrument's frame.
+    """Table of joint positions and the points observed there, in the instrument's frame: one row a pose.
+
+    ``m[rows]`` has some rows, in their order: a mask, a slice, row numbers (negative ones count from the end) or one
+    number, as numpy's arrays are indexed. ``m["q1"]`` and ``m["p1.x"]`` are columns, by the names of ``columns()``.
+    ``a + b`` has the rows of both. Iteration yields tables of one row.
 
     Attributes:
         joint_names: of the columns of ``joints``.
@@ -118,10 +127,23 @@ class Measurements(Value):
 
     def __post_init__(self) -> None:
         n, k = len(self.joints), len(self.targets)
-        assert self.joints.shape == (n, len(self.joint_names)) and self.points.shape[:2] == (n, k)
-        assert len(self.ids) == len(self.use) == len(self.sessions) == n and self.sigma_m.shape == (n,)
-        assert all(column.shape == (n,) for column in self.conditions.values())
-        assert np.isfinite(self.joints).all()
+        wanted = {"joints": (n, len(self.joint_names)), "points": (n, k, *self.points.shape[2:]), "sigma_m": (n,)}
+        columns = {name: getattr(self, name) for name in wanted} | dict(self.conditions)
+        for name, column in columns.items():
+            if column.shape != (shape := wanted.get(name, (n,))):
+                raise LabError(f"measurements: {name} has shape {column.shape}; give {shape}: one row a pose")
+        if self.points.ndim != 3:
+            raise LabError(f"measurements: points have shape {self.points.shape}; give ({n}, {k}, 3)")
+        texts = {"ids": self.ids, "use": self.use, "sessions": self.sessions, **self.other}
+        for name, cells in (texts | ({"lines": self.lines} if self.lines else {})).items():
+            if len(cells) != n:
+                raise LabError(f"measurements: {name} has {len(cells)} entries; give {n}: one for each pose")
+        if not np.isfinite(self.joints).all():
+            row, j = np.argwhere(~np.isfinite(self.joints))[0].tolist()
+            raise LabError(
+                f"measurements: joints[{row}, {j}] ({self.joint_names[j]}) is {self.joints[row, j]}; give a finite "
+                "number, or leave the row out"
+            )
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -141,14 +163,26 @@ class Measurements(Value):
         more = [f"and {counted(len(self) - _ROWS_PRINTED, 'further pose')}"] if len(self) > _ROWS_PRINTED else []
         return "\n".join([self._about(), *lines, *more])
 
-    def columns(self) -> dict[str, Array | tuple[str, ...]]:
-        """Return ids, joint positions (rad or m), coordinates (m) of each target, and conditions."""
-        found: dict[str, Array | tuple[str, ...]] = {"id": self.ids}
-        found |= dict(zip(self.joint_names, self.joints.T, strict=True))
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return the columns ``(n,)`` by name: texts, or numbers in SI units.
+
+        They are ``id``, the joints (rad or m), the coordinates (m) of each target (``p1.x``), conditions, and ``use``,
+        ``session``, ``sigma_m`` and further texts where they are given.
+        """
         axes = "xyz" if self.points.shape[2] == 3 else [str(i) for i in range(self.points.shape[2])]
-        for target, points in zip(self.targets, np.moveaxis(self.points, 1, 0), strict=True):
-            found |= {f"{target}.{axis}": points[:, i] for i, axis in enumerate(axes)}
-        return found | dict(self.conditions)
+        columns: dict[str, NDArray[Any]] = {"id": np.array(self.ids, dtype=np.str_)}
+        columns |= dict(zip(self.joint_names, self.joints.T, strict=True))
+        for k, target in enumerate(self.targets):
+            columns |= {f"{target}.{axis}": self.points[:, k, i] for i, axis in enumerate(axes)}
+        columns |= self.conditions
+        if np.isfinite(self.sigma_m).any():
+            columns["sigma_m"] = self.sigma_m
+        texts = dict(self.other)
+        if self.marked:
+            texts["use"] = self.use
+        if any(self.sessions):
+            texts["session"] = self.sessions
+        return columns | {name: np.array(cells, dtype=np.str_) for name, cells in texts.items()}
 
     def to_frame(self) -> Any:
         """Return ``columns`` as a ``pandas.DataFrame``; raise a LabError if pandas is not installed."""
@@ -168,29 +202,66 @@ class Measurements(Value):
         """Station of the instrument of each row, "" if not given."""
         return self.other.get("station", ("",) * len(self))
 
-    def take(self, rows: Sequence[int] | NDArray[np.int_]) -> "Measurements":
-        """Return some rows, in their order.
+    @overload
+    def __getitem__(self, rows: str) -> NDArray[Any]: ...
 
-        Args:
-            rows: their 0-based numbers.
+    @overload
+    def __getitem__(self, rows: Rows) -> "Measurements": ...
+
+    def __getitem__(self, rows: "str | Rows") -> "NDArray[Any] | Measurements":
+        """Return some rows, as numpy's arrays are indexed, or the column of a name.
+
+        Raises:
+            LabError: there is no such row or column, or it is no index of rows.
         """
-        index = np.asarray(rows, dtype=np.int_)
+        if isinstance(rows, str):
+            columns = self.columns()
+            if rows not in columns:
+                raise LabError(f"measurements have no column '{rows}'; there are {', '.join(columns)}")
+            return columns[rows]
+        index = self._row_numbers(rows)
         if len(index) == len(self) and (index == np.arange(len(self))).all():
             return self
-        pick = index.tolist()
+        numbers = index.tolist()
+
+        def of_rows(cells: Sequence[Any]) -> tuple[Any, ...]:
+            return tuple(map(cells.__getitem__, numbers))
+
         return replace(
             self,
             joints=self.joints[index],
             points=self.points[index],
-            ids=tuple(map(self.ids.__getitem__, pick)),
-            use=tuple(map(self.use.__getitem__, pick)),
-            sessions=tuple(map(self.sessions.__getitem__, pick)),
+            ids=of_rows(self.ids),
+            use=of_rows(self.use),
+            sessions=of_rows(self.sessions),
             sigma_m=self.sigma_m[index],
             conditions={name: column[index] for name, column in self.conditions.items()},
-            other={name: tuple(map(column.__getitem__, pick)) for name, column in self.other.items()},
-            lines=tuple(map(self.lines.__getitem__, pick)) if self.lines else (),
-            visits=self._visited.take(index),
+            other={name: of_rows(column) for name, column in self.other.items()},
+            lines=of_rows(self.lines) if self.lines else (),
+            visits=self._visited[index],
         )
+
+    def _row_numbers(self, rows: Rows) -> NDArray[np.int_]:
+        """Return the numbers of rows ``(m,)`` from 0; numpy decides what an index is."""
+        try:
+            index = np.arange(len(self))[rows]
+        except (IndexError, TypeError, ValueError) as error:
+            raise LabError(f"measurements of {counted(len(self), 'row')}: {' '.join(str(error).split())}") from None
+        if index.ndim > 1:
+            raise LabError(
+                f"measurements: an index of {index.ndim} dimensions; give a mask, a slice, or numbers of rows"
+            )
+        return np.atleast_1d(index)
+
+    def __iter__(self) -> Iterator["Measurements"]:
+        return (self[row] for row in range(len(self)))
+
+    def __add__(self, other: "Measurements") -> "Measurements":
+        """Return the rows of both, as ``joined`` does."""
+        return joined([self, other]) if isinstance(other, Measurements) else NotImplemented
+
+    def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
+        raise LabError("measurements are a table and no array; take their .joints, .points or a column")
 
     @cached_property
     def _visited(self) -> _Visits:
@@ -238,24 +309,91 @@ class Measurements(Value):
 
     def with_points(self) -> "Measurements":
         """Return the rows in which a target was measured."""
-        return self.take(np.flatnonzero(self.seen.any(axis=1)))
+        return self[self.seen.any(axis=1)]
 
-    def without(self, ids: Sequence[str]) -> "Measurements":
-        """Return the rows with other ids.
-
-        Args:
-            ids: of the rows that are left out.
-        """
-        left_out = set(ids)
-        return self.take([i for i, name in enumerate(self.ids) if name not in left_out])
+    def without(self, ids: Collection[str]) -> "Measurements":
+        """Return the rows with other ids than these."""
+        return self[[name not in ids for name in self.ids]]
 
     def only(self, *uses: str) -> "Measurements":
-        """Return the rows of these uses.
+        """Return the rows of these uses: ``calibrate``, ``reference``, ``test`` or ``skip``."""
+        return self[[use in uses for use in self.use]]
 
-        Args:
-            uses: ``calibrate``, ``reference``, ``test`` or ``skip``.
-        """
-        return self.take([i for i, use in enumerate(self.use) if use in uses])
+
+def joined(tables: Sequence[Measurements]) -> Measurements:
+    """Return the rows of several tables, one below the other.
+
+    An id that an earlier row has gets a number (``7_2``). Rows of equal sessions and stations stay in one base and
+    instrument frame. A condition that a table does not have is NaN there; a payload is zero.
+
+    Raises:
+        LabError: there is no table, or they have other joints, targets, numbers a target, or robots.
+    """
+    if not tables:
+        raise LabError("measurements: none to join; give at least one table")
+    first = tables[0]
+    for other in tables[1:]:
+        _refuse_another_kind(first, other)
+    conditions = dict.fromkeys(name for table in tables for name in table.conditions)
+    texts = dict.fromkeys(name for table in tables for name in table.other)
+    whole = replace(
+        first,
+        joints=np.concatenate([table.joints for table in tables]),
+        points=np.concatenate([table.points for table in tables]),
+        ids=_numbered([name for table in tables for name in table.ids]),
+        use=tuple(use for table in tables for use in table.use),
+        sessions=tuple(session for table in tables for session in table.sessions),
+        sigma_m=np.concatenate([table.sigma_m for table in tables]),
+        conditions={name: np.concatenate([_condition_of(table, name) for table in tables]) for name in conditions},
+        other={name: tuple(c for t in tables for c in t.other.get(name, ("",) * len(t))) for name in texts},
+        marked=any(table.marked for table in tables),
+        warnings=tuple(dict.fromkeys(warning for table in tables for warning in table.warnings)),
+        lines=first.lines if len(tables) == 1 else (),
+        visits=None,
+        robot=next((table.robot for table in tables if table.robot), ""),
+    )
+    visits = _Visits(_places(tables), np.concatenate([table._visited.last_move for table in tables]))
+    return whole if visits == whole._visited else replace(whole, visits=visits)
+
+
+def _refuse_another_kind(first: Measurements, other: Measurements) -> None:
+    named = {
+        "joints": (first.joint_names, other.joint_names),
+        "targets": (first.targets, other.targets),
+        "numbers for each target": ((str(first.points.shape[2]),), (str(other.points.shape[2]),)),
+        "robot": ((first.robot,), (other.robot or first.robot,)) if first.robot else ((), ()),
+    }
+    for what, (ours, theirs) in named.items():
+        if ours != theirs:
+            raise LabError(
+                f"measurements: {what} {', '.join(ours)} and {what} {', '.join(theirs)} are not joined; identify each "
+                "by itself, or give both the same"
+            )
+
+
+def _numbered(ids: Sequence[str]) -> tuple[str, ...]:
+    """Return ids that differ: a repeated one gets the first number that is free."""
+    taken, numbered = set(ids), dict[str, None]()
+    for name in ids:
+        free = name
+        if name in numbered:
+            free = next(each for i in count(2) if (each := f"{name}_{i}") not in taken)
+        taken.add(free)
+        numbered[free] = None
+    return tuple(numbered)
+
+
+def _condition_of(table: Measurements, name: str) -> Array:
+    return table.conditions.get(name, np.full(len(table), 0.0 if name == "payload_kg" else np.nan))
+
+
+def _places(tables: Sequence[Measurements]) -> Array:
+    """Return the progress of the campaign: kept in parts of one campaign, else by the tables' numbers of rows."""
+    own = [table._visited.place for table in tables if len(table)]
+    if all(before.max() < after.min() for before, after in pairwise(own)):
+        return np.concatenate([np.zeros(0), *own])
+    starts, rows = np.cumsum([0, *map(len, own)]), sum(map(len, own))
+    return np.concatenate([(start + place * len(place)) / rows for start, place in zip(starts, own, strict=False)])
 
 
 def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable[[int], str]) -> Array:
@@ -298,7 +436,7 @@ def evenly(rows: int, most: int) -> NDArray[np.int_] | None:
 def thinned(data: Measurements, most: int) -> Measurements:
     """Return at most so many rows, evenly spaced."""
     some = evenly(len(data), most)
-    return data if some is None else data.take(some)
+    return data if some is None else data[some]
 
 
 def seen_mask(points: Array) -> NDArray[np.bool_]:
@@ -349,6 +487,5 @@ def without_copies(path: Path, data: Measurements) -> Measurements:
     message, left = describe_copies(path, len(copies), *map(data.where, copies[0])), len(data) - len(copies)
     if left < _LEAST_ROWS:
         raise LabError(f"{message}: {counted(left, 'row')} {be(left)} left; measure more poses")
-    gone = {row for row, _ in copies}
-    kept = data.take([row for row in range(len(data)) if row not in gone])
+    kept = data[np.setdiff1d(np.arange(len(data)), [row for row, _ in copies])]
     return replace(kept, warnings=(*kept.warnings, f"{message}: left out"))

@@ -71,7 +71,7 @@ def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]
         named = any(name != str(i) for i, name in enumerate(data.ids))
         purposed, sessioned = data.marked or set(data.use) != {"calibrate"}, any(data.sessions)
         for first in range(0, max(len(data), 1), _BLOCK):
-            part = data if len(data) <= _BLOCK else data.take(range(first, min(first + _BLOCK, len(data))))
+            part = data[first : first + _BLOCK]
             optional = {
                 "id": [name_cell(name) for name in part.ids] if named else None,
                 "use": part.use if purposed else None,

@@ -123,7 +123,7 @@ def _validated(calibrated: CalibrationRun) -> Measurements | None:
     if (path := inputs.copy(options.validate)) is None:  # measurements in memory
         return None
     read = read_measurements(path, chain.joint_names, chain.prismatic)
-    read = read.take(np.flatnonzero(read.seen.any(axis=1) & ~np.isin(read.use, ("reference", "skip"))))
+    read = read[read.seen.any(axis=1) & ~np.isin(read.use, ("reference", "skip"))]
     return read if len(read) else None
 
 

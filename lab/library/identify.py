@@ -224,7 +224,7 @@ def _read_rows(
         read = options.kind().with_files(replace(read, robot=robot.source), path.parent)
     else:
         read = checked(path, given, robot, points=positions)
-    robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
+    robot.refuse_impossible(path, read[[use != "skip" for use in read.use]])
     read = without_copies(path, read) if positions else read
     return read if load is None else load.with_payload(read)
 
@@ -251,7 +251,7 @@ def _slides(robot: str) -> tuple[bool, ...] | None:
 
 
 def _refuse_another_unit(what: str | Path, data: Measurements, robot: Robot) -> None:
-    some = thinned(data.take(np.flatnonzero(data.seen.any(axis=1) & (np.array(data.use) != "skip"))), _SPREAD_OF)
+    some = thinned(data[data.seen.any(axis=1) & (np.array(data.use) != "skip")], _SPREAD_OF)
     arm, ratios = robot.arm(data.targets), list[float]()
     predicted = arm.points(some.joints, arm.nominal(robot.tool))
     predicted = np.where(np.isnan(some.points), np.nan, predicted)

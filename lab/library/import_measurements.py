@@ -259,7 +259,7 @@ def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: N
     all of them. Points of other poses, or joints in another unit or with another sign, are far from the nominal arm
     wherever base and tool are.
     """
-    shown = data.take(np.arange(min(len(data), _SHOWN)))
+    shown = data[:_SHOWN]
     flange = nominal.flanges(shown.joints)
     pairs = [(i, j) for i in range(len(flange)) for j in range(i)]
     if len(pairs) < 3:

@@ -245,7 +245,7 @@ def predict(
 def _read(file: Path, run: CalibrationRun) -> Measurements:
     chain, columns = run.robot.chain, ObservedColumns().with_conditions(run.estimate.arm.conditions)
     data = read_measurements(file, chain.joint_names, chain.prismatic, points=False, columns=columns)
-    return data.take([i for i, use in enumerate(data.use) if use != "skip"])
+    return data[[use != "skip" for use in data.use]]
 
 
 def _in_memory(joints: "Array | Sequence[Sequence[float]]", run: CalibrationRun) -> Measurements:

@@ -212,7 +212,7 @@ def verified_touches(
     kept = [i for i, date in enumerate(dates) if options.since is None or date >= options.since]
     if not kept:
         raise LabError(f"{options.file}: holds no check since {options.since}; give an earlier --since")
-    rows, dates = rows.take(kept), [dates[i] for i in kept]
+    rows, dates = rows[kept], [dates[i] for i in kept]
     days, table = _by_configuration(options, rows, dates, slides)
     labels = sockets_of(rows, table[0].tolist())
     arm, values = calibrated.estimate.geometry

@@ -50,7 +50,7 @@ def verify(
     Example:
         >>> import lab
         >>> day = lab.simulate("irb120", poses=60, seed=7)
-        >>> old, new = day.measurements.take(range(50)), day.measurements.take(range(50, 60))
+        >>> old, new = day.measurements[:50], day.measurements[50:60]
         >>> result = lab.identify(old, robot="irb120", instrument="uniform-8um")
         >>> lab.verify(result, new).to_dict()["good"]
         True

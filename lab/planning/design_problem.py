@@ -662,7 +662,7 @@ def _measured_before(options: DesignOptions, robot: Robot) -> Array:
     robot.refuse_beyond_limits(options.extend, rows, _MEASURED_SLACK)
     robot.refuse_impossible(options.extend, rows)
     measured = rows.seen.all(axis=1)
-    rows = rows.take(np.flatnonzero(measured)) if measured.any() else rows
+    rows = rows[measured] if measured.any() else rows
     if not len(rows):
         raise LabError(f"{options.extend}: no row has use = calibrate; mark some, or leave --extend out")
     inputs = _inputs(robot.model, rows.joints, stations_in(options.extend, rows, robot.model))

@@ -569,9 +569,9 @@ def check_prediction(
     inside, extrapolated = _rows_in_measured_region(measured, rows), 0
     if inside is not None:
         extrapolated = len(rows) - len(inside)
-        rows, after = rows.take(inside), after[inside]
+        rows, after = rows[inside], after[inside]
     if (some := evenly(len(rows), _MAX_COMPARED)) is not None:
-        rows, after = rows.take(some), after[some]
+        rows, after = rows[some], after[some]
     seen = np.isfinite(after)
     if not seen.any() or not np.isfinite(identification.covariance).all():
         return None

@@ -174,7 +174,7 @@ class Combined:
         sensor = data.conditions[SENSOR]
         for share in self.shares:
             own = rows[sensor[rows] == share.number]
-            parts[share.number] = share.observation.within(self._part(share, data.take(own))) if len(own) else None
+            parts[share.number] = share.observation.within(self._part(share, data[own])) if len(own) else None
         return replace(self, parts=tuple(parts))
 
     def _part(self, share: _Share, data: Measurements) -> Measurements:
@@ -324,7 +324,7 @@ class Combined:
         for share in self.shares:
             rows = np.flatnonzero(data.conditions[SENSOR] == share.number)
             if len(rows):
-                own = share.observation.errors(self._part(share, data.take(rows)), share.values(values, size))
+                own = share.observation.errors(self._part(share, data[rows]), share.values(values, size))
                 at = share.first + share.columns[1] * np.arange(own.shape[1])
                 found[np.ix_(rows, at)] = own
         return found
@@ -432,8 +432,8 @@ class CombinedSensor(VirtualSensor):
                 raise LabError(
                     f"no row holds a {part.terms.reading}: leave {part.name} out of {option_name('observe')}"
                 )
-            model, table = part.observation(arm, wide.take(np.flatnonzero(own)), nominal)
-            table = table.take(np.flatnonzero(table.seen.any(axis=1)))
+            model, table = part.observation(arm, wide[own], nominal)
+            table = table[table.seen.any(axis=1)]
             models.append(observation_of(model))
             tables.append(table)
             rows.append(np.array([at[name] for name in table.ids], dtype=np.int_))
@@ -441,7 +441,7 @@ class CombinedSensor(VirtualSensor):
         ratios = self.ratios or (1.0,) * len(self.parts)
         combined = Combined(arm, tuple(models), shapes, ratios, self.in_instrument_frame)
         order = np.argsort(np.concatenate(rows), kind="stable")
-        base = data.take(np.concatenate(rows)[order])
+        base = data[np.concatenate(rows)[order]]
         observed = replace(
             base,
             targets=combined.targets,

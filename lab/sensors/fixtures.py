@@ -320,9 +320,9 @@ class Fixtures(ABC):
         new = [number for number in enough if number not in self.numbers]
         wide = replace(self, numbers=(*self.numbers, *new), labels=(*self.labels, *map(str, new)))
         placed = np.isin(data.conditions[FIXTURE], wide.numbers)
-        part = data.take(np.flatnonzero(placed))
+        part = data[placed]
         if new:
-            values = wide._with_fixtures(part.take(np.flatnonzero(np.isin(part.conditions[FIXTURE], new))), values, new)
+            values = wide._with_fixtures(part[np.isin(part.conditions[FIXTURE], new)], values, new)
         errors = np.full((len(data), 1), np.nan)
         residuals = wide.points(part.inputs(self.conditions), values) - part.points
         errors[placed] = np.linalg.norm(residuals, axis=2)
@@ -445,7 +445,7 @@ class FixtureSensor(VirtualSensor, ABC):
             conditions={**data.conditions, FIXTURE: number.astype(np.float64)},
             warnings=(*data.warnings, *self.contradictions(arm, data, nominal), *left_out),
         )
-        return model, full.take(np.flatnonzero(measured & ~np.isin(number, few)))
+        return model, full[measured & ~np.isin(number, few)]
 
     def observed_truth(
         self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]

@@ -114,7 +114,7 @@ class PixelSensor(VirtualSensor):
                 lost.append(row)
         if not rows:
             raise LabError(f"no board is found in any of {counted(len(wanted), 'picture')}: check the boards' kinds")
-        part, found = data.take(rows), np.array(places)
+        part, found = data[rows], np.array(places)
         warnings = part.warnings
         if lost:
             named = ", ".join(pictures[row] for row in lost[:_MOST_NAMED])
@@ -151,7 +151,7 @@ class PixelSensor(VirtualSensor):
         rows = np.flatnonzero(self.rows(data) & (np.array(data.use) != "skip"))
         if not len(rows):
             raise LabError("no row has a place in a picture: fill in u_px and v_px")
-        part = data.take(rows)
+        part = data[rows]
         number = self._numbers(part)
         places = PX.to_si(np.column_stack([part.conditions["u_px"], part.conditions["v_px"]]))
         sigma = part.sigma_m
@@ -167,7 +167,7 @@ class PixelSensor(VirtualSensor):
             points=places[:, None],
             sigma_m=sigma,
             conditions={**part.conditions, FIXTURE: number.astype(np.float64)},
-        ).take(order)
+        )[order]
         camera, board, _ = self.rig.parts(number)
         seen = tuple(np.unique(camera).tolist()), tuple(np.unique(board).tolist())
         whole = Pixels(arm, self.rig, seen, np.empty((0, 0)))

@@ -205,7 +205,7 @@ def check_validation_poses(
     outside = np.flatnonzero(measured.beyond(rows.joints).max(axis=1) > _BEYOND)
     if not (len(outside) and measured.slope.any()):
         return checks
-    part = rows.take(outside)
+    part = rows[outside]
     unknown = measured.unknown(found.model, part.inputs(found.model.conditions), found.values)
     size_m = float(np.sqrt((unknown**2).sum(axis=(2, 3))).max())
     beyond = _failed("validation.beyond", outside=len(outside), count=len(rows), first=part.ids[0], size_m=size_m)
@@ -317,7 +317,7 @@ def check_joints(
         encoders: those of the robot's table; None where it names none.
     """
     if (some := evenly(len(rows), _MOST_POSES)) is not None:  # more change nothing
-        seen, rows, moves = seen.take(some), rows.take(some), moves[some]
+        seen, rows, moves = seen.take(some), rows[some], moves[some]
     model, checks = found.model, list[Check]()
     if encoders is not None:
         made_m = counting(model, rows, found.values, encoders, observation_of(model).positions or None)

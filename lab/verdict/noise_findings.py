@@ -117,7 +117,7 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
     """
     times = row_times(rows)
     if (some := evenly(len(rows), _MAX_SCANNED_POSES)) is not None:
-        observed, rows, times = observed.take(some), rows.take(some), times[some]
+        observed, rows, times = observed.take(some), rows[some], times[some]
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals)
     white = np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2)[: linear.poses]
     within, changing = linear.everywhere(), _changing(found, linear, observed, rows)

@@ -389,7 +389,7 @@ def _by_held_out(state: Fitted, held_out: Measurements) -> tuple[Validation, lis
     checks = [Check("validation.unplaced", "noted", data={"what": w, "name": name}) for w, name in sorted(unplaced)]
     if not judged.any():
         return Validation(None, None), checks
-    found = validate_rows(state.identification, held_out.take(np.flatnonzero(judged)))
+    found = validate_rows(state.identification, held_out[judged])
     return found.naming([pose.id for pose in state.outliers if pose.held_out]), checks
 
 

@@ -404,7 +404,7 @@ def _of_estimated_noise(
         observations, _ = weigh(observation, some, replace(noise, shared=its))
         return _beyond_range(observations, prediction, estimate.measured)
 
-    first = rows.take(np.arange(min(len(rows), _MOST_POSES)))
+    first = rows[:_MOST_POSES]
     moved = [(by(first, shared.moved(name, STEP)), by(first, shared.moved(name, -STEP))) for name in errors.names]
     prediction, observations = with_estimated_noise(prediction, by(rows, shared), errors, moved)
     return observations, prediction

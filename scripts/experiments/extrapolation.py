@@ -76,7 +76,7 @@ def cross_validated(robot: Robot, data: Measurements, model: str, held: list[NDA
     """Errors of the parts held out, each by what the others say, and how many of them their bounds hold."""
     lengths, within, plain, far, lone = [], [], [], [], []
     for out in held:
-        rows, rest = data.take(np.flatnonzero(~out)), data.take(np.flatnonzero(out))
+        rows, rest = data[~out], data[out]
         report = lab.identify(rows, robot, model=model, validate=rest).fit
         found = report.identification
         inputs = rest.inputs(found.model.conditions)
@@ -113,7 +113,7 @@ def answer(options: Options) -> Answer:
     robot = load_robot(options.robot)
     data = read_measurements(options.file, robot.chain.joint_names, robot.chain.prismatic)
     if len(data) > options.most_poses:
-        data = data.take(np.sort(np.random.default_rng(0).permutation(len(data))[: options.most_poses]))
+        data = data[np.sort(np.random.default_rng(0).permutation(len(data))[: options.most_poses])]
     turning = ~np.array(robot.chain.prismatic, dtype=np.bool_)
     parts = {kind: splits(data.joints, turning, kind, options.count, options.share) for kind in options.kinds}
     values = {

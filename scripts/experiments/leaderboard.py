@@ -156,8 +156,8 @@ def task_of(about: DataSet, data: Path | None) -> tuple[Task, Array]:
         if hashlib.sha256(path.read_bytes()).hexdigest() != digest:
             raise LabError(f"{path}: not the file of the split: its SHA-256 is not {digest}")
         files.append(lab.read_measurements(path, robot))
-    held, other = files[-1].take(about.rows), np.setdiff1d(np.arange(len(files[-1])), about.rows)
-    rest = files[-1].take(other) if len(other) else None
+    held, other = files[-1][about.rows], np.setdiff1d(np.arange(len(files[-1])), about.rows)
+    rest = files[-1][other] if len(other) else None
     fit, references = (files[0], rest) if len(files) > 1 else (rest, None)
     assert fit is not None
     unseen = replace(held, points=np.full_like(held.points, np.nan), other={})
@@ -276,7 +276,7 @@ def by_the_lab(task: Task, *_others: Any, **options: Any) -> Predictions:
 
 def _estimate(task: Task, **options: Any) -> Estimate:
     # a few fitted rows as validation data: without any, the lab would cross-validate, which is not asked for here
-    return lab.identify(task.fit, task.robot, validate=task.fit.take(np.arange(5)), **options).estimate
+    return lab.identify(task.fit, task.robot, validate=task.fit[:5], **options).estimate
 
 
 def _with_own_points(task: Task, estimate: Estimate, inputs: Array) -> Array:
@@ -305,7 +305,7 @@ def learned(task: Task, *_others: Any) -> Predictions:
         raise LabError(f"scikit-learn is missing: {error}") from error
     _refuse_sessions(task)
     estimate = _estimate(task)
-    first = LearnedCorrector(estimate, task.fit.take(np.linspace(0, len(task.fit) - 1, 500).astype(int)))
+    first = LearnedCorrector(estimate, task.fit[np.linspace(0, len(task.fit) - 1, 500).astype(int)])
     both = LearnedCorrector(estimate, task.fit, first.process.kernel_)  # its scales, on all rows
     joints = task.held_out.joints
     spread = both.process.predict(np.concatenate([np.sin(joints), np.cos(joints)], axis=1), return_std=True)[1]
@@ -356,7 +356,7 @@ def by_peer(task: Task, folder: Path, limit_s: float, *, tool: str) -> Predictio
     _refuse_sessions(task)
     python = peers.environment(tool, folder)
     count = min(len(task.fit), PEER_ROWS)
-    part = replace(task, fit=task.fit.take(np.linspace(0, len(task.fit) - 1, count).astype(int)))
+    part = replace(task, fit=task.fit[np.linspace(0, len(task.fit) - 1, count).astype(int)])
     arm, joints, points = _placed(part)
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)

@@ -59,8 +59,8 @@ def errors_by_poses(
     for model in models:
         found[model] = {}
         for count in poses:
-            rows = data.take(np.sort(order[:count]))
-            result = lab.identify(rows, robot, model=model, seed=seed, validate=data.take(held))
+            rows = data[np.sort(order[:count])]
+            result = lab.identify(rows, robot, model=model, seed=seed, validate=data[held])
             assert result.validation.errors is not None
             found[model][str(count)] = float(1e3 * np.nanmean(result.validation.errors.after))
     return found

@@ -46,7 +46,7 @@ def campaign(seed: int, bend: float, *, narrow: float = 0.35) -> tuple[Measureme
     moved = joints + bend * rng.choice([-1, 1], 6) * np.clip(away, -1.0, 1.0) ** 3
     points = ARM.points(moved, NOMINAL) + SIGMA * rng.standard_normal((len(joints), 1, 3))
     data = measured(IRB120.chain.joint_names, joints, ("p1",), points)
-    return data.take(np.arange(POSES)), data.take(np.arange(POSES, POSES + 40))
+    return data[np.arange(POSES)], data[np.arange(POSES, POSES + 40)]
 
 
 def ranged(rows: Measurements) -> tuple[Identification, MeasuredRange]:
@@ -187,7 +187,7 @@ def hidden_region(seed: int, lack: float) -> tuple[Measurements, Measurements]:
         moved[:, joint] += lack * np.sin(2 * joints[:, first] + phase[0]) * np.sin(1.5 * joints[:, second] + phase[1])
     points = ARM.points(moved, NOMINAL) + SIGMA * rng.standard_normal((240, 1, 3))
     data = measured(IRB120.chain.joint_names, joints, ("p1",), points)
-    return data.take(np.arange(200)), data.take(np.arange(200, 240))
+    return data[np.arange(200)], data[np.arange(200, 240)]
 
 
 def test_a_region_that_was_not_measured_has_bounds_that_hold() -> None:

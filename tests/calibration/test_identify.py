@@ -128,7 +128,7 @@ def test_a_rows_own_sigma_counts() -> None:
     sigma = np.where(np.arange(50) < 10, 1e-3, 5e-6)
     data = measured(NAMES, joints, ("p1",), points)
     data = type(data)(**{**data.__dict__, "sigma_m": sigma})
-    good = data.take(range(10, 50))
+    good = data[10:50]
     all_rows, forty = identify(ARM, data, ARM.nominal()), identify(ARM, good, ARM.nominal())
     assert np.abs((all_rows.values - forty.values)[list(forty.fit.free)] / forty.std).max() < 0.05
     blind = identify(ARM, measured(NAMES, joints, ("p1",), points), ARM.nominal())

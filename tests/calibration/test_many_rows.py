@@ -103,6 +103,6 @@ def test_the_noise_of_many_rows_is_that_of_stretches(monkeypatch: pytest.MonkeyP
     numbers = np.array([int(name) for name in rows.ids])
     assert len(rows) == 80 and numbers[0] == 0 and numbers[-1] == POSES - 1
     assert (np.diff(numbers) == 1).sum() == 72
-    data = data.take(np.flatnonzero(data.seen.any(axis=1)))
+    data = data[data.seen.any(axis=1)]
     found = identify.identify(ARM, data, ARM.nominal(), Noise(sigma_m=SIGMA))
     assert search.search_noise(found, data, Noise(sigma_m=SIGMA)).shared is None

@@ -97,7 +97,7 @@ def test_held_out_poses_that_are_off_are_named() -> None:
     points = data.points.copy()
     points[70, 0, 1] += 2e-3
     spoilt = replace(data, points=points)
-    rows, held = spoilt.take(list(range(60))), spoilt.take(list(range(60, 80)))
+    rows, held = spoilt[list(range(60))], spoilt[list(range(60, 80))]
     fit = run_steps(Fitted(fitter(spoilt, robust=True), rows, held), FITTING)
     assert [(pose.id, pose.held_out) for pose in fit.outliers] == [("70", True)]
     assert fit.outliers[0].size_m == pytest.approx(2e-3, rel=0.05)

@@ -19,7 +19,7 @@ SIGMA_M = 20e-6
 
 def halves(seed: int, poses: int = 80) -> tuple[Measurements, Measurements]:
     data, _ = session_with_noise(seed, poses, SIGMA_M)
-    return data.take(np.arange(poses // 2)), data.take(np.arange(poses // 2, poses))
+    return data[np.arange(poses // 2)], data[np.arange(poses // 2, poses)]
 
 
 def checked(found: Identification, held: Measurements, noise: Noise) -> Check:

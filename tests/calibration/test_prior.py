@@ -139,7 +139,7 @@ def test_outliers_are_found_beside_it(noise: Noise) -> None:
     found = identify(ARM, data, NOMINAL, noise, AUTO)
     assert found.prior is not None and found.prior.acts_in > 3
     assert sorted(outliers_among_fitted(found, data, noise, NoiseDistribution(), 0).rows) == off
-    without = identify(ARM, data.take(np.setdiff1d(np.arange(50), off)), NOMINAL, noise, AUTO)
+    without = identify(ARM, data[np.setdiff1d(np.arange(50), off)], NOMINAL, noise, AUTO)
     assert without.prior is None
 
 

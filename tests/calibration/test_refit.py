@@ -79,7 +79,7 @@ def test_what_the_poses_do_not_determine_stays(arm: tuple) -> None:
     rng = np.random.default_rng(9)
     joints = kept_upright(found.values, line_and_plane("plane", rng))
     data = session(truth, joints, rng)
-    placed = placed_anew(ARM, data.take(range(15)), data.take(range(15, 30)), found.values, ("base", "tool"), "here")
+    placed = placed_anew(ARM, data[:15], data[15:30], found.values, ("base", "tool"), "here")
     assert placed.fixed == ("tool.p1.x", "tool.p1.y", "tool.p1.z")
     np.testing.assert_array_equal(placed.values[-3:], found.values[-3:])
 

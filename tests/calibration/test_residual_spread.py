@@ -77,7 +77,7 @@ def test_later_rows_are_missed_as_blocks_of_earlier_ones_are(apart: float, wider
         joints = CHAIN.random_joints(270, rng)
         shift = apart * np.repeat(rng.normal(size=(9, 1, 3)), 30, axis=0) + (1 - apart) * rng.normal(size=(270, 1, 3))
         points = ARM.points(joints, NOMINAL) + LACK * shift + NOISE * rng.normal(size=(270, 1, 3))
-        rows = measured(CHAIN.joint_names, joints, ("p1",), points).take(np.arange(240))
+        rows = measured(CHAIN.joint_names, joints, ("p1",), points)[np.arange(240)]
         found = identify(ARM, rows, NOMINAL)
         alone = residual_spread(found)
         later = for_later_rows(alone, found, Observations.unweighted(rows), np.arange(240), 1.0)

@@ -67,7 +67,7 @@ def test_the_last_rows_are_held_out_with_nothing_of_their_configurations_fitted(
     again = np.arange(60)
     again[[45, 55]] = 3  # a reference pose
     again[50] = 49  # a repeat within the last part
-    part, late = hold_out_last(ARM, data.take(again), 0.3)
+    part, late = hold_out_last(ARM, data[again], 0.3)
     assert len(part) == 42 and len(late) == 16
     assert not set(map(tuple, part.joints)) & set(map(tuple, late.joints))
 
@@ -95,7 +95,7 @@ def test_a_share_of_last_rows_that_leaves_nothing_is_refused(share: float, words
 def test_cycles_of_the_same_poses_have_no_last_rows_of_their_own() -> None:
     data, _ = campaign(10, 1)
     with pytest.raises(LabError, match="the last 9 rows are of configurations or fixtures that were measured before"):
-        hold_out_last(ARM, data.take(np.tile(np.arange(10), 3)), 0.3)
+        hold_out_last(ARM, data[np.tile(np.arange(10), 3)], 0.3)
 
 
 def test_cross_validation_judges_every_row_once_and_delivers_from_all() -> None:

@@ -89,7 +89,7 @@ def dated_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dated")
     with nothing_drawn():
         for i, at in enumerate(("2026-01-10", "2026-02-11", "2026-03-09", "2026-04-14")):
-            part = day.take(range(30 * i, 30 * i + 30))
+            part = day[30 * i : 30 * i + 30]
             if i == 3:
                 joints = part.joints.copy()
                 joints[:, 2] -= 0.5e-3  # the controller reports less than where the joint stands

@@ -139,7 +139,7 @@ def day() -> Measurements:
 
 
 def test_too_few_poses_to_hold_out_are_not_judged() -> None:
-    result = lab.identify(day().take(range(12))).to_dict()
+    result = lab.identify(day()[:12]).to_dict()
     assert result["verdict"] == "not judged"
     assert result["before_mm"] is result["after_mm"] is result["judged_by"] is None
 

@@ -26,7 +26,7 @@ def factor_of(path: Path, entity: str) -> float:
 def test_a_verification_shows_measured_less_predicted(seven_run: Path, seven, tmp_path: Path, home) -> None:
     """To scale and in the world: arrows of an arm that was moved are longer than the sphere of what is expected."""
     points = seven.measurements.points + np.array([2e-4, 0, 0])
-    result = verify(str(seven_run), replace(seven.measurements, points=points).take(range(6)))
+    result = verify(str(seven_run), replace(seven.measurements, points=points)[:6])
     path = tmp_path / "recording.rrd"
     record_verification(path, result)
     assert rrd(home, "verify", path).returncode == 0

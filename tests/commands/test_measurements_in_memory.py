@@ -25,7 +25,7 @@ def of_nobody(data: Measurements) -> Measurements:
 
 def test_identify_takes_the_robot_that_was_measured(days: dict[str, Measurements]) -> None:
     robot = "versatran"
-    found = lab.identify(days[robot].take(range(29)), instrument="uniform-8um")
+    found = lab.identify(days[robot][:29], instrument="uniform-8um")
     assert found.to_dict()["robot"] == robot and found.to_dict()["after_mm"]["mean"] < 0.1
     assert found.measurements.robot == robot
 

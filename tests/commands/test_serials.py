@@ -30,7 +30,7 @@ def place(tmp_path_factory: pytest.TempPathFactory, seven: CalibrationResult) ->
         for name, serial, date in (("a17", "A-17", "2026-01-10"), ("a18", "A-18", "2026-02-10")):
             named(seven, serial, date).save(folder / name)
     own_copy(run_of(seed=7), folder / "old")
-    new = replace(seven.measurements, points=seven.measurements.points + 1e-9).take(range(10))
+    new = replace(seven.measurements, points=seven.measurements.points + 1e-9)[:10]
     write_measurements(folder / "new.csv", new, seven.robot.chain.prismatic)
     return folder
 
@@ -104,7 +104,7 @@ def test_a_verification_of_a_doubtful_run_is_not_good(
 ) -> None:
     run = replace(seven, fit=replace(seven.fit, verdict=replace(seven.verdict, word=verdict)))
     points = seven.measurements.points + np.array([shift + 1e-9, 0, 0])
-    new = replace(seven.measurements, points=points).take(range(8))
+    new = replace(seven.measurements, points=points)[:8]
     found = lab.verify(run, new)
     assert found.exit_code == (1 if shift else 0) and found.verdict == ("bad" if shift else verdict)
     assert lab.verify(run, new, require="good").exit_code == required

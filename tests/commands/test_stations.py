@@ -177,8 +177,8 @@ def test_a_first_station_without_any_point_is_told() -> None:
     T = {name: se3.pose(np.eye(3), np.array([1.0, 0.0, 0.0])) for name in "BC"}
     data = seen_from(day.measurements, T, ("A",) * 10 + ("B",) * 15 + ("C",) * 15)
     assert few_points_of_a_station(model, data) == ""
-    assert "the first station measured 0 points" in few_points_of_a_station(model, data.take(range(10, 40)))
-    assert "station 'B' measured 0 points" in few_points_of_a_station(model, data.take([*range(10), *range(25, 40)]))
+    assert "the first station measured 0 points" in few_points_of_a_station(model, data[10:40])
+    assert "station 'B' measured 0 points" in few_points_of_a_station(model, data[[*range(10), *range(25, 40)]])
 
 
 def test_rows_of_unknown_stations_are_not_judged_by(tmp_path: Path) -> None:
@@ -197,7 +197,7 @@ def test_other_files_are_validated_from_known_stations_or_with_a_base_placed_ane
     day = session(poses=80, seed=3, instrument="exact")
     T = {"B": se3.pose(se3.exp(np.array([0.0, 0.0, 1.0])), np.array([1.0, 0.0, 0.0]))}
     data = seen_from(day.measurements, T, ("A", "B") * 40)
-    fitted, other = data.take(range(50)), data.take(range(50, 80))
+    fitted, other = data[:50], data[50:80]
     known = lab.identify(fitted, robot="irb120", validate=other)
     assert known.validation.errors is not None and known.validation.errors.after.max() < 1e-9
     renamed = replace(other, other={"station": ("C", "D") * 15})
@@ -239,6 +239,6 @@ def test_plans_without_stations_and_verifications_from_several_are_refused(tmp_p
     with pytest.raises(LabError, match="the station is missing"):
         lab.simulate("irb120", cell=path, plan=tmp_path / "plan.csv")
     day = session(poses=50, seed=3)
-    result = lab.identify(day.measurements.take(range(40)), robot="irb120", instrument="uniform-8um", holdout=0.2)
+    result = lab.identify(day.measurements[:40], robot="irb120", instrument="uniform-8um", holdout=0.2)
     with pytest.raises(LabError, match="stations A, B; verify the rows of each alone"):
         lab.verify(result, replace(day.measurements, other={"station": ("A", "B") * 25}))

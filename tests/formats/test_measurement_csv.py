@@ -94,7 +94,7 @@ def test_where_a_row_stands(tmp_path) -> None:
     path.write_text(f"id,{head},x_mm,y_mm,z_mm\na,0,0,0,0,0,0,1,2,3\n\nb,0,0,0,0,0,0,1,2,3\n")
     data = read_measurements(path, NAMES, SLIDES)
     assert [data.where(i) for i in range(2)] == ["line 2", "line 4"]
-    assert data.take([1]).where(0) == "line 4"
+    assert data[[1]].where(0) == "line 4"
     assert replace(data, lines=()).where(1) == "row b"
 
 

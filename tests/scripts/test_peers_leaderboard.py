@@ -144,7 +144,7 @@ def test_a_stranger_can_enter(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 @pytest.mark.thorough
 def test_independent_geometry_predicts_as_the_lab_does() -> None:
     task, _ = board.task_of(SETS["ur10-cubes"], None)
-    part = replace(task, fit=task.fit.take(np.arange(0, len(task.fit), 4)))
+    part = replace(task, fit=task.fit[np.arange(0, len(task.fit), 4)])
     own, other = board.by_the_lab(part, prior="off"), board.by_scipy(part, fitted=True)
     assert np.abs(own.points - other.points).max() < 1e-6  # the same optimum, by two chains and two solvers
     assert own.covariances is not None and other.covariances is not None

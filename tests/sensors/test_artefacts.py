@@ -110,7 +110,7 @@ def test_opposite_faces_give_the_size_and_three_faces_do_not(cubes: lab.Measurem
     whole = lab.identify(data, observe="cube", tip_radius_mm=3.0, noise_mm=0.01)
     assert whole.to_dict()["verdict"] == "good" and not whole.identification.lacks_size
     kept = [i for i, face in enumerate(data.other["face"]) if face in ("x+", "y+", "z+")]
-    three = lab.identify(data.take(kept), observe="cube", tip_radius_mm=3.0, noise_mm=0.01)
+    three = lab.identify(data[kept], observe="cube", tip_radius_mm=3.0, noise_mm=0.01)
     assert three.identification.lacks_size and three.to_dict()["verdict"] == "doubtful"
     assert any("do not determine the arm's size" in text for text in three.to_dict()["warnings"])
 

@@ -23,9 +23,9 @@ def test_a_draw_wire() -> None:
     before, after = [], []
     for seed in range(2):
         rows, held = split_by_label(configurations(seen.joints), 0.3, seed)
-        found = identify(observation, seen.take(rows), arm.nominal(), options=FitOptions(prior="on"))
+        found = identify(observation, seen[rows], arm.nominal(), options=FitOptions(prior="on"))
         assert found.status == "converged" and len(found.fit.free) == 31
-        errors = errors_of(found, seen.take(held))
+        errors = errors_of(found, seen[held])
         before.append(np.sqrt(np.mean(errors.before**2)))
         after.append(np.sqrt(np.mean(errors.after**2)))
     assert 0.27e-3 < np.mean(after) <= 0.36e-3 and np.mean(after) < np.mean(before)

@@ -62,7 +62,7 @@ def test_two_sensors_together_are_better_than_each() -> None:
     for observe in ("points", "points+pixels"):
         sensor = sensor_named(observe).configured(SensorOptions(), FitInputs())
         rows = np.flatnonzero(sensor.rows(data))
-        model, table = sensor.observation(ARM, data.take(rows), NOMINAL)
+        model, table = sensor.observation(ARM, data[rows], NOMINAL)
         model = sensor.balanced(model, table, NOMINAL, PLAIN)
         found = identify(model, table.with_points(), NOMINAL)
         stds[observe] = dict(zip([model.names[i] for i in found.fit.free], found.std / found.sigma_m, strict=True))

@@ -60,7 +60,7 @@ def test_pictures_beside_a_file_become_corners(tmp_path: Path) -> None:
     assert len(found) == len(board) and set(found.ids) == {f"0:board:{i}" for i in range(len(board))}
     assert any("no board is found in 1 of 2 pictures (b.png)" in text for text in found.warnings)
     with pytest.raises(LabError, match="no board is found in any"):
-        sensor.with_files(data.take([1]), tmp_path)
+        sensor.with_files(data[[1]], tmp_path)
     with pytest.raises(LabError, match="is no picture"):
         picture_of(tmp_path / "c.png")
 

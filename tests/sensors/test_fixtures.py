@@ -85,7 +85,7 @@ def test_fixtures_that_were_not_fitted_are_placed_by_their_own_rows() -> None:
         observation = many(kind, 6)
         data, _ = measured_fixtures(observation, 120, rng)
         known = data.conditions[FIXTURE] < 4
-        found = identify(observation, data.take(np.flatnonzero(known)), ARM.nominal())
+        found = identify(observation, data[known], ARM.nominal())
         assert len(found.model.numbers) == 4 and len(found.values) == len(observation.names) - 6
         errors = errors_of(found, data)
         assert errors.after.shape == (120, 1) and np.nanmax(errors.after) < 1e-7
@@ -97,8 +97,8 @@ def test_a_fixture_of_a_few_rows_is_not_judged_by_itself() -> None:
     observation = many(Sockets, 6)
     data, _ = measured_fixtures(observation, 60, np.random.default_rng(0))
     place = data.conditions[FIXTURE]
-    found = identify(observation, data.take(np.flatnonzero(place < 4)), ARM.nominal())
-    rest = data.take([*np.flatnonzero(place == 4)[:3], *np.flatnonzero(place == 5)])
+    found = identify(observation, data[place < 4], ARM.nominal())
+    rest = data[[*np.flatnonzero(place == 4)[:3], *np.flatnonzero(place == 5)]]
     errors = errors_of(found, rest).after
     assert np.isnan(errors[:3]).all() and np.isfinite(errors[3:]).all()
 

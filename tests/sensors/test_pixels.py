@@ -146,7 +146,7 @@ def test_what_the_arm_hides_is_not_seen(tmp_path: Path) -> None:
 
 
 def corners(rows: int = 8) -> Measurements:
-    return lab.simulate("irb120", observe="pixels", poses=2, seed=0).measurements.take(range(rows))
+    return lab.simulate("irb120", observe="pixels", poses=2, seed=0).measurements[:rows]
 
 
 @pytest.mark.parametrize(

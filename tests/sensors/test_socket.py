@@ -28,7 +28,7 @@ def test_a_known_distance_is_the_scale() -> None:
     centres = true[observation.first :].reshape(2, 2, 3)
     apart = np.linalg.norm(centres[:, 1] - centres[:, 0], axis=1)
     scaled = replace(observation, distance_m=float(apart[0] * 1.01))
-    data = data.take(np.flatnonzero(data.conditions[FIXTURE] < 2))  # one location, one distance
+    data = data[data.conditions[FIXTURE] < 2]  # one location, one distance
     found = identify(scaled, data, ARM.nominal())
     assert found.status == "converged"
     assert found.values[observation.names.index("link4.d")] == pytest.approx(0.302 * 1.01, abs=1e-9)
@@ -53,7 +53,7 @@ def test_locations_are_held_out_whole() -> None:
     data, _ = measured_fixtures(many(Sockets, 6), 60, np.random.default_rng(0))
     labels = cv_groups_of(many(Sockets, 6), data)
     np.testing.assert_array_equal(labels, data.conditions[FIXTURE] // 2)
-    few = data.take(np.flatnonzero(data.conditions[FIXTURE] < 4))
+    few = data[data.conditions[FIXTURE] < 4]
     assert many(Sockets, 4).cv_groups(few) is None  # two locations: by configuration
 
 
@@ -76,8 +76,8 @@ def test_balls_in_sockets() -> None:
     location = cv_groups_of(observation, seen)
     assert sorted(set(location)) == list(range(6))
     last = location == 5
-    found = identify(observation, seen.take(np.flatnonzero(~last)), arm.nominal())
-    errors = errors_of(found, seen.take(np.flatnonzero(last)))
+    found = identify(observation, seen[~last], arm.nominal())
+    errors = errors_of(found, seen[last])
     assert found.status == "converged" and len(found.fit.free) == 25 + 30
     assert errors.after.size == 60 and 1e3 * errors.before.mean() == pytest.approx(2.90, abs=0.02)
     assert 0.15 < 1e3 * errors.after.mean() <= 0.25

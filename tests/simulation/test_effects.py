@@ -424,7 +424,7 @@ def test_the_last_move_is_kept_until_the_next_and_forgotten_between_sessions() -
     np.testing.assert_array_equal(last_moves(joints, "aabbb"), [[0, 0], [1, 0], [0, 0], [-1, 0], [1, 1]])
     assert last_moves(joints[:0]).shape == (0, 2)
     data = measured(CHAIN.joint_names[:2], joints, (), np.zeros((5, 0, 3)))
-    picked = data.take([4, 1]).take([1])  # rows know what came before them in the whole campaign
+    picked = data[[4, 1]][[1]]  # rows know what came before them in the whole campaign
     name = CHAIN.joint_names[0]
     np.testing.assert_array_equal(picked.inputs([f"last move of {name}", "place in the file"])[:, 2:], [[1.0, 0.25]])
 

@@ -172,7 +172,7 @@ def _outliers(result: CalibrationResult) -> tuple[Array, tuple[str, ...]]:
     rows = rows_called(result.measurements, [pose.id for pose in result.fit.outliers])
     if not rows:
         return np.empty((0, 3)), ()
-    found = _predicted(result, result.measurements.take(rows))
+    found = _predicted(result, result.measurements[rows])
     names = tuple(result.measurements.ids[row] for row in rows for _ in range(found.shape[1]))
     return found.reshape(-1, 3), names
 

@@ -143,7 +143,7 @@ def _outlier_poses(outcome: CalibrationResult, T_world_instrument: Array) -> tup
     observation = observation_of(model)
     if not named or observation.positions < len(observation.units):
         return ()
-    part = data.take(rows_called(data, [pose.id for pose in named]))
+    part = data[rows_called(data, [pose.id for pose in named])]
     expected = model.points(part.inputs(model.conditions), outcome.identification.values)
     worst = np.nanargmax(np.linalg.norm(part.points - expected, axis=2), axis=1)
     inputs, values = part.inputs(model.conditions), outcome.identification.values

@@ -216,7 +216,7 @@ class Pixels:
         camera, board, _ = self.rig.parts(data.conditions[FIXTURE].astype(np.int_))
         known = np.flatnonzero(np.isin(camera, self.seen[0]) & np.isin(board, self.seen[1]))
         errors = np.full((len(data), 1), np.nan)
-        part = data.take(known)
+        part = data[known]
         scene = _Scene.of(self, part.inputs(self.conditions), values, rates=False)
         angle = (part.points[:, 0] - scene.places) / scene.intrinsics[:, :2]
         errors[known, 0] = np.linalg.norm(angle, axis=1) * np.abs(scene.in_camera[:, 2])

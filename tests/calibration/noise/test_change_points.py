@@ -90,7 +90,7 @@ def test_a_base_that_moved_is_told_with_its_rows_and_size(day: Measurements) -> 
 )
 def test_what_is_no_change_is_not_called_one(day: Measurements, along: np.ndarray, kind: str | None) -> None:
     rows = np.flatnonzero(np.abs(along) < 5e-4)  # as the search has them, outliers aside
-    shared = searched(moved(day, along).take(rows)).shared
+    shared = searched(moved(day, along)[rows]).shared
     assert (shared is None) if kind is None else (shared is not None and kind in shared.kinds)
     assert shared is None or not shared.moves
 
@@ -114,7 +114,7 @@ def covariance(data: Measurements, shared: ErrorModel) -> np.ndarray:
 def test_rows_held_out_stand_on_their_side_and_on_another_day_all_are_off_by_one_shift(day: Measurements) -> None:
     timed = replace(day, conditions={"time_s": 1.7e9 + 30.0 * np.arange(60) + 5.0 * (np.arange(60) % 7)})
     shared = shared_by(moved(timed, 50e-6 * (np.arange(60) >= 41)))
-    held = timed.take([2, 40, 41, 58])  # of another spacing than the whole
+    held = timed[[2, 40, 41, 58]]  # of another spacing than the whole
     after = 19 / 60
     side = np.array([-after, -after, 1 - after, 1 - after])
     np.testing.assert_allclose(covariance(held, shared), shared.step_m**2 * np.outer(side, side), rtol=1e-9)

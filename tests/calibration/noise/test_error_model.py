@@ -78,7 +78,7 @@ def test_what_a_fit_in_a_valley_leaves_is_not_taken_for_noise(scattered: lab.Cal
 
 def test_rows_are_in_time_by_their_clock_else_by_their_place() -> None:
     day: Measurements = lab.simulate("irb120", seed=3, poses=6).measurements
-    assert row_times(day.take([4, 1])).tolist() == [4.0, 1.0]
+    assert row_times(day[[4, 1]]).tolist() == [4.0, 1.0]
     timed = replace(day, conditions={"time_s": np.array([0.0, 60.0, 120.0, 180.0, 600.0, 660.0])})
     assert row_times(timed).tolist() == [0.0, 1.0, 2.0, 3.0, 10.0, 11.0]
     two = replace(day, sessions=("a", "a", "a", "b", "b", "b"))

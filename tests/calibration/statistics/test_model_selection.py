@@ -156,7 +156,7 @@ def test_scores_are_those_of_refits(near_compliance, groups: tuple[str, ...]) ->
     assert score.squares == pytest.approx(2 * whole.fit.cost_trace[-1], rel=1e-3)
     lengths = []
     for fold in range(5):
-        part, test = data.take(np.flatnonzero(large.folds != fold)), data.take(np.flatnonzero(large.folds == fold))
+        part, test = data[large.folds != fold], data[large.folds == fold]
         values = identify(arm, part, nominal(arm), Noise(None, SIGMA)).values
         lengths.append(np.linalg.norm(arm.points(test.inputs(arm.conditions), values) - test.points, axis=2)[:, 0])
     np.testing.assert_allclose(score.errors, np.concatenate(lengths), rtol=1e-2, atol=1e-7)
@@ -187,7 +187,7 @@ def test_all_three_must_say_so() -> None:
 
 def test_rows_of_one_configuration_are_held_out_together() -> None:
     data = example((), poses=40)
-    data = data.take(np.repeat(np.arange(40), 3))
+    data = data[np.repeat(np.arange(40), 3)]
     task = SelectionTask(irb120, nominal, data, Noise(), PLAIN)
     large = FullModel.of(task, ["gear"], task.identified(()), 0)
     assert (large.folds.reshape(40, 3) == large.folds[::3, None]).all() and set(large.folds) == set(range(5))
@@ -377,7 +377,7 @@ def test_masses_and_columns_that_are_missing() -> None:
 
 def measured_arm(file: str, robot: Robot) -> Selection:
     data = read_measurements(data_file(file), robot.chain.joint_names, robot.chain.prismatic).only("calibrate")
-    data = data.take(np.flatnonzero(data.seen.any(axis=1)))
+    data = data[data.seen.any(axis=1)]
     return select(lambda g: robot.arm_with(data.targets, g), data, lambda m: m.nominal(robot.tool))
 
 

@@ -152,7 +152,7 @@ def test_repeats_of_a_pose_are_one_witness() -> None:
     """A pose that is measured twenty times with one error of its own shows nothing of the arm."""
     for seed in range(3):
         data = campaign(seed, {}, 40, noise="plain")
-        repeated = data.take(np.repeat(np.arange(40), 20))
+        repeated = data[np.repeat(np.arange(40), 20)]
         repeated = replace(repeated, ids=tuple(map(str, range(800))))
         search = search_of(repeated, geometry(repeated))
         assert len(search.starts) == 40

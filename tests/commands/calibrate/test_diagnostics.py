@@ -34,7 +34,7 @@ def test_the_strongest_correlation_is_named(seven) -> None:
 def test_predicted_errors_are_those_of_the_verdict_and_extrapolation_is_marked(seven) -> None:
     shown = uncertainty_map(seven)
     assert np.sqrt(np.mean(shown.sizes**2)) == pytest.approx(seven.verdict.workspace.rms_m, rel=0.02)
-    few = replace(seven, fit=replace(seven.fit, rows=seven.fitted.take(range(2))))
+    few = replace(seven, fit=replace(seven.fit, rows=seven.fitted[:2]))
     beyond = uncertainty_map(few)
     assert shown.extrapolated.sum() < 0.5 * len(shown.points)
     assert beyond.extrapolated.sum() > 0.9 * len(beyond.points)  # two poses span next to nothing

@@ -45,7 +45,7 @@ def test_a_bad_run_is_written_without_the_files_that_cannot_hold_its_arm(tmp_pat
         assert found["exports"][name]["has"] == [] and "apart" in found["exports"][name]["reason"]
         assert any(text.startswith(f"{name} is not written") for text in found["warnings"])
     estimate = result.estimate
-    row = result.measurements.take([0])
+    row = result.measurements[[0]]
     free = np.full((1, 3, 3), np.nan)
     targets = lab.Targets("p1", ("a",), estimate.arm.points(row.joints, estimate.values)[:, 0], free, row.joints, {})
     corrected = lab.compensate(targets, run=result, force=True, no_check=True)  # on request it is built on, too
@@ -60,7 +60,7 @@ def test_an_arm_that_bends_has_its_kinematics_for_ros(tmp_path: Path) -> None:
     soft = {"stiffness_nm_per_rad": 1e5, "payload_kg": (0.0, 3.0), "model": "compliance"}
     result = lab.calibrate("ur10", poses=20, seed=2, **soft)
     result.save(tmp_path / "run")
-    row = result.measurements.take([0])
+    row = result.measurements[[0]]
     free = np.full((1, 3, 3), np.nan)
     targets = lab.Targets("p1", ("a",), row.points[:, 0], free, row.joints, row.conditions)
     lab.compensate(targets, run=result, force=True, no_check=True).save(tmp_path / "corrected")

@@ -71,7 +71,7 @@ def test_scatter_is_supported_by_repeated_poses_alone() -> None:
     for visits in (1, 3):
         exact, rng = session_with_noise(2, 60 // visits, 0.0)
         rows = np.tile(np.arange(len(exact)), visits)
-        data = replace(exact.take(rows), ids=tuple(str(i) for i in range(60)), lines=())
+        data = replace(exact[rows], ids=tuple(str(i) for i in range(60)), lines=())
         data = stopped_elsewhere(data, 0.04e-3 * rng.normal(size=data.joints.shape))
         found = identified(replace(data, points=data.points + 9e-6 * rng.normal(size=data.points.shape)))
         words[visits] = found.verdict.word, [(each.name, each.outcome) for each in found.fit.findings]

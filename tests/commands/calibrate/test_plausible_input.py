@@ -21,7 +21,7 @@ def day() -> Measurements:
 
 
 def doubled(data: Measurements, rows: list[int]) -> Measurements:
-    more = data.take([*range(len(data)), *rows])
+    more = data[[*range(len(data)), *rows]]
     return replace(more, ids=tuple(str(i) for i in range(len(more))))
 
 
@@ -116,8 +116,8 @@ def test_a_negated_joint_is_named_whether_the_fit_shows_it_or_not() -> None:
 
 def test_next_to_nothing_but_copies_is_refused(day: Measurements) -> None:
     with pytest.raises(LabError, match=r"39 rows are copies .* 1 row is left"):
-        without_copies(Path("day.csv"), doubled(day.take([0]), [0] * 39))
-    assert len(without_copies(Path("day.csv"), doubled(day.take(range(5)), [0] * 39))) == 5
+        without_copies(Path("day.csv"), doubled(day[[0]], [0] * 39))
+    assert len(without_copies(Path("day.csv"), doubled(day[:5], [0] * 39))) == 5
 
 
 @pytest.mark.sampled(2)

@@ -62,7 +62,7 @@ thorough = pytest.mark.thorough  # runs of a measurement session stand behind th
 def visited(day: Measurements, times: int) -> Measurements:
     """Each pose so many times, with a scatter of the robot and noise of the instrument of its own."""
     rng = np.random.default_rng(5)
-    rows = day.take(np.repeat(np.arange(len(day)), times))
+    rows = day[np.repeat(np.arange(len(day)), times)]
     ids = tuple(str(i) for i in range(len(rows)))
     scatter = np.hypot(SCATTER_M, 5e-6) * rng.standard_normal((len(rows), 1, 3))
     return replace(rows, points=rows.points + scatter, ids=ids)
@@ -178,10 +178,10 @@ def test_repeats_are_found_wherever_they_are(here: Path) -> None:
         "beside": (["once.csv", "--validate", "repeated_p1.csv"], "validation file"),
     }
     day = lab.simulate("irb120", poses=40, seed=7, targets=("p1",), instrument="exact").measurements
-    rows = visited(day.take([*np.repeat(np.arange(4), 5), *range(4, 40)]), 1)
+    rows = visited(day[[*np.repeat(np.arange(4), 5), *range(4, 40)]], 1)
     held = replace(rows, use=("test",) * 20 + ("calibrate",) * 36, marked=True)
     write_measurements(Path("repeats_held.csv"), held, (False,) * 6)
-    write_measurements(Path("repeated_p1.csv"), visited(day.take(np.arange(10)), 4), (False,) * 6)
+    write_measurements(Path("repeated_p1.csv"), visited(day[:10], 4), (False,) * 6)
     for name, (given, where) in runs.items():
         main(["identify", *given, "--noise-mm", "0.005", "--out", f"repeats_{name}"])
         found = certify(CertifyOptions(Path(f"repeats_{name}"), force=True))
@@ -282,8 +282,8 @@ def test_any_changed_file_of_a_run_is_refused(name: str, here: Path, tmp_path: P
 @thorough
 def test_a_validation_file_shows_the_accuracy_of_the_calibrated_model(here: Path) -> None:
     rows = read_measurements(Path("once.csv"), tuple(f"q{i}" for i in range(1, 7)), (False,) * 6)
-    write_measurements(Path("fit.csv"), rows.take(np.arange(22)), (False,) * 6)
-    write_measurements(Path("fresh.csv"), rows.take(np.arange(22, 30)), (False,) * 6)
+    write_measurements(Path("fit.csv"), rows[:22], (False,) * 6)
+    write_measurements(Path("fresh.csv"), rows[np.arange(22, 30)], (False,) * 6)
     known = ["--instrument", "tracker.toml", "--no-recording"]
     assert main(["identify", "fit.csv", "--validate", "fresh.csv", *known, "--out", "filed"]) == 0
     refit = ["--refit", "base", "--out", "placed"]

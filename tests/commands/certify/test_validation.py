@@ -65,14 +65,14 @@ def test_folds_have_the_errors_that_their_leverage_predicts(tmp_path: Path) -> N
 @pytest.mark.thorough
 def test_a_file_whose_base_is_placed_anew_shows_no_error_of_the_base(tmp_path: Path) -> None:
     day = lab.simulate("irb120", poses=80, seed=3, instrument=INSTRUMENT).measurements
-    later = day.take(np.arange(40, 80))
+    later = day[np.arange(40, 80)]
     elsewhere = replace(later, points=later.points + np.array([0.1, 0.2, -0.1]))
     pairs = []
     for name, rows in (("here", later), ("elsewhere", elsewhere)):
         path = tmp_path / f"{name}.csv"
         write_measurements(path, rows, (False,) * 6)
         options = {"refit": ("base",)} if name == "elsewhere" else {}
-        pairs.append(compared(tmp_path / name, day.take(np.arange(40)), validate=path, **options))
+        pairs.append(compared(tmp_path / name, day[:40], validate=path, **options))
     assert pairs[1][1] < pairs[0][1]
     for seen, expected in pairs:
         assert seen == pytest.approx(expected, rel=0.3)

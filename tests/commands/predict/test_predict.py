@@ -30,7 +30,7 @@ def soft() -> tuple[Path, lab.CalibrationResult]:
 @pytest.mark.thorough
 def test_the_points_are_the_arm_s_in_both_frames(soft: tuple[Path, lab.CalibrationResult]) -> None:
     folder, result = soft
-    run, rows = load_run(folder), result.measurements.take(range(12))
+    run, rows = load_run(folder), result.measurements[:12]
     found = lab.predict(rows, run=folder, force=True)
     inputs = rows.inputs(run.estimate.arm.conditions)
     np.testing.assert_array_equal(found.points, run.estimate.arm.points(inputs, run.estimate.values))
@@ -48,7 +48,7 @@ def test_the_points_are_the_arm_s_in_both_frames(soft: tuple[Path, lab.Calibrati
 
 def test_a_file_joints_and_measurements_say_the_same(soft: tuple[Path, lab.CalibrationResult], tmp_path: Path) -> None:
     folder, result = soft
-    rows = result.measurements.take(range(5))
+    rows = result.measurements[:5]
     write_measurements(tmp_path / "rows.csv", rows, (False,) * 6)
     by_file = lab.predict(tmp_path / "rows.csv", run=folder, force=True)
     by_joints = lab.predict(rows.joints, run=result, conditions=rows.conditions, force=True)
@@ -62,7 +62,7 @@ def test_a_file_joints_and_measurements_say_the_same(soft: tuple[Path, lab.Calib
 
 def test_the_module_of_the_run_says_the_same(soft: tuple[Path, lab.CalibrationResult]) -> None:
     folder, result = soft
-    module, rows = loaded((folder / "calibrated.py").read_text(encoding="utf-8")), result.measurements.take(range(6))
+    module, rows = loaded((folder / "calibrated.py").read_text(encoding="utf-8")), result.measurements[:6]
     found = lab.predict(rows, run=folder, force=True)
     for i, row in enumerate(rows.joints.tolist()):
         given = {name: float(column[i]) for name, column in rows.conditions.items()}
@@ -80,7 +80,7 @@ def test_the_module_of_the_run_says_the_same(soft: tuple[Path, lab.CalibrationRe
 def test_the_uncertainty_is_that_of_corrected_targets(soft: tuple[Path, lab.CalibrationResult]) -> None:
     """The error that ``lab compensate`` expects is the root of the trace of what is predicted where it leads."""
     folder, result = soft
-    rows = result.measurements.take(range(4))
+    rows = result.measurements[:4]
     free, ids = np.full((4, 3, 3), np.nan), tuple("abcd")
     targets = lab.Targets("p1", ids, rows.points[:, 0], free, rows.joints, rows.conditions)
     done = lab.compensate(targets, run=result, force=True, no_check=True)
@@ -99,7 +99,7 @@ def test_the_command_writes_a_table_and_json_of_its_schema(
     soft: tuple[Path, lab.CalibrationResult], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, result = soft
-    write_measurements(tmp_path / "rows.csv", result.measurements.take(range(7)), (False,) * 6)
+    write_measurements(tmp_path / "rows.csv", result.measurements[:7], (False,) * 6)
     code = main(
         ["predict", str(folder), str(tmp_path / "rows.csv"), "--out", str(tmp_path / "out"), "--json", "--force"]
     )
@@ -115,7 +115,7 @@ def test_the_command_writes_a_table_and_json_of_its_schema(
         assert float(table.texts(f"p2_{axis}_mm")[2]) == here and float(table.texts(f"p2_{axis}_base_mm")[2]) == there
     assert float(table.texts("p2_cov_xy_mm2")[2]) == point["covariance_mm2"][0][1]
     assert float(table.texts("p2_radius_95_mm")[2]) == point["radius_95_mm"]["together"]
-    estimate, rows = lab.load_estimate(folder), result.measurements.take(range(7))
+    estimate, rows = lab.load_estimate(folder), result.measurements[:7]
     there = estimate.predict(rows.inputs(estimate.arm.conditions))
     columns = [f"p2_cov_{pair}_mm2" for pair in ("xx", "xy", "xz", "yy", "yz", "zz")]
     written = np.array([table.texts(name) for name in columns], dtype=float).T
@@ -127,7 +127,7 @@ def test_the_command_writes_a_table_and_json_of_its_schema(
 
 def test_what_is_missing_or_strange_is_told(soft: tuple[Path, lab.CalibrationResult], tmp_path: Path) -> None:
     folder, result = soft
-    rows = result.measurements.take(range(2))
+    rows = result.measurements[:2]
     with pytest.raises(LabError, match=r"column approach_.* is missing"):
         lab.predict(rows.joints, run=folder, force=True)
     with pytest.raises(LabError, match=r"give \(n, 6\) finite positions"):
@@ -165,8 +165,8 @@ def test_the_true_points_are_within_the_radius() -> None:
         result = lab.calibrate("irb120", poses=25, seed=seed)
         fresh = result.validation.rows
         assert fresh is not None
-        found = lab.predict(fresh.take(range(0, len(fresh), 20)), run=result, force=True)
-        off = np.linalg.norm(found.points - fresh.take(range(0, len(fresh), 20)).points, axis=2)
+        found = lab.predict(fresh[::20], run=result, force=True)
+        off = np.linalg.norm(found.points - fresh[::20].points, axis=2)
         inside.append((off <= found.radii_95["parameters"]).mean())
         assert (off > 0.2 * found.radii_95["parameters"]).any()  # the radius is no huge one
     assert 0.85 <= np.mean(inside) <= 1.0  # six robots, whose poses share their robot's errors

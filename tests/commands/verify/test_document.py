@@ -20,7 +20,7 @@ def test_a_verification_says_good_or_what_has_moved(seven_run: Path, tmp_path: P
     points = seven.measurements.points
     for name, shift, count in (("good", 0.0, 8), ("one", 0.0, 1), ("moved", 2e-4, 8)):
         moved = points + np.array([shift + 1e-9, 0, 0])  # not the rows that were fitted, to the last digit
-        data = replace(seven.measurements, points=moved).take(range(count))
+        data = replace(seven.measurements, points=moved)[:count]
         write_measurements(tmp_path / f"{name}.csv", data, seven.robot.chain.prismatic)
         out = tmp_path / name
         code = main(["verify", str(seven_run), str(tmp_path / f"{name}.csv"), "--out", str(out), "--json"])

@@ -28,7 +28,7 @@ def patches(lack: float) -> tuple[Measurements, Measurements]:
         moved[:, joint] += lack * np.sin(2 * joints[:, first] + joint) * np.sin(1.5 * joints[:, second] - joint)
     points = ARM.points(moved, NOMINAL) + SIGMA * rng.standard_normal((240, 1, 3))
     data = measured(IRB120.chain.joint_names, joints, ("p1",), points)
-    return data.take(np.arange(198)), data.take(np.arange(198, 240))
+    return data[:198], data[np.arange(198, 240)]
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def calibrated() -> CalibrationResult:
 @pytest.mark.thorough
 def test_a_verification_marks_each_pose_where_nothing_was_fitted(calibrated: CalibrationResult) -> None:
     _, apart = patches(1e-3)
-    mixed = apart.take(np.arange(8))  # the first two are of a patch that was fitted
+    mixed = apart[:8]  # the first two are of a patch that was fitted
     found = lab.verify(calibrated, mixed, force=True)
     said = found.to_dict()["extrapolated"]
     assert said["share"] == 0.75 and len(said["ids"]) == 6
@@ -50,7 +50,7 @@ def test_a_verification_marks_each_pose_where_nothing_was_fitted(calibrated: Cal
 def test_what_may_be_lacking_there_is_no_change_of_the_arm(calibrated: CalibrationResult) -> None:
     """Errors that the model misses by tenths of a millimetre in a region of its own are not taken for a change."""
     _, apart = patches(1e-3)
-    few = apart.take(np.arange(2, 42, 8))
+    few = apart[np.arange(2, 42, 8)]
     assert lab.verify(calibrated, few, force=True).good
     blind = calibrated_by(calibrated, Path("run-in-memory"))
     assert blind.estimate.measured is not None and blind.estimate.measured.growth > 0

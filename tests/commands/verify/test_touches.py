@@ -88,9 +88,9 @@ def test_rows_that_make_no_checks_are_refused(calibrated: lab.CalibrationResult)
         "no day": (changed(sessions=[*sessions[:-1], ""]), "row 47, column session: empty"),
         "another configuration": (changed(joints=far), "no configuration of the first check .* within 10°"),
         "one twice": (changed(joints=twice), "touches the same configuration as row 8"),
-        "one is lacking": (good.take(range(47)), "lacks configuration 4 of the first check"),
-        "too few": (good.take([i for i in range(48) if i % 4 < 3]), "has 3 configurations; touch .* at least 4"),
-        "one day": (good.take(range(4)), "one check has nothing to be compared with"),
+        "one is lacking": (good[:47], "lacks configuration 4 of the first check"),
+        "too few": (good[[i for i in range(48) if i % 4 < 3]], "has 3 configurations; touch .* at least 4"),
+        "one day": (good[:4], "one check has nothing to be compared with"),
     }
     for name, (data, what) in cases.items():
         with pytest.raises(LabError, match=what):
@@ -104,7 +104,7 @@ def test_rows_that_make_no_checks_are_refused(calibrated: lab.CalibrationResult)
 def test_configurations_are_proposed_where_one_touch_shows_the_socket(
     calibrated: lab.CalibrationResult, saved: Path, tmp_path: Path
 ) -> None:
-    first = daily(1).take([0])
+    first = daily(1)[[0]]
     plan = lab.verify(calibrated, first, plan=5)
     arm, values = calibrated.estimate.geometry
     joints = np.array([each["joints"] for each in plan.to_dict()["plan"]]) * np.pi / 180
@@ -126,7 +126,7 @@ def test_configurations_are_proposed_where_one_touch_shows_the_socket(
 def test_touches_are_known_by_what_the_file_holds(
     calibrated: lab.CalibrationResult, saved: Path, tmp_path: Path
 ) -> None:
-    for name, rows in (("daily", daily(12)), ("points", calibrated.measurements.take(range(8)))):
+    for name, rows in (("daily", daily(12)), ("points", calibrated.measurements[:8])):
         lab.write_measurements(tmp_path / f"{name}.csv", rows)
     assert lab.verify(saved, tmp_path / "daily.csv").to_dict()["checks"] == 12
     assert "poses" in lab.verify(saved, tmp_path / "points.csv", force=True).to_dict()

@@ -263,7 +263,7 @@ def test_a_drift_without_a_clock_is_of_the_place_in_the_file() -> None:
     assert [each.unit.si for each in arm.parameters if each.name in ("drift.x", "drift.rx")] == ["m", "rad"]
     values, joints = arm.nominal(IRB120.tool), IRB120.chain.random_joints(5, np.random.default_rng(0))
     values[arm.names.index("drift.x")] = 1e-3
-    data = measured(IRB120.chain.joint_names, joints, ("p1",), np.zeros((5, 1, 3))).take([4, 0, 1])
+    data = measured(IRB120.chain.joint_names, joints, ("p1",), np.zeros((5, 1, 3)))[[4, 0, 1]]
     rigid = arm.arm.points(data.joints, values[: len(arm.arm.names)])
     moved = arm.points(data.inputs(arm.conditions), values) - rigid
     np.testing.assert_allclose(moved[:, 0, 0], [1e-3, 0.0, 0.25e-3], atol=1e-15)
