@@ -220,7 +220,7 @@ def drawn_poses(result: VerificationResult) -> tuple[Measurements, RigidArm, Arr
         predicted points ``(m, k, 3)`` m in the instrument's frame, NaN where none was measured.
     """
     calibrated, values = result.calibrated, result.verified.values
-    data = result.measurements.take(drawn_rows(len(result.measurements)))
+    data = result.measurements[drawn_rows(len(result.measurements))]
     arm = calibrated.robot.arm_with(data.targets, calibrated.estimate.groups)
     predicted = np.where(data.seen[:, :, None], arm.points(data.inputs(arm.conditions), values), np.nan)
     return data, arm.rigid, values[: len(arm.rigid.names)], predicted
