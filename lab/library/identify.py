@@ -14,6 +14,7 @@ from lab.calibration.estimator import LEAST_SQUARES, Estimator, own_estimator
 from lab.calibration.fit_options import FitOptions
 from lab.calibration.fitter import Fitter
 from lab.calibration.identification import spread
+from lab.calibration.on_arrays import refuse_degrees
 from lab.calibration.validation import TruthComparison, Validation, compare_with_truth, errors_of, validate_file
 from lab.calibration.weights import Noise
 from lab.core.checks import Check
@@ -162,7 +163,9 @@ def measurement_session(
     return session, found.placed
 
 
-_ANOTHER_UNIT = 100.0  # times as far as the robot's points: mm taken for m are a thousand
+_UNITS_PER_M = {"mm": 1000.0, "cm": 100.0, "inches": 39.37}
+_NEAR_A_UNIT = 1.25  # factor within which a ratio is that of a unit
+_ANOTHER_UNIT = 100.0  # a ratio above is that of another unit, whichever
 _LEAST_SPREAD_M = 1.0  # no error of a robot is as large
 _LEAST_ROWS = 3
 _SPREAD_OF = 4_000  # of more poses the spread of so many is as good
@@ -233,10 +236,12 @@ def checked(what: str | Path, data: Measurements, robot: Robot, *, points: bool 
     """Return measurements in memory as those of a robot, where they can be.
 
     Raises:
-        LabError: the joints are not the robot's, or the points spread so much further than the robot's that they are
-            in another unit; it begins with ``what``.
+        LabError: the joints are not the robot's or are in degrees, or the points spread so much further than the
+            robot's that they are in another unit; it begins with ``what``.
     """
     _refuse_other_joints(what, data, robot)
+    slides = np.array(robot.chain.prismatic, dtype=np.bool_)
+    refuse_degrees(data.joints[:, ~slides], str(what), "joints in memory are in rad: give np.deg2rad(joints)")
     if points:
         _refuse_another_unit(what, data, robot)
     return replace(data, robot=robot.source)
@@ -261,10 +266,16 @@ def _refuse_another_unit(what: str | Path, data: Measurements, robot: Robot) -> 
         measured_m, robot_m = spread(some.points[rows]), spread(predicted[rows])
         if len(rows) >= _LEAST_ROWS and measured_m > _LEAST_SPREAD_M:
             ratios.append(measured_m / max(robot_m, 1e-9))
-    if ratios and (times := float(np.median(ratios))) > _ANOTHER_UNIT:
+    if not ratios:
+        return
+    times = float(np.median(ratios))
+    unit, factor = min(_UNITS_PER_M.items(), key=lambda each: abs(np.log(times / each[1])))
+    near = max(times / factor, factor / times) <= _NEAR_A_UNIT
+    if near or times > _ANOTHER_UNIT:
+        remedy = f"divide them by {factor:g}, since they are in {unit}" if near else "convert them"
         raise LabError(
             f"{what}: the points spread {times:,.0f} times as far as the robot's do in these poses; points in memory "
-            "are in m: divide them by 1000 if they are in mm"
+            f"are in m: {remedy}"
         )
 
 

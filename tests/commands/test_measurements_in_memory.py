@@ -57,18 +57,45 @@ def test_slides_are_written_as_lengths(days: dict[str, Measurements], tmp_path) 
     assert file.read_bytes() == before
 
 
-def test_points_in_millimetres_are_refused(days: dict[str, Measurements]) -> None:
+@pytest.mark.parametrize(
+    ("per_m", "message"),
+    [
+        (1000, "divide them by 1000, since they are in mm"),
+        (100, "divide them by 100, since they are in cm"),
+        (1 / 0.0254, r"divide them by 39\.37, since they are in inches"),
+        (1e6, "are in m: convert them"),
+    ],
+)
+def test_points_in_another_unit_are_refused(days: dict[str, Measurements], per_m: float, message: str) -> None:
     data = days["irb120"]
-    result = identification(data, instrument="uniform-8um")
-    in_mm = replace(data, points=1e3 * data.points)
+    other = replace(data, points=per_m * data.points)
     for call in (
-        lambda: lab.identify(in_mm),
-        lambda: lab.identify(data, validate=in_mm),
-        lambda: lab.verify(result, in_mm),
+        lambda: lab.identify(other),
+        lambda: lab.identify(data, validate=other),
+        lambda: lab.verify(identification(data, instrument="uniform-8um"), other),
+        lambda: lab.measurements(other.joints, other.points, robot="irb120"),
     ):
-        with pytest.raises(lab.LabError, match=r"memory: .*divide them by 1000"):
+        with pytest.raises(lab.LabError, match=rf"points in memory .*{message}") as caught:
             call()
-    assert lab.verify(result, data).good
+        assert "\n" not in str(caught.value)
+    assert lab.verify(identification(data, instrument="uniform-8um"), data).good
+
+
+def test_points_in_feet_that_no_unit_explains_are_left_to_the_verdict(days: dict[str, Measurements]) -> None:
+    feet = replace(days["irb120"], points=days["irb120"].points / 0.3048)
+    assert lab.identify(feet, instrument="uniform-8um").to_dict()["verdict"] == "bad"
+
+
+def test_joints_in_degrees_and_of_no_number_are_refused(days: dict[str, Measurements]) -> None:
+    data = days["versatran"]
+    slides = np.array(lab.load_robot("versatran").chain.prismatic)
+    degrees = replace(data, joints=np.where(slides, data.joints, np.rad2deg(data.joints)))
+    for call in (lambda: lab.identify(degrees), lambda: lab.identify(data, validate=degrees)):
+        with pytest.raises(lab.LabError, match=r"memory: .* give np\.deg2rad\(joints\)") as caught:
+            call()
+        assert "\n" not in str(caught.value)
+    with pytest.raises(lab.LabError, match=r"joints\[0, 0\] \(q1\) is nan; give a finite number"):
+        replace(data, joints=np.full_like(data.joints, np.nan))
 
 
 def test_a_frame_that_is_far_away_is_no_other_unit(days: dict[str, Measurements]) -> None:
