@@ -3,6 +3,7 @@
 import copy
 import os
 import pickle
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -48,6 +49,29 @@ def test_it_is_pickled_copied_compared_and_printed(name: str, run: Path) -> None
         assert again == made and again is not made
     assert len(repr(made)) < 150 and "\n" not in repr(made) and len(str(made).splitlines()) >= 1
     assert made._repr_html_().startswith("<table>")
+
+
+@pytest.mark.parametrize("robot", ["irb120", "hexapod", "scara"])
+def test_a_session_is_pickled_without_meshes_and_measures_the_same(robot: str) -> None:
+    """What is not in the robot's files is a few hundred numbers; exact points follow from them to the bit."""
+    made = session(robot, poses=20, seed=3)
+    kept = pickle.dumps(made)
+    again = pickle.loads(kept)
+    assert len(kept) < 100e3 and again == made
+    joints = made.measurements.joints
+    targets = made.measurements.targets
+    np.testing.assert_array_equal(again.true_robot.points(joints, targets), made.true_robot.points(joints, targets))
+    assert len(pickle.dumps(made.measurements)) < 10e3
+
+
+@pytest.mark.thorough
+def test_a_session_has_the_same_validation_poses_in_another_process(tmp_path: Path) -> None:
+    made = session(poses=20, seed=3)
+    (tmp_path / "session.pickle").write_bytes(pickle.dumps(made))
+    there = "import pickle, sys; print(pickle.load(open(sys.argv[1], 'rb')).validation.points.tobytes().hex())"
+    command = [sys.executable, "-c", there, str(tmp_path / "session.pickle")]
+    shown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert bytes.fromhex(shown.strip()) == made.validation.points.tobytes()
 
 
 def test_what_differs_is_not_equal(run: Path) -> None:

@@ -75,7 +75,7 @@ class NominalRobot(Protocol):
 
 
 class _LastResult:
-    """Cache of the last result of a function, by the identity of its arguments."""
+    """Cache of the last result of a function, by the identity of its arguments; pickled empty."""
 
     def __init__(self) -> None:
         self._arguments: tuple[object, ...] = ()
@@ -87,6 +87,9 @@ class _LastResult:
             self._result, self._arguments = make(), arguments
         result: _T = self._result
         return result
+
+    def __reduce__(self) -> tuple[type["_LastResult"], tuple[()]]:
+        return _LastResult, ()
 
 
 @dataclass(frozen=True)

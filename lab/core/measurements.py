@@ -145,6 +145,9 @@ class Measurements(Value):
                 "number, or leave the row out"
             )
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_visited"}
+
     def __len__(self) -> int:
         return len(self.joints)
 

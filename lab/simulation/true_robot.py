@@ -2,9 +2,10 @@
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self, TypeVar
+from operator import attrgetter
+from typing import Any, Self, TypeVar
 
 import mujoco
 import numpy as np
@@ -124,6 +125,8 @@ def random_table(
 class TrueRobot(Value, ABC):
     """A perturbed arm before a tracker.
 
+    It is pickled by its robot's files, which hold the meshes, and the numbers that differ from the nominal model's.
+
     Attributes:
         model: with the true poses of the bodies and the tracker.
         T_world_tracker: pose ``(4, 4)`` (m) of the tracker's frame in the world of the MuJoCo model: ``points`` are
@@ -138,6 +141,18 @@ class TrueRobot(Value, ABC):
 
     def _about(self) -> str:
         return self.robot.chain.name
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "model": _differences(self.robot.model, self.model)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        model = copy.deepcopy(state["robot"].model)
+        for part, name, value in state["model"]:
+            if isinstance(value, np.ndarray):
+                getattr(part(model), name)[...] = value
+            else:
+                setattr(part(model), name, value)
+        self.__dict__.update(state, model=model)
 
     def with_effects(self, effects: Effects) -> Self:
         """Return this arm and tracker with these effects alone.
@@ -194,6 +209,26 @@ class TrueRobot(Value, ABC):
     @abstractmethod
     def _qpos(self, driven: Array) -> Array:
         """Return MuJoCo's coordinates ``(m, nq)`` at driven joint positions ``(m, n)``; NaN if impossible."""
+
+
+def _whole(model: mujoco.MjModel) -> mujoco.MjModel:
+    return model
+
+
+_Part = Callable[[mujoco.MjModel], Any]
+_PARTS: tuple[_Part, ...] = (_whole, attrgetter("opt"), attrgetter("stat"))
+
+
+def _differences(nominal: mujoco.MjModel, model: mujoco.MjModel) -> list[tuple[_Part, str, Any]]:
+    """Return the numbers of a model that differ from the nominal one's: the part that holds them, name and value."""
+    return [
+        (part, name, np.copy(value) if isinstance(value, np.ndarray) else value)
+        for part in _PARTS
+        for name in dir(part(model))
+        if not name.startswith("_")
+        and isinstance(value := getattr(part(model), name), np.ndarray | float | int)
+        and not np.array_equal(value, getattr(part(nominal), name), equal_nan=np.asarray(value).dtype.kind == "f")
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
