@@ -309,13 +309,13 @@ class Picture:
         name: letters, digits and hyphens; no other picture of the document may have it.
         label: what it shows, for those who do not see it.
         draw: makes the matplotlib figure.
-        chart: makes the same as a ``Chart`` for a page, in a hundredth of the time; None where only matplotlib can.
+        chart: makes the same as a ``Chart`` for a page, in a hundredth of the time.
     """
 
     name: str
     label: str
     draw: "Callable[[], matplotlib.figure.Figure]"
-    chart: Callable[[], Any] | None = None
+    chart: Callable[[], Any]
 
 
 @dataclass(frozen=True)

@@ -66,8 +66,8 @@ SERIES: Final[tuple[tuple[str, str, Any], ...]] = (
     ("#059669", "v", ":"),
     ("#f97316", "D", (0, (5, 1, 1, 1, 1, 1))),
     ("#d4a106", "P", (0, (3, 3))),
-    ("#7dd3fc", "X", "-"),
-    ("#c7c9cf", "*", "--"),
+    ("#7dd3fc", "x", "-"),
+    ("#c7c9cf", "|", "--"),
 )
 SCALINGS: Final = {  # of parameters, with their marks
     "raw": ("#7f1d1d", "o"),

@@ -34,7 +34,7 @@ from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.options.option_groups import Effects
 from lab.report.style import GRID, REFERENCE, SCALINGS
-from lab.report.views.study_document import effect_text
+from lab.report.views.study_texts import effect_text
 from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import random_poses
 from lab.studies.analysis import CampaignArray, Comparison, Mean, Pair, compared, groups, means

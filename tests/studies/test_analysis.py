@@ -11,11 +11,8 @@ from scipy import stats
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
-from lab.report.views.study_document import (
-    comparison_sentence,
-    effect_text,
-    sentences,
-)
+from lab.report.views.study_document import answers
+from lab.report.views.study_texts import comparison_sentence, effect_text
 from lab.studies.analysis import (
     Analysis,
     CampaignArray,
@@ -191,7 +188,7 @@ def test_a_cell_that_never_converged_has_no_rank_and_is_told() -> None:
     found = analysed(given, cells, metrics=(METRIC,))
     comparison = found.comparisons[0]
     assert 0 in comparison.group.cells and 0 not in [rank.cell for rank in comparison.ranks]
-    assert "O1" in comparison_sentence(comparison, cells) and "60 of 60" in sentences(found, METRIC)[-1]
+    assert "O1" in comparison_sentence(comparison, cells) and "60 of 60" in answers(found, METRIC)[-1]
 
 
 @pytest.mark.parametrize(("robots", "draws"), [(1, 1), (1, 6), (2, 3), (12, 1)])
@@ -203,7 +200,7 @@ def test_few_robots_or_draws(robots: int, draws: int, tmp_path: Path) -> None:
     pairs = [pair for each in found.comparisons for pair in each.pairs]
     assert all(np.isfinite(pair.lower) != few for pair in pairs)
     assert any(pair.is_significant for pair in pairs) != few
-    assert ("too few robots for an interval" in " ".join(sentences(found, METRIC))) == few
+    assert ("too few robots for an interval" in " ".join(answers(found, METRIC))) == few
     write_csv(tmp_path, found)
 
 
@@ -252,7 +249,7 @@ def test_columns_that_cannot_be_used(spoil, words: str) -> None:
 def test_few_robots_have_a_ratio_without_an_interval_and_a_number_of_robots_that_gives_one() -> None:
     values = np.exp(two_levels(2, 4, 3, 16))
     found = analysed(columns(values), [Cell(poses=poses) for poses in (10, 20)], metrics=(METRIC,))
-    (text,) = sentences(found, METRIC)
+    (text,) = answers(found, METRIC)
     assert "too few robots" in text and "(" not in text
     enough = np.exp(two_levels(2, 5, 3, 16))
     (pair,) = compare(enough).pairs

@@ -1,10 +1,9 @@
-"""Draw pictures of pages, as charts or with matplotlib, into SVG that refers to nothing outside.
+"""Draw pictures of pages as charts, into SVG that refers to nothing outside.
 
 A chart takes the calls of ``Axes``, with matplotlib's defaults. matplotlib is slow to import, so it is imported where
 it draws something.
 """
 
-import io
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -564,9 +563,6 @@ def _between(x: Array, y: Array) -> tuple[Array, Array]:
     return np.interp(at, rows, x), np.interp(at, rows, y)
 
 
-_PROLOGUE = re.compile(r"^.*?(?=<svg\b)|<metadata>.*?</metadata>", re.DOTALL)
-_STYLE = re.compile(r'<defs>\s*<style type="text/css">\*\{(.*?)\}</style>\s*</defs>')  # of every element of a page
-_NAMES = re.compile(r'(\bid="|url\(#|href="#)')
 _PX_PER_INCH = 96
 _FONT = "DejaVu Sans, Arial, sans-serif"
 _SEEN_FROM = {(0, 1): "from above", (0, 2): "from the side"}
@@ -622,13 +618,9 @@ def inline_svg(picture: Picture) -> Markup:
     Its colours are variables, ``--c-rrggbb``, to which the page gives a light and a dark value. It is not shown so
     small that a letter is less than 10 px high.
     """
-    named: list[tuple[float, float, str, str, str]] = []
-    if picture.chart is None:
-        width, height, drawn = _matplotlib_svg(picture)
-    else:
-        chart = picture.chart()
-        drawn = chart.svg() + "</svg>"
-        width, height, named = chart.width, chart.height, chart.named_points()
+    chart = picture.chart()
+    drawn = chart.svg() + "</svg>"
+    width, height, named = chart.width, chart.height, chart.named_points()
     smallest = min((float(a or b) for a, b in _LETTERS.findall(drawn)), default=_LEAST_PX) * _PX_PER_INCH / _POINTS
     narrowest = int(width * _PX_PER_INCH / _POINTS * _LEAST_PX / smallest) + 1
     pixels = max(round(width * _PX_PER_INCH / _POINTS), narrowest)
@@ -646,21 +638,6 @@ def inline_svg(picture: Picture) -> Markup:
 
 def _in_one_line(text: str) -> str:
     return " ".join(text.split())
-
-
-def _matplotlib_svg(picture: Picture) -> tuple[float, float, str]:
-    """A picture's width and height (points), and what is within its outermost element, with the end of that."""
-    import matplotlib
-
-    text = io.StringIO()
-    with matplotlib.rc_context(FIGURE_STYLE):
-        figure = picture.draw()
-        figure.savefig(text, format="svg", metadata={"Date": None}, dpi=_DOTS_PER_INCH)
-    svg = _NAMES.sub(rf"\g<1>{picture.name}-", _PROLOGUE.sub("", text.getvalue()))
-    width, height = (_POINTS * edge for edge in figure.get_size_inches())
-    inside, styles = svg.split(">", 1)[1].rpartition("</svg>")[0], _STYLE.search(svg)
-    assert styles is not None
-    return float(width), float(height), f'<g style="{styles[1]}">{_STYLE.sub("", inside)}</g></svg>'
 
 
 def save_figure(folder: Path, name: str, figure: "Figure") -> None:

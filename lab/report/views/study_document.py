@@ -9,15 +9,24 @@ from typing import Any
 import numpy as np
 
 from lab.core.number_text import capital, sentence, short
-from lab.extension_points import load_reference
 from lab.report import document as doc
 from lab.report.charts.chart import axes_picture, log_ticks
 from lab.report.charts.marks import Axes
 from lab.report.comparison_plots import ColourScale, heat_map
 from lab.report.style import COLOUR_SCALE, PREDICTED
-from lab.studies.analysis import LEAST_ROBOTS, Analysis, Comparison, Kind, Mean, Pair, Rank
+from lab.report.views.study_figures import pictures_of
+from lab.report.views.study_texts import (
+    METRICS,
+    effect_text,
+    factor_sentence,
+    factor_text,
+    metric_text,
+    varying,
+    with_interval,
+)
+from lab.studies.analysis import LEAST_ROBOTS, Analysis, Comparison, Mean, Rank
 from lab.studies.campaigns import origin_of
-from lab.studies.grid import FACTORS, RANKED, Cell, is_any
+from lab.studies.grid import RANKED, Cell, is_any
 from lab.studies.study import (
     StudyResult,
     circumstances,
@@ -27,115 +36,15 @@ from lab.studies.study import (
     shown_metrics,
 )
 
-__all__ = [
-    "analysis_sections", "behind_best", "comparison_sentence", "effect_text", "factor_sentence", "factor_text",
-    "metric_text", "provenance_of", "sentences", "study_document", "varying",
-]  # fmt: skip
+__all__ = ["analysis_sections", "answers", "provenance_of", "study_document"]
 
 _MOST_ROWS = 12  # of a picture of levels
-_METRICS = {
-    "fresh_mean_mm": ("mean error on validation poses", "mm"),
-    "fresh_p95_mm": ("95 % of the errors on validation poses", "mm"),
-    "fresh_worst_mm": ("worst error on validation poses", "mm"),
-    "length_rms_mm": ("RMS error of the lengths", "mm"),
-    "angle_rms_mrad": ("RMS error of the angles", "mrad"),
-    "link_length_rms_mm": ("RMS error of the arm's own lengths", "mm"),
-    "link_angle_rms_mrad": ("RMS error of the arm's own angles", "mrad"),
-    "mixed_rms": ("RMS error of all parameters", "mm and rad"),
-    "nees": ("NEES per parameter, 1 expected", ""),
-    "before_mm": ("mean error on validation poses before the calibration", "mm"),
-    "steps": ("Gauss-Newton steps", ""),
-}
-_AXES = {
-    "poses": "number of poses",
-    "position_sigma_mm": "position σ of the arm, mm",
-    "sampler": "sampler of the arms",
-    "rotation_sigma_mrad": "rotation σ of the arm, mrad",
-    "model": "fitted model",
-    "robust": "robust fit",
-    "prior": "prior of the tolerances",
-    "observe": "what is measured",
-    "plan": "poses of a plan",
-    "targets": "number of targets",
-    "payload_kg": "payload, kg",
-}
-_WORDS = {
-    "observe": "what is measured",
-    "targets": "number of targets",
-    "payload_kg": "payload",
-    "model": "fitted model",
-}
 _PRICED = {"poses", "targets", "instrument", "noise", "observe", "position_sigma_mm", "rotation_sigma_mrad"}
-_WIDE = 10  # a ratio's upper end over its lower
-_EQUAL = 1e-5  # ratios are equal within this, as fits end so near to their minimum
-_TOO_FEW = "too few robots for an interval"
-_MOST_DIGITS = 9  # after the point, to show a bound that is not zero
-
-
-def metric_text(metric: str, unit: bool = True) -> str:
-    """A metric as people read it, e.g. "mean error on validation poses, mm"."""
-    text, its_unit = _METRICS.get(metric, (metric, ""))
-    return f"{text}, {its_unit}" if unit and its_unit else text
-
-
-def factor_text(factor: str) -> str:
-    """A factor as an axis names it."""
-    return _AXES.get(factor, factor)
-
-
-def varying(cells: Sequence[Cell]) -> tuple[str, ...]:
-    """The factors of which there is more than one level."""
-    return tuple(
-        name for name in FACTORS if len({level for cell in cells if not is_any(name, level := getattr(cell, name))}) > 1
-    )
-
-
-def effect_text(pair: Pair, kind: Kind, *, note: bool = True) -> str:
-    """Format the excess of a pair's second cell over the first, e.g. "4.1 % (3.7 to 4.6)".
-
-    A ratio from 2 on, or one with a wide interval, is printed as "2.1 times (2.0 to 2.2)".
-
-    Args:
-        note: whether the text says that robots are too few for an interval.
-    """
-    ends = (pair.effect, pair.lower, pair.upper)
-    if not isfinite(pair.effect):
-        return "not known"
-    if _is_equal(pair, kind):
-        return f"equal (within {100 * _EQUAL:g} %)"
-    if kind == "difference":
-        return _with_interval(ends, "", note=note)
-    if pair.upper > _WIDE * pair.lower:  # few robots: hardly the order of magnitude is known
-        value, lower, upper = (f"{float(f'{end:.2g}'):,.10g}" for end in ends)
-        return f"{value} times ({lower} to {upper})"
-    if pair.effect >= 2:
-        return _with_interval(ends, " times", note=note)
-    return _with_interval([100 * (end - 1) for end in ends], " %", note=note)
-
-
-def _is_equal(pair: Pair, kind: Kind) -> bool:
-    """Decide whether a ratio differs from one by rounding alone: of fits that end in the same minimum."""
-    ends = [end for end in (pair.effect, pair.lower, pair.upper) if isfinite(end)]
-    return kind == "ratio" and all(abs(end - 1) < _EQUAL for end in ends)
 
 
 def _mean_text(mean: Mean) -> str:
     """A mean with its interval, e.g. "0.00512 (0.00498 to 0.00526)"."""
-    return _with_interval((mean.mean, mean.lower, mean.upper), "")
-
-
-def _with_interval(ends: Sequence[float], unit: str, *, note: bool = True) -> str:
-    """A value and its interval, to the digits that it leaves, and that show on which side of zero it ends."""
-    value, lower, upper = ends
-    if not isfinite(lower):
-        return f"{value:.3g}{unit}{f' ({_TOO_FEW})' if note else ''}".replace("-", "−")
-    half = (upper - lower) / 2
-    size = 10.0 ** floor(log10(half)) if half > 0 else 1e-3
-    digits = max(0, round(-log10(size)) + (half < 2 * size))
-    while digits < _MOST_DIGITS and any(end and not float(f"{end:.{digits}f}") for end in ends):
-        digits += 1
-    shown = [f"{end + 0:.{digits}f}" for end in ends]
-    return f"{shown[0]}{unit} ({shown[1]} to {shown[2]})".replace("-", "−")
+    return with_interval((mean.mean, mean.lower, mean.upper), "")
 
 
 def _rank_text(rank: Rank) -> str:
@@ -147,38 +56,6 @@ def _behind_text(comparison: Comparison, rank: Rank) -> str:
     """Format the excess of a cell over the first of its comparison; empty for the first."""
     first = comparison.ranks[0].cell
     return "" if rank.cell == first else effect_text(comparison.against(first, rank.cell), comparison.kind)
-
-
-def sentences(analysis: Analysis, metric: str) -> list[str]:
-    """Return a sentence for each comparison by a metric, and one for simulated calibrations that did not converge."""
-    found = [comparison_sentence(each, analysis.cells) for each in analysis.comparisons if each.metric == metric]
-    return [*found, *_failures([mean for mean in analysis.means if mean.metric == metric], analysis.cells)]
-
-
-def comparison_sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
-    """Describe which cell of a group is best, by how much, and which do not differ significantly."""
-    group = comparison.group
-    names = {i: level_text(cells[i], group.free) for i in group.cells}
-    where = circumstances(group.shared)
-    head = f"{where + ', ' if where else ''}by {' and '.join(_WORDS.get(name, name) for name in group.free)}"
-    if not comparison.ranks:
-        return f"{head}: no simulated calibration converged in two of them, so nothing can be compared"
-    ranked = [each.cell for each in comparison.ranks]
-    behind = [comparison.against(ranked[0], cell) for cell in ranked[1:]]
-    messages = [f"best is {names[ranked[0]]}"]
-    for pair in behind:
-        size = effect_text(pair, comparison.kind, note=False)
-        if not _is_equal(pair, comparison.kind):
-            size += " as much" if comparison.kind == "ratio" and pair.effect >= 2 else " worse"
-            size += ", not significantly" if isfinite(pair.lower) and not pair.is_significant else ""
-        messages.append(f"{names[pair.second]} {size}")
-    same = [(p.first, p.second) for p in comparison.pairs if not p.is_significant and isfinite(p.lower)]
-    apart = [f"{names[i]} and {names[j]}" for i, j in same if ranked[0] not in (i, j)]
-    messages += [f"no significant difference: {', '.join(apart)}"] if apart else []
-    if few := [pair.robots for pair in behind if not isfinite(pair.lower)]:
-        messages.append(f"{_TOO_FEW}: {min(few)}, and {LEAST_ROBOTS} or more are needed")
-    messages += [f"{names[i]} never converged where another did" for i in group.cells if i not in ranked]
-    return f"{head}: {'; '.join(messages)}"
 
 
 def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
@@ -199,11 +76,6 @@ def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
         f"of them. If many fail, the results are too favourable; the most are {worst.not_converged:,} of "
         f"{worst.campaigns:,}{f' ({where})' if where else ''}"
     ]
-
-
-def behind_best(comparison: Comparison) -> list[Pair]:
-    """Return each level that is not the best one, as its pair with the best."""
-    return [comparison.against(comparison.ranks[0].cell, rank.cell) for rank in comparison.ranks[1:]]
 
 
 def study_document(result: StudyResult) -> doc.Document:
@@ -243,7 +115,7 @@ def _card(result: StudyResult) -> doc.Card:
     names = varying(cells)
     called = circumstances({name: getattr(cells[best.cell], name) for name in names}) or "one cell"
     interval = f" (95 %: {short(best.lower)} to {short(best.upper)})" if isfinite(best.lower) else ""
-    unit = _METRICS.get(metric, ("", ""))[1]
+    unit = METRICS.get(metric, ("", ""))[1]
     what = "mean error" if metric == RANKED[0] else "mean"
     numbers = [(f"lowest {what}{interval}", short(best.mean, unit), "")]
     if len(means) > 1:
@@ -339,10 +211,10 @@ def _rows_picture(cells: Sequence[Cell], means: Mapping[int, Mean], metric: str,
 def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[doc.Section, ...]:
     """Answers, means and ranks by the metrics; a page alone shows those after the first."""
     media = [doc.EVERYWHERE if i == 0 else doc.PAGE for i in range(len(metrics))]
-    answers = [
+    results = [
         doc.Section(
             capital(metric_text(metric, unit=False)),
-            (doc.Bullets(tuple(map(sentence, _answers(analysis, metric)))),),
+            (doc.Bullets(tuple(map(sentence, answers(analysis, metric)))),),
             shown_in=media[i],
         )
         for i, metric in enumerate(metrics)
@@ -356,13 +228,13 @@ def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[doc.S
         "of the robots the level has rank 1."
     )
     return (
-        doc.Section("Results", tuple(answers)),
+        doc.Section("Results", tuple(results)),
         doc.Section("Means", (_means(analysis, metrics),)),
         doc.Section("Ranks", (*ranks, doc.Paragraph(note if analysis.comparisons else "", "note"))),
     )
 
 
-def _answers(analysis: Analysis, metric: str) -> list[str]:
+def answers(analysis: Analysis, metric: str) -> list[str]:
     """Return a sentence for each factor, over all settings of the others, and one for what did not converge."""
     by_factor: dict[tuple[str, ...], list[Comparison]] = {}
     for each in analysis.comparisons:
@@ -370,46 +242,6 @@ def _answers(analysis: Analysis, metric: str) -> list[str]:
             by_factor.setdefault(each.group.free, []).append(each)
     found = [factor_sentence(comparisons, analysis.cells) for comparisons in by_factor.values()]
     return [*found, *_failures([mean for mean in analysis.means if mean.metric == metric], analysis.cells)]
-
-
-def factor_sentence(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> str:
-    """Describe over all settings of the other factors which level is best, and how much worse the others are."""
-    ranked = [each for each in comparisons if each.ranks]
-    if len(comparisons) == 1 or not ranked:
-        return comparison_sentence(comparisons[0], cells)
-    free, count = comparisons[0].group.free, len(ranked)
-    best = Counter(level_text(cells[each.ranks[0].cell], free) for each in ranked)
-    head = f"by {' and '.join(_WORDS.get(name, name) for name in free)}, in {count} settings of the other factors"
-    (first, times), *rest = best.most_common()
-    messages = [f"best is {first}{'' if times == count else f' in {times}'}"]
-    messages += [f"{name} is best in {number}" for name, number in rest]
-    behind: dict[str, list[Pair]] = {}
-    for each in ranked:
-        if level_text(cells[each.ranks[0].cell], free) == first:
-            for pair in behind_best(each):
-                behind.setdefault(level_text(cells[pair.second], free), []).append(pair)
-    for name, pairs in sorted(behind.items(), key=lambda item: min(pair.effect for pair in item[1])):
-        tied = sum(not pair.is_significant for pair in pairs if isfinite(pair.lower))
-        equal = f", not significantly in {tied}" if tied else ""
-        messages.append(f"{name} {_range_text([pair.effect for pair in pairs], comparisons[0].kind)}{equal}")
-    if few := [pair.robots for pairs in behind.values() for pair in pairs if not isfinite(pair.lower)]:
-        messages.append(f"{_TOO_FEW}: {min(few)}, and {LEAST_ROBOTS} or more are needed")
-    return f"{head}: {'; '.join(messages)}"
-
-
-def _range_text(effects: Sequence[float], kind: Kind) -> str:
-    """Format by how much a level is worse, from the least to the most over some settings."""
-    known = [effect for effect in effects if isfinite(effect)]
-    if not known:
-        return "not known"
-    low, high = min(known), max(known)
-    if kind == "difference":
-        text, unit = [f"{end:.3g}" for end in (low, high)], " more"
-    elif high < 2:
-        text, unit = [f"{100 * (end - 1):.2g}" for end in (low, high)], " % worse"
-    else:
-        text, unit = [f"{end:.2g}" for end in (low, high)], " times as much"
-    return f"{' to '.join(dict.fromkeys(text))}{unit}".replace("-", "−")
 
 
 def _means(analysis: Analysis, metrics: Sequence[str]) -> doc.Table:
@@ -464,8 +296,8 @@ def _ranks(analysis: Analysis, metric: str) -> Iterable[doc.Table]:
 @doc.guarded
 def _figures(result: StudyResult) -> doc.Section:
     figures = [
-        doc.Figure(f"{made.name}-figure", (made,), f"{made.label} Files: {name}.png, {name}.svg.", wide=True)
-        for name, made in load_reference("lab.report.views.study_figures:pictures_of")(result).items()
+        doc.Figure(f"{picture.name}-figure", (picture,), f"{picture.label} Files: {name}.png, {name}.svg.", wide=True)
+        for name, picture in pictures_of(result).items()
     ]
     return doc.Section("Figures", tuple(figures), shown_in=doc.PAGE)
 

@@ -1,29 +1,23 @@
-"""Figures of a study by matplotlib (the extra ``plots``): means, pairs and ranks of every factor that is compared."""
+"""Figures of a study: means, pairs and ranks of every factor that is compared, a panel a group of cells."""
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from math import ceil, isfinite
 from pathlib import Path
 from textwrap import fill
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
-from matplotlib.figure import Figure as Drawing
-from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.patches import Rectangle
 
 from lab.core.errors import LabError
 from lab.core.number_text import capital
-from lab.report import document as doc
-from lab.report.charts.chart import log_ticks, save_figure
-from lab.report.charts.marks import round_numbers
-from lab.report.style import FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
-from lab.report.views.study_document import behind_best, effect_text, factor_sentence, factor_text, metric_text, varying
-from lab.studies.analysis import Analysis, CellGroup, Comparison, Mean, groups
+from lab.core.se3 import Array
+from lab.report.charts.chart import axes_picture, log_ticks, save_figure, shades
+from lab.report.charts.marks import Axes, text_width
+from lab.report.document import Picture
+from lab.report.style import INK, MUTED, PREDICTED, REFERENCE, SERIES
+from lab.report.views.study_texts import behind_best, effect_text, factor_sentence, factor_text, metric_text, varying
+from lab.studies.analysis import Analysis, CellGroup, Comparison, Mean, Pair, groups
 from lab.studies.grid import ANY, Cell, is_any
 from lab.studies.study import StudyResult, circumstances, level_text, plain_level, shown_metrics
 
@@ -35,34 +29,38 @@ _KINDS = {
     "ranks": "in how many of 100 resamples of the robots each level has each rank",
 }
 _FAR = 3.0  # a ratio from which the axis of ratios is logarithmic
-_GREYS = LinearSegmentedColormap.from_list("certainty", ["#ffffff", "#a3a3a3"])  # on which figures can be read
+_GREYS = ("#ffffff", "#a3a3a3")  # on which figures can be read
 _SHOWN = 0.005  # of the resamples: less is not written
 _MOST_ACROSS = 3  # panels side by side
-_LETTERS_AN_INCH = 11  # of a title
 _TITLE = 22  # letters in a line above a panel
+_LINE = 0.18  # inches: a line of a title
+_FOOT = 0.62  # inches below a panel: its ticks, and the axis's label
+_LEAST_REACH = 0.01  # of an axis of ratios beyond its ends: levels may be equal to rounding
 _APART = 0.035  # of the axis, between the lines' marks at one level
-_LEAST_TICKS = 3  # of a logarithmic axis
+_SMALL = 8.0  # points: letters beside rows and in cells
+
+_Shown = TypeVar("_Shown")
 
 
-def study_pictures(analysis: Analysis, metric: str) -> dict[str, doc.Picture]:
+def study_pictures(analysis: Analysis, metric: str) -> dict[str, Picture]:
     """A metric's means, pairs and ranks by every factor that is compared, by the names of their files."""
     by_factor: dict[tuple[str, ...], list[Comparison]] = {}
     for each in analysis.comparisons:
         if each.metric == metric and each.ranks:
             by_factor.setdefault(each.group.free, []).append(each)
-    made: dict[str, doc.Picture] = {}
+    made: dict[str, Picture] = {}
     for free, comparisons in by_factor.items():
-        draw: dict[str, Callable[[], Drawing]] = {
-            "means": partial(_means_figure, analysis, metric, free[0]),
-            "pairs": partial(_pairs_figure, comparisons, analysis.cells),
+        kinds: dict[str, Callable[[str, str], Picture]] = {
+            "means": partial(_means_picture, analysis, metric, free[0]),
+            "pairs": partial(_pairs_picture, comparisons, analysis.cells),
         }
         if any(rank.lowest < rank.highest for each in comparisons for rank in each.ranks):
-            draw["ranks"] = partial(_ranks_figure, comparisons, analysis.cells)  # none where each rank is certain
+            kinds["ranks"] = partial(_ranks_picture, comparisons, analysis.cells)  # none where each rank is certain
         answers = capital(factor_sentence(comparisons, analysis.cells))
-        for kind, figure in draw.items():
+        for kind, picture in kinds.items():
             name = f"{metric}-{'-'.join(free)}-{kind}"
             shown = f"{capital(metric_text(metric, unit=False))} by {' and '.join(map(factor_text, free))}"
-            made[name] = doc.Picture(name.replace("_", "-"), f"{shown}, {_KINDS[kind]}. {answers}.", figure)
+            made[name] = picture(name.replace("_", "-"), f"{shown}, {_KINDS[kind]}. {answers}.")
     return made
 
 
@@ -72,7 +70,7 @@ def write_pictures(result: StudyResult, folder: Path) -> None:
         save_figure(folder, name, picture.draw())
 
 
-def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
+def _means_picture(analysis: Analysis, metric: str, factor: str, name: str, label: str) -> Picture:
     """A metric against a factor with 95 % intervals, a line a level of another one, a panel where the rest agrees."""
     cells = analysis.cells
     line = _line_factor(cells, factor)
@@ -80,46 +78,38 @@ def _means_figure(analysis: Analysis, metric: str, factor: str) -> Drawing:
     shown = groups(cells, [factor, line] if line else [factor])
     names = list(dict.fromkeys(_line_name(cells[i], line) for group in shown for i in group.cells))
     positions = _positions([_axis_level(cells[i], factor) for group in shown for i in group.cells])
+    drawn = [means[i] for group in shown for i in group.cells]
+    ends = np.array([(mean.mean, mean.lower, mean.upper) for mean in drawn])
+    ends = ends[np.isfinite(ends)]
+    low, high = (float(ends.min()), float(ends.max())) if len(ends) else (0.0, 1.0)
 
     def draw(axes: Axes, group: CellGroup) -> None:
-        for k, name in enumerate(names):
+        for k, series in enumerate(names):
             mine = [
                 (positions[_axis_level(cells[i], factor)], means[i])
                 for i in group.cells
-                if _line_name(cells[i], line) == name
+                if _line_name(cells[i], line) == series
             ]
-            if mine:
-                _line(axes, mine, k, len(names), label=name, joined=not _named(positions))
+            _line(axes, mine, k, len(names), label=series, joined=not _named(positions))
+        if low > 0:
+            log_ticks(axes, "y", low / 1.1, high * 1.1)
+        else:
+            more = 0.05 * (high - low) or 0.5
+            axes.set(ylim=(low - more, high + more))
         axes.set_xticks(list(positions.values()), [str(level) for level in positions])
-        axes.set_xlim(-0.1, 1.1)
-        axes.set_title(fill(circumstances(group.shared), _TITLE), fontsize=10)
+        axes.set(xlim=(-0.1, 1.1), xlabel=factor_text(factor))
+        if group is shown[0]:
+            axes.set(ylabel=metric_text(metric))
+        if line and group is shown[min(len(shown), _MOST_ACROSS) - 1]:
+            axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
 
-    title = f"{metric_text(metric, unit=False)}: means with 95 % intervals over robots"
-    figure = _panels(shown, draw, title, (3.6, 3.6), sharey=True)
-    drawn = [end for i in {i for group in shown for i in group.cells} for end in (means[i].mean, means[i].lower)]
-    is_positive = min((end for end in drawn if isfinite(end)), default=0.0) > 0
-    if is_positive:
-        _logarithmic(figure.axes[0], "y")
-    figure.supxlabel(factor_text(factor), fontsize=10)
-    figure.supylabel(metric_text(metric) + (" (log scale)" if is_positive else ""), fontsize=10)
-    if line:
-        handles = {str(h.get_label()): h for axes in figure.axes for h in axes.get_legend_handles_labels()[0]}
-        shown_lines = [handles[name] for name in names]
-        figure.legend(
-            shown_lines, names, title=factor_text(line), loc="outside right center", fontsize=9, handlelength=3.5
-        )
-    return figure
+    legend = 0.5 + _inches([factor_text(line), *names]) if line else 0.1
+    return _panels(name, label, shown, draw, (2.9, 3.3), (0.7, legend))
 
 
-def _logarithmic(axes: Axes, which: Literal["x", "y"]) -> None:
-    """Make an axis logarithmic, with plain numbers at three ticks or more, also of a range far below a decade."""
-    axes.set(**{f"{which}scale": "log"})
-    low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
-    log_ticks(axes, which, low, high)
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    if len(axis.get_ticklocs()) < _LEAST_TICKS:
-        ticks = [tick for tick in round_numbers(low, high, 4).tolist() if low <= tick <= high]
-        axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
+def _inches(texts: Iterable[str]) -> float:
+    """Return the width of the longest of texts in inches, in small letters."""
+    return max(text_width(text, _SMALL) for text in texts) / 72
 
 
 def _line_factor(cells: Sequence[Cell], factor: str) -> str | None:
@@ -158,129 +148,136 @@ def _line(axes: Axes, mine: Sequence[tuple[float, Mean]], number: int, lines: in
     colour, mark, dash = SERIES[number % len(SERIES)]
     ordered = sorted(mine, key=lambda each: each[0])
     x = np.array([place for place, _ in ordered]) + _APART * (number - (lines - 1) / 2)
-    y, lower, upper = np.array([(mean.mean, mean.lower, mean.upper) for _, mean in ordered]).T
-    axes.errorbar(
-        x,
-        y,
-        [y - lower, upper - y],
-        color=colour,
-        marker=mark,
-        linestyle=dash if joined else "none",
-        label=label,
-        markersize=5,
-        linewidth=1.1,
-        elinewidth=1.6,
-        capsize=3,
-    )
+    y, lower, upper = np.array([(mean.mean, mean.lower, mean.upper) for _, mean in ordered]).reshape(-1, 3).T
+    axes.vlines(x, lower, upper, color=colour, linewidth=1.6)
+    dashed = dash if joined else ""
+    axes.plot(x, y, color=colour, marker=mark, linestyle=dashed, label=label, markersize=5, linewidth=1.1)
 
 
-def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Drawing:
+def _pairs_picture(comparisons: Sequence[Comparison], cells: Sequence[Cell], name: str, label: str) -> Picture:
     """Draw a forest plot of the excess of each cell over the best, with 95 % intervals, a panel a group."""
-    free, kind = comparisons[0].group.free, comparisons[0].kind
-    effects = [pair.effect for each in comparisons for pair in behind_best(each)]
-    most = max(filter(isfinite, effects), default=1.0)
+    kind = comparisons[0].kind
+    pairs = [pair for each in comparisons for pair in behind_best(each)]
+    none = 1.0 if kind == "ratio" else 0.0
+    ends = np.array([none, *(end for pair in pairs for end in (pair.effect, pair.lower, pair.upper) if isfinite(end))])
+    low, high = float(ends.min()), float(ends.max())
+    is_far = kind == "ratio" and max((pair.effect for pair in pairs if isfinite(pair.effect)), default=1.0) > _FAR
+    measure = "ratio to the best" if kind == "ratio" else f"excess, {metric_text(comparisons[0].metric)}"
 
     def draw(axes: Axes, each: Comparison) -> None:
-        axes.axvline(1.0 if kind == "ratio" else 0.0, color=REFERENCE, linewidth=1)
+        axes.axvline(none, color=REFERENCE, linewidth=1)
         for row, pair in enumerate(behind_best(each), start=1):
-            colour = PREDICTED if pair.is_significant else MUTED
-            axes.hlines(row, pair.lower, pair.upper, color=colour, linewidth=2)
-            axes.plot(
-                pair.effect,
-                row,
-                "o",
-                color=colour,
-                markerfacecolor=colour if pair.is_significant else "white",
-                markersize=5,
-            )
-            axes.text(1.02, row, effect_text(pair, kind), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
-        axes.plot(1.0 if kind == "ratio" else 0.0, 0, "D", color=REFERENCE, markersize=5)
-        axes.text(1.02, 0, "best", transform=axes.get_yaxis_transform(), va="center", fontsize=8)
+            _pair(axes, row, pair, effect_text(pair, kind))
+        axes.plot([none], [0], "D", color=REFERENCE, markersize=5)
+        _beside(axes, 0, "best")
         _rows(axes, each, cells)
+        if is_far:
+            log_ticks(axes, "x", low / 1.1, high * 1.1)
+        else:
+            more = max(0.05 * (high - low), _LEAST_REACH * max(abs(low), abs(high)))
+            axes.set(xlim=(low - more, high + more))
+        axes.locator_params(axis="x", nbins=4)
+        axes.set(xlabel=f"{measure}; hollow: not significant")
 
-    text = metric_text(comparisons[0].metric, unit=False)
-    title = f"{text} by {factor_text(free[0])}, against the best: same robots, same noise"
-    figure = _panels(comparisons, draw, title, (4.6, 0.9 + 0.33 * _most_rows(comparisons)), sharex=True)
-    if kind == "ratio" and most > _FAR:
-        _logarithmic(figure.axes[0], "x")
-    measure = (
-        "ratio to the best" if kind == "ratio" else f"difference from the best, {metric_text(comparisons[0].metric)}"
-    )
-    figure.supxlabel(
-        f"{measure}, 95 % interval of each pair; hollow: no significant difference (Holm, 5 %)", fontsize=10
-    )
-    return figure
+    texts = ["best", *(effect_text(pair, kind) for pair in pairs)]
+    size = (2.4, 0.33 * _most_rows(comparisons))
+    return _panels(name, label, comparisons, draw, size, (_names_width(comparisons, cells), 0.15 + _inches(texts)))
+
+
+def _pair(axes: Axes, row: int, pair: Pair, text: str) -> None:
+    """Draw the interval of a pair in its row; hollow where the difference is not significant (Holm, 5 %)."""
+    colour = PREDICTED if pair.is_significant else MUTED
+    axes.hlines([row], [pair.lower], [pair.upper], color=colour, linewidth=2)
+    inside = colour if pair.is_significant else "#ffffff"
+    axes.scatter([pair.effect], [row], c=inside, s=25, edgecolors=colour, linewidths=1, zorder=3)
+    _beside(axes, row, text)
+
+
+def _beside(axes: Axes, row: int, text: str) -> None:
+    axes.annotate(text, (1.02, row), xycoords=("axes fraction", "data"), va="center", fontsize=_SMALL, color=INK)
+
+
+def _row_names(comparison: Comparison, cells: Sequence[Cell]) -> list[str]:
+    return [level_text(cells[rank.cell], comparison.group.free) for rank in comparison.ranks]
+
+
+def _names_width(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> float:
+    """Return the inches that the names of rows need beside a panel."""
+    return 0.25 + 1.15 * _inches(name for each in comparisons for name in _row_names(each, cells))
 
 
 def _rows(axes: Axes, comparison: Comparison, cells: Sequence[Cell]) -> None:
     """A row a cell, the best at the top."""
-    names = [level_text(cells[rank.cell], comparison.group.free) for rank in comparison.ranks]
+    names = _row_names(comparison, cells)
     axes.set_yticks(range(len(names)), names)
-    axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_title(fill(circumstances(comparison.group.shared), _TITLE), fontsize=10)
+    axes.set(ylim=(len(names) - 0.5, -0.5))
 
 
 def _most_rows(comparisons: Sequence[Comparison]) -> int:
     return max(len(each.ranks) for each in comparisons)
 
 
-def _ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Drawing:
+def _ranks_picture(comparisons: Sequence[Comparison], cells: Sequence[Cell], name: str, label: str) -> Picture:
     """The share of resamples in which each cell has each rank, its 95 % set framed, a panel a group."""
-    free = comparisons[0].group.free
 
     def draw(axes: Axes, each: Comparison) -> None:
         chances = np.array([rank.chances for rank in each.ranks])
+        edges = np.arange(len(chances) + 1) - 0.5
         axes.grid(visible=False)
-        axes.imshow(100 * chances, cmap=_GREYS, vmin=0, vmax=100, aspect="auto")
+        axes.pcolormesh(edges, edges, shades(chances, _GREYS))
         for (row, column), chance in np.ndenumerate(chances):
             if chance >= _SHOWN:
-                axes.text(column, row, f"{100 * chance:.0f}", ha="center", va="center", fontsize=8)
+                axes.annotate(f"{100 * chance:.0f}", (column, row), ha="center", va="center", fontsize=_SMALL)
         for row, rank in enumerate(each.ranks):
-            wide = rank.highest - rank.lowest + 0.9
-            corner = (rank.lowest - 1.45, row - 0.43)
-            axes.add_patch(Rectangle(corner, wide, 0.86, fill=False, edgecolor=REFERENCE, linewidth=1.6))
+            axes.plot(*_frame(rank.lowest - 1.45, rank.highest - 0.55, row), color=REFERENCE, linewidth=1.6)
         axes.set_xticks(range(len(chances)), [str(1 + k) for k in range(len(chances))])
+        axes.set(xlim=(-0.5, len(chances) - 0.5), xlabel="rank, % of resamples; framed: 95 % set")
         _rows(axes, each, cells)
 
-    text = metric_text(comparisons[0].metric, unit=False)
     rows = _most_rows(comparisons)
-    title = f"{text}: ranks by {factor_text(free[0])}"
-    figure = _panels(comparisons, draw, title, (1.4 + 0.45 * rows, 0.9 + 0.33 * rows))
-    figure.supxlabel("rank; framed: 95 % set of ranks", fontsize=10)
-    scale = ScalarMappable(Normalize(0, 100), _GREYS)
-    figure.colorbar(scale, ax=figure.axes, label="of the resamples of robots, %", pad=0.02, fraction=0.03, aspect=12)
-    return figure
+    size = (max(2.2, 0.45 * rows), 0.33 * rows)
+    return _panels(name, label, comparisons, draw, size, (_names_width(comparisons, cells), 0.15))
 
 
-_Shown = TypeVar("_Shown")
+def _frame(left: float, right: float, row: int) -> tuple[Array, Array]:
+    """Return the corners of a frame round cells of a row."""
+    x, y = np.array([left, right, right, left, left]), row + np.array([-0.43, -0.43, 0.43, 0.43, -0.43])
+    return x, y
 
 
 def _panels(
+    name: str,
+    label: str,
     shown: Sequence[_Shown],
     draw: Callable[[Axes, _Shown], None],
-    title: str,
     size: tuple[float, float],
-    sharex: bool = False,
-    sharey: bool = False,
-) -> Drawing:
-    across = min(len(shown), _MOST_ACROSS)
-    down = ceil(len(shown) / across)
-    with matplotlib.rc_context(FIGURE_STYLE):
-        figure = Drawing(
-            figsize=(max(6.5, across * size[0] + 1), down * size[1] + 1.2),
-            layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.06),
-        )
-        panels = figure.subplots(down, across, sharex=sharex, sharey=sharey, squeeze=False).ravel()
-        for axes, each in zip(panels, shown, strict=False):
-            draw(axes, each)
-        for axes in panels[len(shown) :]:
-            axes.remove()
-        figure.suptitle(fill(title, int(_LETTERS_AN_INCH * figure.get_figwidth())), fontsize=11)
-    return figure
+    beside: tuple[float, float],
+) -> Picture:
+    """Panels side by side in one picture, each under the circumstances that its cells share.
+
+    Args:
+        size: of a panel's axes, inches.
+        beside: inches at the left and the right of each.
+    """
+    across, down = min(len(shown), _MOST_ACROSS), ceil(len(shown) / _MOST_ACROSS)
+    titles = [fill(circumstances(getattr(each, "group", each).shared), _TITLE) for each in shown]
+    head = 0.12 + _LINE * max(title.count("\n") + bool(title) for title in titles)
+    step = beside[0] + size[0] + beside[1], head + size[1] + _FOOT
+    width, height = across * step[0], down * step[1]
+
+    def drawn(axes: Axes) -> None:
+        axes.axis("off")
+        for i, (each, title) in enumerate(zip(shown, titles, strict=True)):
+            row, column = divmod(i, across)
+            left, top = column * step[0] + beside[0], height - row * step[1] - head
+            panel = axes.inset_axes((left / width, (top - size[1]) / height, size[0] / width, size[1] / height))
+            draw(panel, each)
+            panel.set(title=title)
+
+    return axes_picture(name, label, (width, height), drawn, (0.0, 0.0, 0.0, 0.0))
 
 
-@lru_cache(maxsize=1)
-def pictures_of(result: StudyResult) -> dict[str, doc.Picture]:
+def pictures_of(result: StudyResult) -> dict[str, Picture]:
     """Return the figures of a study, by the names of their files."""
     return {
         name: made
@@ -289,7 +286,7 @@ def pictures_of(result: StudyResult) -> dict[str, doc.Picture]:
     }
 
 
-def first_picture(result: StudyResult) -> doc.Picture:
+def first_picture(result: StudyResult) -> Picture:
     """Return the means of the first factor that varies.
 
     Raises:

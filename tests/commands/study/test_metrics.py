@@ -10,7 +10,7 @@ import pytest
 import lab
 from lab.core.errors import LabError
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.report.views.study_document import varying
+from lab.report.views.study_texts import varying
 from lab.studies.analysis import groups
 from lab.studies.grid import ANY, Cell, Study
 from lab.studies.identified import parameter_errors
