@@ -34,7 +34,6 @@ from lab.library.given_measurements import (
     world_frames,
     write_measurements,
 )
-from lab.library.identify import MeasurementSession
 from lab.library.import_measurements import ImportResult
 from lab.library.inspect import Inspection
 from lab.library.load_run import load_estimate, load_run
@@ -43,6 +42,7 @@ from lab.library.point_verification import VerificationResult
 from lab.library.pose_planner import PosePlanner
 from lab.library.predict import PredictionResult
 from lab.library.result import Result
+from lab.library.simulate import MeasurementSession
 from lab.library.touch_plan import TouchPlan
 from lab.library.touch_verification import TouchesResult
 from lab.noise.instruments import Instrument
@@ -70,6 +70,7 @@ from lab.robots.robot import Robot
 from lab.simulation.sampler import Sampler
 from lab.studies.grid import Study
 from lab.studies.study import StudyResult
+from lab.verdict.fitted import Fitted
 
 __all__ = [
     "CalibrationResult",
@@ -134,6 +135,7 @@ __version__: str
 def calibrate(
     robot: str | Path | Robot | VirtualCampaign = "irb120",
     *,
+    steps: Mapping[str, Callable[[Fitted], Fitted]] | None = None,
     cell: str | Path | None = None,
     poses: int = 50,
     plan: str | Path | None = None,
@@ -295,6 +297,7 @@ def identify(
     measurements: str | Path | Measurements | MeasuredCampaign,
     robot: str | Path | Robot | None = None,
     *,
+    steps: Mapping[str, Callable[[Fitted], Fitted]] | None = None,
     cell: str | Path | None = None,
     seed: int = 0,
     instrument: str | Path | Instrument | None = None,

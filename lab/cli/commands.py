@@ -75,7 +75,7 @@ COMMANDS = (
         "calibrate",
         "A virtual campaign, end to end: perturb an arm, measure it, identify it, and validate it on new poses.",
         "lab.options.virtual_campaign:VirtualCampaign",
-        "lab.library.identify:calibrate",
+        "lab.library.calibrate:calibrate",
         "calibrate-{robot}-seed{seed}",
         examples=("--robot tx40 --poses 60 --seed 1", "--stiffness-nm-per-rad 1e5 --payload-kg 0,3 --model auto"),
         groups=_VIRTUAL_GROUPS,

@@ -102,7 +102,6 @@ class CalibrationResult(Result):
         fit: the state that the pipeline ended with: fit, checks, validation and verdict.
         seconds: of the identification and its validation.
         real: of a virtual robot, the arm that was measured; else None.
-        comparison: of a virtual robot, its true parameters beside the identified ones; else None.
         bad: of a virtual robot, the ids of its simulated outliers.
     """
 
@@ -113,7 +112,6 @@ class CalibrationResult(Result):
     fit: Fitted
     seconds: float = field(compare=False)
     real: TrueRobot | None = None
-    comparison: TruthComparison | None = None
     bad: frozenset[str] = frozenset()
 
     @property
@@ -130,6 +128,11 @@ class CalibrationResult(Result):
     def nominal(self) -> Array:
         """``(p,)`` the nominal values of the fitted model's parameters."""
         return self.fit.fitter.nominal(self.identification.model)
+
+    @property
+    def comparison(self) -> TruthComparison | None:
+        """Of a virtual robot, its true parameters beside the identified ones; else None."""
+        return self.fit.comparison
 
     @property
     def validation(self) -> Validation:

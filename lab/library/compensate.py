@@ -32,7 +32,7 @@ from lab.pose_selection.tour import rated
 from lab.simulation.collisions import collides, random_poses
 
 if TYPE_CHECKING:
-    from lab.library.identify import CalibrationResult
+    from lab.library.calibration_result import CalibrationResult
 
 __all__ = ["compensate"]
 

@@ -21,7 +21,8 @@ from lab.formats.measurement_csv import USES
 from lab.formats.orientations import orientation_texts
 from lab.formats.robot_toml import ANGLES, LENGTHS, write_table
 from lab.kinematics.serial.chain import Chain, Convention, parallel_links
-from lab.library.identify import MeasurementSession, checked, robot_of
+from lab.library.measurement_checks import checked, robot_of
+from lab.library.simulate import MeasurementSession
 from lab.robots.load_robot import load_robot
 from lab.robots.robot import Robot
 from lab.sensors.sensor_registry import sensor_named

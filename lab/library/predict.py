@@ -26,7 +26,7 @@ from lab.prediction.estimate import PredictedPoints
 from lab.verdict.fit_checks import check_extrapolated, check_limits
 
 if TYPE_CHECKING:
-    from lab.library.identify import CalibrationResult
+    from lab.library.calibration_result import CalibrationResult
 
 __all__ = ["PREDICTED_FILE", "PredictionResult", "predict"]
 

@@ -8,8 +8,8 @@ from lab.core.limits import one_serial
 from lab.core.measurements import Measurements
 from lab.core.progress import stages
 from lab.formats.measurement_csv import ObservedColumns, read_measurements
-from lab.library.identify import checked
 from lab.library.load_run import CalibrationRun, calibrated_by, folder_of, load_run
+from lab.library.measurement_checks import checked
 from lab.library.point_verification import VerificationResult, verified_points
 from lab.library.touch_plan import TouchPlan
 from lab.library.touch_verification import TouchesResult, verified_touches
@@ -18,7 +18,7 @@ from lab.options.command_options import VerifyOptions
 from lab.sensors.sensor_registry import sensor_named
 
 if TYPE_CHECKING:
-    from lab.library.identify import CalibrationResult
+    from lab.library.calibration_result import CalibrationResult
 
 __all__ = ["verify"]
 

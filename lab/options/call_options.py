@@ -14,9 +14,10 @@ from lab.core.errors import LabError
 from lab.core.progress import Listener, listening
 from lab.formats.structured import structured
 
-__all__ = ["options_of", "takes"]
+__all__ = ["options_of", "part_as_object", "takes"]
 
 _Options = TypeVar("_Options")
+_Part = TypeVar("_Part")
 _WHOLE = ("effects",)  # groups of options that a call takes as one object; older scripts give their options one by one
 _PROGRESS = Parameter("progress", Parameter.KEYWORD_ONLY, default=None, annotation=Listener | None)
 _Call = TypeVar("_Call", bound=Callable[..., Any])
@@ -51,6 +52,19 @@ def options_of(call: str, kind: type[_Options], given: Mapping[str, Any], unused
             value = _name_of_instrument(value)
         (nested.setdefault(group, {}) if group else nested)[name] = value
     return structured(call, kind, nested)
+
+
+def part_as_object(options: dict[str, Any], name: str, own_part: Callable[[object], _Part]) -> _Part | None:
+    """Return the part that options hold as an object, and leave its name in its place; None without one.
+
+    Raises:
+        LabError: it is no such part, or has the name of one of the lab's.
+    """
+    if isinstance(options.get(name, ""), str):
+        return None
+    own = own_part(options[name])
+    options[name] = cast(Any, own).name
+    return own
 
 
 def _plain(call: str, name: str, value: Any) -> dict[str, Any]:

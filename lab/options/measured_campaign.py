@@ -1,15 +1,16 @@
 """Options of a calibration from measurements; ``lab.options.virtual_campaign`` has those of a virtual one."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from lab.core.errors import LabError
+from lab.core.units import MM
 from lab.options.option_groups import Fitting
 from lab.options.option_types import Names, NoRecording
-from lab.options.task_region import REGION_HELP
+from lab.options.task_region import REGION_HELP, task_region
 from lab.options.virtual_campaign import VirtualCampaign, check_common, check_region
 from lab.robots.config_file import robot_of_file
 from lab.sensors.sensor_options import FitInputs, SensorOptions
@@ -17,8 +18,10 @@ from lab.sensors.sensor_registry import SensorName, configured_sensor
 
 if TYPE_CHECKING:
     from lab.calibration.sensor import Sensor
+    from lab.core.measurements import Measurements
+    from lab.verdict.fitted import Judging
 
-__all__ = ["MeasuredCampaign", "VirtualCampaign"]
+__all__ = ["MeasuredCampaign", "VirtualCampaign", "judging_of"]
 
 
 @dataclass(frozen=True)
@@ -95,3 +98,31 @@ class MeasuredCampaign(SensorOptions, _MeasurementFile):
             self.noise_mm, self.fitting.prior == "on", self.instrument is not None, self.validate is not None
         )
         return configured_sensor(self.observe, self, fit)
+
+
+def judging_of(options: VirtualCampaign | MeasuredCampaign, other: "Measurements | None" = None) -> "Judging":
+    """Return the options of the judgement in SI units.
+
+    Args:
+        other: the rows of the file to validate on.
+
+    Raises:
+        LabError: the region cannot be read.
+    """
+    from lab.verdict.fitted import Judging
+
+    judging = Judging(
+        gate_m=None if options.gate_mm is None else MM.to_si(options.gate_mm),
+        region=task_region(options.region),
+        region_name=f"--region {options.region}",
+    )
+    if isinstance(options, VirtualCampaign):
+        return judging
+    return replace(
+        judging,
+        holdout=options.holdout,
+        holdout_last=options.holdout_last,
+        other=other,
+        other_source=str(options.validate),
+        refit=options.refit,
+    )

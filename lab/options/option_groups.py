@@ -15,6 +15,7 @@ from lab.kinematics.effects.effect_registry import GROUPS, EffectOptions, fitted
 from lab.options.option_types import PRIOR_MODES, Flag, Names, Numbers, PriorMode
 
 if TYPE_CHECKING:
+    from lab.calibration.estimator import Estimator
     from lab.calibration.fit_options import FitOptions
 
 __all__ = ["Effects", "Fitting"]
@@ -107,9 +108,11 @@ class Fitting:
         """The model without the residual."""
         return "+".join(name for name in self.model.split("+") if name != "residual") or "geometric"
 
-    @property
-    def of_fit(self) -> "FitOptions":
-        """The options of the fit in SI units.
+    def to_si(self, estimator: "Estimator | None" = None) -> "FitOptions":
+        """Return the options of the fit in SI units.
+
+        Args:
+            estimator: in place of the one that these options name.
 
         Raises:
             LabError: there is no such estimator or error term.
@@ -121,7 +124,6 @@ class Fitting:
 
         for name in self.error_terms:
             own_term(name)
-
         return FitOptions(
             groups=() if self.searched else self.groups,
             search=self.searched,
@@ -131,7 +133,7 @@ class Fitting:
             free=self.free,
             prior=self.prior,
             tolerance=Tolerance(MM.to_si(self.tolerance_mm), MRAD.to_si(self.tolerance_mrad)),
-            estimator=estimator_named(self.estimator),
+            estimator=estimator_named(self.estimator) if estimator is None else estimator,
             error_terms=self.error_terms,
             further=self.groups if self.searched else (),
         )

@@ -137,7 +137,7 @@ class _Campaigns:
             data,
             kind,
             kind.noise(Noise(self._device)),
-            options.fitting.of_fit,
+            options.fitting.to_si(),
             options.seed,
         )
         return run_steps(Fitted(fitter, fitter.observed().with_points()), FITTING), found.placed

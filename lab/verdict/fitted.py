@@ -24,7 +24,7 @@ from lab.calibration.statistics.remaining_error import (
     explained_errors,
     remaining_error,
 )
-from lab.calibration.validation import Validation, configurations
+from lab.calibration.validation import TruthComparison, Validation, configurations
 from lab.calibration.weights import weigh
 from lab.core.checks import Check
 from lab.core.errors import LabError
@@ -39,7 +39,7 @@ from lab.prediction.residual_spread import ResidualSpread, residual_spread
 from lab.prediction.workspace_prediction import ValidationBounds
 from lab.verdict.verdict import Verdict
 
-__all__ = ["Fitted", "Judging", "Named", "named_poses"]
+__all__ = ["UNJUDGED", "Fitted", "Judging", "Named", "named_poses"]
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,7 @@ class Judging:
         holdout: share of the poses to hold out at random; None for none.
         holdout_last: share of the last poses to hold out; None for none.
         other: further measurements to validate on; None where there are none.
+        other_source: their file, as errors name it.
         refit: what each session of those may place anew: base, tool.
         gate_m: a larger mean error at poses not fitted is bad; None for no such limit.
         region: where the arm has to be known; None for where poses were measured.
@@ -93,10 +94,14 @@ class Judging:
     holdout: float | None = None
     holdout_last: float | None = None
     other: Measurements | None = None
+    other_source: str = ""
     refit: tuple[str, ...] = ()
     gate_m: float | None = None
     region: TaskRegion | None = None
     region_name: str = "region"
+
+
+UNJUDGED = Judging()  # by no gate, validated by folds
 
 
 @dataclass(frozen=True)
@@ -106,7 +111,8 @@ class Fitted:
     Attributes:
         fitter: of the arm; after the model is selected with the errors that the measurements share.
         given: the rows to fit.
-        progress: takes how many folds of a cross-validation are done of how many.
+        source: file of the measurements, as errors name it.
+        progress: takes how many parts of the present step are done, of how many.
         selection: of the model's groups, on request.
         unshown: parameters of these that are not observable in these poses: fixed at zero.
         rows: those that the parameters come from.
@@ -121,12 +127,14 @@ class Fitted:
         findings: about the errors, beyond independent noise: steps, drift, scatter, effects that the model lacks.
         prediction: observed against predicted errors at the validation poses; None where they were not compared.
         bounds: predicted and observed 95 % errors at the validation poses; None where there are none.
+        comparison: with the true parameters; None of a real arm, and where the true ones are not unique.
     """
 
     fitter: Fitter
     given: Measurements
     held_out: Measurements | None = None
-    judging: Judging = field(default_factory=Judging)
+    judging: Judging = UNJUDGED
+    source: str = ""
     progress: Progress = field(default=no_progress, repr=False, compare=False)
     checks: tuple[Check, ...] = ()
     selection: Selection | None = None
@@ -146,6 +154,7 @@ class Fitted:
     validation: Validation = _NOT_VALIDATED
     prediction: Check | None = None
     bounds: ValidationBounds | None = None
+    comparison: TruthComparison | None = None
     verdict: Verdict = _NO_VERDICT
 
     def with_checks(self, checks: Sequence[Check]) -> "Fitted":

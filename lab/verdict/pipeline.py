@@ -3,17 +3,18 @@
 ``STEPS`` maps names to functions that take a ``Fitted`` and return it with more in it. A caller leaves a step out, puts
 one of her own under its name, or runs a part of them and looks at the state::
 
-    identify_robot(robot, data, options, steps={**STEPS, "fit": my_fit})
-    run_steps(start(robot, data, options), FITTING)
+    lab.identify(data, steps={**STEPS, "fit": my_fit})
+    run_steps(start(robot, data, sensor), FITTING)
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from lab.calibration.fit_options import FitOptions
+from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.fitter import MOST_CHOSEN_BY, Fitter, NominalRobot
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.outliers_and_noise import outliers_among_held_out, tail_of
@@ -42,12 +43,12 @@ from lab.calibration.validation import (
 )
 from lab.calibration.weights import Noise, weigh
 from lab.core.checks import Check
-from lab.core.errors import LabError, option_name
+from lab.core.errors import LabError, error_context, option_name
 from lab.core.measurements import Measurements
+from lab.core.progress import Stage, no_progress, no_stage
 from lab.core.units import MM
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC, describe_term
-from lab.noise.instruments import Instrument
 from lab.prediction.extrapolation import measured_range
 from lab.prediction.regions import Region, measured_region, region_of_points, workspace_region
 from lab.prediction.residual_spread import for_later_rows
@@ -79,95 +80,143 @@ from lab.verdict.fit_checks import (
     noise_in_another_unit,
     points_in_another_scale,
 )
-from lab.verdict.fitted import Fitted, Judging, named_poses
+from lab.verdict.fitted import UNJUDGED, Fitted, Judging, named_poses
 from lab.verdict.noise_findings import changes_in_time, finding, shared_error_findings
 from lab.verdict.verdict import verdict
 
-__all__ = ["FITTING", "STEPS", "PipelineOptions", "Step", "identify_robot", "run_steps", "start"]
+__all__ = ["FITTING", "STEPS", "UNKNOWN", "Step", "chosen_steps", "identify_robot", "judged", "run_steps", "start"]
 
 Step = Callable[[Fitted], Fitted]
+UNKNOWN = Noise()  # noise that is estimated
 _IN_TIME = ("finding.step", "finding.drift", "finding.correlated")
-
-
-@dataclass(frozen=True)
-class PipelineOptions:
-    """Options of an identification.
-
-    Attributes:
-        instrument: whose noise weighs the measurements; None where it is not given.
-        noise_m: the noise (1 sigma a coordinate) instead; None where it is not given.
-    """
-
-    kind: Sensor
-    fit: FitOptions = field(default_factory=FitOptions)
-    instrument: Instrument | None = None
-    noise_m: float | None = None
-    judging: Judging = field(default_factory=Judging)
-    seed: int = 0
 
 
 def identify_robot(
     robot: NominalRobot,
     data: Measurements,
-    options: PipelineOptions,
+    sensor: Sensor,
+    noise: Noise = UNKNOWN,
+    fit: FitOptions = PLAIN,
+    judging: Judging = UNJUDGED,
     *,
+    seed: int = 0,
     steps: Mapping[str, Step] | None = None,
 ) -> Fitted:
     """Identify a robot from measurements, and validate and judge the fit.
 
     Args:
         data: the measurements: joint positions (rad or m), points (m) in any one frame.
+        sensor: what was measured.
+        noise: by which the measurements are weighted.
+        seed: of the poses that are held out at random, and of the folds of a cross-validation.
+        steps: in place of ``STEPS``, by their names.
 
     Raises:
         LabError: an option makes no sense for these measurements, or they are too few.
     """
-    return run_steps(start(robot, data, options), STEPS if steps is None else steps)
+    return run_steps(start(robot, data, sensor, noise, fit, judging, seed=seed), STEPS if steps is None else steps)
 
 
-def run_steps(state: Fitted, steps: Mapping[str, Step]) -> Fitted:
-    """Pass a state through steps, in their order."""
-    for step in steps.values():
-        state = step(state)
+def run_steps(state: Fitted, steps: Mapping[str, Step], stage: Stage = no_stage) -> Fitted:
+    """Pass a state through steps, in their order.
+
+    Args:
+        stage: receives the name of each step as it begins; a step counts its parts by ``state.progress``.
+
+    Raises:
+        LabError: the measurements cannot be used, or a step returns no state; the message names the file or the step.
+    """
+    for name, step in steps.items():
+        stage(name)
+        where = state.source
+        if name == "validate" and state.judging.other is not None:
+            where = state.judging.other_source
+        with error_context(where) if where else nullcontext():
+            added = step(replace(state, progress=partial(stage, name)))
+        if not isinstance(added, Fitted):
+            raise LabError(
+                f"step '{name}' returns {type(added).__name__}; return the state that it was given, with what it adds "
+                "(dataclasses.replace)"
+            )
+        state = added
+    return replace(state, progress=no_progress)
+
+
+def judged(state: Fitted) -> Fitted:
+    """Return a state at the end of its steps.
+
+    Raises:
+        LabError: the steps neither fitted nor judged.
+    """
+    assert state.identification.values is not None and state.verdict.word
     return state
 
 
-def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> Fitted:
+def chosen_steps(steps: object) -> Mapping[str, Step]:
+    """Return the steps that a call was given; all where none were.
+
+    Raises:
+        LabError: they are no mapping of names to functions.
+    """
+    if steps is None:
+        return STEPS
+    if not isinstance(steps, Mapping):
+        raise LabError(f"steps are a {type(steps).__name__}; give a mapping of names to functions, as STEPS is")
+    for name, step in steps.items():
+        if not callable(step):
+            raise LabError(f"step '{name}' is {step!r}; give a function from state to state, or leave it out")
+    return steps
+
+
+def start(
+    robot: NominalRobot,
+    data: Measurements,
+    sensor: Sensor,
+    noise: Noise = UNKNOWN,
+    fit: FitOptions = PLAIN,
+    judging: Judging = UNJUDGED,
+    *,
+    seed: int = 0,
+) -> Fitted:
     """Return the state before the first step: the rows to fit, and those that the data hold for the validation.
+
+    Args:
+        data: the measurements: joint positions (rad or m), points (m) in any one frame.
+        sensor: what was measured.
+        noise: by which the measurements are weighted.
 
     Raises:
         LabError: no row has a measured point, or the noise of some rows is unknown.
     """
-    kind, device = options.kind, options.instrument
-    if device is not None:
-        kind = kind.weighted_by(device, data)
-    targets = kind.targets(data)
+    if noise.instrument is not None:
+        sensor = sensor.weighted_by(noise.instrument, data)
+    targets = sensor.targets(data)
     arm = robot.arm(targets)
-    data = kind.with_sessions(arm, data, arm.nominal(robot.tool))
-    fitter = Fitter(
-        robot,
-        targets,
-        data,
-        kind,
-        kind.noise(Noise(device, options.noise_m, error_terms=options.fit.error_terms)),
-        options.fit,
-        options.seed,
-    )
-    observed, other = fitter.observed(), options.judging.other
-    judged_by: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
-    judged_by += [] if other is None else [(other, CAMPAIGN_SPECIFIC)]
+    data = sensor.with_sessions(arm, data, arm.nominal(robot.tool))
+    noise = sensor.noise(replace(noise, error_terms=fit.error_terms))
+    fitter = Fitter(robot, targets, data, sensor, noise, fit, seed)
+    observed = fitter.observed()
     rows, test = observed.only("calibrate").with_points(), observed.only("test").with_points()
     if not len(rows):
         raise LabError("no row with use = calibrate has a measured point; mark or measure some")
     if "test" in data.use and not len(test):
         raise LabError("no row with use = test has a measured point; mark or measure some")
+    _refuse_gaps_in_noise(rows, fitter.noise)
+    judged_by: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
+    if judging.other is not None:
+        judged_by.append((judging.other, CAMPAIGN_SPECIFIC))
+    fitter = replace(fitter, judged_by=tuple(judged_by))
+    return Fitted(fitter, rows, test if len(test) else None, judging)
+
+
+def _refuse_gaps_in_noise(rows: Measurements, noise: Noise) -> None:
+    """Refuse rows of which some have a standard deviation, where neither noise nor instrument is given for the rest."""
     given = np.isfinite(rows.sigma_m)
-    if options.noise_m is None and device is None and given.any() and not given.all():
+    if noise.sigma_m is None and noise.instrument is None and given.any() and not given.all():
         raise LabError(
             f"{rows.where(int(np.argmin(given)))}, column sigma_mm: empty, but other rows "
             f"have it; fill it in, or give {option_name('noise_mm')} or {option_name('instrument')} for the empty ones"
         )
-    fitter = replace(fitter, judged_by=tuple(judged_by))
-    return Fitted(fitter, rows, test if len(test) else None, options.judging)
 
 
 def _hold_poses_out(state: Fitted) -> Fitted:

@@ -1,11 +1,13 @@
 """How a file is fitted as a whole: repeats, robust fits, selection and hold-outs together."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
+import lab
 from lab.calibration.fitter import Fitter
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
@@ -16,10 +18,10 @@ from lab.options.option_groups import Fitting
 from lab.phrases.phrase import phrases
 from lab.sensors.points import PointSensor
 from lab.verdict.fitted import Fitted, Judging
-from lab.verdict.pipeline import FITTING, STEPS, PipelineOptions, identify_robot, run_steps, start
+from lab.verdict.pipeline import FITTING, STEPS, identify_robot, run_steps, start
 
 SIGMA = 5e-6
-POINTS = PipelineOptions(PointSensor())
+POINTS = PointSensor()
 NAMES = IRB120.chain.joint_names
 
 
@@ -42,7 +44,7 @@ def simulated(groups, sizes, joints, conditions, seed: int, sessions=None) -> Me
 
 
 def fitter(data: Measurements, noise: Noise | None = None, **options) -> Fitter:
-    return Fitter(IRB120, ("p1",), data, PointSensor(), noise or Noise(), Fitting(**options).of_fit, 0)
+    return Fitter(IRB120, ("p1",), data, PointSensor(), noise or Noise(), Fitting(**options).to_si(), 0)
 
 
 def fitted(data: Measurements, noise: Noise | None = None, held: Measurements | None = None, **options) -> Fitted:
@@ -138,7 +140,7 @@ def test_a_step_is_left_out() -> None:
 @pytest.mark.thorough
 def test_the_state_is_looked_at_after_a_step() -> None:
     data = simulated((), {}, random_joints(40, 9), {}, 9)
-    first = start(IRB120, data, PipelineOptions(PointSensor(), judging=Judging(holdout=0.25)))
+    first = start(IRB120, data, POINTS, judging=Judging(holdout=0.25))
     assert first.held_out is None and len(first.given) == 40 and not first.checks
     names = list(STEPS)
     held = run_steps(first, {name: STEPS[name] for name in names[: names.index("fit")]})
@@ -150,6 +152,57 @@ def test_the_state_is_looked_at_after_a_step() -> None:
     assert first.held_out is None  # a step changes no state, it makes a new one
     judged = run_steps(fit, {name: STEPS[name] for name in names[names.index("fit") + 1 :]})
     assert judged.validation.judged_by == "holdout" and judged.verdict.word in ("good", "doubtful")
-    whole = identify_robot(IRB120, data, PipelineOptions(PointSensor(), judging=Judging(holdout=0.25)))
+    whole = identify_robot(IRB120, data, POINTS, judging=Judging(holdout=0.25))
     np.testing.assert_array_equal(judged.identification.covariance, whole.identification.covariance)
     assert phrases(judged.checks) == phrases(whole.checks)
+
+
+def test_a_step_of_ones_own_takes_the_place_of_the_labs() -> None:
+    """Twice the covariance in place of the chosen intervals: twice the standard deviations, the same parameters."""
+    day = lab.simulate("irb120", poses=40, seed=7)
+
+    def doubled(state: Fitted) -> Fitted:
+        return replace(state, identification=replace(state.weighted, covariance=4 * state.weighted.covariance))
+
+    whole = lab.identify(day.measurements, instrument="uniform-8um", steps={**STEPS, "choose intervals": lambda s: s})
+    wider = lab.identify(day.measurements, instrument="uniform-8um", steps={**STEPS, "choose intervals": doubled})
+    np.testing.assert_allclose(wider.identification.std, 2 * whole.identification.std, rtol=1e-12)
+    np.testing.assert_array_equal(wider.identification.values, whole.identification.values)
+
+
+def test_the_stages_are_the_names_of_the_steps() -> None:
+    data, names = lab.simulate("irb120", poses=40, seed=7).measurements, list[str]()
+
+    def half(state: Fitted) -> Fitted:
+        state.progress(1, 2)
+        return state
+
+    def note(event: lab.Event) -> None:
+        names.append(f"{event.stage} {event.fraction:g}" if event.stage == "half" else event.stage)
+
+    lab.identify(data, steps={**STEPS, "half": half}, progress=note)
+    assert list(dict.fromkeys(names)) == ["", "read the measurements", *STEPS, "half nan", "half 0.5"]
+
+
+def _forgotten(state: Fitted) -> None:
+    replace(state, checks=())
+
+
+@pytest.mark.parametrize(
+    ("steps", "says"),
+    [
+        ({**STEPS, "fit": _forgotten}, "step 'fit' returns NoneType; return the state"),
+        ({**STEPS, "fit": lambda state: state}, "no fit yet: run the step 'fit' before this one"),
+        ({**STEPS, "judge": lambda state: state}, "no verdict yet: run the step 'judge' before this one"),
+        ({**STEPS, "fit": None}, "step 'fit' is None; give a function"),
+        ({name: step for name, step in STEPS.items() if name != "judge"}, "no verdict yet: run the step 'judge'"),
+        ([*STEPS], "steps are a list; give a mapping"),
+        ({}, "no fit yet: run the step 'fit'"),
+    ],
+)
+@pytest.mark.parametrize("call", ["identify", "calibrate"])
+def test_a_step_that_leaves_the_next_without_what_it_needs_is_named(steps: Any, says: str, call: str) -> None:
+    data = lab.simulate("irb120", poses=30, seed=7).measurements
+    with pytest.raises(LabError) as refused:
+        lab.identify(data, steps=steps) if call == "identify" else lab.calibrate(poses=30, seed=7, steps=steps)
+    assert says in str(refused.value) and "\n" not in str(refused.value)

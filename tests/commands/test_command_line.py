@@ -83,7 +83,7 @@ def test_keywords_are_options_those_of_groups_among_them() -> None:
 
 
 def test_measurements_come_back_and_their_frame_is_the_world_s(tmp_path: Path) -> None:
-    from lab.library.identify import simulate
+    from lab.library.simulate import simulate
 
     day = simulate("irb120", poses=8, seed=2, instrument="exact", position_sigma_mm=0, rotation_sigma_mrad=0)
     write_measurements(tmp_path / "day.csv", day.measurements, day.robot)

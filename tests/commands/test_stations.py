@@ -19,7 +19,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import SessionInfo
-from lab.library.identify import MeasurementSession
+from lab.library.simulate import MeasurementSession
 from lab.library.virtual_arm import truth_of
 from lab.noise.instruments import INSTRUMENTS
 from lab.robots.load_robot import load_virtual

@@ -8,7 +8,7 @@ from lab.compensation.compensator import Compensator
 from lab.core.errors import LabError
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.inverse.newton_inverse import PoseTarget
-from lab.library.identify import calibrate
+from lab.library.calibrate import calibrate
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.robots.load_robot import load_robot
 from lab.simulation.collisions import random_poses

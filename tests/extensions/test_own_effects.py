@@ -319,8 +319,8 @@ def test_auto_tries_a_group_of_a_package_where_it_is_named() -> None:
     assert found.to_dict()["model"] == "geometric+oil"
     with pytest.raises(LabError, match=f"column {OIL} is missing"):
         lab.identify(replace(day, conditions={}), model="auto+oil")
-    assert Fitting(model="runout+auto").of_fit == Fitting(model="auto+runout").of_fit
-    assert Fitting(model="auto").of_fit.further == ()
+    assert Fitting(model="runout+auto").to_si() == Fitting(model="auto+runout").to_si()
+    assert Fitting(model="auto").to_si().further == ()
     with pytest.raises(LabError, match=r"auto.compliance: compliance is no such group as goes with auto"):
         lab.calibrate("irb120", poses=20, model="auto+compliance")
     with pytest.raises(LabError, match=r"model runot: no such group.*did you mean runout"):

@@ -20,7 +20,8 @@ from lab.core.se3 import Array
 from lab.formats.programs.program_text import ArmShape
 from lab.library.calibration_result import CalibrationResult
 from lab.library.compensation_result import CompensationResult
-from lab.library.identify import identify, simulate
+from lab.library.identify import identify
+from lab.library.simulate import simulate
 from lab.noise.instruments import observing
 from lab.options.named_instruments import named_instrument
 from lab.options.option_groups import Effects

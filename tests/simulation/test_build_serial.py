@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lab.core import se3
-from lab.library.identify import calibrate
+from lab.library.calibrate import calibrate
 from lab.noise.instruments import instrument
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.robots.load_robot import load_robot, load_virtual

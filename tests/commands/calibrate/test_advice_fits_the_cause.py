@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.library.identify import CalibrationResult
+from lab.library.calibration_result import CalibrationResult
 
 
 def identified(seed: int, day: dict[str, object], **options: object) -> CalibrationResult:

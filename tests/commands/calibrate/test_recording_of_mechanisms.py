@@ -8,7 +8,8 @@ from helpers.recordings import column, rrd, statics
 from rerun.chunk import RrdReader
 
 from lab.library import virtual_arm as virtual_arm
-from lab.library.identify import VirtualCampaign, calibrate
+from lab.library.calibrate import calibrate
+from lab.options.virtual_campaign import VirtualCampaign
 from lab.report.recording import LEGS
 from lab.report.views.calibration_recording import record
 from lab.report.views.calibration_scene import scene

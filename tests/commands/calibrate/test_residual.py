@@ -9,7 +9,7 @@ from helpers.campaigns import calibration, session
 
 import lab
 from lab.core.errors import LabError
-from lab.library.identify import CalibrationResult
+from lab.library.calibration_result import CalibrationResult
 
 WAVING = {"poses": 60, "seed": 3, "harmonic2_mrad": 0.3, "instrument": "uniform-8um"}
 

@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from lab.core.se3 import Array
 from lab.formats.programs.program_text import ArmShape
 from lab.library import compensate as command
+from lab.library.calibrate import calibrate
 from lab.library.calibration_result import CalibrationResult
 from lab.library.compensation_result import CompensationResult
-from lab.library.identify import calibrate
 from lab.library.load_run import CalibrationRun, calibrated_by
 from lab.options.compensation import CompensateOptions
 from lab.options.virtual_campaign import VirtualCampaign

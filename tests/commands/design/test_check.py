@@ -9,7 +9,7 @@ import pytest
 from lab.cli.main import main
 from lab.formats.programs.protocol import PAUSE_S
 from lab.library.design import SessionDuration, planned_session
-from lab.library.identify import simulate
+from lab.library.simulate import simulate
 from lab.options.virtual_campaign import DesignOptions
 
 BOX = """[[obstacle]]

@@ -15,8 +15,8 @@ from helpers.tracker_files import plain, polyworks, rows_of_joints, spatial_anal
 from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import read_measurements
-from lab.library.identify import MeasurementSession, simulate
 from lab.library.import_measurements import import_measurements
+from lab.library.simulate import MeasurementSession, simulate
 from lab.options.command_options import ImportOptions
 from lab.robots.load_robot import load_robot
 

@@ -9,7 +9,7 @@ from helpers.robots import IRB120
 
 import lab
 from lab.core.measurements import Measurements, measured
-from lab.library.identify import CalibrationResult
+from lab.library.calibration_result import CalibrationResult
 from lab.library.load_run import CalibrationRun, calibrated_by
 
 SIGMA = 2e-5
