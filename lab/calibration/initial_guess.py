@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.core import se3
-from lab.core.linear_model import pseudo_inverse, triangle
+from lab.core.linear_model import least_squares
 from lab.core.se3 import Array
 from lab.kinematics.effects.sessions import at_first_station, further_stations
 from lab.kinematics.model import Model
@@ -144,7 +144,7 @@ def _direct_rotation(columns: Array, origins: Array, measured: Array) -> Array:
     by_rotation = np.zeros((len(measured), 3, 3, 3))
     by_rotation[:, _AXES, _AXES] = measured[:, None]
     both = np.concatenate([by_rotation.reshape(len(columns), 9), columns], axis=1)
-    return _least_squares(both, origins.reshape(-1, 1))[:9].reshape(3, 3).T
+    return least_squares(both, origins.reshape(-1, 1), _DEPENDENT)[0][:9].reshape(3, 3).T
 
 
 def _with_the_rest(
@@ -163,14 +163,6 @@ def _with_the_rest(
     found[:3] = 0.0 if "base" in groups else (known[:3] @ starts).T
     free = slice(0 if "base" in groups else 3, None if "tool" in groups else 3)
     wanted = (measured @ starts - origins).reshape(len(starts), -1).T
-    found[free] += _least_squares(columns[:, free], wanted - columns @ found)
+    found[free] += least_squares(columns[:, free], wanted - columns @ found, _DEPENDENT)[0]
     best = int(np.argmin(((wanted - columns @ found) ** 2).sum(axis=0)))
     return starts[best], starts[best] @ found[:3, best], found[3:, best]
-
-
-def _least_squares(columns: Array, right: Array) -> Array:
-    """Return the shortest solutions ``(f, s)`` for columns ``(r, f)`` and right sides ``(r, s)``."""
-    f = columns.shape[1]
-    both = triangle(np.concatenate([columns, right], axis=1))
-    solution: Array = pseudo_inverse(both[:f, :f], _DEPENDENT) @ both[:f, f:]
-    return solution

@@ -23,6 +23,7 @@ __all__ = [
     "condition_bound",
     "covariance_root",
     "half_width_95",
+    "least_squares",
     "matched_dof",
     "p_value_of_squares",
     "pseudo_inverse",
@@ -132,6 +133,20 @@ def pseudo_inverse(upper: Array, tolerance: float) -> Array:
     """
     inverse, bound = _inverse(upper)
     return inverse if bound < WELL_CONDITIONED else np.asarray(np.linalg.pinv(upper, rcond=tolerance), dtype=float)
+
+
+def least_squares(columns: Array, right: Array, tolerance: float) -> tuple[Array, Array]:
+    """Return the shortest least-squares solutions ``(f, s)``, and the pseudo-inverse ``(f, r)`` of the columns' R.
+
+    Args:
+        columns: ``(n, f)``; they keep their scale.
+        right: ``(n, s)`` right sides.
+        tolerance: of the largest singular value, below which one is zero.
+    """
+    size = columns.shape[1]
+    both = triangle(np.concatenate([columns, right], axis=1))
+    inverse = pseudo_inverse(both[:size, :size], tolerance)
+    return inverse @ both[:size, size:], inverse
 
 
 def condition_bound(upper: Array) -> float:

@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,13 +33,13 @@ from lab.calibration.statistics.linearized import ClusteredRows, ClusterTest, cl
 from lab.calibration.validation import configurations, cv_groups_of, folds
 from lab.calibration.weights import Noise, joined, weigh, weighted_constraints
 from lab.core.errors import LabError, option_name
-from lab.core.linear_model import LinearModel, p_value_of_squares, unit_columns
+from lab.core.linear_model import least_squares, p_value_of_squares, unit_columns
 from lab.core.measurements import Measurements
 from lab.core.probability import t_sf
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import TERM_SEARCH
-from lab.kinematics.effects.effect import PAYLOAD, Effect
+from lab.kinematics.effects.effect import PAYLOAD, Effect, Wave
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set, independent_columns, named
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Kind, Parameter, names_of
@@ -130,9 +131,9 @@ class NestedModels:
         BIC = N log s^2 + RSS / s^2 + p log N, with s^2 = RSS / N but never below what the noise is known to be:
         the likelihood's maximum under that bound, so that a sigma given too small does not let every column in.
         """
-        squares = float(np.sum(self._left(self.whole, fitted)[1] ** 2))
+        squares = float(np.sum(self._left(self.whole, fitted).left ** 2))
         lengths = [
-            np.linalg.norm(left_out @ self._left(triangle, fitted)[0], axis=1)
+            np.linalg.norm(left_out @ self._left(triangle, fitted).weights, axis=1)
             for triangle, left_out in zip(self.training, self.held_out, strict=True)
         ]
         return Score(len(fitted), squares, np.concatenate(lengths), self._bic(squares, len(fitted)))
@@ -144,8 +145,7 @@ class NestedModels:
         it from there and C the covariance of unit noise (Seber & Lee 2003, section 4.3).
         """
         index = [self.columns.index(i) for i in fitted]
-        weights, left = self._left(self.whole, fitted)
-        back = LinearModel.of(self.whole[:, index], RANK_TOLERANCE, scaled=True).back
+        weights, left, back = self._left(self.whole, fitted)
         moved = self.away[index] - weights[index]
         found = []
         for part in parts:
@@ -162,9 +162,8 @@ class NestedModels:
     def std(self, fitted: Sequence[int]) -> Array:
         """Standard deviations of the parameters that are fitted; of noise as large as the residuals, or as is known."""
         index = [self.columns.index(i) for i in fitted]
-        left = self._left(self.whole, fitted)[1]
+        _, left, back = self._left(self.whole, fitted)
         variance = max(float(left @ left) / max(self.rows - len(index), 1), self.floor**2)
-        back = LinearModel.of(self.whole[:, index], RANK_TOLERANCE, scaled=True).back
         std: Array = np.sqrt(variance * (back**2).sum(axis=1)) / self.scale[index]
         return std
 
@@ -198,14 +197,28 @@ class NestedModels:
         spread = float(fall.std(ddof=1)) if len(fall) > 1 else 0.0
         return HeldOutGain(float(fall.mean()), spread / np.sqrt(len(fall)), len(fall) - 1)
 
-    def _left(self, triangle: Array, fitted: Sequence[int]) -> tuple[Array, Array]:
-        """Weights ``(c + 1,)`` of columns and residual in what is left, and what is left of the triangle's rows."""
+    def _left(self, triangle: Array, fitted: Sequence[int]) -> "_Nested":
+        """Fit these columns of a triangle, the others at their nominal values."""
         index = [self.columns.index(i) for i in fitted]
         weights = np.append(self.away, 1.0)
         weights[index] = 0.0
-        nested = LinearModel.of(triangle[:, index], RANK_TOLERANCE, scaled=True)
-        weights[index] = -nested.solve(triangle @ weights)
-        return weights, triangle @ weights
+        solution, back = least_squares(triangle[:, index], (triangle @ weights)[:, None], RANK_TOLERANCE)
+        weights[index] = -solution[:, 0]
+        return _Nested(weights, triangle @ weights, back)
+
+
+class _Nested(NamedTuple):
+    """The fit of a nested model.
+
+    Attributes:
+        weights: ``(c + 1,)`` of columns and residual in what is left.
+        left: what is left of the triangle's rows.
+        back: ``(f, r)`` from an orthonormal basis of the fitted columns to their parameters.
+    """
+
+    weights: Array
+    left: Array
+    back: Array
 
 
 def _triangle(parts: Sequence[Array]) -> Array:
@@ -273,6 +286,8 @@ class SelectionTask:
 
     def refuse_unknown_wishes(self, groups: Sequence[str]) -> None:
         """Refuse patterns that match no parameter of geometry or of groups that can be built."""
+        if not (self.options.fix or self.options.free):
+            return
         names: dict[str, None] = {}
         for group in ([], *([name] for name in groups)):
             with suppress(LabError):
@@ -468,6 +483,7 @@ _STAGE = 8  # groups that are taken before all others are looked at anew
 _POOL = 48  # groups that a stage chooses from
 _LEFT = 1e-3  # share of a column's squares that what is fitted has to leave
 _TIE = 1e-3  # share of a fall by which groups that are equivalent beside geometry differ: the table's first is taken
+_ONE_COLUMN = 1e-9  # share of their squares that two columns have apart, where they are one
 _APART = 1e-3  # share of the squares that two columns of a group have apart
 
 
@@ -505,21 +521,27 @@ class TermTable:
     @classmethod
     def of(cls, effects: Mapping[str, Effect], data: Measurements) -> "TermTable":
         """Build from effects that are linear in their parameters, each of which moves one joint or one link's end."""
-        size = data.joints.shape[1]
-        functions, motion, owner = [], [], []
-        for i, effect in enumerate(effects.values()):
-            conditions = data.inputs(effect.conditions)[:, size:]
-            moved = effect.offsets(data.joints, conditions, np.zeros(len(effect.parameters)))[1]
+        size, counts = data.joints.shape[1], [len(effect.parameters) for effect in effects.values()]
+        functions, motion = np.empty((len(data), sum(counts))), np.zeros(sum(counts), np.int_)
+        columns = [np.arange(last - count, last) for count, last in zip(counts, np.cumsum(counts), strict=True)]
+        waves, of_waves = list[Wave](), list[NDArray[np.int_]]()
+        for own, effect in zip(columns, effects.values(), strict=True):
             assert effect.moves in ("joints", "links") and len(effect.links) <= 1 and len(effect.parameters) <= 2
             first = size + 6 * effect.links[0] if effect.links else 0
-            for k in range(len(effect.parameters)):
-                component = int(np.abs(moved[..., k]).sum(axis=0).argmax())
-                functions.append(moved[:, component, k])
-                motion.append(first + component)
-                owner.append(i)
-        columns = np.stack(functions, axis=1) if functions else np.empty((len(data), 0))
+            if effect.wave is not None:
+                waves.append(effect.wave)
+                of_waves.append(own)
+                motion[own] = first + effect.wave.component
+                continue
+            conditions = data.inputs(effect.conditions)[:, size:]
+            moved = effect.offsets(data.joints, conditions, np.zeros(len(effect.parameters)))[1]
+            component = np.abs(moved).sum(axis=0).argmax(axis=0)
+            functions[:, own] = moved[:, component, range(len(own))]
+            motion[own] = first + component
+        if waves:
+            functions[:, np.array(of_waves)] = Wave.together(waves, data.joints)
         parameters = tuple(names_of(effect.parameters) for effect in effects.values())
-        return cls(tuple(effects), columns, np.array(motion, np.int_), size, np.array(owner, np.int_), parameters)
+        return cls(tuple(effects), functions, motion, size, np.repeat(np.arange(len(counts)), counts), parameters)
 
     @cached_property
     def showing_ends(self) -> dict[int, int]:
@@ -710,9 +732,10 @@ class TermSearch:
         if not useful.any():
             return np.inf
         flips = rng.integers(0, 2, (_FLIPS, len(scores))).astype(np.float32) * 2 - 1  # rounding is no matter here
-        size = float(np.abs(scores).max()) or 1.0
-        products = size * (flips @ (scores / size).astype(np.float32)).astype(np.float64)
-        largest = _quadratic(products[:, self._pairs[useful]], gram[:, useful]).max(axis=1)
+        first, second = _orthonormal_pairs(scores[:, self._pairs[useful]], gram[:, useful])
+        size = float(max(np.abs(first).max(), np.abs(second).max())) or 1.0
+        falls = [np.square(flips @ (each / size).astype(np.float32)) for each in (first, second)]
+        largest = size**2 * np.add(*falls, out=falls[0]).max(axis=1).astype(np.float64)
         return float(np.sort(largest)[-int(level * (_FLIPS + 1))])
 
 
@@ -722,10 +745,20 @@ def _products_of_pairs(rows: Array, pairs: NDArray[np.int_]) -> Array:
     return np.stack([np.einsum("rg,rg->g", a, b) for a, b in ((first, first), (first, last), (last, last))])
 
 
+def _orthonormal_pairs(products: Array, matrix: Array) -> tuple[Array, Array]:
+    """Return y with y'y = x' M^-1 x, as ``_quadratic`` has it: both entries ``(..., g)`` of x ``(..., g, 2)``."""
+    (a, b, d), (x, y) = matrix, np.moveaxis(products, -1, 0)
+    along = b / np.maximum(a, 1e-300)
+    apart = d - along * b  # the second column's square beside the first
+    single = apart <= _ONE_COLUMN * d
+    across = np.where(single, 0.0, y - along * x) / np.sqrt(np.where(single, 1.0, apart))
+    return x / np.sqrt(np.maximum(a, 1e-300)), across
+
+
 def _quadratic(products: Array, matrix: Array) -> Array:
     """Return x' M^-1 x ``(..., g)`` of x ``(..., g, 2)`` and M's entries ``(3, g)``; one column twice: x^2 / M."""
     (a, b, d), (x, y) = matrix, np.moveaxis(products, -1, 0)
     determinant = a * d - b**2
-    single = determinant <= 1e-9 * a * d
+    single = determinant <= _ONE_COLUMN * a * d
     whole = (x**2 * d - 2 * x * y * b + y**2 * a) / np.where(single, 1.0, determinant)
     return np.asarray(np.where(single, x**2 / np.maximum(a, 1e-300), whole))

@@ -13,16 +13,27 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.recent import recent
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.dynamics.beam import Beam, LinkSections, loads_on
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["LinkFrames", "LinkLoads", "Loads", "link_ends", "link_loads", "refuse_without_length", "solved_by"]
+__all__ = [
+    "LinkFrames",
+    "LinkLoads",
+    "Loads",
+    "link_ends",
+    "link_frames",
+    "link_loads",
+    "refuse_without_length",
+    "solved_by",
+]
 
 _BEARS = 0.1  # share of the largest root mean square torque (force of slides) of joints that bear weight
 _LEAST_FORCE = 1e-9  # Nm or N: rounding
 _POSES = 200
+_KEPT = 6  # results at the last joint positions, which several effects of an arm ask for
 
 
 @dataclass(frozen=True)
@@ -152,33 +163,58 @@ class Loads:
 
     def frames(self, joints: Array) -> LinkFrames:
         """Return the link frames at joint positions ``(n, joints)``."""
-        count, kind = len(joints), np.result_type(joints, float)
-        turned = tuple(np.broadcast_to(row, (count, 3)).astype(kind) for row in np.eye(3))  # the axes of the frame
-        position = np.zeros((count, 3), dtype=kind)
-        axes, anchors, rotations, centres = [], [], [], []
-        distal, sign = self.chain.convention == "distal", self.chain.sign
-        for i, (theta, d, a, alpha, beta) in enumerate(self.chain.table):
-            reading = sign[i] * joints[:, i]
-            angle, slide = (theta, d + reading) if self.chain.prismatic[i] else (theta + reading, d)
-            if not distal:
-                turned = _about(0, alpha, turned)
-                position, turned = position + a * turned[0], _about(1, beta, turned)
-            axes.append(sign[i] * turned[2])
-            anchors.append(position)
-            position = position + np.reshape(slide, (-1, 1)) * turned[2]
-            turned = _about(2, angle, turned)
-            rotations.append(np.stack(turned, axis=2))
-            if distal:
-                position = position + a * turned[0]
-                turned = _about(1, beta, _about(0, alpha, turned))
-            centres.append(position + _along(turned, self.centre_m[i]))
-        payload = position + _along(turned, self.payload_at_m)
-        return LinkFrames(
-            np.stack(axes, 1), np.stack(anchors, 1), np.stack(rotations, 1), np.stack(centres, 1), payload, position
-        )
+        placed = link_frames(self.chain, joints)
+        ends = zip(placed.ends, placed.turned, self.centre_m, strict=True)
+        centres = [end + _along(turned, centre) for end, turned, centre in ends]
+        payload = placed.ends[-1] + _along(placed.turned[-1], self.payload_at_m)
+        return LinkFrames(placed.axes, placed.anchors, placed.rotations, np.stack(centres, 1), payload, placed.ends[-1])
 
 
 _Axes = tuple[Array, ...]  # a frame's x, y and z, ``(n, 3)`` each
+
+
+@dataclass(frozen=True)
+class _Walk:
+    """Frames along a chain at n poses, in frame 0.
+
+    Attributes:
+        axes, anchors, rotations: as of ``LinkFrames``.
+        ends: ``(n, 3)`` m of each link, its frame's origin.
+        turned: of each link, the axes of that frame.
+    """
+
+    axes: Array
+    anchors: Array
+    rotations: Array
+    ends: tuple[Array, ...]
+    turned: tuple[_Axes, ...]
+
+
+@recent(_KEPT)
+def link_frames(chain: Chain, joints: Array) -> _Walk:
+    """Return the frames along a chain at joint positions ``(n, joints)``."""
+    count, kind = len(joints), np.result_type(joints, float)
+    turned = tuple(np.broadcast_to(row, (count, 3)).astype(kind) for row in np.eye(3))  # the axes of the frame
+    position = np.zeros((count, 3), dtype=kind)
+    axes, anchors, rotations, ends, after = [], [], [], [], []
+    distal, sign = chain.convention == "distal", chain.sign
+    for i, (theta, d, a, alpha, beta) in enumerate(chain.table):
+        reading = sign[i] * joints[:, i]
+        angle, slide = (theta, d + reading) if chain.prismatic[i] else (theta + reading, d)
+        if not distal:
+            turned = _about(0, alpha, turned)
+            position, turned = position + a * turned[0], _about(1, beta, turned)
+        axes.append(sign[i] * turned[2])
+        anchors.append(position)
+        position = position + np.reshape(slide, (-1, 1)) * turned[2]
+        turned = _about(2, angle, turned)
+        rotations.append(np.stack(turned, axis=2))
+        if distal:
+            position = position + a * turned[0]
+            turned = _about(1, beta, _about(0, alpha, turned))
+        ends.append(position)
+        after.append(turned)
+    return _Walk(np.stack(axes, 1), np.stack(anchors, 1), np.stack(rotations, 1), tuple(ends), tuple(after))
 
 
 def _about(axis: int, angle: Array, turned: _Axes) -> _Axes:
@@ -225,11 +261,7 @@ class LinkLoads:
 
     def at_rest(self, joints: Array, payload_kg: Array) -> Array:
         """Return loads ``(n, joints, 18)`` (``beam.loads_on``) of gravity and payloads ``(n,)`` at joint positions."""
-        placed = self.loads.frames(joints)
-        gravity = np.broadcast_to(self.loads.gravity, (len(joints), self.loads.chain.size, 3))
-        weights = self.loads.mass_kg[:, None] * gravity
-        payload = payload_kg[:, None] * self.loads.gravity
-        return self._summed(placed, weights, np.zeros_like(weights), payload, gravity, None)
+        return _at_rest(self, joints, payload_kg)
 
     def moving(self, joints: Array, speeds: Array, accelerations: Array, payload_kg: Array) -> Array:
         """Return loads ``(n, joints, 18)`` of gravity and motion, by the recursion of Newton and Euler (Luh et al.
@@ -321,6 +353,17 @@ class LinkLoads:
         return np.stack(found[::-1], axis=1)
 
 
+@recent(_KEPT)
+def _at_rest(links: LinkLoads, joints: Array, payload_kg: Array) -> Array:
+    loads = links.loads
+    placed = loads.frames(joints)
+    gravity = np.broadcast_to(loads.gravity, (len(joints), loads.chain.size, 3))
+    weights = loads.mass_kg[:, None] * gravity
+    payload = payload_kg[:, None] * loads.gravity
+    return links._summed(placed, weights, np.zeros_like(weights), payload, gravity, None)
+
+
+@recent(_KEPT)
 def link_loads(loads: Loads) -> LinkLoads:
     """Return the links of an arm as beams."""
     ends, chain, paths = link_ends(loads.chain), loads.chain, loads.link_paths

@@ -51,6 +51,7 @@ __all__ = [
     "TermFamily",
     "TrackerMotion",
     "VirtualEffect",
+    "Wave",
     "absent",
     "approach_of",
     "from_signals",
@@ -217,6 +218,26 @@ class ArmFacts:
 
 
 @dataclass(frozen=True)
+class Wave:
+    """Sine and cosine of a joint's position, times an order, as the two functions of a group that moves one thing.
+
+    Attributes:
+        turning: the joint, from 0.
+        component: the joint that is moved, or, of a link's far end, one of its six motions.
+    """
+
+    order: int
+    turning: int
+    component: int
+
+    @staticmethod
+    def together(waves: "Sequence[Wave]", joints: Array) -> Array:
+        """Return the functions ``(n, w, 2)`` of w waves at joint positions ``(n, joints)``."""
+        angles = joints[:, [wave.turning for wave in waves]] * np.array([wave.order for wave in waves])
+        return np.stack([np.sin(angles), np.cos(angles)], axis=2)
+
+
+@dataclass(frozen=True)
 class Effect:
     """A fitted group of parameters, all zero in the nominal model.
 
@@ -237,6 +258,7 @@ class Effect:
         plain: from parameters ``(p,)`` to terms of ``formats.plain_arm``, for ``calibrated.py``; None if not possible.
         stacks: whether ``offsets`` takes parameters ``(b, 1, p)`` of b arms, too: offsets ``(b, n, joints)``, and
             derivatives ``(b, n, joints, p)`` or, where all arms have the same, ``(n, joints, p)``.
+        wave: what ``offsets`` is, where it is one wave; None where it is something else.
         made_by: the call that makes it again; None if it cannot be pickled.
     """
 
@@ -249,6 +271,7 @@ class Effect:
     links: tuple[int, ...] = ()
     plain: PlainTerms | None = field(default=None, compare=False)
     stacks: bool = field(default=False, compare=False)
+    wave: Wave | None = None
     made_by: "Callable[[], Effect] | None" = None
 
     def __reduce__(self) -> "tuple[Callable[..., Effect], tuple[Any, ...]]":
@@ -512,6 +535,7 @@ def from_signals(
     plain: Sequence[Sequence[Any]],
     conditions: tuple[str, ...] = (),
     times: float = 1.0,
+    wave: Wave | None = None,
 ) -> Effect:
     """Return a fitted group of joint offsets, each a parameter times a signal.
 
@@ -520,6 +544,7 @@ def from_signals(
         signals: from joint positions and conditions to signals ``(n, p)``.
         plain: the signals in ``formats.plain_arm``.
         times: a common factor.
+        wave: what the signals are, where they are one wave.
     """
     where = list(zip(joints, plain, strict=True))
 
@@ -536,7 +561,7 @@ def from_signals(
         pairs = zip(where, values.tolist(), strict=True)
         return [{"joint": joint, "times": times * value, "of": list(signal)} for (joint, signal), value in pairs]
 
-    return Effect(group, parameters, offsets, conditions, plain=terms, stacks=True)
+    return Effect(group, parameters, offsets, conditions, plain=terms, stacks=True, wave=wave)
 
 
 def levers(chain: JointSpec) -> Array:

@@ -14,6 +14,7 @@ from typing import TypeVar
 
 from lab.core.errors import LabError, option_name
 from lab.core.limits import OPTION_SIZE
+from lab.core.recent import recent
 from lab.extension_points import added, load
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.backlash import Backlash, Hysteresis, Lag
@@ -115,6 +116,7 @@ _FITTED = {group.name: group for kind in EFFECTS for group in kind.groups}
 GROUPS = tuple(_FITTED)
 CANDIDATES = tuple(group.name for group in _FITTED.values() if group.is_candidate)  # that --model auto tries
 _GROUP = "lab.effects"
+_KEPT_ARMS, _KEPT = 4, 2_000  # the last arms, and their effects: a search tries 500 of each
 _TERM_FAMILIES = tuple(family for kind in EFFECTS for family in kind.terms)
 _FAMILIES = {(str(family.owner), family.symbol, bool(family.number)): family for family in _TERM_FAMILIES}
 _TERM = re.compile(r"(joint|link)([1-9]\d*)\.([a-z_]+)([1-9]\d*)?")
@@ -134,8 +136,16 @@ def effect(
     Raises:
         LabError: there is no such group, the arm cannot have it, or it needs masses or sessions.
     """
-    found = _fitted(name, ArmFacts(chain, loads, sessions, moving=moving))
-    return replace(found, made_by=partial(effect, name, chain, loads, sessions, moving=moving))
+    lasting = name in _FITTED or _term(name) is not None  # a package may be loaded again
+    return (_kept if lasting else _made)(name, chain, loads, sessions, moving)
+
+
+def _made(name: str, chain: JointSpec, loads: Loads | None, sessions: SessionInfo, moving: bool) -> Effect:
+    made = _fitted(name, ArmFacts(chain, loads, sessions, moving=moving))
+    return replace(made, made_by=partial(effect, name, chain, loads, sessions, moving=moving))
+
+
+_kept = recent(_KEPT)(_made)
 
 
 def _fitted(name: str, facts: ArmFacts) -> Effect:
@@ -240,8 +250,14 @@ def _nearest(name: str, names: Iterable[str]) -> str:
 
 def searched_terms(facts: ArmFacts) -> dict[str, Effect]:
     """Return the groups of single joints and links that ``--model auto`` searches, by name."""
+    return _searched_terms(facts.chain, facts.loads, facts.sessions)
+
+
+@recent(_KEPT_ARMS)
+def _searched_terms(chain: JointSpec, loads: Loads | None, sessions: SessionInfo) -> dict[str, Effect]:
+    facts = ArmFacts(chain, loads, sessions)
     names = (family.name(*pair) for family in _TERM_FAMILIES for pair in family.searched(facts))
-    return {name: effect(name, facts.chain, facts.loads, facts.sessions) for name in names}
+    return {name: effect(name, chain, loads, sessions) for name in names}
 
 
 def expected_terms(facts: ArmFacts) -> tuple[str, ...]:

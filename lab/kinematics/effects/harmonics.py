@@ -27,6 +27,7 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     TermFamily,
     VirtualEffect,
+    Wave,
     from_signals,
     levers,
     turning_joints,
@@ -52,7 +53,8 @@ def harmonics(group: str, joints: Sequence[int], order: int) -> Effect:
         return np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(positions), 2 * angles.shape[1])
 
     plain = [(function, order, i) for i in joints for function in ("sin", "cos")]
-    return from_signals(group, parameters, [i for i in joints for _ in range(2)], signals, plain)
+    wave = Wave(order, joints[0], joints[0]) if len(joints) == 1 else None
+    return from_signals(group, parameters, [i for i in joints for _ in range(2)], signals, plain, wave=wave)
 
 
 def _of_one_joint(arm: ArmFacts, joint: int, order: int) -> Effect:
@@ -167,8 +169,11 @@ def _of_position(arm: ArmFacts, joint: int, other: int) -> Effect:
         joint_parameter(name, joint, f"cross{other}_{wave}", kind, wave=1, turning=turning) for wave in ("sin", "cos")
     )
 
-    waves = _plain_waves(turning)
-    return from_signals(name, parameters, (joint, joint), lambda joints, _: _waves(joints[:, turning]), waves)
+    def signals(joints: Array, _: Array) -> Array:
+        return _waves(joints[:, turning])
+
+    wave = Wave(1, turning, joint)
+    return from_signals(name, parameters, (joint, joint), signals, _plain_waves(turning), wave=wave)
 
 
 def _of_link_end(direction: str, arm: ArmFacts, link: int, other: int) -> Effect:
@@ -193,7 +198,8 @@ def _of_link_end(direction: str, arm: ArmFacts, link: int, other: int) -> Effect
         waves = zip(values.tolist(), _plain_waves(turning), strict=True)
         return [{"link": link, "axis": component, "times": value, "of": list(wave)} for value, wave in waves]
 
-    return Effect(name, parameters, offsets, moves="links", links=(link,), plain=plain)
+    wave = Wave(1, turning, component)
+    return Effect(name, parameters, offsets, moves="links", links=(link,), plain=plain, wave=wave)
 
 
 def _waves(position: Array) -> Array:

@@ -87,6 +87,21 @@ def found_in(data: Measurements) -> Selection:
     )
 
 
+def test_a_table_has_the_functions_that_its_groups_have() -> None:
+    """Waves are computed together, other functions by each group: both are what moves the joints and links' ends."""
+    data = campaign(0, {}, poses=25)
+    table, size = TermTable.of(TERMS, data), IRB120.chain.size
+    assert sum(each.wave is not None for each in TERMS.values()) > 0.9 * len(TERMS) < len(TERMS)
+    for i, effect in enumerate(TERMS.values()):
+        own = np.flatnonzero(table.owner == i)
+        derivative = effect.offsets(data.joints, np.zeros((25, 0)), np.zeros(len(own)))[1]
+        first = size + 6 * effect.links[0] if effect.links else 0
+        for k, column in enumerate(own):
+            moved = np.zeros(derivative.shape[:2])
+            moved[:, table.motion[column] - first] = table.functions[:, column]
+            np.testing.assert_allclose(derivative[..., k], moved, rtol=1e-14, atol=1e-15)
+
+
 def test_the_search_takes_what_lowers_the_squares_most() -> None:
     """Its linear algebra against fits of each group alone, by the exact model."""
     data = campaign(0, {"joint2.sin20": 1e-4, "joint3.gravity3y": 1e-4, "joint5.coupling2": 1e-4})
