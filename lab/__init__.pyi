@@ -1,4 +1,4 @@
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -180,6 +180,7 @@ def calibrate(
     tip_radius_mm: float | None = None,
     cameras: str | Path | None = None,
     noise_px: float | None = None,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> CalibrationResult: ...
 def certify(
@@ -192,6 +193,7 @@ def certify(
     decision_rule: Literal["guard-band", "simple"] = "guard-band",
     force: bool = False,
     accept_edited: bool = False,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> Certificate: ...
 def compensate(
@@ -211,6 +213,7 @@ def compensate(
     require: Literal["good"] | None = None,
     no_recording: bool = False,
     digits: int | None = None,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> CompensationResult: ...
 def design(
@@ -241,6 +244,7 @@ def design(
     no_check: bool = False,
     no_recording: bool = False,
     seed: int = 0,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> DesignResult | PlanCheckResult: ...
 def dynamics(
@@ -271,12 +275,14 @@ def dynamics(
     payload_kg: float | None = None,
     payload_mm: Sequence[float] = ...,
     rounds: int = 1,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> DynamicsResult: ...
 def example(
     name: str | ExampleOptions | None = None,
     *,
     out: str | Path | None = None,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> ExampleResult: ...
 def history(
@@ -291,6 +297,7 @@ def history(
     accept_edited: bool = False,
     out: str | Path | None = None,
     overwrite: bool = False,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> HistoryResult: ...
 def identify(
@@ -332,6 +339,7 @@ def identify(
     error_terms: Sequence[str] = ...,
     load: str | Path | None = None,
     accept_edited: bool = False,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> CalibrationResult: ...
 def import_measurements(
@@ -350,6 +358,7 @@ def import_measurements(
     still_deg_s: float = 0.1,
     settled_s: float = 0.5,
     station: str | None = None,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> ImportResult: ...
 def inspect(
@@ -362,6 +371,7 @@ def inspect(
     model: str = "geometric",
     fix: Sequence[str] = ...,
     free: Sequence[str] = ...,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> Inspection: ...
 def next_pose(
@@ -376,6 +386,7 @@ def next_pose(
     candidates: int = 2000,
     no_recording: bool = False,
     seed: int = 0,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> NextPoseResult: ...
 def payload(
@@ -407,6 +418,7 @@ def payload(
     payload_kg: float | None = None,
     payload_mm: Sequence[float] = ...,
     rounds: int = 1,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> PayloadResult: ...
 def predict(
@@ -417,12 +429,14 @@ def predict(
     force: bool = False,
     accept_edited: bool = False,
     load: str | Path | None = None,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> PredictionResult: ...
 def reproduce(
     source: str | ReproduceOptions,
     *,
     item: str | None = None,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> ReproductionResult: ...
 def simulate(
@@ -453,6 +467,7 @@ def simulate(
     artefact_u_mm: float | None = None,
     tip_radius_mm: float | None = None,
     cameras: str | Path | None = None,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> MeasurementSession: ...
 def solve_kinematics(
@@ -483,6 +498,7 @@ def solve_kinematics(
     radians: bool = False,
     out: str | Path | None = None,
     overwrite: bool = False,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> KinematicsResult | Rotation: ...
 def study(
@@ -492,6 +508,7 @@ def study(
     resume: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> StudyResult: ...
 def trajectory(
@@ -518,6 +535,7 @@ def trajectory(
     no_recording: bool = False,
     force: bool = False,
     accept_edited: bool = False,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> TrajectoryResult: ...
 def verify(
@@ -537,6 +555,7 @@ def verify(
     no_recording: bool = False,
     force: bool = False,
     accept_edited: bool = False,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> VerificationResult | TouchesResult | TouchPlan: ...
 def workspace(
@@ -550,5 +569,6 @@ def workspace(
     seed: int = 0,
     out: str | Path | None = None,
     overwrite: bool = False,
+    parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> WorkspaceResult: ...

@@ -35,99 +35,285 @@ An extension may use the public interface ``lab``, this module, and the toolbox,
   ``lab.report``: documents, charts, recordings.
 
 The lab's own extensions (``lab.extensions``) are registered in the same way. An entry is imported at its first use. One
-that cannot be imported is left out, with a line on the standard error. ``add`` registers an object without a package,
-for the calls of one program.
+that cannot be imported is left out, with a line on the standard error.
+
+A part of a calibration needs no package: every call takes it as an object (``named_parts``), and the program knows it
+by its name from then on. What a part's methods raise and return is checked by its base class, a ``Part``.
 """
 
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache, wraps
 from importlib import import_module
 from inspect import isabstract
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
+    from lab.core.se3 import Array
+
 __all__ = [
+    "Part",
+    "PartKind",
     "add",
     "added",
     "choice_of",
-    "given_parts",
     "load",
     "load_all",
-    "load_part",
     "load_reference",
+    "named_parts",
+    "numbers",
     "own_errors",
-    "own_part",
+    "receive_parts",
     "registered",
+    "sent_parts",
+    "texts",
 ]
 
-_Part = TypeVar("_Part")
-_PARTS = (
-    "lab.criteria",
-    "lab.effects",
-    "lab.error_terms",
-    "lab.estimators",
-    "lab.instruments",
-    "lab.samplers",
-    "lab.sensors",
-)
-_given: dict[str, dict[str, Any]] = {}  # objects of this program, by group and name
+_OPTIONS = {  # that take a part, and the group of its kind
+    "criterion": "lab.criteria",
+    "estimator": "lab.estimators",
+    "sampler": "lab.samplers",
+    "instrument": "lab.instruments",
+    "observe": "lab.sensors",
+    "model": "lab.effects",
+    "own_effects": "lab.effects",
+    "error_terms": "lab.error_terms",
+}
+_JOINED = ("model", "observe")  # options whose names are joined by +
+_LARGEST = 1e100  # of a part's numbers: products of larger ones overflow
+_kinds: dict[str, "PartKind"] = {}  # of parts whose base class is imported, by group
+_given: dict[str, dict[str, Any]] = {}  # parts of this program, by group and name
 _reported = set[str]()  # entries that cannot be used: each is reported once
+
+
+@dataclass
+class PartKind:
+    """A kind of parts of a calibration that users write: criteria, estimators, effects and so on.
+
+    Attributes:
+        group: of the entry points that register such parts.
+        what: what such a part is called in messages, e.g. ``criterion``.
+        option: that takes one in a call.
+        taken: names of the lab's own parts of this kind.
+        returned: checks of what the methods of a part return, by the method's name. Each gets ``part 'name': method``,
+            what was returned, and the arguments of the method; it returns what the lab uses, or raises a LabError.
+        method: the only one that a part needs, so that a function is enough; "" where it needs several.
+        is_made: whether a class is called without arguments where a part is given; else it stays a class.
+        base: the base class of such parts; it sets itself.
+    """
+
+    group: str
+    what: str
+    option: str
+    taken: Collection[str] = ()
+    returned: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+    method: str = ""
+    is_made: bool = True
+    base: type["Part"] = field(init=False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the lab's own parts of this kind, and of those that packages and this program add."""
+        return (*self.taken, *added(self.group, self.taken))
+
+    def named(self, name: str) -> Any:
+        """Return the part that a package or this program adds by this name.
+
+        Raises:
+            LabError: there is none of this name, it cannot be imported, is of another kind, or has another name than
+                its entry.
+        """
+        if name not in added(self.group, self.taken):
+            raise LabError(f"{option_name(self.option)} {name}: unknown; give one of {', '.join(self.names)}")
+        part = self.own(load(self.group, name))
+        if part.name != name:
+            raise LabError(f"{self.what} '{part.name}' is registered in {self.group} as '{name}'; name both alike")
+        return part
+
+    def own(self, given: Any) -> Any:
+        """Return a part that a user or a package gives: an object, or a class of such objects.
+
+        Raises:
+            LabError: it is no part of this kind, it has no name, or the name of one of the lab's.
+        """
+        if self.is_made and self._has(given) and isinstance(given, type):
+            try:
+                with own_errors(self.what, given.__name__, TypeError):
+                    given = given()
+            except TypeError as error:
+                raise LabError(f"{self.what} {given!r}: it needs arguments ({error}); give an object") from error
+        name = getattr(given, "name", None)
+        if not self._has(given) or not isinstance(name, str) or not name:
+            raise LabError(f"{self.what} {given!r}: give an object of a subclass of {_public(self.base)} with a name")
+        if name in self.taken:
+            raise LabError(f"{self.what} '{name}': the lab has one of that name; give yours another")
+        return given
+
+    def _has(self, given: object) -> bool:
+        if isinstance(given, type):
+            return issubclass(given, self.base) and not isabstract(given)
+        return isinstance(given, self.base)
+
+    def of_function(self, function: Callable[..., Any]) -> "Part":
+        """Return a part of this kind whose only method is a function, named like it.
+
+        Raises:
+            LabError: parts of this kind have several methods.
+        """
+        if not self.method:
+            raise LabError(f"{self.what} {function!r}: a function is not enough; give a {_public(self.base)}")
+        name = function.__name__.strip("<>")
+        members = {"name": name, self.method: staticmethod(function), "__module__": function.__module__}
+        part: Part = type(name, (self.base,), members)()
+        return part
+
+
+class Part:
+    """A part of a calibration that a user may write; it has a ``name``.
+
+    What the methods of a user's subclass raise is turned into one line that names part and method, and what they
+    return is checked, by the part's ``PartKind``.
+    """
+
+    _kind: ClassVar[PartKind]
+
+    def __init_subclass__(cls, *, kind: PartKind | None = None, **more: Any) -> None:
+        """Take the place of a kind's base class, or let the methods of a user's class be checked."""
+        super().__init_subclass__(**more)
+        if kind is not None:
+            cls._kind, kind.base = kind, cls
+            _kinds[kind.group] = kind
+        elif cls.__module__.partition(".")[0] != "lab":
+            for method in cls._kind.returned.keys() & vars(cls).keys():
+                setattr(cls, method, _checked(vars(cls)[method], method))
+
+
+def _checked(method: Any, name: str) -> Callable[..., Any]:
+    """Return a method of a user's part, whose errors are reported and whose result is checked."""
+
+    @wraps(method)
+    def checked(self: Any, *given: Any, **named: Any) -> Any:
+        kind = self._kind
+        with own_errors(kind.what, self.name, function=name):
+            returned = method.__get__(self, type(self))(*given, **named)
+        return kind.returned[name](f"{kind.what} '{self.name}': {name}", returned, *given, **named)
+
+    return checked
+
+
+@contextmanager
+def own_errors(what: str, name: str, *passed: type[Exception], function: str = "") -> Iterator[None]:
+    """Turn the errors of a user's part into one line that names it.
+
+    Args:
+        what: the kind of part, e.g. ``criterion``.
+        passed: errors that the lab handles, which stay as they are.
+        function: that is called, of a part with several.
+
+    Raises:
+        LabError: the part raised an error, or would end the program.
+    """
+    part = f"{what} '{name}'"
+    try:
+        yield
+    except passed:
+        raise
+    except LabError as error:
+        raise LabError(str(error) if str(error).startswith(f"{part}: ") else f"{part}: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise LabError(f"{part}{function and f': {function}'} raises {_cause(error)}; repair it") from error
+
+
+def _cause(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def numbers(
+    where: str, returned: object, shape: tuple[int | None, ...], what: str = "numbers", *, kinds: str = "biuf"
+) -> "Array":
+    """Return what a function of a user's part returned, as an array of finite numbers.
+
+    Args:
+        where: part and function, for messages.
+        shape: of the array; None for a length that the part chooses.
+        what: the numbers, for messages.
+        kinds: of numpy's dtypes that are numbers here: without c, complex numbers are refused.
+
+    Raises:
+        LabError: it is none of this shape, or a number is not finite or too large to compute with.
+    """
+    import numpy as np  # not every command needs it
+
+    wanted = f"({', '.join('any' if size is None else str(size) for size in shape)}{',' * (len(shape) == 1)})"
+    try:
+        array = np.asarray(returned)
+    except ValueError:  # a ragged sequence
+        array = np.empty(0, dtype=object)
+    if array.dtype.kind not in kinds:
+        kind = "complex numbers" if array.dtype.kind == "c" else type(returned).__name__
+        raise LabError(f"{where} returns {kind}; return {what} of shape {wanted}")
+    if array.ndim != len(shape) or any(size not in (None, n) for size, n in zip(shape, array.shape, strict=True)):
+        raise LabError(f"{where} returns {what} of shape {array.shape}; return shape {wanted}")
+    array = array if array.dtype.kind == "c" else array.astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        usable = np.isfinite(array) & (abs(array) < _LARGEST)
+    if not usable.all():
+        at = tuple(np.argwhere(~usable)[0].tolist())
+        raise LabError(f"{where} returns {what} with {array[at]:g} at {at}; return finite ones below {_LARGEST:g}")
+    return array
+
+
+def texts(where: str, returned: object) -> tuple[str, ...]:
+    """Return the texts that a user's part returned.
+
+    Raises:
+        LabError: it is no tuple or list of texts.
+    """
+    if not isinstance(returned, tuple | list) or not all(isinstance(text, str) for text in returned):
+        raise LabError(f"{where} returns {type(returned).__name__}; return a tuple of texts")
+    return tuple(returned)
 
 
 @cache
 def _entries(group: str) -> "dict[str, EntryPoint]":
-    """Return the entry points of a group by name; the first found of several with one name."""
-    found: dict[str, EntryPoint] = {}
-    for entry in _all_entries().select(group=group):
-        found.setdefault(entry.name, entry)
-    return dict(sorted(found.items()))
+    """Return the entry points of a group by name; the first of several with one name."""
+    entries: dict[str, EntryPoint] = {}
+    for entry in _all_entries():
+        if entry.group == group:
+            entries.setdefault(entry.name, entry)
+    return dict(sorted(entries.items()))
 
 
 @cache
-def _all_entries() -> Any:
-    """Return the entry points of all groups: the metadata of every package are read once."""
-    from importlib.metadata import entry_points  # slow to import, and not every process needs it
+def _all_entries() -> "tuple[EntryPoint, ...]":
+    """Return the entry points of all groups of the lab, without those of packages whose metadata cannot be read."""
+    from importlib.metadata import distributions  # slow to import, and not every process needs it
 
-    return entry_points()
+    entries: list[EntryPoint] = []
+    packages = set[str]()
+    for package in distributions():
+        name = str(package)
+        try:
+            name = package.name
+            own = [entry for entry in package.entry_points if entry.group.startswith("lab.")]
+        except Exception as error:
+            _report(f"package:{name}", f"entry points of package '{name}' cannot be read ({_cause(error)}); repair it")
+            continue
+        if name not in packages:  # the first on the path is the one that is imported
+            packages.add(name)
+            entries += own
+    return tuple(entries)
 
 
 def registered(group: str) -> tuple[str, ...]:
     """Return the names that are registered in a group, without an import."""
     return tuple(sorted({*_entries(group), *_given.get(group, {})}))
-
-
-def add(group: str, name: str, part: object) -> None:
-    """Register an object of this program in a group, as the entry point of a package is; again, in place of the last.
-
-    Worker processes of this machine know it too, if a module defines it that they can import: not the script itself.
-    Command lines and clusters do not: install a package for these.
-
-    Raises:
-        LabError: the group is of no parts, or a package registers this name.
-    """
-    if group not in _PARTS:
-        raise LabError(f"group '{group}' takes no objects; there are {', '.join(_PARTS)}")
-    if name in _entries(group):
-        raise LabError(f"'{name}' of {group} is registered by a package; give yours another name")
-    _given.setdefault(group, {})[name] = part
-
-
-def given_parts() -> dict[str, dict[str, Any]]:
-    """Return the registered objects of this program, by group and name, that another process can import."""
-    return {
-        group: {name: part for name, part in parts.items() if _defined_in(part) != "__main__"}
-        for group, parts in _given.items()
-    }
-
-
-def _defined_in(part: object) -> str:
-    return part.__module__ if isinstance(part, type) else type(part).__module__
 
 
 def load(group: str, name: str) -> Any:
@@ -144,22 +330,21 @@ def load(group: str, name: str) -> Any:
         raise LabError(f"'{name}' is not registered as an entry point of {group}; there are {names}")
     try:
         return entry.load()
-    except Exception as error:
-        cause = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    except (Exception, SystemExit) as error:
         raise LabError(
-            f"extension '{name}' ({entry.value}) cannot be loaded ({cause}); repair or uninstall its package"
+            f"extension '{name}' ({entry.value}) cannot be loaded ({_cause(error)}); repair or uninstall its package"
         ) from error
 
 
 def load_all(group: str) -> dict[str, Any]:
     """Import all registered objects of a group; leave out those that cannot be imported, with a warning."""
-    found = dict[str, Any]()
+    loaded = dict[str, Any]()
     for name in registered(group):
         try:
-            found[name] = load(group, name)
+            loaded[name] = load(group, name)
         except LabError as error:
             _report(f"{group}:{name}", str(error))
-    return found
+    return loaded
 
 
 def _report(entry: str, message: str) -> None:
@@ -169,7 +354,7 @@ def _report(entry: str, message: str) -> None:
 
 
 def added(group: str, names: Collection[str]) -> tuple[str, ...]:
-    """Return the names that packages add in a group to the lab's own ``names``, without an import.
+    """Return the names that are added in a group to the lab's own ``names``, without an import.
 
     An entry that has one of these is left out, with a warning.
     """
@@ -178,66 +363,112 @@ def added(group: str, names: Collection[str]) -> tuple[str, ...]:
     return tuple(name for name in registered(group) if name not in names)
 
 
-def own_part(given: object, kind: type[_Part], what: str, names: Collection[str] = ()) -> _Part:
-    """Return a part that a user or a package gives: an object, or a class that is called without arguments.
-
-    Args:
-        kind: the base class of such parts.
-        what: their name in messages, e.g. ``criterion``.
-        names: of the lab's own parts, which an object's name must not be.
+def add(given: object) -> str:
+    """Let this program know a part by its name, in the place of an earlier one of that name; return the name.
 
     Raises:
-        LabError: it is none, it has no name, or its name is one of ``names``.
+        LabError: it is no part, has no name, or has the name of one of the lab's.
     """
-    if isinstance(given, type) and issubclass(given, kind) and not isabstract(given):
-        try:
-            given = given()
-        except TypeError as error:
-            raise LabError(f"{what} {given!r}: it needs arguments ({error}); give an object") from error
-    if not isinstance(given, kind) or not isinstance(name := getattr(given, "name", None), str) or not name:
-        raise LabError(f"{what} {given!r}: give an object of a subclass of {_called(kind)} with a name")
-    if name in names:
-        raise LabError(f"{what} '{name}': the lab has one of that name; give yours another")
-    return given
+    if not _is_part(given):
+        raise LabError(f"{given!r} is no part; give an object of a subclass of e.g. lab.Criterion")
+    kind: PartKind = given._kind  # type: ignore[attr-defined]
+    part = kind.own(given)
+    _given.setdefault(kind.group, {})[part.name] = part
+    return str(part.name)
 
 
-@contextmanager
-def own_errors(what: str, name: str, *passed: type[Exception], function: str = "") -> Iterator[None]:
-    """Turn the errors of a user's part into one line that names it.
+def _is_part(given: object) -> bool:
+    return issubclass(given, Part) if isinstance(given, type) else isinstance(given, Part)
+
+
+def named_parts(option: str, value: Any) -> Any:
+    """Return the value of an option, with the names of parts in the place of parts, which this program knows then.
 
     Args:
-        what: the kind of part, e.g. ``criterion``.
-        passed: errors that the lab handles, which stay as they are.
-        function: that is called, of a part with several.
+        option: its name in a call or a study; values of a mapping are those of the options that its keys name.
 
     Raises:
-        LabError: the part raised an error.
+        LabError: a part is of another kind than the option takes, or cannot be added.
     """
-    part = f"{what} '{name}'"
+    if isinstance(value, Mapping):
+        return {key: named_parts(key, each) for key, each in value.items()}
+    if option not in _OPTIONS or value is None or isinstance(value, str):
+        return value
+    if isinstance(value, Iterable) and not _is_part(value):
+        names = [named_parts(option, each) for each in value]
+        return "+".join(names) if option in _JOINED and all(isinstance(name, str) for name in names) else tuple(names)
+    kind = _kinds.get(_OPTIONS[option])
+    wanted = "a part" if kind is None else f"a {_public(kind.base)}"
+    if kind is not None and callable(value) and not _is_part(value):
+        value = kind.of_function(value)
+    if not _is_part(value):
+        raise LabError(f"'{option}' is {value!r}; give a name, or {wanted}")
+    if value._kind is not kind:
+        raise LabError(f"'{option}' is {value!r}, which is a {value._kind.what}; give {wanted}")
+    if option == "own_effects" and not isinstance(value, type):
+        return ":".join([add(type(value)), *_options_of(value)])
+    return add(value)
+
+
+def _options_of(effect: Any) -> Iterator[str]:
+    """Yield the options of an effect as a command line takes them.
+
+    Raises:
+        LabError: the effect is no dataclass, or an option is no number.
+    """
+    for each in fields(effect) if is_dataclass(effect) else ():
+        value = getattr(effect, each.name)
+        if not isinstance(value, int | float):
+            raise LabError(f"effect '{effect.name}': option {each.name} is {value!r}; give a number")
+        yield f"{each.name}={float(value)!r}"
+
+
+_sent = set[bytes]()  # by this process, which knows these parts
+
+
+def sent_parts() -> bytes:
+    """Return the parts of this program for another process, pickled by value: also those of a script.
+
+    Raises:
+        LabError: a part cannot be pickled.
+    """
+    if not any(_given.values()):
+        return b""
+    import cloudpickle
+
+    for parts in _given.values():
+        for name, part in parts.items():
+            try:
+                cloudpickle.dumps(part)
+            except Exception as error:
+                raise LabError(
+                    f"{part._kind.what} '{name}' cannot be sent to other processes ({_cause(error)}); give it what can"
+                ) from error
+    content: bytes = cloudpickle.dumps(_given)
+    _sent.add(content)
+    return content
+
+
+@cache
+def receive_parts(content: bytes) -> None:
+    """Let this process know the parts of another one.
+
+    Raises:
+        LabError: a module that defines one cannot be imported here.
+    """
+    if not content or content in _sent:
+        return
+    import cloudpickle
+
     try:
-        yield
-    except passed:
-        raise
-    except LabError as error:
-        raise LabError(str(error) if str(error).startswith(f"{part}: ") else f"{part}: {error}") from error
-    except Exception as error:
-        cause = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        raise LabError(f"{part}{function and f': {function}'} raises {cause}; repair it") from error
+        _given.update(cloudpickle.loads(content))
+    except (Exception, SystemExit) as error:
+        raise LabError(
+            f"a worker cannot load a part ({_cause(error)}); install its package there, or define it in the script"
+        ) from error
 
 
-def load_part(group: str, name: str, kind: type[_Part], what: str) -> _Part:
-    """Import a part that a package registers in a group.
-
-    Raises:
-        LabError: it cannot be imported, is of another type, or has another name than its entry.
-    """
-    part = own_part(load(group, name), kind, what)
-    if (own := getattr(part, "name", "")) != name:
-        raise LabError(f"{what} '{own}' is registered in {group} as '{name}'; name both alike")
-    return part
-
-
-def _called(kind: type[Any]) -> str:
+def _public(kind: type[Any]) -> str:
     """Name a class as its user imports it: from ``lab``, if it is public there."""
     public = kind.__name__ in sys.modules["lab"].__all__
     return f"{'lab' if public else kind.__module__}.{kind.__name__}"

@@ -12,17 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, OtherEstimate
-from lab.core.errors import LabError, option_name
+from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extension_points import added, load_part, own_errors, own_part
+from lab.extension_points import Part, PartKind, numbers
 from lab.kinematics.model import Model
 
-__all__ = ["LEAST_SQUARES", "EstimationProblem", "Estimator", "Poses", "estimated", "estimator_named", "own_estimator"]
+__all__ = ["LEAST_SQUARES", "EstimationProblem", "Estimator", "Poses", "estimated", "estimator_named"]
 
 Poses = Sequence[int] | NDArray[np.int_] | slice
 """Indices of poses."""
 LEAST_SQUARES = "least-squares"
-_GROUP, _NAMES = "lab.estimators", (LEAST_SQUARES,)
 _NEGATIVE = -1e-9  # of the largest eigenvalue of a covariance in units of its standard deviations: below, it is none
 
 
@@ -94,12 +93,33 @@ class EstimationProblem:
         return whole
 
 
-class Estimator(ABC):
+def _estimate(where: str, returned: object, problem: EstimationProblem) -> tuple[Array, Array]:
+    """Return an estimate as arrays.
+
+    Raises:
+        LabError: it has other shapes, a value is not finite, or the covariance is none.
+    """
+    if not (isinstance(returned, tuple | list) and len(returned) == 2):
+        raise LabError(f"{where} returns {type(returned).__name__}; return values and their covariance")
+    size = len(problem.names)
+    values = numbers(where, returned[0], (size,), "values")
+    covariance = numbers(where, returned[1], (size, size), "a covariance")
+    covariance = (covariance + covariance.T) / 2
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    if not (std > 0).all() or np.linalg.eigvalsh(covariance / np.outer(std, std))[0] < _NEGATIVE * size:
+        raise LabError(f"{where} returns a covariance that is not positive definite; return one that is")
+    return values, covariance
+
+
+_KIND = PartKind("lab.estimators", "estimator", "estimator", (LEAST_SQUARES,), {"estimate": _estimate}, "estimate")
+
+
+class Estimator(Part, ABC, kind=_KIND):
     """An estimator of a robot's parameters: measurements in, parameters and their covariance out.
 
-    Your own is a subclass with a ``name`` and an ``estimate``. ``lab.identify(..., estimator=...)`` and
-    ``lab.calibrate`` take an object of it; if a package registers it as an entry point of ``lab.estimators``,
-    ``--estimator`` and studies take it by name. Cross-validation refits with it. Tests of the noise, outliers and lack
+    Your own is a subclass with a ``name`` and an ``estimate``, or a function like ``estimate``. Every call with an
+    option ``estimator`` takes an object of it; if a package registers it as an entry point of ``lab.estimators``,
+    ``--estimator`` takes it by name. Cross-validation refits with it. Tests of the noise, outliers and lack
     of fit stay those of the least-squares residuals.
 
     Attributes:
@@ -131,25 +151,13 @@ class Estimator(ABC):
         """
 
 
-def own_estimator(given: object) -> Estimator:
-    """Return the estimator given by a user: an object, or a class of such objects.
-
-    Raises:
-        LabError: it is no ``Estimator``, or has no name of its own.
-    """
-    return own_part(given, Estimator, "estimator", _NAMES)  # type: ignore[type-abstract]
-
-
 def estimator_named(name: str) -> Estimator | None:
     """Return the estimator of this name; None for least squares.
 
     Raises:
         LabError: there is none, or its package cannot be imported.
     """
-    names = (*_NAMES, *added(_GROUP, _NAMES))
-    if name not in names:
-        raise LabError(f"{option_name('estimator')} {name}: unknown; give one of {', '.join(names)}")
-    return None if name in _NAMES else load_part(_GROUP, name, Estimator, "estimator")  # type: ignore[type-abstract]
+    return None if name == LEAST_SQUARES else _KIND.named(name)
 
 
 def estimated(estimator: Estimator, problem: EstimationProblem, plain: Fit, sigma: float) -> Fit:
@@ -162,35 +170,8 @@ def estimated(estimator: Estimator, problem: EstimationProblem, plain: Fit, sigm
     Raises:
         LabError: the estimator raises an error, or returns something else than values and a covariance.
     """
-    with own_errors("estimator", estimator.name):
-        returned = estimator.estimate(problem)
-    size = len(problem.names)
-    values, covariance = _checked(estimator.name, returned, size)
+    values, covariance = estimator.estimate(problem)
     whole = plain.values.copy()
     whole[list(plain.free)] = values
     other = OtherEstimate(covariance / sigma**2, plain.least_squares)
     return replace(plain, values=whole, status="converged", other=other)
-
-
-def _checked(name: str, returned: object, size: int) -> tuple[Array, Array]:
-    """Return an estimate as arrays.
-
-    Raises:
-        LabError: it has other shapes, a value is not finite, or the covariance is none.
-    """
-    if not (isinstance(returned, tuple | list) and len(returned) == 2):
-        raise LabError(f"estimator '{name}' returns {type(returned).__name__}; return values and their covariance")
-    try:
-        values, covariance = (np.array(each, dtype=np.float64) for each in returned)
-    except (TypeError, ValueError) as error:
-        raise LabError(f"estimator '{name}' returns no arrays of numbers; return values and covariance") from error
-    for what, array, shape in (("values", values, (size,)), ("a covariance", covariance, (size, size))):
-        if array.shape != shape:
-            raise LabError(f"estimator '{name}' returns {what} of shape {array.shape}; return {shape}")
-        if not np.isfinite(array).all():
-            raise LabError(f"estimator '{name}' returns {what} with entries that are not finite; return finite ones")
-    covariance = (covariance + covariance.T) / 2
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    if not (std > 0).all() or np.linalg.eigvalsh(covariance / np.outer(std, std))[0] < _NEGATIVE * size:
-        raise LabError(f"estimator '{name}' returns a covariance that is not positive definite; return one that is")
-    return values, covariance

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from lab.calibration.estimator import Estimator, own_estimator
 from lab.calibration.validation import Validation, compare_with_truth, errors_of, validate_file
 from lab.calibration.weights import Noise
 from lab.core.checks import Check
@@ -21,14 +20,13 @@ from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC
 from lab.library.calibration_result import CalibrationResult
 from lab.library.simulate import MeasurementSession, measurement_session
 from lab.library.virtual_arm import truth_of
-from lab.options.call_options import options_of, part_as_object, takes
+from lab.options.call_options import options_of, takes
 from lab.options.measured_campaign import judging_of
 from lab.options.named_instruments import named_instrument
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
 from lab.simulation.effects import true_parameters
-from lab.simulation.sampler import own_sampler
 from lab.simulation.true_robot import TrueOpenRobot
 from lab.verdict.fit_checks import note
 from lab.verdict.fitted import Fitted
@@ -66,7 +64,6 @@ def calibrate(
         >>> result.to_dict()["verdict"]
         'good'
     """
-    own, sampler = part_as_object(options, "estimator", own_estimator), part_as_object(options, "sampler", own_sampler)
     if isinstance(robot, VirtualCampaign):
         requested, loaded = robot, load_virtual(robot.robot, robot.cell)
     else:
@@ -75,14 +72,13 @@ def calibrate(
         loaded = loaded.placed_in(requested.cell)
     with stages("calibrating") as stage:
         stage("simulate the measurements")
-        session, placed = measurement_session(requested, loaded, sampler)
-        return _identified(session, placed, own, chosen_steps(steps), stage)
+        session, placed = measurement_session(requested, loaded)
+        return _identified(session, placed, chosen_steps(steps), stage)
 
 
 def _identified(
     session: MeasurementSession,
     placed: Mapping[str, Array],
-    own: Estimator | None,
     steps: Mapping[str, Step],
     stage: Stage,
 ) -> CalibrationResult:
@@ -93,7 +89,7 @@ def _identified(
         noise = Noise(None, MM.to_si(options.noise_mm))
     source = options.plan or f"{option_name('poses')} {options.poses}"
     with error_context(source):
-        fit, judging = options.fitting.to_si(own), judging_of(options)
+        fit, judging = options.fitting.to_si(), judging_of(options)
         state = start(robot, session.measurements, options.kind(), noise, fit, judging, seed=options.seed)
     state = replace(state, source=str(source), checks=tuple(map(note, robot.warnings)))
     started = time.perf_counter()

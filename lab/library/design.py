@@ -35,11 +35,9 @@ from lab.options.virtual_campaign import DesignOptions
 from lab.planning.design_problem import PoseProblem, best_design, exchanged, pose_problem
 from lab.pose_selection.certificate import CriterionCertificate, certify_criterion
 from lab.pose_selection.criteria import (
-    Criterion,
     Indices,
     PredictedAccuracy,
     indices,
-    own_criterion,
     predict,
     smallest_count,
 )
@@ -507,7 +505,7 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
         options: those of ``lab design``, by name: ``poses`` or ``accuracy_mm``, ``criterion``, ``instrument`` and so
-            on; ``criterion`` may be an object of a subclass of ``lab.Criterion``.
+            on; ``criterion`` may be a ``lab.Criterion`` or a function.
 
     Returns:
         Joint positions (rad or m) in the order of the tour, and what accuracy to expect of them; with ``check`` whether
@@ -522,10 +520,6 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         >>> plan.joints.shape
         (14, 6)
     """
-    own = None
-    if not isinstance(options.get("criterion", ""), str):
-        own = own_criterion(options["criterion"])
-        options["criterion"] = own.name
     if isinstance(robot, DesignOptions):
         requested, known = robot, load_virtual(robot.robot, robot.cell)
     else:
@@ -534,11 +528,11 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         known = known.placed_in(requested.cell)
     requested = replace(requested, targets=known.on_tips(requested.targets))
     requested.refuse_nonsense()
-    return _check_plan(requested, known) if requested.check is not None else planned_session(requested, known, own)
+    return _check_plan(requested, known) if requested.check is not None else planned_session(requested, known)
 
 
-def planned_session(options: DesignOptions, robot: Robot | None = None, own: Criterion | None = None) -> DesignResult:
-    """Choose poses and order them, for the options' robot unless one is given, and by their criterion or an own one.
+def planned_session(options: DesignOptions, robot: Robot | None = None) -> DesignResult:
+    """Choose poses and order them, for the options' robot unless one is given.
 
     Raises:
         LabError: the request cannot be met.
@@ -547,7 +541,7 @@ def planned_session(options: DesignOptions, robot: Robot | None = None, own: Cri
         loaded = load_virtual(options.robot, options.cell) if robot is None else robot
         started = time.perf_counter()
         options = replace(options, targets=loaded.on_tips(options.targets))
-        problem = pose_problem(options, loaded, partial(progress, "1 of 5, candidates"), own)
+        problem = pose_problem(options, loaded, partial(progress, "1 of 5, candidates"))
         return _planned(options, problem, started, progress)
 
 

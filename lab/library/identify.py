@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from lab.calibration.estimator import Estimator, own_estimator
 from lab.calibration.weights import Noise
 from lab.core.errors import error_context
 from lab.core.measurements import Measurements, without_copies
@@ -18,7 +17,7 @@ from lab.library.calibration_result import CalibrationResult
 from lab.library.hand_load import HandLoad, carrying
 from lab.library.measurement_checks import checked, robot_of
 from lab.noise.instruments import observing
-from lab.options.call_options import options_of, part_as_object, takes
+from lab.options.call_options import options_of, takes
 from lab.options.measured_campaign import MeasuredCampaign, judging_of
 from lab.options.named_instruments import named_instrument
 from lab.options.plan_settings import filled_in
@@ -66,7 +65,6 @@ def identify(
         >>> result.to_dict()["rank"]
         27
     """
-    own = part_as_object(options, "estimator", own_estimator)
     given = dict[str, Measurements]()
     if isinstance(measurements, MeasuredCampaign):
         requested = filled_in(measurements, measurements.file)[0]
@@ -83,14 +81,13 @@ def identify(
         requested = replace(requested, robot=loaded.source)
         loaded = loaded.placed_in(requested.cell)
     with stages("identifying") as stage:
-        return _identified(requested, loaded, given, own, chosen_steps(steps), stage)
+        return _identified(requested, loaded, given, chosen_steps(steps), stage)
 
 
 def _identified(
     options: MeasuredCampaign,
     robot: Robot,
     given: Mapping[str, Measurements],
-    own: Estimator | None,
     steps: Mapping[str, Step],
     stage: Stage,
 ) -> CalibrationResult:
@@ -106,7 +103,7 @@ def _identified(
         None if device is None else observing(named_instrument(device), sensor.read_by or sensor.name),
         None if options.noise_mm is None else MM.to_si(options.noise_mm),
     )
-    fit, judging = options.fitting.to_si(own), judging_of(options, other)
+    fit, judging = options.fitting.to_si(), judging_of(options, other)
     with error_context(options.file):
         state = start(robot, data, sensor, noise, fit, judging, seed=options.seed)
     state = replace(state, source=str(options.file), checks=tuple(map(note, robot.warnings)))

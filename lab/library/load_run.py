@@ -1,6 +1,6 @@
 """Read a run of ``lab calibrate`` or ``lab identify`` back: its provenance, verdict and estimate."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +11,7 @@ from lab.core.limits import called
 from lab.core.measurements import LAST_MOVE
 from lab.core.se3 import Array
 from lab.core.values import Value
+from lab.extension_points import add
 from lab.formats.noise_model import NoiseModel
 from lab.formats.structured import read_structured, structured
 from lab.kinematics.effects.effect import PAYLOAD
@@ -254,6 +255,7 @@ def load_run(
     *,
     accept_edited: bool = False,
     whole: bool = False,
+    parts: Iterable[object] = (),
 ) -> CalibrationRun:
     """Read a run of ``lab calibrate`` or ``lab identify``: its robot, estimate, verdict and options.
 
@@ -264,6 +266,7 @@ def load_run(
         cell: the file that describes the robot's cell; that of the run, if not given.
         accept_edited: whether its files may have been changed since it was written.
         whole: whether to check every file of the run for edits: page, recording and exports too, not only what is read.
+        parts: effects and other parts of one's own, which the run names.
 
     Returns:
         The run: calibrated robot, estimate, verdict and options.
@@ -278,6 +281,8 @@ def load_run(
         >>> run.result.verdict, run.robot.name, len(run.estimate.identified)
         ('good', 'irb120', 27)
     """
+    for part in parts:
+        add(part)
     folder = Path(folder)
     config, verdict, options = read_header(folder)
     inputs = RunInputs(folder, config)

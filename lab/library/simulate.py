@@ -21,13 +21,12 @@ from lab.library.virtual_arm import (
     requested_conditions,
 )
 from lab.noise.instruments import observing
-from lab.options.call_options import options_of, part_as_object, takes
+from lab.options.call_options import options_of, takes
 from lab.options.named_instruments import named_instrument
 from lab.options.option_groups import Fitting
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
-from lab.simulation.sampler import Sampler, own_sampler
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
 
@@ -92,18 +91,13 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
     """
     if isinstance(robot, VirtualCampaign):
         return measurement_session(robot, load_virtual(robot.robot, robot.cell))[0]
-    loaded, sampler = load_virtual(robot), part_as_object(options, "sampler", own_sampler)
+    loaded = load_virtual(robot)
     requested = options_of("lab.simulate", VirtualCampaign, {"robot": loaded.source, **options}, _OF_THE_FIT)
-    return measurement_session(requested, loaded.placed_in(requested.cell), sampler)[0]
+    return measurement_session(requested, loaded.placed_in(requested.cell))[0]
 
 
-def measurement_session(
-    options: VirtualCampaign, robot: Robot, sampler: Sampler | None = None
-) -> tuple[MeasurementSession, Mapping[str, Array]]:
+def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[MeasurementSession, Mapping[str, Array]]:
     """The measurement session of these options, with a robot that ``load_virtual`` gave.
-
-    Args:
-        sampler: of the arm, in place of that of the options.
 
     Returns:
         The day, and what is identified beside the arm (``SimulatedReadings.placed``), for the assessment alone.
@@ -119,7 +113,7 @@ def measurement_session(
     device = observing(named_instrument(options.instrument), sensor.read_by or options.observe)
     if options.plan is not None and sensor.finds_poses:
         raise LabError(f"--plan is not of --observe {options.observe}: where the arm touches follows from the fixtures")
-    real = perturbed_arm(robot, options, sampler)
+    real = perturbed_arm(robot, options)
     joints, set_there, notes = poses_to_measure(robot, options)
     requested = requested_conditions(robot, options)
     conditions = draw_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), requested) | set_there

@@ -28,7 +28,7 @@ from lab.sensors.sensor_registry import sensor_named
 from lab.simulation.candidate_poses import refuse_idle_stations, seeing_station, station_columns, stations_in
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.effects import Effects, random_conditions, random_effects
-from lab.simulation.sampler import Sampler, sampler_named
+from lab.simulation.sampler import sampler_named
 from lab.simulation.tracking import recorded
 from lab.simulation.true_robot import GeometryErrors, TrueRobot, before_stations, random_tracker
 
@@ -46,11 +46,8 @@ FRESH_POSES = 1000
 _USUAL_HOURS = 1.0  # default duration of a campaign
 
 
-def perturbed_arm(robot: Robot, options: VirtualCampaign, sampler: Sampler | None = None) -> TrueRobot:
+def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
     """Draw the virtual arm of these options, before its tracker at all its stations, with its effects.
-
-    Args:
-        sampler: of its geometry, in place of that of the options.
 
     Raises:
         LabError: an option makes no sense for the robot, or the sampler is unknown or draws no finite numbers.
@@ -59,7 +56,7 @@ def perturbed_arm(robot: Robot, options: VirtualCampaign, sampler: Sampler | Non
     effects = random_effects(arm, options.effects, rng_for(options.seed, "effects"))
     rngs = [rng_for(options.seed, "tracker", k) for k in range(1, len(robot.model.station_sites))]
     others = np.array([random_tracker(robot.model, rng, k) for k, rng in enumerate(rngs, start=1)])
-    return before_stations(_geometry(robot, options, sampler).with_effects(effects), others)
+    return before_stations(_geometry(robot, options).with_effects(effects), others)
 
 
 def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
@@ -80,14 +77,14 @@ def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
     return Truth(arm, found, structure) if missed < SAME_M else None
 
 
-def _geometry(robot: Robot, options: VirtualCampaign, sampler: Sampler | None) -> TrueRobot:
+def _geometry(robot: Robot, options: VirtualCampaign) -> TrueRobot:
     T_world_tracker = random_tracker(robot.model, rng_for(options.seed, "tracker"))
     errors = GeometryErrors(
         position_sigma_m=MM.to_si(options.position_sigma_mm),
         rotation_sigma_rad=MRAD.to_si(options.rotation_sigma_mrad),
         joint_offset_sigma=MRAD.to_si(options.offset_sigma_mrad),
         table_alone=options.dh_only,
-        sampler=sampler_named(options.sampler) if sampler is None else sampler,
+        sampler=sampler_named(options.sampler),
     )
     return robot.perturbed(errors, T_world_tracker, rng_for(options.seed, "arm"))
 

@@ -16,11 +16,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from lab.core.errors import LabError, option_name
+from lab.core.errors import LabError
 from lab.core.probability import chi2_sf
 from lab.core.se3 import Array
 from lab.core.units import MICRONS, MM, MRAD, Unit
-from lab.extension_points import added, load_part
+from lab.extension_points import Part, PartKind, numbers, texts
 from lab.noise.change_points import ANOTHER_SESSION, ChangePoint, before_and_after
 from lab.noise.correlation import Correlation
 
@@ -105,11 +105,25 @@ class Move:
     description: str = ""
 
 
-class ErrorTerm(ABC):
+_ERROR_TERMS = PartKind(
+    "lab.error_terms",
+    "error term",
+    "error_terms",
+    returned={
+        "shape": lambda where, effect, of: numbers(where, effect, (*of.shift.shape[:2], None)),
+        "describe": lambda where, description, *_: texts(where, description),
+        "p_value": lambda where, p, _: float(numbers(where, p, ())),
+        "variance_within": lambda where, variance, *_: float(numbers(where, variance, ())),
+    },
+)
+
+
+class ErrorTerm(Part, ABC, kind=_ERROR_TERMS):
     """An error term of the noise model.
 
-    Your own is a subclass with a ``name``, the same ``kind``, structure ``lasting``, a ``shape`` and a ``describe``. If
-    a package registers it as an entry point of ``lab.error_terms``, ``--error-terms`` takes it by name.
+    Your own is a subclass with a ``name``, the same ``kind``, structure ``lasting``, a ``shape`` and a ``describe``.
+    Every call with an option ``error_terms`` takes objects of it; if a package registers it as an entry point of
+    ``lab.error_terms``, ``--error-terms`` takes it by name.
 
     Attributes:
         name: of its variance, in ``Components`` and in the errors of these.
@@ -254,10 +268,7 @@ class _ChangePoints(ErrorTerm):
 
 TERMS: tuple[ErrorTerm, ...] = (_JointScatter(), _AutocorrelatedShift(), _Drift(), _ChangePoints())
 """All terms, in the order in which their covariances are added and written."""
-
-
-_GROUP = "lab.error_terms"
-_NAMES = tuple(name for term in TERMS for name in (term.name, term.kind))
+_ERROR_TERMS.taken = tuple(name for term in TERMS for name in (term.name, term.kind))
 
 
 def own_term(name: str) -> ErrorTerm:
@@ -266,9 +277,7 @@ def own_term(name: str) -> ErrorTerm:
     Raises:
         LabError: there is none of this name, its package cannot be imported, or its structure is not ``lasting``.
     """
-    if name not in (names := added(_GROUP, _NAMES)):
-        raise LabError(f"{option_name('error_terms')} {name}: unknown; packages add {', '.join(names) or 'none'}")
-    term = load_part(_GROUP, name, ErrorTerm, "error term")  # type: ignore[type-abstract]
+    term: ErrorTerm = _ERROR_TERMS.named(name)
     if term.structure != "lasting" or term.kind != name or term.key or term.scanned:
         raise LabError(
             f"error term '{name}': give it the structure lasting, its name as kind, no key, and no scan of the rows"

@@ -22,7 +22,7 @@ from lab.core.probability import Uncertain
 from lab.core.se3 import Array, exp
 from lab.core.units import KELVIN, MICRONS, MICRORADIANS, PPM, Unit
 from lab.core.values import Value
-from lab.extension_points import added, load_part
+from lab.extension_points import Part, PartKind, numbers
 
 __all__ = [
     "AIR_INDEX_PER_K",
@@ -279,7 +279,6 @@ _SHAPES: dict[str, Callable[[Array], Array]] = {
 }  # the covariance of a unit of each term of PLACEMENT, (..., 3, 3)
 
 
-_GROUP = "lab.instruments"
 _ISOTROPIC = ("exact", "uniform", "gaussian")  # kinds with the same noise along all axes
 
 
@@ -313,8 +312,19 @@ class FieldOfView:
         return visible
 
 
+_KIND = PartKind(
+    "lab.instruments",
+    "instrument",
+    "instrument",
+    returned={
+        "sample": lambda where, readings, points, *_, **__: numbers(where, readings, points.shape),
+        "covariance": lambda where, matrices, points, *_, **__: numbers(where, matrices, (*points.shape, 3)),
+    },
+)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Instrument(Value):
+class Instrument(Part, Value, kind=_KIND):
     """Noise of a measured point at range R (metres).
 
     ``gaussian`` and ``uniform`` are isotropic: each coordinate, or the one number that is measured, has standard
@@ -326,8 +336,8 @@ class Instrument(Value):
     readings reduces; the others last through a campaign.
 
     Your own is an object, or an object of a subclass with its own ``sample`` and ``covariance``, of kind ``spherical``
-    unless its noise is the same along all axes. If a package registers it as an entry point of ``lab.instruments``,
-    ``--instrument`` takes it by name.
+    unless its noise is the same along all axes. Every call with an option ``instrument`` takes it; if a package
+    registers it as an entry point of ``lab.instruments``, ``--instrument`` takes it by name.
 
     Attributes:
         name: of the preset or the file.
@@ -586,6 +596,7 @@ INSTRUMENTS = {
         Instrument("dial-indicator", "gaussian", radial_m=5 * _MICRON),
     )
 }
+_KIND.taken = tuple(INSTRUMENTS)
 _POINTS = ("points",)
 _IDEAL = ("exact", "uniform-8um")  # read every sensor
 _OBSERVES = {
@@ -603,13 +614,10 @@ def instrument(name: str) -> Instrument:
     Raises:
         LabError: there is none (the message lists all), or its package cannot be imported.
     """
-    if name in INSTRUMENTS:
-        return INSTRUMENTS[name]
-    if name not in (others := added(_GROUP, INSTRUMENTS)):
-        raise LabError(f"instrument '{name}' is unknown: choose one of {', '.join((*INSTRUMENTS, *others))}")
-    return load_part(_GROUP, name, Instrument, "instrument")
+    device: Instrument = INSTRUMENTS[name] if name in INSTRUMENTS else _KIND.named(name)
+    return device
 
 
 def is_named(name: str) -> bool:
     """Decide whether a preset, or an instrument that a package adds, has this name."""
-    return name in INSTRUMENTS or name in added(_GROUP, INSTRUMENTS)
+    return name in _KIND.names

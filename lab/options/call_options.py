@@ -1,6 +1,6 @@
 """Make a command's options of the keywords of a call, which takes the same ones."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from difflib import get_close_matches
 from functools import wraps
@@ -12,14 +12,15 @@ from threadpoolctl import threadpool_limits
 
 from lab.core.errors import LabError
 from lab.core.progress import Listener, listening
+from lab.extension_points import add, named_parts
 from lab.formats.structured import structured
 
-__all__ = ["options_of", "part_as_object", "takes"]
+__all__ = ["options_of", "takes"]
 
 _Options = TypeVar("_Options")
-_Part = TypeVar("_Part")
 _WHOLE = ("effects",)  # groups of options that a call takes as one object; older scripts give their options one by one
 _PROGRESS = Parameter("progress", Parameter.KEYWORD_ONLY, default=None, annotation=Listener | None)
+_PARTS = Parameter("parts", Parameter.KEYWORD_ONLY, default=(), annotation=Iterable[object])
 _Call = TypeVar("_Call", bound=Callable[..., Any])
 
 
@@ -48,23 +49,8 @@ def options_of(call: str, kind: type[_Options], given: Mapping[str, Any], unused
             meant = "".join(f": is {each} meant? There" for each in get_close_matches(name, shown, 1))
             raise LabError(f"{call}: '{name}' is no option{meant or '; there'} are {', '.join(shown)}")
         group = groups[name][0]
-        if name == "instrument" and value is not None:
-            value = _name_of_instrument(value)
         (nested.setdefault(group, {}) if group else nested)[name] = value
     return structured(call, kind, nested)
-
-
-def part_as_object(options: dict[str, Any], name: str, own_part: Callable[[object], _Part]) -> _Part | None:
-    """Return the part that options hold as an object, and leave its name in its place; None without one.
-
-    Raises:
-        LabError: it is no such part, or has the name of one of the lab's.
-    """
-    if isinstance(options.get(name, ""), str):
-        return None
-    own = own_part(options[name])
-    options[name] = cast(Any, own).name
-    return own
 
 
 def _plain(call: str, name: str, value: Any) -> dict[str, Any]:
@@ -81,6 +67,7 @@ def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Calla
 
     It runs on one BLAS thread: small matrices gain nothing from more, and results stay the same to the last bit. Its
     argument ``progress`` is called with each ``Event`` of the work; what it raises ends the call.
+    Options take parts of one's own as objects; ``parts`` are further ones, which options name.
 
     Args:
         kind: class of the command's options; an object of it may be the only argument.
@@ -92,7 +79,10 @@ def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Calla
         shown = signature(function)
 
         @wraps(function)
-        def call(*given: Any, progress: Listener | None = None, **options: Any) -> Any:
+        def call(*given: Any, parts: Iterable[Any] = (), progress: Listener | None = None, **options: Any) -> Any:
+            for part in parts:
+                add(part)
+            options = {option: _without_parts(option, value) for option, value in options.items()}
             name, named = f"lab.{function.__name__}", dict(zip(shown.parameters, given, strict=False)) | options
             if not (progress is None or callable(progress)):
                 raise LabError(f"{name}: progress is {progress!r}; give a function of a lab.Event, or leave it out")
@@ -104,7 +94,7 @@ def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Calla
         own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
         taken = {*called, *unused, *(each.name for each in own)}
         more = [each for each in _parameters(kind) if each.name not in taken]
-        call.__signature__ = shown.replace(parameters=[*own, *more, _PROGRESS])  # type: ignore[attr-defined]
+        call.__signature__ = shown.replace(parameters=[*own, *more, _PARTS, _PROGRESS])  # type: ignore[attr-defined]
         return cast(_Call, call)
 
     return mark
@@ -123,12 +113,14 @@ def _parameters(kind: type[Any]) -> Iterator[Parameter]:
             yield Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=hint)
 
 
-def _name_of_instrument(given: Any) -> Any:
-    """The name of an instrument given as an object or a path; anything else as it is."""
-    from lab.noise.instruments import Instrument
-    from lab.options.named_instruments import name_of  # what most commands do without
+def _without_parts(option: str, value: Any) -> Any:
+    """The value of an option, with names in the place of the parts in it."""
+    if option == "instrument" and value is not None:
+        from lab.noise.instruments import Instrument
+        from lab.options.named_instruments import name_of  # what most commands do without
 
-    return name_of(given) if isinstance(given, Path | Instrument) else given
+        value = name_of(value) if isinstance(value, Path | Instrument) else value
+    return named_parts(option, value)
 
 
 def _refuse_twice(call: str, kind: type[Any], called: Mapping[str, str], given: Mapping[str, Any]) -> None:

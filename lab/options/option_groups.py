@@ -10,12 +10,12 @@ import tyro
 from lab.core.errors import LabError
 from lab.core.limits import positive
 from lab.core.units import MM, MRAD
+from lab.extension_points import named_parts
 from lab.kinematics.effects.effect import VirtualEffect
 from lab.kinematics.effects.effect_registry import GROUPS, EffectOptions, fitted_groups, own_effect_options
 from lab.options.option_types import PRIOR_MODES, Flag, Names, Numbers, PriorMode
 
 if TYPE_CHECKING:
-    from lab.calibration.estimator import Estimator
     from lab.calibration.fit_options import FitOptions
 
 __all__ = ["Effects", "Fitting"]
@@ -108,11 +108,8 @@ class Fitting:
         """The model without the residual."""
         return "+".join(name for name in self.model.split("+") if name != "residual") or "geometric"
 
-    def to_si(self, estimator: "Estimator | None" = None) -> "FitOptions":
+    def to_si(self) -> "FitOptions":
         """Return the options of the fit in SI units.
-
-        Args:
-            estimator: in place of the one that these options name.
 
         Raises:
             LabError: there is no such estimator or error term.
@@ -133,7 +130,7 @@ class Fitting:
             free=self.free,
             prior=self.prior,
             tolerance=Tolerance(MM.to_si(self.tolerance_mm), MRAD.to_si(self.tolerance_mrad)),
-            estimator=estimator_named(self.estimator) if estimator is None else estimator,
+            estimator=estimator_named(self.estimator),
             error_terms=self.error_terms,
             further=self.groups if self.searched else (),
         )
@@ -163,6 +160,10 @@ class Effects(EffectOptions):
 
     own_effects: Names = ()
     """Effects that packages add, each with its options: NAME:option=number:option=number."""
+
+    def __post_init__(self) -> None:
+        """Take effects as objects, too."""
+        object.__setattr__(self, "own_effects", named_parts("own_effects", self.own_effects))
 
     @property
     def added(self) -> Mapping[str, VirtualEffect]:

@@ -253,13 +253,10 @@ class PoseProblem:
         return inputs[:, -1] if len(self.payloads) else np.zeros(len(inputs))
 
 
-def pose_problem(
-    options: DesignOptions, robot: Robot | None = None, progress: Progress = no_progress, own: Criterion | None = None
-) -> PoseProblem:
+def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: Progress = no_progress) -> PoseProblem:
     """Load the arm, draw candidates, and set up what a design needs.
 
     Args:
-        own: the criterion, in place of that of the options.
         progress: called with the number of candidates found.
 
     Raises:
@@ -269,7 +266,7 @@ def pose_problem(
     if options.no_check:
         robot = replace(robot, model=unchecked(robot.model))
     if options.observe != "points":
-        return _problem_of_sensor(options, robot, progress, own)
+        return _problem_of_sensor(options, robot, progress)
     device, scaling = _noisy(options.instrument), Scaling(options.scaling)
     arm = robot.arm(options.targets)
     robot.refuse_unknown(options.targets)
@@ -312,7 +309,7 @@ def pose_problem(
         payloads=payloads,
         pool=pool * factors,
         sensitivity=partial(_scaled, jacobians, factors),
-        goal=_goal(options, own, [seen.names[i] for i in retained], pool * factors, scored, before),
+        goal=_goal(options, [seen.names[i] for i in retained], pool * factors, scored, before),
         before=before,
         whitened=derivatives.whitened,
         test=test,
@@ -323,7 +320,7 @@ def pose_problem(
     )
 
 
-def _problem_of_sensor(options: DesignOptions, robot: Robot, progress: Progress, own: Criterion | None) -> PoseProblem:
+def _problem_of_sensor(options: DesignOptions, robot: Robot, progress: Progress) -> PoseProblem:
     """Set up a problem of which a sensor says what it reads at a pose, and where it reads anything.
 
     Raises:
@@ -364,7 +361,7 @@ def _problem_of_sensor(options: DesignOptions, robot: Robot, progress: Progress,
         payloads=np.empty(0),
         pool=pool * factors,
         sensitivity=partial(_scaled, readings, factors),
-        goal=_goal(options, own, [seen.names[i] for i in retained], pool * factors, scored),
+        goal=_goal(options, [seen.names[i] for i in retained], pool * factors, scored),
         before=np.empty((0, *pool.shape[1:])),
         whitened=readings,
         test=test,
@@ -418,7 +415,6 @@ def _model(options: DesignOptions, robot: Robot, model: RobotModel) -> tuple[Arm
 
 def _goal(
     options: DesignOptions,
-    own: Criterion | None,
     names: Sequence[str],
     pool: Array,
     scored: Array,
@@ -430,7 +426,7 @@ def _goal(
         pool: ``(m, r, f)`` scaled sensitivities of the candidates, ``before`` those of the poses measured before.
         scored: ``(t, 3, f)`` scaled Jacobians at test poses.
     """
-    goal = criterion(options.criterion, len(names), scored) if own is None else own
+    goal = criterion(options.criterion, len(names), scored)
     if goal.name in CRITERIA:
         return goal
     return prepared(goal, names, pool, 0.0 if before is None else information(before))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
-from lab.extension_points import added, load_part, own_errors, own_part
+from lab.extension_points import Part, PartKind, own_errors
 from lab.kinematics.parameter import Parameter
 
 __all__ = [
@@ -32,7 +32,6 @@ __all__ = [
     "criterion",
     "indices",
     "is_singular",
-    "own_criterion",
     "predict",
     "prepared",
     "refuse_unknown",
@@ -136,11 +135,14 @@ def indices(jacobian: Array, test: Array | None = None) -> Indices:
     return Indices(o1, last / first, last, last**2 / first, o5, condition, a, g, i)
 
 
-class Criterion(ABC):
+_KIND = PartKind("lab.criteria", "criterion", "criterion", CRITERIA, method="score")
+
+
+class Criterion(Part, ABC, kind=_KIND):
     """A criterion of pose selection: a score of the information matrix, larger is better.
 
-    Your own is a subclass with a ``name`` and a ``score``. ``lab.design(criterion=...)`` takes an object of it; if a
-    package registers it as an entry point of ``lab.criteria``, commands and studies take it by name.
+    Your own is a subclass with a ``name`` and a ``score``. Every call with an option ``criterion`` takes an object of
+    it; if a package registers it as an entry point of ``lab.criteria``, ``--criterion`` takes it by name.
 
     The information M ``(p, p)`` is the sum of J'J over the poses, J ``(r, p)`` the derivatives of a pose's readings by
     the identifiable parameters. With the scaling ``whitened`` (the usual one), readings count in standard deviations
@@ -224,23 +226,14 @@ class Criterion(ABC):
 
 def refuse_unknown(name: str, *others: str) -> None:
     """Refuse a name that is neither a criterion's nor one of ``others``, with a LabError."""
-    names = (*others, *CRITERIA, *added("lab.criteria", CRITERIA))
+    names = (*others, *_KIND.names)
     if name not in names:
         if (meant := next((each for each in names if each.casefold() == name.casefold()), None)) is not None:
             raise LabError(f"criterion '{name}' is unknown: write {meant}")
         raise LabError(
             f"criterion '{name}' is unknown: choose one of {', '.join(names)}; for one of your own install the package "
-            f"whose entry point of lab.criteria is named '{name}', or give lab.design the object"
+            f"whose entry point of lab.criteria is named '{name}', or give the object"
         )
-
-
-def own_criterion(given: object) -> Criterion:
-    """Return the criterion given by a user: an object, or a class of such objects.
-
-    Raises:
-        LabError: it is no ``Criterion``, or has no name of its own.
-    """
-    return own_part(given, Criterion, "criterion", CRITERIA)  # type: ignore[type-abstract]
 
 
 def prepared(own: Criterion, names: Sequence[str], pool: Array, measured: Array | float = 0.0) -> Criterion:
@@ -352,7 +345,8 @@ def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
     """
     refuse_unknown(name)
     if name not in CRITERIA:
-        return load_part("lab.criteria", name, Criterion, "criterion")  # type: ignore[type-abstract]
+        own: Criterion = _KIND.named(name)
+        return own
     if name == "O1":
         return _Determinant(float(size))
     if name == "A":

@@ -7,19 +7,20 @@ without options, by an entry point of ``lab.sensors``.
 
 from collections.abc import Mapping
 from dataclasses import fields
+from importlib import import_module
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from lab.core.errors import LabError, option_name
-from lab.extension_points import added, load
+from lab.extension_points import PartKind
 from lab.sensors.sensor_options import FitInputs, SensorOptions
 
 if TYPE_CHECKING:
     from lab.sensors.virtual_sensor import VirtualSensor
 
-__all__ = ["JOINED", "SENSORS", "SensorName", "configured_sensor", "sensor_named", "sensors_with"]
+__all__ = ["JOINED", "OWN_SENSORS", "SENSORS", "SensorName", "configured_sensor", "sensor_named", "sensors_with"]
 
 SENSORS: Mapping[str, str] = {  # in the order of --help
     "points": "lab.sensors.points:PointSensor",
@@ -36,8 +37,8 @@ SENSORS: Mapping[str, str] = {  # in the order of --help
 """The class of each sensor, as ``module:name``."""
 
 JOINED = "+"  # between the names of sensors that measure together
-_GROUP = "lab.sensors"
-_NAMES = (*SENSORS, *added(_GROUP, SENSORS))  # that a command line takes
+OWN_SENSORS = PartKind("lab.sensors", "sensor", "observe", tuple(SENSORS), is_made=False)
+_NAMES = OWN_SENSORS.names  # that a command line takes
 
 
 def _name(given: list[str]) -> str:
@@ -73,13 +74,8 @@ def sensor_named(name: str) -> "type[VirtualSensor]":
     if name in SENSORS:
         sensor: type[VirtualSensor] = resolve_name(SENSORS[name])
         return sensor
-    if name not in (own_names := added(_GROUP, SENSORS)):
-        raise LabError(f"{option_name('observe')} {name}: unknown; give one of {', '.join((*SENSORS, *own_names))}")
-    from lab.sensors.virtual_sensor import VirtualSensor as Base  # which imports numpy
-
-    own = load(_GROUP, name)
-    if not (isinstance(own, type) and issubclass(own, Base) and own.name == name):
-        raise LabError(f"sensor '{name}': {own!r} is no subclass of {Base.__module__}.{Base.__name__} with this name")
+    import_module("lab.sensors.virtual_sensor")  # which imports numpy, and is the base of such sensors
+    own: type[VirtualSensor] = OWN_SENSORS.named(name)
     return own
 
 

@@ -13,9 +13,11 @@ from lab.calibration.sensor import Sensor
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.extension_points import Part
 from lab.kinematics.model import Model
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
+from lab.sensors.sensor_registry import OWN_SENSORS
 from lab.simulation.robot_model import RobotModel
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
@@ -65,7 +67,7 @@ class PlannedReadings(Protocol):
 
 
 @dataclass(frozen=True)
-class VirtualSensor(Sensor, ABC):
+class VirtualSensor(Sensor, Part, ABC, kind=OWN_SENSORS):
     """A sensor that takes options, and that measures virtual arms.
 
     Attributes:

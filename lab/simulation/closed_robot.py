@@ -57,7 +57,7 @@ from lab.simulation.robot_model import (
     coordinates,
     update_constants,
 )
-from lab.simulation.sampler import NORMAL, Sampler, drawn
+from lab.simulation.sampler import NORMAL, Sampler
 from lab.simulation.true_robot import TrueRobot, put_before_tracker
 
 __all__ = [
@@ -218,7 +218,7 @@ def random_values(
     turns = [tree_step.is_turn for tree_step in (mechanism.tree.step(f, s) for f, s in mechanism.tree.constants)]
     sigma = np.array([rotation_sigma_rad if turn else position_sigma_m for turn in turns])
     sigma = np.concatenate([np.zeros(6), sigma, np.full(len(mechanism.tree.lengths), position_sigma_m)])
-    off: Array = mechanism.nominal_values + sigma * drawn(sampler, rng, (len(sigma),))
+    off: Array = mechanism.nominal_values + sigma * sampler.draw(rng, (len(sigma),))
     return off
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.extension_points import numbers
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.compliance import HardeningSprings, JointSprings
 from lab.kinematics.effects.effect import (
@@ -39,7 +40,7 @@ from lab.kinematics.effects.effect import (
     is_usual,
 )
 from lab.kinematics.effects.effect_registry import EFFECTS, EffectOptions
-from lab.kinematics.effects.own import finite_of, own_function
+from lab.kinematics.effects.own import own_function
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["NOTHING_SET", "Effects", "random_conditions", "random_effects", "true_parameters"]
@@ -107,7 +108,7 @@ class Effects:
         if type(part) in self.own and all(
             np.isfinite(each).all() for each in arguments if isinstance(each, np.ndarray)
         ):
-            return finite_of(self._name(part), f"{type(part).__name__}.{function}", found, shape)
+            return numbers(f"effect '{self._name(part)}': {type(part).__name__}.{function}", found, shape)
         return found
 
     @classmethod
@@ -155,10 +156,11 @@ class Effects:
             if type(part) not in self.own:
                 continue
             name, function = self._name(part), f"{type(part).__name__}.drawn_conditions"
+            where = f"effect '{name}': {function}"
             (stream,) = _streams_of(name, 1, rng)
             drawn = self.call(part, "drawn_conditions", poses, stream)
             if not isinstance(drawn, Mapping):
-                raise LabError(f"effect '{name}': {function} returns {type(drawn).__name__}; return columns by name")
+                raise LabError(f"{where} returns {type(drawn).__name__}; return columns by name")
             for column in self.call(part, "conditions", joint_names):
                 if is_usual(column):
                     continue
@@ -167,7 +169,7 @@ class Effects:
                         f"effect '{name}': the lab makes no column {column}, which its conditions name; return it from "
                         f"{function}"
                     )
-                found[column] = finite_of(name, function, drawn[column], (poses,), f"a column {column}")
+                found[column] = numbers(where, drawn[column], (poses,), f"a column {column}")
         return found
 
     def refuse_unfit(self, chain: JointSpec) -> None:
@@ -235,14 +237,14 @@ class Effects:
         return total, bad
 
     def _checked_displacements(self, part: SimulatedEffect, found: Any, poses: int) -> tuple[Array, NDArray[np.bool_]]:
-        name, function = self._name(part), f"{type(part).__name__}.displacements"
+        where = f"effect '{self._name(part)}': {type(part).__name__}.displacements"
         if not isinstance(found, tuple) or len(found) != 2:
             raise LabError(
-                f"effect '{name}': {function} returns {type(found).__name__}; return the displacements {(poses, 3)} "
+                f"{where} returns {type(found).__name__}; return the displacements {(poses, 3)} "
                 f"and which poses are displaced {(poses,)}"
             )
-        displaced = finite_of(name, function, found[0], (poses, 3), "displacements")
-        return displaced, finite_of(name, function, found[1], (poses,), "flags").astype(bool)
+        displaced = numbers(where, found[0], (poses, 3), "displacements")
+        return displaced, numbers(where, found[1], (poses,), "flags").astype(bool)
 
 
 def _streams(rng: np.random.Generator, count: int) -> list[np.random.Generator]:

@@ -4,20 +4,27 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
-from lab.extension_points import added, load_part, own_errors, own_part
+from lab.extension_points import Part, PartKind, numbers
 
-__all__ = ["NORMAL", "Sampler", "drawn", "own_sampler", "sampler_named"]
+__all__ = ["NORMAL", "Sampler", "sampler_named"]
 
-_GROUP = "lab.samplers"
+_SAMPLERS = PartKind(
+    "lab.samplers",
+    "sampler",
+    "sampler",
+    ("normal",),
+    {"draw": lambda where, errors, rng, shape: numbers(where, errors, shape)},
+    "draw",
+)
 
 
-class Sampler(ABC):
+class Sampler(Part, ABC, kind=_SAMPLERS):
     """A sampler of virtual arms: the distribution of their geometric errors.
 
-    Your own is a subclass with a ``name`` and a ``draw``. ``lab.calibrate(..., sampler=...)`` and ``lab.simulate`` take
-    an object of it; if a package registers it as an entry point of ``lab.samplers``, ``--sampler`` takes it by name.
+    Your own is a subclass with a ``name`` and a ``draw``, or a function like ``draw``. Every call with an option
+    ``sampler`` takes an object of it; if a package registers it as an entry point of ``lab.samplers``, ``--sampler``
+    takes it by name.
 
     Attributes:
         name: in options.
@@ -57,29 +64,6 @@ class _Normal(Sampler):
 
 
 NORMAL = _Normal()
-_NAMES = (NORMAL.name,)
-
-
-def drawn(sampler: Sampler, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    """Return the errors that a sampler draws.
-
-    Raises:
-        LabError: it raises an error, or draws something else than finite numbers of this shape.
-    """
-    with own_errors("sampler", sampler.name):
-        errors = np.asarray(sampler.draw(rng, shape), dtype=np.float64)
-    if errors.shape != shape or not np.isfinite(errors).all():
-        raise LabError(f"sampler '{sampler.name}' draws shape {errors.shape}; draw finite numbers of shape {shape}")
-    return errors
-
-
-def own_sampler(given: object) -> Sampler:
-    """Return the sampler given by a user: an object, or a class of such objects.
-
-    Raises:
-        LabError: it is no ``Sampler``, or has no name of its own.
-    """
-    return own_part(given, Sampler, "sampler", _NAMES)  # type: ignore[type-abstract]
 
 
 def sampler_named(name: str) -> Sampler:
@@ -88,9 +72,5 @@ def sampler_named(name: str) -> Sampler:
     Raises:
         LabError: there is none, or its package cannot be imported.
     """
-    if name == NORMAL.name:
-        return NORMAL
-    names = added(_GROUP, _NAMES)
-    if name not in names:
-        raise LabError(f"{option_name('sampler')} {name}: unknown; give one of {', '.join((*_NAMES, *names))}")
-    return load_part(_GROUP, name, Sampler, "sampler")  # type: ignore[type-abstract]
+    sampler: Sampler = NORMAL if name == NORMAL.name else _SAMPLERS.named(name)
+    return sampler

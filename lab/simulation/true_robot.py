@@ -24,7 +24,7 @@ from lab.kinematics.serial.serial_arm import SerialArm
 from lab.simulation.effects import NOTHING_SET, Effects
 from lab.simulation.elastic_links import FlexibleArm
 from lab.simulation.robot_model import OpenModel, RobotModel, SerialModel, coordinates, joint_axes, update_constants
-from lab.simulation.sampler import NORMAL, Sampler, drawn
+from lab.simulation.sampler import NORMAL, Sampler
 
 __all__ = [
     "GeometryErrors",
@@ -103,8 +103,8 @@ def random_perturbation(
 ) -> Perturbation:
     """Draw errors of every body with these standard deviations per axis, then of every joint (rad or m)."""
     bodies = perturbed_bodies(robot)
-    draws = drawn(sampler, rng, (len(bodies), 6))
-    offset = offset_sigma * drawn(sampler, rng, (robot.chain.size,))
+    draws = sampler.draw(rng, (len(bodies), 6))
+    offset = offset_sigma * sampler.draw(rng, (robot.chain.size,))
     return Perturbation(bodies, position_sigma_m * draws[:, :3], rotation_sigma_rad * draws[:, 3:], offset)
 
 
@@ -118,7 +118,7 @@ def random_table(
     """Draw parameters ``(p,)`` with errors of the links' Denavit-Hartenberg entries (and betas) alone."""
     base, table, tool = arm.split(arm.nominal())
     sigma = np.array([rotation_sigma_rad, position_sigma_m, position_sigma_m, rotation_sigma_rad, rotation_sigma_rad])
-    return arm.assemble(base, table + sigma * drawn(sampler, rng, table.shape), tool)
+    return arm.assemble(base, table + sigma * sampler.draw(rng, table.shape), tool)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

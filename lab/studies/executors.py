@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -27,7 +27,6 @@ from typing import TYPE_CHECKING, TypeVar
 from lab.core.errors import LabError, option_name
 from lab.core.extras import optional
 from lab.core.limits import WORKERS, whole
-from lab.extension_points import add, given_parts
 
 if TYPE_CHECKING:
     from distributed import Client  # of an extra
@@ -58,7 +57,7 @@ def local_executor(workers: int | None = None) -> ProcessPoolExecutor:
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     whole(option_name("workers"), workers, 1, WORKERS)
-    return ProcessPoolExecutor(workers, _Processes(), _prepare, (given_parts(),))
+    return ProcessPoolExecutor(workers, _Processes(), _prepare)
 
 
 class _Process(SpawnProcess):
@@ -95,14 +94,11 @@ class _Processes(SpawnContext):
     Process = _Process
 
 
-def _prepare(parts: Mapping[str, Mapping[str, object]]) -> None:
-    """Prepare a process: one BLAS thread, ended and interrupted only with the parent, whose objects it registers."""
+def _prepare() -> None:
+    """Prepare a process: one BLAS thread, ended and interrupted only with the parent."""
     os.environ.update(dict.fromkeys(_THREADS, "1"))  # before numpy is imported
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the signal could not be blocked before
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    for group, named in parts.items():
-        for name, part in named.items():
-            add(group, name, part)
 
 
 def _end_with_parent() -> None:

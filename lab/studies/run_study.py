@@ -33,6 +33,7 @@ from lab.core.whole_folder import (
     resolved,
     write_whole,
 )
+from lab.extension_points import receive_parts, sent_parts
 from lab.formats.structured import read_json, read_structured
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.robots.load_robot import load_robot
@@ -351,7 +352,7 @@ def run_study(
     """
     started = time.perf_counter()
     store = _resume(folder, study) if resume else _begin(folder, study)
-    work = partial(_work, origin_of(study.robot), study.robot)
+    work = partial(_work, origin_of(study.robot), study.robot, sent_parts())
     with held(folder), threadpool_limits(1):  # of this process, whose threads may be the workers
         try:
             poses = _posed(store, executor, progress, partial(work, posing))
@@ -401,12 +402,13 @@ def _solved(
     return there - at_first
 
 
-def _work(origin: dict[str, Any], robot: str, function: Callable[..., Any], *arguments: Any) -> Any:
+def _work(origin: dict[str, Any], robot: str, parts: bytes, function: Callable[..., Any], *arguments: Any) -> Any:
     """Call a function in a worker, with one BLAS thread; refuse other versions or files, whose results may differ."""
     what = difference(_origin_here(robot), origin)
     if what is not None:
         raise StoppedError(f"a worker has {what}; mend that, then {option_name('resume')} goes on")
     threadpool_limits(1)
+    receive_parts(parts)
     return function(*arguments)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import tyro
 
 import lab
-from lab.extension_points import add
 from lab.kinematics.effects.effect import Effect, FittedGroup, MovesJoints, SimulatedEffect, VirtualEffect
 from lab.kinematics.effects.effect_registry import effect
 from lab.kinematics.parameter import joint_parameter
@@ -50,7 +49,7 @@ class TrueOil(SimulatedEffect, MovesJoints):
 
 @dataclass(frozen=True)
 class Oil(VirtualEffect):
-    draws, groups = 1, (FittedGroup("oil", fitted_oil, "joints that move with the oil's temperature"),)
+    name, draws, groups = "oil", 1, (FittedGroup("oil", fitted_oil, "joints that move with the oil's temperature"),)
 
     urad_per_k: float = 0.0  # an option: the size (1 sigma)
 
@@ -60,17 +59,17 @@ class Oil(VirtualEffect):
 
 def main():
     """Use it."""
-    add("lab.effects", "oil", Oil)
-    made = effect("oil", lab.load_robot("irb120").chain, None)  # refuses a wrong derivative
+    day = lab.simulate("irb120", poses=60, seed=7, effects=lab.Effects(own_effects=(Oil(urad_per_k=5),)))
+    made = effect("oil", day.robot.chain, None)  # refuses a wrong derivative
     print(len(made.parameters), "parameters, derivatives compared with differences")
 
-    day = lab.simulate("irb120", poses=60, seed=7, effects=lab.Effects(own_effects=("oil:urad_per_k=5",)))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "day.csv"
         lab.write_measurements(file, day.measurements)
-        for model in ("geometric", "oil", "auto+oil"):
+        for model in ("geometric", Oil, ("auto", Oil)):
             result = lab.identify(file, robot="irb120", model=model, instrument="uniform-8um")
-            print(f"{model}: {result.to_dict()['model']}, {result.after.mean:.4f} mm, {result.verdict.word}")
+            named, fitted = result.options.fitting.model, result.to_dict()["model"]
+            print(f"{named}: {fitted}, {result.after.mean:.4f} mm, {result.verdict.word}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Parts of your own, used by their names: an effect, a sensor, an instrument, an error term and a sampler of arms."""
+"""Parts of your own: an effect, a sensor, an instrument, an error term and a sampler of arms."""
 
 from dataclasses import dataclass, replace
 
@@ -6,7 +6,6 @@ import numpy as np
 import tyro
 
 import lab
-from lab.extension_points import add
 from lab.kinematics.effects.effect import Effect, FittedGroup, MovesJoints, SimulatedEffect, VirtualEffect
 from lab.kinematics.parameter import joint_parameter
 from lab.noise.error_term import ErrorTerm
@@ -43,7 +42,7 @@ class TrueRunout(SimulatedEffect, MovesJoints):
 
 @dataclass(frozen=True)
 class Runout(VirtualEffect):
-    draws, groups = 1, (FittedGroup("runout", fitted_runout),)
+    name, draws, groups = "runout", 1, (FittedGroup("runout", fitted_runout),)
 
     mrad: float = 0.0  # an option: the size of each wave (1 sigma)
 
@@ -100,21 +99,18 @@ class Tolerances(lab.Sampler):
 
 def main():
     """Use it."""
-    parts = {"effects": ("runout", Runout), "sensors": ("low-beam", LowBeam), "error_terms": ("bow", Bow)}
-    for group, (name, part) in parts.items():
-        add(f"lab.{group}", name, part)  # a package registers them by entry points instead
-    add("lab.instruments", "photogrammetry", Photogrammetry)
-
-    options = {"sampler": Tolerances(), "own_effects": ("runout:mrad=0.1",), "instrument": "photogrammetry"}
-    for model in ("geometric", "runout"):
-        result = lab.calibrate("irb120", poses=80, seed=7, model=model, observe="low-beam", **options)
-        print(f"{model}: {result.after.mean:.4f} mm, {result.measurements.seen.sum()} points, {result.verdict.word}")
+    options = {"sampler": Tolerances(), "effects": lab.Effects(own_effects=(Runout(mrad=0.1),))}
+    options |= {"observe": LowBeam, "instrument": Photogrammetry()}
+    for model in ("geometric", Runout):
+        result = lab.calibrate("irb120", poses=80, seed=7, model=model, **options)
+        named, points = result.options.fitting.model, result.measurements.seen.sum()
+        print(f"{named}: {result.after.mean:.4f} mm, {points} points, {result.verdict.word}")
 
     day = lab.simulate("irb120", poses=80, seed=7)
     along = np.linspace(-1, 1, 80) ** 2
     moved = day.measurements.points + 50e-6 * along[:, None, None] * np.array([0.6, 0.8, 0.0])
     bowed = replace(day.measurements, points=moved)
-    result = lab.identify(bowed, instrument="uniform-8um", error_terms=("bow",))
+    result = lab.identify(bowed, instrument="uniform-8um", error_terms=(Bow(),))
     print(*result.fit.noise.shared.descriptions)
 
 

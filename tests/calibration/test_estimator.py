@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.calibration.estimator import LEAST_SQUARES, EstimationProblem, Estimator, own_estimator
+from lab.calibration.estimator import LEAST_SQUARES, EstimationProblem, Estimator
 from lab.core.errors import LabError
 
 SESSION = lab.simulate("irb120", poses=30, seed=3)
@@ -95,19 +95,22 @@ class Given(Estimator):
 BAD: dict[str, tuple[Callable[[EstimationProblem], Any], str]] = {
     "none": (lambda p: None, "returns NoneType; return values and their covariance"),
     "values alone": (lambda p: p.start, "returns ndarray; return values and their covariance"),
-    "few values": (lambda p: (p.start[1:], np.eye(27)), r"returns values of shape \(26,\); return \(27,\)"),
-    "few variances": (lambda p: (p.start, np.ones(27)), r"returns a covariance of shape \(27,\); return \(27, 27\)"),
-    "not finite": (lambda p: (p.start * np.nan, np.eye(27)), "returns values with entries that are not finite"),
+    "few values": (lambda p: (p.start[1:], np.eye(27)), r"returns values of shape \(26,\); return shape \(27,\)"),
+    "few variances": (
+        lambda p: (p.start, np.ones(27)),
+        r"returns a covariance of shape \(27,\); return shape \(27, 27\)",
+    ),
+    "not finite": (lambda p: (p.start * np.nan, np.eye(27)), "returns values with nan at"),
     "infinite": (
         lambda p: (p.start, np.full((27, 27), np.inf)),
-        "returns a covariance with entries that are not finite",
+        "returns a covariance with inf at",
     ),
     "negative": (lambda p: (p.start, -np.eye(27)), "returns a covariance that is not positive definite"),
     "indefinite": (
         lambda p: (p.start, 2 * np.ones((27, 27)) - np.eye(27)),
         "returns a covariance that is not positive definite",
     ),
-    "texts": (lambda p: ("ab", "cd"), "returns no arrays of numbers"),
+    "texts": (lambda p: ("ab", "cd"), r"returns str; return values of shape \(27,\)"),
     "raises": (lambda p: 1 / 0, "raises ZeroDivisionError: division by zero; repair it"),
 }
 
@@ -115,22 +118,22 @@ BAD: dict[str, tuple[Callable[[EstimationProblem], Any], str]] = {
 @pytest.mark.parametrize("case", BAD)
 def test_an_impossible_estimate_is_refused_in_one_line(case: str) -> None:
     make, said = BAD[case]
-    with pytest.raises(LabError, match=f"estimator 'given' {said}") as error:
+    with pytest.raises(LabError, match=f"estimator 'given': estimate {said}") as error:
         identified(Given(make), instrument="uniform-8um")
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("given", [3, Estimator, np.linalg.lstsq, type("Nameless", (GaussNewton,), {"name": ""})()])
+@pytest.mark.parametrize("given", [3, Estimator, type("Nameless", (GaussNewton,), {"name": ""})()])
 def test_what_is_no_estimator_is_refused(given: object) -> None:
-    with pytest.raises(LabError, match=r"give an object of a subclass of lab.Estimator with a name"):
-        own_estimator(given)
+    with pytest.raises(LabError, match=r"give (a name, or a|an object of a subclass of) lab\.Estimator"):
+        identified(given)
 
 
 def test_an_estimator_has_a_name_of_its_own() -> None:
     twin = type("Twin", (GaussNewton,), {"name": LEAST_SQUARES})
     with pytest.raises(LabError, match="estimator 'least-squares': the lab has one of that name; give yours another"):
         identified(twin())
-    assert own_estimator(GaussNewton).name == "gauss-newton"  # a class is as good as an object
+    assert identified(GaussNewton).options.fitting.estimator == "gauss-newton"  # a class is as good as an object
 
 
 def test_two_estimators_at_once_are_refused() -> None:

@@ -9,7 +9,7 @@ import pytest
 import lab
 from lab import extension_points
 from lab.core.errors import LabError
-from lab.extension_points import add, added, load_part, registered
+from lab.extension_points import add, added, registered
 from lab.kinematics.effects.effect import VirtualEffect
 from lab.kinematics.effects.effect_registry import CANDIDATES, effect, own_effect
 from lab.library.virtual_arm import perturbed_arm
@@ -29,10 +29,8 @@ def parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """The parts of the example, in this test alone."""
     monkeypatch.setattr(extension_points, "_given", {})
     monkeypatch.setattr(extension_points, "_reported", set())
-    add("lab.effects", "runout", own_parts.Runout)
-    add("lab.sensors", "low-beam", own_parts.LowBeam)
-    add("lab.instruments", "photogrammetry", own_parts.Photogrammetry)
-    add("lab.error_terms", "bow", own_parts.Bow)
+    for part in (own_parts.Runout, own_parts.LowBeam, own_parts.Photogrammetry, own_parts.Bow):
+        add(part)
 
 
 def test_an_effect_is_simulated_as_it_is_fitted() -> None:
@@ -57,7 +55,7 @@ def test_an_effect_is_simulated_as_it_is_fitted() -> None:
 
 def test_effects_of_packages_leave_the_draws_of_others_as_they_are() -> None:
     """Also of each other: a stream belongs to an effect's name."""
-    add("lab.effects", "another", own_parts.Runout)
+    add(type("Another", (own_parts.Runout,), {"name": "another"}))
     alone, beside = (
         perturbed_arm(ROBOT, VirtualCampaign(effects=Effects(harmonic_mrad=0.2, own_effects=own))).effects.parts
         for own in (("runout:mrad=1",), ("another:mrad=1", "runout:mrad=1"))
@@ -80,25 +78,28 @@ def test_an_effect_is_tried_only_by_its_name() -> None:
 class Simulated(VirtualEffect):
     """An effect without a group to fit."""
 
+    name = "none_fitted"
+
     def simulated(self, arm, rngs):
         return None
 
 
+PLAIN = type("Plain", (Simulated,), {"name": "plain"})
 WRONG_EFFECTS = {
-    "runup": "own.effects runup: unknown; packages add none_fitted, not_one, runout",
+    "runup": "own.effects runup: unknown; packages add none_fitted, plain, runout",
     "runout:rad=1": "own.effects runout:rad=1: 'rad' is no option, or given twice; there are mrad",
     "runout": "own.effects runout: its size is 0",
     "runout:mrad=1:mrad=2": "'mrad' is no option, or given twice",
     "runout:mrad=x": "'x' is no number",
     "runout:mrad=-1": "give a number from 0 to",
-    "not_one": "effect 'not_one': .* is no dataclass derived from lab.kinematics.effects.effect.VirtualEffect",
+    "plain": "effect 'plain': .* is no dataclass; decorate it by @dataclass",
 }
 
 
 @pytest.mark.parametrize("given", WRONG_EFFECTS)
 def test_a_wrong_effect_is_refused(given: str) -> None:
-    add("lab.effects", "none_fitted", Simulated)
-    add("lab.effects", "not_one", int)
+    add(Simulated)
+    add(PLAIN())
     with pytest.raises(LabError, match=WRONG_EFFECTS[given]):
         Effects(own_effects=(given,)).check()
     with pytest.raises(LabError, match="an effect is given twice"):
@@ -115,14 +116,16 @@ def test_a_sensor_measures_and_its_readings_are_identified() -> None:
     assert sensor_named("low-beam") is own_parts.LowBeam
 
 
-def test_a_wrong_sensor_is_refused() -> None:
-    add("lab.sensors", "high-beam", own_parts.LowBeam)  # whose name is another
+def test_a_sensor_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(extension_points._given["lab.sensors"], "high-beam", own_parts.LowBeam)  # as by an entry point
     for name, said in {
-        "high-beam": "is no subclass of lab.sensors.virtual_sensor",
-        "mid": "one of points, .*high-beam",
+        "high-beam": "'low-beam' is registered in lab.sensors as 'high-beam'",
+        "mid": "give one of points",
     }.items():
         with pytest.raises(LabError, match=said):
             lab.calibrate("irb120", poses=20, observe=name)
+    with pytest.raises(LabError, match=r"'observe' is .*, which is a sampler; give a lab.sensors.virtual_sensor"):
+        lab.calibrate("irb120", poses=20, observe=own_parts.Tolerances())
 
 
 def test_an_instruments_own_noise_weighs_its_points() -> None:
@@ -135,7 +138,7 @@ def test_an_instruments_own_noise_weighs_its_points() -> None:
     with pytest.raises(LabError, match="photogrammetry measures points, not cable"):
         observing(device, "cable")
     assert lab.simulate("irb120", poses=5, instrument=device).options.instrument == "photogrammetry"
-    with pytest.raises(LabError, match=r"choose one of exact, .*photogrammetry"):
+    with pytest.raises(LabError, match=r"give one of exact, .*photogrammetry"):
         instrument("sextant")
 
 
@@ -163,21 +166,21 @@ class Wandering(own_parts.Bow):
 
 
 def test_a_wrong_error_term_is_refused() -> None:
-    add("lab.error_terms", "wandering-bow", Wandering)
+    add(Wandering)
     with pytest.raises(LabError, match="error term 'wandering-bow': give it the structure lasting"):
         own_term("wandering-bow")
-    with pytest.raises(LabError, match=r"error.terms bows: unknown; packages add bow, wandering-bow"):
+    with pytest.raises(LabError, match=r"error.terms bows: unknown; give one of .*bow, wandering-bow"):
         lab.identify(lab.simulate("irb120", poses=20).measurements, error_terms=("bows",))
 
 
-def test_the_lab_s_own_names_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_lab_s_own_names_are_kept(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     class Mine(lab.Criterion):
         name = "O1"
 
         def score(self, information: np.ndarray) -> np.ndarray:
             return -np.ones(information.shape[:-2])
 
-    add("lab.criteria", "O1", Mine)
+    monkeypatch.setitem(extension_points._given, "lab.criteria", {"O1": Mine})  # as by an entry point
     assert "O1" not in added("lab.criteria", CRITERIA) and not isinstance(criterion("O1", 3), Mine)
     warned = capsys.readouterr().err
     assert warned == "lab: warning: 'O1' of lab.criteria is left out: the lab has one of that name; rename the entry\n"
@@ -185,23 +188,46 @@ def test_the_lab_s_own_names_are_kept(capsys: pytest.CaptureFixture[str]) -> Non
         lab.design("irb120", criterion=Mine())
 
 
-def test_objects_are_registered_in_groups_of_parts() -> None:
+def test_the_last_object_of_a_name_is_the_one_of_that_name() -> None:
     assert registered("lab.samplers") == ()
-    add("lab.samplers", "tolerances", own_parts.Tolerances)
-    day = lab.simulate("irb120", poses=5, sampler="tolerances")
+    day = lab.simulate("irb120", poses=5, sampler=own_parts.Tolerances)
     assert registered("lab.samplers") == ("tolerances",) and day.options.sampler == "tolerances"
-    with pytest.raises(LabError, match=r"group 'lab.commands' takes no objects; there are lab.criteria"):
-        add("lab.commands", "weigh", object())
-    add("lab.samplers", "strict", own_parts.Tolerances)
-    with pytest.raises(
-        LabError, match=r"sampler 'tolerances' is registered in lab.samplers as 'strict'; name both alike"
-    ):
-        load_part("lab.samplers", "strict", lab.Sampler, "sampler")
+
+    class Tight(own_parts.Tolerances):
+        def draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+            return 0.1 * super().draw(rng, shape)
+
+    again = lab.simulate("irb120", poses=5, sampler="tolerances", parts=[Tight()])
+    assert np.abs(again.measurements.points - day.measurements.points).max() > 1e-4
 
     class Needy(own_parts.Tolerances):
         def __init__(self, size: float) -> None:
             self.size = size
 
-    add("lab.samplers", "needy", Needy)
     with pytest.raises(LabError, match=r"it needs arguments .*; give an object"):
-        load_part("lab.samplers", "needy", lab.Sampler, "sampler")
+        lab.simulate("irb120", poses=5, sampler=Needy)
+    with pytest.raises(LabError, match="is no part; give an object of a subclass"):
+        lab.simulate("irb120", poses=5, parts=[3])
+
+
+def test_a_function_is_a_part_of_one_method() -> None:
+    def wide(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+        return rng.uniform(-np.sqrt(3), np.sqrt(3), shape)
+
+    by_function, by_class = (
+        lab.simulate("irb120", poses=5, seed=7, sampler=each) for each in (wide, own_parts.Tolerances())
+    )
+    assert by_function.options.sampler == "wide"
+    np.testing.assert_array_equal(by_function.measurements.points, by_class.measurements.points)
+    with pytest.raises(LabError, match=r"a function is not enough; give a lab.Instrument"):
+        lab.simulate("irb120", poses=5, instrument=wide)
+
+
+def test_options_of_an_effect_are_numbers() -> None:
+    @dataclass(frozen=True)
+    class Shaped(own_parts.Runout):
+        shape: tuple[float, ...] = (1.0,)
+
+    with pytest.raises(LabError, match=r"effect 'runout': option shape is \(1.0,\); give a number"):
+        lab.Effects(own_effects=(Shaped(mrad=1.0),))
+    assert lab.Effects(own_effects=(own_parts.Runout(mrad=0.1),)).own_effects == ("runout:mrad=0.1",)

@@ -13,7 +13,7 @@ from lab.options.named_instruments import name_of, named_instrument
 
 def test_a_name_is_a_preset_which_states_no_errors_that_last() -> None:
     assert all(named_instrument(name) is device and not device.errors.lasting for name, device in INSTRUMENTS.items())
-    with pytest.raises(LabError, match="'ruler' is unknown"):
+    with pytest.raises(LabError, match="instrument ruler: unknown"):
         named_instrument("ruler")
 
 
@@ -36,7 +36,7 @@ def test_the_call_takes_a_name_a_file_and_an_instrument(ours: Path) -> None:
     assert lab.instrument(ours) == lab.instrument(str(ours)) and lab.instrument(ours).transverse_m == pytest.approx(
         5e-5
     )
-    for name, says in (("ruler", "'ruler' is unknown"), (f"{ours}.toml", "ours.toml.toml")):
+    for name, says in (("ruler", "instrument ruler: unknown"), (f"{ours}.toml", "ours.toml.toml")):
         with pytest.raises(LabError, match=says) as caught:
             lab.instrument(name)
         assert "\n" not in str(caught.value)
@@ -52,17 +52,15 @@ def test_an_instrument_is_an_option_as_its_name_is(ours: Path) -> None:
     assert result.options.instrument == str(ours)
 
 
-def test_an_instrument_that_no_run_can_name_is_refused(ours: Path) -> None:
-    """Neither a preset changed in memory nor one whose file was changed since it was read is what its name says."""
+def test_an_instrument_in_memory_is_taken_by_value(ours: Path) -> None:
+    """One whose file was changed since it was read is not what its path says; one with a preset's name is refused."""
     noisier, read = replace(lab.instrument("leica-at500"), radial_m=1e-4), lab.instrument(ours)
     assert name_of(read) == str(ours)
     ours.write_text("[noise]\nradial_um = 2\ntransverse_um = 5\n")
-    for device in (noisier, read):
-        with pytest.raises(
-            LabError, match=r"neither a preset nor as a file describes it.*; describe it in a TOML file"
-        ):
-            lab.simulate(poses=3, instrument=device)
-    with pytest.raises(LabError, match="'instrument'"):
+    assert lab.simulate(poses=3, instrument=read).options.instrument == read.name
+    with pytest.raises(LabError, match="instrument 'leica-at500': the lab has one of that name; give yours another"):
+        lab.simulate(poses=3, instrument=noisier)
+    with pytest.raises(LabError, match=r"'instrument' is 8; give a name, or a lab.Instrument"):
         lab.simulate(poses=3, instrument=8)
 
 

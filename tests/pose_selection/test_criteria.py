@@ -116,9 +116,9 @@ def test_a_criterion_of_one_s_own_needs_a_score_alone() -> None:
     np.testing.assert_allclose(own, exact, atol=1e-7 * np.abs(exact).max(), rtol=0)
 
 
-@pytest.mark.parametrize("given", [3, Criterion, type("Nameless", (Product,), {"name": None})(), np.linalg.det])
+@pytest.mark.parametrize("given", [3, Criterion, type("Nameless", (Product,), {"name": None})()])
 def test_what_is_no_criterion_is_refused(given: object) -> None:
-    with pytest.raises(lab.LabError, match=r"give an object of a subclass of lab.Criterion"):
+    with pytest.raises(lab.LabError, match=r"give (a name, or a|an object of a subclass of) lab\.Criterion"):
         lab.design("irb120", criterion=given)
 
 

@@ -4,11 +4,12 @@ import signal
 import subprocess
 import sys
 import textwrap
-from fractions import Fraction
 from pathlib import Path
+from threading import Lock
 
 import pytest
 
+import lab
 from lab import extension_points
 from lab.core.errors import LabError
 from lab.studies.executors import local_executor
@@ -47,12 +48,26 @@ def test_workers_start_with_interruptions_blocked() -> None:
     assert not blocked()
 
 
-def test_objects_of_this_program_reach_its_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those that a module defines; an object of a script alone stays unknown there."""
+def names_there(content: bytes) -> dict[str, str]:
+    """The parts that a process knows after it has received some: the names of their classes."""
+    extension_points.receive_parts(content)
+    known = extension_points._given.get("lab.samplers", {})
+    return {name: type(part).__name__ for name, part in known.items()}
+
+
+def test_parts_of_this_program_reach_its_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of a script, too, which its processes do not import; a module that they cannot import is named."""
     monkeypatch.setattr(extension_points, "_given", {})
-    extension_points.add("lab.samplers", "fractions", Fraction)
-    extension_points.add("lab.samplers", "script", type("Own", (), {"__module__": "__main__"}))
+    flat = type("Flat", (lab.Sampler,), {"__module__": "__main__", "name": "flat", "draw": lambda self, rng, shape: 0})
+    for part in (flat(), lambda rng, shape: rng.standard_normal(shape)):
+        extension_points.named_parts("sampler", part)
+    content = extension_points.sent_parts()
     with local_executor(1) as pool:
-        assert pool.submit(extension_points.load, "lab.samplers", "fractions").result() is Fraction
-        with pytest.raises(LabError, match="'script' is not registered"):
-            pool.submit(extension_points.load, "lab.samplers", "script").result()
+        assert pool.submit(names_there, content).result() == {"flat": "Flat", "lambda": "lambda"}
+        with pytest.raises(LabError, match=r"a worker cannot load a part .*; install its package there"):
+            pool.submit(names_there, b"cnowhere\nthing\n.").result()
+    locked = flat()
+    locked.lock = Lock()
+    extension_points.add(locked)
+    with pytest.raises(LabError, match="sampler 'flat' cannot be sent to other processes"):
+        extension_points.sent_parts()

@@ -16,6 +16,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import LAST_MOVE, PLACE, SESSION, STATION
 from lab.core.se3 import Array
+from lab.extension_points import Part, PartKind
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
@@ -27,6 +28,7 @@ __all__ = [
     "HOUR_S",
     "LEVER_M",
     "NO_SESSIONS",
+    "OWN_EFFECTS",
     "PAYLOAD",
     "REFERENCE_C",
     "TEMPERATURE",
@@ -498,23 +500,28 @@ class ShapesNoise(ABC):
         """Return noise ``(poses, k, 3)`` m made from independent noise, in the order of the poses."""
 
 
+OWN_EFFECTS = PartKind("lab.effects", "effect", "own_effects", is_made=False)
+
+
 @dataclass(frozen=True)
-class VirtualEffect(ABC):
+class VirtualEffect(Part, ABC, kind=OWN_EFFECTS):
     """Options of ``lab simulate`` for one effect, the fields of a subclass.
 
     The default of a field is no effect; the text below it is the option's help.
 
     Attributes:
+        name: of an effect that is not the lab's: that of the group that it fits, if any.
         draws: number of its random substreams. Each is its own, so that effects do not change each other's draws.
         groups: its fitted groups.
         terms: its fitted groups of single joints.
     """
 
+    name: ClassVar[str] = ""
     draws: ClassVar[int] = 0
     groups: ClassVar[tuple[FittedGroup, ...]] = ()
     terms: ClassVar[tuple[TermFamily, ...]] = ()
 
-    def check(self) -> None:  # noqa: B027 (most have nothing to add)
+    def check(self) -> None:
         """Refuse inconsistent numbers with a LabError about the option; each is finite and not negative."""
 
     @abstractmethod

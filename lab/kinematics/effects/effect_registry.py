@@ -15,7 +15,7 @@ from typing import TypeVar
 from lab.core.errors import LabError, option_name
 from lab.core.limits import OPTION_SIZE
 from lab.core.recent import recent
-from lab.extension_points import added, load
+from lab.extension_points import added
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.backlash import Backlash, Hysteresis, Lag
 from lab.kinematics.effects.bending import Bending
@@ -23,6 +23,7 @@ from lab.kinematics.effects.compliance import Compensator, Compliance, Hardening
 from lab.kinematics.effects.coupling import Coupling, FullCoupling, Gear
 from lab.kinematics.effects.effect import (
     NO_SESSIONS,
+    OWN_EFFECTS,
     ArmFacts,
     Effect,
     FittedGroup,
@@ -115,8 +116,8 @@ EFFECTS: tuple[type[VirtualEffect], ...] = EffectOptions.__bases__[::-1]
 _FITTED = {group.name: group for kind in EFFECTS for group in kind.groups}
 GROUPS = tuple(_FITTED)
 CANDIDATES = tuple(group.name for group in _FITTED.values() if group.is_candidate)  # that --model auto tries
-_GROUP = "lab.effects"
 _KEPT_ARMS, _KEPT = 4, 2_000  # the last arms, and their effects: a search tries 500 of each
+OWN_EFFECTS.taken = GROUPS
 _TERM_FAMILIES = tuple(family for kind in EFFECTS for family in kind.terms)
 _FAMILIES = {(str(family.owner), family.symbol, bool(family.number)): family for family in _TERM_FAMILIES}
 _TERM = re.compile(r"(joint|link)([1-9]\d*)\.([a-z_]+)([1-9]\d*)?")
@@ -169,16 +170,14 @@ def own_effect(name: str) -> type[VirtualEffect]:
     Raises:
         LabError: there is none, its package cannot be imported, or it gives something else.
     """
-    if name not in (names := added(_GROUP, GROUPS)):
+    if name not in (names := added(OWN_EFFECTS.group, GROUPS)):
         raise LabError(
             f"{option_name('own_effects')} {name}: unknown; packages add {', '.join(names) or 'none'}"
             f"{_nearest(name, names) or '; if its package was removed, install it again'}"
         )
-    kind = load(_GROUP, name)
-    if not (isinstance(kind, type) and issubclass(kind, VirtualEffect) and is_dataclass(kind)):
-        raise LabError(
-            f"effect '{name}': {kind!r} is no dataclass derived from {VirtualEffect.__module__}.VirtualEffect"
-        )
+    kind: type[VirtualEffect] = OWN_EFFECTS.named(name)
+    if not isinstance(kind, type) or not is_dataclass(kind):
+        raise LabError(f"effect '{name}': {kind!r} is no dataclass; decorate it by @dataclass(frozen=True)")
     return kind
 
 
@@ -213,7 +212,7 @@ def own_group(name: str) -> FittedGroup:
     Raises:
         LabError: there is no such effect, its package cannot be imported, or it has no group of its name.
     """
-    if name not in (names := added(_GROUP, GROUPS)):
+    if name not in (names := added(OWN_EFFECTS.group, GROUPS)):
         terms = ", ".join(family.name(0, 2 if family.number else 0) for family in _TERM_FAMILIES)
         hint = _nearest(name, (*GROUPS, *names)) or "; if a package added it, install the package again"
         raise LabError(
@@ -237,7 +236,7 @@ def own_group(name: str) -> FittedGroup:
 def own_columns(groups: Iterable[str], chain: JointSpec, loads: Loads | None) -> tuple[str, ...]:
     """Return the columns of a file that own effects among these groups name, beside the lab's."""
     found = dict[str, None]()
-    for name in set(groups) & set(added(_GROUP, GROUPS)):
+    for name in set(groups) & set(added(OWN_EFFECTS.group, GROUPS)):
         with suppress(LabError):  # what cannot be built is refused where it is fitted
             found |= dict.fromkeys(effect(name, chain, loads).conditions)
     return tuple(name for name in found if not is_usual(name))

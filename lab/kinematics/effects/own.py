@@ -12,17 +12,18 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extension_points import own_errors
+from lab.extension_points import numbers, own_errors
 from lab.kinematics.effects.effect import ArmFacts, Effect, FittedGroup, Moves, Offsets, structure_values
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
 
-__all__ = ["finite_of", "fitted_own", "own_function"]
+__all__ = ["fitted_own", "own_function"]
 
 _POSES, _DRAWS = 8, 3  # of the comparison with differences
 _STEP = 1e-4  # of a difference, in typical sizes of the parameter
 _TOLERANCE = 1e-3  # largest error of a derivative, relative to it
 _USUAL_SCALE = 1e-3  # of a parameter without a typical size
+_COMPLEX_TOO = "biufc"  # of joint positions with complex steps
 _compared = dict[tuple[object, ...], object]()  # functions whose derivatives are right, by their groups and arms
 
 
@@ -39,28 +40,6 @@ def own_function(effect: str, function: str) -> Iterator[None]:
     """
     with own_errors("effect", effect, function=function), np.errstate(all="ignore"):  # what comes of it is checked
         yield
-
-
-def finite_of(effect: str, function: str, returned: object, shape: tuple[int, ...], what: str = "numbers") -> Array:
-    """Return what a function of an own effect returned, as an array.
-
-    Raises:
-        LabError: it is no array of finite numbers of this shape.
-    """
-    try:
-        numbers = np.asarray(returned)
-    except ValueError:  # a ragged sequence
-        numbers = np.empty(0, dtype=object)
-    if numbers.dtype.kind not in "biufc":
-        raise LabError(
-            f"effect '{effect}': {function} returns {type(returned).__name__}; return {what} of shape {shape}"
-        )
-    if numbers.shape != shape:
-        raise LabError(f"effect '{effect}': {function} returns {what} of shape {numbers.shape}; return shape {shape}")
-    if not np.isfinite(numbers).all():
-        at = tuple(np.argwhere(~np.isfinite(numbers))[0].tolist())
-        raise LabError(f"effect '{effect}': {function} returns {what} that are not finite, first at {at}; repair it")
-    return numbers
 
 
 def fitted_own(group: FittedGroup, facts: ArmFacts) -> Effect:
@@ -109,23 +88,25 @@ def _moved_numbers(effect: Effect, chain: JointSpec) -> int:
 
 def _checked(effect: Effect, chain: JointSpec) -> Offsets:
     """Return the effect's function, whose result is checked."""
-    name, numbers, count, offsets = effect.name, _moved_numbers(effect, chain), len(effect.parameters), effect.offsets
+    name, moved, count, offsets = effect.name, _moved_numbers(effect, chain), len(effect.parameters), effect.offsets
+
+    where = f"effect '{name}': offsets"
 
     def checked(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
         with own_function(name, "offsets"):
             returned: Any = offsets(joints, conditions, values)
         n = len(joints)
-        shape = (n, numbers) if values.ndim == 1 else (len(values), n, numbers)
+        shape = (n, moved) if values.ndim == 1 else (len(values), n, moved)
         if not isinstance(returned, tuple) or len(returned) != 2:
             raise LabError(
-                f"effect '{name}': offsets returns {type(returned).__name__}; return two arrays, the offsets {shape} "
+                f"{where} returns {type(returned).__name__}; return two arrays, the offsets {shape} "
                 f"and their derivatives {(*shape, count)}"
             )
         alike = values.ndim > 1 and np.ndim(returned[1]) == 3  # all stacked arms have the same derivatives
-        derivative = (n, numbers, count) if alike else (*shape, count)
+        derivative = (n, moved, count) if alike else (*shape, count)
         return (
-            finite_of(name, "offsets", returned[0], shape, "offsets"),
-            finite_of(name, "offsets", returned[1], derivative, "derivatives"),
+            numbers(where, returned[0], shape, "offsets", kinds=_COMPLEX_TOO),
+            numbers(where, returned[1], derivative, "derivatives", kinds=_COMPLEX_TOO),
         )
 
     return checked
