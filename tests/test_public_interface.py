@@ -96,7 +96,7 @@ NO_EXAMPLE = {"study"}  # it needs a file and processes: its page shows it
         (lambda: lab.verify("run", file="y.csv"), "lab.verify: file is no option here; give measurements alone"),
         (lambda: lab.calibrate("irb120", poses="many"), "lab.calibrate: 'many' is not a value of option 'poses'"),
         (lambda: lab.calibrate("irb121"), "robot 'irb121': no such model"),
-        (lambda: lab.simulate(targets="p1"), "give a list, each a text"),
+        (lambda: lab.simulate(targets=3), "give a list, each a text"),
         (lambda: lab.compensate("targets.csv"), "lab.compensate: 'run' is missing"),
         (lambda: lab.verify("run"), "give the new measurements"),
         (lambda: lab.simulate(effects=3), r"lab.simulate: effects is 3; give effects=lab.Effects\("),

@@ -24,8 +24,9 @@ from sphinx.util.docutils import SphinxDirective
 
 import lab
 from lab.cli.commands import all_commands
-from lab.cli.help_text import Option, field_texts, grouped, options_of_command
+from lab.cli.help_text import Option, grouped, options_of_command
 from lab.options.command import Command
+from lab.options.option_texts import WIDER, field_texts
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 GROUPS, FOLDER = REFERENCE / "interface.toml", REFERENCE / "interface"
@@ -35,11 +36,7 @@ _OF_RESULTS = {
     "options": "Options of the call.", "robot": "The robot.", "warnings": "Warnings on the input and the result.",
 }  # fmt: skip
 _WIDTHS = (18, 24, 12, 46)
-_SECTIONS = ("Args", "Attributes", "Returns", "Yields", "Raises", "Example", "Note")
-_WIDER = {  # options that a call takes as an object too, beside what the command line takes
-    "instrument": "str | Path | Instrument", "validate": "str | Path | Measurements", "criterion": "str | Criterion",
-    "estimator": "str | Estimator", "sampler": "str | Sampler",
-}  # fmt: skip
+_SECTIONS = ("Args", "Attributes", "Returns", "Yields", "Raises", "Example", "Note", "Options")
 
 
 @dataclass(frozen=True)
@@ -231,7 +228,8 @@ def _argument_row(name: str, one: inspect.Parameter, text: str) -> tuple[str, st
 def _option_row(each: Documented, option: Option | str) -> tuple[str, str, str, str]:
     name = option if isinstance(option, str) else option.name
     one = _parameters(each.value)[name]
-    kind = linked(_WIDER.get(name, re.sub(r"\bPath\b", "str | Path", spelled(one.annotation))))
+    kind = re.sub(r"\bPath\b", "str | Path", spelled(one.annotation))
+    kind = linked(" | ".join(dict.fromkeys([*kind.split(" | "), *WIDER.get(name, ())])))
     if isinstance(option, Option) and option.metavar.startswith("{"):
         kind = value(option)
     if one.default is None and "None" not in kind:

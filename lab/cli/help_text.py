@@ -3,22 +3,19 @@
 Parsing does not depend on it: all options are accepted, whichever help shows them.
 """
 
-import ast
-import inspect
 import shutil
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
-from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from lab.library.run_folder import positional
 from lab.options.command import Command, OptionGroup
+from lab.options.option_texts import field_texts
 
-__all__ = ["HELP_FLAGS", "ROBOT", "Option", "field_texts", "grouped", "help_text", "options_of_command"]
+__all__ = ["HELP_FLAGS", "ROBOT", "Option", "grouped", "help_text", "options_of_command"]
 
 HELP_FLAGS = ("-h", "--help", "--help-all")
 _COLUMN = 32  # the widest column of flags; longer ones have a line of their own
@@ -167,27 +164,6 @@ def _shown_default(value: Any, extras: Sequence[Any]) -> str:
         if write := getattr(each, "str_from_instance", None):
             return " ".join(write(value))
     return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
-
-
-def field_texts(kind: type[Any]) -> dict[str, str]:
-    """Return the text below each field of a class and its bases, from the source; none where that is not there."""
-    return {name: text for base in reversed(kind.__mro__) for name, text in _own_docstrings(base).items()}
-
-
-@cache
-def _own_docstrings(kind: type[Any]) -> dict[str, str]:
-    """Return the text below each field of a class, without its bases; read once, as parsing takes a while."""
-    try:
-        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
-    except (OSError, TypeError, SyntaxError, ValueError):
-        return {}
-    found = dict[str, str]()
-    for one, after in pairwise(tree.body if isinstance(tree, ast.ClassDef) else []):
-        if not isinstance(one, ast.AnnAssign) or not isinstance(one.target, ast.Name):
-            continue
-        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-            found[one.target.id] = str(after.value.value)
-    return found
 
 
 def grouped(command: Command, options: Sequence[Option], *, every: bool) -> dict[str, tuple[Option, ...]]:

@@ -21,7 +21,6 @@ from lab.library.calibration_result import CalibrationResult
 from lab.library.simulate import MeasurementSession, measurement_session
 from lab.library.virtual_arm import truth_of
 from lab.options.call_options import options_of, takes
-from lab.options.measured_campaign import judging_of
 from lab.options.named_instruments import named_instrument
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.robots.load_robot import load_virtual
@@ -89,7 +88,7 @@ def _identified(
         noise = Noise(None, MM.to_si(options.noise_mm))
     source = options.plan or f"{option_name('poses')} {options.poses}"
     with error_context(source):
-        fit, judging = options.fitting.to_si(), judging_of(options)
+        fit, judging = options.fitting.to_si(), options.judgement()
         state = start(robot, session.measurements, options.kind(), noise, fit, judging, seed=options.seed)
     state = replace(state, source=str(source), checks=tuple(map(note, robot.warnings)))
     started = time.perf_counter()

@@ -18,7 +18,7 @@ from lab.library.hand_load import HandLoad, carrying
 from lab.library.measurement_checks import checked, robot_of
 from lab.noise.instruments import observing
 from lab.options.call_options import options_of, takes
-from lab.options.measured_campaign import MeasuredCampaign, judging_of
+from lab.options.measured_campaign import MeasuredCampaign
 from lab.options.named_instruments import named_instrument
 from lab.options.plan_settings import filled_in
 from lab.robots.load_robot import load_robot
@@ -103,7 +103,7 @@ def _identified(
         None if device is None else observing(named_instrument(device), sensor.read_by or sensor.name),
         None if options.noise_mm is None else MM.to_si(options.noise_mm),
     )
-    fit, judging = options.fitting.to_si(), judging_of(options, other)
+    fit, judging = options.fitting.to_si(), options.judgement(other)
     with error_context(options.file):
         state = start(robot, data, sensor, noise, fit, judging, seed=options.seed)
     state = replace(state, source=str(options.file), checks=tuple(map(note, robot.warnings)))

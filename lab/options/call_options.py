@@ -5,8 +5,8 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, signature
-from pathlib import Path
-from typing import Any, TypeVar, cast, get_type_hints
+from pathlib import Path, PurePath
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from threadpoolctl import threadpool_limits
 
@@ -14,6 +14,7 @@ from lab.core.errors import LabError
 from lab.core.progress import Listener, listening
 from lab.extension_points import add, named_parts
 from lab.formats.structured import structured
+from lab.options.option_texts import options_section
 
 __all__ = ["options_of", "takes"]
 
@@ -48,9 +49,21 @@ def options_of(call: str, kind: type[_Options], given: Mapping[str, Any], unused
         if name not in groups:
             meant = "".join(f": is {each} meant? There" for each in get_close_matches(name, shown, 1))
             raise LabError(f"{call}: '{name}' is no option{meant or '; there'} are {', '.join(shown)}")
-        group = groups[name][0]
-        (nested.setdefault(group, {}) if group else nested)[name] = value
+        group, _, hint = groups[name]
+        (nested.setdefault(group, {}) if group else nested)[name] = _plain_value(value, hint)
     return structured(call, kind, nested)
+
+
+def _plain_value(value: Any, hint: Any) -> Any:
+    """Return an option's value as a plain one: numbers and arrays of numpy, paths for texts, one text for several."""
+    if callable(to_list := getattr(value, "tolist", None)):  # numpy's numbers and arrays, columns of tables
+        return to_list()
+    kinds = get_args(hint) or (hint,)
+    if isinstance(value, PurePath) and str in kinds:
+        return str(value)
+    if isinstance(value, str) and get_origin(hint) is tuple and str in kinds:
+        return tuple(part.strip() for part in value.split(",") if part.strip())
+    return value
 
 
 def _plain(call: str, name: str, value: Any) -> dict[str, Any]:
@@ -63,7 +76,7 @@ def _plain(call: str, name: str, value: Any) -> dict[str, Any]:
 
 
 def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Callable[[_Call], _Call]:
-    """Mark a public call whose ``**options`` are a command's: ``help`` and editors show them as its keywords.
+    """Mark a public call whose ``**options`` are a command's: ``help`` and editors show them, with their texts.
 
     It runs on one BLAS thread: small matrices gain nothing from more, and results stay the same to the last bit. Its
     argument ``progress`` is called with each ``Event`` of the work; what it raises ends the call.
@@ -95,6 +108,7 @@ def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Calla
         taken = {*called, *unused, *(each.name for each in own)}
         more = [each for each in _parameters(kind) if each.name not in taken]
         call.__signature__ = shown.replace(parameters=[*own, *more, _PARTS, _PROGRESS])  # type: ignore[attr-defined]
+        call.__doc__ = f"{(function.__doc__ or '').rstrip()}\n\n{options_section(kind, more)}\n    "
         return cast(_Call, call)
 
     return mark

@@ -1,27 +1,24 @@
 """Options of a calibration from measurements; ``lab.options.virtual_campaign`` has those of a virtual one."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
 import tyro
 
 from lab.core.errors import LabError
-from lab.core.units import MM
+from lab.options.judging import ValidatedJudging
 from lab.options.option_groups import Fitting
-from lab.options.option_types import Names, NoRecording
-from lab.options.task_region import REGION_HELP, task_region
-from lab.options.virtual_campaign import VirtualCampaign, check_common, check_region
+from lab.options.option_types import NoRecording
+from lab.options.virtual_campaign import VirtualCampaign, check_common
 from lab.robots.config_file import robot_of_file
 from lab.sensors.sensor_options import FitInputs, SensorOptions
 from lab.sensors.sensor_registry import SensorName, configured_sensor
 
 if TYPE_CHECKING:
     from lab.calibration.sensor import Sensor
-    from lab.core.measurements import Measurements
-    from lab.verdict.fitted import Judging
 
-__all__ = ["MeasuredCampaign", "VirtualCampaign", "judging_of"]
+__all__ = ["MeasuredCampaign", "VirtualCampaign"]
 
 
 @dataclass(frozen=True)
@@ -42,19 +39,6 @@ class _MeasurementFile:
     krypton-k600, with its head at the file's origin; or of the TOML file of a tracker."""
     noise_mm: float | None = None
     """Weigh the points by this noise (1σ per axis); without either it is estimated."""
-    holdout: float | None = None
-    """Hold out this share of the poses, at random, and validate on them."""
-    holdout_last: float | None = None
-    """Hold out this share of the poses, the last by time_s or else in the file, and validate on them."""
-    validate: Path | None = None
-    """Judge by this file."""
-    refit: Names = ()
-    """What each session of that file may place anew: base, tool, or base,tool."""
-    gate_mm: float | None = None
-    """A larger mean error on poses not fitted is a bad result; by default the result is judged without a gate."""
-    region: Annotated[str, tyro.conf.arg(help=REGION_HELP)] = "measured"
-    require: Literal["good"] | None = None
-    """Exit with 3 where the verdict is doubtful or nothing was validated; a bad one exits with 1 in any case."""
     date: str | None = None
     """The day of the measurements, YYYY-MM-DD, by which lab history puts runs in order."""
     serial: str | None = None
@@ -65,7 +49,7 @@ class _MeasurementFile:
 
 
 @dataclass(frozen=True)
-class MeasuredCampaign(SensorOptions, _MeasurementFile):
+class MeasuredCampaign(SensorOptions, ValidatedJudging, _MeasurementFile):
     """A calibration from a measurement file."""
 
     fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
@@ -78,15 +62,10 @@ class MeasuredCampaign(SensorOptions, _MeasurementFile):
 
     def check(self) -> None:
         """Refuse options that make no sense or contradict each other, with a LabError that names them."""
-        check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm, self.date, self.serial)
+        check_common(self.fitting, self.seed, self.noise_mm, self.date, self.serial)
         if self.noise_mm is not None and self.instrument is not None:
             raise LabError("--instrument and --noise-mm both set the noise; give one")
-        judging = {"--holdout": self.holdout, "--holdout-last": self.holdout_last, "--validate": self.validate}
-        if len(given := [flag for flag, value in judging.items() if value is not None]) > 1:
-            raise LabError(f"{given[0]} and {given[1]} both set the validation data; give one")
-        if self.refit and self.validate is None:
-            raise LabError("--refit sets what a validation file fits anew; give --validate FILE too")
-        check_region(self.region, self.kind())
+        self.check_judging(self.kind())
 
     def kind(self) -> "Sensor":
         """The kind of observation that is asked for, with its options.
@@ -98,31 +77,3 @@ class MeasuredCampaign(SensorOptions, _MeasurementFile):
             self.noise_mm, self.fitting.prior == "on", self.instrument is not None, self.validate is not None
         )
         return configured_sensor(self.observe, self, fit)
-
-
-def judging_of(options: VirtualCampaign | MeasuredCampaign, other: "Measurements | None" = None) -> "Judging":
-    """Return the options of the judgement in SI units.
-
-    Args:
-        other: the rows of the file to validate on.
-
-    Raises:
-        LabError: the region cannot be read.
-    """
-    from lab.verdict.fitted import Judging
-
-    judging = Judging(
-        gate_m=None if options.gate_mm is None else MM.to_si(options.gate_mm),
-        region=task_region(options.region),
-        region_name=f"--region {options.region}",
-    )
-    if isinstance(options, VirtualCampaign):
-        return judging
-    return replace(
-        judging,
-        holdout=options.holdout,
-        holdout_last=options.holdout_last,
-        other=other,
-        other_source=str(options.validate),
-        refit=options.refit,
-    )

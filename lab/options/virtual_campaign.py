@@ -26,18 +26,18 @@ from lab.core.limits import (
 )
 from lab.core.units import MM
 from lab.formats.programs.languages import Controller
+from lab.options.judging import Judging
 from lab.options.option_groups import Effects, Fitting
 from lab.options.option_types import Flag, Names, NoRecording, Numbers
-from lab.options.task_region import REGION_HELP, task_region
+from lab.options.task_region import task_region
 from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
 from lab.sensors.sensor_registry import SensorName, configured_sensor, sensor_named, sensors_with
 from lab.simulation.free_path import CLEARANCE_MM, Clearances
 
 if TYPE_CHECKING:
-    from lab.calibration.sensor import Sensor
     from lab.sensors.virtual_sensor import VirtualSensor
 
-__all__ = ["DesignOptions", "VirtualCampaign", "check_common", "check_region"]
+__all__ = ["DesignOptions", "VirtualCampaign", "check_common"]
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,6 @@ class _VirtualSession:
     """Distribution of these errors: normal. Packages may add others."""
     dh_only: Flag = False
     """Perturb nothing but the Denavit-Hartenberg parameters."""
-    gate_mm: float | None = None
-    """A larger mean error on validation poses is a bad result; by default the result is judged without a gate."""
-    region: Annotated[str, tyro.conf.arg(help=REGION_HELP)] = "measured"
-    require: Literal["good"] | None = None
-    """Exit with 3 where the verdict is doubtful or nothing was validated; a bad one exits with 1 in any case."""
     date: str | None = None
     """The date of the measurements, YYYY-MM-DD, by which lab history orders runs."""
     serial: str | None = None
@@ -93,7 +88,7 @@ class _VirtualSession:
 
 
 @dataclass(frozen=True)
-class VirtualCampaign(SensorOptions, VirtualSetup, _VirtualSession):
+class VirtualCampaign(SensorOptions, VirtualSetup, Judging, _VirtualSession):
     """A campaign on a virtual arm."""
 
     def kind(self) -> "VirtualSensor":
@@ -112,8 +107,8 @@ class VirtualCampaign(SensorOptions, VirtualSetup, _VirtualSession):
         whole("--poses", self.poses, 1, POSES)
         whole("--readings", self.readings, 1, READINGS)
         TARGETS("--targets", self.targets)
-        check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm, self.date, self.serial)
-        check_region(self.region, self.kind())
+        check_common(self.fitting, self.seed, self.noise_mm, self.date, self.serial)
+        self.check_judging(self.kind())
         spreads = {
             "--position-sigma-mm": self.position_sigma_mm,
             "--rotation-sigma-mrad": self.rotation_sigma_mrad,
@@ -268,22 +263,10 @@ class DesignOptions:
 _OF_POINTS = ("instrument", "targets", "model", "payload_kg", "region", "scaling", "extend", "check")
 
 
-def check_region(region: str, kind: "Sensor") -> None:
-    """Refuse an invalid region, or one for a sensor without positions, with a LabError."""
-    if task_region(region).kind != "measured" and not kind.in_instrument_frame:
-        raise LabError(
-            f"--region {region}: of --observe {kind.name} errors are predicted where poses were measured; leave it out"
-        )
-
-
-def check_common(
-    fitting: Fitting, seed: int, gate_mm: float | None, noise_mm: float | None, date: str | None, serial: str | None
-) -> None:
+def check_common(fitting: Fitting, seed: int, noise_mm: float | None, date: str | None, serial: str | None) -> None:
     """Refuse options of virtual and measured campaigns that make no sense, with a LabError that names the option."""
     fitting.check()
     whole("--seed", seed, 0, SEED)
-    if gate_mm is not None:
-        positive("--gate-mm", gate_mm)
     if noise_mm is not None:
         positive("--noise-mm", noise_mm)
     if date is not None:

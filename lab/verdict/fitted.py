@@ -39,7 +39,7 @@ from lab.prediction.residual_spread import ResidualSpread, residual_spread
 from lab.prediction.workspace_prediction import ValidationBounds
 from lab.verdict.verdict import Verdict
 
-__all__ = ["UNJUDGED", "Fitted", "Judging", "Named", "named_poses"]
+__all__ = ["UNJUDGED", "Fitted", "JudgementOptions", "Named", "named_poses"]
 
 
 @dataclass(frozen=True)
@@ -78,30 +78,31 @@ _NOT_TESTED = lack_of_fit_not_tested("residual")
 
 
 @dataclass(frozen=True)
-class Judging:
-    """Options of the judgement of a fit.
+class JudgementOptions:
+    """Options of the judgement of a fit, in SI units.
 
     Attributes:
+        gate_m: a larger mean error at poses not fitted is bad; None for no such limit.
+        region: where the arm has to be known; None for where poses were measured.
+        region_name: what errors call it.
         holdout: share of the poses to hold out at random; None for none.
         holdout_last: share of the last poses to hold out; None for none.
         other: further measurements to validate on; None where there are none.
         other_source: their file, as errors name it.
         refit: what each session of those may place anew: base, tool.
-        gate_m: a larger mean error at poses not fitted is bad; None for no such limit.
-        region: where the arm has to be known; None for where poses were measured.
     """
 
+    gate_m: float | None = None
+    region: TaskRegion | None = None
+    region_name: str = "region"
     holdout: float | None = None
     holdout_last: float | None = None
     other: Measurements | None = None
     other_source: str = ""
     refit: tuple[str, ...] = ()
-    gate_m: float | None = None
-    region: TaskRegion | None = None
-    region_name: str = "region"
 
 
-UNJUDGED = Judging()  # by no gate, validated by folds
+UNJUDGED = JudgementOptions()  # by no gate, validated by folds
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ class Fitted:
     fitter: Fitter
     given: Measurements
     held_out: Measurements | None = None
-    judging: Judging = UNJUDGED
+    judging: JudgementOptions = UNJUDGED
     source: str = ""
     progress: Progress = field(default=no_progress, repr=False, compare=False)
     checks: tuple[Check, ...] = ()

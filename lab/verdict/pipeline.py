@@ -80,7 +80,7 @@ from lab.verdict.fit_checks import (
     noise_in_another_unit,
     points_in_another_scale,
 )
-from lab.verdict.fitted import UNJUDGED, Fitted, Judging, named_poses
+from lab.verdict.fitted import UNJUDGED, Fitted, JudgementOptions, named_poses
 from lab.verdict.noise_findings import changes_in_time, finding, shared_error_findings
 from lab.verdict.verdict import verdict
 
@@ -97,7 +97,7 @@ def identify_robot(
     sensor: Sensor,
     noise: Noise = UNKNOWN,
     fit: FitOptions = PLAIN,
-    judging: Judging = UNJUDGED,
+    judging: JudgementOptions = UNJUDGED,
     *,
     seed: int = 0,
     steps: Mapping[str, Step] | None = None,
@@ -174,7 +174,7 @@ def start(
     sensor: Sensor,
     noise: Noise = UNKNOWN,
     fit: FitOptions = PLAIN,
-    judging: Judging = UNJUDGED,
+    judging: JudgementOptions = UNJUDGED,
     *,
     seed: int = 0,
 ) -> Fitted:

@@ -16,15 +16,9 @@ from typing import Annotated, Any, ForwardRef, Literal, Union, get_args, get_ori
 import tyro
 
 import lab
+from lab.options.option_texts import WIDER
 
 STUB = Path(lab.__file__).with_name("__init__.pyi")
-_WIDER = {  # of options that a program may give as an object too
-    "instrument": (("pathlib", "Path"), ("lab.noise.instruments", "Instrument")),
-    "validate": (("lab.core.measurements", "Measurements"),),
-    "criterion": (("lab.pose_selection.criteria", "Criterion"),),
-    "estimator": (("lab.calibration.estimator", "Estimator"),),
-    "sampler": (("lab.simulation.sampler", "Sampler"),),
-}
 
 
 class Stub:
@@ -74,8 +68,8 @@ class Stub:
     def parameter(self, each: Parameter) -> str:
         """An argument with its type and, where it may be written, its default."""
         kind = self.spelled(each.annotation)
-        if each.name in _WIDER and each.kind is Parameter.KEYWORD_ONLY:
-            kind += "".join(f" | {self.named(*wider)}" for wider in _WIDER[each.name])
+        if each.kind is Parameter.KEYWORD_ONLY:
+            kind += "".join(f" | {self.named('pathlib', wider)}" for wider in WIDER.get(each.name, ()))
         default = each.default
         if default is Parameter.empty:
             return f"{each.name}: {kind}"

@@ -17,7 +17,7 @@ from lab.kinematics.gauge import base_set
 from lab.options.option_groups import Fitting
 from lab.phrases.phrase import phrases
 from lab.sensors.points import PointSensor
-from lab.verdict.fitted import Fitted, Judging
+from lab.verdict.fitted import Fitted, JudgementOptions
 from lab.verdict.pipeline import FITTING, STEPS, identify_robot, run_steps, start
 
 SIGMA = 5e-6
@@ -140,7 +140,7 @@ def test_a_step_is_left_out() -> None:
 @pytest.mark.thorough
 def test_the_state_is_looked_at_after_a_step() -> None:
     data = simulated((), {}, random_joints(40, 9), {}, 9)
-    first = start(IRB120, data, POINTS, judging=Judging(holdout=0.25))
+    first = start(IRB120, data, POINTS, judging=JudgementOptions(holdout=0.25))
     assert first.held_out is None and len(first.given) == 40 and not first.checks
     names = list(STEPS)
     held = run_steps(first, {name: STEPS[name] for name in names[: names.index("fit")]})
@@ -152,7 +152,7 @@ def test_the_state_is_looked_at_after_a_step() -> None:
     assert first.held_out is None  # a step changes no state, it makes a new one
     judged = run_steps(fit, {name: STEPS[name] for name in names[names.index("fit") + 1 :]})
     assert judged.validation.judged_by == "holdout" and judged.verdict.word in ("good", "doubtful")
-    whole = identify_robot(IRB120, data, POINTS, judging=Judging(holdout=0.25))
+    whole = identify_robot(IRB120, data, POINTS, judging=JudgementOptions(holdout=0.25))
     np.testing.assert_array_equal(judged.identification.covariance, whole.identification.covariance)
     assert phrases(judged.checks) == phrases(whole.checks)
 
