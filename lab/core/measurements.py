@@ -264,7 +264,7 @@ class Measurements(Value):
         return joined([self, other]) if isinstance(other, Measurements) else NotImplemented
 
     def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
-        raise LabError("measurements are a table and no array; take their .joints, .points or a column")
+        raise LabError("measurements are a table and no array; take .joints, .points, a column, or to_frame()")
 
     @cached_property
     def _visited(self) -> _Visits:

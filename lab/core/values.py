@@ -5,13 +5,14 @@ from dataclasses import fields, is_dataclass
 from functools import partial
 from html import escape
 from types import BuiltinFunctionType, FunctionType, MethodType
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.extras import optional
 
-__all__ = ["Value", "arrow_stream", "data_frame", "same"]
+__all__ = ["ArrowTable", "Value", "arrow_columns", "arrow_stream", "data_frame", "same"]
 
 
 class Value:
@@ -86,6 +87,21 @@ def arrow_stream(columns: Mapping[str, Any], requested_schema: object = None) ->
     import pyarrow
 
     return pyarrow.table(dict(columns)).__arrow_c_stream__(requested_schema)
+
+
+@runtime_checkable
+class ArrowTable(Protocol):
+    """A table with the Arrow C interface: of pandas, polars, pyarrow, DuckDB or the lab."""
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object: ...
+
+
+def arrow_columns(table: ArrowTable) -> dict[str, NDArray[Any]]:
+    """Return the columns of a table; empty cells of numbers are NaN, those of texts None."""
+    import pyarrow
+
+    read = pyarrow.table(table)
+    return {name: read[name].to_numpy() for name in read.column_names}
 
 
 def _same_arrays(first: np.ndarray[Any, Any], second: np.ndarray[Any, Any]) -> bool:

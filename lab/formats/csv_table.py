@@ -1,4 +1,4 @@
-"""CSV files as texts, with line and column of every cell for error messages.
+"""CSV files and columns in memory as texts, with line and column of every cell for error messages.
 
 Numbers are read as decimals and scaled exactly. Unread columns are tracked.
 """
@@ -7,6 +7,7 @@ import csv
 import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 from itertools import chain
 from pathlib import Path
@@ -19,7 +20,7 @@ from lab.core.limits import COLUMNS, LINE, NUMBER_SIZE, ROWS, TABLE_BYTES, Limit
 from lab.core.se3 import Array
 from lab.formats.structured import read_text
 
-__all__ = ["CsvTable", "name_cell", "text_cell", "write_columns"]
+__all__ = ["ColumnsInMemory", "CsvTable", "name_cell", "text_cell", "write_columns"]
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _PLAIN = re.compile(r"[0-9eE+\-.\n]+", re.ASCII)
@@ -59,72 +60,126 @@ def _cells(column: str, values: Sequence[Any] | Array) -> list[str]:
     return [cell(value) if isinstance(value, str) else repr(float(value)) for value in values]
 
 
+@dataclass(frozen=True)
+class ColumnsInMemory:
+    """Columns of texts and numbers, which ``CsvTable`` reads as those of a file.
+
+    Attributes:
+        source: the table's name in error messages.
+        columns: by name, of one length; None and NaN are empty cells.
+    """
+
+    source: str
+    columns: Mapping[str, Any]
+
+    def __str__(self) -> str:
+        return self.source
+
+    def texts(self) -> dict[str, list[str]]:
+        """Return the cells of each column as texts.
+
+        Raises:
+            LabError: a column has another length or is not a flat list.
+        """
+        texts = {str(name): self._cells(str(name), values) for name, values in self.columns.items()}
+        if len(counts := {len(cells) for cells in texts.values()}) > 1:
+            raise LabError(f"{self}: columns have {' and '.join(map(str, sorted(counts)))} rows; give all as many")
+        return texts
+
+    def _cells(self, name: str, values: Any) -> list[str]:
+        cells = values if isinstance(values, np.ndarray) else np.array([*values], dtype=object)
+        if cells.ndim != 1:
+            raise LabError(f"{self}: column {name} has shape {cells.shape}; give one cell for each row")
+        return ["" if cell is None or cell != cell else str(cell) for cell in cells.tolist()]
+
+
 class CsvTable:
-    """A CSV file: its header, its rows of texts, and their line numbers (the header is 1).
+    """A CSV file: its header, its rows of texts, and their line numbers (the header is 1); or columns in memory.
 
     Cells are separated by commas, or by semicolons, and then numbers may have decimal commas.
 
     Attributes:
+        path: of the file; the columns without one.
         most: largest number of rows.
         semicolons: True if they separate the cells.
         decimal: decimal mark of the first number, and its line and column; None before it is read.
         header: names of the columns.
-        lines: of the rows.
+        lines: of the rows; empty without a file.
         unread: columns that were not read yet.
     """
 
-    def __init__(self, path: Path, most: Limit = ROWS) -> None:
-        self.path, self.most = path, most
+    def __init__(self, source: Path | ColumnsInMemory, most: Limit = ROWS) -> None:
+        self.path, self.most = source, most
         self.semicolons = False
         self.decimal: tuple[str, str] | None = None
+        self.lines: Sequence[int] = ()
+        self._count = 0
         self._columns: list[list[_Cells]] = []
-        self.header, self.lines = self._read()
+        self.header = self._read(source) if isinstance(source, Path) else self._take(source)
         self.unread = list(self.header)
 
     def __len__(self) -> int:
-        return len(self.lines)
+        return self._count
 
-    def _read(self) -> tuple[list[str], Sequence[int]]:
-        text = read_text(self.path, TABLE_BYTES)
+    def _take(self, given: ColumnsInMemory) -> list[str]:
+        """Store columns in memory, and return their names."""
+        texts = given.texts()
+        rows = len(next(iter(texts.values()), ()))
+        self.most(given, rows)
+        self._count = rows
+        self._columns = [[_packed(tuple(cells))] for cells in texts.values()]
+        self._check_table([*texts], rows, None)
+        return [*texts]
+
+    def _read(self, path: Path) -> list[str]:
+        """Store the columns of a file, and return their names."""
+        rows = self._rows(self._text(path))
+        line, cells = next(rows, (0, []))
+        header, lines = [cell.strip() for cell in cells], [line]
+        ragged: tuple[int, int] | None = None  # the first line of another number of cells, and that number
+        block: list[list[str]] = []
+        for line, cells in rows:
+            if len(cells) != len(header):
+                ragged = ragged or (line, len(cells))
+                continue
+            block.append(cells)
+            lines.append(line)
+            if len(block) == _BLOCK:
+                self._keep(block)
+                block = []
+        if lines[0] != 1:
+            raise self.wrong("is blank; begin the file with the header", sep=" ")
+        self._keep(block)
+        self._check_table(header, len(lines) - 1, ragged)
+        whole, self._count = len(lines) == lines[-1], len(lines) - 1
+        self.lines = range(2, len(lines) + 1) if whole else lines[1:]
+        return [_unmarked(name) for name in header]
+
+    def _text(self, path: Path) -> str:
+        """Return the text of a file, whose first line decides on the separator."""
+        text = read_text(path, TABLE_BYTES)
         if not text.strip():
-            raise LabError(f"{self.path}: the file is empty; give a header line and rows below it")
+            raise LabError(f"{path}: the file is empty; give a header line and rows below it")
         first = text.partition("\n")[0]
         if first.startswith("#"):
-            raise LabError(f"{self.path}: line 1 is a comment; begin the file with the header")
-        self.most(self.path, text.count("\n") - 1)
-        LINE(f"{self.path}: line 1", first)
+            raise self.wrong("is a comment; begin the file with the header", sep=" ")
+        self.most(path, text.count("\n") - 1)
+        LINE(f"{path}: line 1", first)
         if "\t" in first and "," not in first and ";" not in first:
-            raise LabError(f"{self.path}: line 1: the columns are separated by tabs; separate them by commas")
+            raise self.wrong("the columns are separated by tabs; separate them by commas")
         self.semicolons = ";" in first and "," not in first
-        header: list[str] = []
-        lines: list[int] = []
-        block: list[list[str]] = []
-        ragged: tuple[int, int] | None = None  # the first line of another number of cells, and that number
+        return text
+
+    def _rows(self, text: str) -> Iterator[tuple[int, list[str]]]:
+        """Yield the line and the cells of each row that is not blank."""
         line, reader = 1, csv.reader(_lines(text), delimiter=";" if self.semicolons else ",", strict=True)
         try:
             for row in reader:
-                if not any(map(str.strip, row)):
-                    pass
-                elif not header:
-                    header = [cell.strip() for cell in row]
-                    lines.append(line)
-                elif len(row) == len(header):
-                    block.append(row)
-                    lines.append(line)
-                elif ragged is None:
-                    ragged = line, len(row)
-                if len(block) == _BLOCK:
-                    self._keep(block)
-                    block = []
+                if any(map(str.strip, row)):
+                    yield line, row
                 line = reader.line_num + 1
         except csv.Error as error:
             raise LabError(f"{self.path}: line {line}: {error}; fix the quotes of the row that begins there") from error
-        if not lines or lines[0] > 1:
-            raise LabError(f"{self.path}: line 1 is blank; begin the file with the header")
-        self._keep(block)
-        self._check_table(header, len(lines) - 1, ragged)
-        whole = len(lines) == lines[-1]
-        return [_unmarked(name) for name in header], range(2, len(lines) + 1) if whole else lines[1:]
 
     def _keep(self, block: list[list[str]]) -> None:
         """Store rows by columns, each as one text if possible, which takes least memory."""
@@ -134,12 +189,12 @@ class CsvTable:
             self._columns[column].append(_packed(cells))
 
     def _check_table(self, header: list[str], rows: int, ragged: tuple[int, int] | None) -> None:
-        COLUMNS(f"{self.path}: line 1", header)
+        COLUMNS(self.header_place, header)
         for i, name in enumerate(header):
             if not name:
-                raise LabError(f"{self.path}: line 1: column {i + 1} has no name; name it or remove it")
+                raise self.wrong(f"column {i + 1} has no name; name it or remove it")
             if name in header[:i]:
-                raise LabError(f"{self.path}: line 1: column {name} appears twice; keep one")
+                raise self.wrong(f"column {name} appears twice; keep one")
         if not rows and ragged is None:
             raise LabError(f"{self.path}: no rows below the header; add some")
         if ragged is not None:
@@ -155,9 +210,22 @@ class CsvTable:
             self.unread.remove(name)
         return tuple(chain.from_iterable(_unpacked(each) for each in self._columns[self.header.index(name)]))
 
+    @property
+    def header_place(self) -> str:
+        """Location of the header in error messages."""
+        return f"{self.path}: line 1" if isinstance(self.path, Path) else str(self.path)
+
+    def wrong(self, what: str, sep: str = ": ") -> LabError:
+        """Return an error about the header."""
+        return LabError(f"{self.header_place}{sep}{what}")
+
+    def place(self, row: int) -> str:
+        """Return the location of a row in error messages."""
+        return f"line {self.lines[row]}" if self.lines else f"row {row}"
+
     def fail(self, row: int, column: str, what: str) -> LabError:
         """Return an error about a cell."""
-        return LabError(f"{self.path}: line {self.lines[row]}, column {column}: {what}")
+        return LabError(f"{self.path}: {self.place(row)}, column {column}: {what}")
 
     def numbers(self, column: str, exponent: int = 0, *, empty: bool = False) -> Array:
         """Return a column ``(n,)`` times ten to an exponent, correctly rounded; NaN if empty.
@@ -204,7 +272,7 @@ class CsvTable:
         marks = [mark for mark in ",." if mark in cell]
         if not self.semicolons or len(marks) != 1:
             return cell
-        first, where = self.decimal = self.decimal or (marks[0], f"line {self.lines[row]}, column {column}")
+        first, where = self.decimal = self.decimal or (marks[0], f"{self.place(row)}, column {column}")
         if marks[0] != first:
             raise self.fail(
                 row, column, f"'{cell}' is written with '{marks[0]}', but {where} with '{first}'; use one decimal mark"

@@ -6,10 +6,11 @@ mm) read back to the bit.
 
 import csv
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,11 +18,11 @@ from lab.core.errors import LabError, option_name
 from lab.core.limits import PAYLOAD_KG, ROWS, SIGMA_MM, TARGETS, Limit, checked_target
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.formats.csv_table import CsvTable, name_cell, text_cell
+from lab.formats.csv_table import ColumnsInMemory, CsvTable, name_cell, text_cell
 from lab.formats.orientations import ENDS
 from lab.kinematics.effects.effect import is_usual
 
-__all__ = ["USES", "ObservedColumns", "PoseReader", "read_measurements", "write_measurements"]
+__all__ = ["USES", "ObservedColumns", "PoseReader", "read_columns", "read_measurements", "write_measurements"]
 
 USES = ("calibrate", "reference", "test", "skip")
 _ANGLE_UNITS = ("rad", "deg")
@@ -36,6 +37,9 @@ _OTHER_RESERVED = (
     *("stop", "checked", "pressure_hPa", "humidity_percent"),
 )
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
+_AXIS = r"([xyz]|q[wxyz]|r[xyz])(_.*)?|.+_[xyz]_[A-Za-z]+"  # a coordinate or an angle, in whichever unit
+_JOINT = r"q\d+(_.*)?"
+_POSE_COLUMN = re.compile(rf"id|sigma_mm|approach_.*|{_JOINT}|{_AXIS}|.+_({'|'.join(ENDS)})")
 _BLOCK = 10_000  # rows at a time
 
 
@@ -68,20 +72,24 @@ def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]
     """Write the CSV that ``read_measurements`` reads back to the bit; reserved columns only if needed."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        named = any(name != str(i) for i, name in enumerate(data.ids))
-        purposed, sessioned = data.marked or set(data.use) != {"calibrate"}, any(data.sessions)
         for first in range(0, max(len(data), 1), _BLOCK):
             part = data[first : first + _BLOCK]
-            optional = {
-                "id": [name_cell(name) for name in part.ids] if named else None,
-                "use": part.use if purposed else None,
-                "session": [name_cell(name) for name in part.sessions] if sessioned else None,
-            }
-            texts: dict[str, Sequence[str]] = {name: cells for name, cells in optional.items() if cells is not None}
-            columns = texts | _numbers(data, part, prismatic)
+            columns = _labels(data, part) | _numbers(data, part, prismatic)
             if not first:
                 writer.writerow(columns)
             writer.writerows(zip(*columns.values(), strict=True))
+
+
+def _labels(data: Measurements, part: Measurements) -> dict[str, Sequence[str]]:
+    """Return id, use and session of some rows, where they are not those of a file without such columns."""
+    columns: dict[str, Sequence[str]] = {}
+    if any(name != str(i) for i, name in enumerate(data.ids)):
+        columns["id"] = [name_cell(name) for name in part.ids]
+    if data.marked or set(data.use) != {"calibrate"}:
+        columns["use"] = part.use
+    if any(data.sessions):
+        columns["session"] = [name_cell(name) for name in part.sessions]
+    return columns
 
 
 def _numbers(data: Measurements, part: Measurements, prismatic: Sequence[bool]) -> dict[str, Sequence[str]]:
@@ -150,6 +158,38 @@ def read_measurements(
         raise LabError(text) from error
 
 
+def read_columns(
+    source: str,
+    columns: Mapping[str, Any],
+    joint_names: Sequence[str],
+    prismatic: Sequence[bool],
+    units: tuple[str, str] = ("m", "rad"),
+) -> Measurements:
+    """Read columns in memory as those of a file; names may be those of ``Measurements.columns``, too.
+
+    Further columns of numbers become conditions.
+
+    Args:
+        source: name of the table in error messages.
+        units: of lengths and of angles in columns whose names state none: ``q1`` and ``p1.x``.
+    """
+    length, angle = units
+    stated = dict[str, str]()
+    for j, name in enumerate(joint_names):
+        stated |= {each: f"{each}_{length if prismatic[j] else angle}" for each in (f"q{j + 1}", name)}
+    named = dict[str, Any]()
+    for name, values in columns.items():
+        point = re.fullmatch(r"(.+)\.([xyz])", str(name))
+        named[f"{point[1]}_{point[2]}_{length}" if point else stated.get(str(name), str(name))] = values
+    if "sigma_m" in named:
+        named["sigma_mm"] = _decimals(np.asarray(named.pop("sigma_m"), dtype=np.float64), 3)
+    further = (name for name in named if name not in _OTHER_RESERVED and not _POSE_COLUMN.fullmatch(name))
+    numbers = tuple(name for name in further if np.asarray(named[name]).dtype.kind in "iuf")
+    table = ColumnsInMemory(source, named)
+    reader = PoseReader(table, list(joint_names), list(prismatic), ObservedColumns(numbers=numbers), ROWS)
+    return reader.read(need_points=False)
+
+
 def _names_a_joint(path: Path, joint_names: Sequence[str]) -> bool:
     """Decide whether the first line of a file names a joint, as a measurement file does; True if it is unreadable."""
     try:
@@ -172,13 +212,13 @@ class PoseReader(CsvTable):
 
     def __init__(
         self,
-        path: Path,
+        source: Path | ColumnsInMemory,
         joint_names: list[str],
         prismatic: list[bool],
         observed: ObservedColumns,
         most: Limit = ROWS,
     ) -> None:
-        super().__init__(path, most)
+        super().__init__(source, most)
         self.joint_names, self.prismatic, self.observed = joint_names, prismatic, observed
         self.warnings: list[str] = []
 
@@ -191,18 +231,11 @@ class PoseReader(CsvTable):
         conditions = self._conditions()
         targets = self._targets()
         self._refuse_unknown_axes(targets)
-        if need_points and not targets:
-            raise LabError(f"{self.path}: line 1: no measured point; give columns like p1_x_mm, p1_y_mm, p1_z_mm")
-        points = np.full((n, len(targets), 3), np.nan)
-        for k, target in enumerate(targets):
-            points[:, k] = np.stack([self._coordinate(target, axis) for axis in "xyz"], axis=1)
-            self._refuse_half_seen(target, points[:, k])
-        if need_points and not np.isfinite(points).all(axis=2).any():
-            raise LabError(f"{self.path}: every point is empty; give at least one measured position")
+        points = self._points(targets, need_points)
         texts = {name: self.texts(name) for name in _TEXT_COLUMNS}
         use = self._uses(texts["use"])
         ids = self._ids(texts["id"])
-        sigma = self._optional_numbers("sigma_mm", -3, positive=True)
+        sigma = self._sigma()
         other = self._rest(targets)
         return Measurements(
             tuple(self.joint_names),
@@ -212,7 +245,7 @@ class PoseReader(CsvTable):
             ids,
             use,
             texts["session"] or ("",) * n,
-            np.full(n, np.nan) if sigma is None else sigma,
+            sigma,
             other,
             texts["use"] is not None,
             tuple(self.warnings),
@@ -220,44 +253,47 @@ class PoseReader(CsvTable):
             conditions,
         )
 
-    def _optional_numbers(self, column: str, exponent: int, *, positive: bool = False) -> Array | None:
+    def _sigma(self) -> Array:
+        """Return the standard deviations ``(n,)`` m of a coordinate, NaN if not given."""
+        column = "sigma_mm"
         if column not in self.header:
-            return None
-        numbers = self.numbers(column, exponent, empty=True)
-        if positive and (bad := np.flatnonzero(numbers * 10.0**-exponent < SIGMA_MM.least)).size:
+            return np.full(len(self), np.nan)
+        numbers = self.numbers(column, -3, empty=True)
+        sigma_mm = numbers * 1e3
+        if (bad := np.flatnonzero(sigma_mm < SIGMA_MM.least)).size:
             raise self.fail(int(bad[0]), column, "not above zero; give the standard deviation")
-        if positive and (bad := np.flatnonzero(numbers * 10.0**-exponent > SIGMA_MM.most)).size:
+        if (bad := np.flatnonzero(sigma_mm > SIGMA_MM.most)).size:
             raise self.fail(int(bad[0]), column, f"above {SIGMA_MM.most:g} mm; give the standard deviation in mm")
         return numbers
 
     # Joints
 
     def _joint(self, j: int, *, empty: bool = False) -> Array:
-        name, plain = self.joint_names[j], f"q{j + 1}"
-        units = tuple(_LENGTH_EXPONENT) if self.prismatic[j] else _ANGLE_UNITS
-        wrong = _ANGLE_UNITS if self.prismatic[j] else tuple(_LENGTH_EXPONENT)
-        names = dict.fromkeys((name, plain))
-        columns = [f"{n}_{unit}" for n in names for unit in units if f"{n}_{unit}" in self.header]
-        if len(columns) > 1:
-            raise LabError(f"{self.path}: line 1: {' and '.join(columns)} name the same joint; keep one")
+        names = tuple(dict.fromkeys((self.joint_names[j], f"q{j + 1}")))
+        lengths = tuple(_LENGTH_EXPONENT)
+        units, wrong = (lengths, _ANGLE_UNITS) if self.prismatic[j] else (_ANGLE_UNITS, lengths)
+        columns = [column for name in names for unit in units if (column := f"{name}_{unit}") in self.header]
         if not columns:
-            kind = "a slide, in mm or m" if self.prismatic[j] else "a revolute joint, in deg or rad"
-            for n in names:
-                if f"{n}_{wrong[0]}" in self.header or f"{n}_{wrong[1]}" in self.header:
-                    raise LabError(f"{self.path}: line 1: joint {n} is {kind}; rename its column to {n}_{units[0]}")
-                strays = [c for c in self.header if c == n or c.startswith(f"{n}_")]
-                if strays:
-                    raise LabError(
-                        f"{self.path}: line 1: column {strays[0]}: unknown unit; "
-                        f"joint {n} is {kind}: {n}_{units[0]} or {n}_{units[1]}"
-                    )
-            raise LabError(
-                f"{self.path}: line 1: joint {name} is missing; the robot has {', '.join(self.joint_names)}: "
-                f"give {name}_{units[0]} or {name}_{units[1]}"
-            )
+            raise self._no_joint(names, units, wrong)
+        if len(columns) > 1:
+            raise self.wrong(f"{' and '.join(columns)} name the same joint; keep one")
         unit = columns[0].rsplit("_", 1)[1]
         values = self.numbers(columns[0], _LENGTH_EXPONENT.get(unit, 0), empty=empty)
         return np.deg2rad(values) if unit == "deg" else values
+
+    def _no_joint(self, names: tuple[str, ...], units: tuple[str, ...], wrong: tuple[str, ...]) -> LabError:
+        """Return the error for a joint without a column in one of its units: in another unit, or missing."""
+        kind = "a revolute joint, in deg or rad" if units == _ANGLE_UNITS else "a slide, in mm or m"
+        for name in names:
+            if any(f"{name}_{unit}" in self.header for unit in wrong):
+                return self.wrong(f"joint {name} is {kind}; rename its column to {name}_{units[0]}")
+            if strays := [c for c in self.header if c == name or c.startswith(f"{name}_")]:
+                valid = f"{name}_{units[0]} or {name}_{units[1]}"
+                return self.wrong(f"column {strays[0]}: unknown unit; joint {name} is {kind}: {valid}")
+        return self.wrong(
+            f"joint {names[0]} is missing; the robot has {', '.join(self.joint_names)}: "
+            f"give {names[0]}_{units[0]} or {names[0]}_{units[1]}"
+        )
 
     def _refuse_further_joints(self) -> None:
         plain = [f"q{j + 1}" for j in range(len(self.joint_names))]
@@ -266,13 +302,10 @@ class PoseReader(CsvTable):
             if re.fullmatch(r"approach_.*", column):
                 continue
             if re.match(rf"({known})(_|$)", column):
-                raise LabError(
-                    f"{self.path}: line 1: column {column}: unknown unit; "
-                    "a joint is given once, in _deg, _rad, _mm or _m"
-                )
-            if re.fullmatch(r"q\d+(_.*)?", column):
-                raise LabError(
-                    f"{self.path}: line 1: column {column} is no joint of the robot, which has "
+                raise self.wrong(f"column {column}: unknown unit; a joint is given once, in _deg, _rad, _mm or _m")
+            if re.fullmatch(_JOINT, column):
+                raise self.wrong(
+                    f"column {column} is no joint of the robot, which has "
                     f"{', '.join(self.joint_names)}; choose the right {option_name('robot')} or remove the column"
                 )
 
@@ -288,29 +321,39 @@ class PoseReader(CsvTable):
 
     # Points
 
+    def _points(self, targets: list[str], needed: bool) -> Array:
+        """Return the points ``(n, k, 3)`` m, NaN where a target was not seen."""
+        if needed and not targets:
+            raise self.wrong("no measured point; give columns like p1_x_mm, p1_y_mm, p1_z_mm")
+        points = np.full((len(self), len(targets), 3), np.nan)
+        for k, target in enumerate(targets):
+            points[:, k] = np.stack([self._coordinate(target, axis) for axis in "xyz"], axis=1)
+            self._refuse_half_seen(target, points[:, k])
+        if needed and not np.isfinite(points).all(axis=2).any():
+            raise LabError(f"{self.path}: every point is empty; give at least one measured position")
+        return points
+
     def _targets(self) -> list[str]:
         targets: list[str] = []
         for column in self.unread:
             match = re.fullmatch(r"(?:(.+)_)?([xyz])_(mm|m)", column)
             if match and (name := match[1] or "p1") not in targets:
                 targets.append(name)
-        TARGETS(f"{self.path}: line 1", targets)
+        TARGETS(self.header_place, targets)
         for name in targets:
-            checked_target(f"{self.path}: line 1", name)
+            checked_target(self.header_place, name)
         plain = any(re.fullmatch(r"[xyz]_(mm|m)", column) for column in self.unread)
         if plain and (len(targets) > 1 or any(column.startswith("p1_") for column in self.unread)):
-            raise LabError(
-                f"{self.path}: line 1: plain x, y, z beside named targets; name their columns p1_x_mm and so on"
-            )
+            raise self.wrong("plain x, y, z beside named targets; name their columns p1_x_mm and so on")
         return targets
 
     def _coordinate_column(self, target: str, axis: str) -> str:
         stems = (f"{target}_{axis}", axis) if target == "p1" else (f"{target}_{axis}",)
         columns = [f"{s}_{unit}" for s in stems for unit in _LENGTH_EXPONENT if f"{s}_{unit}" in self.header]
         if len(columns) > 1:
-            raise LabError(f"{self.path}: line 1: {' and '.join(columns)} name the same coordinate; keep one")
+            raise self.wrong(f"{' and '.join(columns)} name the same coordinate; keep one")
         if not columns:
-            raise LabError(f"{self.path}: line 1: target {target} has no {axis}; give {target}_{axis}_mm")
+            raise self.wrong(f"target {target} has no {axis}; give {target}_{axis}_mm")
         return columns[0]
 
     def _coordinate(self, target: str, axis: str) -> Array:
@@ -338,9 +381,7 @@ class PoseReader(CsvTable):
         first: dict[str, int] = {}
         for i, name in enumerate(ids):
             if name in first:
-                raise self.fail(
-                    i, "id", f"'{name}' is also the id of line {self.lines[first[name]]}; give each row its own"
-                )
+                raise self.fail(i, "id", f"'{name}' is also the id of {self.place(first[name])}; give each row its own")
             first[name] = i
         return ids
 
@@ -348,25 +389,29 @@ class PoseReader(CsvTable):
         """Return other columns, with a warning for those that are not reserved."""
         orientation, unknown = [], []
         rest = list(self.unread)
+        ends = {*ENDS, *(f"{target}_{end}" for target in targets for end in ENDS)}
         for column in rest:
-            if any(column in (f"{t}_{o}" for o in ENDS) for t in targets) or column in ENDS:
+            if column in ends:
                 self.numbers(column, empty=True)
                 orientation.append(column)
             elif column not in (*_OTHER_RESERVED, *self.observed.texts):
                 unknown.append(column)
-        reason = (
-            f"{option_name('observe')} {self.observed.observed}" if self.observed.observed else "positions are fitted"
-        )
-        if orientation and not self.observed.orientations:
-            self.warnings.append(f"{self.path}: orientation columns {', '.join(orientation)} are ignored: {reason}")
-        if targets and not self.observed.positions:
-            self.warnings.append(f"{self.path}: points {', '.join(targets)} are ignored: {reason}")
+        self._warn_of_ignored(orientation, targets)
         if unknown:
             self.warnings.append(
                 f"{self.path}: columns {', '.join(unknown)} have no meaning here and are {self.unknown_are}"
             )
         kept = {column: self.texts(column) for column in rest}
         return {column: texts for column, texts in kept.items() if texts is not None}
+
+    def _warn_of_ignored(self, orientation: list[str], targets: list[str]) -> None:
+        """Warn of columns that another sensor would observe."""
+        sensor = self.observed.observed
+        reason = f"{option_name('observe')} {sensor}" if sensor else "positions are fitted"
+        if orientation and not self.observed.orientations:
+            self.warnings.append(f"{self.path}: orientation columns {', '.join(orientation)} are ignored: {reason}")
+        if targets and not self.observed.positions:
+            self.warnings.append(f"{self.path}: points {', '.join(targets)} are ignored: {reason}")
 
     def _conditions(self) -> dict[str, Array]:
         """Return condition columns ``(n,)``; approach directions by the robot's joint names."""
@@ -379,7 +424,7 @@ class PoseReader(CsvTable):
             elif column.startswith("approach_"):
                 name, values = self._approach(column, column.removeprefix("approach_"))
                 if name in found:
-                    raise LabError(f"{self.path}: line 1: columns {column} and {name} are the same; keep one")
+                    raise self.wrong(f"columns {column} and {name} are the same; keep one")
                 found[name] = values
         return found
 
@@ -390,9 +435,7 @@ class PoseReader(CsvTable):
     def _approach(self, column: str, joint: str) -> tuple[str, Array]:
         plain = [f"q{j + 1}" for j in range(len(self.joint_names))]
         if joint not in (*self.joint_names, *plain):
-            raise LabError(
-                f"{self.path}: line 1: column {column}: no joint {joint}; the robot has {', '.join(self.joint_names)}"
-            )
+            raise self.wrong(f"column {column}: no joint {joint}; the robot has {', '.join(self.joint_names)}")
         values = self.numbers(column, empty=True)
         if (bad := np.flatnonzero(~np.isin(values, (1, -1)) & np.isfinite(values))).size:
             raise self.fail(int(bad[0]), column, "neither 1 nor -1; give the direction of approach")
@@ -404,9 +447,9 @@ class PoseReader(CsvTable):
         for column in self.unread:
             if column in known:
                 continue
-            where = f"{self.path}: line 1: column {column}: unknown unit or axis"
+            where = f"column {column}: unknown unit or axis"
             for target in targets:
                 if column == target or column.startswith(f"{target}_"):
-                    raise LabError(f"{where}; target {target} is given as {target}_x_mm, _y_mm, _z_mm (or _m)")
-            if re.fullmatch(r"([xyz]|q[wxyz]|r[xyz])(_.*)?|.+_[xyz]_[A-Za-z]+", column):
-                raise LabError(f"{where}; points are in _mm or _m, angles rx_deg, ry_deg, rz_deg")
+                    raise self.wrong(f"{where}; target {target} is given as {target}_x_mm, _y_mm, _z_mm (or _m)")
+            if re.fullmatch(_AXIS, column):
+                raise self.wrong(f"{where}; points are in _mm or _m, angles rx_deg, ry_deg, rz_deg")

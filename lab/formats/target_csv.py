@@ -94,7 +94,7 @@ class _TargetReader(PoseReader):
         self._refuse_unknown_axes(names)
         if len(names) != 1:
             found = f"targets of {', '.join(names)}: give those of one point" if names else "no target"
-            raise LabError(f"{self.path}: line 1: {found}, in columns like x_mm, y_mm, z_mm")
+            raise self.wrong(f"{found}, in columns like x_mm, y_mm, z_mm")
         positions = np.stack([self._coordinate(names[0], axis) for axis in "xyz"], axis=1)
         self._refuse_half_seen(names[0], positions)
         if np.isnan(positions).any():

@@ -16,6 +16,7 @@ from lab.calibration.on_arrays import refuse_degrees
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.core.values import ArrowTable, arrow_columns
 from lab.formats import measurement_csv
 from lab.formats.measurement_csv import USES
 from lab.formats.orientations import orientation_texts
@@ -37,7 +38,7 @@ _ROUNDING = 1e-3  # of rotation matrices that were printed
 
 
 def measurements(
-    joints: ArrayLike,
+    joints: ArrayLike | Mapping[str, ArrayLike] | ArrowTable,
     points: ArrayLike | None = None,
     *,
     robot: str | Path | Robot,
@@ -55,7 +56,10 @@ def measurements(
     """Make measurements of arrays, as if they had been read from a file; nothing is written.
 
     Args:
-        joints: ``(n, joints)`` positions, one row a pose: hinges in ``joint_unit``, slides in ``unit``.
+        joints: ``(n, joints)`` positions, one row a pose: hinges in ``joint_unit``, slides in ``unit``. Without
+            points it may be a table with all columns: a mapping of them, or an object with the Arrow C interface
+            (pandas, polars, pyarrow), named as in a file (``q1_deg``, ``p1_x_mm``, ``use``) or as ``columns()`` of
+            measurements names them (``q1`` in ``joint_unit``, ``p1.x`` in ``unit``).
         points: ``(n, 3)`` or ``(n, targets, 3)`` positions of the targets in the instrument's frame, in ``unit``; NaN
             where a target was not seen. None where no points are observed (cables, sockets, planes).
         robot: whose joints they are: a name, a path, or a loaded robot. The measurements remember it.
@@ -77,8 +81,8 @@ def measurements(
         The measurements: joint positions in rad or m, points in m in the instrument's frame.
 
     Raises:
-        LabError: an array has another shape or is not of numbers, joint positions are not finite or in another unit,
-            or points are in another unit.
+        LabError: an array has another shape or is not of numbers, a table lacks a column or has a wrong cell, joint
+            positions are not finite or in another unit, or points are in another unit.
 
     Example:
         >>> import lab
@@ -86,43 +90,68 @@ def measurements(
         >>> own = lab.measurements(day.joints, 1e3 * day.points[:, 0], robot="irb120", unit="mm")
         >>> lab.identify(own, instrument="uniform-8um").to_dict()["verdict"]
         'good'
+        >>> lab.measurements(own.columns(), robot="irb120") == own
+        True
     """
     loaded = load_robot(robot)
-    length, angle = _unit("unit", unit, LENGTHS), _unit("joint_unit", joint_unit, ANGLES)
-    positions = _numbers("joints", joints)
-    size = loaded.chain.size
+    length, _ = _unit("unit", unit, LENGTHS), _unit("joint_unit", joint_unit, ANGLES)
+    if points is None and (table := _table(joints)) is not None:
+        read = measurement_csv.read_columns(_CALL, table, loaded.chain.joint_names, loaded.chain.prismatic,
+                                            (unit, joint_unit))  # fmt: skip
+        if len(targets):
+            raise LabError(f"{_CALL}: a table names its targets by its columns; leave out targets")
+    else:
+        read = _of_arrays(loaded, joints, points, (unit, joint_unit), tuple(map(str, targets)))
+    n, observed = len(read), points is not None or bool(read.targets)
+    texts = {name: _texts(f"columns['{name}']", each, n) for name, each in (columns or {}).items()}
+    if orientations is not None:
+        texts |= _orientations(read.targets, orientations, n)
+    read = replace(
+        read,
+        ids=read.ids if ids is None else _texts("ids", ids, n),
+        use=read.use if use is None else _uses(use, n),
+        marked=read.marked or use is not None,
+        sessions=read.sessions if sessions is None else _texts("sessions", sessions, n),
+        sigma_m=read.sigma_m if sigma is None else length * _column("sigma", sigma, n),
+        conditions={
+            **read.conditions,
+            **{name: _column(f"conditions['{name}']", each, n) for name, each in (conditions or {}).items()},
+        },
+        other={**read.other, **texts},
+    )
+    if joint_unit == "rad":
+        slides = np.array(loaded.chain.prismatic, dtype=np.bool_)
+        refuse_degrees(read.joints[:, ~slides], _CALL, "give joint_unit='deg'")
+    return checked(_CALL, read, loaded, points=observed)
+
+
+def _table(given: object) -> Mapping[str, Any] | None:
+    """Return the columns of a table; None for arrays."""
+    if isinstance(given, Mapping):
+        return given
+    return arrow_columns(given) if isinstance(given, ArrowTable) else None
+
+
+def _of_arrays(
+    robot: Robot, joints: Any, points: ArrayLike | None, units: tuple[str, str], targets: tuple[str, ...]
+) -> Measurements:
+    """Return the measurements of joint positions ``(n, joints)`` and points in units of lengths and angles."""
+    length, angle = LENGTHS[units[0]], ANGLES[units[1]]
+    positions, size = _numbers("joints", joints), robot.chain.size
     if positions.ndim != 2 or positions.shape[1] != size or not len(positions):
         raise LabError(
-            f"{_CALL}: joints have shape {positions.shape}, but robot {loaded.name} has {size} joints; give one row of "
+            f"{_CALL}: joints have shape {positions.shape}, but robot {robot.name} has {size} joints; give one row of "
             f"{size} numbers a pose"
         )
     if not np.isfinite(positions).all():
         row, joint = np.argwhere(~np.isfinite(positions))[0].tolist()
         raise LabError(f"{_CALL}: joints[{row}, {joint}] is {positions[row, joint]}; give a finite number")
-    n, slides = len(positions), np.array(loaded.chain.prismatic, dtype=np.bool_)
-    positions = np.where(slides, length, angle) * positions
-    if joint_unit == "rad":
-        refuse_degrees(positions[:, ~slides], _CALL, "give joint_unit='deg'")
+    n = len(positions)
     seen = np.zeros((n, 0, 3)) if points is None else length * _points(points, n)
-    names = tuple(map(str, targets)) or tuple(f"p{i + 1}" for i in range(seen.shape[1]))
+    names = targets or tuple(f"p{i + 1}" for i in range(seen.shape[1]))
     if len(names) != seen.shape[1] or len(set(names)) != len(names):
         raise LabError(f"{_CALL}: targets are {', '.join(names)}, but points have {seen.shape[1]}; give one name each")
-    given = {name: _column(f"conditions['{name}']", each, n) for name, each in (conditions or {}).items()}
-    texts = {name: _texts(f"columns['{name}']", each, n) for name, each in (columns or {}).items()}
-    if orientations is not None:
-        texts |= _orientations(names, orientations, n)
-    found = measured(loaded.chain.joint_names, positions, names, seen)
-    found = replace(
-        found,
-        ids=found.ids if ids is None else _texts("ids", ids, n),
-        use=found.use if use is None else _uses(use, n),
-        marked=use is not None,
-        sessions=found.sessions if sessions is None else _texts("sessions", sessions, n),
-        sigma_m=found.sigma_m if sigma is None else length * _column("sigma", sigma, n),
-        conditions=given,
-        other=texts,
-    )
-    return checked(_CALL, found, loaded, points=points is not None)
+    return measured(robot.chain.joint_names, np.where(robot.chain.prismatic, length, angle) * positions, names, seen)
 
 
 def robot_from_dh(

@@ -3,9 +3,11 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow
 import pytest
 from helpers.campaigns import session
 
@@ -66,6 +68,76 @@ def test_missing_points_and_what_is_told_of_rows(day: Measurements) -> None:
     assert own.targets == ("nest",) and own.ids[0] == "10" and own.marked and not own.seen[3, 0]
     assert (own.sigma_m == 0.01).all() and (own.conditions["temp_C"] == 20).all() and own.sessions[0] == "a"
     assert len(own.only("test")) == 5
+
+
+@pytest.mark.parametrize("robot", ["irb120", "versatran"])
+def test_a_table_of_columns_is_read_back_the_same(robot: str) -> None:
+    """By a mapping, by Arrow, and by the columns of a file."""
+    day = session(robot, poses=30, seed=3).measurements
+    points = day.points.copy()
+    points[3] = np.nan
+    day = replace(
+        day, points=points, use=("calibrate", "test") * 15, marked=True, ids=tuple(f"P{i}" for i in range(30)),
+        sessions=("", "b") * 15, sigma_m=np.linspace(1e-5, 3e-5, 30), other={"station": ("A",) * 30},
+        conditions={"temp_C": np.linspace(20, 25, 30), "approach_q1": np.tile([1.0, -1.0], 15)}, warnings=(),
+    )  # fmt: skip
+    for table in (day.columns(), pyarrow.table(day), day):
+        assert measurements(table, robot=robot) == day
+    in_mm = {name: 1e3 * column if "." in name else column for name, column in day.columns().items()}
+    with pytest.raises(lab.LabError, match=r"divide them by 1000"):
+        measurements(in_mm, robot=robot)
+
+
+def test_a_table_is_read_as_the_file_that_it_is_written_to(day: Measurements, tmp_path: Path) -> None:
+    lab.write_measurements(tmp_path / "day.csv", day)
+    lines = [line.split(",") for line in (tmp_path / "day.csv").read_text().splitlines()]
+    table = {name: [*map(float, cells)] for name, cells in zip(lines[0], zip(*lines[1:], strict=True), strict=True)}
+    table["humidity"] = list(range(30))
+    own = measurements(table, robot="irb120", ids=range(5, 35), conditions={"temp_C": 20.0})
+    np.testing.assert_array_equal(own.joints, day.joints)
+    np.testing.assert_allclose(own.points, day.points, rtol=1e-15)
+    assert own.ids[0] == "5" and own.conditions["temp_C"][3] == 20
+    assert own.conditions["humidity"].tolist() == list(range(30)), "numbers of an effect of one's own"
+
+
+WRONG_TABLES = {
+    "no joint": ({"q2": None}, r"^lab.measurements: joint q2 is missing; .* give q2_rad or q2_deg"),
+    "joint in another unit": ({"q2": None, "q2_mm": 0.0}, "joint q2 is a revolute joint, in deg or rad"),
+    "joint without a number": ({"q2": np.nan}, r"^lab.measurements: row 0, column q2_rad: the cell is empty"),
+    "infinite joint": ({"q2": np.inf}, r"row 0, column q2_rad: 'inf' is not a finite number"),
+    "joint in words": ({"q2": "left"}, r"row 0, column q2_rad: 'left' is not a number"),
+    "axis missing": ({"p1.y": None}, r"^lab.measurements: target p1 has no y; give p1_y_mm"),
+    "half a point": ({"p1.y": np.nan}, r"row 0, column p1_y_m: empty beside other coordinates"),
+    "point in inches": ({"p1.y": None, "p1_y_in": 1.0}, "column p1_y_in: unknown unit or axis"),
+    "unknown use": ({"use": "fit"}, r"row 0, column use: 'fit' is unknown"),
+    "one id": ({"id": "a"}, "row 1, column id: 'a' is also the id of row 0"),
+    "no noise": ({"sigma_m": 0.0}, "row 0, column sigma_mm: not above zero"),
+    "payload in grams": ({"payload_kg": 2500.0}, r"row 0, column payload_kg: outside 0 to 1,000 kg"),
+    "two rows": ({"use": np.array(["test"] * 2)}, "columns have 2 and 30 rows"),
+    "a matrix": ({"temp_C": np.zeros((30, 2))}, r"column temp_C has shape \(30, 2\)"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_TABLES)
+def test_a_wrong_table_is_refused_as_a_file_is(day: Measurements, wrong: str) -> None:
+    change, message = WRONG_TABLES[wrong]
+    table = {name: column for name, column in day.columns().items() if name not in change}
+    for name, cell in change.items():
+        if cell is not None:
+            table[name] = cell if isinstance(cell, np.ndarray) else np.array([cell] * 30)
+    with pytest.raises(lab.LabError, match=message) as caught:
+        measurements(table, robot="irb120")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_table_in_degrees_is_told_so(day: Measurements) -> None:
+    names = day.joint_names
+    degrees = {**day.columns(), **{name: np.rad2deg(day[name]) for name in names}}
+    assert np.allclose(measurements(degrees, robot="irb120", joint_unit="deg").joints, day.joints, atol=1e-14)
+    with pytest.raises(lab.LabError, match="give joint_unit='deg'"):
+        measurements(degrees, robot="irb120")
+    with pytest.raises(lab.LabError, match="leave out targets"):
+        measurements(day, robot="irb120", targets=("p1",))
 
 
 WRONG = {

@@ -267,9 +267,9 @@ class _LoadReader(PoseReader):
                 f"{_torque_columns(self.prismatic)[0]} and so on, or {_current_columns(self.prismatic)[0]} and so on"
             )
             found = "neither torques nor motor currents" if torques is None else "torques and motor currents"
-            raise LabError(f"{self.path}: line 1: {found}; give one of the two: {names}")
+            raise self.wrong(f"{found}; give one of the two: {names}")
         if "time_s" not in self.header:
-            raise LabError(f"{self.path}: line 1: no column time_s; an arm's dynamics show in a motion alone")
+            raise self.wrong("no column time_s; an arm's dynamics show in a motion alone")
         loaded = self._runs() if "run" in self.header else np.zeros(len(joints), dtype=np.bool_)
         time_s = self.numbers("time_s")
         for run, name in ((True, _RUNS[0]), (False, _RUNS[1])):
@@ -287,9 +287,7 @@ class _LoadReader(PoseReader):
         if not given:
             return None
         if drives is None:
-            raise LabError(
-                f"{self.path}: line 1: {given[0]}: motor positions need gear ratios; give --drives FILE.toml"
-            )
+            raise self.wrong(f"{given[0]}: motor positions need gear ratios; give --drives FILE.toml")
         factors: dict[str, Array | float] = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
         if drives.counts_per_turn is not None:
             factors["counts"] = 2 * np.pi / drives.counts_per_turn
@@ -300,17 +298,15 @@ class _LoadReader(PoseReader):
             if len(found) != 1:
                 what = f"{' and '.join(found)} are the same motor" if found else f"motor {j + 1} is missing"
                 counts = "" if "counts" in factors else " (_counts where the drives have counts_per_turn)"
-                raise LabError(f"{self.path}: line 1: {what}; give one of {', '.join(names)}{counts}")
+                raise self.wrong(f"{what}; give one of {', '.join(names)}{counts}")
             factor = names[found[0]]
             positions[:, j] = self.numbers(found[0]) * (factor if isinstance(factor, float) else factor[j])
             given.remove(found[0])
         if given:
-            raise LabError(f"{self.path}: line 1: column {given[0]} is no motor of the robot; remove it")
+            raise self.wrong(f"column {given[0]} is no motor of the robot; remove it")
         if joints := [c for c in self.unread for n, name in enumerate(self.joint_names, 1)
                       if re.fullmatch(rf"({re.escape(name)}|q{n})_(rad|deg|mm|m)", c)]:  # fmt: skip
-            raise LabError(
-                f"{self.path}: line 1: {joints[0]}: the motors' positions say where the joints are; give one of both"
-            )
+            raise self.wrong(f"{joints[0]}: the motors' positions say where the joints are; give one of both")
         return drives.joints(positions)
 
     def _refuse_beyond(self, joints: Array, limits: _Limits | None) -> None:
@@ -323,7 +319,7 @@ class _LoadReader(PoseReader):
             factor, unit = (1e3, "mm") if self.prismatic[j] else (180 / np.pi, "°")
             low, high = (factor * each[j] for each in limits)
             raise LabError(
-                f"{self.path}: line {self.lines[row]}: the motors turn joint {self.joint_names[j]} to "
+                f"{self.path}: {self.place(row)}: the motors turn joint {self.joint_names[j]} to "
                 f"{factor * joints[row, j]:.6g} {unit}, beyond its limits of {low:.4g} to {high:.4g}; look at the "
                 "signs of the gear ratios, at the couplings, and at motor_zero_deg"
             )
@@ -341,9 +337,8 @@ class _LoadReader(PoseReader):
         wrench = self._all_or_none(WRENCH, "of all six")
         self._refuse_unknown_loads()
         if torques is None and wrench is None:
-            raise LabError(
-                f"{self.path}: line 1: no torques and no wrench; give {_torque_columns(self.prismatic)[0]} and so on, "
-                f"or {', '.join(WRENCH)}"
+            raise self.wrong(
+                f"no torques and no wrench; give {_torque_columns(self.prismatic)[0]} and so on, or {', '.join(WRENCH)}"
             )
         loaded = self._runs()
         time_s = self.numbers("time_s") if "time_s" in self.header else None
@@ -390,24 +385,23 @@ class _LoadReader(PoseReader):
         if not given:
             return None
         if missing := [name for name in names if name not in given]:
-            raise LabError(f"{self.path}: line 1: {missing[0]} is missing beside {given[0]}; give the columns {of}")
+            raise self.wrong(f"{missing[0]} is missing beside {given[0]}; give the columns {of}")
         return np.stack([self.numbers(name) for name in names], axis=1)
 
     def _refuse_unknown_loads(self) -> None:
         expected = [*_torque_columns(self.prismatic), *WRENCH]
         for column in self.unread:
             if column not in expected and re.fullmatch(r"(tau\d*|f\d+|[fm][xyz])(_.*)?", column):
-                raise LabError(
-                    f"{self.path}: line 1: column {column}: unknown unit or axis; loads of this robot are given as "
-                    f"{', '.join(expected)}"
+                raise self.wrong(
+                    f"column {column}: unknown unit or axis; loads of this robot are given as {', '.join(expected)}"
                 )
             if re.fullmatch(r"(time|t)(_.*)?", column) and column != "time_s":
-                raise LabError(f"{self.path}: line 1: column {column}: unknown unit; give the time as time_s")
+                raise self.wrong(f"column {column}: unknown unit; give the time as time_s")
 
     def _runs(self) -> NDArray[np.bool_]:
         texts = self.texts("run")
         if texts is None:
-            raise LabError(f"{self.path}: line 1: no column run; state in each row whether it is {' or '.join(_RUNS)}")
+            raise self.wrong(f"no column run; state in each row whether it is {' or '.join(_RUNS)}")
         for i, text in enumerate(texts):
             if text not in _RUNS:
                 raise self.fail(i, "run", f"'{text}' is unknown; write {' or '.join(_RUNS)}")
