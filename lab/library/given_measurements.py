@@ -12,7 +12,6 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lab.calibration.on_arrays import refuse_degrees
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
@@ -24,6 +23,7 @@ from lab.formats.robot_toml import ANGLES, LENGTHS, write_table
 from lab.kinematics.serial.chain import Chain, Convention, parallel_links
 from lab.library.measurement_checks import checked, robot_of
 from lab.library.simulate import MeasurementSession
+from lab.prediction.planned_accuracy import refuse_degrees
 from lab.robots.load_robot import load_robot
 from lab.robots.robot import Robot
 from lab.sensors.sensor_registry import sensor_named

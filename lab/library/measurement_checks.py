@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from lab.calibration.identification import spread
-from lab.calibration.on_arrays import refuse_degrees
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, setups, thinned
+from lab.prediction.planned_accuracy import refuse_degrees
 from lab.robots.config_file import robot_of_file
 from lab.robots.load_robot import load_robot
 from lab.robots.robot import Robot

@@ -6,7 +6,7 @@ discrepancy within the measured range and beyond it, and what differs from one v
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol, cast
 
@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from lab.calibration.identifiability import aliases, column_scale
 from lab.calibration.identification import WEAK, Identification
-from lab.calibration.on_arrays import ArmOnArrays, target_names
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core import se3
@@ -23,6 +22,7 @@ from lab.core.errors import LabError, counted
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.core.values import Value
+from lab.kinematics.array_arm import ArrayArm, with_leading_axes
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import sag_uncertainty
 from lab.kinematics.effects.arm_with_effects import Arm, affected
@@ -35,6 +35,7 @@ from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.error_model import ErrorModel
 from lab.noise.variance_components import ComponentErrors
+from lab.prediction.arm_on_arrays import ArmOnArrays
 from lab.prediction.extrapolation import MeasuredRange
 from lab.prediction.workspace_prediction import PredictedErrors
 
@@ -267,9 +268,8 @@ class Estimate(Value, ArmOnArrays):
         }
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the fields alone: what was worked out from them holds functions, which no pickle takes."""
-        state = {each.name: getattr(self, each.name) for each in fields(self)}
-        return {**state, "rigid": replace(cast(Any, self.rigid))}
+        """Return the fields alone, without what was built from them."""
+        return {**super().__getstate__(), "rigid": replace(cast(Any, self.rigid))}
 
     @cached_property
     def params(self) -> Mapping[str, EstimatedParameter]:
@@ -286,30 +286,30 @@ class Estimate(Value, ArmOnArrays):
         """Return the arm with other targets."""
         return replace(self, rigid=replace(cast(Any, self.rigid), targets=targets)).arm
 
-    def _modelled(self, targets: Sequence[str] | None) -> tuple[Arm, Array, Array]:
-        """Return the estimated model, and its values as exported; all measured targets unless some are named."""
+    def _compiled(self, targets: tuple[str, ...] | None) -> ArrayArm:
+        """Build the estimated model, its values as exported; all measured targets unless some are named."""
         if targets is None:
-            return self.arm, self.values, self.nominal
-        if unknown := [name for name in target_names(targets) if name not in self.rigid.targets]:
+            return ArrayArm(self.arm, self.values, self.nominal)
+        if unknown := [name for name in targets if name not in self.rigid.targets]:
             raise LabError(f"target '{unknown[0]}' was not measured; there are {', '.join(self.rigid.targets)}")
-        arm = self.with_targets(target_names(targets))
+        arm = self.with_targets(targets)
         rows = [self.params[name] for name in arm.names]
-        return arm, np.array([row.exported for row in rows]), np.array([row.nominal for row in rows])
+        return ArrayArm(arm, np.array([row.exported for row in rows]), np.array([row.nominal for row in rows]))
 
     def predicted_covariance(self, joints: ArrayLike) -> Array:
         """Return the covariance of each predicted point's error, by all causes of ``predict`` together.
 
         Args:
-            joints: ``(joints,)`` or ``(n, joints)``, with the conditions of ``inputs`` behind them, if any.
+            joints: ``(..., joints)``, with the conditions of ``inputs`` behind them, if any.
 
         Returns:
-            ``(k, 3, 3)`` or ``(n, k, 3, 3)`` m²; a new instrument's noise is not in it.
+            ``(..., k, 3, 3)`` m²; a new instrument's noise is not in it.
 
         Raises:
             LabError: the joints have another shape or are not finite.
         """
-        covariance = self.predict(self._given(joints, None, None)[2]).covariance
-        return np.asarray(covariance[0] if np.ndim(joints) == 1 else covariance)
+        rows, leading = self.on_arrays().rows(joints)
+        return with_leading_axes(leading, self.predict(rows).covariance)
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -3,18 +3,19 @@
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from lab.calibration.on_arrays import ArmOnArrays, target_names
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.core.values import Value
 from lab.formats.cell_toml import Cell, read_cell
 from lab.formats.description import DescriptionFormat, IdentifiedRobot, with_comment
+from lab.kinematics.array_arm import ArrayArm
 from lab.kinematics.closed.closed_arm import ClosedArm
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm_with_effects import Arm, affected
@@ -25,6 +26,7 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.serial_arm import DEFAULT_TOOL, SerialArm
 from lab.kinematics.tree import TreeArm, point_of
+from lab.prediction.arm_on_arrays import ArmOnArrays
 from lab.robots.description_formats import CLOSED_FORMATS, MAKER_FORMATS, SERIAL_FORMATS, TREE_FORMATS
 from lab.simulation.cell import implausible, in_cell
 from lab.simulation.closed_robot import ClosedModel, TrueMechanism, random_values, true_mechanism
@@ -48,7 +50,8 @@ class Robot(Value, ArmOnArrays):
     """A robot before any measurement.
 
     Robots are equal if all their data are. A pickled robot is loaded again from its files, which must be
-    unchanged. ``points``, ``jacobian`` and so on work on plain arrays: one configuration or many.
+    unchanged. ``points``, ``jacobian`` and so on work on plain arrays: one configuration or many. Its arms are built at
+    their first use, and kept.
 
     Example:
         >>> import lab, numpy as np
@@ -144,11 +147,23 @@ class Robot(Value, ArmOnArrays):
         Raises:
             LabError: the robot has loops.
         """
-        return SerialArm(self.serial_model.chain, targets)
+        self.serial_model  # noqa: B018 (which raises for others)
+        arm = self.arm(targets)
+        assert isinstance(arm, SerialArm)
+        return arm
+
+    @cached_property
+    def _arms(self) -> dict[tuple[str, ...], RigidArm]:
+        return {}
+
+    def arm(self, targets: tuple[str, ...]) -> RigidArm:
+        """Return the kinematic model with these targets; it is built once, and kept."""
+        built = self._arms.get(targets)
+        return self._arms.setdefault(targets, self._built_arm(targets)) if built is None else built
 
     @abstractmethod
-    def arm(self, targets: tuple[str, ...]) -> RigidArm:
-        """Return the kinematic model with these targets."""
+    def _built_arm(self, targets: tuple[str, ...]) -> RigidArm:
+        """Build the kinematic model with these targets."""
 
     def arm_with(
         self,
@@ -165,13 +180,13 @@ class Robot(Value, ArmOnArrays):
         named = [effect(name, self.chain, self.loads, session, moving=moving) for name in groups]
         return affected(self.arm(targets), [*stations(session.stations), *named])
 
-    def _modelled(self, targets: Sequence[str] | None) -> tuple[Arm, Array, Array]:
-        """Return the nominal model, its base at the origin; all targets of the tool unless some are named."""
-        names = tuple(self.tool or DEFAULT_TOOL) if targets is None else target_names(targets)
+    def _compiled(self, targets: tuple[str, ...] | None) -> ArrayArm:
+        """Build the nominal model, its base at the origin; all targets of the tool unless some are named."""
+        names = tuple(self.tool or DEFAULT_TOOL) if targets is None else targets
         self.refuse_unknown(names)
         arm = self.arm(names)
         nominal = arm.nominal(self.tool)
-        return arm, nominal, nominal
+        return ArrayArm(arm, nominal, nominal)
 
     @abstractmethod
     def simulated_loads(self) -> Loads | None:
@@ -272,9 +287,8 @@ class SerialRobot(Robot):
         """``(n, 4)`` of its links, from its description; None without any."""
         return None if self.model.links is None else self.model.links.compliances
 
-    def arm(self, targets: tuple[str, ...]) -> SerialArm:
-        """Return the kinematic model with these targets."""
-        return self.serial_arm(targets)
+    def _built_arm(self, targets: tuple[str, ...]) -> SerialArm:
+        return SerialArm(self.model.chain, targets)
 
     def simulated_loads(self) -> Loads | None:
         """Return the masses of its model, assumed ones too; None without any."""
@@ -285,7 +299,7 @@ class SerialRobot(Robot):
         """Draw errors of every body and joint, or of the entries of the Denavit-Hartenberg table alone."""
         if not errors.table_alone:
             return _perturbed_bodies(self.model, errors, T_world_tracker, rng)
-        arm = self.arm(tuple(self.tool))
+        arm = self.serial_arm(tuple(self.tool))
         sigmas = errors.position_sigma_m, errors.rotation_sigma_rad
         base, table, _ = arm.split(random_table(arm, *sigmas, rng, errors.sampler))
         values = arm.assemble(base, table, arm.split(arm.nominal(self.tool))[2])
@@ -311,8 +325,7 @@ class ClosedRobot(Robot):
             "calibrated.toml"
         )
 
-    def arm(self, targets: tuple[str, ...]) -> ClosedArm:
-        """Return the kinematic model with these targets on its platform."""
+    def _built_arm(self, targets: tuple[str, ...]) -> ClosedArm:
         return ClosedArm(self.model.chain, targets)
 
     def simulated_loads(self) -> None:
@@ -358,8 +371,7 @@ class TreeRobot(Robot):
         every = {target: [name for name in self.tool if point_of(name) == target] or [target] for target in targets}
         return tuple(dict.fromkeys(name for target in targets for name in every[target]))
 
-    def arm(self, targets: tuple[str, ...]) -> TreeArm:
-        """Return the kinematic model with these targets on its tips."""
+    def _built_arm(self, targets: tuple[str, ...]) -> TreeArm:
         return TreeArm(self.model.chain, targets)
 
     def simulated_loads(self) -> None:

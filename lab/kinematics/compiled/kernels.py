@@ -33,6 +33,7 @@ __all__ = [
 
 _VERSION = 10  # of kernels.c: other builds are ignored
 _REAL = np.dtype(np.float64)
+_NO_DERIVATIVES = np.empty(0)
 _Columns = NDArray[np.int64]
 _Flags = NDArray[np.bool_]
 P = ParamSpec("P")
@@ -72,9 +73,9 @@ def with_fallback(
     return decorate
 
 
-def real(first: Array, *more: Array) -> bool:
-    """Check that arrays hold real numbers of 8 bytes."""
-    return first.dtype == _REAL and (not more or real(*more))
+def real(first: Array, second: Array) -> bool:
+    """Check that two arrays hold real numbers of 8 bytes."""
+    return first.dtype == _REAL and second.dtype == _REAL
 
 
 @dataclass(frozen=True)
@@ -106,18 +107,25 @@ class CompiledChain:
         slot[columns] = np.arange(len(columns))
         return slot
 
+    def points(self, joints: Array, values: Array) -> Array:
+        """Return ``SerialArm.points``."""
+        points = np.empty((3, self.targets, len(joints)))
+        given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
+        _CODE.observe(self._shape, self._sign, *given, self.every, points, _NO_DERIVATIVES)
+        return points.T
+
     def observe(self, joints: Array, values: Array, slot: _Columns, rows: int) -> tuple[Array, Array]:
         """Return ``SerialArm.observe``.
 
         Args:
             slot: ``(p,)`` row of each parameter's derivative, or -1.
-            rows: their number, or 0 for positions alone.
+            rows: their number.
         """
-        points = np.empty((3, self.targets, len(joints)))
-        jacobian = np.empty((rows, *points.shape))
+        count = len(joints)
+        points, jacobian = np.empty((3, self.targets, count)), np.empty((rows, 3, self.targets, count))
         given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
         _CODE.observe(self._shape, self._sign, *given, slot, points, jacobian)
-        return points.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
+        return points.T, jacobian.T
 
     def oriented(
         self, joints: Array, values: Array, turn: Array, quaternions: Array, *, rates: bool

@@ -94,7 +94,7 @@ class _IKResult:
 def _compilable(
     arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0
 ) -> bool:
-    return isinstance(arm, SerialArm) and start.shape[1] >= FREEDOMS and real(values)
+    return isinstance(arm, SerialArm) and start.shape[1] >= FREEDOMS and real(values, values)
 
 
 def _reach(

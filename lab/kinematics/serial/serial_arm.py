@@ -106,12 +106,12 @@ class SerialArm:
         return joints
 
     def _compilable(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> bool:
-        return real(self._checked(joints), values) and not torsors
+        return not torsors and real(self._checked(joints), values)
 
     @with_fallback(numpy_kernels.points, when=_compilable)
     def points(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> Array:
         """Return target positions ``(n, k, 3)`` in the tracker's frame (m) at joint positions ``(n, joints)``."""
-        return self.compiled.observe(joints, values, self.compiled.every, 0)[0]
+        return self.compiled.points(joints, values)
 
     @with_fallback(numpy_kernels.observe, when=_compilable)
     def observe(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> tuple[Array, Array]:

@@ -1,14 +1,18 @@
 """Methods on plain arrays: against MuJoCo, differences, textbook formulas and a calibration's own covariance."""
 
+import copy
+import pickle
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import lab
-from lab.calibration.on_arrays import ArmOnArrays
 from lab.core.errors import LabError
 from lab.core.se3 import Array, inverse, transform
+from lab.prediction.arm_on_arrays import ArmOnArrays
 
 ROBOT = lab.load_robot("irb120")
 JOINTS = ROBOT.chain.random_joints(40, np.random.default_rng(2))
@@ -150,14 +154,21 @@ def test_an_estimate_with_effects_takes_their_conditions_behind_the_joints() -> 
     assert 1e-5 < np.linalg.norm(loaded - empty) < 1e-2
     assert soft.jacobian([*JOINTS[0], 3.0]).shape == (6, 6)
     with pytest.raises(
-        LabError, match=r"joints have shape \(6,\); give \(7,\) or \(n, 7\) finite numbers: .*payload_kg"
+        LabError, match=r"joints have shape \(6,\); give \(7,\) or \(..., 7\) finite numbers: .*payload_kg"
     ):
         soft.points(JOINTS[0])
 
 
 WRONG = {
-    "joints": (lambda: ROBOT.points(np.zeros(5)), r"joints have shape \(5,\); give \(6,\) or \(n, 6\)"),
-    "three axes": (lambda: ROBOT.points(np.zeros((2, 2, 6))), r"joints have shape \(2, 2, 6\)"),
+    "joints": (lambda: ROBOT.points(np.zeros(5)), r"joints have shape \(5,\); give \(6,\) or \(..., 6\)"),
+    "number": (lambda: ROBOT.points(0.5), r"joints have shape \(\)"),
+    "three axes": (lambda: ROBOT.points(np.zeros((2, 2, 5))), r"joints have shape \(2, 2, 5\)"),
+    "one nan of many": (lambda: ROBOT.jacobian(np.where(np.arange(6000) == 17, np.nan, 0.0).reshape(-1, 6)), "finite"),
+    "infinite": (lambda: ROBOT.parameter_jacobian([0, 0, 0, 0, 0, -np.inf]), "finite numbers"),
+    "poses": (lambda: ROBOT.inverse(np.eye(3)), r"poses have shape \(3, 3\); give \(4, 4\)"),
+    "near": (lambda: ROBOT.inverse(np.tile(np.eye(4), (3, 1, 1)), JOINTS[:2]), "near has 2 rows for 3 poses"),
+    "near of five": (lambda: ROBOT.inverse(np.eye(4), [0.0] * 5), r"near have shape \(5,\)"),
+    "no closed form": (lambda: lab.load_robot("delta").inverse(np.eye(4)), "no closed form; give near="),
     "nan": (lambda: ROBOT.points([np.nan] * 6), "finite numbers"),
     "ragged": (lambda: ROBOT.points([[0.0], [0.0, 1.0]]), "joints: not numbers in rows of one length"),  # type: ignore[list-item]
     "values": (lambda: ROBOT.points(np.zeros(6), [1.0]), r"values have shape \(1,\); give 40 finite numbers"),
@@ -206,3 +217,94 @@ def test_one_target_and_one_pose_are_given_alone(result: lab.CalibrationResult) 
     alone, many = result.estimate.predict(JOINTS[0].tolist()), result.estimate.predict(JOINTS[:1])
     np.testing.assert_array_equal(alone.points, many.points)
     np.testing.assert_array_equal(alone.covariance, many.covariance)
+
+
+@pytest.mark.parametrize("leading", [(), (0,), (5,), (2, 3), (1, 2, 2)])
+@pytest.mark.parametrize("name", ["irb120", "delta"])
+def test_leading_axes_are_those_of_the_joint_positions(name: str, leading: tuple[int, ...]) -> None:
+    robot = lab.load_robot(name)
+    rows = robot.chain.random_joints(int(np.prod(leading)), np.random.default_rng(1))
+    joints = rows.reshape(*leading, rows.shape[1])
+    for method in (robot.points, robot.poses, robot.jacobian, robot.parameter_jacobian):
+        many, shaped = method(rows), method(joints)
+        assert shaped.shape == (*leading, *many.shape[1:])
+        np.testing.assert_array_equal(shaped.reshape(many.shape), many)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", ["irb120", "ur5e", "scara"])
+def test_all_solutions_of_a_pose_reach_it_and_one_is_where_it_was_made(name: str, seed: int) -> None:
+    robot = lab.load_robot(name)
+    joints = robot.chain.random_joints(12, np.random.default_rng(seed)).reshape(3, 4, -1)
+    poses = robot.poses(joints)
+    solutions = robot.inverse(poses)
+    assert solutions.shape[:2] == (3, 4) and solutions.shape[3] == joints.shape[2]
+    there = np.isfinite(solutions).all(axis=-1)
+    reached = robot.poses(solutions[there])
+    np.testing.assert_allclose(reached, np.broadcast_to(poses[:, :, None], (*there.shape, 4, 4))[there], atol=1e-7)
+    turns = np.where(robot.chain.prismatic, 1e9, 2 * np.pi)
+    apart = solutions - joints[:, :, None]
+    apart = np.abs(apart - turns * np.round(apart / turns)).max(axis=-1)
+    assert np.nanmin(apart, axis=-1).max() < 1e-6
+    np.testing.assert_array_equal(robot.inverse(poses[1, 2]), solutions[1, 2])
+
+
+@pytest.mark.parametrize("name", ["irb120", "ur5e", "panda", "delta"])
+def test_the_solution_near_joint_positions_is_theirs(name: str) -> None:
+    """By the closed form where there is one, else by Newton's method."""
+    robot = lab.load_robot(name)
+    rng = np.random.default_rng(4)
+    joints = robot.chain.home + 0.2 * rng.uniform(-1, 1, (2, 3, robot.chain.size)) * (robot.chain.upper > 0.3)
+    joints = joints if name != "delta" else robot.chain.random_joints(6, rng).reshape(2, 3, -1)
+    poses = robot.poses(joints)
+    close = robot.inverse(poses, joints + 0.01)
+    np.testing.assert_allclose(robot.poses(close), poses, atol=1e-8)
+    assert np.abs(close - joints).max() < 0.1
+    away = poses.copy()
+    away[..., 0, 3] += 10.0
+    assert np.isnan(robot.inverse(away, joints)).all()
+
+
+def test_the_inverse_of_an_estimate_meets_its_own_poses(result: lab.CalibrationResult) -> None:
+    estimate = result.estimate
+    poses = estimate.poses(JOINTS[:5])
+    np.testing.assert_allclose(estimate.inverse(poses, JOINTS[:5] + 0.05), JOINTS[:5], atol=1e-6)
+    nominal = ROBOT.inverse(poses, JOINTS[:5])
+    assert not np.allclose(nominal, JOINTS[:5], atol=1e-6)
+
+
+def test_the_compiled_arm_is_kept_and_neither_pickled_nor_compared(result: lab.CalibrationResult) -> None:
+    for used, at in ((lab.load_robot("irb120"), JOINTS), (result.estimate, JOINTS)):
+        fresh = pickle.loads(pickle.dumps(used))
+        size = len(pickle.dumps(fresh))
+        before = fresh.points(at)
+        assert fresh.on_arrays() is fresh.on_arrays() and fresh.on_arrays(["p1"]) is fresh.on_arrays("p1")
+        assert len(pickle.dumps(fresh)) == size and fresh == used and hash(fresh) == hash(used)
+        again = pickle.loads(pickle.dumps(fresh))
+        np.testing.assert_array_equal(again.points(at), before)
+        assert replace(fresh) == fresh and copy.deepcopy(fresh) == fresh
+    assert ROBOT.arm(("p1",)) is ROBOT.arm(("p1",)) and ROBOT.arm(("p2",)) is not ROBOT.arm(("p1",))
+
+
+def test_a_result_that_is_written_to_changes_no_later_one() -> None:
+    robot = lab.load_robot("irb120")
+    values, points = robot.parameter_values(), robot.points(JOINTS[0])
+    robot.parameter_values()[:] = 7.0
+    robot.points(JOINTS[0])[:] = 7.0
+    np.testing.assert_array_equal(robot.parameter_values(), values)
+    np.testing.assert_array_equal(robot.points(JOINTS[0]), points)
+
+
+def test_threads_meet_the_same_arm_at_its_first_use() -> None:
+    robot = pickle.loads(pickle.dumps(ROBOT))
+    barrier = threading.Barrier(8)
+
+    def first(_: int) -> tuple[int, Array]:
+        barrier.wait()
+        return id(robot.on_arrays(("p1",))), robot.points(JOINTS, targets=("p1",))
+
+    with ThreadPoolExecutor(8) as pool:
+        results = list(pool.map(first, range(8)))
+    assert len({kept for kept, _ in results}) == 1
+    for _, points in results:
+        np.testing.assert_array_equal(points, results[0][1])
