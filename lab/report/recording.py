@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from hashlib import sha256
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -40,11 +41,47 @@ from lab.simulation.meshes import Shell, body_poses, shells
 from lab.simulation.robot_model import RobotModel
 
 __all__ = [
-    "LEGS", "LOG_ERRORS", "PROGRAM", "SUMMARY", "TIME", "Colour", "Times", "backdrop", "bars", "beside", "close_view",
-    "draw_beams", "draw_ellipsoid", "draw_frames", "draw_instrument", "draw_legs", "draw_moves", "draw_moving",
-    "draw_moving_legs", "draw_moving_tool", "draw_program", "draw_shells", "draw_tag", "draw_tracker", "error_plot",
-    "eye", "eye_on_arm", "layout", "log_texts", "magnified_view", "main_view", "markdown", "moves_between",
-    "notebook_viewer", "pose_times", "program_view", "recording_to", "text_tabs",
+    "LEGS",
+    "LOG_ERRORS",
+    "PROGRAM",
+    "SUMMARY",
+    "TIME",
+    "Colour",
+    "Times",
+    "backdrop",
+    "bars",
+    "close_view",
+    "draw_arrows",
+    "draw_beams",
+    "draw_ellipsoid",
+    "draw_error_curve",
+    "draw_frames",
+    "draw_instrument",
+    "draw_legs",
+    "draw_moves",
+    "draw_moving",
+    "draw_moving_legs",
+    "draw_moving_tool",
+    "draw_points",
+    "draw_program",
+    "draw_shells",
+    "draw_tag",
+    "draw_tracker",
+    "error_plot",
+    "eye",
+    "eye_on_arm",
+    "identity_of",
+    "layout",
+    "log_texts",
+    "magnified_view",
+    "main_view",
+    "markdown",
+    "moves_between",
+    "notebook_viewer",
+    "pose_times",
+    "program_view",
+    "recording_to",
+    "text_tabs",
 ]  # fmt: skip
 
 Colour = tuple[int, int, int]
@@ -257,12 +294,61 @@ def _draw_lengths(recording: rr.RecordingStream, entity: str, at: Times, drawn: 
     recording.log(entity, rr.Points3D.from_fields(colors=RGB_ARROW, radii=0.0005, show_labels=True), static=True)
 
 
-def beside(tips: Array, vectors: Array, reach_m: float) -> Array:
+def _beside(tips: Array, vectors: Array, reach_m: float) -> Array:
     """Return the places ``(m, 3)`` of tags that stand beyond the tips of arrows, so as not to cover them."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     up = np.array([0.0, 0.0, 1.0])
     directions = np.where(lengths > 0, vectors / np.where(lengths > 0, lengths, 1.0), up)
     return np.asarray(tips + _BEYOND * reach_m * directions)
+
+
+def draw_points(
+    recording: rr.RecordingStream, entity: str, at: Times, points: Array, colour: Colour, radii: Any
+) -> None:
+    """Points ``(m, k, 3)`` in the world; NaN is left out."""
+    there = np.asarray(np.isfinite(points).all(axis=2))
+    columns = rr.Points3D.columns(positions=points[there]).partition(there.sum(axis=1))
+    recording.send_columns(entity, at, columns)
+    recording.log(entity, rr.Points3D.from_fields(colors=colour, radii=radii), static=True)
+
+
+def draw_arrows(
+    recording: rr.RecordingStream, entity: str, at: NDArray[np.int_], ends: tuple[Array, Array], factor: float,
+    name: str, colour: Colour, reach_m: float,
+) -> None:  # fmt: skip
+    """Draw errors as arrows; name and magnification stand beyond the tip of the first of each pose.
+
+    Args:
+        at: ``(m,)`` numbers of the poses.
+        ends: where errors begin, and the errors ``(m, k, 3)`` m in the world; NaN where there is none.
+    """
+    points, vectors = ends[0], factor * ends[1]
+    there = np.asarray(np.isfinite(points + vectors).all(axis=2))
+    columns = rr.Arrows3D.columns(origins=points[there], vectors=vectors[there]).partition(there.sum(axis=1))
+    recording.send_columns(entity, pose_times(at), columns)
+    recording.log(entity, rr.Arrows3D.from_fields(colors=colour, radii=0.008 * reach_m), static=True)
+    first = np.flatnonzero(there[:, 0])
+    tips = _beside((points + vectors)[first, 0], vectors[first, 0], reach_m)
+    text = f"{name} {format_magnification(factor)}"
+    draw_tag(recording, f"{entity}/factor", pose_times(at[first]), tips, text, colour)
+
+
+def draw_error_curve(
+    recording: rr.RecordingStream, at: NDArray[np.int_], name: str, lengths: Array, colour: Colour
+) -> None:
+    """Draw lengths ``(m,)`` m of poses with numbers ``(m,)`` by a logarithmic scale; NaN is left out."""
+    used, entity = np.isfinite(lengths), f"{LOG_ERRORS}/{name}"
+    logarithms = np.log10(np.maximum(MM.of(lengths[used]), _LEAST_MM))
+    recording.send_columns(entity, pose_times(at[used]), rr.Scalars.columns(scalars=logarithms))
+    recording.log(entity, rr.SeriesLines(colors=colour, names=name, widths=2), static=True)
+
+
+def identity_of(digest: str, *arrays: Array) -> str:
+    """Return an identifier from the digest of a robot and the arrays that are drawn: the same for the same content."""
+    content = sha256(digest.encode())
+    for array in arrays:
+        content.update(np.ascontiguousarray(array).tobytes())
+    return content.hexdigest()[:32]
 
 
 def draw_tag(
@@ -311,6 +397,7 @@ SUMMARY, _DETAILS = "summary", "details"  # the entities of a recording's texts
 _TOOL = "world/frames/tool"
 _BASE_AXES, _TOOL_AXES = 0.3, 0.12  # of the reach: how long they are; those of the base show beside its shell
 _OUTSIDE = 1.2  # half-axes from the centre: the label of a length, and no nearer than the longest half-axis
+_LEAST_MM = 1e-9  # what a logarithmic plot shows of an error of nothing
 _BEYOND = 0.03  # of the reach: from an arrow's tip to its tag
 LOG_ERRORS = "error_log10_mm"  # the entity of errors by a logarithmic scale
 _POSES_PER_SECOND = 2.0  # when it is played

@@ -1,11 +1,10 @@
 """Record a campaign with rerun: what it measured, what it found, and how sure, pose by pose.
 
 What moves is on the timelines ``pose``, the 0-based row among all that were measured, and ``time``, two poses a second;
-on ``time`` the arm moves from pose to pose; ``convergence/rms`` is on the timeline ``iteration``. Positions are float32
-there: the numbers to compute with are in the other files of the run.
+on ``time`` the arm moves from pose to pose. Positions are float32 there: the numbers to compute with are in the other
+files of the run.
 """
 
-import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -28,19 +27,20 @@ from lab.simulation.meshes import instrument_body
 
 __all__ = ["parameters_text", "record"]
 
-_LEAST_MM = 1e-9  # that is drawn on a logarithmic scale
-_PARAMETERS, _SINGULAR_VALUES, _CONVERGENCE = "parameters", "singular_values", "convergence"
+_PARAMETERS, _SINGULAR_VALUES = "parameters", "singular_values"
 
 
 def record(path: Path, outcome: CalibrationResult) -> None:
     """Write a campaign's recording, with the blueprint that shows it, to ``path``."""
     shown = scene(outcome)
-    with rec.recording_to(path, outcome.robot.name, _identity(outcome)) as recording:
+    fitted, values = outcome.fitted, outcome.identification.values
+    identity = rec.identity_of(outcome.robot.sha256, fitted.joints, fitted.points, values)
+    with rec.recording_to(path, outcome.robot.name, identity) as recording:
         recording.send_blueprint(_blueprint(outcome, shown))
         rec.draw_shells(recording, rec.pose_times(shown.at), shown.shells, shown.bodies)
         rec.draw_legs(recording, rec.pose_times(shown.at), shown.legs, shown.reach_m)
-        arm, values = outcome.rigid(outcome.identification.values)
-        joints, model = outcome.fitted.joints[shown.rows], outcome.robot.model
+        arm, values = outcome.rigid(values)
+        joints, model = fitted.joints[shown.rows], outcome.robot.model
         rec.draw_frames(recording, rec.pose_times(shown.at), model, arm, values, joints, shown.reach_m)
         planned = getattr(outcome.options, "plan", None) is not None
         rec.draw_moves(recording, model, arm, values, shown.at, joints, path=planned)
@@ -113,14 +113,6 @@ def _ellipsoid_views(shown: CampaignScene) -> rrb.Tabs:
     return rrb.Tabs(*views, active_tab=0)
 
 
-def _identity(outcome: CalibrationResult) -> str:
-    """Compute a recording identifier from the content, so that the same campaign gives the same recording."""
-    digest = hashlib.sha256(outcome.robot.sha256.encode())
-    for array in (outcome.fitted.joints, outcome.fitted.points, outcome.identification.values):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:32]
-
-
 def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: CampaignScene) -> None:
     """Draw the instrument's frame; of a virtual tracker also the beam to each visible target."""
     name = "tracker" if outcome.real is not None else "instrument's frame"
@@ -142,11 +134,8 @@ def _points(recording: rr.RecordingStream, shown: CampaignScene) -> None:
         ("predicted_before", shown.before, RGB_BEFORE, 4.0),
         ("predicted_after", shown.after, RGB_AFTER, 3.0),
     ):
-        visible = np.isfinite(points).all(axis=2)
-        columns = rr.Points3D.columns(positions=points[visible]).partition(visible.sum(axis=1))
-        recording.send_columns(f"world/targets/{name}", rec.pose_times(shown.at), columns)
-        style = rr.Points3D.from_fields(colors=colour, radii=rr.Radius.ui_points(size))
-        recording.log(f"world/targets/{name}", style, static=True)
+        radius = rr.Radius.ui_points(size)
+        rec.draw_points(recording, f"world/targets/{name}", rec.pose_times(shown.at), points, colour, radius)
 
 
 def _outliers(recording: rr.RecordingStream, shown: CampaignScene) -> None:
@@ -166,26 +155,17 @@ def _outliers(recording: rr.RecordingStream, shown: CampaignScene) -> None:
 
 
 def _arrows(recording: rr.RecordingStream, shown: CampaignScene) -> None:
-    """Measured less predicted, from the predicted point, with the factor beyond the tip of the first target's arrow.
+    """Measured less predicted, from the predicted point.
 
     Before and after calibration have one factor; with one of their own, those after are drawn once more, apart.
     """
-    visible = np.asarray(np.isfinite(shown.measured).all(axis=2))
-    lengths = visible.sum(axis=1)
     for entity, name, points, factor, colour in (
         ("errors/before", "before", shown.before, shown.factor_before, RGB_BEFORE),
         ("errors/after", "after", shown.after, shown.factor_before, RGB_AFTER),
         ("magnified/after", "after", shown.after, shown.factor_after, RGB_AFTER),
     ):
-        vectors = factor * (shown.measured - points)
-        columns = rr.Arrows3D.columns(origins=points[visible], vectors=vectors[visible]).partition(lengths)
-        recording.send_columns(f"world/{entity}", rec.pose_times(shown.at), columns)
-        style = rr.Arrows3D.from_fields(colors=colour, radii=0.008 * shown.reach_m)
-        recording.log(f"world/{entity}", style, static=True)
-        text = f"{name} {format_magnification(factor)}"
-        first = np.where(visible[:, :1], np.nan_to_num(vectors[:, 0]), 0.0)
-        tips = rec.beside(points[:, 0] + first, first, shown.reach_m)
-        rec.draw_tag(recording, f"world/{entity}/factor", rec.pose_times(shown.at), tips, text, colour)
+        ends = points, shown.measured - points
+        rec.draw_arrows(recording, f"world/{entity}", shown.at, ends, factor, name, colour, shown.reach_m)
 
 
 def _steps(recording: rr.RecordingStream, outcome: CalibrationResult, shown: CampaignScene) -> None:
@@ -209,25 +189,11 @@ def _ellipsoids(recording: rr.RecordingStream, shown: CampaignScene) -> None:
 
 def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: CampaignScene) -> None:
     for name, errors, colour in (("before", shown.error_before, RGB_BEFORE), ("after", shown.error_after, RGB_AFTER)):
-        used = np.flatnonzero(np.isfinite(errors))
-        recording.send_columns(
-            f"error_mm/{name}", rec.pose_times(shown.numbers[used]), rr.Scalars.columns(scalars=MM.of(errors[used]))
-        )
-        logarithms = np.log10(np.maximum(MM.of(errors[used]), _LEAST_MM))
-        recording.send_columns(
-            f"{rec.LOG_ERRORS}/{name}", rec.pose_times(shown.numbers[used]), rr.Scalars.columns(scalars=logarithms)
-        )
-        for entity, label in (("error_mm", f"{name}, mm"), (rec.LOG_ERRORS, name)):
-            line = rr.SeriesLines(colors=colour, names=label, widths=2)
-            recording.log(f"{entity}/{name}", line, static=True)
+        rec.draw_error_curve(recording, shown.numbers, name, errors, colour)
     values = outcome.identification.fit.singular_values
     recording.log(
         _SINGULAR_VALUES, rr.BarChart(values, abscissa=np.arange(1, len(values) + 1), color=RGB_MAPPING), static=True
     )
-    rms = _convergence(outcome)
-    steps = np.arange(len(rms))
-    iterations = [rr.TimeColumn("iteration", sequence=steps)]
-    recording.send_columns(f"{_CONVERGENCE}/rms", iterations, rr.Scalars.columns(scalars=rms))
 
 
 def _convergence(outcome: CalibrationResult) -> Array:

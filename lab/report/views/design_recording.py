@@ -4,7 +4,6 @@ Motion is on the timeline ``stop``: 0 is home, then every waypoint of the tour, 
 ``time``, where the arm moves from one to the next at its full speed.
 """
 
-import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +11,13 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from lab.core.number_text import fixed, format_magnification
+from lab.core.number_text import format_magnification
 from lab.core.se3 import Array
 from lab.core.units import MICRONS
 from lab.library.design import DesignResult
 from lab.library.result import joint_values
 from lab.report import recording as rec
-from lab.report.document import Bullets, Document, Section, Strong, Table
-from lab.report.markdown import to_markdown
+from lab.report.document import Bullets, Section, Strong
 from lab.report.scene import legs_legend
 from lab.report.style import RGB_CURRENT, RGB_FIRST, RGB_LAST, RGB_MAPPING, RGB_MUTED, RGB_PATH, RGB_UNCERTAINTY
 from lab.report.view import document_of
@@ -27,7 +25,7 @@ from lab.report.views.design_document import PlanScene, plan_scene
 
 __all__ = ["record_plan"]
 
-_TIMELINE, _POSES = "stop", "poses"
+_TIMELINE = "stop"
 _BOUND, _O1 = "curve/bound_um", "curve/o1"
 _PATH, _HERE, _PASSED = RGB_PATH, RGB_CURRENT, RGB_MUTED
 _TALLEST = 8.0  # bars of the curve, in times the last one
@@ -38,7 +36,9 @@ def record_plan(path: Path, plan: DesignResult) -> None:
     """Write a plan's recording, with the blueprint that shows it, to ``path``."""
     shown = plan_scene(plan)
     at = [rr.TimeColumn(_TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
-    with rec.recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
+    digest = plan.problem.robot.sha256 + repr(plan.options)
+    identity = rec.identity_of(digest, plan.tour.waypoints, plan.prediction.rms, plan.problem.values)
+    with rec.recording_to(path, plan.problem.robot.name, identity) as recording:
         model, arm, values = plan.problem.robot.model, plan.problem.arm, plan.problem.values
         recording.send_blueprint(_blueprint(shown, designed=plan.options.curve))
         rec.draw_shells(recording, at, shown.shells, shown.bodies)
@@ -59,20 +59,10 @@ def record_plan(path: Path, plan: DesignResult) -> None:
         _curve(recording, plan)
         rec.draw_program(recording, at, _program(plan, shown))
         rec.log_texts(recording, document_of(plan), _legend(shown))
-        recording.log(_POSES, rec.markdown(to_markdown(_pose_table(plan, shown))), static=True)
 
 
 def _seconds(times: Array) -> rr.TimeColumn:
     return rr.TimeColumn("time", duration=times)
-
-
-def _identity(plan: DesignResult) -> str:
-    """Compute a recording identifier from the content, so that the same plan gives the same recording."""
-    digest = hashlib.sha256(plan.problem.robot.sha256.encode())
-    digest.update(repr(plan.options).encode())
-    for array in (plan.tour.waypoints, plan.prediction.rms, plan.problem.values):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()[:32]
 
 
 def _targets(recording: rr.RecordingStream, at: rec.Times, shown: PlanScene) -> None:
@@ -87,11 +77,9 @@ def _targets(recording: rr.RecordingStream, at: rec.Times, shown: PlanScene) -> 
     recording.log("world/targets/number", numbers, static=True)
     path = rr.LineStrips3D([shown.path], colors=_PATH, radii=0.0008 * shown.reach_m)
     recording.log("world/way", path, static=True)
-    here = rr.Points3D.columns(positions=shown.points.reshape(-1, 3)).partition([k] * len(shown.points))
-    recording.send_columns("world/targets/here", at, here)
+    rec.draw_points(recording, "world/targets/here", at, shown.points, _HERE, 1.2 * radius)
     underway = rr.Points3D.columns(positions=shown.moving_points.reshape(-1, 3)).partition([k] * len(shown.times))
     recording.send_columns("world/targets/here", [_seconds(shown.times)], underway)
-    recording.log("world/targets/here", rr.Points3D.from_fields(colors=_HERE, radii=1.2 * radius), static=True)
     if (passed := _passed(shown)).any():
         place = shown.points[passed, 0]
         rec.draw_tag(recording, "world/targets/passed", [rr.TimeColumn(_TIMELINE, sequence=np.flatnonzero(passed))],
@@ -157,18 +145,6 @@ def _program(plan: DesignResult, shown: PlanScene) -> list[str]:
     return lines
 
 
-def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
-    chain = plan.problem.robot.chain
-    units = ["mm" if slides else "°" for slides in chain.prismatic]
-    rows, loads = [], plan.waypoints.payloads_kg
-    for stop, (joints, name) in enumerate(zip(plan.tour.waypoints, _names(shown), strict=True)):
-        carried = (f"{loads[stop]:g}",) if loads else ()
-        rows.append((str(stop), name, *carried, *(fixed(value, 2) for value in joint_values(chain.prismatic, joints))))
-    headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
-    carried = ("payload, kg",) if loads else ()
-    return Document("Joint positions", (Table(("stop", "id", *carried, *headings), tuple(rows)),))
-
-
 def _blueprint(shown: PlanScene, *, designed: bool) -> rrb.Blueprint:
     """The arm large, the two ellipsoids beside it, text and curves at hand, that of O1 where it is ``designed``."""
     controls = rec.eye(shown.origins, shown.points.reshape(-1, 3), shown.reach_m, shown.Ts_world_station[0, :3, 3])
@@ -178,7 +154,7 @@ def _blueprint(shown: PlanScene, *, designed: bool) -> rrb.Blueprint:
         rec.close_view("ellipsoid/mapping", f"Sensitivity {factors[1]}", shown.reach_m),
         active_tab=0,
     )
-    texts = rec.text_tabs(rrb.TextDocumentView(origin=_POSES, name="Poses"), rec.program_view())
+    texts = rec.text_tabs(rec.program_view())
     bound = rec.bars(_BOUND, "Tolerance bound (95 %/95 %), µm, by number of poses")
     charts = rrb.Tabs(bound, rec.bars(_O1, "O1 by number of poses"), active_tab=0) if designed else bound
     left = rrb.Vertical(rec.main_view("Tour", controls))

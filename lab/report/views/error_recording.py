@@ -3,7 +3,6 @@
 What moves is on the timelines ``pose`` and ``time``, as in ``lab.report.recording``.
 """
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,6 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.number_text import format_magnification
 from lab.core.se3 import Array
-from lab.core.units import MM
 from lab.kinematics.model import RigidArm
 from lab.library.compensation_result import CompensationResult
 from lab.library.point_verification import VerificationResult
@@ -41,7 +39,6 @@ from lab.simulation.robot_model import RobotModel
 __all__ = ["ErrorScene", "PointErrors", "record_compensation", "record_errors", "record_verification"]
 
 _ARROW, _SPHERE = 0.15, 0.08  # of the reach: how long the mean arrow and the median radius are to be drawn
-_LEAST_MM = 1e-9  # what a logarithmic plot shows of an error of nothing
 
 
 @dataclass(frozen=True)
@@ -103,20 +100,17 @@ def record_errors(path: Path, robot: str, identity: str, scene: ErrorScene, docu
         _draw_points(recording, scene, points, reach)
         factor = _draw_arrows(recording, scene, points, reach)
         sphere = _draw_expected(recording, scene, points, reach)
-        _draw_numbers(recording, scene)
-        legend = _legend(scene, factor, sphere)
-        rec.log_texts(recording, document, legend)
+        for each in scene.errors:
+            rec.draw_error_curve(recording, scene.numbers, each.name, mean_lengths(each.vectors), each.colour)
+        rec.draw_error_curve(recording, scene.numbers, "expected", scene.expected, RGB_UNCERTAINTY)
+        rec.log_texts(recording, document, _legend(scene, factor, sphere))
 
 
 def _draw_points(recording: rr.RecordingStream, scene: ErrorScene, points: Array, reach: float) -> None:
     there, at = np.asarray(np.isfinite(points).all(axis=2)), rec.pose_times(scene.numbers)
-    recording.log(
-        "world/targets/all", rr.Points3D(points[there], colors=RGB_MEASURED, radii=0.004 * reach), static=True
-    )
-    columns = rr.Points3D.columns(positions=points[there]).partition(there.sum(axis=1))
-    recording.send_columns("world/targets/measured", at, columns)
-    style = rr.Points3D.from_fields(colors=RGB_MEASURED, radii=0.009 * reach)
-    recording.log("world/targets/measured", style, static=True)
+    every = rr.Points3D(points[there], colors=RGB_MEASURED, radii=0.004 * reach)
+    recording.log("world/targets/all", every, static=True)
+    rec.draw_points(recording, "world/targets/measured", at, points, RGB_MEASURED, 0.009 * reach)
     seen = np.flatnonzero(there[:, 0])
     focus = rr.Transform3D.columns(translation=points[seen, 0])
     recording.send_columns("world/focus", rec.pose_times(seen), focus)
@@ -134,15 +128,8 @@ def _draw_arrows(recording: rr.RecordingStream, scene: ErrorScene, points: Array
     factor = min(max(magnification(float(known.mean()) if len(known) else 0.0, _ARROW * reach), 1.0), LARGEST_FACTOR)
     rotation = scene.T_world_instrument[:3, :3]
     for each in scene.errors:
-        vectors, entity = factor * each.vectors @ rotation.T, f"world/errors/{each.name}"
-        there = np.asarray(np.isfinite(points + vectors).all(axis=2))
-        columns = rr.Arrows3D.columns(origins=points[there], vectors=vectors[there]).partition(there.sum(axis=1))
-        recording.send_columns(entity, rec.pose_times(scene.numbers), columns)
-        recording.log(entity, rr.Arrows3D.from_fields(colors=each.colour, radii=0.008 * reach), static=True)
-        first = np.flatnonzero(there[:, 0])
-        text = f"{each.name} {format_magnification(factor)}"
-        tips = rec.beside((points + vectors)[first, 0], vectors[first, 0], reach)
-        rec.draw_tag(recording, f"{entity}/factor", rec.pose_times(first), tips, text, each.colour)
+        ends, entity = (points, each.vectors @ rotation.T), f"world/errors/{each.name}"
+        rec.draw_arrows(recording, entity, scene.numbers, ends, factor, each.name, each.colour, reach)
     return factor
 
 
@@ -165,16 +152,6 @@ def _draw_expected(recording: rr.RecordingStream, scene: ErrorScene, points: Arr
     return factor
 
 
-def _draw_numbers(recording: rr.RecordingStream, scene: ErrorScene) -> None:
-    kinds = [(each.name, mean_lengths(each.vectors), each.colour) for each in scene.errors]
-    for name, lengths, colour in (*kinds, ("expected", scene.expected, RGB_UNCERTAINTY)):
-        used = np.flatnonzero(np.isfinite(lengths))
-        logarithms = np.log10(np.maximum(MM.of(lengths[used]), _LEAST_MM))
-        entity = f"{rec.LOG_ERRORS}/{name}"
-        recording.send_columns(entity, rec.pose_times(scene.numbers[used]), rr.Scalars.columns(scalars=logarithms))
-        recording.log(entity, rr.SeriesLines(colors=colour, names=name, widths=2), static=True)
-
-
 def _legend(scene: ErrorScene, factor: float, sphere: float) -> Section:
     arrows = format_magnification(factor)
     lines: list[Text] = [(Strong("yellow"), f": {scene.points_label}")]
@@ -194,9 +171,9 @@ def _blueprint(scene: ErrorScene, origins: Array, points: Array, reach: float) -
 
 def record_verification(path: Path, result: VerificationResult) -> None:
     """Write the recording of ``lab verify``; of many rows an evenly spaced part."""
-    calibrated, found = result.calibrated, result.verified
+    calibrated, verified = result.calibrated, result.verified
     data, rigid, values, predicted = drawn_poses(result)
-    colour, colour_name = (RGB_AFTER, "light blue") if found.good else (RGB_BEFORE, "vermilion")
+    colour, colour_name = (RGB_AFTER, "light blue") if verified.good else (RGB_BEFORE, "vermilion")
     text = "measured less predicted"
     scene = ErrorScene(
         calibrated.robot.model,
@@ -207,11 +184,10 @@ def record_verification(path: Path, result: VerificationResult) -> None:
         predicted,
         "where the calibrated arm is predicted to have its targets",
         [PointErrors("observed", text, colour, colour_name, data.points - predicted)],
-        np.full(len(data), found.expected_m),
+        np.full(len(data), verified.expected_m),
     )
-    digest = hashlib.sha256(calibrated.robot.sha256.encode() + found.values.tobytes())
-    digest.update(data.joints.tobytes() + data.points.tobytes())
-    record_errors(path, calibrated.robot.name, digest.hexdigest()[:32], scene, document_of(result))
+    identity = rec.identity_of(calibrated.robot.sha256, verified.values, data.joints, data.points)
+    record_errors(path, calibrated.robot.name, identity, scene, document_of(result))
 
 
 def record_compensation(path: Path, result: CompensationResult) -> None:
@@ -247,8 +223,8 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
         ],
         _at_waypoints(result.predicted_m[aimed], at_target, len(waypoints)),
     )
-    digest = hashlib.sha256(run.robot.sha256.encode() + joints.tobytes() + wanted.tobytes() + values.tobytes())
-    record_errors(path, run.robot.name, digest.hexdigest()[:32], scene, document_of(result))
+    identity = rec.identity_of(run.robot.sha256, joints, wanted, values)
+    record_errors(path, run.robot.name, identity, scene, document_of(result))
 
 
 def _at_waypoints(values: Array, at_target: NDArray[np.int_], count: int) -> Array:

@@ -1,6 +1,5 @@
 """Proposed poses as a rerun recording: the arm at each, what was measured, and the accuracy."""
 
-import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from lab.report.recording import (
     draw_legs,
     draw_shells,
     eye,
+    identity_of,
     layout,
     log_texts,
     main_view,
@@ -37,8 +37,8 @@ _TIMELINE, _ACCURACY, _NEXT = "poses_measured", "accuracy_um", "next"
 
 def record_proposals(path: Path, result: NextPoseResult) -> None:
     """Write the recording of the proposals, with the blueprint that shows it."""
-    digest = hashlib.sha256(result.model_sha256.encode() + repr(result.to_dict()["proposals"]).encode()).hexdigest()
-    with recording_to(path, result.planner.problem.robot.name, digest[:32]) as recording:
+    identity = identity_of(result.model_sha256 + repr(result.to_dict()["proposals"]))
+    with recording_to(path, result.planner.problem.robot.name, identity) as recording:
         scene = _Scene(recording, result.planner)
         for proposal in result.proposals:
             scene.show(result.data, proposal)

@@ -36,7 +36,7 @@ def test_every_pose_is_there(recording, outcome):
         ("/world/errors/before", "Arrows3D:vectors"),
         ("/world/ellipsoid/mapping/axes", "Arrows3D:vectors"),
         ("/world/ellipsoid/uncertainty/shape", "Ellipsoids3D:half_sizes"),
-        ("/error_mm/after", "Scalars:scalars"),
+        ("/error_log10_mm/after", "Scalars:scalars"),
     ]:
         assert column(recording, entity, name)[0] == list(range(n)), entity
 
@@ -109,8 +109,8 @@ def test_the_arrows_are_the_errors_times_the_factor_shown(recording, outcome):
         assert statics(recording, f"/world/{entity}/factor", "Points3D:labels") == [
             f"{name} {format_magnification(factor)}"
         ]
-        mm = np.array(column(recording, f"/error_mm/{name}", "Scalars:scalars")[1])[:, 0]
-        np.testing.assert_allclose(mm, 1e3 * lengths, rtol=1e-12)  # scalars are float64
+        logarithms = np.array(column(recording, f"/error_log10_mm/{name}", "Scalars:scalars")[1])[:, 0]
+        np.testing.assert_allclose(10**logarithms, 1e3 * lengths, rtol=1e-12)  # scalars are float64
 
 
 def test_the_drawn_hand_carries_the_predicted_targets(outcome):
@@ -144,7 +144,7 @@ def test_unseen_targets_are_left_out(tmp_path, home):
         assert index == list(range(50))
         assert [len(row or []) for row in rows] == [2, 2, 2, 2, 0, 1, 1, *[2] * 43]
         assert np.isfinite(np.concatenate([row for row in rows if row])).all()
-    assert 4 not in column(path, "/error_mm/after", "Scalars:scalars")[0]
+    assert 4 not in column(path, "/error_log10_mm/after", "Scalars:scalars")[0]
 
 
 @pytest.mark.sampled(2)

@@ -1,6 +1,5 @@
 """Record a motion for rerun: the robot on the timeline ``time``, the tool's path, and the joints over time."""
 
-import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from lab.report.recording import (
     draw_legs,
     draw_shells,
     eye_on_arm,
+    identity_of,
     layout,
     log_texts,
     magnified_view,
@@ -41,9 +41,9 @@ def record_trajectory(path: Path, result: TrajectoryResult) -> None:
     values = arm.nominal({"p1": result.options.tool_m})
     rows = drawn_rows(len(sampled.times))
     joints = sampled.joints[rows]
-    digest = hashlib.sha256(result.robot.sha256.encode() + sampled.joints.tobytes() + sampled.times.tobytes())
     at: Times = [rr.TimeColumn("time", duration=sampled.times[rows])]
-    with recording_to(path, result.robot.name, digest.hexdigest()[:32]) as recording:
+    identity = identity_of(result.robot.sha256, sampled.joints, sampled.times)
+    with recording_to(path, result.robot.name, identity) as recording:
         origins = moved(model.T_world_frame0, skeleton(arm, values, joints).origins)
         reach = float(np.linalg.norm(origins - origins[:, :1], axis=2).max())
         draw_shells(recording, at, arm_shells(model), body_poses(model, arm, values, joints))
