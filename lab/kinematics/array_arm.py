@@ -13,15 +13,17 @@ from numpy.typing import ArrayLike
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.kinematics.compiled.kernels import CompiledChain, compiled
 from lab.kinematics.effects.arm_with_effects import Arm
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns
 from lab.kinematics.inverse.closed_form import ClosedForm
 from lab.kinematics.inverse.newton_inverse import PoseTarget, reach
+from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["ArrayArm", "as_numbers", "with_leading_axes"]
 
 _TURNED_RAD = 1e-6  # largest rotation error of a solution of an arm with fewer than six joints
-_FEW = 1000  # numbers whose sum of squares takes less time than a check of each
+_FEW = 100  # numbers whose sum in Python takes less time than numpy's check of each
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +46,19 @@ class ArrayArm:
         return (*self.arm.rigid.chain.joint_names, *self.arm.conditions)
 
     @cached_property
-    def _width(self) -> int:
-        return len(self.inputs)
+    def _row(self) -> tuple[int, ...]:
+        """Shape of one configuration."""
+        return (len(self.inputs),)
+
+    @cached_property
+    def _compiled_chain(self) -> CompiledChain | None:
+        return self.arm.compiled if isinstance(self.arm, SerialArm) else None
+
+    @property
+    def _fast(self) -> Arm | CompiledChain:
+        """The arm, or its compiled chain, which lacks the checks that are made here."""
+        chain = self._compiled_chain
+        return self.arm if chain is None or not compiled() else chain
 
     def rows(self, joints: ArrayLike, argument: str = "joints") -> tuple[Array, tuple[int, ...]]:
         """Return joint positions as rows ``(n, inputs)``, and the leading axes that they came with.
@@ -54,13 +67,14 @@ class ArrayArm:
             LabError: their last axis has another length, or they are not finite.
         """
         numbers = as_numbers(argument, joints)
-        shape, width = numbers.shape, self._width
-        if not shape or shape[-1] != width or not _finite(numbers):
+        shape = numbers.shape
+        if shape[-1:] != self._row or not _finite(numbers):
+            width = len(self.inputs)
             raise LabError(
                 f"{argument} have shape {shape}; give ({width},) or (..., {width}) finite numbers: "
                 f"{', '.join(self.inputs)}"
             )
-        return numbers.reshape(-1, width), shape[:-1]
+        return numbers.reshape(-1, *self._row), shape[:-1]
 
     def parameters(self, values: ArrayLike | None) -> Array:
         """Return parameters ``(p,)``: given ones, checked, or the arm's own.
@@ -81,22 +95,22 @@ class ArrayArm:
     def points(self, joints: ArrayLike, values: ArrayLike | None = None) -> Array:
         """Return the positions ``(..., k, 3)`` of the targets at joint positions ``(..., inputs)``."""
         rows, leading = self.rows(joints)
-        return with_leading_axes(leading, self.arm.points(rows, self.parameters(values)))
+        return with_leading_axes(leading, self._fast.points(rows, self.parameters(values)))
 
     def poses(self, joints: ArrayLike, values: ArrayLike | None = None) -> Array:
         """Return the poses ``(..., 4, 4)`` of the first target, with the orientation of the last frame."""
         rows, leading = self.rows(joints)
-        return with_leading_axes(leading, self.arm.tool(rows, self.parameters(values))[0])
+        return with_leading_axes(leading, self._fast.tool(rows, self.parameters(values))[0])
 
     def jacobian(self, joints: ArrayLike, values: ArrayLike | None = None) -> Array:
         """Return the geometric Jacobian ``(..., 6, joints)`` of the first target."""
         rows, leading = self.rows(joints)
-        return with_leading_axes(leading, self.arm.tool(rows, self.parameters(values))[1])
+        return with_leading_axes(leading, self._fast.tool(rows, self.parameters(values))[1])
 
     def parameter_jacobian(self, joints: ArrayLike, values: ArrayLike | None = None) -> Array:
         """Return the derivatives ``(..., k, 3, p)`` of the positions by the parameters."""
         rows, leading = self.rows(joints)
-        return with_leading_axes(leading, self.arm.observe(rows, self.parameters(values))[1])
+        return with_leading_axes(leading, self._fast.observe(rows, self.parameters(values))[1])
 
     def inverse(self, poses: ArrayLike, near: ArrayLike | None = None) -> Array:
         """Return joint positions at which the first target has some poses; NaN where there are none.
@@ -117,7 +131,7 @@ class ArrayArm:
         start = self.rows(near, "near")[0]
         if len(start) not in (1, len(Ts)):
             raise LabError(f"near has {len(start)} rows for {len(Ts)} poses; give one, or one of each pose")
-        start = np.broadcast_to(start, (len(Ts), self._width))
+        start = np.broadcast_to(start, (len(Ts), len(self.inputs)))
         found = self._followed(Ts, start) if self._closed_form is None else self._nearest(Ts, start)
         return with_leading_axes(leading, found)
 
@@ -193,9 +207,7 @@ def with_leading_axes(leading: tuple[int, ...], results: Array) -> Array:
 
 
 def _finite(numbers: Array) -> bool:
-    """Check that all numbers are finite: a few by their sum of squares, unless it overflows; many one by one."""
-    if numbers.size <= _FEW:
-        flat = numbers.reshape(-1)
-        if math.isfinite(flat.dot(flat)):
-            return True
+    """Check that all numbers are finite: a few by their sum, unless it overflows, and many one by one."""
+    if numbers.size <= _FEW and math.isfinite(sum(numbers.ravel().tolist())):
+        return True
     return bool(np.isfinite(numbers).all())

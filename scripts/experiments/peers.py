@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from shared import Answer, Document, Flag, Section, Table, paragraphs, processor, run_script, short
 
 import lab
+from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
@@ -48,6 +49,7 @@ TOPICS = {
 SLOW_S, SLOW_ROUNDS = 3.0, 2  # a measurement that takes longer is taken in fewer rounds
 INSTALL_S, REQUEST_S = 900, 600
 POOL, COUNT, FEW = 300, 30, 20
+COUNTS = (1, 50, 1000, 100_000)  # of poses in one call
 SAME_M = 1e-6  # answers that differ by less agree
 SOLVED_M, SOLVED_RAD = 1e-5, 1e-5  # a solution meets its pose
 
@@ -323,11 +325,13 @@ def prepare(folder: Path) -> Problems:
     nominal, rng = arm.nominal(robot.tool), np.random.default_rng(7)
     pool = arm.observe(rng.uniform(-2, 2, (POOL, 6)), nominal)[1][:, 0][:, :, list(base_set(arm, nominal).identifiable)]
     pool = pool / np.linalg.norm(pool, axis=(0, 1))
-    there = rng.uniform(-2, 2, (1000, 6))
+    there = rng.uniform(-2, 2, (COUNTS[-1], 6))
+    many = np.concatenate([fresh.joints, rng.uniform(-2, 2, (COUNTS[-1] - len(fresh.joints), 6))])
     arrays = session | {
         "table": np.array(TABLE) * [np.pi / 180, 1e-3, 1e-3, np.pi / 180],
         "target": np.array(TARGET) / 1e3,
         "pool": pool, "count": np.array(COUNT), "few": np.array(FEW),
+        "counts": np.array(COUNTS), "many": many, "T_last_p1": se3.pose(np.eye(3), np.array(TARGET) / 1e3),
         "poses": arm.flange(there, nominal), "near": there[:FEW] + rng.uniform(-0.3, 0.3, (FEW, 6)),
     }  # fmt: skip
     np.savez(folder / "measures.npz", allow_pickle=False, **arrays)
@@ -599,7 +603,7 @@ def _cells(topic: str, row: Mapping[str, Any]) -> tuple[str, ...]:
         return short(1e6 * seconds / int(measure.rpartition(", ")[2])), _given(row.get("from_lab"))
     if topic == "select":
         return short(seconds), f"{100 * row['of_bound']:.2f}", str(row.get("in_common", ""))
-    poses = 1000 if measure.endswith("batch") else FEW
+    poses = FEW if measure == "one solution" else int(measure.rpartition(", ")[2])
     largest = (_given(None if row[name] is None else 1e9 * row[name]) for name in ("largest_m", "largest_rad"))
     return short(1e6 * seconds / poses), f"{row['solutions']:.2f}", f"{100 * row['solved']:.1f}", *largest
 

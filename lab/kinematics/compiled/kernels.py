@@ -114,13 +114,15 @@ class CompiledChain:
         _CODE.observe(self._shape, self._sign, *given, self.every, points, _NO_DERIVATIVES)
         return points.T
 
-    def observe(self, joints: Array, values: Array, slot: _Columns, rows: int) -> tuple[Array, Array]:
+    def observe(self, joints: Array, values: Array, slot: _Columns | None = None, rows: int = 0) -> tuple[Array, Array]:
         """Return ``SerialArm.observe``.
 
         Args:
-            slot: ``(p,)`` row of each parameter's derivative, or -1.
+            slot: ``(p,)`` row of each parameter's derivative, or -1; by default all are computed.
             rows: their number.
         """
+        if slot is None:
+            slot, rows = self.every, len(self.every)
         count = len(joints)
         points, jacobian = np.empty((3, self.targets, count)), np.empty((rows, 3, self.targets, count))
         given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
@@ -148,7 +150,7 @@ class CompiledChain:
         moved = self.observe(joints, values, slot, len(self._sign))[1]
         return moved if self._forward else moved * self._sign
 
-    def tool(self, joints: Array, values: Array, target: int) -> tuple[Array, Array]:
+    def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
         """Return ``SerialArm.tool``."""
         n, size = joints.shape
         Ts, jacobian = np.empty((n, 4, 4)), np.empty((6, size, n))

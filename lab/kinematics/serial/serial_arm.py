@@ -98,8 +98,12 @@ class SerialArm:
         base = self.split(values)[0]
         return pose(exp(base[3:]), base[:3])
 
+    @cached_property
+    def _row(self) -> tuple[int]:
+        return (self.chain.size,)
+
     def _checked(self, joints: Array) -> Array:
-        if joints.ndim != 2 or joints.shape[1] != self.chain.size:
+        if joints.shape[1:] != self._row:
             raise LabError(
                 f"joints of shape {joints.shape} do not fit robot '{self.chain.name}': give (poses, {self.chain.size})"
             )
@@ -119,7 +123,7 @@ class SerialArm:
 
         Six further columns follow for each link with torsors.
         """
-        return self.compiled.observe(joints, values, self.compiled.every, len(self.names))
+        return self.compiled.observe(joints, values)
 
     @with_fallback(numpy_kernels.joint_jacobian, when=_compilable)
     def joint_jacobian(self, joints: Array, values: Array) -> Array:

@@ -3,11 +3,13 @@
 import numpy as np
 from eaik.IK_DH import DhRobot
 
+SHOWN = 1000  # answers that are compared
+
 
 def inverse(given):
-    """All solutions by subproblems: pose by pose, and by its batch on one thread."""
+    """All solutions by subproblems: of one pose, and by its batch on one thread."""
     turn, d, a, alpha = given["table"].T
-    robot, Ts, few = DhRobot(alpha, a, d), given["poses"], int(given["few"])
+    robot, poses = DhRobot(alpha, a, d), given["poses"]
 
     def padded(each):
         found = np.full((len(each), 8, 6), np.nan)
@@ -16,10 +18,11 @@ def inverse(given):
             row[: len(exact)] = exact - turn
         return found
 
-    return {
-        "all solutions, one pose a call": (lambda: [robot.IK(T) for T in Ts[:few]], padded),
-        "all solutions, one batch": (lambda: robot.IK_batched(Ts, 1), padded),
-    }
+    found = {"all solutions, 1": (lambda: robot.IK(poses[0]), lambda one: padded([one]))}
+    for n in given["counts"][1:]:
+        Ts = poses[:n]
+        found[f"all solutions, {n}"] = (lambda Ts=Ts: robot.IK_batched(Ts, 1), lambda each: padded(each[:SHOWN]))
+    return found
 
 
 if __name__ == "__main__":

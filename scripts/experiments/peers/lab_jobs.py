@@ -8,11 +8,11 @@ from scipy.optimize import least_squares
 
 import lab
 from lab.calibration.identification import identify as identified
-from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import exchange
 
 ROBOT = Path(sys.argv[1]).with_name("arm.toml")
+SHOWN = 1000  # answers that are compared
 
 
 def fit(joints, points, new_joints, new_points):
@@ -59,15 +59,16 @@ def identify(given):
 
 
 def kinematics(given):
-    """Positions of the target, their derivatives by the joints, and by all parameters."""
-    robot = lab.load_robot(ROBOT)
-    arm = robot.serial_arm(("p1",))
-    nominal, found = arm.nominal(robot.tool), {}
-    for n in (1, 50, 1000):
-        q = given["new_joints"][:n]
-        found[f"positions, {n}"] = (lambda q=q: arm.points(q, nominal), lambda points: points[:, 0])
-        found[f"joint Jacobian, {n}"] = (lambda q=q: arm.joint_jacobian(q, nominal), lambda J: J[:, 0])
-        found[f"parameter derivatives, {n}"] = (lambda q=q: arm.observe(q, nominal), lambda both: both[1][:, 0])
+    """Positions of the target, their derivatives by the joints, and by all parameters: one call for any number."""
+    robot, found = lab.load_robot(ROBOT), {}
+    for n in given["counts"]:
+        q = given["many"][0] if n == 1 else given["many"][:n]
+        found[f"positions, {n}"] = (lambda q=q: robot.points(q), lambda points: points.reshape(-1, 3))
+        found[f"joint Jacobian, {n}"] = (lambda q=q: robot.jacobian(q), lambda J: J.reshape(-1, 6, 6)[:, :3])
+        found[f"parameter derivatives, {n}"] = (
+            lambda q=q: robot.parameter_jacobian(q),
+            lambda J: J.reshape(-1, 3, J.shape[-1])[:SHOWN],
+        )
     return found
 
 
@@ -80,26 +81,17 @@ def select(given):
 
 
 def inverse(given):
-    """All solutions by the closed form, and the one of them that is nearest to a given start."""
-    robot, Ts, few = lab.load_robot(ROBOT), given["poses"], int(given["few"])
-    form = closed_form_of(robot.chain)
-    nan = lambda found: np.where((found.gap_m > 0)[..., None], np.nan, found.joints)  # noqa: E731
-    return {
-        "all solutions, one pose a call": (
-            lambda: [form.solve(T) for T in Ts[:few, None]],
-            lambda each: np.concatenate([nan(found) for found in each]),
-        ),
-        "all solutions, one batch": (lambda: form.solve(Ts), nan),
-        "one solution": (
-            lambda: [_nearest(form.solve(T), q) for T, q in zip(Ts[:few, None], given["near"], strict=False)],
-            lambda each: np.array(each)[:, None],
-        ),
-    }
-
-
-def _nearest(found, q):
-    turned = np.remainder(found.joints[0] - q + np.pi, 2 * np.pi) - np.pi
-    return q + turned[np.argmin(np.where(found.gap_m[0] > 0, np.inf, np.abs(turned).sum(1)))]
+    """All solutions, and the one that is nearest to a given start: one call for any number of poses."""
+    robot, poses, near = lab.load_robot(ROBOT), given["poses"] @ given["T_last_p1"], given["near"]
+    found = {}
+    for n in given["counts"]:
+        Ts = poses[0] if n == 1 else poses[:n]
+        found[f"all solutions, {n}"] = (lambda Ts=Ts: robot.inverse(Ts), lambda each: each.reshape(-1, 8, 6)[:SHOWN])
+    found["one solution"] = (
+        lambda: [robot.inverse(T, q) for T, q in zip(poses, near, strict=False)],
+        lambda each: np.array(each)[:, None],
+    )
+    return found
 
 
 if __name__ == "__main__":

@@ -118,8 +118,8 @@ def kinematics(given):
         return every
 
     arm.points(given["joints"][:1], nothing)
-    for n in (1, 50, 1000):
-        q = given["new_joints"][:n]
+    for n in given["counts"]:
+        q = given["many"][:n]
         found[f"positions, {n}"] = (lambda q=q: positions(q), lambda points: points)
         found[f"joint Jacobian, {n}"] = (lambda q=q: jacobians(q), lambda J: J)
     return found

@@ -8,6 +8,7 @@ import pinocchio as pin
 
 URDF = str(Path(sys.argv[1]).with_name("arm.urdf"))
 WORLD = pin.LOCAL_WORLD_ALIGNED
+SHOWN = 1000  # answers that are compared
 
 
 class Arm:
@@ -17,26 +18,42 @@ class Arm:
         self.model = pin.buildModelFromUrdf(URDF)
         self.data, self.p1 = self.model.createData(), self.model.getFrameId("p1")
 
+    def point(self, q):
+        """Position of the target at one pose."""
+        pin.forwardKinematics(self.model, self.data, q)
+        return pin.updateFramePlacement(self.model, self.data, self.p1).translation
+
     def points(self, joints):
         """Positions of the target."""
         found = np.empty((len(joints), 3))
         for i, q in enumerate(joints):
-            pin.forwardKinematics(self.model, self.data, q)
-            found[i] = pin.updateFramePlacement(self.model, self.data, self.p1).translation
+            found[i] = self.point(q)
         return found
 
-    def joint_jacobian(self, joints):
-        """Their derivatives by the joints."""
-        return np.array([pin.computeFrameJacobian(self.model, self.data, q, self.p1, WORLD)[:3] for q in joints])
+    def joint_jacobian(self, q):
+        """Twist of the target by the joints, at one pose."""
+        return pin.computeFrameJacobian(self.model, self.data, q, self.p1, WORLD)
 
-    def regressor(self, joints):
+    def joint_jacobians(self, joints):
+        """Twists of the target by the joints."""
+        found = np.empty((len(joints), 6, joints.shape[1]))
+        for i, q in enumerate(joints):
+            found[i] = self.joint_jacobian(q)
+        return found
+
+    def regressor(self, q, found):
+        """Fill the derivatives by the places of all joints and by the target, at one pose; return its position."""
+        pin.forwardKinematics(self.model, self.data, q)
+        there = pin.updateFramePlacement(self.model, self.data, self.p1)
+        found[:, -3:] = there.rotation
+        found[:, :-3] = pin.computeFrameKinematicRegressor(self.model, self.data, self.p1, WORLD)[:3]
+        return there.translation
+
+    def regressors(self, joints):
         """Positions, and their derivatives by the places of all joints and by the target."""
         points, found = np.empty((len(joints), 3)), np.empty((len(joints), 3, 6 * (self.model.njoints - 1) + 3))
         for i, q in enumerate(joints):
-            pin.forwardKinematics(self.model, self.data, q)
-            there = pin.updateFramePlacement(self.model, self.data, self.p1)
-            points[i], found[i, :, -3:] = there.translation, there.rotation
-            found[i, :, :-3] = pin.computeFrameKinematicRegressor(self.model, self.data, self.p1, WORLD)[:3]
+            points[i] = self.regressor(q, found[i])
         return points, found
 
     def moved(self, x):
@@ -63,7 +80,7 @@ def identify(given):
         arm = Arm()
         arm.aligned(joints, points)
         for _ in range(20):
-            predicted, J = arm.regressor(joints)
+            predicted, J = arm.regressors(joints)
             step = np.linalg.lstsq(J.reshape(-1, J.shape[2]), (points - predicted).ravel(), rcond=1e-9)[0]
             arm.moved(step)
             if np.abs(step).max() < 1e-9:
@@ -75,12 +92,17 @@ def identify(given):
 
 def kinematics(given):
     """Positions of the target, their derivatives by the joints, and by all parameters, pose by pose."""
-    arm, found = Arm(), {}
-    for n in (1, 50, 1000):
-        q = given["new_joints"][:n]
-        found[f"positions, {n}"] = (lambda q=q: arm.points(q), lambda points: points)
-        found[f"joint Jacobian, {n}"] = (lambda q=q: arm.joint_jacobian(q), lambda J: J)
-        found[f"parameter derivatives, {n}"] = (lambda q=q: arm.regressor(q), lambda both: both[1])
+    arm, q, J = Arm(), given["many"][0], np.empty((3, 39))
+    found = {
+        "positions, 1": (lambda: arm.point(q), lambda point: point[None]),
+        "joint Jacobian, 1": (lambda: arm.joint_jacobian(q), lambda J: J[None, :3]),
+        "parameter derivatives, 1": (lambda: arm.regressor(q, J), lambda _: J[None]),
+    }
+    for n in given["counts"][1:]:
+        many = given["many"][:n]
+        found[f"positions, {n}"] = (lambda many=many: arm.points(many), lambda points: points)
+        found[f"joint Jacobian, {n}"] = (lambda many=many: arm.joint_jacobians(many), lambda J: J[:, :3])
+        found[f"parameter derivatives, {n}"] = (lambda many=many: arm.regressors(many), lambda both: both[1][:SHOWN])
     return found
 
 
