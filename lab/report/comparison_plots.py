@@ -1,6 +1,6 @@
 """Pictures that compare: intervals in rows, heat maps with their scale, and axes of dates."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import date, timedelta
 
@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
-from lab.report.charts.chart import axes_picture, shades
+from lab.report.charts.chart import axes_picture, log_ticks, shades
 from lab.report.charts.marks import Axes
 from lab.report.document import Picture
-from lab.report.style import EQUAL_CONTRAST, INK, MUTED, OUTLIER, luminance
+from lab.report.style import EQUAL_CONTRAST, INK, MUTED, OUTLIER, PREDICTED, luminance
 
-__all__ = ["ColourScale", "Intervals", "date_axis", "heat_map", "interval_chart", "signed_place", "signed_ticks"]
+__all__ = [
+    "ColourScale", "Intervals", "bars_picture", "date_axis", "heat_map", "interval_chart", "rows_picture",
+    "signed_place", "signed_ticks",
+]  # fmt: skip
 
 _MONTHS = (1, 2, 3, 6, 12, 24, 60, 120)  # between ticks
 _DAYS = (1, 2, 7, 14)
@@ -43,6 +46,49 @@ def date_axis(axes: Axes, first: date, last: date, right: float = _BESIDE) -> No
     axes.set(xlim=(first.toordinal() - _BESIDE * span, first.toordinal() + (1 + right) * span))
 
 
+def rows_picture(
+    name: str, label: str, rows: Sequence[str], draw: Callable[[Axes, Array], None], axis: str, *,
+    ends: tuple[float, float] | None = None, step: float = 0.24, width: float = 3.8, above: float = 0.1,
+    title: str = "",
+) -> Picture:  # fmt: skip
+    """A picture with a row for each name, the first on top.
+
+    Args:
+        draw: draws into the axes, given the places ``(n,)`` of the rows.
+        axis: what is along the rows.
+        ends: of a logarithmic axis; None for a linear one.
+        step: from a row to the next, inches.
+        above: inches above the axes; where there is a title, it takes more.
+    """
+    at = np.arange(len(rows))[::-1].astype(float)
+
+    def drawn(axes: Axes) -> None:
+        if ends is not None:
+            log_ticks(axes, "x", *ends)
+        axes.set_yticks(at, list(rows))
+        axes.set(ylim=(-0.65, len(rows) - 0.35), xlabel=axis, title=title)
+        axes.grid(visible=False, axis="y")
+        draw(axes, at)
+
+    beside, head = 0.3 + 0.078 * max(map(len, rows), default=0), 0.3 if title else above
+    size = (width, 0.5 + head + 0.15 + step * len(rows))
+    return axes_picture(name, label, size, drawn, (beside, 0.5, 0.15, head))
+
+
+def bars_picture(
+    name: str, label: str, rows: Sequence[str], values: Sequence[float], texts: Sequence[str], axis: str
+) -> Picture:
+    """A bar in a row for each name, with its text beside it."""
+
+    def draw(axes: Axes, at: Array) -> None:
+        axes.barh(at, values, color=PREDICTED, height=0.6)
+        for place, value, text in zip(at, values, texts, strict=True):
+            axes.annotate(f" {text}", (value, place), va="center", fontsize=8)
+        axes.set(xlim=(0, 1.25 * (max(values) or 1.0)))
+
+    return rows_picture(name, label, rows, draw, axis, step=0.28, width=5.0)
+
+
 @dataclass(frozen=True)
 class Intervals:
     """Numbers with half-widths of their intervals, one in each row of a chart.
@@ -69,27 +115,20 @@ def interval_chart(
         axis: what the numbers are.
         band: where dotted lines are drawn on either side of zero; 0 for none.
     """
-    at = np.arange(len(rows))[::-1].astype(float)
     apart = np.linspace(0.26, -0.26, len(sets)) if len(sets) > 1 else np.zeros(1)
 
-    def draw(axes: Axes) -> None:
+    def draw(axes: Axes, at: Array) -> None:
         axes.axvline(0, color=INK, linewidth=1)
         for edge in (-band, band) if band else ():
             axes.axvline(edge, color=MUTED, linewidth=1, linestyle=":")
         for each, offset, mark in zip(sets, apart, _SET_MARKS, strict=False):
             for which, colour, width, size in ((~each.distinct, MUTED, 1.2, 13), (each.distinct, OUTLIER, 2.0, 26)):
-                if not which.any():
-                    continue
-                ends = each.values[which] - each.halves[which], each.values[which] + each.halves[which]
-                axes.hlines(at[which] + offset, *ends, colors=colour, linewidth=width)
-                axes.scatter(each.values[which], at[which] + offset, c=colour, s=size, marker=mark)
-        axes.set_yticks(at, list(rows))
-        axes.set(ylim=(-0.7, len(rows) - 0.3), xlabel=axis)
-        axes.grid(visible=False, axis="y")
+                if which.any():
+                    ends = each.values[which] - each.halves[which], each.values[which] + each.halves[which]
+                    axes.hlines(at[which] + offset, *ends, colors=colour, linewidth=width)
+                    axes.scatter(each.values[which], at[which] + offset, c=colour, s=size, marker=mark)
 
-    widest = max(map(len, rows))
-    size = (3.8, 0.75 + (0.2 if len(sets) < 3 else 0.3) * len(rows))
-    return axes_picture(name, label, size, draw, (0.25 + 0.078 * widest, 0.5, 0.15, 0.1))
+    return rows_picture(name, label, rows, draw, axis, step=0.2 if len(sets) < 3 else 0.3)
 
 
 @dataclass(frozen=True)

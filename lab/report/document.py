@@ -138,7 +138,7 @@ class Card(Block):
         numbers: caption, number and kind of each large number; a kind is that of a table's row, or empty.
         about: what the numbers are, in a sentence.
         next_step: what to do now.
-        figures: at most one, small.
+        figures: at most one, small; one without pictures is left out.
     """
 
     kind: ClassVar[str] = "card"
@@ -160,7 +160,8 @@ class Card(Block):
         )
 
     def _reduced(self, medium: _Medium) -> Iterable[Block]:
-        return (self,) if medium == "page" else ()
+        figures = tuple(each for each in self.figures if each.pictures)
+        return (replace(self, figures=figures),) if medium == "page" else ()
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from lab.report.style import (
     GATE,
     HATCH_AFTER,
     HATCH_BEFORE,
+    HIGHLIGHT,
     INK,
     MARK_AFTER,
     MARK_BEFORE,
@@ -33,7 +34,7 @@ from lab.report.style import (
 
 __all__ = [
     "MAP", "MOST_POINTS", "SMALL", "SQUARE", "VIEWS", "WIDTH", "ArrowMap", "SizeMap", "Smooth", "Spread", "Trend",
-    "arrow_maps", "histograms", "size_maps", "smooth", "spread_by_size", "trend_pictures",
+    "arrow_maps", "histograms", "singular_value_picture", "size_maps", "smooth", "spread_by_size", "trend_pictures",
 ]  # fmt: skip
 
 MOST_POINTS = 200  # drawn in a picture
@@ -434,3 +435,24 @@ def _trend(name: str, shown: Trend, reach: float, band_mm: float, level: float, 
         name_points(axes, thing, x, np.clip(y, -reach, reach), names, [f"{short(each)} mm" for each in y.tolist()])
 
     return axes_picture(name, title, SMALL, draw, (0.55, 0.5, 0.1, 0.35))
+
+
+def singular_value_picture(values: Array) -> tuple[Picture, ...]:
+    """Singular values ``(f,)`` relative to the largest, in descending order; none where they are not finite."""
+    if not (len(values) and np.isfinite(values).all() and values[0] > 0):
+        return ()
+    relative = np.maximum(values / values[0], 1e-17)
+
+    def draw(axes: Axes) -> None:
+        order = np.arange(1, len(relative) + 1)
+        axes.vlines(order, relative.min() / 10, relative, color=ARM, linewidth=1.5)
+        axes.plot(order, relative, "o", color=HIGHLIGHT, markersize=4.5)
+        log_ticks(axes, "y", min(relative.min() / 1.6, 0.06), 1.7)
+        condition = f"condition number: {short(float(1 / relative[-1]))}"
+        axes.annotate(condition, (0.99, 0.93), xycoords="axes fraction", ha="right", color=HIGHLIGHT)
+        axes.set(xlabel="direction, from the best observed to the worst", ylabel="relative singular value")
+        axes.set(xlim=(0.3, len(relative) + 0.7))
+        axes.grid(visible=False, axis="x")
+
+    label = "Singular values of the scaled Jacobian"
+    return (axes_picture("singular-values", label, (WIDTH, 2.8), draw, (0.8, 0.5, 0.2, 0.15)),)

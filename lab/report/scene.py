@@ -16,8 +16,8 @@ from lab.report.document import Picture, Strong, Text
 from lab.report.style import ARM, FRAME_AXES
 
 __all__ = [
-    "LARGEST_FACTOR", "MOST_POSES", "Legs", "MagnifiedEllipsoids", "drawn_rows", "legs_legend", "magnification",
-    "magnified", "mean_lengths", "moved", "placement_picture", "reach_of", "skeleton", "world_legs",
+    "LARGEST_FACTOR", "MOST_POSES", "Legs", "MagnifiedEllipsoids", "drawn_rows", "error_factor", "legs_legend",
+    "magnification", "magnified", "mean_lengths", "moved", "placement_picture", "reach_of", "skeleton", "world_legs",
 ]  # fmt: skip
 
 
@@ -36,6 +36,7 @@ def skeleton(arm: RigidArm, values: Array, joints: Array) -> Skeleton:
 
 MOST_POSES = 300  # whose bodies, points and ellipsoids are drawn
 LARGEST_FACTOR = 1e6  # of error arrows: what is still too short to be seen is nothing
+_ARROW = 0.15  # of the reach: how long the mean error is drawn
 _HALF_AXIS = 0.11  # of the reach: the longest half-axis of an ellipsoid as drawn, in the median over the poses
 
 
@@ -64,6 +65,13 @@ def magnification(length: float, wanted: float) -> float:
     steps = [(float(mantissa), int(np.floor(power)) + ten) for ten in (0, 1) for mantissa in (1, 2, 5)]
     mantissa, ten = min(steps, key=lambda step: abs(np.log10(step[0]) + step[1] - power))
     return float(f"{mantissa}e{ten}")
+
+
+def error_factor(lengths: Array, reach_m: float) -> float:
+    """Return the round factor, 1 or more, that draws arrows of a mean length (m, NaN left out) in view of the reach."""
+    known = lengths[np.isfinite(lengths)]
+    mean = float(known.mean()) if len(known) else 0.0
+    return min(max(magnification(mean, _ARROW * reach_m), 1.0), LARGEST_FACTOR)
 
 
 def magnified(shapes: Ellipsoids, centers: Array, T_world_instrument: Array, reach_m: float) -> MagnifiedEllipsoids:

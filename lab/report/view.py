@@ -96,9 +96,7 @@ _VIEWS: Final[Mapping[str, View]] = {
     "ExampleResult": View(_in("example_document:example_document")),
     "HistoryResult": View(_in("history_document:history_document"), _in("history_document:main_picture")),
     "ImportResult": View(_in("import_document:import_document")),
-    "Inspection": View(
-        _in("inspection_document:inspection_document"), _in("inspection_document:singular_values_picture")
-    ),
+    "Inspection": View(_in("inspection_document:inspection_document"), _in("inspection_document:main_picture")),
     "NextPoseResult": View(_in("next_document:next_document"), record=_in("next_recording:record_proposals")),
     "PlanCheckResult": View(_in("design_document:check_document")),
     "PredictionResult": View(_in("prediction_document:prediction_document"), _in("prediction_document:radii_picture")),

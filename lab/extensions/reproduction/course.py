@@ -19,10 +19,8 @@ from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.kinematics.inverse.newton_inverse import PoseTarget, reach
 from lab.kinematics.trajectory.profiles import Trajectory
 from lab.kinematics.trajectory.trajectory import through
-from lab.report.charts.chart import axes_picture
-from lab.report.charts.marks import Axes
+from lab.report.comparison_plots import bars_picture
 from lab.report.document import Picture
-from lab.report.style import AFTER
 
 __all__ = ["COURSE"]
 
@@ -464,17 +462,10 @@ def _answers() -> tuple[Answer, ...]:
 
 
 def _picture() -> tuple[Picture, ...]:
-    found = _volumes()
-
-    def draw(axes: Axes) -> None:
-        at = np.arange(len(found))[::-1]
-        axes.barh(at, list(found.values()), color=AFTER, height=0.6)
-        for place, value in zip(at, found.values(), strict=True):
-            axes.annotate(f"{value:.2f}", (value + 0.4, place), va="center", fontsize=8)
-        axes.set_yticks(at, list(found))
-        axes.set(xlabel="volume / L³", xlim=(0, 40))
-
-    return (axes_picture("carriers", "Volumes of the five carriers", (5.6, 2.6), draw, (2.2, 0.5, 0.15, 0.15)),)
+    volumes = _volumes()
+    texts = [f"{value:.2f}" for value in volumes.values()]
+    label = "Volumes of the five carriers"
+    return (bars_picture("carriers", label, list(volumes), list(volumes.values()), texts, "volume / L³"),)
 
 
 _VOLUME_ITEMS = (

@@ -24,6 +24,8 @@ from lab.phrases.phrase import in_one_line, phrases, reason_texts
 from lab.phrases.verdict_phrases import gate_text, next_step, region_text, without_figures
 from lab.prediction.estimate import EstimatedParameter
 from lab.report import document as doc
+from lab.report.blocks import error_table, verdict_badge
+from lab.report.plots import singular_value_picture
 from lab.report.scene import drawn_rows
 from lab.report.views.calibration_figures import (
     correction_pictures,
@@ -31,11 +33,10 @@ from lab.report.views.calibration_figures import (
     error_histograms,
     has_correction,
     residual_figures,
-    singular_value_picture,
     where_figures,
 )
 from lab.report.views.calibration_scene import page_scene
-from lab.verdict.verdict import Answer, Word, rotation_noise_rad
+from lab.verdict.verdict import Answer, rotation_noise_rad
 
 __all__ = ["document_of", "parameters_table"]
 
@@ -65,12 +66,6 @@ _VALIDATED = {
     "holdout": "on {count} points of the hold-out set",
     "file": "on {count} points of the validation measurements",
     "cross-validation": "by cross-validation on {count} points",
-}
-_VERDICTS: dict[Word, doc.Badge] = {
-    "good": doc.Badge("good", "good"),
-    "doubtful": doc.Badge("doubtful", "doubtful"),
-    "bad": doc.Badge("bad", "bad"),
-    "not judged": doc.Badge("not judged"),
 }
 _NAMED = 5  # rejected groups that a terminal names
 _GOOD = ("holds", "does not matter")  # an answer's standing; the others come first
@@ -129,7 +124,7 @@ def _card(result: CalibrationResult) -> doc.Card:
     gate = f" ({gate_text(result.options.gate_mm)})"
     spread = doc.Figure("errors-figure", error_histograms(result, _judged_error(result).rstrip(",")), _SPREAD)
     return doc.Card(
-        ("Verdict: ", _VERDICTS[verdict.word], gate),
+        ("Verdict: ", verdict_badge(verdict.word), gate),
         numbers,
         about,
         next_step(
@@ -137,7 +132,7 @@ def _card(result: CalibrationResult) -> doc.Card:
             with_outliers=bool(result.fit.outliers) and not result.fit.left_out,
             in_instrument_frame=result.kind.in_instrument_frame,
         ),
-        (spread,) * bool(spread.pictures),
+        (spread,),
     )
 
 
@@ -185,7 +180,7 @@ def _verdict_blocks(result: CalibrationResult) -> tuple[doc.Block, ...]:
         (doc.Strong(f"{capital(name)}: {each.standing}."), f" {_answer_text(each, verdict.reasons)}")
         for name, each in sorted(verdict.answers.items(), key=lambda pair: pair[1].standing in _GOOD)
     )
-    word = ("Verdict: ", _VERDICTS[verdict.word], f" ({gate_text(result.options.gate_mm)})")
+    word = ("Verdict: ", verdict_badge(verdict.word), f" ({gate_text(result.options.gate_mm)})")
     blocks = (*because, doc.Bullets(answers), _lead(result))
     count, fitted = len(drawn_rows(len(result.fitted))), len(result.fitted)
     which = _ARM if count == fitted else f"The arm at {count} of the {fitted:,} fitted poses, evenly spaced."
@@ -213,10 +208,7 @@ def _errors(result: CalibrationResult) -> doc.Section:
         return doc.Section(title, (doc.Paragraph("Too few poses for a hold-out set: the accuracy was not validated."),))
     robust = errors_without_outliers(result)
     stated = [("before", before), ("after", after), *([] if robust is None else [("after, without outliers", robust)])]
-    rows = tuple(
-        (name, *(short(value) for value in (each.mean, each.rms, each.p95, each.max)), f"{each.count:,}")
-        for name, each in stated
-    )
+    rows = [(name, each.to_dict()) for name, each in stated]
     error = _judged_error(result)
     caption = f"{capital(error.rstrip(','))}, mm, {_validated_on(result)}"
     note = (
@@ -226,9 +218,7 @@ def _errors(result: CalibrationResult) -> doc.Section:
     return doc.Section(
         title,
         (
-            doc.Table(
-                ("", "mean", "rms", "95 %", "max", "points"), rows, caption, ("before", "after", "quiet")[: len(rows)]
-            ),
+            error_table(rows, caption, ("before", "after", "quiet")[: len(rows)]),
             _predictions(result),
             doc.Paragraph(note, "note", shown_in=doc.PAGE),
         ),

@@ -24,7 +24,7 @@ from lab.kinematics.parameter import Parameter
 from lab.library.calibration_result import CalibrationResult
 from lab.prediction.estimate import EstimatedParameter
 from lab.prediction.workspace_prediction import predicted_errors
-from lab.report.charts.chart import axes_picture, cube, log_ticks, name_points, shades
+from lab.report.charts.chart import axes_picture, cube, name_points, shades
 from lab.report.charts.marks import Axes
 from lab.report.document import Block, Figure, Picture, guarded
 from lab.report.plots import (
@@ -46,7 +46,6 @@ from lab.report.style import (
     AFTER,
     ARM,
     BEFORE,
-    HIGHLIGHT,
     INK,
     MUTED,
     PREDICTED,
@@ -55,7 +54,7 @@ from lab.report.style import (
 __all__ = [
     "ErrorVectors", "correction_pictures", "correlation_picture", "error_histograms", "error_maps",
     "error_vectors", "has_correction",
-    "main_picture", "residual_figures", "residual_pictures", "singular_value_picture",
+    "main_picture", "residual_figures", "residual_pictures",
     "uncertainty_map", "where_figures", "world_of",
 ]  # fmt: skip
 
@@ -253,27 +252,6 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, limit: float, n
     label = f"Corrections of the nominal values with 95 % intervals, {unit.name}"
     height = 0.95 + 0.2 * len(rows)
     return axes_picture(f"corrections-{number}", label, (WIDTH, height), draw, (1.35, 0.5, 0.15, 0.15))
-
-
-def singular_value_picture(values: Array) -> tuple[Picture, ...]:
-    """Singular values ``(f,)`` relative to the largest, in descending order; none where they are not finite."""
-    if not (len(values) and np.isfinite(values).all() and values[0] > 0):
-        return ()
-    relative = np.maximum(values / values[0], 1e-17)
-
-    def draw(axes: Axes) -> None:
-        order = np.arange(1, len(relative) + 1)
-        axes.vlines(order, relative.min() / 10, relative, color=ARM, linewidth=1.5)
-        axes.plot(order, relative, "o", color=HIGHLIGHT, markersize=4.5)
-        log_ticks(axes, "y", min(relative.min() / 1.6, 0.06), 1.7)
-        condition = f"condition number: {short(float(1 / relative[-1]))}"
-        axes.annotate(condition, (0.99, 0.93), xycoords="axes fraction", ha="right", color=HIGHLIGHT)
-        axes.set(xlabel="direction, from the best observed to the worst", ylabel="relative singular value")
-        axes.set(xlim=(0.3, len(relative) + 0.7))
-        axes.grid(visible=False, axis="x")
-
-    label = "Singular values of the scaled Jacobian"
-    return (axes_picture("singular-values", label, (WIDTH, 2.8), draw, (0.8, 0.5, 0.2, 0.15)),)
 
 
 _QUANTILES = 120

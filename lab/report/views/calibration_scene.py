@@ -19,11 +19,10 @@ from lab.kinematics.model import RigidArm
 from lab.library.calibration_result import CalibrationResult
 from lab.report.page_scene import ArmScene, Arrows, posed_arm
 from lab.report.scene import (
-    LARGEST_FACTOR,
     Legs,
     MagnifiedEllipsoids,
     drawn_rows,
-    magnification,
+    error_factor,
     magnified,
     mean_lengths,
     moved,
@@ -38,7 +37,6 @@ from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, st
 __all__ = ["CampaignScene", "page_scene", "scene"]
 
 _MOST_OUTLIERS = 30  # marked
-_ARROW = 0.15  # of the reach: how long the mean error arrow is to be drawn
 _ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
 
 
@@ -125,8 +123,8 @@ def scene(outcome: CalibrationResult) -> CampaignScene:
         measured[there],
         errors[0],
         errors[1],
-        _error_factor(errors[0], _ARROW * reach),
-        _error_factor(errors[1], _ARROW * reach),
+        error_factor(errors[0], reach),
+        error_factor(errors[1], reach),
         magnified(mapping_ellipsoids(identification, inputs[rows]), after[rows, 0], T_world_instrument, reach),
         _uncertainty_ellipsoids(identification, inputs[rows], after[rows, 0], T_world_instrument, reach),
         visible,
@@ -153,10 +151,6 @@ def _outlier_poses(outcome: CalibrationResult, T_world_instrument: Array) -> tup
         _OutlierPose(f"{pose.id}: {MM.text(pose.size_m)}", measured, should)
         for pose, measured, should in zip(named, *ends, strict=True)
     )
-
-
-def _error_factor(errors: Array, shown: float) -> float:
-    return min(max(magnification(float(np.nanmean(errors)), shown), 1.0), LARGEST_FACTOR)
 
 
 def _bodies(

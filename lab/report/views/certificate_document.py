@@ -8,14 +8,16 @@ from lab.certification.lack_of_fit import LackOfFit
 from lab.compensation.iso9283 import CYCLES
 from lab.core.errors import LabError
 from lab.core.number_text import capital, digits_of, fixed, sentence, short
+from lab.core.se3 import Array
 from lab.core.significance import CERTIFICATE_VALIDATION
 from lab.core.units import MICRONS, MM
 from lab.core.whole_folder import CHECKSUMS
 from lab.library.certificate_result import Certificate, called, missing_text, not_measured
 from lab.phrases.phrase import in_one_line
 from lab.report import document as doc
-from lab.report.charts.chart import axes_picture, log_ticks
+from lab.report.blocks import error_table
 from lab.report.charts.marks import Axes
+from lab.report.comparison_plots import rows_picture
 from lab.report.style import AFTER, GATE, INK, MUTED
 
 __all__ = ["certificate_document", "main_picture"]
@@ -129,7 +131,7 @@ def _card(result: Certificate) -> doc.Card:
         "workspace."
     )
     figure = doc.Figure("errors-figure", _errors_picture(result), _ERRORS)
-    return doc.Card(verdict, tuple(numbers), about, _next_step(result), (figure,) * bool(figure.pictures))
+    return doc.Card(verdict, tuple(numbers), about, _next_step(result), (figure,))
 
 
 def _next_step(result: Certificate) -> str:
@@ -173,10 +175,8 @@ def _errors_picture(result: Certificate) -> tuple[doc.Picture, ...]:
     tolerance = None if result.conformity is None else MM.of(result.conformity.tolerance_m)
     sizes = [*(size for row in rows for size in row[1:3]), expanded, *([] if tolerance is None else [tolerance])]
     names = [*(row[0] for row in rows), "U of a position"]
-    at = list(range(len(names)))[::-1]
 
-    def draw(axes: Axes) -> None:
-        log_ticks(axes, "x", min(sizes) / 1.5, max(sizes) * 1.5)
+    def draw(axes: Axes, at: Array) -> None:
         for row, (_, mean, largest, colour) in zip(at, rows, strict=False):
             axes.hlines([row], mean, largest, colors=colour, linewidth=3)
             axes.plot([mean], [row], "o", color=colour, markersize=7)
@@ -186,13 +186,11 @@ def _errors_picture(result: Certificate) -> tuple[doc.Picture, ...]:
             axes.annotate(
                 f"tolerance {short(tolerance)} mm", (tolerance, 1.02), xycoords=("data", "axes fraction"), ha="center"
             )
-        axes.set_yticks(at, names)
-        axes.set(ylim=(-0.6, len(names) - 0.4), xlabel="mm (logarithmic)")
-        axes.grid(visible=False, axis="y")
 
     stated = ", ".join(f"{name} {short(mean)} mm (mean)" for name, mean, *_ in rows)
     label = f"Position errors: {stated}; U {expanded:.2g} mm"
-    return (axes_picture("errors", label, (3.8, 2.0), draw, (1.45, 0.5, 0.15, 0.3)),)
+    ends = min(sizes) / 1.5, max(sizes) * 1.5
+    return (rows_picture("errors", label, names, draw, "mm (logarithmic)", ends=ends, step=0.35, above=0.3),)
 
 
 def main_picture(result: Certificate) -> doc.Picture:
@@ -262,23 +260,15 @@ def _details(result: Certificate) -> tuple[doc.Block, ...]:
 @doc.guarded
 def _results(result: Certificate) -> tuple[doc.Block, ...]:
     run, distances = result.calibrated.result, result.distances
-    rows: list[doc.Row] = []
+    rows: list[tuple[str, Mapping[str, float]]] = []
     where = "not validated"
     if run.before_mm is not None and run.after_mm is not None:
         where = _VALIDATED.get(run.judged_by or "", "")
-        rows += [
-            _error_row("position, nominal model", run.before_mm),
-            _error_row("position, calibrated model", run.after_mm),
-        ]
+        rows += [("position, nominal model", run.before_mm), ("position, calibrated model", run.after_mm)]
     names = "distance, nominal model", "distance, calibrated model"
-    rows += [_error_row(name, each.to_dict()) for name, each in zip(names, distances, strict=True) if each is not None]
+    rows += [(name, each.to_dict()) for name, each in zip(names, distances, strict=True) if each is not None]
     caption = f"Errors, mm. Positions {where}; distances between measured poses, which need no base"
-    return (doc.Table(("error of a", "mean", "rms", "95 %", "max", "count"), tuple(rows), caption),)
-
-
-def _error_row(name: str, found: Mapping[str, float]) -> doc.Row:
-    numbers = [short(found[key]) for key in ("mean", "rms", "p95", "max")]
-    return (name, *numbers, f"{found['count']:,.0f}")
+    return (error_table(rows, caption, counted="count"),)
 
 
 @doc.guarded

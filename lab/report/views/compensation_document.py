@@ -13,17 +13,16 @@ from lab.core.units import MM
 from lab.formats.programs.languages import path_file, refusal
 from lab.library.compensation_result import CompensationResult
 from lab.library.corrected_program import stated_positions_note
-from lab.library.result import joint_values
 from lab.library.run_folder import VIA
 from lab.report import document as doc
+from lab.report.blocks import joint_cells, joint_headings
 from lab.report.page_scene import ArmScene, Arrows, posed_arm
 from lab.report.plots import Spread, histograms
-from lab.report.scene import drawn_rows, magnification, magnified, moved, reach_of
+from lab.report.scene import drawn_rows, error_factor, magnified, moved, reach_of
 from lab.report.style import BEFORE, rgb
 
 __all__ = ["compensation_document", "corrections_picture", "page_scene"]
 
-_ARROW = 0.15  # of the reach: how long the mean error is to be drawn
 _SCENE = (
     "The arm at the corrected targets. Orange arrows lead from each target to where the arm goes without correction; "
     "ellipsoids show the error to expect with it. The darker a point, the larger that error."
@@ -125,7 +124,7 @@ def page_scene(result: CompensationResult) -> ArmScene:
     points, vectors = moved(T, result.wanted.positions[rows]), result.uncorrected_errors[rows] @ T[:3, :3].T
     reach = reach_of(result.run.robot.model.T_world_frame0, points, posed.legs)
     lengths = np.linalg.norm(vectors, axis=1)
-    factor = max(magnification(float(lengths.mean()), _ARROW * reach), 1.0)
+    factor = error_factor(lengths, reach)
     covariance = estimate.predict(result.arm_inputs[rows], aimed).covariance[:, 0]
     known = bool(np.isfinite(covariance).all()) and covariance.any()
     return replace(
@@ -291,14 +290,12 @@ def _every_target(result: CompensationResult) -> tuple[doc.Block, ...]:
     rows = tuple(
         (
             result.targets.ids[i],
-            *(fixed(value, 3) for value in joint_values(chain.prismatic, found.joints[i])),
+            *joint_cells(chain, found.joints[i]),
             *(fixed(value, 3, signed=True) for value in moved[i]),
         )
         for i in result.reached[:_MOST_LISTED]
     )
-    units = ("mm" if slides else "°" for slides in chain.prismatic)
-    joints = (f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True))
-    header = ("target", *joints, *(f"Δ{axis}, mm" for axis in "xyz"))
+    header = ("target", *joint_headings(chain), *(f"Δ{axis}, mm" for axis in "xyz"))
     note = (
         "Joint positions that bring the calibrated arm there, and the distance from the wanted to the corrected target."
     )

@@ -23,6 +23,7 @@ from lab.report.document import Bullets, Document, Section, Strong, Text
 from lab.report.scene import (
     LARGEST_FACTOR,
     drawn_rows,
+    error_factor,
     magnification,
     mean_lengths,
     moved,
@@ -38,7 +39,7 @@ from lab.simulation.robot_model import RobotModel
 
 __all__ = ["ErrorScene", "PointErrors", "record_compensation", "record_errors", "record_verification"]
 
-_ARROW, _SPHERE = 0.15, 0.08  # of the reach: how long the mean arrow and the median radius are to be drawn
+_SPHERE = 0.08  # of the reach: how long the median radius is to be drawn
 
 
 @dataclass(frozen=True)
@@ -124,8 +125,7 @@ def _draw_points(recording: rr.RecordingStream, scene: ErrorScene, points: Array
 def _draw_arrows(recording: rr.RecordingStream, scene: ErrorScene, points: Array, reach: float) -> float:
     """The errors of all kinds, magnified by one factor, which is given back; each names itself at its tip."""
     lengths = np.concatenate([np.linalg.norm(each.vectors, axis=2).ravel() for each in scene.errors])
-    known = lengths[np.isfinite(lengths)]
-    factor = min(max(magnification(float(known.mean()) if len(known) else 0.0, _ARROW * reach), 1.0), LARGEST_FACTOR)
+    factor = error_factor(lengths, reach)
     rotation = scene.T_world_instrument[:3, :3]
     for each in scene.errors:
         ends, entity = (points, each.vectors @ rotation.T), f"world/errors/{each.name}"

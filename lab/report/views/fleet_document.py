@@ -1,8 +1,7 @@
 """Show the states of several arms: what needs attention first, their errors over time, and their last changes."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from typing import Literal
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -11,32 +10,27 @@ from lab.arm_history.dated_runs import DatedRun
 from lab.arm_history.history_result import FEWEST_CHECKS, STATES, ArmHistory, HistoryResult
 from lab.core.errors import be, counted
 from lab.core.number_text import capital, digits_of, fixed, plus_minus, short
+from lab.core.se3 import Array
 from lab.phrases.verification_phrases import chance_text, parameter_text
 from lab.report import document as doc
-from lab.report.charts.chart import axes_picture, log_ticks
+from lab.report.blocks import verdict_badge
 from lab.report.charts.marks import Axes
-from lab.report.comparison_plots import date_axis
+from lab.report.comparison_plots import date_axis, rows_picture
 from lab.report.style import GATE, GRID, INK, MEASURED, MUTED, RMS, WORST
 from lab.verification.parameter_changes import ChangePoint
 
-__all__ = ["KINDS", "VERDICT_MARKS", "arms_document", "change_rows", "checks_picture"]
+__all__ = ["arms_document", "change_rows", "checks_picture", "mark_verdicts"]
 
-VERDICT_MARKS = {
+_VERDICT_MARKS = {
     "good": (RMS, "o"),
     "doubtful": (MEASURED, "^"),
     "bad": (WORST, "D"),
     "not judged": (MUTED, "s"),
 }  # by verdict: they differ without colour, too
-_ROW, _MOST_NAME = 0.24, 26  # inches of an arm; characters of its name
+_MOST_NAME = 26  # characters of an arm
 _MOST_DRAWN = 12  # arms on the card
 _NAMED = 3  # arms that a sentence names
 _MOST_OPEN, _MOST_CHECKED = 15, 40  # arms in the open table; in the picture of checks
-KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
-    "good": "good",
-    "due": "doubtful",
-    "doubtful": "doubtful",
-    "bad": "bad",
-}
 _MOST_DIGITS = 6
 _MOST_ARMS = 200  # listed beyond these
 _CHANGES = ("arm", "calibrations", "last change between", "and", "what changed", "by", "95 %", "unit")
@@ -45,29 +39,32 @@ _CHANGES = ("arm", "calibrations", "last change between", "and", "what changed",
 def checks_picture(result: HistoryResult) -> doc.Picture:
     """Draw a row for each arm, the worst on top: a mark for each check, a stroke for each calibration."""
     arms = result.arms[:_MOST_CHECKED]
-    days = [(each, len(arms) - 1 - i) for i, arm in enumerate(arms) for each in arm.checks if each.on is not None]
+    dated = [(each.on, row, each) for row, arm in enumerate(arms) for each in arm.checks if each.on is not None]
+    first = min((on for on, *_ in dated), default=result.on)
 
-    def draw(axes: Axes) -> None:
-        for row in range(len(arms)):
+    def draw(axes: Axes, at: Array) -> None:
+        for row in at:
             axes.axhline(row, color=GRID, linewidth=0.8)
-        strokes = [(each.on.toordinal(), row) for each, row in days if each.on is not None and each.calibrates]
+        strokes = [(on.toordinal(), at[row]) for on, row, each in dated if each.calibrates]
         if strokes:
-            at, rows = zip(*strokes, strict=True)
-            axes.plot(at, rows, "|", color=INK, markersize=15, label="calibration")
-        for verdict, (colour, mark) in VERDICT_MARKS.items():
-            own = [(each.on.toordinal(), row) for each, row in days if each.on is not None and each.verdict == verdict]
-            if own:
-                at, rows = zip(*own, strict=True)
-                axes.plot(at, rows, mark, color=colour, markersize=5, label=verdict)
+            axes.plot(*zip(*strokes, strict=True), "|", color=INK, markersize=15, label="calibration")
+        mark_verdicts(axes, [(on.toordinal(), at[row], each.verdict) for on, row, each in dated])
         axes.axvline(result.on.toordinal(), color=MUTED, linewidth=1, linestyle=":")
-        date_axis(axes, min((each.on for each, _ in days if each.on is not None), default=result.on), result.on)
-        axes.set_yticks(range(len(arms)), _names(reversed(arms)))
+        date_axis(axes, first, result.on)
         axes.set(ylim=(-0.7, len(arms) + 0.6))
         axes.grid(visible=False)
         axes.legend(loc="upper left", ncols=5)
 
     label = f"Calibrations and verifications of {len(arms)} arms up to {result.on}, by verdict"
-    return axes_picture("checks", label, (7.2, 1.1 + _ROW * len(arms)), draw, (_beside(arms), 0.45, 0.2, 0.15))
+    return rows_picture("checks", label, _names(arms), draw, "", width=7.2, above=0.35)
+
+
+def mark_verdicts(axes: Axes, points: Sequence[tuple[float, float, str]]) -> None:
+    """Draw a mark at points (x, y) by the verdict of each, with its entry in a legend."""
+    for verdict, (colour, mark) in _VERDICT_MARKS.items():
+        own = [(x, y) for x, y, of in points if of == verdict]
+        if own:
+            axes.plot(*zip(*own, strict=True), mark, color=colour, markersize=5, label=verdict)
 
 
 def _names(arms: Iterable[ArmHistory]) -> list[str]:
@@ -75,46 +72,37 @@ def _names(arms: Iterable[ArmHistory]) -> list[str]:
     return [name if len(name) <= _MOST_NAME else f"{name[:_MOST_NAME]}…" for name in names]
 
 
-def _beside(arms: Iterable[ArmHistory]) -> float:
-    """Inches that the names of arms need beside a picture."""
-    return 0.35 + 0.075 * max(map(len, _names(arms)), default=0)
-
-
 def _errors_picture(result: HistoryResult) -> tuple[doc.Picture, ...]:
     """Draw the error of each arm at its calibration and at its last verification, with its gate; the worst on top."""
     known = [arm for arm in result.arms if arm.error_then_mm or arm.error_now_mm][:_MOST_DRAWN]
-    sizes = [
-        size
-        for arm in known
-        for size in (arm.error_then_mm, arm.error_now_mm, arm.gate_mm)
-        if size is not None and size
-    ]
+    sizes = [size for arm in known for size in (arm.error_then_mm, arm.error_now_mm, arm.gate_mm) if size]
     if not known:
         return ()
-    at = np.arange(len(known))[::-1]
 
-    def draw(axes: Axes) -> None:
-        log_ticks(axes, "x", min(sizes) / 1.5, max(sizes) * 1.5)
+    def draw(axes: Axes, at: Array) -> None:
         for row, arm in zip(at.tolist(), known, strict=True):
-            then, now = arm.error_then_mm, arm.error_now_mm
-            if then and now:
-                axes.hlines([row], min(then, now), max(then, now), colors=MUTED, linewidth=1.2)
-            if then:
-                axes.plot([then], [row], "|", color=MUTED, markersize=10)
-            colour, mark = VERDICT_MARKS[arm.latest.verdict if arm.latest is not None else "not judged"]
-            axes.plot([now or then or np.nan], [row], mark, color=colour, markersize=7)
+            _draw_error(axes, row, arm)
         gates = [(arm.gate_mm, row) for row, arm in zip(at.tolist(), known, strict=True) if arm.gate_mm]
         for gate, row in gates:
             axes.vlines([gate], row - 0.5, row + 0.5, colors=GATE, linewidth=1.6)
         if gates:
             axes.annotate("gate", (gates[0][0], gates[0][1] + 0.55), color=GATE, ha="center")
-        axes.set_yticks(at, _names(known))
-        axes.set(ylim=(-0.6, len(known) - 0.1), xlabel="mean error now, mm (logarithmic)")
-        axes.grid(visible=False, axis="y")
 
     label = f"Mean error of {counted(len(known), 'arm')} at the last check, against the gate"
-    size = (3.8, 0.85 + _ROW * len(known))
-    return (axes_picture("errors-now", label, size, draw, (_beside(known), 0.5, 0.15, 0.1)),)
+    ends = min(sizes) / 1.5, max(sizes) * 1.5
+    axis = "mean error now, mm (logarithmic)"
+    return (rows_picture("errors-now", label, _names(known), draw, axis, ends=ends, above=0.25),)
+
+
+def _draw_error(axes: Axes, row: float, arm: ArmHistory) -> None:
+    """Draw the error of an arm at its calibration, and now, in its row."""
+    then, now = arm.error_then_mm, arm.error_now_mm
+    if then and now:
+        axes.hlines([row], min(then, now), max(then, now), colors=MUTED, linewidth=1.2)
+    if then:
+        axes.plot([then], [row], "|", color=MUTED, markersize=10)
+    colour, mark = _VERDICT_MARKS[arm.latest.verdict if arm.latest is not None else "not judged"]
+    axes.plot([now or then or np.nan], [row], mark, color=colour, markersize=7)
 
 
 def arms_document(result: HistoryResult) -> doc.Document:
@@ -152,9 +140,7 @@ def _card(result: HistoryResult, counts: Mapping[str, int]) -> doc.Card:
         "good, a triangle doubtful, a diamond bad. Grey stroke: at calibration. Black line: the gate."
     )
     figure = doc.Figure("errors-now-figure", _errors_picture(result), caption)
-    return doc.Card(
-        tuple(_badges(counts)), tuple(numbers), about, _next_step(result), (figure,) * bool(figure.pictures)
-    )
+    return doc.Card(tuple(_badges(counts)), tuple(numbers), about, _next_step(result), (figure,))
 
 
 def _next_step(result: HistoryResult) -> str:
@@ -177,7 +163,7 @@ def _badges(counts: Mapping[str, int]) -> list[doc.Inline]:
     parts: list[doc.Inline] = []
     for state in reversed(STATES):
         if counts.get(state):
-            parts += [doc.Badge(f"{counts[state]} {state}", KINDS.get(state, "open")), " "]
+            parts += [verdict_badge(state, f"{counts[state]} {state}"), " "]
     return parts
 
 
@@ -206,7 +192,7 @@ def _row(arm: ArmHistory) -> doc.Row:
         digits = digits_of(slope.half_width, _MOST_DIGITS)
         text = f"{fixed(slope.per_year, digits, signed=True)} {plus_minus(slope.half_width, digits)}"
     return (
-        doc.Badge(arm.state, KINDS.get(arm.state, "open")),
+        verdict_badge(arm.state),
         doc.Code(arm.called),
         short(arm.error_now_mm),
         "–" if arm.gate_mm is None else f"{arm.gate_mm:g}",

@@ -14,6 +14,7 @@ from lab.core.significance import TREND_YEAR
 from lab.core.units import MM, Unit
 from lab.phrases.verification_phrases import parameter_text
 from lab.report import document as doc
+from lab.report.blocks import verdict_badge
 from lab.report.charts.chart import axes_picture, log_ticks
 from lab.report.charts.marks import Axes
 from lab.report.comparison_plots import (
@@ -26,7 +27,7 @@ from lab.report.comparison_plots import (
     signed_ticks,
 )
 from lab.report.style import AFTER, ARROW_AFTER, GATE, INK, OUTLIER, WORST
-from lab.report.views.fleet_document import KINDS, VERDICT_MARKS, arms_document, change_rows, checks_picture
+from lab.report.views.fleet_document import arms_document, change_rows, checks_picture, mark_verdicts
 
 __all__ = ["history_document", "main_picture"]
 
@@ -98,7 +99,7 @@ def _card(result: HistoryResult, arm: ArmHistory) -> doc.Card:
     changes = arm.changes
     lead = list[doc.Inline]()
     if not _compares(result):
-        lead += [doc.Badge(arm.state, KINDS.get(arm.state, "open")), f" on {result.on}"]
+        lead += [verdict_badge(arm.state), f" on {result.on}"]
     numbers: list[tuple[str, str, str]] = []
     if (error := arm.error_then_mm if arm.error_now_mm is None else arm.error_now_mm) is not None:
         numbers.append(("mean error now", short(error, "mm"), "after"))
@@ -119,7 +120,7 @@ def _card(result: HistoryResult, arm: ArmHistory) -> doc.Card:
         tuple(numbers),
         f"Errors at poses that were not fitted. {_LEVEL}",
         _next_step(result, arm),
-        (figure,) * bool(figure.pictures),
+        (figure,),
     )
 
 
@@ -161,11 +162,7 @@ def _errors_picture(arm: ArmHistory) -> tuple[doc.Picture, ...]:
         log_ticks(axes, "y", low, high)
         _mark_changes(axes, arm.changes, low, high)
         axes.plot(days, sizes, "-", color=AFTER, linewidth=1.2)
-        for verdict, (colour, mark) in VERDICT_MARKS.items():
-            own = [(day, size) for day, size, (_, _, each) in zip(days, sizes, dated, strict=True)
-                   if each.verdict == verdict]  # fmt: skip
-            if own:
-                axes.plot(*zip(*own, strict=True), mark, color=colour, markersize=5)
+        mark_verdicts(axes, [(on.toordinal(), size, each.verdict) for on, size, each in dated])
         if gates:
             axes.plot(*zip(*gates, strict=True), "--", color=GATE, linewidth=1.4, drawstyle="steps-post")
             beside: Any = {"xytext": (7, 0), "textcoords": "offset points", "va": "center"}

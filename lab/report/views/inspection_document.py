@@ -16,7 +16,7 @@ from lab.core.units import MM
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.parameter import Parameter
 from lab.library.inspect import Inspection, nominal_values
-from lab.report.charts.chart import axes_picture, cube, log_ticks, view
+from lab.report.charts.chart import axes_picture, cube, view
 from lab.report.charts.marks import Axes
 from lab.report.document import (
     Badge,
@@ -34,8 +34,8 @@ from lab.report.document import (
     guarded,
 )
 from lab.report.page_scene import ArmScene, posed_arm
-from lab.report.plots import SQUARE, VIEWS
-from lab.report.style import ARM, GATE, INK, INSTRUMENT, PREDICTED, TICK
+from lab.report.plots import SQUARE, VIEWS, singular_value_picture
+from lab.report.style import ARM, GATE, INK, INSTRUMENT, TICK
 from lab.report.views.layout_graph import layout_blocks
 from lab.report.views.robot_blocks import (
     closed_blocks,
@@ -47,7 +47,7 @@ from lab.robots.robot import Robot
 from lab.simulation.cell import edges_text
 from lab.simulation.meshes import instrument_body, solid_points
 
-__all__ = ["inspection_document", "singular_values_picture"]
+__all__ = ["inspection_document", "main_picture"]
 
 _ROOM = 0.1  # around all that is shown, of its width
 _MARGINS = (0.75, 0.5, 0.15, 0.3)
@@ -190,18 +190,9 @@ def _page_scene(result: Inspection) -> ArmScene:
     return replace(posed_arm(robot.model, arm, values, robot.chain.home[None], ["home"]), all_text="")
 
 
-def singular_values_picture(result: Inspection) -> Picture:
-    """Singular values relative to the largest, from the best observable direction to the worst."""
-    relative = result.singular_values / result.singular_values[0]
-
-    def draw(axes: Axes) -> None:
-        axes.plot(np.arange(1, len(relative) + 1), relative, "o", color=PREDICTED, markersize=4.5)
-        log_ticks(axes, "y", relative.min() / 1.6, 1.7)
-        axes.set(xlabel="direction, from the best observable to the worst", ylabel="relative singular value")
-
-    return axes_picture(
-        "singular-values", "Singular values of the scaled Jacobian", (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15)
-    )
+def main_picture(result: Inspection) -> Picture:
+    """Return the singular values relative to the largest, from the best observable direction to the worst."""
+    return singular_value_picture(result.singular_values)[0]
 
 
 @guarded
@@ -270,5 +261,5 @@ def _conditioning(result: Inspection) -> list[Block]:
     return [
         Paragraph(f"condition number over random poses, with unit columns: {values['condition']:.1f}"),
         Bullets((*weak, *better)),
-        Figure("singular-values-figure", (singular_values_picture(result),), caption),
+        Figure("singular-values-figure", singular_value_picture(result.singular_values), caption),
     ]

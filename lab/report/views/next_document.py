@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from lab.core.errors import counted
-from lab.core.number_text import fixed, short
+from lab.core.number_text import short
 from lab.core.units import MM
 from lab.library.next_pose import NEXT_FILE, NextPoseResult, length_mm
-from lab.library.result import joint_values
+from lab.report.blocks import joint_cells, joint_headings
 from lab.report.document import (
     NARROW,
     PAGE,
@@ -131,13 +131,11 @@ def _way(result: NextPoseResult) -> Table:
     if waypoints is None:
         return Table(("stop",), ())
     rows = tuple(
-        ("measure" if i == len(waypoints) - 1 else "via", *(fixed(value, 3) for value in row))
-        for i, row in enumerate(joint_values(chain.prismatic, waypoints))
+        ("measure" if i == len(waypoints) - 1 else "via", *joint_cells(chain, joints))
+        for i, joints in enumerate(waypoints)
         if i
     )
-    units = ["mm" if slides else "°" for slides in chain.prismatic]
-    headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]
-    return Table(("stop", *headings), rows)
+    return Table(("stop", *joint_headings(chain)), rows)
 
 
 @guarded

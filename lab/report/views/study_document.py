@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from lab.core.number_text import capital, sentence, short
+from lab.core.se3 import Array
 from lab.report import document as doc
-from lab.report.charts.chart import axes_picture, log_ticks
 from lab.report.charts.marks import Axes
-from lab.report.comparison_plots import ColourScale, heat_map
+from lab.report.comparison_plots import ColourScale, heat_map, rows_picture
 from lab.report.style import COLOUR_SCALE, PREDICTED
 from lab.report.views.study_figures import pictures_of
 from lab.report.views.study_texts import (
@@ -191,20 +191,15 @@ def _overview_picture(analysis: Analysis, metric: str, best: Mean) -> doc.Pictur
 def _rows_picture(cells: Sequence[Cell], means: Mapping[int, Mean], metric: str, label: str) -> doc.Picture:
     order = sorted((i for i in means if isfinite(means[i].mean)), key=lambda i: means[i].mean)[:_MOST_ROWS]
     names = [level_text(cells[i], varying(cells)) for i in order]
-    at = np.arange(len(order))[::-1]
     ends = np.array([(means[i].lower, means[i].mean, means[i].upper) for i in order])
+    known = np.isfinite(ends[:, 0])
 
-    def draw(axes: Axes) -> None:
-        log_ticks(axes, "x", float(np.nanmin(ends)) / 1.2, float(np.nanmax(ends)) * 1.2)
-        known = np.isfinite(ends[:, 0])
+    def draw(axes: Axes, at: Array) -> None:
         axes.hlines(at[known], ends[known, 0], ends[known, 2], colors=PREDICTED, linewidth=2)
         axes.plot(ends[:, 1], at, "o", color=PREDICTED, markersize=6)
-        axes.set_yticks(at, names)
-        axes.set(ylim=(-0.6, len(order) - 0.4), xlabel=metric_text(metric))
-        axes.grid(visible=False, axis="y")
 
-    size = (3.8, 0.8 + 0.28 * len(order))
-    return axes_picture("overview", label, size, draw, (0.3 + 0.078 * max(map(len, names)), 0.5, 0.2, 0.1))
+    limits = float(np.nanmin(ends)) / 1.2, float(np.nanmax(ends)) * 1.2
+    return rows_picture("overview", label, names, draw, metric_text(metric), ends=limits, step=0.28)
 
 
 @doc.guarded

@@ -2,9 +2,9 @@
 
 from lab.core.errors import counted
 from lab.core.limits import called
-from lab.core.number_text import fixed
 from lab.library.touch_plan import TouchPlan
 from lab.report import document as doc
+from lab.report.blocks import joint_cells, joint_headings
 
 __all__ = ["plan_document"]
 
@@ -12,10 +12,9 @@ __all__ = ["plan_document"]
 def plan_document(plan: TouchPlan) -> doc.Document:
     """Build the document of the proposed configurations."""
     chain = plan.calibrated.robot.chain
-    joints = [f"{name}, {chain.unit(i).name}" for i, name in enumerate(chain.joint_names)]
     rows = [
-        (socket or "–", *(fixed(value, 2) for value in row))
-        for socket, row in zip(plan.sockets, plan._shown.tolist(), strict=True)
+        (socket or "–", *joint_cells(chain, joints, 2))
+        for socket, joints in zip(plan.sockets, plan.joints, strict=True)
     ]
     note = (
         f"Every cause keeps {100 * plan.own_share:.0f} % of its pattern or more that no other single cause explains, "
@@ -25,7 +24,7 @@ def plan_document(plan: TouchPlan) -> doc.Document:
     blocks = (
         doc.Paragraph(f"plan.csv holds {counted(len(plan.joints), 'configuration')}. Touch each every day, and add the "
                       "joint positions to the file of all checks, with the day in session."),
-        doc.Table(("socket", *joints), tuple(rows)),
+        doc.Table(("socket", *joint_headings(chain)), tuple(rows)),
         doc.Paragraph(note, "note"),
         doc.Warnings(plan.warnings),
     )  # fmt: skip

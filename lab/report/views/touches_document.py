@@ -7,6 +7,7 @@ from lab.core.significance import TREND_YEAR
 from lab.core.units import MM
 from lab.library.touch_verification import TouchesResult
 from lab.report import document as doc
+from lab.report.blocks import verdict_badge
 
 __all__ = ["touches_document"]
 
@@ -21,13 +22,11 @@ _ADVICE = {
 
 def touches_document(result: TouchesResult) -> doc.Document:
     """Build the document: what moved, what is told apart, and what the checks found."""
-    verdict, change = result.verdict, result.scan.change
-    kind = {"good": "good", "bad": "bad"}.get(verdict, "doubtful")
-    badge = doc.Badge(verdict, "good" if kind == "good" else "bad" if kind == "bad" else "doubtful")
+    change = result.scan.change
     name = called(result.calibrated.robot.name, result.serial)
     blocks: list[doc.Block] = [
-        doc.Paragraph((badge, f" {sentence(result.words())} An unchanged arm raises an alarm in at most "
-                       f"{100 * TREND_YEAR:g} % of the years.")),
+        doc.Paragraph((verdict_badge(result.verdict), f" {sentence(result.words())} An unchanged arm raises an alarm "
+                       f"in at most {100 * TREND_YEAR:g} % of the years.")),
         doc.Paragraph(
             f"{counted(len(result.dates), 'check')} from {result.dates[0]} to {result.dates[-1]}, in "
             f"{counted(result.errors.shape[1], 'configuration')}; a touch repeats to "

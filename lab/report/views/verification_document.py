@@ -1,8 +1,6 @@
 """Document of new measurements compared with the predictions of a calibrated arm."""
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -18,18 +16,18 @@ from lab.library.point_verification import VerificationResult
 from lab.phrases.phrase import phrase
 from lab.phrases.verification_phrases import change_text, extent_text, next_step
 from lab.report import document as doc
-from lab.report.charts.chart import axes_picture, log_ticks
+from lab.report.blocks import error_table, verdict_badge
 from lab.report.charts.marks import Axes
+from lab.report.comparison_plots import rows_picture
 from lab.report.page_scene import ArmScene, Arrows, posed_arm
 from lab.report.plots import Spread, histograms
-from lab.report.scene import LARGEST_FACTOR, drawn_rows, magnification, mean_lengths, moved, reach_of
+from lab.report.scene import drawn_rows, error_factor, mean_lengths, moved, reach_of
 from lab.report.style import AFTER, ARROW_AFTER, BEFORE, INK, MUTED, PREDICTED, rgb
 
 __all__ = ["drawn_poses", "errors_picture", "verification_document"]
 
 _MOST_HYPOTHESES = 20  # that are listed
 _MOST_DRAWN = 8  # of them on the card
-_ARROW = 0.15  # of the reach: how long the mean error is to be drawn
 _RATE = f"An unchanged arm fails the test in {100 * VERIFICATION:g} % of all cases."
 
 
@@ -85,9 +83,8 @@ def _card(result: VerificationResult, figure: doc.Figure) -> doc.Card:
         f"Root mean squares of {counted(int(result.observed_mm['count']), 'point')} in "
         f"{counted(len(measured), 'new pose')}, against {calibration}. {_RATE}"
     )
-    kind: Mapping[str, Literal["good", "doubtful", "bad"]] = {"good": "good", "doubtful": "doubtful", "bad": "bad"}
     return doc.Card(
-        ("Verdict: ", doc.Badge(result.verdict, kind[result.verdict]), f" ({within} the predicted error)"),
+        ("Verdict: ", verdict_badge(result.verdict), f" ({within} the predicted error)"),
         tuple(numbers),
         about,
         next_step(found.check, result.verdict),
@@ -104,22 +101,17 @@ def _causes_picture(result: VerificationResult) -> tuple[doc.Picture, ...]:
     sizes = np.sqrt([found.statistic, *(each.chi2 for each in drawn)]) / np.sqrt(found.numbers)
     names = ["as measured", *(change_text(each.check) for each in drawn)]
     explains = np.array([False, *(each.explains for each in drawn)])
-    at = np.arange(len(names))[::-1]
 
-    def draw(axes: Axes) -> None:
-        log_ticks(axes, "x", min(0.5, float(sizes.min()) / 1.3), float(sizes.max()) * 1.6)
+    def draw(axes: Axes, at: Array) -> None:
         axes.axvline(1, color=INK, linewidth=1.2, linestyle=":")
         for which, colour, mark in ((~explains, MUTED, "o"), (explains, PREDICTED, "D")):
             axes.hlines(at[which], np.ones(which.sum()), sizes[which], colors=colour, linewidth=1.2)
             axes.plot(sizes[which], at[which], mark, color=colour, markersize=7)
-        axes.set_yticks(at, names)
-        axes.set(ylim=(-0.6, len(names) - 0.4), xlabel="errors left over predicted")
-        axes.grid(visible=False, axis="y")
 
     best = ", ".join(name for name, each in zip(names, explains, strict=True) if each) or "no single change"
-    size = (3.8, 0.75 + 0.24 * len(names))
     label = f"Errors left by each single change: {best} explains them"
-    return (axes_picture("causes", label, size, draw, (0.3 + 0.078 * max(map(len, names)), 0.5, 0.15, 0.1)),)
+    ends = min(0.5, float(sizes.min()) / 1.3), float(sizes.max()) * 1.6
+    return (rows_picture("causes", label, names, draw, "errors left over predicted", ends=ends),)
 
 
 def _scene(result: VerificationResult) -> ArmScene:
@@ -131,7 +123,7 @@ def _scene(result: VerificationResult) -> ArmScene:
     vectors = (data.points - predicted) @ T_world_instrument[:3, :3].T
     lengths = mean_lengths(vectors)
     reach = reach_of(model.T_world_frame0, points[np.isfinite(points).all(axis=2)], scene.legs)
-    factor = min(max(magnification(float(np.nanmean(lengths)), _ARROW * reach), 1.0), LARGEST_FACTOR)
+    factor = error_factor(lengths, reach)
     colour = rgb(ARROW_AFTER if result.good else BEFORE)
     return replace(
         scene,
@@ -155,19 +147,13 @@ def errors_picture(result: VerificationResult) -> doc.Picture:
 @doc.guarded
 def _errors(result: VerificationResult) -> tuple[doc.Block, ...]:
     observed, measured = result.observed_mm, result.measurements
-    numbers = [short(observed[key]) for key in ("mean", "rms", "p95", "max")]
-    rows = (
-        ("observed", *numbers, f"{observed['count']:,}"),
-        ("predicted", "", short(MM.of(result.verified.expected_m)), "", "", ""),
-    )
+    rows = [("observed", observed), ("predicted", {"rms": MM.of(result.verified.expected_m)})]
     below = (
         f"{len(measured)} new poses, targets {', '.join(measured.targets)}, against the run "
         f"{result.calibrated.folder}. The predicted error follows from the calibration's covariance and the "
         "instrument's noise."
     )
-    return doc.Table(("", "mean", "rms", "95 %", "max", "points"), rows, "Position error, mm"), doc.Paragraph(
-        below, "note"
-    )
+    return error_table(rows, "Position error, mm"), doc.Paragraph(below, "note")
 
 
 def _hypotheses(result: VerificationResult) -> doc.Table:

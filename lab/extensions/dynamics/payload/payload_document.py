@@ -16,6 +16,7 @@ from lab.kinematics.dynamics.rigid_body import inertia_about_centre
 from lab.report import document as doc
 from lab.report.charts.chart import axes_picture
 from lab.report.charts.marks import Axes
+from lab.report.comparison_plots import bars_picture, rows_picture
 from lab.report.page_scene import ArmScene, moving_arm, posed_arm
 from lab.report.scene import drawn_rows
 from lab.report.style import GRID, MEASURED, PREDICTED, REFERENCE, RGB_PAYLOAD
@@ -184,22 +185,18 @@ def _interval_picture(
     short_names = [name.removeprefix("centre of mass, ").removesuffix(" about the centre of mass") for name, *_ in rows]
     names = [f"{name} {_rounded(*row[1:3])[0]}" for name, row in zip(short_names, rows, strict=True)]
     values, widths = (np.array([row[i] for row in rows]) for i in (1, 2))
-    unit, at = rows[0][3], np.arange(len(rows))[::-1]
+    unit = rows[0][3]
 
-    def draw(axes: Axes) -> None:
+    def draw(axes: Axes, at: Array) -> None:
         axes.hlines(at, -widths, widths, color=PREDICTED, linewidth=3)
         axes.plot(np.zeros(len(rows)), at, "o", color=PREDICTED, markersize=6)
         if truth:
             axes.plot(np.array([truth[row[0]] for row in rows]) - values, at, "x", color=REFERENCE, markersize=7)
-        axes.set_yticks(at, names)
-        axes.grid(visible=False, axis="y")
         axes.locator_params(nbins=5, axis="x")
-        axes.set(ylim=(-0.6, len(rows) - 0.4), xlabel=f"from the estimate, {unit}", title=f"{title}, {unit}")
 
-    return axes_picture(
-        f"interval-{title.split()[0]}", f"{capital(title)} with 95 % intervals", (4.2, 0.95 + 0.24 * len(rows)), draw,
-        (1.1, 0.5, 0.2, 0.3),
-    )  # fmt: skip
+    name, label = f"interval-{title.split()[0]}", f"{capital(title)} with 95 % intervals"
+    axis = f"from the estimate, {unit}"
+    return rows_picture(name, label, names, draw, axis, width=4.2, title=f"{title}, {unit}")
 
 
 def share_figure(channels: Sequence[tuple[str, str]], measured: Array, residual: Array, what: str) -> doc.Figure:
@@ -210,18 +207,9 @@ def share_figure(channels: Sequence[tuple[str, str]], measured: Array, residual:
     """
     names = [name for name, _ in channels]
     shares = 100 * np.sqrt((residual**2).mean(axis=0) / np.maximum((measured**2).mean(axis=0), 1e-300))
-    at = np.arange(len(names))[::-1]
-
-    def draw(axes: Axes) -> None:
-        axes.barh(at, shares, color=PREDICTED, height=0.6)
-        for place, share in zip(at, shares, strict=True):
-            axes.annotate(f" {short(share)} %", (share, place), va="center")
-        axes.set_yticks(at, names)
-        axes.grid(visible=False, axis="y")
-        axes.set(xlim=(0, 1.25 * (shares.max() or 1.0)), title=f"{what} left unexplained, %")
-
-    size = (4.6, 0.7 + 0.26 * len(names))
-    picture = axes_picture("shares", f"Share of each {what} left unexplained", size, draw, (0.6, 0.3, 0.2, 0.3))
+    texts = [f"{short(share)} %" for share in shares]
+    label, axis = f"Share of each {what} left unexplained", f"{what} left unexplained, %"
+    picture = bars_picture("shares", label, names, shares.tolist(), texts, axis)
     caption = f"Residuals as shares of each measured {what}, by root mean squares."
     return doc.Figure("shares-figure", (picture,), caption)
 

@@ -12,6 +12,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.robotics.kinematics.nominal_models import Placement
 from lab.library.result import joint_values
+from lab.report.blocks import joint_cells, joint_headings
 from lab.report.document import (
     EVERYWHERE,
     NARROW,
@@ -212,16 +213,12 @@ def _reached_blocks(result: KinematicsResult) -> tuple[Block, ...]:
 def _placements(result: KinematicsResult) -> tuple[Block, ...]:
     """Tabulate joint positions, and the pose of the tool's point or the configuration of each solution."""
     chain, placed = result.robot.chain, result.placements
-    pairs = zip(chain.joint_names, chain.prismatic, strict=True)
-    names = tuple(f"{name}, {'mm' if slides else '°'}" for name, slides in pairs)
-    joints = tuple(
-        (each.name, *(fixed(value, 3) for value in joint_values(chain.prismatic, each.joints))) for each in placed
-    )
+    joints = tuple((each.name, *joint_cells(chain, each.joints)) for each in placed)
     numbers = ", ".join(f"{value:g}".replace("-", "−") for value in result.options.tool_mm)
     point = f"({numbers}) mm in its frame" if numbers else "its frame's origin"
     caption = f"The tool is the {'platform' if chain.has_loops else 'last frame'}; its point is {point}."
     poses = tuple((each.name, *_pose_cells(each.T_base_tool)) for each in placed)
-    tables = [(("", *names), joints, "Joint positions")]
+    tables = [(("", *joint_headings(chain)), joints, "Joint positions")]
     heads = {"cylindrical": ("", "θ1, °", "L, mm", "z"), "polar": ("", "θ1, °", "θ2, °", "R, mm")}
     if (system := result.options.coordinates) in heads:
         places = [(each.name, coordinates(each.T_base_tool)[system] or ()) for each in placed]
@@ -304,15 +301,13 @@ def _rates(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
     if first.rates is None or first.twist is None:
         return ()
     chain = result.robot.chain
-    names = zip(chain.joint_names, chain.prismatic, strict=True)
-    units = tuple(f"{name}, {'mm' if slides else '°'}/s" for name, slides in names)
     scale = np.repeat([1e3, 180 / np.pi], 3)
     heads = tuple(f"{name}, {'mm' if i < 3 else '°'}/s" for i, name in enumerate(_TWIST))
     rows: list[Row] = [("twist", *(fixed(value, 3) for value in _clean(scale * first.twist)))]
     if first.missing is not None and np.abs(first.missing).max() > 0:
         rows.append(("cannot be had", *(fixed(value, 3) for value in _clean(scale * first.missing))))
     joints = tuple(fixed(value, 3) for value in _clean(joint_values(chain.prismatic, first.rates)))
-    return Table(("", *units), (("rates", *joints),)), Table(("", *heads), tuple(rows))
+    return Table(("", *joint_headings(chain, "/s")), (("rates", *joints),)), Table(("", *heads), tuple(rows))
 
 
 @guarded

@@ -14,6 +14,7 @@ from lab.extensions.robotics.workspace.measure import PlaneSection
 from lab.library.result import printed
 from lab.report.charts.chart import axes_picture, shades
 from lab.report.charts.marks import Axes
+from lab.report.comparison_plots import bars_picture
 from lab.report.document import (
     Badge,
     Bullets,
@@ -28,7 +29,7 @@ from lab.report.document import (
     guarded,
 )
 from lab.report.scene import moved
-from lab.report.style import AFTER, COLOUR_SCALE, INK, MUTED, RGB_MAPPING, rgb
+from lab.report.style import COLOUR_SCALE, INK, MUTED, RGB_MAPPING, rgb
 from lab.report.surfaces import halved
 from lab.report.view import View
 
@@ -158,19 +159,10 @@ def _comparison(result: WorkspaceResult) -> Section:
 
 def _size_picture(result: WorkspaceResult) -> Picture:
     robots = result.robots
-    sizes, largest = [each.size for each in robots], max(each.size for each in robots)
-
-    def draw(axes: Axes) -> None:
-        at = np.arange(len(robots))[::-1]
-        axes.barh(at, sizes, color=AFTER, height=0.6)
-        for place, each in zip(at, robots, strict=True):
-            axes.annotate(_size(each, each.size), (each.size + 0.01 * largest, place), va="center", fontsize=8)
-        axes.set_yticks(at, [each.robot.name for each in robots])
-        kinds = dict.fromkeys("area, m²" if each.plane else "volume, m³" for each in robots)
-        axes.set(xlabel=", or ".join(kinds), xlim=(0, 1.2 * largest))
-
-    height = 0.8 + 0.32 * len(robots)
-    return axes_picture("sizes", "Sizes of the workspaces", (5.6, height), draw, (1.9, 0.5, 0.15, 0.1))
+    kinds = dict.fromkeys("area, m²" if each.plane else "volume, m³" for each in robots)
+    texts = [_size(each, each.size) for each in robots]
+    names, sizes = [each.robot.name for each in robots], [each.size for each in robots]
+    return bars_picture("sizes", "Sizes of the workspaces", names, sizes, texts, ", or ".join(kinds))
 
 
 def _lines(each: RobotWorkspace) -> tuple[str, ...]:
