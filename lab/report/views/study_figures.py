@@ -39,7 +39,7 @@ _LEAST_REACH = 0.01  # of an axis of ratios beyond its ends: levels may be equal
 _APART = 0.035  # of the axis, between the lines' marks at one level
 _SMALL = 8.0  # points: letters beside rows and in cells
 
-_Shown = TypeVar("_Shown")
+_Shown = TypeVar("_Shown", CellGroup, Comparison)
 
 
 def study_pictures(analysis: Analysis, metric: str) -> dict[str, Picture]:
@@ -260,7 +260,8 @@ def _panels(
         beside: inches at the left and the right of each.
     """
     across, down = min(len(shown), _MOST_ACROSS), ceil(len(shown) / _MOST_ACROSS)
-    titles = [fill(circumstances(getattr(each, "group", each).shared), _TITLE) for each in shown]
+    cell_groups = [each.group if isinstance(each, Comparison) else each for each in shown]
+    titles = [fill(circumstances(group.shared), _TITLE) for group in cell_groups]
     head = 0.12 + _LINE * max(title.count("\n") + bool(title) for title in titles)
     step = beside[0] + size[0] + beside[1], head + size[1] + _FOOT
     width, height = across * step[0], down * step[1]
