@@ -23,6 +23,7 @@ __all__ = [
     "CompensationResult",
     "Criterion",
     "DesignResult",
+    "DesignTask",
     "Effects",
     "Estimate",
     "EstimationProblem",
@@ -117,7 +118,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.core.measurements": ("Measurements",),
     "lab.formats.target_csv": ("Targets",),
     "lab.noise.instruments": ("Instrument",),
-    "lab.pose_selection.criteria": ("Criterion",),
+    "lab.pose_selection.criteria": ("Criterion", "DesignTask"),
     "lab.simulation.sampler": ("Sampler",),
 }
 

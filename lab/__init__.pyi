@@ -62,7 +62,7 @@ from lab.options.measured_campaign import MeasuredCampaign
 from lab.options.named_instruments import instrument
 from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
-from lab.pose_selection.criteria import Criterion
+from lab.pose_selection.criteria import Criterion, DesignTask
 from lab.prediction.estimate import Estimate
 from lab.prediction.estimate_files import save_estimate
 from lab.robots.load_robot import load_robot
@@ -77,6 +77,7 @@ __all__ = [
     "CompensationResult",
     "Criterion",
     "DesignResult",
+    "DesignTask",
     "Effects",
     "Estimate",
     "EstimationProblem",

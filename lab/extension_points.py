@@ -168,7 +168,7 @@ class PartKind:
         """
         if not self.method:
             raise LabError(f"{self.what} {function!r}: a function is not enough; give a {_public(self.base)}")
-        name = function.__name__.strip("<>")
+        name = getattr(function, "__name__", "function").strip("<>")
         members = {"name": name, self.method: staticmethod(function), "__module__": function.__module__}
         part: Part = type(name, (self.base,), members)()
         return part

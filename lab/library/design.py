@@ -35,13 +35,12 @@ from lab.options.virtual_campaign import DesignOptions
 from lab.planning.design_problem import PoseProblem, best_design, exchanged, pose_problem
 from lab.pose_selection.certificate import CriterionCertificate, certify_criterion
 from lab.pose_selection.criteria import (
+    DesignTask,
     Indices,
-    PredictedAccuracy,
     indices,
-    predict,
-    smallest_count,
 )
 from lab.pose_selection.exchange import Certificate, Design, certify, information
+from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
 from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
@@ -215,13 +214,13 @@ class DesignResult(Result):
         return text + (f" and the {moved} poses that the ascent moved away from candidates" if moved else "")
 
     @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Names of the identifiable parameters ``(p,)``, in the order of rows and columns of ``information``."""
-        return tuple(self.problem.seen.names[i] for i in self.problem.structure.identifiable)
+    def task(self) -> DesignTask:
+        """What the rows and columns of ``information`` are, and where accuracy counts; as criteria get it."""
+        return self.problem.task
 
     @property
     def information(self) -> Array:
-        """Information matrix ``(p, p)`` of the poses with those measured before, in the units of the scaling."""
+        """Information matrix ``(p, p)`` of the poses with those measured before, in the units of ``task``."""
         return information(np.concatenate([self.design.jacobian, self.problem.before]))
 
     @property
@@ -505,7 +504,8 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
         options: those of ``lab design``, by name: ``poses`` or ``accuracy_mm``, ``criterion``, ``instrument`` and so
-            on; ``criterion`` may be a ``lab.Criterion`` or a function.
+            on; ``criterion`` may be a function of the information matrix, or an object of a subclass of
+            ``lab.Criterion``.
 
     Returns:
         Joint positions (rad or m) in the order of the tour, and what accuracy to expect of them; with ``check`` whether

@@ -1,6 +1,6 @@
 """Plan a measurement session while it is measured: propose the next pose, and predict the accuracy so far."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,13 +16,15 @@ from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.extension_points import named_parts
 from lab.noise.instruments import observing
 from lab.options.named_instruments import named_instrument
 from lab.options.virtual_campaign import DesignOptions
 from lab.planning.design_problem import PoseProblem, pose_problem
-from lab.pose_selection.criteria import PredictedAccuracy, is_singular, predict
+from lab.pose_selection.criteria import Criterion, is_singular
 from lab.pose_selection.exchange import information
 from lab.pose_selection.next_pose import NoiseCheck, best_candidates, noise_check
+from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict
 from lab.pose_selection.tour import fastest_path, rated
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
@@ -89,7 +91,7 @@ class PosePlanner:
         targets: Sequence[str] = ("p1",),
         instrument: str = "uniform-8um",
         cell: str | Path | None = None,
-        criterion: str = "I",
+        criterion: str | Criterion | Callable[..., Array] = "I",
         candidates: int = 2000,
         home: Sequence[float] = (),
         clearance_mm: float = CLEARANCE_MM,
@@ -119,7 +121,8 @@ class PosePlanner:
         """
         known = load_virtual(robot, None if cell is None else Path(cell))
         self.options = DesignOptions(
-            known.source, None if cell is None else Path(cell), accuracy_mm=accuracy_mm, criterion=criterion,
+            known.source, None if cell is None else Path(cell), accuracy_mm=accuracy_mm,
+            criterion=named_parts("criterion", criterion),
             targets=tuple(targets), instrument=instrument, candidates=candidates, home=tuple(home), seed=seed,
             clearance_mm=clearance_mm, self_clearance_mm=self_clearance_mm, no_check=no_check,
         )  # fmt: skip
@@ -152,10 +155,6 @@ class PosePlanner:
     def _per_candidate(self) -> Array:
         """Sensitivities ``(m, r, p)`` to parameters in their own units, in standard deviations of the noise."""
         return self.problem.whitened(self.problem.inputs)
-
-    def accuracy_of(self, joints: Array) -> float | None:
-        """Return the predicted error (m) after poses ``(n, joints)``, by the stated noise; None if undetermined."""
-        return self._accuracy(information(self.problem.whitened(joints)), 1.0)
 
     def propose(self, data: Measurements | None = None, *, at: Array | None = None) -> Proposal:
         """Propose the next pose, given all measurements so far.

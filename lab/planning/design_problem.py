@@ -24,13 +24,13 @@ from lab.kinematics.effects.sessions import station_parameters
 from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import Model, RigidArm
-from lab.kinematics.parameter import indices_of_groups
+from lab.kinematics.parameter import Parameter, indices_of_groups
 from lab.noise.instruments import Instrument, is_isotropic, observing
 from lab.options.named_instruments import named_instrument
 from lab.options.option_groups import Fitting
 from lab.options.task_region import TaskRegion, task_region
 from lab.options.virtual_campaign import DesignOptions
-from lab.pose_selection.criteria import CRITERIA, Criterion, Scaling, criterion, is_singular, prepared
+from lab.pose_selection.criteria import CRITERIA, Criterion, DesignTask, Scaling, criterion, is_singular
 from lab.pose_selection.exchange import (
     Design,
     Feasible,
@@ -40,6 +40,7 @@ from lab.pose_selection.exchange import (
     exchange,
     information,
 )
+from lab.pose_selection.own_criterion import prepared
 from lab.pose_selection.tour import FreePath, fastest_path
 from lab.prediction.regions import region_of_points, without_columns
 from lab.robots.load_robot import load_virtual
@@ -206,6 +207,7 @@ class PoseProblem:
         payloads: ``(l,)`` kg, of which each pose carries one; none if they are not given.
         pool: ``(m, r, f)`` scaled sensitivities of the candidates.
         sensitivity: from inputs to such sensitivities, in the units of the scaling, for the criterion.
+        task: what a criterion may need of it.
         goal: the criterion.
         before: ``(n0, r, f)`` sensitivities at the poses measured before.
         whitened: from inputs to Jacobians ``(n, r, f)`` of the base set in standard deviations of the noise.
@@ -225,6 +227,7 @@ class PoseProblem:
     payloads: Array
     pool: Array
     sensitivity: Sensitivity
+    task: DesignTask
     goal: Criterion
     before: Array
     whitened: Sensitivity
@@ -294,9 +297,10 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
     derivatives = _Derivatives(seen, every, retained, device, options.payload_kg)
     jacobians = derivatives.whitened if scaling.kind == "whitened" else derivatives.unweighted
     pool = jacobians(inputs)
-    factors = scaling.columns([seen.parameters[i] for i in retained], pool)
+    parameters = [seen.parameters[i] for i in retained]
+    factors = scaling.columns(parameters, pool)
     test = derivatives.unweighted(test_inputs).reshape(-1, 3, len(retained))  # every target counts
-    scored = test[:: -(-len(test) // _TEST_SCORED)] * factors
+    design_task = _design_task(scaling, parameters, pool, test)
     before = jacobians(already) * factors
     return PoseProblem(
         robot=robot,
@@ -309,7 +313,8 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
         payloads=payloads,
         pool=pool * factors,
         sensitivity=partial(_scaled, jacobians, factors),
-        goal=_goal(options, [seen.names[i] for i in retained], pool * factors, scored, before),
+        task=design_task,
+        goal=_goal(options, design_task, pool * factors, before),
         before=before,
         whitened=derivatives.whitened,
         test=test,
@@ -344,11 +349,12 @@ def _problem_of_sensor(options: DesignOptions, robot: Robot, progress: Progress)
     retained = structure.identifiable
     readings = partial(planned.readings, retained=retained)
     pool = readings(candidates.joints)
-    factors = scaling.columns([seen.parameters[i] for i in retained], pool)
+    parameters = [seen.parameters[i] for i in retained]
+    factors = scaling.columns(parameters, pool)
     values = model.values_before(arm, model.T_world_tracker)
     fresh = random_poses(model, _TEST_POSES, rng_for(options.seed, "fresh"))
     test = _placed_anew(arm, fresh, values, retained)
-    scored = test[:: -(-len(test) // _TEST_SCORED)] * factors
+    design_task = _design_task(scaling, parameters, pool, test)
     home, warnings = _home(options, robot.chain, model, candidates.joints)
     return PoseProblem(
         robot=robot,
@@ -361,7 +367,8 @@ def _problem_of_sensor(options: DesignOptions, robot: Robot, progress: Progress)
         payloads=np.empty(0),
         pool=pool * factors,
         sensitivity=partial(_scaled, readings, factors),
-        goal=_goal(options, [seen.names[i] for i in retained], pool * factors, scored),
+        task=design_task,
+        goal=_goal(options, design_task, pool * factors),
         before=np.empty((0, *pool.shape[1:])),
         whitened=readings,
         test=test,
@@ -413,23 +420,23 @@ def _model(options: DesignOptions, robot: Robot, model: RobotModel) -> tuple[Arm
     return seen, base_set(seen, nominal), nominal
 
 
-def _goal(
-    options: DesignOptions,
-    names: Sequence[str],
-    pool: Array,
-    scored: Array,
-    before: Array | None = None,
-) -> Criterion:
-    """Return the criterion: the lab's, or a user's that knows the names of the parameters.
+def _goal(options: DesignOptions, task: DesignTask, pool: Array, before: Array | None = None) -> Criterion:
+    """Return the criterion: the lab's, or a user's that is prepared for the task.
 
     Args:
         pool: ``(m, r, f)`` scaled sensitivities of the candidates, ``before`` those of the poses measured before.
-        scored: ``(t, 3, f)`` scaled Jacobians at test poses.
     """
-    goal = criterion(options.criterion, len(names), scored)
+    goal = criterion(options.criterion, len(task.parameters), task.jacobians)
     if goal.name in CRITERIA:
         return goal
-    return prepared(goal, names, pool, 0.0 if before is None else information(before))
+    return prepared(goal, task, pool, 0.0 if before is None else information(before))
+
+
+def _design_task(scaling: Scaling, parameters: Sequence[Parameter], pool: Array, test: Array) -> DesignTask:
+    """Return what a criterion needs, of sensitivities ``(m, r, f)`` and Jacobians ``(t, 3, f)`` in SI units."""
+    units = scaling.units(parameters, pool)
+    some = test[:: -(-len(test) // _TEST_SCORED)]
+    return DesignTask(tuple(parameters), units, scaling.tolerances(parameters), some * units)
 
 
 def _task(

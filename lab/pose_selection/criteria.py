@@ -11,7 +11,7 @@ condition number and A depend on the scaling.
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 import numpy as np
@@ -20,22 +20,20 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
-from lab.extension_points import Part, PartKind, own_errors
+from lab.extension_points import Part, PartKind
 from lab.kinematics.parameter import Parameter
 
 __all__ = [
     "CRITERIA",
     "Criterion",
+    "DesignTask",
     "Indices",
-    "PredictedAccuracy",
     "Scaling",
     "criterion",
     "indices",
     "is_singular",
-    "predict",
-    "prepared",
     "refuse_unknown",
-    "smallest_count",
+    "weighted_slope",
     "worst_tests",
 ]
 
@@ -45,7 +43,6 @@ _TINY = 1e-300
 _ROUNDING = 1e-14  # of the largest singular value: taken as zero
 _STEP = 1e-5  # of the information, for differences of a score
 _UNKNOWN = 1e200  # variance of a parameter of singular information
-_TRIED_SETS = 8  # random sets of poses by which an own criterion is checked
 _SINGULAR = 1e-13  # smallest eigenvalue of an information matrix of unit diagonal
 
 
@@ -82,6 +79,15 @@ class Scaling:
             return np.where(other, size, np.where(angular, self.tolerance_rad, self.tolerance_m))
         factors: Array = 1 / np.sqrt((candidates**2).sum(axis=(0, 1)) / len(candidates))
         return factors
+
+    def units(self, parameters: Sequence[Parameter], candidates: Array) -> Array:
+        """Return the size ``(p,)`` of one unit of each scaled parameter: in m, rad, or the SI unit of an effect's."""
+        per_mm = 1e-3 if self.kind in ("raw", "length") else 1.0  # these count readings in mm
+        return per_mm * self.columns(parameters, candidates)
+
+    def tolerances(self, parameters: Sequence[Parameter]) -> Array:
+        """Return one standard deviation ``(p,)`` of each parameter's manufacture, in its SI unit."""
+        return replace(self, kind="whitened").columns(parameters, np.empty(0))
 
     def describe(self) -> str:
         """Describe the scaling."""
@@ -135,14 +141,35 @@ def indices(jacobian: Array, test: Array | None = None) -> Indices:
     return Indices(o1, last / first, last, last**2 / first, o5, condition, a, g, i)
 
 
+@dataclass(frozen=True)
+class DesignTask:
+    """The identification for which poses are chosen, as a criterion needs it.
+
+    Attributes:
+        parameters: the p identifiable parameters, one for each row of the information matrix: ``name``, ``kind``
+            (``length``, ``angle`` or that of an effect), ``group`` (``link``, ``base``, ``tool`` or an effect's),
+            ``joint`` and so on.
+        units: ``(p,)`` the size of one unit of each in the matrix: in m, rad, or the SI unit of an effect's parameter.
+        tolerances: ``(p,)`` one standard deviation of each in manufacture, in the same SI units.
+        jacobians: ``(t, 3, p)`` m per unit, derivatives of the tool's positions where accuracy counts: in the region of
+            ``lab.design(region=...)``, else all over the workspace.
+    """
+
+    parameters: tuple[Parameter, ...]
+    units: Array
+    tolerances: Array
+    jacobians: Array
+
+
 _KIND = PartKind("lab.criteria", "criterion", "criterion", CRITERIA, method="score")
 
 
 class Criterion(Part, ABC, kind=_KIND):
     """A criterion of pose selection: a score of the information matrix, larger is better.
 
-    Your own is a subclass with a ``name`` and a ``score``. Every call with an option ``criterion`` takes an object of
-    it; if a package registers it as an entry point of ``lab.criteria``, ``--criterion`` takes it by name.
+    Your own is a function of the matrix, or of the matrix and the ``DesignTask``; or a subclass with a ``name`` and a
+    ``score``. Every call with an option ``criterion`` takes the function or an object of the class; if a package
+    registers an object as an entry point of ``lab.criteria``, ``--criterion`` takes it by name.
 
     The information M ``(p, p)`` is the sum of J'J over the poses, J ``(r, p)`` the derivatives of a pose's readings by
     the identifiable parameters. With the scaling ``whitened`` (the usual one), readings count in standard deviations
@@ -150,13 +177,18 @@ class Criterion(Part, ABC, kind=_KIND):
     in tolerances. With ``raw``, ``length`` and ``unit`` readings of points count in mm (``unit``: m) without the noise,
     and parameters in the units of the scaling.
 
-    Targets, models and the arm change p. Choose parameters by ``names``, not by numbers of rows.
+    Targets, models and the arm change p. Choose parameters by ``task.parameters``, not by numbers of rows.
+
+    The slope of a score is found by differences: of the singular values alone where the score is a function of these,
+    then exact to rounding; else of each entry of M. With a ``weight`` it is exact. A ``slope`` of your own replaces
+    it; before a search its values are compared with differences.
 
     Attributes:
         name: in options and results.
-        names: of the parameters, one for each row of M; set before a search, empty before that.
+        task: what the rows of M are, their units and tolerances, and where accuracy counts; set before a search, None
+            before that.
         weight: W ``(p, p)`` of a score -log tr(W M^-1); None for others. It changes the search, not the goal: every
-            candidate is tried in place of a pose, by updates of M^-1; without it, 256 random ones by whole scores.
+            candidate is tried in place of a pose, by updates of M^-1; without it, those that the slope prefers.
         growth: by how much the score grows where the information grows e-fold, of a score that is concave and smooth
             (G: the least of such), 1 for one with a ``weight``. With it, ``certificate`` bounds the efficiency; None
             for others, of which no bound is known.
@@ -166,19 +198,22 @@ class Criterion(Part, ABC, kind=_KIND):
         >>> class Lengths(lab.Criterion):
         ...     name = "lengths"
         ...     def score(self, information):
-        ...         links = [n.startswith("link") and n.endswith((".a", ".d")) for n in self.names]
-        ...         return -np.log(self.covariance(information)[..., links, links].sum(axis=-1))
-        >>> plan = lab.design("irb120", poses=14, candidates=100, starts=1)  # by O1; by it with criterion=Lengths()
-        >>> bool(np.isfinite(Lengths().with_names(plan.parameter_names).score(plan.information)))
-        True
-        >>> [name for name in plan.parameter_names if name.endswith((".a", ".d"))]
+        ...         lengths = [p.group == "link" and p.kind == "length" for p in self.task.parameters]
+        ...         return -np.log(self.covariance(information)[..., lengths, lengths].sum(axis=-1))
+        >>> plan = lab.design("irb120", poses=14, candidates=100, starts=1, criterion=Lengths())
+        >>> [p.name for p in plan.task.parameters if p.group == "link" and p.kind == "length"]
         ['link1.a', 'link2.a', 'link3.d', 'link3.a', 'link4.d', 'link4.a', 'link5.d', 'link5.a']
     """
 
     name: str
-    names: tuple[str, ...] = ()
+    task: DesignTask | None = None
     weight: Array | None = None
     growth: float | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, one for each row of M; empty before a search."""
+        return () if self.task is None else tuple(parameter.name for parameter in self.task.parameters)
 
     @abstractmethod
     def score(self, information: Array) -> Array:
@@ -191,20 +226,18 @@ class Criterion(Part, ABC, kind=_KIND):
             The scores ``(...)``.
         """
 
-    def with_names(self, names: Sequence[str]) -> Self:
-        """Return a copy for the parameters of these names, one for each row of the information.
+    def for_task(self, task: DesignTask) -> Self:
+        """Return a copy for this task.
 
-        A search does so before its first score; ``plan.parameter_names`` are those of a design.
+        A search does so before its first score; ``plan.task`` is that of a design.
         """
-        named = copy.copy(self)
-        object.__setattr__(named, "names", tuple(names))  # of a frozen dataclass, too
-        return named
+        prepared = copy.copy(self)
+        object.__setattr__(prepared, "task", task)  # of a frozen dataclass, too
+        return prepared
 
     def covariance(self, information: Array) -> Array:
         """Return the inverses of information matrices ``(..., p, p)``; 1e200 times the identity where singular."""
-        scaled, size, singular = _unit_diagonal(information)
-        scaled[singular] = np.eye(information.shape[-1])
-        inverse: Array = np.linalg.inv(scaled) / size[..., :, None] / size[..., None, :]
+        inverse, singular = _inverted(information)
         inverse[singular] = _UNKNOWN * np.eye(information.shape[-1])
         return inverse
 
@@ -234,107 +267,6 @@ def refuse_unknown(name: str, *others: str) -> None:
             f"criterion '{name}' is unknown: choose one of {', '.join(names)}; for one of your own install the package "
             f"whose entry point of lab.criteria is named '{name}', or give the object"
         )
-
-
-def prepared(own: Criterion, names: Sequence[str], pool: Array, measured: Array | float = 0.0) -> Criterion:
-    """Return a user's criterion for a search: with the names of the parameters, its errors in one line.
-
-    It is tried on some random sets of poses.
-
-    Args:
-        names: ``(p,)`` of the parameters.
-        pool: ``(m, r, p)``, Jacobians of the candidates.
-        measured: information ``(p, p)`` of poses measured before.
-
-    Raises:
-        LabError: it raises an error, returns no scores, scores all sets alike, scores twice the information lower,
-            or has a weight that is not that of its score.
-    """
-    goal = _Own.of(own, names)
-    m, rows, p = pool.shape
-    count = min(m, 2 * -(-p // rows))
-    rng = np.random.default_rng(0)
-    sets = np.stack([pool[rng.choice(m, count, replace=False)].reshape(-1, p) for _ in range(_TRIED_SETS)])
-    matrices = np.swapaxes(sets, 1, 2) @ sets + measured
-    matrices = matrices[~is_singular(matrices)]
-    if len(matrices) < 2:  # the search says what is missing
-        return goal
-    scores, twice = goal.score(matrices), goal.score(2 * matrices)
-    goal.score(matrices[0])
-    margin = 1e-9 * np.maximum(1.0, np.abs(scores))
-    if (scores == scores[0]).all():
-        raise LabError(
-            f"criterion '{own.name}' gives {len(scores)} random sets of {count} poses the same score, {scores[0]:g}: "
-            "it cannot choose; return a number that depends on the information"
-        )
-    if (np.isfinite(scores) & (twice < scores - margin)).all():
-        raise LabError(
-            f"criterion '{own.name}' gives {count} poses {scores[0]:.4g}, and {twice[0]:.4g} if each is measured twice"
-            "; larger is better: turn the sign of its score"
-        )
-    if goal.weight is not None:
-        stated = -np.log(np.einsum("pq,nqp->n", goal.weight, np.linalg.inv(matrices)))
-        if not np.allclose(np.diff(stated), np.diff(scores), rtol=1e-3, atol=1e-6):
-            raise LabError(
-                f"criterion '{own.name}' has a weight W, but its score is not -log tr(W M^-1); set weight to None"
-            )
-    return goal
-
-
-@dataclass(frozen=True)
-class _Own(Criterion):
-    """A user's criterion, whose errors name it.
-
-    Attributes:
-        inner: it, with the names of the parameters.
-    """
-
-    inner: Criterion
-    name: str
-    names: tuple[str, ...]
-    weight: Array | None
-    growth: float | None
-
-    @classmethod
-    def of(cls, own: Criterion, names: Sequence[str]) -> "_Own":
-        """Return a criterion with these names.
-
-        Raises:
-            LabError: it cannot be copied, or its weight is none.
-        """
-        with own_errors("criterion", own.name):
-            inner = own.with_names(names)
-            weight = None if inner.weight is None else np.asarray(inner.weight, dtype=np.float64)
-            growth = inner.growth
-        if weight is not None and weight.shape != (len(names), len(names)):
-            raise LabError(
-                f"criterion '{own.name}' has a weight of shape {weight.shape} for {len(names)} parameters; give "
-                f"({len(names)}, {len(names)})"
-            )
-        return cls(inner, own.name, tuple(names), weight, growth)
-
-    def score(self, information: Array) -> Array:
-        with own_errors("criterion", self.name):
-            scores = np.asarray(self.inner.score(information), dtype=np.float64)
-        if scores.shape != (wanted := information.shape[:-2]):
-            raise LabError(
-                f"criterion '{self.name}' returns scores of shape {scores.shape} for information of shape "
-                f"{information.shape}; return {wanted}"
-            )
-        if np.isnan(scores).any():
-            raise LabError(
-                f"criterion '{self.name}' returns NaN; return a finite score, and -inf where information is singular"
-            )
-        return scores
-
-    def slope(self, information: Array) -> Array:
-        with own_errors("criterion", self.name, np.linalg.LinAlgError):  # a search goes on from an impossible step
-            slope = np.asarray(self.inner.slope(information), dtype=np.float64)
-        if slope.shape != information.shape:
-            raise LabError(
-                f"criterion '{self.name}' returns a slope of shape {slope.shape}; return {information.shape}"
-            )
-        return slope
 
 
 def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
@@ -387,9 +319,14 @@ class _Trace(Criterion):
         return total
 
     def slope(self, information: Array) -> Array:
-        inverse = np.linalg.inv(information)
-        slope: Array = inverse @ self.weight @ inverse / np.trace(self.weight @ inverse)
-        return slope
+        return weighted_slope(self.weight, information)
+
+
+def weighted_slope(weight: Array, information: Array) -> Array:
+    """Return the derivative ``(p, p)`` of -log tr(W M^-1) by the information M: M^-1 W M^-1 / tr(W M^-1)."""
+    inverse = np.linalg.inv(information)
+    slope: Array = inverse @ weight @ inverse / np.trace(weight @ inverse)
+    return slope
 
 
 @dataclass(frozen=True)
@@ -444,21 +381,36 @@ def _inverse(information: Array) -> Array:
 
 def is_singular(information: Array) -> NDArray[np.bool_]:
     """Decide whether information matrices ``(..., p, p)`` leave a parameter undetermined, in any units."""
-    return _unit_diagonal(information)[2]
+    return np.asarray(np.linalg.eigvalsh(_unit_diagonal(information)[0])[..., 0] < _SINGULAR, dtype=np.bool_)
 
 
-def _unit_diagonal(information: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return the information scaled to unit diagonal, the roots of its diagonal, and whether it is singular."""
+def _unit_diagonal(information: Array) -> tuple[Array, Array]:
+    """Return the information scaled to unit diagonal, and the roots of its diagonal."""
     size = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), _TINY))
     scaled: Array = information / size[..., :, None] / size[..., None, :]
-    return scaled, size, np.asarray(np.linalg.eigvalsh(scaled)[..., 0] < _SINGULAR, dtype=np.bool_)
+    return scaled, size
+
+
+def _inverted(information: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the inverses of information matrices ``(..., p, p)``, and which are singular, without a proper inverse."""
+    scaled, size = _unit_diagonal(information)
+    p = information.shape[-1]
+    # The smallest eigenvalue is at least 1 / (p times the largest entry of the inverse): few need their eigenvalues.
+    try:
+        inverse = np.linalg.inv(scaled)
+        singular = ~(p * np.abs(inverse).max(axis=(-2, -1)) < 0.1 / _SINGULAR)
+    except np.linalg.LinAlgError:
+        singular = np.ones(information.shape[:-2], dtype=np.bool_)
+    if singular.any():
+        singular[singular] = np.linalg.eigvalsh(scaled[singular])[..., 0] < _SINGULAR
+        scaled[singular] = np.eye(p)
+        inverse = np.linalg.inv(scaled)
+    return inverse / size[..., :, None] / size[..., None, :], singular
 
 
 def _variances(information: Array, test: Array) -> Array:
     """Return predicted variances ``(..., t)`` at test poses ``(t, r, p)``; infinite where information is singular."""
-    scaled, size, singular = _unit_diagonal(information)
-    scaled[singular] = np.eye(information.shape[-1])
-    inverse = np.linalg.inv(scaled) / size[..., :, None] / size[..., None, :]
+    inverse, singular = _inverted(information)
     flat = test.reshape(-1, test.shape[-1])
     variances: Array = ((flat @ inverse) * flat).sum(-1).reshape(*information.shape[:-2], *test.shape[:2]).sum(-1)
     variances[singular] = np.inf
@@ -485,70 +437,3 @@ _SPECTRAL: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] 
     "O4": (lambda v: np.log(v[..., 0]) - 0.5 * np.log(v[..., -1]), _ends(1.0, 0.5)),
     "O5": (lambda v: -np.log((v**-0.5).sum(-1)), lambda v: 0.5 * v**-1.5 / (v**-0.5).sum()),
 }
-
-
-_DRAWS = 2000  # of the parameter error
-_SHARE = 0.95  # of the validation poses, and of the calibrations
-
-
-@dataclass(frozen=True)
-class PredictedAccuracy:
-    """Predicted position errors over the test poses, as lengths of the 3D error (m).
-
-    Attributes:
-        rms: ``(t,)`` sqrt(tr J C J') at each test pose.
-        coverage_radius: bound of the error at 95 % of the validation poses in 95 % of the calibrations.
-    """
-
-    rms: Array
-    coverage_radius: float
-
-    def repeated(self, times: float) -> "PredictedAccuracy":
-        """Return the prediction for ``times`` the information: every error is smaller by its root."""
-        return PredictedAccuracy(self.rms / np.sqrt(times), float(self.coverage_radius / np.sqrt(times)))
-
-
-def predict(information: Array, test: Array, rng: np.random.Generator) -> PredictedAccuracy:
-    """Predict accuracy from an information matrix ``(p, p)`` and Jacobians at test poses ``(t, 3, p)`` (m).
-
-    The coverage radius x is the strict one: P(Q95 over poses of |J d| <= x) = 95 % over draws d ~ N(0, C). The
-    marginal 95 % of all pose-draws would hold in too few calibrations.
-    """
-    size = np.sqrt(np.diag(information))
-    factor = np.linalg.inv(np.linalg.cholesky(information / np.outer(size, size))) / size  # C = factor' factor
-    spread = test @ factor.T
-    rms = np.sqrt((spread**2).sum(axis=(1, 2)))
-    draws = rng.standard_normal((_DRAWS, len(information)))
-    squared = np.zeros((_DRAWS, len(test)))
-    for axis in spread.transpose(1, 2, 0):
-        squared += np.square(draws @ axis)
-    kept = np.quantile(np.sqrt(squared, out=squared), _SHARE, axis=1, overwrite_input=True)
-    return PredictedAccuracy(rms, float(np.quantile(kept, _SHARE)))
-
-
-def smallest_count(coverage_radius: Callable[[int], float], wanted: float, least: int, most: int) -> int:
-    """Find the smallest number of poses whose coverage radius is within ``wanted`` (m).
-
-    Args:
-        coverage_radius: number of poses to the coverage radius (m) of a design of that size.
-        least, most: bounds of the number.
-
-    Raises:
-        LabError: even ``most`` poses do not reach it.
-    """
-    most = max(most, least)
-    low, high = least, least
-    while (error := coverage_radius(high)) > wanted:
-        if high == most:
-            raise LabError(
-                f"{MM.text(wanted, 6)} is out of reach: {most} poses predict {MM.text(error)}; "
-                "allow more candidates, add targets, average readings, or take a better instrument"
-            )
-        low, high = high + 1, min(2 * high, most)
-    while low < high:
-        middle = (low + high) // 2
-        if coverage_radius(middle) <= wanted:
-            high = middle
-        else:
-            low = middle + 1
-    return high

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.pose_selection.criteria import Criterion
+from lab.pose_selection.own_criterion import PreparedCriterion
 
 __all__ = [
     "Certificate",
@@ -37,6 +38,7 @@ Sensitivity = Callable[[Array], Array]
 Feasible = Callable[[Array], NDArray[np.bool_]]
 _MAX_PASSES = 30
 _FIRST = 32  # candidates of the largest trace, whose determinants are computed first
+_SHORTLIST = 32  # candidates for each slot that the slope of a user's criterion prefers
 _SAMPLED = 256  # candidates tried for each slot if a criterion has no rank-k update
 _STEP_RAD = 1e-5  # of the central differences (m for a slide)
 _TOLERANCE = 1e-5  # relative gain of the score at which the first ascent ends
@@ -122,9 +124,12 @@ def _scaled(matrix: Array) -> Array:
 class _Exchange:
     """State of an exchange: the chosen poses, and the gain of every candidate.
 
-    For O1, V is the inverse of the information of all chosen poses, and tr(J V J') of every candidate is stored. Both
+    For O1, V is the inverse of the information M of all chosen poses, and tr(J V J') of every candidate is stored. Both
     get updates of rank r when a pose is removed or added (Sherman, Morrison & Woodbury 1950), at the cost of
     candidates by p by r instead of candidates by p by p.
+
+    For a user's criterion with the slope S, V is S p / tr(S M): the inverse of M if it ranks as O1. Once a pass it is
+    computed, and changes as for O1 in between. It picks a short list, of which the whole scores are computed.
     """
 
     def __init__(
@@ -134,7 +139,8 @@ class _Exchange:
         self.barred: set[int] = set()  # unreachable
         self.columns = jacobian.transpose(2, 1, 0).reshape(jacobian.shape[2], -1)  # (p, r m), rows of one pose apart
         self.free = np.ones(len(jacobian), dtype=bool)  # neither chosen nor found unreachable
-        self.by_trace = goal.name == "O1"
+        self.by_slope = isinstance(goal, PreparedCriterion) and goal.weight is None
+        self.by_trace = goal.name == "O1" or self.by_slope
 
     def settled(self, count: int) -> tuple[NDArray[np.int_], float]:
         """Exchange poses until no allowed candidate is better; return them and their score.
@@ -172,7 +178,7 @@ class _Exchange:
         """Replace a pose by a better one, or by one that is allowed; return whether one was found."""
         present = int(self.chosen[slot])
         without = self.total - self._information(self.chosen[slot : slot + 1])
-        left = (self._updated(self.traces, present, -1.0) or self._computed(without)) if self.by_trace else None
+        left = (self._updated(self.traces, present, -1.0) or self._otherwise(without)) if self.by_trace else None
         row = self._best_candidate(without, left, present)
         if row == present:
             return False
@@ -181,8 +187,12 @@ class _Exchange:
         self.free[row] = False
         self.free[present] = present not in self.barred
         if left is not None:
-            self.traces = self._updated(left, row, 1.0) or self._computed(self.total)
+            self.traces = self._updated(left, row, 1.0) or self._otherwise(self.total)
         return True
+
+    def _otherwise(self, total: Array) -> "_Traces":
+        """Return the traces at an information ``(p, p)`` that no update reaches; those of the pass by a slope."""
+        return self.traces if self.by_slope else self._computed(total)
 
     def _best_candidate(self, without: Array, left: "_Traces | None", present: int) -> int:
         while True:
@@ -208,6 +218,11 @@ class _Exchange:
 
     def _scores(self, without: Array, left: "_Traces | None", present: int) -> tuple[NDArray[np.int_], Array]:
         """Return candidates for a slot (the present one last), and the score of the design with each."""
+        if self.by_slope and left is not None:
+            gains = np.where(self.free, _added(self.jacobian, left.inverse), -np.inf)
+            tried = np.argsort(-gains, kind="stable")[: min(_SHORTLIST, int(self.free.sum()))]
+            tried = np.append(tried, present)
+            return tried, _scores_with(self.goal, without, self.jacobian[tried])
         if left is not None:
             tried = np.append(self._promising(left), present)
             return tried, _added(self.jacobian[tried], left.inverse)
@@ -232,9 +247,18 @@ class _Exchange:
         return np.flatnonzero(self.free & (bound >= best - 1e-9))
 
     def _computed(self, total: Array) -> "_Traces":
-        inverse = _inverse_of(total)
+        inverse = self._inverse_by_slope(total) if self.by_slope else _inverse_of(total)
         by_row = np.einsum("ij,ij->j", inverse @ self.columns, self.columns)
         return _Traces(inverse, by_row.reshape(-1, len(self.jacobian)).sum(axis=0))
+
+    def _inverse_by_slope(self, total: Array) -> Array:
+        """Return V ``(p, p)`` = S p / tr(S M) at an information M; its inverse where the slope S is no use."""
+        try:
+            slope = self.goal.slope(total)
+        except np.linalg.LinAlgError:  # of a singular information
+            return _inverse_of(total)
+        size = float(np.sum(slope * total))
+        return slope * (len(total) / size) if np.isfinite(slope).all() and size > 0 else _inverse_of(total)
 
     def _updated(self, now: "_Traces", row: int, sign: float) -> "_Traces | None":
         """Return the traces with a candidate added (sign 1) or removed (-1); None if the rest is nearly singular."""
@@ -305,22 +329,42 @@ class OneCriterion:
 
     def uphill(self, inputs: Array) -> tuple[float, Array]:
         """Return the criterion's score, and its derivatives."""
-        here, rate = _with_steps(self.sensitivity, inputs)
+        stepped = _with_steps(self.sensitivity, inputs)
+        here = stepped[:, 0]
         total = self.earlier + information(here)
         try:
-            slope = 2 * np.einsum("nrp,njrp->nj", here @ self.goal.slope(total), rate)
+            slope = self._slope_of_scores(stepped, total) if self._few_scores(inputs) else self._slope(stepped, total)
         except np.linalg.LinAlgError:  # a step to impossible poses without information
             slope = np.zeros_like(inputs)
         return float(self.goal.score(total)), slope
 
+    def _few_scores(self, inputs: Array) -> bool:
+        """Decide whether a slope by the inputs takes fewer scores than one by each entry of the information."""
+        goal = self.goal
+        return isinstance(goal, PreparedCriterion) and goal.slope_scores > 2 * inputs.size
 
-def _with_steps(sensitivity: Sensitivity, inputs: Array) -> tuple[Array, Array]:
-    """Return Jacobians ``(n, r, p)`` at inputs ``(n, joints)``, and their rates ``(n, joints, r, p)`` by each input."""
+    def _slope(self, stepped: Array, total: Array) -> Array:
+        """Return the derivatives ``(n, joints)`` by the chain rule: of the score by the information, and of that."""
+        ahead, back = np.split(stepped[:, 1:], 2, axis=1)
+        rate = (ahead - back) / (2 * _STEP_RAD)
+        slope: Array = 2 * np.einsum("nrp,njrp->nj", stepped[:, 0] @ self.goal.slope(total), rate)
+        return slope
+
+    def _slope_of_scores(self, stepped: Array, total: Array) -> Array:
+        """Return the derivatives ``(n, joints)`` by differences of the score, each with one pose moved."""
+        each = np.swapaxes(stepped, -1, -2) @ stepped  # (n, 1 + 2 joints, p, p)
+        scores = self.goal.score(total + each[:, 1:] - each[:, :1])
+        ahead, back = np.split(np.where(np.isfinite(scores), scores, np.nan), 2, axis=1)
+        slope: Array = np.nan_to_num((ahead - back) / (2 * _STEP_RAD))
+        return slope
+
+
+def _with_steps(sensitivity: Sensitivity, inputs: Array) -> Array:
+    """Return Jacobians at inputs ``(n, joints)``, and at each input more, then less: ``(n, 1 + 2 joints, r, p)``."""
     n, size = inputs.shape
     offsets = np.concatenate([np.zeros((1, size)), _STEP_RAD * np.eye(size), -_STEP_RAD * np.eye(size)])
     flat = sensitivity((inputs[:, None] + offsets).reshape(-1, size))
-    jacobian = flat.reshape(n, 1 + 2 * size, *flat.shape[1:])
-    return jacobian[:, 0], (jacobian[:, 1 : 1 + size] - jacobian[:, 1 + size :]) / (2 * _STEP_RAD)
+    return flat.reshape(n, 1 + 2 * size, *flat.shape[1:])
 
 
 def ascend(

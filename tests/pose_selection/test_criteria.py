@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120
 
-import lab
 from lab.core.errors import LabError
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.pose_selection.criteria import CRITERIA, Criterion, Scaling, criterion, indices, prepared
-from lab.pose_selection.exchange import exchange, information
+from lab.pose_selection.criteria import CRITERIA, Scaling, criterion, indices
 
 ARM = SerialArm(IRB120.chain)
 KEPT = list(base_set(ARM, ARM.nominal()).identifiable)
@@ -61,6 +59,15 @@ def test_scalings_are_what_they_say() -> None:
     assert tolerances[length] == 2e-3 and tolerances[alpha] == 1e-3
 
 
+@pytest.mark.parametrize(("kind", "reading_m"), [("raw", 1e-3), ("length", 1e-3), ("unit", 1.0), ("whitened", 1.0)])
+def test_units_are_the_size_of_one_of_each_scaled_parameter(kind: Any, reading_m: float) -> None:
+    """A step of one unit moves a point by the scaled Jacobian, in units of the reading."""
+    scaling, pool = Scaling(kind), jacobian(300, 0)
+    units, scaled = scaling.units(PARAMETERS, pool), pool * scaling.columns(PARAMETERS, pool)
+    np.testing.assert_allclose(pool * units, scaled * reading_m, rtol=1e-12)
+    assert set(scaling.tolerances(PARAMETERS)) == {scaling.tolerance_m, scaling.tolerance_rad}
+
+
 @pytest.mark.parametrize("name", CRITERIA)
 def test_every_slope_is_the_derivative_of_its_score(name: str) -> None:
     rng = np.random.default_rng(1)
@@ -96,100 +103,3 @@ def test_an_unknown_criterion_lists_those_there_are() -> None:
         criterion("D", 27)
     with pytest.raises(LabError, match=r"criterion 'o1' is unknown: write O1$"):
         criterion("o1", 27)
-
-
-class Product(Criterion):
-    """O1 again, as somebody would write it: by its score alone."""
-
-    name = "product"
-
-    def score(self, information: np.ndarray) -> np.ndarray:
-        return np.linalg.slogdet(information)[1]
-
-
-def test_a_criterion_of_one_s_own_needs_a_score_alone() -> None:
-    """Its differences are the derivative."""
-    rows = jacobian(9, 3).reshape(-1, len(KEPT))
-    information = rows.T @ rows
-    known = criterion("O1", len(information))
-    own, exact = Product().slope(information), known.slope(information)
-    np.testing.assert_allclose(own, exact, atol=1e-7 * np.abs(exact).max(), rtol=0)
-
-
-@pytest.mark.parametrize("given", [3, Criterion, type("Nameless", (Product,), {"name": None})()])
-def test_what_is_no_criterion_is_refused(given: object) -> None:
-    with pytest.raises(lab.LabError, match=r"give (a name, or a|an object of a subclass of) lab\.Criterion"):
-        lab.design("irb120", criterion=given)
-
-
-class LinkLengths(Criterion):
-    """The trace of the covariance of the links' lengths."""
-
-    name = "lengths"
-
-    def score(self, information: np.ndarray) -> np.ndarray:
-        own = [name.startswith("link") and name.endswith((".a", ".d")) for name in self.names]
-        return -np.log(self.covariance(information)[..., own, own].sum(axis=-1))
-
-
-def test_a_criterion_knows_which_row_is_which_parameter() -> None:
-    """Its design shows the lengths better than O1's."""
-    own, joints = LinkLengths(), IRB120.chain.random_joints(60, np.random.default_rng(3))
-    pool, goal = jacobian(60, 3), own.with_names(NAMES)
-    mine, o1 = (
-        exchange(joints, pool, 14, each, np.random.default_rng(0), starts=1) for each in (goal, criterion("O1", 27))
-    )
-    assert mine.score == goal.score(information(mine.jacobian)) > goal.score(information(o1.jacobian)) + 0.05
-    assert own.names == ()
-    lengths = [i for i, name in enumerate(NAMES) if name.startswith("link") and name.endswith((".a", ".d"))]
-    rows = jacobian(15, 3).reshape(-1, len(NAMES))
-    covariance = np.linalg.inv(rows.T @ rows)
-    expected = -np.log(sum(covariance[i, i] for i in lengths))
-    assert own.with_names(NAMES).score(rows.T @ rows) == pytest.approx(expected)
-
-
-def test_the_covariance_of_singular_information_is_larger_than_any() -> None:
-    rows = np.stack([jacobian(15, seed).reshape(-1, 27) for seed in range(2)])
-    rows[1, :, 4] = 0.0
-    whole, blind = Product().covariance(np.swapaxes(rows, 1, 2) @ rows)
-    np.testing.assert_allclose(whole @ rows[0].T @ rows[0], np.eye(27), atol=1e-6)
-    assert np.isfinite(blind).all() and (np.diag(blind) > 1e100).all()
-
-
-WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "raises": ({"score": lambda self, m: 1 / 0}, "raises ZeroDivisionError: division by zero; repair it"),
-    "index": (
-        {"score": lambda self, m: m[..., 99, 99]},
-        r"raises IndexError: index 99 is out of bounds for axis 1 with size 27; repair it",
-    ),
-    "shape": (
-        {"score": lambda self, m: np.zeros(3)},
-        r"returns scores of shape \(3,\) for information of shape \(8, 27, 27\); return \(8,\)",
-    ),
-    "text": (
-        {"score": lambda self, m: "high"},
-        "raises ValueError: could not convert string to float: 'high'; repair it",
-    ),
-    "nan": ({"score": lambda self, m: np.full(m.shape[:-2], np.nan)}, "returns NaN; return a finite score"),
-    "equal": (
-        {"score": lambda self, m: -np.ones(m.shape[:-2])},
-        "gives 8 random sets of 18 poses the same score, -1: it cannot choose",
-    ),
-    "sign": (
-        {"score": lambda self, m: -LinkLengths.score(self, m)},
-        "gives 18 poses .*, and .* if each is measured twice; larger is better: turn the sign of its score",
-    ),
-    "slope": ({"slope": lambda self, m: m["x"]}, "raises IndexError: .*; repair it"),
-    "flat slope": ({"slope": lambda self, m: m[0]}, r"returns a slope of shape \(27,\); return \(27, 27\)"),
-    "weight": ({"weight": np.eye(27)}, r"has a weight W, but its score is not -log tr\(W M\^-1\); set weight to None"),
-    "narrow": ({"weight": np.eye(3)}, r"has a weight of shape \(3, 3\) for 27 parameters; give \(27, 27\)"),
-}
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_criterion_is_refused_in_one_line(name: str) -> None:
-    changed, said = WRONG[name]
-    own = type("Wrong", (LinkLengths,), {"name": "wrong", **changed})()
-    with pytest.raises(LabError, match=f"^criterion 'wrong' {said}") as raised:
-        prepared(own, NAMES, jacobian(60, 3)).slope(np.eye(len(NAMES)))
-    assert "\n" not in str(raised.value)

@@ -16,8 +16,9 @@ from lab.library.design import DesignResult, design
 from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import instrument
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
-from lab.pose_selection.criteria import CRITERIA, Scaling, criterion, predict, smallest_count
+from lab.pose_selection.criteria import CRITERIA, Scaling, criterion
 from lab.pose_selection.exchange import ascend, certify, exchange, information
+from lab.pose_selection.predicted_accuracy import predict, smallest_count
 from lab.simulation.candidate_poses import feasibility
 from lab.simulation.collisions import random_poses
 from lab.simulation.free_path import path_check

@@ -20,6 +20,9 @@ from lab.core.measurements import measured
 from lab.formats.measurement_csv import write_measurements
 from lab.library.pose_planner import PosePlanner
 from lab.library.run_folder import check_edits
+from lab.pose_selection.criteria import is_singular
+from lab.pose_selection.exchange import information
+from lab.pose_selection.predicted_accuracy import predict
 
 HALF_WIDTH_M = 8e-6  # of uniform-8um
 
@@ -69,8 +72,11 @@ def test_proposed_poses_reach_the_accuracy(planner: PosePlanner) -> None:
 def test_fewer_poses_than_by_chance(planner: PosePlanner) -> None:
     data, _, _ = session(planner, 1.0)
     order = np.random.default_rng(2).permutation(len(planner.problem.inputs))[: len(data)]
-    by_chance = planner.accuracy_of(planner.problem.inputs[order])
-    assert by_chance is None or by_chance > 1.15 * planner.accuracy_of(data.joints)
+    chosen, by_chance = (information(planner.problem.whitened(q)) for q in (data.joints, planner.problem.inputs[order]))
+    radius = predict(chosen, planner.problem.test, np.random.default_rng(0)).coverage_radius
+    assert is_singular(by_chance) or (
+        predict(by_chance, planner.problem.test, np.random.default_rng(0)).coverage_radius > 1.15 * radius
+    )
 
 
 @pytest.mark.thorough
