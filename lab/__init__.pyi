@@ -503,12 +503,13 @@ def solve_kinematics(
     progress: Callable[[Event], None] | None = None,
 ) -> KinematicsResult | Rotation: ...
 def study(
-    config: str | Path | Study | StudyOptions,
+    config: str | Path | Mapping[str, Any] | Study | StudyOptions,
     *,
     out: str | Path | None = None,
     resume: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
+    timeout_s: float = 600.0,
     parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> StudyResult: ...

@@ -260,6 +260,8 @@ class StudyOptions:
     """Number of processes on this machine; one per core by default."""
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="PROTOCOL://HOST:PORT")] = None
     """Address of a dask.distributed scheduler whose workers run the study instead, e.g. tls://host:8786."""
+    timeout_s: float = 600.0
+    """Stop where the workers finish nothing for so long; a piece of work is up to 20 single campaigns."""
 
     def check(self) -> None:
         """Refuse options that contradict each other, with a LabError that names them."""
@@ -267,6 +269,7 @@ class StudyOptions:
             raise LabError("--resume continues a study: give its folder by --out")
         if self.scheduler is not None and self.workers is not None:
             raise LabError("--workers sets processes on this machine, --scheduler a cluster; give one")
+        positive("--timeout-s", self.timeout_s)
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ from lab.noise.instruments import Instrument, instrument, is_isotropic, observin
 from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
 from lab.planning.design_problem import best_design, pose_problem
-from lab.pose_selection.criteria import refuse_unknown
+from lab.pose_selection.criteria import CRITERIA, Criterion, criterion, refuse_unknown
 from lab.robots.load_robot import load_robot, load_virtual
 from lab.robots.robot import Robot
 from lab.simulation.collisions import random_poses
@@ -165,7 +165,8 @@ def cell_poses(study: Study, cell: Cell) -> Array:
         starts=STARTS,
         seed=study.seed,
     )
-    return _designed(requested).copy()
+    own = None if requested.criterion in CRITERIA else criterion(requested.criterion, 0)
+    return _designed(requested, own).copy()
 
 
 def _planned(study: Study, cell: Cell, robot: Robot) -> Array:
@@ -205,8 +206,12 @@ def _refuse_few_poses(poses: int, fitted: "_Fitted") -> None:
 
 
 @lru_cache(maxsize=16)
-def _designed(requested: DesignOptions) -> Array:
-    """Design poses; cached, as cells that differ in the arm alone share them."""
+def _designed(requested: DesignOptions, own: Criterion | None) -> Array:
+    """Design poses; cached, as cells that differ in the arm alone share them.
+
+    Args:
+        own: the criterion of the request that is not the lab's: another one may have its name later.
+    """
     assert requested.poses is not None
     return best_design(requested, pose_problem(requested), requested.poses).joints
 

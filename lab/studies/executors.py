@@ -22,7 +22,7 @@ from importlib.util import find_spec
 from itertools import islice
 from multiprocessing.context import SpawnContext, SpawnProcess
 from types import ModuleType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from lab.core.errors import LabError, option_name
 from lab.core.extras import optional
@@ -31,10 +31,10 @@ from lab.core.limits import WORKERS, whole
 if TYPE_CHECKING:
     from distributed import Client  # of an extra
 
-__all__ = ["CONNECTING_S", "StoppedError", "cluster_executor", "local_executor", "run_jobs"]
+__all__ = ["CONNECTING_S", "TIMEOUT_S", "StoppedError", "cluster_executor", "local_executor", "run_jobs"]
 
 _IN_FLIGHT = 256  # tasks submitted at a time: enough for a hundred workers, within memory
-CONNECTING_S = 10.0
+CONNECTING_S, TIMEOUT_S = 10.0, 600.0
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 _Key = TypeVar("_Key")
@@ -57,7 +57,22 @@ def local_executor(workers: int | None = None) -> ProcessPoolExecutor:
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     whole(option_name("workers"), workers, 1, WORKERS)
-    return ProcessPoolExecutor(workers, _Processes(), _prepare)
+    return _Workers(workers)
+
+
+class _Workers(ProcessPoolExecutor):
+    """Processes that are ended where a study stops, as one that never answers would be waited for."""
+
+    def __init__(self, workers: int) -> None:
+        self._context = _Processes()
+        super().__init__(workers, self._context, _prepare)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: Any) -> Literal[False]:
+        if isinstance(error, StoppedError):
+            for process in self._context.started:
+                process.terminate()
+        super().__exit__(kind, error, trace)
+        return False
 
 
 class _Process(SpawnProcess):
@@ -89,9 +104,17 @@ class _Process(SpawnProcess):
 
 
 class _Processes(SpawnContext):
-    """Context that starts new interpreters, without copies of this one."""
+    """Context that starts new interpreters, without copies of this one, and knows them."""
 
-    Process = _Process
+    def __init__(self) -> None:
+        super().__init__()
+        self.started: list[SpawnProcess] = []
+
+    def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:  # type: ignore[override]
+        """Return a process that is not started yet."""
+        process = _Process(*args, **kwargs)
+        self.started.append(process)
+        return process
 
 
 def _prepare() -> None:
@@ -162,22 +185,30 @@ def _client(address: str) -> "Client":
 
 
 def run_jobs(
-    executor: Executor, jobs: Iterable[tuple[_Key, Callable[[], _Result]]], in_flight: int = _IN_FLIGHT
+    executor: Executor, jobs: Iterable[tuple[_Key, Callable[[], _Result]]], timeout_s: float = TIMEOUT_S
 ) -> Generator[tuple[_Key, _Result], None, None]:
-    """Yield each job's key and result as jobs finish, with at most ``in_flight`` submitted at a time.
+    """Yield each job's key and result as jobs finish, with some hundreds submitted at a time.
+
+    Args:
+        timeout_s: for so long no job may finish.
 
     Raises:
-        StoppedError: the workers were lost.
+        StoppedError: the workers were lost, or do not answer.
     """
     left = iter(jobs)
     waiting: dict[Future[_Result], _Key] = {}
     try:
         while True:
-            for key, call in islice(left, in_flight - len(waiting)):
+            for key, call in islice(left, _IN_FLIGHT - len(waiting)):
                 waiting[executor.submit(call)] = key
             if not waiting:
                 return
-            done = wait(waiting, return_when=FIRST_COMPLETED).done
+            done = wait(waiting, timeout_s, FIRST_COMPLETED).done
+            if not done:
+                raise StoppedError(
+                    f"the workers finished nothing within {timeout_s:g} s; look at them, then {option_name('resume')} "
+                    f"goes on; where a piece of work takes longer, give {option_name('timeout_s')}"
+                )
             for future in [future for future in waiting if future in done]:  # in the order of submission
                 yield waiting.pop(future), future.result()
     except BrokenExecutor as error:

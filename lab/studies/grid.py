@@ -10,6 +10,7 @@ from typing import Any, Final, Literal, get_args, get_type_hints
 from lab.calibration.estimator import LEAST_SQUARES, estimator_named
 from lab.core.errors import LabError, error_context
 from lab.core.limits import CAMPAIGNS, CELLS, DRAWN_POINTS, DRAWS, NAME, POSES, ROBOTS, SEED, TARGETS, positive, whole
+from lab.extension_points import named_parts
 from lab.formats.structured import read_toml, structured
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC
 from lab.options.option_groups import Effects, Fitting
@@ -296,18 +297,28 @@ def read_study(path: Path) -> Study:
 
 
 def study_from(content: Mapping[str, Any]) -> Study:
-    """Build a study from plain values of TOML and JSON.
+    """Build a study from plain values of TOML and JSON, and parts of one's own as objects.
 
     Raises:
         LabError: a name is unknown, or a value is invalid.
     """
-    given = content.get("factors", {})
-    factors = {name: _levels(name, levels) for name, levels in given.items()} if isinstance(given, Mapping) else given
-    return structured("", Study, {**content, "factors": factors})
+    factors, sets = content.get("factors", {}), content.get("effects", {})
+    if isinstance(factors, Mapping):
+        factors = {name: _levels(name, levels) for name, levels in factors.items()}
+    if isinstance(sets, Mapping):
+        sets = {name: named_parts("effects", _as_mapping(each)) for name, each in sets.items()}
+    return structured("", Study, {**content, "factors": factors, "effects": sets})
+
+
+def _as_mapping(given: Any) -> Any:
+    return asdict(given) if isinstance(given, Effects) else given
 
 
 def _levels(factor: str, given: Any) -> tuple[Any, ...]:
-    levels = given if isinstance(given, list) else [given]
+    given = given if isinstance(given, list) else [given]
+    levels = [named_parts(factor, level) for level in given]
+    if len(set(map(id, given))) == len(given) > len(set(map(repr, levels))) and levels != given:
+        raise LabError(f"factor {factor}: two parts have one name ({', '.join(map(str, levels))}); name each otherwise")
     if factor not in FACTORS:
         return tuple(levels)  # the study refuses it
     if factor == "payload_kg":

@@ -7,7 +7,7 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
@@ -39,7 +39,7 @@ from lab.kinematics.effects.effect import PAYLOAD
 from lab.robots.load_robot import load_robot
 from lab.studies.analysis import CampaignArray
 from lab.studies.campaigns import COLUMNS, cell_poses, difference, origin_of, other_version, run_task
-from lab.studies.executors import StoppedError, local_executor, run_jobs
+from lab.studies.executors import TIMEOUT_S, StoppedError, local_executor, run_jobs
 from lab.studies.grid import OF_PLAN, Cell, Study, Task, study_from
 
 __all__ = ["StudyDone", "read_campaigns", "read_store", "run_study", "study_runner"]
@@ -340,33 +340,39 @@ def run_study(
     progress: Stage = no_stage,
     posing: Callable[[Study, Cell], Array] = cell_poses,
     solving: Callable[[Study, Task, Array], dict[str, Array]] = run_task,
+    timeout_s: float = TIMEOUT_S,
 ) -> StudyDone:
     """Run a study into a folder, or go on with one that stopped.
 
     Args:
         executor: whose workers have the lab: threads, processes or a cluster; the campaigns are the same.
+        timeout_s: for so long the workers may finish nothing.
 
     Raises:
         LabError: the folder cannot be written, or the study is impossible.
-        StoppedError: the disk is full or workers were lost; finished files stay.
+        StoppedError: the disk is full, or workers were lost or do not answer; finished files stay.
     """
     started = time.perf_counter()
-    store = _resume(folder, study) if resume else _begin(folder, study)
     work = partial(_work, origin_of(study.robot), study.robot, sent_parts())
+    store = _resume(folder, study) if resume else _begin(folder, study)
+    run = partial(run_jobs, executor, timeout_s=timeout_s)
     with held(folder), threadpool_limits(1):  # of this process, whose threads may be the workers
         try:
-            poses = _posed(store, executor, progress, partial(work, posing))
+            poses = _posed(store, run, progress, partial(work, posing))
         except StoppedError:
             raise
         except Exception:  # of a worker: the study is impossible
             if not resume:
                 shutil.rmtree(folder, ignore_errors=True)
             raise
-        computed = _solved(store, executor, progress, partial(work, solving), poses)
+        computed = _solved(store, run, progress, partial(work, solving), poses)
     return StudyDone(folder, study, computed, time.perf_counter() - started)
 
 
-def _posed(store: _Store, executor: Executor, progress: Stage, work: Callable[..., Array]) -> dict[int, Array]:
+_Run = Callable[[Iterable[tuple[Any, Callable[[], Any]]]], Generator[tuple[Any, Any], None, None]]
+
+
+def _posed(store: _Store, run: _Run, progress: Stage, work: Callable[..., Array]) -> dict[int, Array]:
     """Return the poses of every cell; missing ones are computed and stored."""
     cells = store.cells
     read = ((number, store.read_poses(number)) for number in range(len(cells)))
@@ -374,7 +380,7 @@ def _posed(store: _Store, executor: Executor, progress: Stage, work: Callable[..
     progress("poses", len(poses), len(cells))
     left = [number for number in range(len(cells)) if number not in poses]
     jobs = ((number, partial(work, store.study, cells[number])) for number in left)
-    with closing(run_jobs(executor, jobs)) as results:
+    with closing(run(jobs)) as results:
         for number, joints in results:
             store.keep_poses(number, joints)
             poses[number] = joints
@@ -384,7 +390,7 @@ def _posed(store: _Store, executor: Executor, progress: Stage, work: Callable[..
 
 def _solved(
     store: _Store,
-    executor: Executor,
+    run: _Run,
     progress: Stage,
     work: Callable[..., dict[str, Array]],
     poses: dict[int, Array],
@@ -394,7 +400,7 @@ def _solved(
     at_first = there = study.campaigns - sum(store.campaigns_of(task) for task in left)
     progress("campaigns", there, study.campaigns)
     jobs = ((task, partial(work, study, task, poses[task.cell])) for task in left)
-    with closing(run_jobs(executor, jobs)) as results:
+    with closing(run(jobs)) as results:
         for task, columns in results:
             store.keep(task, columns)
             there += store.campaigns_of(task)

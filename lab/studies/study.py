@@ -3,6 +3,7 @@
 import csv
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from lab.options.command_options import StudyOptions
 from lab.studies.analysis import COMPARED, Analysis, Comparison, Mean, analysed
 from lab.studies.campaigns import refuse_impossible
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
-from lab.studies.grid import FACTORS, NONE, RANKED, Cell, Study, is_any, read_study
+from lab.studies.grid import FACTORS, NONE, RANKED, Cell, Study, is_any, read_study, study_from
 from lab.studies.run_study import StudyDone, read_campaigns, run_study
 
 __all__ = ["StudyResult", "circumstances", "failures_text", "level_text", "plain_level", "shown_metrics", "study",
@@ -202,14 +203,15 @@ def _write(path: Path, header: Sequence[str], rows: Iterable[list[Any]]) -> None
 
 
 @takes(StudyOptions)
-def study(config: str | Path | Study | StudyOptions, **options: Any) -> StudyResult:
+def study(config: str | Path | Mapping[str, Any] | Study | StudyOptions, **options: Any) -> StudyResult:
     """Run a study of many simulated calibrations into a folder, or go on with one that stopped.
 
     Its processes do not import the calling script, which needs no ``if __name__ == "__main__"``.
 
     Args:
-        config: the study: a TOML file, or one in memory; or all options in one object.
-        options: those of ``lab study``, by name: ``out``, ``resume``, ``workers``, ``scheduler``.
+        config: the study: a TOML file, or the same as a mapping, whose factors may be parts of one's own as objects;
+            or all options in one object.
+        options: those of ``lab study``, by name: ``out``, ``resume``, ``workers``, ``scheduler``, ``timeout_s``.
 
     Returns:
         Where its simulated calibrations are, and their analysis.
@@ -219,8 +221,10 @@ def study(config: str | Path | Study | StudyOptions, **options: Any) -> StudyRes
     """
     if isinstance(config, StudyOptions):
         return _run(config, read_study(config.config))
-    known = config if isinstance(config, Study) else read_study(Path(config))
-    file = "study.toml" if isinstance(config, Study) else str(config)
+    if isinstance(config, str | Path):
+        file, known = str(config), read_study(Path(config))
+    else:
+        file, known = "study.toml", config if isinstance(config, Study) else study_from(config)
     return _run(options_of("lab.study", StudyOptions, {"config": file, **options}), known)
 
 
@@ -230,9 +234,10 @@ def _run(options: StudyOptions, known: Study) -> StudyResult:
         refuse_impossible(known)
     folder = options.out or free_name(Path("runs"), f"study-{known.name}")
     chosen = local_executor(options.workers) if options.scheduler is None else cluster_executor(options.scheduler)
+    run = partial(run_study, known, folder, resume=options.resume, timeout_s=options.timeout_s)
     try:
         with stages("running the study") as progress, chosen as executor:
-            done = run_study(known, folder, executor, resume=options.resume, progress=progress)
+            done = run(executor, progress=progress)
     except StoppedError as error:
         raise LabError(f"{folder}: {error}") from error
     except KeyboardInterrupt as stop:

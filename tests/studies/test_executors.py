@@ -4,15 +4,21 @@ import signal
 import subprocess
 import sys
 import textwrap
+from concurrent.futures import Executor, Future
+from functools import partial
+from multiprocessing import active_children
 from pathlib import Path
 from threading import Lock
+from time import sleep
+from types import SimpleNamespace
 
 import pytest
 
 import lab
 from lab import extension_points
 from lab.core.errors import LabError
-from lab.studies.executors import local_executor
+from lab.studies import executors
+from lab.studies.executors import StoppedError, local_executor, run_jobs
 
 SCRIPT = """\
     import os
@@ -71,3 +77,49 @@ def test_parts_of_this_program_reach_its_processes(monkeypatch: pytest.MonkeyPat
     extension_points.add(locked)
     with pytest.raises(LabError, match="sampler 'flat' cannot be sent to other processes"):
         extension_points.sent_parts()
+
+
+class Silent(Executor):
+    """Accepts work, and never answers."""
+
+    def submit(self, fn: object, /, *args: object, **kwargs: object) -> Future:
+        return Future()
+
+
+def test_workers_that_never_answer_are_given_up() -> None:
+    with pytest.raises(StoppedError, match=r"finished nothing within 0.01 s; look at them, then (--)?resume goes on"):
+        list(run_jobs(Silent(), [("one", str), ("two", str)], timeout_s=0.01))
+
+
+def test_each_finished_job_renews_the_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long all of them take: each wait is for the whole time again, and only the last one is in vain."""
+    waited, submitted = list[float](), list[Future]()
+
+    class OneByOne(Silent):
+        def submit(self, fn: object, /, *args: object, **kwargs: object) -> Future:
+            submitted.append(Future())
+            return submitted[-1]
+
+    def wait(waiting: dict, timeout: float, when: str) -> SimpleNamespace:
+        waited.append(timeout)
+        if len(waited) == 4:
+            return SimpleNamespace(done=set())
+        future = submitted[len(waited) - 1]
+        future.set_result("done")
+        return SimpleNamespace(done={future})
+
+    monkeypatch.setattr(executors, "wait", wait)
+    results = run_jobs(OneByOne(), [(number, str) for number in range(5)], timeout_s=7.0)
+    assert [next(results) for _ in range(3)] == [(0, "done"), (1, "done"), (2, "done")]
+    with pytest.raises(StoppedError, match="nothing within 7 s"):
+        next(results)
+    assert waited == [7.0] * 4
+
+
+@pytest.mark.thorough
+def test_processes_that_never_answer_are_ended() -> None:
+    """Else the end of the program would wait for them."""
+    stuck = [("stuck", partial(sleep, 3600.0))] * 2
+    with pytest.raises(StoppedError, match="the workers finished nothing"), local_executor(2) as pool:
+        list(run_jobs(pool, stuck, timeout_s=3.0))
+    assert not active_children()
