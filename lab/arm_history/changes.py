@@ -16,7 +16,7 @@ from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.kinematics.parameter import Parameter
 from lab.library.load_run import CalibrationRun, refuse_other_parameters
 from lab.prediction.estimate import SETUP, Estimate, IdentifiedSubset
-from lab.verification.parameter_changes import ChangePoint, Directions, Series
+from lab.verification.parameter_changes import CalibrationSeries, ChangeDirections, ParameterChange
 
 __all__ = ["Changes", "changes_between"]
 
@@ -39,7 +39,7 @@ class Changes:
     dated: tuple[DatedRun, ...]
     runs: tuple[CalibrationRun, ...]
     estimates: tuple[IdentifiedSubset, ...]
-    found: tuple[ChangePoint, ...]
+    found: tuple[ParameterChange, ...]
     detectable: tuple[float, ...]
 
     @property
@@ -74,7 +74,7 @@ class Changes:
             rows.append(half_width_95(dof) * np.sqrt(np.diag(first.covariance + each.covariance)))
         return np.array(rows)
 
-    def at_tool_m(self, change: ChangePoint) -> float:
+    def at_tool_m(self, change: ParameterChange) -> float:
         """Return how far a change takes the first target (m, RMS over random poses), base and tool the same."""
         estimate = self.runs[0].estimate
         arm, values = estimate.arm, estimate.values.copy()
@@ -107,7 +107,7 @@ def changes_between(dated: Sequence[DatedRun], runs: Sequence[CalibrationRun], k
     zeros = _joint_zeros(last)[[last.free_names.index(name) for name in names]]
     first = next((each.on for each in dated if each.on is not None), None)
     days = [0.0 if each.on is None or first is None else float((each.on - first).days) for each in dated]
-    series = Series(estimates, days, _directions(names, zeros))
+    series = CalibrationSeries(estimates, days, _directions(names, zeros))
     found = series.change_points()
     shown = np.isfinite(zeros).all(axis=0) & (zeros != 0).any(axis=0)
     start = max((change.after + 1 for change in found), default=0)
@@ -133,8 +133,8 @@ def _joint_zeros(estimate: Estimate) -> Array:
     return np.where(left > _WITHIN * np.linalg.norm(wanted, axis=0), np.nan, found)
 
 
-def _directions(names: tuple[str, ...], zeros: Array) -> Directions:
+def _directions(names: tuple[str, ...], zeros: Array) -> ChangeDirections:
     """Return the tested directions: each parameter, and each observable joint zero that is no single parameter."""
     other = [i for i in range(zeros.shape[1]) if np.count_nonzero(zeros[:, i]) > 1 and np.isfinite(zeros[:, i]).all()]
     columns = np.concatenate([np.eye(len(names)), zeros[:, other]], axis=1)
-    return Directions((*names, *map(_zero, other)), columns)
+    return ChangeDirections((*names, *map(_zero, other)), columns)

@@ -26,7 +26,7 @@ from lab.robots.config_file import CONFIG_FILE, read_config
 if TYPE_CHECKING:
     from lab.library.calibration_result import CalibrationResult
 
-__all__ = ["DatedRun", "DatedRuns", "LeftOut", "is_run", "reason_of", "runs_below", "runs_given"]
+__all__ = ["DatedRun", "DatedRuns", "UnusableRun", "is_run", "reason_of", "runs_below", "runs_given"]
 
 _RESULT = "result.json"
 _MEND = "repeat the run, or remove it"
@@ -71,7 +71,7 @@ class DatedRun:
         return sha256(path.read_bytes()).hexdigest() if path.is_file() else str(self.folder)
 
 
-class LeftOut(NamedTuple):
+class UnusableRun(NamedTuple):
     """A run that cannot be used, and why not."""
 
     folder: Path
@@ -82,7 +82,7 @@ class DatedRuns(NamedTuple):
     """Runs in the order in which they were found, and those that cannot be used."""
 
     used: tuple[DatedRun, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[UnusableRun, ...]
 
 
 @dataclass(frozen=True)
@@ -158,12 +158,12 @@ def runs_below(folder: Path, *, accept_edited: bool) -> DatedRuns:
     """
     if not folder.is_dir():
         raise LabError(f"{folder}: is no folder; give the folder of a run, or one that contains runs")
-    found, left_out = list[DatedRun](), list[LeftOut]()
+    found, left_out = list[DatedRun](), list[UnusableRun]()
     for run in _folders(folder, left_out):
         try:
             each = _run_at(run, accept_edited=accept_edited)
         except LabError as error:
-            left_out.append(LeftOut(run, reason_of(error, run)))
+            left_out.append(UnusableRun(run, reason_of(error, run)))
             continue
         found += [] if each is None else [each]
     return DatedRuns(tuple(found), tuple(left_out))
@@ -174,7 +174,7 @@ def reason_of(error: LabError, run: Path) -> str:
     return str(error).removeprefix(f"{run}: ").partition("; ")[0]
 
 
-def _folders(folder: Path, left_out: list[LeftOut]) -> Iterator[Path]:
+def _folders(folder: Path, left_out: list[UnusableRun]) -> Iterator[Path]:
     """The folders of runs, without those inside of runs; what a killed process left goes to ``left_out``."""
     for name, inside, files in os.walk(folder):
         here = Path(name)
@@ -188,7 +188,7 @@ def _folders(folder: Path, left_out: list[LeftOut]) -> Iterator[Path]:
                 continue
             inside.remove(draft)
             if not is_being_written(place):
-                left_out.append(LeftOut(here / draft, f"is an incomplete copy of the run {place.name}"))
+                left_out.append(UnusableRun(here / draft, f"is an incomplete copy of the run {place.name}"))
         inside[:] = [each for each in inside if not each.startswith(".")]
 
 

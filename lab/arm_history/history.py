@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.arm_history.changes import Changes, changes_between
-from lab.arm_history.dated_runs import DatedRun, LeftOut, is_run, reason_of, runs_below, runs_given
+from lab.arm_history.dated_runs import DatedRun, UnusableRun, is_run, reason_of, runs_below, runs_given
 from lab.arm_history.history_result import STATES, ArmHistory, HistoryResult
 from lab.core.errors import LabError
 from lab.core.limits import day
@@ -67,7 +67,7 @@ def history(
 def _history(options: HistoryOptions, places: Sequence[Any]) -> HistoryResult:
     given = all(map(is_run, places))
     on = date.today() if options.on is None else day("--on", options.on)
-    left_out = list[LeftOut]()
+    left_out = list[UnusableRun]()
     with stages("reading the runs") as stage:
         if given:
             found = runs_given(places, options.runs, force=options.force, accept_edited=options.accept_edited)
@@ -118,7 +118,7 @@ def _changes(options: HistoryOptions, runs: Sequence[DatedRun]) -> Changes | Non
     return changes_between(dated, loaded, options.kept)
 
 
-def _where_possible(options: HistoryOptions, runs: Sequence[DatedRun], left_out: list[LeftOut]) -> Changes | None:
+def _where_possible(options: HistoryOptions, runs: Sequence[DatedRun], left_out: list[UnusableRun]) -> Changes | None:
     """Compare two or more dated calibrations of an arm; what cannot be read or compared goes to ``left_out``."""
     dated = [each for each in runs if each.calibrates and each.on is not None]
     if len(dated) < 2:
@@ -128,7 +128,7 @@ def _where_possible(options: HistoryOptions, runs: Sequence[DatedRun], left_out:
         try:
             run = each.calibration(accept_edited=options.accept_edited)
         except LabError as error:
-            left_out.append(LeftOut(each.folder, reason_of(error, each.folder)))
+            left_out.append(UnusableRun(each.folder, reason_of(error, each.folder)))
             continue
         again = each.measured in seen  # the same measurements, identified again
         if (run.result.usable or options.force) and _has_covariance(run) and not again:
@@ -140,7 +140,7 @@ def _where_possible(options: HistoryOptions, runs: Sequence[DatedRun], left_out:
     try:
         return changes_between(used, loaded, options.kept)
     except LabError as error:
-        left_out.append(LeftOut(used[-1].folder, f"is not compared with earlier calibrations: {error}"))
+        left_out.append(UnusableRun(used[-1].folder, f"is not compared with earlier calibrations: {error}"))
         return None
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lab.arm_history.changes import Changes
-from lab.arm_history.dated_runs import DatedRun, LeftOut
+from lab.arm_history.dated_runs import DatedRun, UnusableRun
 from lab.core.errors import counted
 from lab.core.limits import called
 from lab.core.linear_model import half_width_95
@@ -20,7 +20,7 @@ from lab.core.units import MM
 from lab.formats.csv_table import write_columns
 from lab.library.result import Result, number
 from lab.options.command_options import HistoryOptions
-from lab.verification.parameter_changes import ChangePoint
+from lab.verification.parameter_changes import ParameterChange
 
 __all__ = ["FEWEST_CHECKS", "STATES", "ArmHistory", "HistoryResult"]
 
@@ -191,7 +191,7 @@ def _check_to_dict(check: DatedRun | None) -> dict[str, Any] | None:
     return {"run": str(check.folder), "date": on, "verdict": check.verdict, "error_mm": check.error_mm}
 
 
-def _change_to_dict(changes: Changes, change: ChangePoint) -> dict[str, Any]:
+def _change_to_dict(changes: Changes, change: ParameterChange) -> dict[str, Any]:
     before, after, found = (changes.dated[i] for i in (change.after, change.after + 1, change.found_at))
     return {
         "between": [None if each.on is None else each.on.isoformat() for each in (before, after)],
@@ -232,7 +232,7 @@ class HistoryResult(Result):
     options: HistoryOptions
     on: date
     arms: tuple[ArmHistory, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[UnusableRun, ...]
     given: bool = False
 
     @property

@@ -24,7 +24,7 @@ from lab.kinematics.compiled.kernels import solve_positive
 from lab.kinematics.compiled.numpy_kernels import walk_stacked
 from lab.kinematics.parameter import Parameter, names_of
 from lab.kinematics.serial.serial_arm import SerialArm, Stacked
-from lab.kinematics.serial.walk import Motion
+from lab.kinematics.serial.walk import ElementaryMotion
 
 __all__ = [
     "BLOCK",
@@ -340,10 +340,10 @@ class StackedPoseArm:
                 turns[slot[column]] = np.moveaxis(turning[..., k], 2, 0)
         return point[:3].transpose(1, 2, 0), rotation, moves.transpose(2, 3, 1, 0), turns.transpose(2, 3, 1, 0)
 
-    def _walk(self, joints: Array, values: Array) -> tuple[list[Motion], Array, Array]:
+    def _walk(self, joints: Array, values: Array) -> tuple[list[ElementaryMotion], Array, Array]:
         motions, points, frame = walk_stacked(self.arm, joints, values[:, :-3], 5)
         first = len(self.arm.names) - 3
-        motions += [Motion(column, axis, None) for column, axis in enumerate(frame, start=first)]
+        motions += [ElementaryMotion(column, axis, None) for column, axis in enumerate(frame, start=first)]
         last = np.stack([axis[:3] for axis in frame], axis=-1).transpose(1, 2, 0, 3)
         return motions, points[:, 0], last @ se3.exp(values[:, None, -3:])
 

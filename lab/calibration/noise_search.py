@@ -20,13 +20,13 @@ from lab.kinematics.joints import Encoders
 from lab.kinematics.model import Model
 from lab.noise.change_points import rows_around
 from lab.noise.error_model import Clock, ErrorModel, row_times
-from lab.noise.error_term import TERMS, Components, ErrorShapes, Move, correlation_of, terms_with
+from lab.noise.error_term import TERMS, Components, ErrorShapes, SuddenMove, correlation_of, terms_with
 from lab.noise.variance_components import (
     ComponentErrors,
     ComponentTrial,
-    Estimate,
     RestrictedProblem,
     SmallSample,
+    VarianceEstimate,
     chosen_components,
     small_sample,
 )
@@ -57,7 +57,7 @@ class NoiseSearch:
     trials: tuple[ComponentTrial, ...]
     deviance: float
     linear: LinearizedFit | None = None
-    estimate: Estimate | None = None
+    estimate: VarianceEstimate | None = None
     undecided: bool = False
 
     def corrected(self, found: Identification) -> Identification:
@@ -129,7 +129,7 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     return NoiseSearch(shared, trials, estimate.deviance, linear, estimate)
 
 
-def _moves(estimate: Estimate, data: Measurements, times: Array) -> tuple[Move, ...]:
+def _moves(estimate: VarianceEstimate, data: Measurements, times: Array) -> tuple[SuddenMove, ...]:
     """Change points with their sizes, between the last row before and the first one after, in the order of time."""
     found, (scanned,) = [], (term for term in TERMS if term.scanned)
     shifts = estimate.problem.predicted(estimate.components, scanned)
@@ -137,7 +137,7 @@ def _moves(estimate: Estimate, data: Measurements, times: Array) -> tuple[Move, 
         (last, first), size_m = rows_around(times, change.time), float(np.linalg.norm(shift))
         before, after = data.ids[last], data.ids[first]
         text = f"the base or the instrument moved by {short_length(size_m)} between poses {before} and {after}"
-        found.append(Move(change, before, after, size_m, text))
+        found.append(SuddenMove(change, before, after, size_m, text))
     return tuple(sorted(found, key=lambda move: move.change.time))
 
 
@@ -150,7 +150,7 @@ def in_stretches(data: Measurements) -> Measurements:
     return data[(starts[:, None] + np.arange(length)).ravel()]
 
 
-def _varies_with_joints(linear: LinearizedFit, estimate: Estimate, data: Measurements) -> bool:
+def _varies_with_joints(linear: LinearizedFit, estimate: VarianceEstimate, data: Measurements) -> bool:
     """Test whether residuals beside the components repeat with joint position: then they were not drawn anew."""
     shapes = estimate.problem.shapes
     correlation = correlation_of(shapes, estimate.components)

@@ -24,8 +24,8 @@ from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 
 __all__ = [
     "ActingPrior",
-    "Directions",
     "Prior",
+    "PriorDirections",
     "Tolerance",
     "alias_matrix",
     "directions_of",
@@ -120,7 +120,7 @@ class ActingPrior:
 
 
 @dataclass(frozen=True)
-class Directions:
+class PriorDirections:
     """Directions of the parameters with a prior, independent of each other by prior and by measurements.
 
     Attributes:
@@ -153,7 +153,9 @@ class Directions:
         return scale, int((self.stds < scale).sum())
 
 
-def directions_of(prior: Prior, triangle: Array, right: Array, columns: Sequence[int], values: Array) -> Directions:
+def directions_of(
+    prior: Prior, triangle: Array, right: Array, columns: Sequence[int], values: Array
+) -> PriorDirections:
     """Return directions in which prior and measurements are both diagonal (a generalized SVD).
 
     Args:
@@ -178,7 +180,7 @@ def directions_of(prior: Prior, triangle: Array, right: Array, columns: Sequence
     rows = np.zeros((len(links), len(values)))
     rows[:, list(prior.of)] = turn @ prior.whiten
     measured = rows @ (values - prior.mean) + toward * np.where(np.isfinite(stds), stds, 0.0)
-    return Directions(rows, stds, measured)
+    return PriorDirections(rows, stds, measured)
 
 
 def _unit(columns: Array) -> Array:

@@ -19,7 +19,7 @@ from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
 from lab.core.units import MICRONS
 
-__all__ = ["InstrumentNoise", "goodness_by_distances", "instrument_noise"]
+__all__ = ["CoordinateNoise", "goodness_by_distances", "instrument_noise"]
 
 _LEAST_TARGETS = 3
 _LEAST_POSES = 10
@@ -27,7 +27,7 @@ _FLAT = 1e-3  # of targets in a line or in one place: the smallest singular valu
 
 
 @dataclass(frozen=True)
-class InstrumentNoise:
+class CoordinateNoise:
     """Noise of one coordinate, estimated from distances between targets.
 
     Attributes:
@@ -60,7 +60,7 @@ class InstrumentNoise:
         )
 
 
-def instrument_noise(points: Array) -> InstrumentNoise | None:
+def instrument_noise(points: Array) -> CoordinateNoise | None:
     """Estimate the noise from distances between targets; None of fewer than three targets or ten whole poses.
 
     Args:
@@ -93,10 +93,10 @@ def instrument_noise(points: Array) -> InstrumentNoise | None:
     less, fewer = _left(np.concatenate([constant, moving], axis=1), numbers), dof - moving.shape[1]
     p = p_value_of_squares(max(squares - less, 0.0), moving.shape[1], fewer, max(less, 1e-300) / fewer)
     high, low = np.sqrt(squares / chi2_ppf([0.025, 0.975], dof))
-    return InstrumentNoise(float(np.sqrt(squares / dof)), float(low), float(high), dof, float(p))
+    return CoordinateNoise(float(np.sqrt(squares / dof)), float(low), float(high), dof, float(p))
 
 
-def goodness_by_distances(squares: float, dof: int, instrument: InstrumentNoise) -> Check | None:
+def goodness_by_distances(squares: float, dof: int, instrument: CoordinateNoise) -> Check | None:
     """Test whether a fit leaves more than the instrument's noise; None where it leaves nothing to test.
 
     Args:

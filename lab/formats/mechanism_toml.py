@@ -19,7 +19,7 @@ from lab.formats.robot_toml import (
     LENGTHS,
     RATES,
     JointSection,
-    Section,
+    TrackedSection,
     quoted,
     read_base,
     read_height,
@@ -163,7 +163,7 @@ class _Tree:
 
     def tree(self, document: dict[str, Any]) -> Tree:
         for i, content in enumerate(_sections(self.path, document, "frame")):
-            section = Section(f"{self.path}, frame {i + 1}", content)
+            section = TrackedSection(f"{self.path}, frame {i + 1}", content)
             name = self._name(section, self.frames)
             section.where = f"{self.path}, frame {name}"
             frame = Frame(name, self._frame(section, section.take("on", _GROUND)), self._steps(section, name))
@@ -171,13 +171,13 @@ class _Tree:
             self.frames[name] = frame
         rods: dict[str, Rod] = {}
         for i, content in enumerate(_sections(self.path, document, "rod", 0)):
-            section = Section(f"{self.path}, rod {i + 1}", content)
+            section = TrackedSection(f"{self.path}, rod {i + 1}", content)
             name = self._name(section, {**self.frames, **rods})
             section.where = f"{self.path}, rod {name}"
             rods[name] = self._rod(section, name)
         pins: dict[str, Pin] = {}
         for i, content in enumerate(_sections(self.path, document, "pin", 0)):
-            section = Section(f"{self.path}, pin {i + 1}", content)
+            section = TrackedSection(f"{self.path}, pin {i + 1}", content)
             name = self._name(section, {**self.frames, **rods, **pins})
             section.where = f"{self.path}, pin {name}"
             axes = str(section.take("along", "xyz"))
@@ -194,7 +194,7 @@ class _Tree:
             tuple(self.frames.values()), tuple(rods.values()), tuple(pins.values()), list(self.frames).index(platform)
         )
 
-    def _name(self, section: Section, taken: dict[str, Any]) -> str:
+    def _name(self, section: TrackedSection, taken: dict[str, Any]) -> str:
         name = section.take("name")
         if not isinstance(name, str) or not name.strip() or "." in name or "," in name:
             raise LabError(f"{section.where}: name is {name!r}; give it a name, without a dot or a comma")
@@ -202,7 +202,7 @@ class _Tree:
             raise LabError(f"{section.where}: the name {name} is already used; give another name")
         return name
 
-    def _frame(self, section: Section, name: Any) -> int:
+    def _frame(self, section: TrackedSection, name: Any) -> int:
         if name == _GROUND:
             return BASE
         if not isinstance(name, str) or name not in self.frames:
@@ -210,7 +210,7 @@ class _Tree:
             raise LabError(f"{section.where}: there is no frame {name!r} before it; there are {there}")
         return list(self.frames).index(name)
 
-    def _ends(self, section: Section) -> tuple[int, int]:
+    def _ends(self, section: TrackedSection) -> tuple[int, int]:
         between = section.take("between")
         if not isinstance(between, list) or len(between) != 2 or between[0] == between[1]:
             told = "missing" if between is None else repr(between)
@@ -220,25 +220,27 @@ class _Tree:
         first, second = (self._frame(section, name) for name in between)
         return first, second
 
-    def _joint(self, section: Section) -> int | None:
+    def _joint(self, section: TrackedSection) -> int | None:
         name = section.take("joint")
         if name is not None and not (isinstance(name, str) and name in self.joints):
             raise LabError(f"{section.where}: there is no joint {name!r}; there are {', '.join(self.joints)}")
         return None if name is None else self.joints[name]
 
-    def _steps(self, section: Section, frame: str) -> tuple[Step, ...]:
+    def _steps(self, section: TrackedSection, frame: str) -> tuple[Step, ...]:
         path = section.take("path", [])
         if not isinstance(path, list):
             raise LabError(f"{section.where}: path is {path!r}; write a list of steps, e.g. [{{ x_mm = 100 }}]")
         if wrong := [content for content in path if not isinstance(content, dict)]:
             raise LabError(f"{section.where}: a step is {wrong[0]!r}; write it as {{ x_mm = 100 }}")
-        steps = [self._step(Section(f"{section.where}, step {i + 1}", content)) for i, content in enumerate(path)]
+        steps = [
+            self._step(TrackedSection(f"{section.where}, step {i + 1}", content)) for i, content in enumerate(path)
+        ]
         kinds = [step.kind for step in steps]
         if twice := [kind for kind in kinds if kinds.count(kind) > 1]:
             raise LabError(f"{section.where}: {twice[0]} is there twice; put a frame between")
         return tuple(steps)
 
-    def _step(self, section: Section) -> Step:
+    def _step(self, section: TrackedSection) -> Step:
         kinds: list[tuple[Kind, float]] = []
         for kind in get_args(Kind):
             number = section.optional(kind, ANGLES if len(kind) == 2 else LENGTHS)
@@ -263,7 +265,7 @@ class _Tree:
             raise LabError(f"{section.where}: {kind} is {value:.6g} m; give at most {LENGTH_M.most:g} m")
         return Step(kind, value, exact, joint, passive)
 
-    def _rod(self, section: Section, name: str) -> Rod:
+    def _rod(self, section: TrackedSection, name: str) -> Rod:
         ends, joint, exact = self._ends(section), self._joint(section), section.flag("exact")
         length = section.optional("length", LENGTHS)
         section.refuse_the_rest("name, between, length_mm (or _m), joint, exact")

@@ -34,7 +34,7 @@ __all__ = [
     "TABLE_TOML",
     "JointSection",
     "RobotTable",
-    "Section",
+    "TrackedSection",
     "described_links",
     "is_mechanism",
     "links_of",
@@ -53,7 +53,7 @@ LENGTHS = {"m": 1.0, "mm": 1e-3}
 RATES = {"speed": "per_s", "acceleration": "per_s2"}
 
 
-class Section:
+class TrackedSection:
     """A section whose read keys are tracked, so that a misspelt one is refused.
 
     Attributes:
@@ -109,7 +109,7 @@ class Section:
             raise LabError(f"{self.where}: unknown key '{sorted(self.unread)[0]}'; known are {known}")
 
 
-class JointSection(Section):
+class JointSection(TrackedSection):
     """Section ``[[joint]]``."""
 
     def __init__(self, path: Path, index: int, content: Any) -> None:
@@ -186,7 +186,7 @@ def read_base(path: Path, section: Any) -> Array:
 
 def _read_khalil_frame(where: str, section: Any) -> KhalilFrame:
     """Read ``gamma_deg``, ``b_mm``, ``alpha_deg``, ``d_mm``, ``theta_deg``, ``r_mm``, in canonical form."""
-    read = Section(where, section)
+    read = TrackedSection(where, section)
     values = [read.value(name, ANGLES if turns else LENGTHS) for name, turns in zip(SYMBOLS, ANGULAR, strict=True)]
     read.refuse_the_rest(", ".join(SYMBOLS) + ", with _deg or _rad, and _mm or _m")
     return khalil_frame(pose_of(np.array(values)))
@@ -246,7 +246,7 @@ def links_of(path: Path, sections: Any, size: int) -> LinkSections:
         raise LabError(f"{path}: no links; give each elastic link a [[link]] section")
     compliances, paths, numbers = np.zeros((size, 4)), {}, set()
     for i, content in enumerate(sections):
-        section = Section(f"{path}, [[link]] {i + 1}", content)
+        section = TrackedSection(f"{path}, [[link]] {i + 1}", content)
         number = section.take("number")
         if not isinstance(number, int) or isinstance(number, bool) or not 1 <= number <= size:
             raise LabError(f"{section.where}: number is {number!r}; give a link's, from 1 to {size}")
@@ -261,7 +261,7 @@ def links_of(path: Path, sections: Any, size: int) -> LinkSections:
     return LinkSections(compliances, paths)
 
 
-def _compliances(section: Section) -> Array:
+def _compliances(section: TrackedSection) -> Array:
     """Return ``(4,)``, from a tube or from stiffnesses."""
     given = [section.positive(name, {unit: 1.0}) for name, unit in _STIFFNESSES]
     both, y, z, twist, extension = given
@@ -283,7 +283,7 @@ def _compliances(section: Section) -> Array:
 _STIFFNESSES = (("ei", "nm2"), ("ei_y", "nm2"), ("ei_z", "nm2"), ("gj", "nm2"), ("ea", "n"))
 
 
-def _tube(section: Section) -> Array:
+def _tube(section: TrackedSection) -> Array:
     name, size = section.take("material"), section.take("tube_mm")
     moduli = [section.positive(each, _MODULI) for each in ("young", "shear")]
     if name is None:
@@ -307,7 +307,7 @@ def _tube(section: Section) -> Array:
     return tube(outer, wall, material)
 
 
-def _path(section: Section) -> Array | None:
+def _path(section: TrackedSection) -> Array | None:
     """Return the path ``(k, 3)`` m, or None."""
     line = section.take("path_mm")
     if line is None:

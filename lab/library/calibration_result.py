@@ -13,7 +13,7 @@ from lab.calibration.identifiability import Direction, weak_directions
 from lab.calibration.identification import Identification, most_likely_parameters
 from lab.calibration.residual.estimation import ExpectedGain
 from lab.calibration.residual.process import GROUP
-from lab.calibration.rigid_distances import InstrumentNoise
+from lab.calibration.rigid_distances import CoordinateNoise
 from lab.calibration.sensor import Sensor
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.statistics.remaining_error import ExplainedError, RemainingError
@@ -435,7 +435,7 @@ def errors_without_outliers(result: CalibrationResult) -> ErrorStatistics | None
     return None if (robust := result.validation.robust) is None else error_statistics(robust.after)
 
 
-def _instrument_to_dict(found: InstrumentNoise) -> dict[str, Any]:
+def _instrument_to_dict(found: CoordinateNoise) -> dict[str, Any]:
     """The noise by the distances between targets, in mm."""
     sizes = {"estimate_mm": found.sigma_m, "low_mm": found.low_m, "high_mm": found.high_m}
     return {name: MM.of(size) for name, size in sizes.items()} | {

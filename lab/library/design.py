@@ -39,7 +39,7 @@ from lab.pose_selection.criteria import (
     Indices,
     indices,
 )
-from lab.pose_selection.exchange import Certificate, Design, certify, information
+from lab.pose_selection.exchange import Design, DesignCertificate, certify, information
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
 from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
 from lab.robots.load_robot import load_virtual
@@ -191,7 +191,7 @@ class DesignResult(Result):
     stations: NDArray[np.int_]
     design: Design
     payloads: Array
-    certificate: Certificate
+    certificate: DesignCertificate
     d_efficiency: float
     own_certificate: CriterionCertificate | None
     efficiency: float | None
@@ -623,7 +623,7 @@ def _prediction(problem: PoseProblem, inputs: Array, seed: int) -> PredictedAccu
 
 
 def _own_certificate(
-    problem: PoseProblem, design: Design, certificate: Certificate
+    problem: PoseProblem, design: Design, certificate: DesignCertificate
 ) -> tuple[CriterionCertificate | None, float | None]:
     """Return the certificate of the criterion and the efficiency by it, if it is not O1.
 
@@ -701,7 +701,7 @@ def _continuous_steps(
     sizes: Sequence[int],
     pool: Array,
     design: Design,
-    certificate: Certificate,
+    certificate: DesignCertificate,
 ) -> Iterator[DesignStep]:
     """Predicted error and O1 of the certificate's continuous design, as if so many poses could be shared out by it.
 

@@ -27,7 +27,7 @@ from lab.robots.robot import Robot
 from lab.sensors.sensor_registry import sensor_named
 from lab.simulation.candidate_poses import refuse_idle_stations, seeing_station, station_columns, stations_in
 from lab.simulation.collisions import collides, random_poses
-from lab.simulation.effects import Effects, random_conditions, random_effects
+from lab.simulation.effects import TrueEffects, random_conditions, random_effects
 from lab.simulation.sampler import sampler_named
 from lab.simulation.tracking import recorded
 from lab.simulation.true_robot import GeometryErrors, TrueRobot, before_stations, random_tracker
@@ -70,7 +70,7 @@ def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
     values = real.robot.values_before(arm, real.T_world_tracker)
     structure = base_set(arm, values)
     joints = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
-    rigid = real.with_effects(Effects.none(arm.chain.size))
+    rigid = real.with_effects(TrueEffects.none(arm.chain.size))
     exact = measured(arm.chain.joint_names, joints, arm.targets, rigid.points(joints, arm.targets))
     found = fit(arm, Observations.unweighted(exact), structure.identifiable, values, tolerance_m=1e-12).values
     missed = np.nanmax(np.abs(arm.points(joints, found) - exact.points))

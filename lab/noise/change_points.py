@@ -18,7 +18,7 @@ from lab.core.se3 import Array
 __all__ = [
     "ANOTHER_SESSION",
     "APART",
-    "ChangePoint",
+    "BaseChange",
     "ChangeScan",
     "before_and_after",
     "likeliest_change",
@@ -33,7 +33,7 @@ _ROUNDING = 1e-12  # added to the normal equations of unit columns
 
 
 @dataclass(frozen=True)
-class ChangePoint:
+class BaseChange:
     """A sudden move of the base.
 
     Attributes:
@@ -45,7 +45,7 @@ class ChangePoint:
     share: float
 
 
-ANOTHER_SESSION = ChangePoint(-np.inf, 0.0)
+ANOTHER_SESSION = BaseChange(-np.inf, 0.0)
 """Another session has an unknown base: the same shift in all rows."""
 
 
@@ -59,13 +59,13 @@ class ChangeScan:
         candidates: their number.
     """
 
-    change: ChangePoint
+    change: BaseChange
     f: float
     p: float
     candidates: int
 
 
-def before_and_after(times: Array, changes: Sequence[ChangePoint]) -> Array:
+def before_and_after(times: Array, changes: Sequence[BaseChange]) -> Array:
     """Return the regressors ``(n, changes)`` of unit shifts: minus the share before a change, the rest after it."""
     time, share = np.array([(each.time, each.share) for each in changes]).reshape(-1, 2).T
     return np.asarray((times[:, None] >= time) - share)
@@ -109,7 +109,7 @@ def likeliest_change(white: Array, shift: Array, times: Array) -> ChangeScan | N
         return None
     f = (q / shift.shape[2]) / (np.maximum(left - q, 1e-300) / dof)
     best = int(np.argmax(f))
-    change = ChangePoint(float(times[starts[best] - 1 : starts[best] + 1].mean()), float(1 - starts[best] / len(times)))
+    change = BaseChange(float(times[starts[best] - 1 : starts[best] + 1].mean()), float(1 - starts[best] / len(times)))
     p = float(f_sf(float(f[best]), shift.shape[2], dof))
     return ChangeScan(change, float(f[best]), min(1.0, p * len(starts)), len(starts))
 

@@ -14,7 +14,7 @@ from lab.core.measurements import Measurements, setups
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.noise.change_points import APART, session_of
-from lab.noise.error_term import TERMS, ErrorTerm, Move, terms_with
+from lab.noise.error_term import TERMS, ErrorTerm, SuddenMove, terms_with
 
 __all__ = ["Clock", "ErrorModel", "row_times", "within_session"]
 
@@ -71,7 +71,7 @@ class ErrorModel:
     values: Mapping[str, float]
     carry: float = 0.0
     counts_rad: Array | None = None
-    moves: tuple[Move, ...] = ()
+    moves: tuple[SuddenMove, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sizes", {name: size for name, size in self.sizes.items() if size})

@@ -21,7 +21,7 @@ from lab.core.probability import chi2_sf
 from lab.core.se3 import Array
 from lab.core.units import MICRONS, MM, MRAD, Unit
 from lab.extension_points import Part, PartKind, numbers, texts
-from lab.noise.change_points import ANOTHER_SESSION, ChangePoint, before_and_after
+from lab.noise.change_points import ANOTHER_SESSION, BaseChange, before_and_after
 from lab.noise.correlation import Correlation
 
 __all__ = [
@@ -30,7 +30,7 @@ __all__ = [
     "Components",
     "ErrorShapes",
     "ErrorTerm",
-    "Move",
+    "SuddenMove",
     "correlation_of",
     "own_term",
     "term_called",
@@ -79,7 +79,7 @@ class ErrorShapes:
     shift: Array
     along: Array
     times: Array
-    changes: tuple[ChangePoint, ...] = ()
+    changes: tuple[BaseChange, ...] = ()
 
     @cached_property
     def trend(self) -> Array:
@@ -88,7 +88,7 @@ class ErrorShapes:
 
 
 @dataclass(frozen=True)
-class Move:
+class SuddenMove:
     """A sudden move of the base or the instrument.
 
     Attributes:
@@ -98,7 +98,7 @@ class Move:
         description: for a report.
     """
 
-    change: ChangePoint
+    change: BaseChange
     before: str
     after: str
     size_m: float
@@ -148,7 +148,7 @@ class ErrorTerm(Part, ABC, kind=_ERROR_TERMS):
         """Return the effect ``(n, m, c)`` of its coefficients on the numbers of each pose."""
 
     @abstractmethod
-    def describe(self, size: float, carry: float, moves: Sequence[Move]) -> tuple[str, ...]:
+    def describe(self, size: float, carry: float, moves: Sequence[SuddenMove]) -> tuple[str, ...]:
         """Describe errors of this standard deviation (above zero, in SI units).
 
         Args:
@@ -160,11 +160,11 @@ class ErrorTerm(Part, ABC, kind=_ERROR_TERMS):
         """Return the p-value of a likelihood ratio: half of a chi squared's, as no variance is below zero."""
         return 1.0 if ratio <= 0 else 0.5 * float(chi2_sf(ratio, 1))
 
-    def variance_within(self, size: float, moves: Sequence[Move]) -> float:
+    def variance_within(self, size: float, moves: Sequence[SuddenMove]) -> float:
         """Return the mean variance (m^2) of a coordinate from shifts of the base in the campaign itself."""
         return size**2
 
-    def changed_at(self, of: ErrorShapes, moves: Sequence[Move], *, another_session: bool) -> ErrorShapes:
+    def changed_at(self, of: ErrorShapes, moves: Sequence[SuddenMove], *, another_session: bool) -> ErrorShapes:
         """Return the shapes with the term's change points, if it has any."""
         return of
 
@@ -182,11 +182,11 @@ class _JointScatter(ErrorTerm):
         """Return the effect of the joints' positions."""
         return of.scatter
 
-    def describe(self, size: float, carry: float, moves: Sequence[Move]) -> tuple[str, ...]:
+    def describe(self, size: float, carry: float, moves: Sequence[SuddenMove]) -> tuple[str, ...]:
         """Describe the scatter."""
         return (f"joints scatter by {MRAD.text(size, 2)} from pose to pose",)
 
-    def variance_within(self, size: float, moves: Sequence[Move]) -> float:
+    def variance_within(self, size: float, moves: Sequence[SuddenMove]) -> float:
         """Return zero: scatter does not shift the base."""
         return 0.0
 
@@ -204,7 +204,7 @@ class _AutocorrelatedShift(ErrorTerm):
         """Return the effect of a shift."""
         return of.shift
 
-    def describe(self, size: float, carry: float, moves: Sequence[Move]) -> tuple[str, ...]:
+    def describe(self, size: float, carry: float, moves: Sequence[SuddenMove]) -> tuple[str, ...]:
         """Describe the shift and its correlation."""
         text = f"{MICRONS.text(size, 2)} (1σ per axis)"
         if carry > UNCORRELATED:
@@ -229,11 +229,11 @@ class _Drift(ErrorTerm):
         """Return the effect of the shift at the end."""
         return of.trend
 
-    def describe(self, size: float, carry: float, moves: Sequence[Move]) -> tuple[str, ...]:
+    def describe(self, size: float, carry: float, moves: Sequence[SuddenMove]) -> tuple[str, ...]:
         """Describe the drift from the first pose to the last."""
         return (f"the base or the instrument drifts steadily, by {2e6 * size:.2g} µm over the campaign",)
 
-    def variance_within(self, size: float, moves: Sequence[Move]) -> float:
+    def variance_within(self, size: float, moves: Sequence[SuddenMove]) -> float:
         """Return the mean square of a steady drift from minus to plus that size."""
         return size**2 / 3
 
@@ -253,15 +253,15 @@ class _ChangePoints(ErrorTerm):
         along = before_and_after(of.times, of.changes)
         return np.asarray((along[:, None, :, None] * of.shift[:, :, None]).reshape(*of.shift.shape[:2], -1))
 
-    def describe(self, size: float, carry: float, moves: Sequence[Move]) -> tuple[str, ...]:
+    def describe(self, size: float, carry: float, moves: Sequence[SuddenMove]) -> tuple[str, ...]:
         """Describe each move."""
         return tuple(move.description for move in moves)
 
-    def variance_within(self, size: float, moves: Sequence[Move]) -> float:
+    def variance_within(self, size: float, moves: Sequence[SuddenMove]) -> float:
         """Return the mean square of the moves about their means over the rows."""
         return sum(move.size_m**2 * move.change.share * (1 - move.change.share) / 3 for move in moves)
 
-    def changed_at(self, of: ErrorShapes, moves: Sequence[Move], *, another_session: bool) -> ErrorShapes:
+    def changed_at(self, of: ErrorShapes, moves: Sequence[SuddenMove], *, another_session: bool) -> ErrorShapes:
         """Return the shapes with the change points of the moves; in another session with one shift for all rows."""
         return replace(of, changes=(ANOTHER_SESSION,) if another_session else tuple(move.change for move in moves))
 

@@ -29,15 +29,15 @@ import scipy  # its parts are loaded at their first use
 from lab.core.linear_model import matched_dof
 from lab.core.se3 import Array
 from lab.core.significance import VARIANCE_COMPONENTS
-from lab.noise.change_points import ChangePoint, ChangeScan, likeliest_change
+from lab.noise.change_points import BaseChange, ChangeScan, likeliest_change
 from lab.noise.error_term import TERMS, Components, ErrorShapes, ErrorTerm, term_called, terms_with
 
 __all__ = [
     "ComponentErrors",
     "ComponentTrial",
-    "Estimate",
     "RestrictedProblem",
     "SmallSample",
+    "VarianceEstimate",
     "best_components",
     "chosen_components",
     "small_sample",
@@ -99,7 +99,7 @@ class RestrictedProblem:
         """Residual degrees of freedom."""
         return self.numbers - int(self.rows.shape[2]) + 1
 
-    def changed_at(self, changes: Sequence[ChangePoint]) -> "RestrictedProblem":
+    def changed_at(self, changes: Sequence[BaseChange]) -> "RestrictedProblem":
         """Return the problem with sudden moves of the base at these change points."""
         return replace(self, shapes=replace(self.shapes, changes=tuple(changes)))
 
@@ -232,7 +232,7 @@ def _gram(rows: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class VarianceEstimate:
     """Maximum of the restricted likelihood for some kinds of components.
 
     Attributes:
@@ -273,7 +273,7 @@ class ComponentTrial:
 
 def chosen_components(
     problem: RestrictedProblem, kinds: Sequence[str] | None = None
-) -> tuple[Estimate, tuple[ComponentTrial, ...]]:
+) -> tuple[VarianceEstimate, tuple[ComponentTrial, ...]]:
     """Select the significant components; return them and all tests.
 
     Drift and changes are confounded with an autoregressive shift: each family is searched without the other, with
@@ -297,9 +297,9 @@ class _Search:
         """Start a search at the significance level of one kind."""
         self._level = level
         self._alone = best_components(problem, ())
-        self._known: dict[tuple[str, ...], Estimate] = {}
+        self._known: dict[tuple[str, ...], VarianceEstimate] = {}
 
-    def along(self, kinds: Sequence[str]) -> tuple[Estimate, list[ComponentTrial]]:
+    def along(self, kinds: Sequence[str]) -> tuple[VarianceEstimate, list[ComponentTrial]]:
         """Return the significant components of some kinds, and all tests."""
         found, trials = self._alone, dict[str, ComponentTrial]()
         while True:
@@ -318,7 +318,7 @@ class _Search:
             found, kind = min(significant, key=lambda pair: pair[0].deviance)
             trials[kind] = replace(trials[kind], taken=True)
 
-    def _extended(self, found: Estimate, kind: str) -> tuple[Estimate, ComponentTrial]:
+    def _extended(self, found: VarianceEstimate, kind: str) -> tuple[VarianceEstimate, ComponentTrial]:
         kinds, hopeless = (*found.kinds, kind), found.likelihood.deviance - _MIN_GAIN
         each = self._known.get(kinds)
         if each is None or found.candidates:
@@ -327,7 +327,7 @@ class _Search:
         ratio = found.likelihood.deviance - each.likelihood.deviance
         return each, ComponentTrial(kind, ratio, term_called(kind).p_value(ratio), taken=False)
 
-    def _changed(self, found: Estimate, kind: str) -> tuple[Estimate | None, ComponentTrial]:
+    def _changed(self, found: VarianceEstimate, kind: str) -> tuple[VarianceEstimate | None, ComponentTrial]:
         scan = found.problem.likeliest_change(found.components)
         if scan is None:
             return None, ComponentTrial(kind, 0.0, 1.0, taken=False)
@@ -339,14 +339,14 @@ class _Search:
         return replace(best_components(problem, kinds), candidates=(*found.candidates, scan.candidates)), trial
 
 
-def best_components(problem: RestrictedProblem, kinds: tuple[str, ...], hopeless: float = np.inf) -> Estimate:
+def best_components(problem: RestrictedProblem, kinds: tuple[str, ...], hopeless: float = np.inf) -> VarianceEstimate:
     """Maximize the restricted likelihood of components of these kinds.
 
     Args:
         hopeless: a deviance; if every start's is larger, the best start is returned.
     """
     if not kinds:
-        return Estimate(kinds, Components(), problem.likelihood(Components()), problem)
+        return VarianceEstimate(kinds, Components(), problem.likelihood(Components()), problem)
     terms = [term_called(kind) for kind in kinds]
     in_time = any(term.structure == "autoregressive" for term in terms)
     units = {term.name: max(float((term.shape(problem.shapes) ** 2).sum()) / problem.numbers, 1e-300) for term in terms}
@@ -371,7 +371,7 @@ def best_components(problem: RestrictedProblem, kinds: tuple[str, ...], hopeless
     start = starts[int(np.argmin(heights))]
     if min(heights) > hopeless:
         found = components(start)
-        return Estimate(kinds, found, problem.likelihood(found), problem)
+        return VarianceEstimate(kinds, found, problem.likelihood(found), problem)
     if len(start) == 1:
         inside = (max(start[0] - 3.5, np.log(_VARIANCES[0])), min(start[0] + 7.0, np.log(_VARIANCES[1])))
         best = scipy.optimize.minimize_scalar(
@@ -383,7 +383,7 @@ def best_components(problem: RestrictedProblem, kinds: tuple[str, ...], hopeless
         options = {"initial_simplex": simplex, "xatol": 5e-3, "fatol": 1e-3, "maxfev": 80 * len(start)}
         point = scipy.optimize.minimize(deviance, start, method="Nelder-Mead", options=options).x
     found = components(point)
-    return Estimate(kinds, found, problem.likelihood(found), problem)
+    return VarianceEstimate(kinds, found, problem.likelihood(found), problem)
 
 
 @dataclass(frozen=True)
@@ -431,7 +431,7 @@ class SmallSample:
     components: ComponentErrors
 
 
-def small_sample(problem: RestrictedProblem, estimate: Estimate) -> SmallSample:
+def small_sample(problem: RestrictedProblem, estimate: VarianceEstimate) -> SmallSample:
     """Compute the corrections at an estimate with at least one component.
 
     Derivatives are differences in the logarithms of the variances and in the correlation's odds.
@@ -487,7 +487,7 @@ class _Point:
     scale: float
 
     @staticmethod
-    def of(estimate: Estimate, *, sigma_given: bool) -> "_Point":
+    def of(estimate: VarianceEstimate, *, sigma_given: bool) -> "_Point":
         components, scale = estimate.components, estimate.likelihood.scale
         at_bound = sigma_given and not _MIN_SHARE < scale < 1.0
         found = {} if at_bound else {"scale": float(np.log(scale))}

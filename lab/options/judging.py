@@ -10,7 +10,7 @@ from lab.core.errors import LabError
 from lab.core.limits import positive
 from lab.core.units import MM
 from lab.options.option_types import Names
-from lab.options.task_region import REGION_HELP, task_region
+from lab.prediction.task_region import REGION_HELP, task_region
 
 if TYPE_CHECKING:
     from lab.calibration.sensor import Sensor

@@ -29,7 +29,7 @@ from lab.formats.programs.languages import Controller
 from lab.options.judging import Judging
 from lab.options.option_groups import Effects, Fitting
 from lab.options.option_types import Flag, Names, NoRecording, Numbers
-from lab.options.task_region import task_region
+from lab.prediction.task_region import task_region
 from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
 from lab.sensors.sensor_registry import SensorName, configured_sensor, sensor_named, sensors_with
 from lab.simulation.free_path import CLEARANCE_MM, Clearances

@@ -8,7 +8,7 @@ from lab.core.checks import Check
 from lab.core.errors import counted
 from lab.core.units import DEGREES, MM, MRAD, short_length
 from lab.phrases.template import PRIOR, Phrase
-from lab.prediction.regions import RegionKind
+from lab.prediction.task_region import RegionKind
 from lab.prediction.workspace_prediction import Distance, RegionPrediction
 from lab.verdict.noise_findings import COMMON_NOISE_M
 from lab.verdict.verdict import Verdict

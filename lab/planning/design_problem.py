@@ -28,7 +28,6 @@ from lab.kinematics.parameter import Parameter, indices_of_groups
 from lab.noise.instruments import Instrument, is_isotropic, observing
 from lab.options.named_instruments import named_instrument
 from lab.options.option_groups import Fitting
-from lab.options.task_region import TaskRegion, task_region
 from lab.options.virtual_campaign import DesignOptions
 from lab.pose_selection.criteria import CRITERIA, Criterion, DesignTask, Scaling, criterion, is_singular
 from lab.pose_selection.exchange import (
@@ -43,6 +42,7 @@ from lab.pose_selection.exchange import (
 from lab.pose_selection.own_criterion import prepared
 from lab.pose_selection.tour import FreePath, fastest_path
 from lab.prediction.regions import region_of_points, without_columns
+from lab.prediction.task_region import TaskRegion, task_region
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
 from lab.sensors.sensor_options import FitInputs, SensorOptions

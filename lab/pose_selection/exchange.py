@@ -22,8 +22,8 @@ from lab.pose_selection.criteria import Criterion
 from lab.pose_selection.own_criterion import PreparedCriterion
 
 __all__ = [
-    "Certificate",
     "Design",
+    "DesignCertificate",
     "Feasible",
     "OneCriterion",
     "Sensitivity",
@@ -448,7 +448,7 @@ _BLOCK = 500  # candidates whose whole matrices are in memory at a time
 
 
 @dataclass(frozen=True)
-class Certificate:
+class DesignCertificate:
     """The best continuous design over a pool.
 
     Attributes:
@@ -475,7 +475,9 @@ class Certificate:
         return float(np.exp((log_det - self.bound) / self.parameters)) if sign > 0 else 0.0
 
 
-def certify(jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None, share: float = 1.0) -> Certificate:
+def certify(
+    jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None, share: float = 1.0
+) -> DesignCertificate:
     """Compute the continuous D-optimal design over candidates ``(m, r, p)``, by multiplicative updates.
 
     Candidates whose weight vanishes are set aside and checked again; the bound is over all of them.
@@ -498,7 +500,7 @@ def certify(jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None
         keep = (weights > _VANISHED) | (gains > (1 - 0.2 * gap) * gains[weights > _VANISHED].max())
         weights = np.where(keep, np.maximum(weights, _VANISHED), 0.0) / np.maximum(weights, _VANISHED)[keep].sum()
         weights[keep] = _multiplied(each if keep.all() else each[keep], weights[keep], earlier, share)
-    return Certificate(weights, log_det, bound, p)
+    return DesignCertificate(weights, log_det, bound, p)
 
 
 def _multiplied(each: Array, weights: Array, earlier: Array, share: float) -> Array:

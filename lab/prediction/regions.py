@@ -5,9 +5,7 @@ is larger by the leverage that the configuration has in its own prediction (Cook
 names its own region by points, which the arm reaches from the measured configuration whose point is nearest.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +26,11 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import indices_of_groups
 from lab.kinematics.tree import first_of_tips
 from lab.prediction.extrapolation import neighbours
+from lab.prediction.task_region import RegionKind
 
 __all__ = [
     "Region",
-    "RegionKind",
     "TargetSlopes",
-    "TaskRegion",
     "first_targets",
     "measured_region",
     "of_first_targets",
@@ -44,7 +41,6 @@ __all__ = [
 ]
 
 _REGION_POSES = 200
-RegionKind = Literal["measured", "workspace", "box", "targets"]
 _MAX_POSES = 20_000  # by which leverages are judged
 _MAX_STARTS = 4_000  # measured poses from which points are reached
 _LEAST_LEFT = 1e-6  # of a direction's variance, that the other configurations leave
@@ -53,17 +49,6 @@ _TURN_POSES = 5  # at which a turn is tried
 _STEPS, _REACHED = 60, 1e-6  # Gauss-Newton steps to a point, and how near (m) it comes
 _LONGEST_STEP = 0.3  # rad or m of a joint
 _DAMPING = 1e-6  # of the largest eigenvalue
-
-
-class TaskRegion(Protocol):
-    """The region in which a task needs the arm to be known."""
-
-    @property
-    def kind(self) -> RegionKind:
-        """Kind of the region: measured poses, joint limits, a box, or targets."""
-
-    def points(self, T_instrument_frame0: Array, joint_names: Sequence[str], prismatic: Sequence[bool]) -> Array:
-        """Return points ``(n, 3)`` m of a box or of targets, in the frame of the measurements; none of another kind."""
 
 
 @dataclass(frozen=True)

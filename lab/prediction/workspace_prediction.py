@@ -39,7 +39,6 @@ from lab.kinematics.parameter import indices_of_groups
 from lab.prediction.extrapolation import MeasuredRange, model_covariances, position_covariances
 from lab.prediction.regions import (
     Region,
-    RegionKind,
     first_targets,
     of_first_targets,
     slopes_placed_anew,
@@ -47,6 +46,7 @@ from lab.prediction.regions import (
     workspace_region,
 )
 from lab.prediction.residual_spread import ResidualSpread
+from lab.prediction.task_region import RegionKind
 
 __all__ = [
     "MEAN_OF_RMS",

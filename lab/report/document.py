@@ -29,7 +29,7 @@ __all__ = [
     "Card",
     "Code",
     "Column",
-    "Command",
+    "CommandText",
     "Document",
     "Figure",
     "Inline",
@@ -165,7 +165,7 @@ class Card(Block):
 
 
 @dataclass(frozen=True)
-class Command(Block):
+class CommandText(Block):
     """Command as the user typed it."""
 
     kind: ClassVar[str] = "command"

@@ -24,7 +24,7 @@ def _blocks(blocks: Iterable[doc.Block], level: int) -> Iterable[str]:
                 yield from _blocks(block.blocks, level + 1)
             case doc.Paragraph():
                 yield _to_inline(block.text)
-            case doc.Command():
+            case doc.CommandText():
                 yield f"    {block.text}"
             case doc.Bullets():
                 yield "\n".join(f"- {_to_inline(item)}" for item in block.items)

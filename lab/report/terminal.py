@@ -60,7 +60,7 @@ def _print(console: Console, blocks: Iterable[doc.Block], warnings: bool) -> Non
                 console.print(_styled(block.text))
             case doc.Matrices():
                 _print_matrices(console, block)
-            case doc.Command():
+            case doc.CommandText():
                 console.print(RichText(block.text), soft_wrap=True)
             case doc.Bullets():
                 for item in block.items:

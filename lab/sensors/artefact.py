@@ -30,7 +30,7 @@ from lab.core.units import MM
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, placed_parameters
 from lab.sensors.contact import FixtureSimulation
-from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, labels_by_location
+from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, PredictedReadings, labels_by_location
 from lab.sensors.sensor_options import ArtefactOptions, FitInputs
 
 __all__ = ["FEATURE", "Artefact", "ArtefactSensor", "placed_truth", "true_scale"]
@@ -94,7 +94,7 @@ class Artefact(Fixtures):
             Gaps ``(n, d)`` m, and their derivatives ``(n, d, 3)`` by the point and ``(n, d)`` by the factor.
         """
 
-    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> Prediction:
+    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> PredictedReadings:
         """Return gaps ``(n, d)``: a rotation w of the artefact moves a point in its frame by R'(p - t) x w."""
         turns = fixtures.shape[1] > 3
         rotation = fixtures[:, 3:] if turns else np.zeros_like(fixtures)
@@ -106,7 +106,7 @@ class Artefact(Fixtures):
         by_fixture = -by_point
         if turns:
             by_fixture = np.concatenate([by_fixture, by_point @ skew(away) @ left_jacobian(rotation)], axis=2)
-        return Prediction(observed, by_point, by_fixture, by_scale[..., None][..., : len(shared)])
+        return PredictedReadings(observed, by_point, by_fixture, by_scale[..., None][..., : len(shared)])
 
     def located(self, points: Array, observed: Array, rows: Array = NONE) -> Array:
         """Return the pose ``(6,)`` of least squares, by damped Gauss-Newton steps from the 24 rotations of a cube."""

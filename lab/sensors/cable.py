@@ -27,7 +27,7 @@ from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, placed_parameters
 from lab.sensors.contact import FixtureSimulation
-from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, refuse_blank
+from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, PredictedReadings, refuse_blank
 from lab.sensors.sensor_options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
@@ -64,12 +64,12 @@ class Cable(Fixtures):
         """The offset."""
         return placed_parameters("cable", "cable", ("offset",), scaled=True)
 
-    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> Prediction:
+    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> PredictedReadings:
         """Return lengths ``(n, 1)``; they grow along the cable."""
         cable = points - fixtures
         length = np.sqrt((cable * cable).sum(axis=1, keepdims=True))
         along = (cable / length)[:, None]
-        return Prediction(length + shared.sum(), along, -along, np.ones((len(points), 1, len(shared))))
+        return PredictedReadings(length + shared.sum(), along, -along, np.ones((len(points), 1, len(shared))))
 
     def located(self, points: Array, observed: Array, rows: Array = NONE) -> Array:
         """Return the anchor ``(3,)`` by trilateration."""

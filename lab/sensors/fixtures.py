@@ -41,7 +41,7 @@ __all__ = [
     "FixtureRows",
     "FixtureSensor",
     "Fixtures",
-    "Prediction",
+    "PredictedReadings",
     "known_lengths",
     "labels_by_location",
     "refuse_blank",
@@ -58,7 +58,7 @@ _DIFFERENCE = 1e-7
 _ROUNDS = 20
 
 
-class Prediction(NamedTuple):
+class PredictedReadings(NamedTuple):
     """Readings predicted at fixtures.
 
     Attributes:
@@ -110,7 +110,7 @@ class Fixtures(ABC):
         return ()
 
     @abstractmethod
-    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> Prediction:
+    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> PredictedReadings:
         """Predict the observed quantity of the target at a fixture.
 
         Args:
@@ -216,7 +216,7 @@ class Fixtures(ABC):
         points = self.arm.points(self._of_arm(inputs), values[: len(self.arm.names)])[:, 0]
         return self._predicted(points, inputs, values, self._index(inputs[:, -1])).observed[:, None]
 
-    def _predicted(self, points: Array, inputs: Array, values: Array, index: NDArray[np.int_]) -> Prediction:
+    def _predicted(self, points: Array, inputs: Array, values: Array, index: NDArray[np.int_]) -> PredictedReadings:
         fixtures = values[self.first :].reshape(-1, len(self.axes))[index]
         return self.predict(points, fixtures, self._of_rows(inputs), values[len(self.arm.names) : self.first])
 

@@ -38,7 +38,7 @@ from lab.noise.instruments import Instrument, PoseInstrument
 from lab.sensors.sensor_options import FitInputs, PoseOptions, VirtualSetup
 from lab.sensors.tip import tip_rates, tip_rotations
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
-from lab.simulation.effects import Effects
+from lab.simulation.effects import TrueEffects
 from lab.simulation.tracking import VirtualMeasurement, target_rotations, track_with_errors, visible_targets
 from lab.simulation.true_robot import TrueRobot
 
@@ -357,6 +357,6 @@ class PoseSensor(VirtualSensor):
         """Return the rotation of the measured frame in the arm's last one."""
         assert isinstance(model, Poses) and isinstance(truth.arm, SerialArm | TreeArm)
         rest = np.zeros((1, real.robot.chain.size))
-        measured = target_rotations(real.with_effects(Effects.none(real.robot.chain.size)), rest, model.oriented)[0]
+        measured = target_rotations(real.with_effects(TrueEffects.none(real.robot.chain.size)), rest, model.oriented)[0]
         last = truth.arm.tool(rest, truth.values, model._which)[0][0, :3, :3]
         return dict(zip(("tool.rx", "tool.ry", "tool.rz"), se3.log(last.T @ measured).tolist(), strict=True))

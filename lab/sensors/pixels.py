@@ -29,7 +29,7 @@ from lab.sensors.cameras.planning import PlannedPictures
 from lab.sensors.cameras.rig import PX, Rig, read_rig, usual_rig
 from lab.sensors.sensor_options import CameraOptions, FitInputs, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
-from lab.simulation.effects import Effects
+from lab.simulation.effects import TrueEffects
 from lab.simulation.robot_model import RobotModel
 from lab.simulation.tracking import VirtualMeasurement, target_rotations
 from lab.simulation.true_robot import TrueRobot
@@ -252,7 +252,7 @@ class PixelSensor(VirtualSensor):
         """Return cameras and boards: of the world in the frame of the parameters, of a tip in the arm's last frame."""
         assert isinstance(model, Pixels) and isinstance(truth.arm, SerialArm)
         known, rest = dict[str, float](), np.zeros((1, real.robot.chain.size))
-        still = real.with_effects(Effects.none(real.robot.chain.size))
+        still = real.with_effects(TrueEffects.none(real.robot.chain.size))
         last = truth.arm.flange(rest, truth.values)[0]
         for kind, parts in (("camera", model.cameras), ("board", model.boards)):
             for part in parts:

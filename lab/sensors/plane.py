@@ -11,7 +11,7 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array, exp, left_jacobian, transform
 from lab.formats.measurement_csv import ObservedColumns
 from lab.sensors.contact import FixtureSimulation
-from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, labels_by_location
+from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, PredictedReadings, labels_by_location
 from lab.sensors.sensor_options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
@@ -31,14 +31,14 @@ class Planes(Fixtures):
     least_rows: ClassVar[int] = 4
     contact: ClassVar[bool] = True
 
-    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> Prediction:
+    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> PredictedReadings:
         """Return distances ``(n, 1)`` from the planes: a rotation w of a normal changes them by w'(n x p)."""
         rotation = fixtures * np.array([1.0, 1.0, 0.0])
         normal = exp(rotation)[..., 2]
         observed = (normal * points).sum(axis=1, keepdims=True) - fixtures[:, 2:]
         by_rotation = np.cross(normal, points)[:, None] @ left_jacobian(rotation)[..., :2]
         by_plane = np.concatenate([by_rotation, -np.ones((len(points), 1, 1))], axis=2)
-        return Prediction(observed, normal[:, None], by_plane, np.empty((len(points), 1, 0)))
+        return PredictedReadings(observed, normal[:, None], by_plane, np.empty((len(points), 1, 0)))
 
     def located(self, points: Array, observed: Array, rows: Array = NONE) -> Array:
         """Return the plane ``(3,)`` of least squares: the normal is the direction of least spread."""

@@ -15,7 +15,7 @@ from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.sensors.contact import FixtureSimulation
-from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, Prediction, refuse_blank
+from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, PredictedReadings, refuse_blank
 from lab.sensors.sensor_options import FitInputs, SocketOptions, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.tracking import VirtualMeasurement
@@ -44,10 +44,10 @@ class Sockets(Fixtures):
     least_rows: ClassVar[int] = 2
     contact: ClassVar[bool] = True
 
-    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> Prediction:
+    def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> PredictedReadings:
         """Return vectors ``(n, 3)`` from the centres."""
         one = np.broadcast_to(np.eye(3), (len(points), 3, 3))
-        return Prediction(points - fixtures, one, -one, np.empty((len(points), 3, 0)))
+        return PredictedReadings(points - fixtures, one, -one, np.empty((len(points), 3, 0)))
 
     def located(self, points: Array, observed: Array, rows: Array = NONE) -> Array:
         """Return the centre ``(3,)``: the mean of the points."""

@@ -44,7 +44,7 @@ from lab.kinematics.closed.loop_closure import (
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.serial.serial_arm import DEFAULT_TOOL
 from lab.simulation.build_serial import DENSITY
-from lab.simulation.effects import Effects
+from lab.simulation.effects import TrueEffects
 from lab.simulation.load_model import set_vectors, write_in_full
 from lab.simulation.robot_model import (
     FLANGE,
@@ -177,7 +177,7 @@ class TrueMechanism(TrueRobot):
     def truth(self, targets: tuple[str, ...]) -> None:
         """Return None: dimensions of a mechanism are not read off its joint axes."""
 
-    def with_effects(self, effects: Effects) -> Self:
+    def with_effects(self, effects: TrueEffects) -> Self:
         """Return this robot with these effects alone; it is rigid.
 
         Raises:
@@ -203,7 +203,11 @@ def true_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) ->
     model = robot.with_values(values, robot.tool).compile()
     put_before_tracker(model, robot, T_world_tracker)
     return TrueMechanism(
-        robot=robot, model=model, T_world_tracker=T_world_tracker, values=values, effects=Effects.none(robot.chain.size)
+        robot=robot,
+        model=model,
+        T_world_tracker=T_world_tracker,
+        values=values,
+        effects=TrueEffects.none(robot.chain.size),
     )
 
 

@@ -43,7 +43,7 @@ from lab.kinematics.effects.effect_registry import EFFECTS, EffectOptions
 from lab.kinematics.effects.own import own_function
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["NOTHING_SET", "Effects", "random_conditions", "random_effects", "true_parameters"]
+__all__ = ["NOTHING_SET", "TrueEffects", "random_conditions", "random_effects", "true_parameters"]
 
 NOTHING_SET: Mapping[str, Array] = MappingProxyType({})
 _WARMING_K, _TIMES = 10.5, 3.0  # steady temperature rise of an arm, and time constants that a campaign lasts
@@ -54,8 +54,8 @@ _Part = TypeVar("_Part", bound=SimulatedEffect)
 
 
 @dataclass(frozen=True)
-class Effects:
-    """The effects of one arm; ``Effects.none(n)`` has none.
+class TrueEffects:
+    """The effects of one arm; ``TrueEffects.none(n)`` has none.
 
     Attributes:
         joints: number of joints.
@@ -112,7 +112,7 @@ class Effects:
         return found
 
     @classmethod
-    def none(cls, joints: int) -> "Effects":
+    def none(cls, joints: int) -> "TrueEffects":
         """Return no effects, for an arm of so many joints."""
         return cls(joints, ())
 
@@ -120,7 +120,7 @@ class Effects:
         """Return one of the effects; a null effect if the arm has none of this kind."""
         return next((part for part in self.parts if isinstance(part, kind)), kind.none(self.joints))
 
-    def having(self, *parts: SimulatedEffect) -> "Effects":
+    def having(self, *parts: SimulatedEffect) -> "TrueEffects":
         """Return these effects instead of those of their kind."""
         kinds = {type(part) for part in parts}
         return replace(self, parts=(*(part for part in self.parts if type(part) not in kinds), *parts))
@@ -252,7 +252,7 @@ def _streams(rng: np.random.Generator, count: int) -> list[np.random.Generator]:
     return [rng, *rng.spawn(count - 1)][:count] if count else []
 
 
-def random_effects(arm: ArmFacts, options: EffectOptions, rng: np.random.Generator) -> Effects:
+def random_effects(arm: ArmFacts, options: EffectOptions, rng: np.random.Generator) -> TrueEffects:
     """Draw the effects of one arm, of the sizes that options give.
 
     Each effect has children of ``rng`` for itself, in the registry's order, so that turning one on or making it larger
@@ -284,7 +284,7 @@ def random_effects(arm: ArmFacts, options: EffectOptions, rng: np.random.Generat
             )
         parts.append(part)
         own_kinds[type(part)] = name
-    return Effects(arm.chain.size, tuple(parts), own_kinds)
+    return TrueEffects(arm.chain.size, tuple(parts), own_kinds)
 
 
 def _streams_of(name: str, count: int, rng: np.random.Generator) -> list[np.random.Generator]:
@@ -297,7 +297,7 @@ def _streams_of(name: str, count: int, rng: np.random.Generator) -> list[np.rand
 
 def random_conditions(
     chain: JointSpec,
-    effects: Effects,
+    effects: TrueEffects,
     poses: int,
     rng: np.random.Generator,
     payload_kg: Sequence[float] = (0.0,),
@@ -324,7 +324,7 @@ def random_conditions(
     return {name: columns[name] for name in wanted if name in columns}
 
 
-def true_parameters(effects: Effects) -> dict[str, float]:
+def true_parameters(effects: TrueEffects) -> dict[str, float]:
     """Return the true values of identifiable parameters, by their names; joints count from 1.
 
     Shares of several effects in one parameter add up. ``drift.*`` is the hourly motion of measured points,

@@ -21,7 +21,7 @@ from lab.kinematics.effects.sessions import StationPoses
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.simulation.effects import NOTHING_SET, Effects
+from lab.simulation.effects import NOTHING_SET, TrueEffects
 from lab.simulation.elastic_links import FlexibleArm
 from lab.simulation.robot_model import OpenModel, RobotModel, SerialModel, coordinates, joint_axes, update_constants
 from lab.simulation.sampler import NORMAL, Sampler
@@ -137,7 +137,7 @@ class TrueRobot(Value, ABC):
     robot: RobotModel
     model: mujoco.MjModel
     T_world_tracker: Array
-    effects: Effects
+    effects: TrueEffects
 
     def _about(self) -> str:
         return self.robot.chain.name
@@ -154,7 +154,7 @@ class TrueRobot(Value, ABC):
                 setattr(part(model), name, value)
         self.__dict__.update(state, model=model)
 
-    def with_effects(self, effects: Effects) -> Self:
+    def with_effects(self, effects: TrueEffects) -> Self:
         """Return this arm and tracker with these effects alone.
 
         Raises:
@@ -249,7 +249,7 @@ class TrueOpenRobot(TrueRobot):
         """Return None: the axes of several chains are read off one at a time; the fit to exact points gives all."""
         return None
 
-    def with_effects(self, effects: Effects) -> Self:
+    def with_effects(self, effects: TrueEffects) -> Self:
         """Return this robot with these effects alone.
 
         Raises:
@@ -351,7 +351,7 @@ def put_before_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker
 
 def _before_tracker(robot: OpenModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array) -> TrueOpenRobot:
     put_before_tracker(model, robot, T_world_tracker)
-    nothing = Effects.none(robot.chain.size)
+    nothing = TrueEffects.none(robot.chain.size)
     if isinstance(robot, SerialModel):
         return TrueSerialRobot(
             robot=robot, model=model, T_world_tracker=T_world_tracker, joint_offset=offset, effects=nothing

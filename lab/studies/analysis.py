@@ -31,7 +31,7 @@ from lab.core.probability import t_ppf, t_sf
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
-from lab.studies.grid import FACTORS, Cell, is_any
+from lab.studies.grid import FACTORS, GridCell, is_any
 
 __all__ = [
     "COMPARED",
@@ -141,7 +141,7 @@ class CellGroup:
     cells: tuple[int, ...]
 
 
-def groups(cells: Sequence[Cell], free: Collection[str]) -> tuple[CellGroup, ...]:
+def groups(cells: Sequence[GridCell], free: Collection[str]) -> tuple[CellGroup, ...]:
     """Group cells that agree in all factors but the free ones; a cell with the level "any" is in each such group.
 
     Subsets of another group are left out.
@@ -157,7 +157,7 @@ def groups(cells: Sequence[Cell], free: Collection[str]) -> tuple[CellGroup, ...
     return tuple(each for each in found.values() if not any(set(each.cells) < set(other) for other in found))
 
 
-def _agrees(cell: Cell, wanted: Mapping[str, Any]) -> bool:
+def _agrees(cell: GridCell, wanted: Mapping[str, Any]) -> bool:
     return all(getattr(cell, name) == level or is_any(name, getattr(cell, name)) for name, level in wanted.items())
 
 
@@ -171,7 +171,7 @@ class CampaignArray:
         weights: ``(resamples, robots)`` counts of each robot, the same in every cell.
     """
 
-    cells: tuple[Cell, ...]
+    cells: tuple[GridCell, ...]
     columns: Mapping[str, NDArray[Any]]
     shape: tuple[int, int, int]
     place: NDArray[np.int_]
@@ -179,7 +179,7 @@ class CampaignArray:
 
     @classmethod
     def of(
-        cls, columns: Mapping[str, NDArray[Any]], cells: Sequence[Cell], seed: int = 0, resamples: int = RESAMPLES
+        cls, columns: Mapping[str, NDArray[Any]], cells: Sequence[GridCell], seed: int = 0, resamples: int = RESAMPLES
     ) -> "CampaignArray":
         """Arrange the columns ``cell``, ``robot``, ``draw``, ``converged`` and metrics as an array.
 
@@ -353,7 +353,7 @@ class Analysis:
             (``group``).
     """
 
-    cells: tuple[Cell, ...]
+    cells: tuple[GridCell, ...]
     means: tuple[Mean, ...]
     comparisons: tuple[Comparison, ...]
 
@@ -490,7 +490,7 @@ def _reversed(pair: Pair, kind: Kind) -> Pair:
 
 def analysed(
     columns: Mapping[str, NDArray[Any]],
-    cells: Sequence[Cell],
+    cells: Sequence[GridCell],
     seed: int = 0,
     metrics: Sequence[str] = COMPARED,
     factors: Sequence[str] | None = None,
@@ -511,5 +511,5 @@ def analysed(
     )
 
 
-def _levels(cells: Sequence[Cell], factor: str) -> set[Any]:
+def _levels(cells: Sequence[GridCell], factor: str) -> set[Any]:
     return {level for cell in cells if not is_any(factor, level := getattr(cell, factor))}

@@ -3,7 +3,7 @@
 A campaign's row depends on the study's seed and on the numbers of its cell, robot and draw alone: a robot and its
 tracker are drawn from the robot's own seed, the noise from the robot's and the draw's, and each robot's campaigns are
 solved in blocks of their own. Least squares of points by geometry and groups of effects are solved together
-(``Cell.is_stacked``); any other campaign is identified alone (``identified``).
+(``GridCell.is_stacked``); any other campaign is identified alone (``identified``).
 """
 
 import platform
@@ -43,7 +43,7 @@ from lab.simulation.collisions import random_poses
 from lab.simulation.effects import true_parameters
 from lab.simulation.tracking import misalignments, track
 from lab.simulation.true_robot import TrueRobot
-from lab.studies.grid import ANY, NONE, Cell, Study, Task
+from lab.studies.grid import ANY, NONE, GridCell, Study, Task
 from lab.studies.identified import NOT_CONVERGED, RANK_DEFICIENT, identified_campaigns, parameter_errors
 
 __all__ = [
@@ -98,7 +98,7 @@ def refuse_impossible(study: Study) -> None:
     for cell in study.cells:
         if cell.criterion != ANY:
             refuse_unknown(cell.criterion, _RANDOM)
-    fitted: dict[Cell, _Fitted] = {}
+    fitted: dict[GridCell, _Fitted] = {}
     for cell in study.cells:
         key = replace(cell, criterion=_RANDOM, scaling=ANY, poses=1, noise=1.0, plan=NONE)
         if key not in fitted:
@@ -137,7 +137,7 @@ def _refuse_idle_payloads(study: Study, fitted: "_Fitted", loads: Sequence[float
         )
 
 
-def cell_poses(study: Study, cell: Cell) -> Array:
+def cell_poses(study: Study, cell: GridCell) -> Array:
     """Return the poses ``(n, joints)`` of every campaign of a cell: of its plan, or chosen for the nominal model.
 
     They are designed for the usual parameters, whatever is then identified. A plan with payloads has a further column
@@ -169,7 +169,7 @@ def cell_poses(study: Study, cell: Cell) -> Array:
     return _designed(requested, own).copy()
 
 
-def _planned(study: Study, cell: Cell, robot: Robot) -> Array:
+def _planned(study: Study, cell: GridCell, robot: Robot) -> Array:
     """Read the poses of a cell's plan."""
     options = VirtualCampaign(
         robot=study.robot,
@@ -187,7 +187,7 @@ def _planned(study: Study, cell: Cell, robot: Robot) -> Array:
     return joints if loads is None else np.column_stack([joints, loads])
 
 
-def _targets(study: Study, cell: Cell, robot: Robot) -> tuple[str, ...]:
+def _targets(study: Study, cell: GridCell, robot: Robot) -> tuple[str, ...]:
     """Return the targets of a cell: the study's, then the robot's others.
 
     Raises:
@@ -249,7 +249,7 @@ class _Fitted:
     """
 
     robot: Robot
-    cell: Cell
+    cell: GridCell
     targets: tuple[str, ...]
     rigid: RigidArm
     stacked: Stacked
@@ -259,7 +259,7 @@ class _Fitted:
     device: Instrument
 
     @classmethod
-    def of(cls, study: Study, cell: Cell, robot: Robot) -> "_Fitted":
+    def of(cls, study: Study, cell: GridCell, robot: Robot) -> "_Fitted":
         requested, targets = study.fitting_of(cell), _targets(study, cell, robot)
         rigid, whole = robot.arm(targets), robot.model
         model: Model = robot.arm_with(targets, requested.groups) if cell.is_stacked else rigid

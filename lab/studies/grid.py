@@ -27,7 +27,7 @@ __all__ = [
     "POINTS",
     "RANKED",
     "USUAL",
-    "Cell",
+    "GridCell",
     "Study",
     "Task",
     "is_any",
@@ -47,7 +47,7 @@ _ALONE_A_TASK = 20  # that are fitted one by one: about half a minute
 
 
 @dataclass(frozen=True)
-class Cell:
+class GridCell:
     """A combination of the factors.
 
     Attributes:
@@ -121,8 +121,8 @@ def is_any(factor: str, level: object) -> bool:
     return level == ANY or (factor == "poses" and level == OF_PLAN)
 
 
-_SCALINGS = tuple(each for each in get_args(get_type_hints(Cell)["scaling"]) if each != ANY)
-FACTORS = tuple(each.name for each in fields(Cell))
+_SCALINGS = tuple(each for each in get_args(get_type_hints(GridCell)["scaling"]) if each != ANY)
+FACTORS = tuple(each.name for each in fields(GridCell))
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ class Study:
             if cell.payload_kg and self.effects_of(cell, alone=True).payload_kg != Effects().payload_kg:
                 raise LabError(f"factor payload_kg: [effects.{cell.effects}] has payload_kg, too; keep one")
 
-    def effects_of(self, cell: Cell, *, alone: bool = False) -> Effects:
+    def effects_of(self, cell: GridCell, *, alone: bool = False) -> Effects:
         """Return the effects of a cell's arms, with its payloads.
 
         Args:
@@ -218,7 +218,7 @@ class Study:
         found = Effects() if cell.effects == NONE else self.effects[cell.effects]
         return found if alone or not cell.payload_kg else replace(found, payload_kg=cell.payload_kg)
 
-    def fitting_of(self, cell: Cell) -> Fitting:
+    def fitting_of(self, cell: GridCell) -> Fitting:
         """Return the options of a cell's fits: of its factors, and of its set of parameters.
 
         Raises:
@@ -238,17 +238,17 @@ class Study:
         cells = prod(len(values) for values in self.factors.values())
         CELLS("factors", cells)
         CAMPAIGNS("robots, draws and factors", cells * self.robots * self.draws)
-        poses = max((each for each in self.factors.get("poses", ()) if isinstance(each, int)), default=Cell.poses)
+        poses = max((each for each in self.factors.get("poses", ()) if isinstance(each, int)), default=GridCell.poses)
         targets = max((each for each in self.factors.get("targets", ()) if isinstance(each, int)), default=0)
         points = self.draws * max(self.fresh, poses) * max(len(self.targets), targets)
         DRAWN_POINTS("draws, fresh, poses and targets", points)
 
     @property
-    def cells(self) -> tuple[Cell, ...]:
+    def cells(self) -> tuple[GridCell, ...]:
         """Combinations in the order of the factors, without duplicates."""
-        usual = asdict(Cell()) | {"targets": len(self.targets)}
+        usual = asdict(GridCell()) | {"targets": len(self.targets)}
         values = [self.factors.get(name, (usual[name],)) for name in FACTORS]
-        found = (Cell(*combination) for combination in itertools.product(*values))
+        found = (GridCell(*combination) for combination in itertools.product(*values))
         return tuple(dict.fromkeys(_plain(cell) for cell in found))
 
     @property
@@ -273,7 +273,7 @@ def _same(factor: str, level: Any) -> Any:
     return frozenset(level) if isinstance(level, tuple) else level
 
 
-def _plain(cell: Cell) -> Cell:
+def _plain(cell: GridCell) -> GridCell:
     """Return the cell with "any" where a level makes no difference: the scaling of random poses and of O1.
 
     A plan has its poses, whatever chooses others.
@@ -323,4 +323,4 @@ def _levels(factor: str, given: Any) -> tuple[Any, ...]:
         return tuple(levels)  # the study refuses it
     if factor == "payload_kg":
         levels = [each if isinstance(each, list | tuple) else [each] for each in levels]
-    return tuple(getattr(structured("factors", Cell, {factor: level}), factor) for level in levels)
+    return tuple(getattr(structured("factors", GridCell, {factor: level}), factor) for level in levels)

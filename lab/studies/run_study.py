@@ -40,7 +40,7 @@ from lab.robots.load_robot import load_robot
 from lab.studies.analysis import CampaignArray
 from lab.studies.campaigns import COLUMNS, cell_poses, difference, origin_of, other_version, run_task
 from lab.studies.executors import TIMEOUT_S, StoppedError, local_executor, run_jobs
-from lab.studies.grid import OF_PLAN, Cell, Study, Task, study_from
+from lab.studies.grid import OF_PLAN, GridCell, Study, Task, study_from
 
 __all__ = ["StudyDone", "read_campaigns", "read_store", "run_study", "study_runner"]
 
@@ -78,7 +78,7 @@ class _Store:
     columns: tuple[str, ...]
 
     @cached_property
-    def cells(self) -> tuple[Cell, ...]:
+    def cells(self) -> tuple[GridCell, ...]:
         """Cells of the study, computed once."""
         return self.study.cells
 
@@ -338,7 +338,7 @@ def run_study(
     *,
     resume: bool = False,
     progress: Stage = no_stage,
-    posing: Callable[[Study, Cell], Array] = cell_poses,
+    posing: Callable[[Study, GridCell], Array] = cell_poses,
     solving: Callable[[Study, Task, Array], dict[str, Array]] = run_task,
     timeout_s: float = TIMEOUT_S,
 ) -> StudyDone:

@@ -18,7 +18,7 @@ from lab.options.command_options import StudyOptions
 from lab.studies.analysis import COMPARED, Analysis, Comparison, Mean, analysed
 from lab.studies.campaigns import refuse_impossible
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
-from lab.studies.grid import FACTORS, NONE, RANKED, Cell, Study, is_any, read_study, study_from
+from lab.studies.grid import FACTORS, NONE, RANKED, GridCell, Study, is_any, read_study, study_from
 from lab.studies.run_study import StudyDone, read_campaigns, run_study
 
 __all__ = ["StudyResult", "circumstances", "failures_text", "level_text", "plain_level", "shown_metrics", "study",
@@ -37,7 +37,7 @@ def circumstances(shared: Mapping[str, Any]) -> str:
     return ", ".join(f"{_NAMED.get(name, '')}{_with_unit(name, level)}" for name, level in shown)
 
 
-def level_text(cell: Cell, factors: Sequence[str]) -> str:
+def level_text(cell: GridCell, factors: Sequence[str]) -> str:
     """A cell's levels of some factors, e.g. "10 poses"."""
     return " ".join(_with_unit(name, getattr(cell, name)) for name in factors)
 

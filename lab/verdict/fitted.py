@@ -12,7 +12,7 @@ from lab.calibration.noise_search import NoiseSearch
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.residual.estimation import ExpectedGain, expected_gain
 from lab.calibration.residual.process import JointProcess, PredictedBy
-from lab.calibration.rigid_distances import InstrumentNoise, instrument_noise
+from lab.calibration.rigid_distances import CoordinateNoise, instrument_noise
 from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.model_selection import Selection
@@ -34,8 +34,8 @@ from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.error_model import row_times
 from lab.prediction.extrapolation import MeasuredRange
-from lab.prediction.regions import TaskRegion
 from lab.prediction.residual_spread import ResidualSpread, residual_spread
+from lab.prediction.task_region import TaskRegion
 from lab.prediction.workspace_prediction import ValidationBounds
 from lab.verdict.verdict import Verdict
 
@@ -232,7 +232,7 @@ class Fitted:
         return {one.group: one for one in each}
 
     @cached_property
-    def instrument(self) -> InstrumentNoise | None:
+    def instrument(self) -> CoordinateNoise | None:
         """Instrument noise estimated from distances between targets; None where these do not determine it."""
         if not only_positions(observation_of(self.identification.model)):
             return None

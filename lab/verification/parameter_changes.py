@@ -26,7 +26,7 @@ from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
 from lab.prediction.estimate import IdentifiedSubset
 
-__all__ = ["POWER", "ChangePoint", "Directions", "Series", "levels"]
+__all__ = ["POWER", "CalibrationSeries", "ChangeDirections", "ParameterChange", "levels"]
 
 POWER = 0.95  # with which a minimum detectable change is found
 _YEAR = 365.25  # days
@@ -35,7 +35,7 @@ _MORE = 0.01  # level at which one direction alone does not explain a change
 
 
 @dataclass(frozen=True)
-class Directions:
+class ChangeDirections:
     """Ways in which the compared parameters may change, each by one number.
 
     Attributes:
@@ -48,7 +48,7 @@ class Directions:
 
 
 @dataclass(frozen=True)
-class ChangePoint:
+class ParameterChange:
     """A change between two calibrations of a series.
 
     Attributes:
@@ -100,10 +100,12 @@ class _Pooled:
     mean: Array
 
 
-class Series:
+class CalibrationSeries:
     """Calibrations of one robot in the order of their dates."""
 
-    def __init__(self, estimates: Sequence[IdentifiedSubset], days: Sequence[float], directions: Directions) -> None:
+    def __init__(
+        self, estimates: Sequence[IdentifiedSubset], days: Sequence[float], directions: ChangeDirections
+    ) -> None:
         """Start from calibrations that identified the same parameters; ``directions`` of these are tested."""
         self._estimates, self._days = estimates, days
         first = estimates[0]
@@ -121,11 +123,11 @@ class Series:
         self.directions = directions
         self._columns = directions.columns / self._scale[:, None]
 
-    def first(self, count: int) -> "Series":
+    def first(self, count: int) -> "CalibrationSeries":
         """Return the first so many calibrations of the series."""
-        return Series(self._estimates[:count], self._days[:count], self.directions)
+        return CalibrationSeries(self._estimates[:count], self._days[:count], self.directions)
 
-    def change_points(self) -> tuple[ChangePoint, ...]:
+    def change_points(self) -> tuple[ParameterChange, ...]:
         """Return every change, in order; each is estimated from all calibrations between its neighbours."""
         alarms: list[tuple[int, int, float]] = []
         start = 0
@@ -181,7 +183,7 @@ class Series:
             scores: Array = np.nan_to_num(pulled / np.sqrt(sizes))
         return scores
 
-    def _described(self, first: int, alarm: tuple[int, int, float], end: int) -> ChangePoint:
+    def _described(self, first: int, alarm: tuple[int, int, float], end: int) -> ParameterChange:
         """Estimate the change after calibration ``after`` from all calibrations from ``first`` to ``end``."""
         after, found_at, p = alarm
         before, later = self._pooled(first, after), self._pooled(after + 1, end)
@@ -200,7 +202,7 @@ class Series:
         else:
             retained = [i for i in np.argsort(-squares, kind="stable").tolist() if best - squares[i] < _APART]
         sizes, halves = self._sizes(d, half_width_95(freedom) * std)
-        return ChangePoint(
+        return ParameterChange(
             after,
             found_at,
             tuple(self.directions.names[i] for i in retained),

@@ -24,7 +24,7 @@ from lab.kinematics.gauge import base_set
 from lab.prediction.estimate import IdentifiedSubset
 from lab.robots.load_robot import load_robot
 from lab.simulation.collisions import random_poses
-from lab.verification.parameter_changes import Directions, Series
+from lab.verification.parameter_changes import CalibrationSeries, ChangeDirections
 
 TARGETS = ("p1", "p2", "p3")
 HALF_WIDTH_M = 8e-6  # of the uniform noise
@@ -98,14 +98,14 @@ class Months:
             estimates.append(IdentifiedSubset(self.names, values, self.covariances[k], angles))
         return estimates
 
-    def series(self, shifts: Array, rng: np.random.Generator) -> Series:
+    def series(self, shifts: Array, rng: np.random.Generator) -> CalibrationSeries:
         """Monthly calibrations of an arm whose parameters are off by ``shifts`` ``(n, f)``."""
         return self.series_of(self.estimates(shifts, rng))
 
-    def series_of(self, estimates: Sequence[IdentifiedSubset]) -> Series:
+    def series_of(self, estimates: Sequence[IdentifiedSubset]) -> CalibrationSeries:
         """The test of monthly calibrations."""
-        one = Directions(self.names, np.eye(len(self.names)))
-        return Series(estimates, [_MONTH * i for i in range(len(estimates))], one)
+        one = ChangeDirections(self.names, np.eye(len(self.names)))
+        return CalibrationSeries(estimates, [_MONTH * i for i in range(len(estimates))], one)
 
 
 def unchanged_years(months: Months, options: Options) -> Iterator[bool]:

@@ -27,7 +27,13 @@ from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.noise.change_points import ANOTHER_SESSION
 from lab.noise.error_term import Components, ErrorShapes, correlation_of
-from lab.noise.variance_components import Estimate, RestrictedProblem, SmallSample, chosen_components, small_sample
+from lab.noise.variance_components import (
+    RestrictedProblem,
+    SmallSample,
+    VarianceEstimate,
+    chosen_components,
+    small_sample,
+)
 from lab.robots.load_robot import load_robot
 from lab.studies import executors
 from lab.verification.change_test import change_test
@@ -187,7 +193,7 @@ def of_one_campaign(case: Case, arm: _LinearArm, fresh: Array, rng: np.random.Ge
 
 
 def _observed(
-    case: Case, rows: NDArray[np.int_], made: Array, shared: tuple[Estimate, ErrorShapes] | None
+    case: Case, rows: NDArray[np.int_], made: Array, shared: tuple[VarianceEstimate, ErrorShapes] | None
 ) -> Observations:
     """Errors as measurements, in units of the given noise, or of an order of magnitude."""
     if shared is None or not shared[0].kinds:
@@ -223,7 +229,7 @@ def _alarmed(
     arm: _LinearArm,
     values: Array,
     covariance: Array,
-    found: tuple[Estimate, int, LinearizedFit],
+    found: tuple[VarianceEstimate, int, LinearizedFit],
     small: SmallSample | None,
     rng: np.random.Generator,
 ) -> bool:

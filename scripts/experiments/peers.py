@@ -31,7 +31,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.pose_selection.exchange import Certificate, certify
+from lab.pose_selection.exchange import DesignCertificate, certify
 
 ROOT = Path(__file__).parents[2]
 FOLDER = Path(__file__).with_name("peers")
@@ -305,7 +305,7 @@ class Problems:
     arm: SerialArm
     nominal: Array
     arrays: Mapping[str, Array]
-    bound: Certificate
+    bound: DesignCertificate
 
 
 def prepare(folder: Path) -> Problems:

@@ -38,7 +38,7 @@ from lab.report.views.study_texts import effect_text
 from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import random_poses
 from lab.studies.analysis import CampaignArray, Comparison, Mean, Pair, compared, groups, means
-from lab.studies.grid import ANY, Cell, Study
+from lab.studies.grid import ANY, GridCell, Study
 from lab.studies.run_study import read_store, study_runner
 
 if TYPE_CHECKING:
@@ -92,10 +92,10 @@ class CriterionComparison:
         searches: by cell, the predicted error over O1's by the poses of each other search.
     """
 
-    cells: tuple[Cell, ...]
+    cells: tuple[GridCell, ...]
     compared: Mapping[tuple[str, int], Comparison]
     means: Mapping[str, tuple[Mean, ...]]
-    searches: Mapping[Cell, tuple[float, ...]]
+    searches: Mapping[GridCell, tuple[float, ...]]
 
     def reference(self, comparison: Comparison) -> int:
         """The number of O1's cell."""
@@ -107,7 +107,7 @@ class CriterionComparison:
         return None if cell == own else comparison.against(own, cell)
 
 
-def answered(arranged: CampaignArray, searches: Mapping[Cell, tuple[float, ...]]) -> CriterionComparison:
+def answered(arranged: CampaignArray, searches: Mapping[GridCell, tuple[float, ...]]) -> CriterionComparison:
     """Means, and all pairs of criteria and scalings for each number of poses."""
     cells = arranged.cells
     together = {cells[group.cells[0]].poses: group for group in groups(cells, ["criterion", "scaling"])}
@@ -119,7 +119,7 @@ def answered(arranged: CampaignArray, searches: Mapping[Cell, tuple[float, ...]]
     )
 
 
-def name_of(cell: Cell) -> str:
+def name_of(cell: GridCell) -> str:
     """A cell's criterion and scaling; O2 is the condition number turned over, and has the same poses."""
     criterion = "O2, condition" if cell.criterion == "O2" else cell.criterion
     return criterion if cell.scaling == ANY else f"{criterion} {cell.scaling}"
@@ -246,7 +246,7 @@ def predicted_rms(study: Study, designs: Sequence[Array]) -> Array:
 
 def other_searches(
     study: Study, seeds: Sequence[int], folder: Path, run: Callable[[Study, Path], object], reference: str
-) -> dict[Cell, tuple[float, ...]]:
+) -> dict[GridCell, tuple[float, ...]]:
     """By cell, and for each seed, the predicted error over that of the reference criterion's poses of the same seed.
 
     A study's intervals are for the poses that it has. Another search by the same criterion ends at other poses;
@@ -255,7 +255,7 @@ def other_searches(
     Args:
         run: makes the poses of a study, into a folder.
     """
-    ratios: dict[Cell, tuple[float, ...]] = dict.fromkeys(study.cells, ())
+    ratios: dict[GridCell, tuple[float, ...]] = dict.fromkeys(study.cells, ())
     for seed in seeds:
         another = replace(study, seed=seed, robots=1, draws=1)
         run(another, folder / f"search{seed}")

@@ -9,7 +9,7 @@ from helpers.robots import IRB120, perturbed, somewhere
 from lab.calibration.fit_options import FitOptions
 from lab.calibration.identification import identify
 from lab.calibration.outliers_and_noise import outliers_among_fitted
-from lab.calibration.prior import Directions, Prior, directions_of
+from lab.calibration.prior import Prior, PriorDirections, directions_of
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.weights import Noise
@@ -69,9 +69,11 @@ def test_the_scale_is_the_most_likely_one_and_never_below_one() -> None:
     stds = rng.uniform(0.01, 3, 400)
     for scale in (0.2, 1.0, 5.0):
         values = scale * rng.normal(size=400) + stds * rng.normal(size=400)
-        assert Directions(nothing, stds, values).scale()[0] == pytest.approx(max(scale, 1.0), rel=0.15)
+        assert PriorDirections(nothing, stds, values).scale()[0] == pytest.approx(max(scale, 1.0), rel=0.15)
     far = np.append(rng.normal(size=20), 2_000.0), np.append(np.full(20, 0.1), 1_000.0)
-    assert Directions(nothing, far[1], far[0]).scale()[0] < 1.5  # what is hardly measured says nothing of the scale
+    assert (
+        PriorDirections(nothing, far[1], far[0]).scale()[0] < 1.5
+    )  # what is hardly measured says nothing of the scale
 
 
 def test_a_fit_that_is_measured_well_stays_exactly_as_it_is() -> None:

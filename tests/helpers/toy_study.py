@@ -11,13 +11,13 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.studies.campaigns import COLUMNS
 from lab.studies.executors import local_executor
-from lab.studies.grid import Cell, Study, Task
+from lab.studies.grid import GridCell, Study, Task
 from lab.studies.run_study import run_study
 
 STUDY = Study(name="toy", robots=4, draws=2000, factors={"poses": (12, 15)})  # 8 tasks
 
 
-def posing(study: Study, cell: Cell) -> np.ndarray:
+def posing(study: Study, cell: GridCell) -> np.ndarray:
     return np.random.default_rng([study.seed, cell.poses]).normal(size=(cell.poses, 6))
 
 
@@ -46,7 +46,7 @@ def deadly(died: Path, study: Study, task: Task, joints: np.ndarray) -> dict[str
     return slow(study, task, joints)
 
 
-def refused(study: Study, cell: Cell) -> np.ndarray:
+def refused(study: Study, cell: GridCell) -> np.ndarray:
     raise LabError(f"factor poses: {cell.poses} are too few; give 99 or more")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lab.kinematics.compiled import kernels
-from lab.noise.change_points import ChangePoint
+from lab.noise.change_points import BaseChange
 from lab.noise.correlation import Correlation
 from lab.noise.error_term import Components, ErrorShapes, correlation_of
 from lab.noise.variance_components import RestrictedProblem, best_components, chosen_components, small_sample
@@ -21,7 +21,7 @@ def shapes(rng: np.random.Generator, poses: int = POSES) -> ErrorShapes:
     times[poses // 2 :] += 2.5  # a pause
     along = (times - times.mean()) / np.abs(times - times.mean()).max()
     scatter = 0.5 * rng.standard_normal((poses, NUMBERS, 4))
-    return ErrorShapes(scatter, shift, along, times, (ChangePoint(3.5, 0.4), ChangePoint(7.0, 0.1)))
+    return ErrorShapes(scatter, shift, along, times, (BaseChange(3.5, 0.4), BaseChange(7.0, 0.1)))
 
 
 def correlation(of: ErrorShapes, parts: Components) -> Correlation:

@@ -16,7 +16,7 @@ from lab.report.document import (
     Bullets,
     Code,
     Column,
-    Command,
+    CommandText,
     Document,
     Figure,
     Paragraph,
@@ -103,7 +103,14 @@ def test_numbers_are_aligned_at_the_right_and_words_are_not() -> None:
 
 
 def test_what_has_nothing_to_show_is_left_out() -> None:
-    empty = (Paragraph(""), Bullets(("",)), Warnings(()), Table(("a",), ()), Figure("f", (), "caption"), Command(""))
+    empty = (
+        Paragraph(""),
+        Bullets(("",)),
+        Warnings(()),
+        Table(("a",), ()),
+        Figure("f", (), "caption"),
+        CommandText(""),
+    )
     for medium, text in render(Document("title", (*empty, Section("heading", empty)))).items():
         assert "heading" not in text and "caption" not in text.split("</style>")[-1], medium
 
@@ -124,7 +131,7 @@ def test_a_row_has_a_cell_for_each_column() -> None:
 def test_what_a_user_named_is_text_everywhere() -> None:
     blocks = (
         Paragraph((HOSTILE, Strong(HOSTILE), Code(HOSTILE), Badge(HOSTILE, "bad"))),
-        Command(HOSTILE),
+        CommandText(HOSTILE),
         Bullets((HOSTILE,)),
         Warnings((HOSTILE,)),
         Table((HOSTILE,), ((HOSTILE,), (Code(HOSTILE),)), HOSTILE),

@@ -20,11 +20,11 @@ from lab.kinematics.effects.coupling import GearErrors, JointCoupling
 from lab.kinematics.effects.effect import LEVER_M, ArmFacts, PoseConditions, SimulatedEffect
 from lab.kinematics.effects.effect_registry import EffectOptions, effect
 from lab.kinematics.effects.harmonics import Runout
-from lab.kinematics.effects.readings import Displaced, VisitScatter
+from lab.kinematics.effects.readings import DisplacedReadings, VisitScatter
 from lab.kinematics.effects.temperature import ThermalExpansion, ThermalGrowth, ThermalZeros, TrackerDrift
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import INSTRUMENTS
-from lab.simulation.effects import Effects, random_conditions, random_effects, true_parameters
+from lab.simulation.effects import TrueEffects, random_conditions, random_effects, true_parameters
 from lab.simulation.elastic_links import FlexibleArm
 from lab.simulation.load_model import load_model, loads_of
 from lab.simulation.robot_model import RobotModel
@@ -33,7 +33,7 @@ from lab.simulation.true_robot import Perturbation, TrueRobot, random_perturbati
 
 MODEL, CHAIN = IRB120.model, IRB120.chain
 TARGETS = ("p1", "p2", "p3")
-OFFSETS = Effects.none(6)
+OFFSETS = TrueEffects.none(6)
 OUTSTRETCHED = np.deg2rad([[0.0, 90.0, -90.0, 0.0, 0.0, 0.0]])
 FACTS = ArmFacts(CHAIN, IRB120.loads)
 ALL = EffectOptions(
@@ -70,7 +70,7 @@ REAL = perturbed()
 JOINTS = CHAIN.random_joints(40, np.random.default_rng(8))
 
 
-def only(*parts: SimulatedEffect) -> Effects:
+def only(*parts: SimulatedEffect) -> TrueEffects:
     return OFFSETS.having(*parts)
 
 
@@ -78,7 +78,7 @@ def sprung_by(compliance_rad_per_nm: Array) -> JointSprings:
     return JointSprings(compliance_rad_per_nm, np.zeros(3))
 
 
-def drawn_values(effects: Effects) -> dict[str, Array]:
+def drawn_values(effects: TrueEffects) -> dict[str, Array]:
     """What of the effects is drawn, by name."""
     return {
         "gear": effects.part(GearErrors).gear,
@@ -204,7 +204,7 @@ def test_a_slide_gives_way_in_metres_per_newton(tmp_path) -> None:
     assert compliances(robot.chain, {2: 9e3})[1] == pytest.approx(LEVER_M**2 / 9e3)  # 1e-5 m/N
     waves = effects.part(Runout).harmonics_rad
     assert not waves[1].any() and waves[0].any()
-    real = drawn(robot).with_effects(Effects.none(2).having(sprung_by(np.array([0.0, 1e-5]))))
+    real = drawn(robot).with_effects(TrueEffects.none(2).having(sprung_by(np.array([0.0, 1e-5]))))
     joints = np.array([[0.4, 0.2]])
     drop = real.points(joints, ("p1",), {"payload_kg": np.array([2.0])}) - drawn(robot).points(joints, ("p1",))
     np.testing.assert_allclose(drop[0, 0], [0, 0, -1e-5 * 6 * 9.81], atol=1e-14)
@@ -327,7 +327,7 @@ def test_joints_come_back_within_their_repeatability() -> None:
 
 def test_bad_readings_are_as_stated_and_the_others_untouched() -> None:
     visits, device = np.tile(JOINTS, (250, 1)), INSTRUMENTS["uniform-8um"]
-    real = REAL.with_effects(only(Displaced(0.05, (1e-3, 50e-3))))
+    real = REAL.with_effects(only(DisplacedReadings(0.05, (1e-3, 50e-3))))
     data, bad = track_with_errors(VirtualMeasurement(real, visits, TARGETS, device, np.random.default_rng(2)))[:2]
     clean = track(REAL, visits, TARGETS, device, np.random.default_rng(2))
     np.testing.assert_array_equal(data.points[~bad], clean.points[~bad])
@@ -414,7 +414,7 @@ def test_a_joint_that_hardens_gives_way_by_the_cube_of_its_torque() -> None:
     np.testing.assert_allclose(stand.joints - driven, offsets, atol=1e-3 * np.abs(offsets).max())
     assert np.abs(offsets).max() > 1e-6
     real = REAL.with_effects(only(HardeningSprings(cubic)))
-    rigid = REAL.with_effects(Effects.none(6))
+    rigid = REAL.with_effects(TrueEffects.none(6))
     assert np.abs(real.points(driven, TARGETS) - rigid.points(driven, TARGETS)).max() > 1e-6
 
 
@@ -445,7 +445,7 @@ def test_sizes_are_what_the_effects_have() -> None:
 
 
 def test_a_campaign_sets_what_its_effects_need() -> None:
-    def columns(effects: Effects, **options: object) -> set[str]:
+    def columns(effects: TrueEffects, **options: object) -> set[str]:
         return set(random_conditions(CHAIN, effects, 7, np.random.default_rng(0), **options))
 
     assert columns(only(GearErrors(np.ones(6)))) == set()
@@ -474,8 +474,8 @@ def test_a_campaign_sets_what_its_effects_need() -> None:
         (lambda: only(JointCoupling(np.eye(6))), "itself"),
         (lambda: only(sprung_by(np.full(6, -1e-5))), "compliance_rad_per_nm has a negative entry"),
         (lambda: only(ReadingLag(1.0)), r"lag is to be in \[0, 1\)"),
-        (lambda: only(Displaced(0.0, (2.0, 1.0))), "bad_range_m"),
-        (lambda: REAL.with_effects(Effects.none(5)), "effects of 5 joints"),
+        (lambda: only(DisplacedReadings(0.0, (2.0, 1.0))), "bad_range_m"),
+        (lambda: REAL.with_effects(TrueEffects.none(5)), "effects of 5 joints"),
         (lambda: REAL.points(JOINTS, TARGETS, {"time_s": np.zeros(3)}), "condition time_s"),
         (lambda: REAL.points(JOINTS[:1], TARGETS, {"payload_kg": np.array([np.nan])}), "condition payload_kg"),
         (lambda: compliances(CHAIN, {7: 1e5}), "joints 1 to 6"),

@@ -25,7 +25,7 @@ from lab.studies.analysis import (
     means,
     resampled,
 )
-from lab.studies.grid import Cell, Study
+from lab.studies.grid import GridCell, Study
 from lab.studies.study import write_csv
 
 METRIC = "fresh_mean_mm"
@@ -40,7 +40,7 @@ def columns(values: Array, converged: Array | None = None) -> dict[str, Array]:
 
 
 def arranged(values: Array, resamples: int = 999, converged: Array | None = None) -> CampaignArray:
-    return CampaignArray.of(columns(values, converged), [Cell()] * len(values), resamples=resamples)
+    return CampaignArray.of(columns(values, converged), [GridCell()] * len(values), resamples=resamples)
 
 
 def one_group(number: int) -> CellGroup:
@@ -57,7 +57,7 @@ def two_levels(cells: int, robots: int, draws: int, seed: int) -> Array:
     return rng.normal(size=(cells, robots, 1)) + rng.normal(size=(cells, robots, draws))
 
 
-def study(robots: int = 12, draws: int = 5, seed: int = 0) -> tuple[dict[str, Array], tuple[Cell, ...]]:
+def study(robots: int = 12, draws: int = 5, seed: int = 0) -> tuple[dict[str, Array], tuple[GridCell, ...]]:
     """Criteria, of which O1 is best and O5 is O3's equal, two scalings and two numbers of poses."""
     cells = Study(factors={"criterion": CRITERIA, "scaling": ("raw", "whitened"), "poses": (10, 20)}).cells
     rng = np.random.default_rng(seed)
@@ -248,7 +248,7 @@ def test_columns_that_cannot_be_used(spoil, words: str) -> None:
 
 def test_few_robots_have_a_ratio_without_an_interval_and_a_number_of_robots_that_gives_one() -> None:
     values = np.exp(two_levels(2, 4, 3, 16))
-    found = analysed(columns(values), [Cell(poses=poses) for poses in (10, 20)], metrics=(METRIC,))
+    found = analysed(columns(values), [GridCell(poses=poses) for poses in (10, 20)], metrics=(METRIC,))
     (text,) = answers(found, METRIC)
     assert "too few robots" in text and "(" not in text
     enough = np.exp(two_levels(2, 5, 3, 16))

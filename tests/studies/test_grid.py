@@ -6,7 +6,7 @@ import pytest
 
 from lab.core.errors import LabError
 from lab.studies.campaigns import refuse_impossible
-from lab.studies.grid import ANY, FACTORS, OF_PLAN, Cell, Study, is_any, read_study, study_from
+from lab.studies.grid import ANY, FACTORS, OF_PLAN, GridCell, Study, is_any, read_study, study_from
 
 
 @pytest.mark.parametrize(
@@ -55,18 +55,18 @@ def test_frozen_is_of_campaigns_that_are_fitted_together() -> None:
 @pytest.mark.parametrize(
     ("cell", "together"),
     [
-        (Cell(), True),
-        (Cell(model="compliance+harmonics"), True),
-        (Cell(model="auto"), False),
-        (Cell(model="geometric+residual"), False),
-        (Cell(model="sessions"), False),
-        (Cell(robust=True), False),
-        (Cell(prior="auto"), False),
-        (Cell(observe="pose"), False),
-        (Cell(estimator="mine"), False),
+        (GridCell(), True),
+        (GridCell(model="compliance+harmonics"), True),
+        (GridCell(model="auto"), False),
+        (GridCell(model="geometric+residual"), False),
+        (GridCell(model="sessions"), False),
+        (GridCell(robust=True), False),
+        (GridCell(prior="auto"), False),
+        (GridCell(observe="pose"), False),
+        (GridCell(estimator="mine"), False),
     ],
 )
-def test_campaigns_of_least_squares_alone_are_fitted_together(cell: Cell, together: bool) -> None:
+def test_campaigns_of_least_squares_alone_are_fitted_together(cell: GridCell, together: bool) -> None:
     assert cell.is_stacked == together
 
 
@@ -74,7 +74,7 @@ def test_a_plan_has_its_poses_whatever_chooses_others() -> None:
     factors = {"plan": ("none", "plan.csv"), "criterion": ("random", "O5"), "poses": (12, 20)}
     cells = Study(factors=factors).cells
     planned = [cell for cell in cells if cell.plan == "plan.csv"]
-    assert len(cells) == 5 and planned == [Cell(criterion=ANY, scaling=ANY, poses=OF_PLAN, plan="plan.csv")]
+    assert len(cells) == 5 and planned == [GridCell(criterion=ANY, scaling=ANY, poses=OF_PLAN, plan="plan.csv")]
     assert [name for name in FACTORS if is_any(name, getattr(planned[0], name))] == ["criterion", "scaling", "poses"]
 
 

@@ -5,12 +5,12 @@ import pytest
 
 from lab.core.significance import TREND_YEAR
 from lab.prediction.estimate import IdentifiedSubset
-from lab.verification.parameter_changes import Directions, Series, levels
+from lab.verification.parameter_changes import CalibrationSeries, ChangeDirections, levels
 
 COUNT = 8
 SCALE = np.geomspace(1e-6, 1e-3, COUNT)
 NAMES = tuple(f"link{i}.theta" for i in range(COUNT))
-PARAMETERS = Directions(NAMES, np.eye(COUNT))
+PARAMETERS = ChangeDirections(NAMES, np.eye(COUNT))
 
 
 def calibrations(
@@ -27,8 +27,10 @@ def calibrations(
     return estimates
 
 
-def series(rng: np.random.Generator, shifts: np.ndarray, days: list[float], dof: int | None = None) -> Series:
-    return Series(calibrations(rng, shifts, dof), days, PARAMETERS)
+def series(
+    rng: np.random.Generator, shifts: np.ndarray, days: list[float], dof: int | None = None
+) -> CalibrationSeries:
+    return CalibrationSeries(calibrations(rng, shifts, dof), days, PARAMETERS)
 
 
 @pytest.mark.parametrize("days", [30.0, 1.0, 400.0, 0.0])
@@ -89,9 +91,9 @@ def test_a_minimum_detectable_change_is_found_in_95_of_100() -> None:
     for _ in range(years):
         days, five = [30.0 * i for i in range(6)], calibrations(rng, np.zeros((5, COUNT)))
         five[-1:] = calibrations(rng, np.zeros((1, COUNT)), poses=np.random.default_rng(5))
-        before = Series(five, days[:5], PARAMETERS)
+        before = CalibrationSeries(five, days[:5], PARAMETERS)
         size = before.detectable(np.eye(COUNT)[:, [3]], 0)[0]
         after = calibrations(rng, size * np.eye(COUNT)[[3]], poses=np.random.default_rng(5))  # the last one's
-        alarms += bool(Series([*five, *after], days, PARAMETERS).change_points())
+        alarms += bool(CalibrationSeries([*five, *after], days, PARAMETERS).change_points())
     assert alarms / years == pytest.approx(0.95, abs=3 * np.sqrt(0.05 * 0.95 / years))
     assert np.isinf(before.detectable(np.zeros((COUNT, 1)), 0)[0])

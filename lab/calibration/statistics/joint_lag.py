@@ -20,13 +20,13 @@ from lab.core.se3 import Array
 from lab.core.significance import UNSOLICITED_WARNING
 from lab.kinematics.model import Model
 
-__all__ = ["Lag", "lagging", "moves_before"]
+__all__ = ["JointLag", "lagging", "moves_before"]
 
 _SEVERAL = 2  # joints
 
 
 @dataclass(frozen=True)
-class Lag:
+class JointLag:
     """A session whose joint values do not follow the arm.
 
     Attributes:
@@ -76,7 +76,7 @@ def lagging(
     reading_jacobian: Array,
     sessions: Sequence[str],
     omitted: Callable[[], Sequence[Array]] = tuple,
-) -> tuple[Lag, ...]:
+) -> tuple[JointLag, ...]:
     """Return the sessions where several joints lag.
 
     Residuals are regressed on J_q (joint position - the one before), after what the fit takes up of it (Frisch & Waugh
@@ -147,7 +147,7 @@ def _bic(left: Array, own: Array) -> float:
     return float(len(left) * np.log(max(squares, 1e-300)) + own.shape[1] * np.log(len(left)))
 
 
-def _regressed(name: str, basis: Array, residual: Array, columns: Array, sessions: int) -> Lag:
+def _regressed(name: str, basis: Array, residual: Array, columns: Array, sessions: int) -> JointLag:
     """Regress residuals ``(r,)`` on ``columns`` ``(r, joints)`` beside the orthonormal basis of the fit."""
     joints = columns.shape[1]
     left = columns - basis @ (basis.T @ columns)
@@ -164,4 +164,4 @@ def _regressed(name: str, basis: Array, residual: Array, columns: Array, session
         estimate, std = moves.back @ pull, np.sqrt(variance) * np.linalg.norm(moves.back, axis=1)
         fractions[independent] = estimate
         significant[independent] = 2 * t_sf(np.abs(estimate / std), dof) * joints < UNSOLICITED_WARNING
-    return Lag(name, p, fractions, significant)
+    return JointLag(name, p, fractions, significant)

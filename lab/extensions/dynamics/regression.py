@@ -13,7 +13,7 @@ from lab.core.linear_model import LinearModel, half_width_95, matched_dof, p_val
 from lab.core.se3 import Array
 from lab.core.significance import PAYLOAD_RESIDUALS
 
-__all__ = ["BiasCandidate", "ChannelSolution", "Series", "check_residuals", "least_squares"]
+__all__ = ["BiasCandidate", "ChannelSolution", "EvenSamples", "check_residuals", "least_squares"]
 
 _RANK_TOLERANCE = 1e-9  # of the largest singular value of the scaled columns
 _ROUNDING = 1e-6  # of the signal: noise below is rounding, and not estimated
@@ -159,7 +159,7 @@ class BiasCandidate:
 
 
 @dataclass(frozen=True)
-class Series:
+class EvenSamples:
     """Rows that are evenly timed samples, one after the other, whose content is limited to half their rate.
 
     Attributes:
@@ -178,7 +178,7 @@ class Series:
 
 
 def check_residuals(
-    solution: ChannelSolution, candidates: Sequence[BiasCandidate], series: Sequence[Series] = ()
+    solution: ChannelSolution, candidates: Sequence[BiasCandidate], series: Sequence[EvenSamples] = ()
 ) -> Check:
     """Run all applicable lack-of-fit tests; rows in no series are poses, or anything without order."""
     outcomes = [(_added(solution, _slow(each.columns, series)), each.name) for each in candidates]
@@ -208,7 +208,7 @@ def _added(solution: ChannelSolution, columns: Array) -> float:
     return float(p_value_of_squares(gained, len(pull), dof, noise))
 
 
-def _slow(columns: Array, series: Sequence[Series]) -> Array:
+def _slow(columns: Array, series: Sequence[EvenSamples]) -> Array:
     """Return the low-frequency part of columns ``(n, d, k)``."""
     slow = np.array(columns)
     for part in series:
@@ -219,7 +219,7 @@ def _slow(columns: Array, series: Sequence[Series]) -> Array:
     return slow
 
 
-def _slowness(solution: ChannelSolution, series: Sequence[Series]) -> float:
+def _slowness(solution: ChannelSolution, series: Sequence[EvenSamples]) -> float:
     """Return the p-value of the F test of the residuals' slow part against their quick one."""
     squares, dof = np.zeros(2), np.zeros(2)
     basis = solution.model.basis.reshape(*solution.residual.shape, -1)

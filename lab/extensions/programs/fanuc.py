@@ -21,8 +21,8 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.programs.steps import (
+    ProgramStep,
     SixAxisLanguage,
-    Step,
     ascii_text,
     check_comment,
     move_steps,
@@ -183,7 +183,7 @@ class FanucLs(SixAxisLanguage):
         return _listing(PROGRAM.upper(), notes, moves.checked, path_steps(moves))
 
 
-def _listing(name: str, notes: list[str], checked: bool, steps: list[Step]) -> bytes:
+def _listing(name: str, notes: list[str], checked: bool, steps: list[ProgramStep]) -> bytes:
     lines = [f"!{each}" for each in (*notes, *wrap(check_comment(checked), _MAX_LENGTH), *_NOTES)]
     for i, step in enumerate(steps, start=1):
         lines.append(f"!{ascii_text(step.comment)}")
@@ -197,7 +197,7 @@ def _listing(name: str, notes: list[str], checked: bool, steps: list[Step]) -> b
     return ("\r\n".join([*head, *numbered, "/POS", *positions, "/END"]) + "\r\n").encode("ascii")
 
 
-def _move(number: int, step: Step) -> str:
+def _move(number: int, step: ProgramStep) -> str:
     """Return the instruction to move to a position; that of a circle takes two rows."""
     if step.pace is None:
         return f"J P[{number}] {_PER_CENT}% FINE"

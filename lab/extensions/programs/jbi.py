@@ -26,8 +26,8 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.programs.steps import (
+    ProgramStep,
     SixAxisLanguage,
-    Step,
     ascii_text,
     check_comment,
     move_steps,
@@ -230,7 +230,9 @@ def _checked(checked: bool) -> list[str]:
     return wrap(check_comment(checked), _MAX_LENGTH)
 
 
-def _job(name: str, head: list[str], notes: Sequence[str], steps: list[Step], postures: Postures, Ts: Array) -> bytes:
+def _job(
+    name: str, head: list[str], notes: Sequence[str], steps: list[ProgramStep], postures: Postures, Ts: Array
+) -> bytes:
     """Write a job through poses ``(s, 4, 4)`` (m) of the tool."""
     lines = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(steps)},0,0,0,0,0", *head, "///RECTAN"]
     last = None
@@ -247,7 +249,7 @@ def _job(name: str, head: list[str], notes: Sequence[str], steps: list[Step], po
     return ("\r\n".join([*lines, "END"]) + "\r\n").encode("ascii")
 
 
-def _move(number: int, step: Step) -> list[str]:
+def _move(number: int, step: ProgramStep) -> list[str]:
     """Return the instructions to move to a position; none to one on the circle to the next."""
     if step.kind == "via":
         return []

@@ -23,8 +23,8 @@ from lab.core.units import MM
 from lab.extensions.programs.aggregate import arguments
 from lab.extensions.programs.steps import (
     COMPARE_ONE_POSE,
+    ProgramStep,
     SixAxisLanguage,
-    Step,
     move_notes,
     move_steps,
     numbers,
@@ -316,7 +316,7 @@ class Krl(SixAxisLanguage):
         return _module(PROGRAM, head, frames, path_steps(moves))
 
 
-def _module(name: str, head: list[str], frames: list[str], steps: list[Step]) -> bytes:
+def _module(name: str, head: list[str], frames: list[str], steps: list[ProgramStep]) -> bytes:
     lines = [f"DEF {program_name(name)}()", *head, "BAS(#INITMOV, 0)", f"BAS(#VEL_PTP, {_PER_CENT})"]
     lines += frames
     via = ""
@@ -330,7 +330,7 @@ def _module(name: str, head: list[str], frames: list[str], steps: list[Step]) ->
     return ("\r\n".join(["&ACCESS RVO", *lines, "END"]) + "\r\n").encode("ascii")
 
 
-def _move(step: Step, via: str) -> list[str]:
+def _move(step: ProgramStep, via: str) -> list[str]:
     """Return the instructions to move to a waypoint, after its speed."""
     if step.kind in ("line", "circle") and step.pace is not None:
         move = f"CIRC {via}, {_position(step)}" if step.kind == "circle" else f"LIN {_position(step)}"
@@ -340,7 +340,7 @@ def _move(step: Step, via: str) -> list[str]:
     return [*speed, f"PTP {{AXIS: {axes}}}"]
 
 
-def _position(step: Step) -> str:
+def _position(step: ProgramStep) -> str:
     assert step.T is not None
     return _frame(step.T)
 

@@ -12,8 +12,19 @@ from lab.formats.programs.protocol import ANY_DIGITS, PAUSE_S, MeasuringTour, Mo
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
-    "COMPARE_ONE_POSE", "SixAxisLanguage", "Step", "ascii_text", "check_comment", "move_notes", "move_steps", "numbers",
-    "path_notes", "path_steps", "program_name", "tour_notes", "tour_steps",
+    "COMPARE_ONE_POSE",
+    "ProgramStep",
+    "SixAxisLanguage",
+    "ascii_text",
+    "check_comment",
+    "move_notes",
+    "move_steps",
+    "numbers",
+    "path_notes",
+    "path_steps",
+    "program_name",
+    "tour_notes",
+    "tour_steps",
 ]  # fmt: skip
 
 _CHECKED = "Checked free of collisions in the lab's model only: run it slowly first."
@@ -38,7 +49,7 @@ class _Pace:
 
 
 @dataclass(frozen=True)
-class Step:
+class ProgramStep:
     """A move to a waypoint, by default of all joints in a straight line.
 
     Attributes:
@@ -58,35 +69,35 @@ class Step:
     T: Array | None = None
 
 
-def tour_steps(tour: MeasuringTour) -> list[Step]:
+def tour_steps(tour: MeasuringTour) -> list[ProgramStep]:
     """Return the steps of a measuring tour, from home to home, with a wait at each measured pose."""
-    steps, pose = list[Step](), 0
+    steps, pose = list[ProgramStep](), 0
     for i, (joints, measured) in enumerate(zip(tour.waypoints, tour.measured.tolist(), strict=True)):
         at_end = i in (0, len(tour.waypoints) - 1)
         comment = "home" if at_end else "via" if measured < 0 else f"pose {ascii_text(tour.ids[pose])}"
         pose += measured >= 0
-        steps.append(Step(joints, comment, PAUSE_S if measured >= 0 else 0.0))
+        steps.append(ProgramStep(joints, comment, PAUSE_S if measured >= 0 else 0.0))
     return steps
 
 
-def move_steps(moves: TargetMoves) -> list[Step]:
+def move_steps(moves: TargetMoves) -> list[ProgramStep]:
     """Return the steps to compensated targets, with the waypoints between."""
     return [
-        Step(joints, f"target {ascii_text(moves.ids[i])}" if i >= 0 else "via", 0.0)
+        ProgramStep(joints, f"target {ascii_text(moves.ids[i])}" if i >= 0 else "via", 0.0)
         for i, joints in zip(moves.which.tolist(), moves.waypoints, strict=True)
     ]
 
 
-def path_steps(moves: PathMoves) -> list[Step]:
+def path_steps(moves: PathMoves) -> list[ProgramStep]:
     """Return the steps of a trajectory: to its start at the language's own speed, then at the planned ones."""
-    steps = list[Step]()
+    steps = list[ProgramStep]()
     for i, kind in enumerate(moves.kinds):
         pace = None
         if np.isfinite(moves.seconds[i]):
             per_cent = min(max(int(np.ceil(100 * moves.shares[i] - 1e-6)), 1), 100)
             pace = _Pace(float(moves.seconds[i]), per_cent, float(np.nan_to_num(MM.of(moves.speeds_m_s[i]))))
         comment = f"{'via' if kind == 'via' else 'point'} {ascii_text(moves.ids[i])}"
-        steps.append(Step(moves.waypoints[i], comment, 0.0, kind, pace, moves.Ts_base_tool[i]))
+        steps.append(ProgramStep(moves.waypoints[i], comment, 0.0, kind, pace, moves.Ts_base_tool[i]))
     return steps
 
 

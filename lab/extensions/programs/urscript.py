@@ -18,8 +18,8 @@ from lab.core.se3 import Array
 from lab.extensions.programs.aggregate import arguments, closing, numbers_in, read_value
 from lab.extensions.programs.steps import (
     COMPARE_ONE_POSE,
+    ProgramStep,
     SixAxisLanguage,
-    Step,
     move_notes,
     move_steps,
     numbers,
@@ -240,7 +240,7 @@ class UrScript(SixAxisLanguage):
         return _script("move_along_path", head, path_steps(moves))
 
 
-def _script(name: str, head: list[str], steps: list[Step]) -> bytes:
+def _script(name: str, head: list[str], steps: list[ProgramStep]) -> bytes:
     lines = [f"def {name}():", *head]
     via = ""
     for step in steps:
@@ -254,7 +254,7 @@ def _script(name: str, head: list[str], steps: list[Step]) -> bytes:
     return ("\n".join([*lines, "end", f"{name}()"]) + "\n").encode("ascii")
 
 
-def _move(step: Step, joints: str, via: str) -> str:
+def _move(step: ProgramStep, joints: str, via: str) -> str:
     """Return the instruction to move to joint positions; a circle has a speed, as it takes no time."""
     if step.pace is None:
         return f"movej({joints}, a={_ACCELERATION:g}, v={_SPEED:g})"

@@ -24,8 +24,8 @@ from lab.core.units import MM
 from lab.extensions.programs.aggregate import numbers_in, read_value
 from lab.extensions.programs.steps import (
     COMPARE_ONE_POSE,
+    ProgramStep,
     SixAxisLanguage,
-    Step,
     move_notes,
     move_steps,
     numbers,
@@ -241,7 +241,7 @@ class Val3(SixAxisLanguage):
         return _program(PROGRAM, local, head, path_steps(moves))
 
 
-def _program(name: str, local: dict[str, str], head: list[str], steps: list[Step]) -> bytes:
+def _program(name: str, local: dict[str, str], head: list[str], steps: list[ProgramStep]) -> bytes:
     lines = ["begin", *head, _NOTE]
     for step in steps:
         joints = ",".join(numbers(np.rad2deg(step.joints), _DIGITS))
@@ -263,7 +263,7 @@ def _program(name: str, local: dict[str, str], head: list[str], steps: list[Step
     return ("\n".join(text) + "\n").encode("ascii")
 
 
-def _move(step: Step) -> list[str]:
+def _move(step: ProgramStep) -> list[str]:
     """Return the instructions to move to ``jTo``, or to store it as the middle of a circle."""
     if step.kind == "via":
         return ["pVia=jointToPoint(tPath,world,jTo)"]

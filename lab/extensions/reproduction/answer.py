@@ -16,7 +16,7 @@ from lab.core.se3 import Array
 from lab.extensions.reproduction.formulas import Variables, evaluated
 
 __all__ = [
-    "Answer",
+    "ComparedValue",
     "Kind",
     "Place",
     "State",
@@ -46,7 +46,7 @@ _DIGITS = 4  # significant ones, of a formula's value
 
 
 @dataclass(frozen=True)
-class Answer:
+class ComparedValue:
     """A printed value with the one computed here.
 
     Attributes:
@@ -103,7 +103,7 @@ class Answer:
 
 def number(
     name: str, printed: str, ours: float, unit: str = "", *, right: str = "", erratum: str = "", digits: int = 4
-) -> Answer:
+) -> ComparedValue:
     """Compare a number; angles in degrees are equal after whole turns.
 
     Args:
@@ -122,7 +122,7 @@ def number(
 
     decimals = _decimals(shown) if shown else digits
     more = 1 if shown and (decimals or not abs(ours - np.round(ours)) <= _EDGE * max(1.0, abs(ours))) else 0
-    return Answer(
+    return ComparedValue(
         name, printed, _written(ours, decimals + more), unit, _small(error(shown), "+") if shown else "",
         near(printed) if printed else None, erratum, "trivial" if shown in _TRIVIAL else "number",
         right, near(right) if right else True,
@@ -138,7 +138,7 @@ def formula(
     right: str = "",
     erratum: str = "",
     angle: bool = False,
-) -> Answer:
+) -> ComparedValue:
     """Compare a formula with the robot's model at random positions.
 
     Args:
@@ -159,14 +159,16 @@ def formula(
 
     shown, size = printed or right, max(1.0, float(np.abs(exact).max()))
     ours = float(exact[0]) if abs(exact[0]) > _EXACT * size else 0.0
-    return Answer(
+    return ComparedValue(
         name, printed, f"{ours:.{_DIGITS}g}".replace("-", _MINUS), "", _small(missed(shown)),
         equal(printed) if printed else None, erratum, "trivial" if shown in _TRIVIAL else "formula",
         right, equal(right) if right else True,
     )  # fmt: skip
 
 
-def drawn(name: str, printed: str, draws: Array, unit: str = "", *, right: str = "", erratum: str = "") -> Answer:
+def drawn(
+    name: str, printed: str, draws: Array, unit: str = "", *, right: str = "", erratum: str = ""
+) -> ComparedValue:
     """Compare a number of one draw of the noise with the range of many draws ``(n,)`` of ours."""
     decimals = _decimals(printed)
     low, high = (float(value) for value in (draws.min(), draws.max()))
@@ -176,44 +178,44 @@ def drawn(name: str, printed: str, draws: Array, unit: str = "", *, right: str =
         return low - slack <= _read(text) <= high + slack
 
     middle = float(np.median(draws))
-    return Answer(
+    return ComparedValue(
         name, printed, f"{_written(low, decimals)} to {_written(high, decimals)}", unit,
         f"{_small(_read(printed) - middle, '+')} of the median", within(printed), erratum, "number",
         right, within(right) if right else True,
     )  # fmt: skip
 
 
-def at_least(name: str, printed: str, ours: float, unit: str = "") -> Answer:
+def at_least(name: str, printed: str, ours: float, unit: str = "") -> ComparedValue:
     """Compare the best of a search: the lab's agrees if it is at least as good, in the printed digits."""
     decimals, value = _decimals(printed), _read(printed)
     enough = bool(ours >= value - 10.0**-decimals / 2)
-    return Answer(name, printed, _written(ours, decimals), unit, _small(ours - value, "+"), enough, "", "number")
+    return ComparedValue(name, printed, _written(ours, decimals), unit, _small(ours - value, "+"), enough, "", "number")
 
 
-def holds(name: str, gap: float, *, within: float = _EXACT, erratum: str = "") -> Answer:
+def holds(name: str, gap: float, *, within: float = _EXACT, erratum: str = "") -> ComparedValue:
     """Check an identity of the source, by the difference of its two sides at random positions."""
     true = bool(gap <= within)  # NumPy's booleans are none of JSON
     ours = f"{'holds' if true else 'does not hold'}, to {_small(gap)}"
-    return Answer(name, "holds", ours, "", _small(gap), true, erratum, "check")
+    return ComparedValue(name, "holds", ours, "", _small(gap), true, erratum, "check")
 
 
-def word(name: str, printed: str, ours: str, *, right: str = "", erratum: str = "") -> Answer:
+def word(name: str, printed: str, ours: str, *, right: str = "", erratum: str = "") -> ComparedValue:
     """Compare a word, or a list of names in any order."""
     agrees = _parts(printed) == _parts(ours) if printed else None
-    return Answer(
+    return ComparedValue(
         name, printed, ours, "", "" if agrees is not False else "another", agrees, erratum, "word",
         right, _parts(right) == _parts(ours) if right else True,
     )  # fmt: skip
 
 
-def stated(name: str, printed: str, *, holds: bool | None, found: str, why: str = "") -> Answer:
+def stated(name: str, printed: str, *, holds: bool | None, found: str, why: str = "") -> ComparedValue:
     """Compare a statement in words.
 
     Args:
         holds: None where the interval leaves it open.
         why: it does not hold.
     """
-    return Answer(name, printed, found, "", "", holds, why if holds is False else "", "word")
+    return ComparedValue(name, printed, found, "", "", holds, why if holds is False else "", "word")
 
 
 def _parts(text: str) -> list[str]:
@@ -221,13 +223,13 @@ def _parts(text: str) -> list[str]:
     return sorted(part.strip().casefold() for part in text.split(","))
 
 
-def given(name: str, printed: str, unit: str = "") -> Answer:
+def given(name: str, printed: str, unit: str = "") -> ComparedValue:
     """Return a printed value that the lab takes as it is: an input, which nothing is compared with."""
     ours = printed.replace("-", _MINUS)
-    return Answer(name, printed, ours, unit, "", None, "", "number", is_given=True)
+    return ComparedValue(name, printed, ours, unit, "", None, "", "number", is_given=True)
 
 
-def unreadable(answer: Answer, conversion: str) -> Answer:
+def unreadable(answer: ComparedValue, conversion: str) -> ComparedValue:
     """Return an answer that is left to the reader, as one that is printed and cannot be read in the converted text."""
     return replace(answer, conversion=conversion)
 

@@ -8,7 +8,7 @@ from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
+from lab.extensions.reproduction.answer import ComparedValue, formula, holds, number, word
 from lab.extensions.reproduction.course_machines import CARRIER_ITEMS, PARALLEL_ITEMS, VERSATRAN_ITEMS
 from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter, with_exercises
 from lab.extensions.reproduction.source_models import SAMPLES, as_row, matrix_formulas, nominal_chain, sampled, serial
@@ -41,7 +41,7 @@ def _places(text: str) -> dict[str, str]:
     return {f"({i + 1},{j + 1})": entry.strip() for i, row in enumerate(rows) for j, entry in enumerate(row)}
 
 
-def _matrices(name: str, links: tuple[str, ...]) -> tuple[Answer, ...]:
+def _matrices(name: str, links: tuple[str, ...]) -> tuple[ComparedValue, ...]:
     robot = sampled(name)
     return tuple(
         answer
@@ -58,10 +58,10 @@ _TABLES = {  # σ, α in °, a and r without the joint in mm, of each joint
 }
 
 
-def _table(name: str) -> tuple[Answer, ...]:
+def _table(name: str) -> tuple[ComparedValue, ...]:
     """Compare σ, α, a and the constant part of r of each joint; θ or r is the joint's."""
     chain = serial(name)[0].chain
-    answers: list[Answer] = []
+    answers: list[ComparedValue] = []
     for i, row in enumerate(_TABLES[name]):
         _, d, a, alpha, _ = chain.table[i]
         ours = (float(chain.prismatic[i]), float(np.rad2deg(alpha)), MM.of(float(a)), MM.of(float(d)))
@@ -75,11 +75,11 @@ def _table(name: str) -> tuple[Answer, ...]:
 _TABLE_COLUMNS = (("σ", ""), ("α", "°"), ("a", "mm"), ("r", "mm"))
 
 
-def _scemi() -> tuple[Answer, ...]:
+def _scemi() -> tuple[ComparedValue, ...]:
     return (*_table("scemi"), *_matrices("scemi", _SCEMI))
 
 
-def _six_hinges() -> tuple[Answer, ...]:
+def _six_hinges() -> tuple[ComparedValue, ...]:
     """Compare the singularities of a 6R arm with a spherical wrist, by the Jacobian of the wrist's centre."""
     robot = sampled("scemi")
     form = closed_form_of(robot.arm.dh_chain(robot.values))
@@ -96,7 +96,7 @@ def _six_hinges() -> tuple[Answer, ...]:
     )
 
 
-def _scara() -> tuple[Answer, ...]:
+def _scara() -> tuple[ComparedValue, ...]:
     robot = sampled("scara")
     T, J = robot.between(0, 4), robot.jacobian()
     v = robot.variables | {"x": T[:, 0, 3], "y": T[:, 1, 3], "z": T[:, 2, 3]}
@@ -149,7 +149,7 @@ def _rank(robot: str, joints_deg: tuple[float, ...]) -> int:
     return int(rates(jacobian, np.zeros((1, 6))).rank[0])
 
 
-def _redundancy() -> tuple[Answer, ...]:
+def _redundancy() -> tuple[ComparedValue, ...]:
     """Check IL <= IM, an arm that is redundant everywhere, and one at singularities; the course draws its own."""
     found = {name: mobility_of(nominal_chain(name)) for name in _ARMS}
     excess = max(each.freedoms - each.index for each in found.values())
@@ -163,7 +163,7 @@ def _redundancy() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _coordinates() -> tuple[Answer, ...]:
+def _coordinates() -> tuple[ComparedValue, ...]:
     """Compare the polar and cylindrical coordinates of a point with the joints of carriers that have them."""
     answers = []
     for title, name, formulas in (
@@ -181,7 +181,7 @@ def _coordinates() -> tuple[Answer, ...]:
     return tuple(answers)
 
 
-def _blocks() -> tuple[Answer, ...]:
+def _blocks() -> tuple[ComparedValue, ...]:
     """Check the inverse by blocks of an arm with a spherical wrist, and J⁺ with fewer and more than six joints."""
     J = sampled("versatran").jacobian()
     A, zero, C, D = J[:, :3, :3], J[:, :3, 3:], J[:, 3:, :3], J[:, 3:, 3:]
@@ -209,7 +209,7 @@ def _gap(first: Array, second: Array) -> float:
     return float(np.abs(first - second).max() / np.abs(second).max())
 
 
-def _products() -> tuple[Answer, ...]:
+def _products() -> tuple[ComparedValue, ...]:
     """Check consecutive transformations in current and fixed frames, and the matrix of a vector product."""
     rng = rng_for(0, "arm")
 
@@ -257,7 +257,7 @@ _AXIS = (
 )
 
 
-def _cosines() -> tuple[Answer, ...]:
+def _cosines() -> tuple[ComparedValue, ...]:
     """Count the independent ones of the nine direction cosines: the rank of their derivatives by the rotation."""
     R = se3.exp(rng_for(0, "arm").normal(size=3))
     moved = np.stack([(se3.skew(axis) @ R).ravel() for axis in np.eye(3)], axis=1)
@@ -269,7 +269,7 @@ def _cosines() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _roll_pitch_yaw() -> tuple[Answer, ...]:
+def _roll_pitch_yaw() -> tuple[ComparedValue, ...]:
     angles = rng_for(0, "arm").uniform(-1.5, 1.5, (SAMPLES, 3))
     R = se3.rotation_from_roll_pitch_yaw(angles)
     letters = {f"θ{axis}": angles[:, i] for i, axis in enumerate("xyz")}
@@ -295,7 +295,7 @@ def _axis() -> tuple[Array, Array, Array, dict[str, Array]]:
     return u, theta, R, letters
 
 
-def _rotation_vector() -> tuple[Answer, ...]:
+def _rotation_vector() -> tuple[ComparedValue, ...]:
     u, theta, R, v = _axis()
     beta, alpha = np.arccos(u[:, 2]), np.arctan2(u[:, 0], -u[:, 1])
     turned = {"α": alpha, "β": beta}
@@ -311,7 +311,7 @@ def _rotation_vector() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _inverse() -> tuple[Answer, ...]:
+def _inverse() -> tuple[ComparedValue, ...]:
     u, _, R, v = _axis()
     signs = ("(jz − ky)/abs(jz − ky)", "(kx − iz)/abs(kx − iz)", "(iy − jx)/abs(iy − jx)")
     half = se3.exp(np.pi * np.array([0.6, 0.0, -0.8]))
@@ -372,7 +372,7 @@ def _speed_at_middle() -> Array:
     return np.asarray(pseudo_inverse(J[:, :3])[0] @ np.array([0.0, 0.0, 0.2]))
 
 
-def _models() -> tuple[Answer, ...]:
+def _models() -> tuple[ComparedValue, ...]:
     robot = sampled("course2r")
     p, J = robot.between(0, 2)[:, :3, 3], robot.jacobian()[:, :3]
     v = robot.variables | {"L1": np.full(len(p), _FIRST), "L2": np.full(len(p), _SECOND)}
@@ -388,7 +388,7 @@ def _models() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _exact() -> tuple[Answer, ...]:
+def _exact() -> tuple[ComparedValue, ...]:
     speed = _speed_at_middle()
     points, found = _moved(_MIDDLE, speed)
     degrees, side = np.rad2deg(points), float(np.sqrt(3) / 2)
@@ -413,7 +413,7 @@ def _exact() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _past() -> tuple[Answer, ...]:
+def _past() -> tuple[ComparedValue, ...]:
     """Pass P1 at the allowed distance dX = 0.1 m, on the shortest arc of q1."""
     points, found = _moved((0.1, float(np.sqrt(0.99)), 0.5), _speed_at_middle())
     return (
@@ -452,7 +452,7 @@ def _volumes() -> dict[str, float]:
     return found
 
 
-def _answers() -> tuple[Answer, ...]:
+def _answers() -> tuple[ComparedValue, ...]:
     found = _volumes()
     apart = max(abs(found[name] / closed - 1) for name, closed in _CLOSED.items())
     return (

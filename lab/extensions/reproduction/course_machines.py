@@ -10,7 +10,7 @@ import numpy as np
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.reproduction.answer import Answer, formula, holds, number, unreadable, word
+from lab.extensions.reproduction.answer import ComparedValue, formula, holds, number, unreadable, word
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.source_models import (
     SAMPLES,
@@ -87,7 +87,7 @@ def _robot() -> tuple[Sampled, dict[str, Array], Array]:
     return robot, {**robot.variables, **names, **place, "r7": np.full(len(T), _R7)}, hand
 
 
-def _general() -> tuple[Answer, ...]:
+def _general() -> tuple[ComparedValue, ...]:
     """Compare the matrix T_i-1,i of Craig's convention at random values."""
     alpha, a, theta, r = np.random.default_rng(0).uniform(-3, 3, (4, SAMPLES))
     printed = (
@@ -98,7 +98,7 @@ def _general() -> tuple[Answer, ...]:
     return matrix_formulas("T", printed, exact, {"α": alpha, "a": a, "θ": theta, "r": r})
 
 
-def _table() -> tuple[Answer, ...]:
+def _table() -> tuple[ComparedValue, ...]:
     table = _robot()[0].arm.chain.table
     ours = {"α": np.rad2deg(table[:, 3]), "a": MM.of(table[:, 2])}
     return tuple(
@@ -111,7 +111,7 @@ def _table() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _links() -> tuple[Answer, ...]:
+def _links() -> tuple[ComparedValue, ...]:
     robot = _robot()[0]
     return tuple(
         answer
@@ -120,13 +120,13 @@ def _links() -> tuple[Answer, ...]:
     )
 
 
-def _direct() -> tuple[Answer, ...]:
+def _direct() -> tuple[ComparedValue, ...]:
     _, letters, hand = _robot()
     sign = "the sign of its last term: it is that of (1,1) with c6 turned into −s6"
     return matrix_formulas("T0,7", _T07, hand, letters, _T07_RIGHT, dict.fromkeys(_T07_RIGHT, sign))
 
 
-def _jacobian() -> tuple[Answer, ...]:
+def _jacobian() -> tuple[ComparedValue, ...]:
     robot, letters, _ = _robot()
     return tuple(
         unreadable(answer, _CONVERTED[answer.place[1]]) if answer.place and answer.place[1] in _CONVERTED else answer
@@ -134,7 +134,7 @@ def _jacobian() -> tuple[Answer, ...]:
     )
 
 
-def _rates() -> tuple[Answer, ...]:
+def _rates() -> tuple[ComparedValue, ...]:
     """Compare dp and dφ of the wrist, then dx, dz and a point of the hand at (a7, 0, r7), at random rates."""
     robot, letters, _ = _robot()
     reach = 0.05
@@ -166,7 +166,7 @@ def _rates() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _inverse() -> tuple[Answer, ...]:
+def _inverse() -> tuple[ComparedValue, ...]:
     """Compare the joints of a pose; w is the sign of sin q5, of the two roots."""
     v = _robot()[1]
     v = v | {"w": np.sign(np.sin(v["q5"]))}
@@ -184,7 +184,7 @@ def _inverse() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _inverse_rates() -> tuple[Answer, ...]:
+def _inverse_rates() -> tuple[ComparedValue, ...]:
     """Compare the rates of a twist of the wrist's centre; with dq1 given, dφ less it is the wrist's."""
     robot, letters, _ = _robot()
     twist = np.random.default_rng(2).normal(size=(len(robot.joints), 6))
@@ -200,7 +200,7 @@ def _inverse_rates() -> tuple[Answer, ...]:
     return tuple(formula(name, "", v[name], v, right=text) for name, text in right.items())
 
 
-def _singular() -> tuple[Answer, ...]:
+def _singular() -> tuple[ComparedValue, ...]:
     robot, letters, _ = _robot()
     drawn = np.deg2rad([[0.0, 0, 0, -90, 0, 0]])
     drawn[0, 1:3] = 0.6
@@ -246,7 +246,7 @@ def _carrier(name: str, letters: tuple[str, ...], **lengths: float) -> tuple[dic
     return found | {axis: at[:, i] for i, axis in enumerate("xyz")}, at, J[:, :3]
 
 
-def _prp_models() -> tuple[Answer, ...]:
+def _prp_models() -> tuple[ComparedValue, ...]:
     v, at, J = _carrier("prp", ("T1", "q1", "T2"), L2=0.5)
     direct = ("(L2 + T2) c1", "(L2 + T2) s1", "T1")
     rows = {"(1,1)": "0", "(1,2)": "−(L2 + T2) s1", "(1,3)": "c1", "(2,1)": "0", "(2,2)": "(L2 + T2) c1",
@@ -263,7 +263,7 @@ def _prp_models() -> tuple[Answer, ...]:
     )
 
 
-def _rrr_models() -> tuple[Answer, ...]:
+def _rrr_models() -> tuple[ComparedValue, ...]:
     v, at, J = _carrier("rrr", ("q1", "q2", "q3"), l1=0.5, l2=0.4, l3=0.3)
     axes = np.stack([np.cos(v["q1"]), np.sin(v["q1"])], axis=1)
     v |= {"L": np.asarray((at[:, :2] * axes).sum(axis=1))}
@@ -282,7 +282,7 @@ def _rrr_models() -> tuple[Answer, ...]:
     )
 
 
-def _types() -> tuple[Answer, ...]:
+def _types() -> tuple[ComparedValue, ...]:
     """Solve each equation type at random coefficients that have a solution: number of roots, and their residuals."""
     rng = rng_for(0, "arm")
     a, b, c, d, e, f = rng.uniform(0.3, 1.5, (6, 2000))
@@ -312,7 +312,7 @@ def _types() -> tuple[Answer, ...]:
     return tuple(answer for kind, (roots, miss) in found.items() for answer in _type(kind, roots, miss))
 
 
-def _type(kind: int, roots: Roots, miss: Callable[..., Array]) -> tuple[Answer, ...]:
+def _type(kind: int, roots: Roots, miss: Callable[..., Array]) -> tuple[ComparedValue, ...]:
     values = [
         np.broadcast_to(value, (max(len(each) for each in roots.values), value.shape[1])) for value in roots.values
     ]
@@ -350,7 +350,7 @@ def _classical(name: str, kind: type[_Closed]) -> _Closed | None:
     return found.model if found is not None and isinstance(found.model, kind) else None
 
 
-def _two_legs() -> tuple[Answer, ...]:
+def _two_legs() -> tuple[ComparedValue, ...]:
     rho, Ts = _assembled("rpr2")
     legs, points = _classical("rpr2", TwoLegs), Ts[:, :2, 3]
     v = {"x": points[:, 0], "y": points[:, 1], "ρ1": rho[:, 0], "ρ2": rho[:, 1], "L": np.full(SAMPLES, 0.6)}
@@ -378,7 +378,7 @@ def _two_legs() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _three_legs() -> tuple[Answer, ...]:
+def _three_legs() -> tuple[ComparedValue, ...]:
     """Compare the inverse model in the course's frame, and poses with the legs' lines in a point or parallel."""
     rho, Ts = _assembled("rpr3")
     robot, turn = _classical("rpr3", ThreeLegs), np.arctan2(Ts[:, 1, 0], Ts[:, 0, 0])
@@ -430,7 +430,7 @@ _PUBLISHED = {  # Williams 2016, of the model delta: the joints of a place, °
 }
 
 
-def _delta() -> tuple[Answer, ...]:
+def _delta() -> tuple[ComparedValue, ...]:
     """Compare the count of the Delta with six rods, and the closed form of the IRB 340 with its solved closures."""
     count, fourth = (body_count(nominal_mechanism(f"delta/{name}").tree) for name in ("six_rods", "irb340"))
     joints, Ts = _assembled("delta/irb340")
@@ -460,7 +460,7 @@ def _delta() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _angles(place: str, row: tuple[str, ...], found: Array) -> tuple[Answer, ...]:
+def _angles(place: str, row: tuple[str, ...], found: Array) -> tuple[ComparedValue, ...]:
     """Compare the motors' angles of one place (m)."""
     return as_row(f"θ1, θ2, θ3 at ({place}) m", (
         number(f"section 11.6: θ{k + 1} of ({place}) m, the larger Delta", "", float(found[k]), "°",
@@ -469,7 +469,7 @@ def _angles(place: str, row: tuple[str, ...], found: Array) -> tuple[Answer, ...
     ))  # fmt: skip
 
 
-def _shared_pin() -> tuple[Answer, ...]:
+def _shared_pin() -> tuple[ComparedValue, ...]:
     """Compare exercise 11.5 with representative anchors, as the figure cannot be read: E ends the bar A1 A2."""
     bar, base = 0.4, np.array([[0.0, 0.0], [1.2, 0.1], [0.2, 0.9]])
     lengths, Ts = _assembled("rpr3/shared_pin")

@@ -8,7 +8,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.reproduction.answer import Answer, holds
+from lab.extensions.reproduction.answer import ComparedValue, holds
 from lab.extensions.reproduction.item import Item, Missing, Source, with_exercises
 from lab.extensions.reproduction.source_models import SAMPLES, Sampled, link_matrices, matrix_formulas, sampled
 from lab.extensions.reproduction.thesis_model import printed_links
@@ -62,7 +62,7 @@ def _torsors_at(largest: float | None = None) -> _TorsorsAt:
     return lambda joints: {link: scale * torsor for link, torsor in at(joints).items()}
 
 
-def _rotations() -> tuple[Answer, ...]:
+def _rotations() -> tuple[ComparedValue, ...]:
     """Compare 3.23 to 3.29, the matrices of each elementary motion."""
     angle, length = rng_for(0, "arm").uniform(-1.5, 1.5, (2, SAMPLES))
     v = {"r": angle, "L": length, "dx": length, "dy": angle, "dz": 2 * length}
@@ -88,7 +88,7 @@ def _rotations() -> tuple[Answer, ...]:
     )
 
 
-def _small() -> tuple[Answer, ...]:
+def _small() -> tuple[ComparedValue, ...]:
     """Check 3.30 to 3.34, the products of small turns and displacements, to first order at a thousandth."""
     torsor = 1e-3 * rng_for(0, "arm").uniform(-1, 1, (SAMPLES, 6))
     d, r = torsor[:, :3], torsor[:, 3:]
@@ -106,7 +106,7 @@ def _small() -> tuple[Answer, ...]:
     )
 
 
-def _chain() -> tuple[Answer, ...]:
+def _chain() -> tuple[ComparedValue, ...]:
     """Compare 3.22 and 3.35 by products of matrices, of the IRB 120's printed table, with the lab's direct models."""
     robot, zero = _robot(), np.zeros(SAMPLES)
     torsors = _torsors_at(_SAG)(robot.joints)
@@ -130,7 +130,7 @@ def _flex(torsor: Array) -> Array:
     return np.asarray(se3.pose(se3.exp(torsor[:, 3:]), zero) @ se3.pose(one, torsor[:, :3]))
 
 
-def _errors() -> tuple[Answer, ...]:
+def _errors() -> tuple[ComparedValue, ...]:
     """Check that the parts of 3.21 by segment add up to first order."""
     robot = _robot()
     found = elastic_errors(robot.arm, robot.values, robot.joints, _torsors_at(_SAG)(robot.joints))
@@ -138,7 +138,7 @@ def _errors() -> tuple[Answer, ...]:
     return (holds("the errors of all segments add up, to first order", apart, within=10 * _SAG**2),)
 
 
-def _compensation() -> tuple[Answer, ...]:
+def _compensation() -> tuple[ComparedValue, ...]:
     """Check 3.36 b to 3.38: one correction of small errors, iterations of large ones."""
     robot = _robot()
     away = robot.arm.singular_distance(robot.joints, robot.values)[0] > 0.2
@@ -168,7 +168,7 @@ def _corrected(robot: Sampled, joints: Array, torsors_at: _TorsorsAt) -> Correct
     )
 
 
-def _planar() -> tuple[Answer, ...]:
+def _planar() -> tuple[ComparedValue, ...]:
     """Check the remark on fewer than six joints, of an arm of two joints whose second link is a tube under gravity."""
     robot, material = sampled("course2r"), MATERIALS["aluminium"]
     length = float(robot.arm.chain.table[1, 2])
@@ -188,7 +188,7 @@ def _planar() -> tuple[Answer, ...]:
     )
 
 
-def _calibrated() -> tuple[Answer, ...]:
+def _calibrated() -> tuple[ComparedValue, ...]:
     """Check 3.39 and 3.40: a purely geometric fit absorbs a part of the elastic errors."""
     robot = _robot()
     arm, values = robot.arm, robot.values

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from lab.core.errors import LabError
 from lab.extension_points import choice_of, load, registered
-from lab.extensions.reproduction.answer import Answer
+from lab.extensions.reproduction.answer import ComparedValue
 
 _GROUP = "lab.sources"  # of entry points
 
@@ -71,7 +71,7 @@ class Item:
 
     number: str
     title: str
-    answers: Callable[[], tuple[Answer, ...]] = tuple
+    answers: Callable[[], tuple[ComparedValue, ...]] = tuple
     command: str = ""
     note: str = ""
     pictures: "Callable[[], tuple[Picture, ...]]" = tuple
@@ -197,4 +197,4 @@ class Computed:
     """An item with its answers."""
 
     item: Item
-    answers: tuple[Answer, ...]
+    answers: tuple[ComparedValue, ...]

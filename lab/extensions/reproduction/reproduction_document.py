@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import groupby
 
 from lab.core.errors import LabError, counted
-from lab.extensions.reproduction.answer import Answer, State
+from lab.extensions.reproduction.answer import ComparedValue, State
 from lab.extensions.reproduction.item import Computed, Exercise, Item
 from lab.extensions.reproduction.reproduction_result import KINDS, STATES, ReproductionResult, by_matrix, solution_of
 from lab.extensions.reproduction.source_models import arm_sketch
@@ -20,7 +20,7 @@ from lab.report.document import (
     Bullets,
     Card,
     Code,
-    Command,
+    CommandText,
     Document,
     Figure,
     Matrices,
@@ -174,7 +174,7 @@ def _section(each: Computed) -> Section:
             Paragraph(item.note),
             *_values_of(each.answers),
             *_figure(item, item.pictures()),
-            Command(item.command),
+            CommandText(item.command),
             *([_exercise(item.exercise, each)] if item.exercise else ()),
         ),
     )
@@ -198,7 +198,7 @@ def _exercise(exercise: Exercise, each: Computed) -> Section:
     )
 
 
-def _values_of(answers: tuple[Answer, ...]) -> Iterator[Block]:
+def _values_of(answers: tuple[ComparedValue, ...]) -> Iterator[Block]:
     """Show matrices as such, rows of a table in a table of as many columns, and all other values one by one."""
     placed = by_matrix(answers)
     yield Matrices(tuple(_matrix(name, rows) for name, rows in placed.items() if len(rows) > 1))
@@ -210,19 +210,19 @@ def _values_of(answers: tuple[Answer, ...]) -> Iterator[Block]:
     yield _list([answer for answer in answers if answer.place is None])
 
 
-def _matrix(name: str, rows: Sequence[Sequence[Answer]]) -> Matrix:
+def _matrix(name: str, rows: Sequence[Sequence[ComparedValue]]) -> Matrix:
     """Return a matrix as printed, or as the reader should find it, beside the lab's values, with its worst state."""
     state = min((answer.state for row in rows for answer in row), key=_WORST.index)
     printed, ours = (tuple(tuple(map(part, row)) for row in rows) for part in (_entry, _ours))
     return Matrix(name, (("solution" if state == "open" else "printed", printed), ("here", ours)), _BADGES[state])
 
 
-def _ours(answer: Answer) -> Text:
+def _ours(answer: ComparedValue) -> Text:
     """Return the lab's value of an entry."""
     return answer.ours
 
 
-def _row_table(rows: Sequence[Sequence[Answer]], width: int) -> Table:
+def _row_table(rows: Sequence[Sequence[ComparedValue]], width: int) -> Table:
     """Show rows of a table that are compared entry by entry, beside the lab's values."""
     lines: list[Row] = []
     for row in rows:
@@ -233,7 +233,7 @@ def _row_table(rows: Sequence[Sequence[Answer]], width: int) -> Table:
     return Table(("", "printed", *blank, "", "here", *blank, ""), tuple(lines))
 
 
-def _entry(answer: Answer) -> Text:
+def _entry(answer: ComparedValue) -> Text:
     """Return an entry of a printed matrix, in bold where it is not right or cannot be read."""
     if answer.state == "open":
         return answer.right
@@ -241,7 +241,7 @@ def _entry(answer: Answer) -> Text:
     return Strong(shown) if answer.state in _WORST[:3] else shown
 
 
-def _marked_entries(entries: Sequence[Answer]) -> Iterator[str]:
+def _marked_entries(entries: Sequence[ComparedValue]) -> Iterator[str]:
     """Describe the entries that are not right, or cannot be read, those with one reason together."""
     for answer in entries:
         if answer.state == "differs":
@@ -258,7 +258,7 @@ def _marked_entries(entries: Sequence[Answer]) -> Iterator[str]:
             yield "; ".join(f"{answer.name}, right is {answer.right}" for answer in alike) + f": {reason}"
 
 
-def _list(answers: Sequence[Answer]) -> Table:
+def _list(answers: Sequence[ComparedValue]) -> Table:
     """Show values one by one, without the columns that none of them needs."""
     heads = ("", "printed", "solution", "here", "unit", "difference", "", "")
     rows: list[Row] = [

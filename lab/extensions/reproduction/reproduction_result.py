@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lab.extensions.reproduction.answer import Answer, Kind, State
+from lab.extensions.reproduction.answer import ComparedValue, Kind, State
 from lab.extensions.reproduction.item import Computed, Source, source_named
 from lab.extensions.reproduction.reproduction_options import ReproduceOptions
 from lab.formats.csv_table import write_columns
@@ -39,7 +39,7 @@ class ReproductionResult(Result):
     computed: tuple[Computed, ...]
 
     @property
-    def answers(self) -> tuple[Answer, ...]:
+    def answers(self) -> tuple[ComparedValue, ...]:
         """Answers of all items."""
         return tuple(answer for each in self.computed for answer in each.answers)
 
@@ -111,7 +111,7 @@ class ReproductionResult(Result):
         }
 
 
-def _values(answer: Answer) -> dict[str, Any]:
+def _values(answer: ComparedValue) -> dict[str, Any]:
     return {
         "name": answer.name, "unit": answer.unit, "printed": answer.printed, "ours": answer.ours,
         "difference": answer.difference, "agrees": answer.agrees, "erratum": answer.erratum,
@@ -137,7 +137,7 @@ STATES: Mapping[State, str] = {
 }
 
 
-def solution_of(answers: Sequence[Answer]) -> Iterator[Block]:
+def solution_of(answers: Sequence[ComparedValue]) -> Iterator[Block]:
     """Show the correct answers: the formulas that the lab confirms at random positions, and the values it computes."""
     asked = [answer for answer in answers if answer.kind != "check"]
     placed = by_matrix(asked)
@@ -148,15 +148,15 @@ def solution_of(answers: Sequence[Answer]) -> Iterator[Block]:
     yield Table(("", "solution", "unit"), tuple(rows))
 
 
-def _units(row: Sequence[Answer]) -> str:
+def _units(row: Sequence[ComparedValue]) -> str:
     """Return the unit of a row, or those of its entries where they differ."""
     units = [answer.unit or "–" for answer in row]
     return ", ".join(units) if len(set(units)) > 1 else row[0].unit
 
 
-def by_matrix(answers: Iterable[Answer]) -> dict[str, list[list[Answer]]]:
+def by_matrix(answers: Iterable[ComparedValue]) -> dict[str, list[list[ComparedValue]]]:
     """Return the rows of each matrix, by its name."""
-    found: dict[str, dict[int, list[Answer]]] = {}
+    found: dict[str, dict[int, list[ComparedValue]]] = {}
     for answer in answers:
         if answer.place is not None:
             found.setdefault(answer.place[0], {}).setdefault(answer.place[1], []).append(answer)

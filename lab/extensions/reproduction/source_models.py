@@ -9,7 +9,7 @@ import numpy as np
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.reproduction.answer import Answer, formula, number
+from lab.extensions.reproduction.answer import ComparedValue, formula, number
 from lab.extensions.reproduction.formulas import Variables
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.serial.chain import Chain, Convention
@@ -120,7 +120,7 @@ def matrix_formulas(
     variables: Variables,
     right: Mapping[str, str] | None = None,
     errata: Mapping[str, str] | None = None,
-) -> tuple[Answer, ...]:
+) -> tuple[ComparedValue, ...]:
     """Compare each entry of a printed matrix with the model's at random positions.
 
     Args:
@@ -144,7 +144,7 @@ def matrix_formulas(
     )  # fmt: skip
 
 
-def matrix_numbers(name: str, printed: str, exact: Array, units: Sequence[str] = ()) -> tuple[Answer, ...]:
+def matrix_numbers(name: str, printed: str, exact: Array, units: Sequence[str] = ()) -> tuple[ComparedValue, ...]:
     """Compare each entry of a printed matrix of numbers; ``units`` are those of its columns."""
     return tuple(
         replace(
@@ -156,7 +156,7 @@ def matrix_numbers(name: str, printed: str, exact: Array, units: Sequence[str] =
     )
 
 
-def as_row(name: str, answers: Iterable[Answer]) -> tuple[Answer, ...]:
+def as_row(name: str, answers: Iterable[ComparedValue]) -> tuple[ComparedValue, ...]:
     """Return answers as the row of a table, shown on one line."""
     return tuple(replace(answer, place=(name, 1, column)) for column, answer in enumerate(answers, 1))
 

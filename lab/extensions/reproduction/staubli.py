@@ -6,7 +6,7 @@ from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
+from lab.extensions.reproduction.answer import ComparedValue, formula, holds, number, word
 from lab.extensions.reproduction.item import Item, Missing, Source, with_exercises
 from lab.extensions.reproduction.source_models import SAMPLES, as_row, link_matrices, matrix_formulas, sampled, serial
 from lab.kinematics.gauge import base_set_of
@@ -29,7 +29,7 @@ def _along(axis: Array, length: Array) -> Array:
     return se3.pose(np.tile(np.eye(3), (len(length), 1, 1)), length[:, None] * axis)
 
 
-def _link() -> tuple[Answer, ...]:
+def _link() -> tuple[ComparedValue, ...]:
     alpha, d, theta, r = rng_for(0, "arm").uniform(-3, 3, (4, SAMPLES))
     exact = link_matrices("craig", theta, r, d, alpha)
     right = {
@@ -40,7 +40,7 @@ def _link() -> tuple[Answer, ...]:
     return matrix_formulas("T", "", exact[:, :3], {"α": alpha, "d": d, "θ": theta, "r": r}, right)
 
 
-def _whole() -> tuple[Answer, ...]:
+def _whole() -> tuple[ComparedValue, ...]:
     """Check 1.1: Z, the matrices 1.2 of the RX 130 and E give the tool's point of the lab's direct model."""
     robot = sampled("rx130")
     arm, values = robot.arm, robot.values.copy()
@@ -54,7 +54,7 @@ def _whole() -> tuple[Answer, ...]:
     return (holds("1.1: Z 0Tn E", float(np.abs((T @ E)[:, :3, 3] - arm.points(robot.joints, values)[:, 0]).max())),)
 
 
-def _frames() -> tuple[Answer, ...]:
+def _frames() -> tuple[ComparedValue, ...]:
     """Check 1.3 and 1.5: a pose by six parameters, and back."""
     rows = rng_for(0, "arm").uniform([-3, -1, 0.2, -1, -3, -1], [3, 1, 2.9, 1, 3, 1], (SAMPLES, 6))
     gamma, b, alpha, d, theta, r = rows.T
@@ -69,7 +69,7 @@ def _frames() -> tuple[Answer, ...]:
     )
 
 
-def _grouped() -> tuple[Answer, ...]:
+def _grouped() -> tuple[ComparedValue, ...]:
     """Check 1.4 and 1.6: about one axis turns add up, and so do lengths along it."""
     rows = rng_for(0, "arm").uniform(-1, 1, (SAMPLES, 8))
     gamma, b, alpha, d, theta, r, theta_1, r_1 = rows.T
@@ -115,9 +115,9 @@ def _off_axis() -> tuple[SerialArm, Array]:
     return arm, moved
 
 
-def _table() -> tuple[Answer, ...]:
+def _table() -> tuple[ComparedValue, ...]:
     table = serial("rx130")[0].chain.table
-    answers: list[Answer] = []
+    answers: list[ComparedValue] = []
     for i, row in enumerate(_TABLE):
         theta, r, d, alpha, _ = table[i]
         ours = (np.rad2deg(alpha), MM.of(d), np.rad2deg(theta), MM.of(r))
@@ -128,7 +128,7 @@ def _table() -> tuple[Answer, ...]:
     return tuple(answers)
 
 
-def _identifiable() -> tuple[Answer, ...]:
+def _identifiable() -> tuple[ComparedValue, ...]:
     arm, values = _off_axis()
     joints = arm.chain.random_joints(200, rng_for(0, "structure"))
     J = arm.observe(joints, values)[1].reshape(-1, len(values))
@@ -145,7 +145,7 @@ def _identifiable() -> tuple[Answer, ...]:
     )
 
 
-def _misaligned() -> tuple[Answer, ...]:
+def _misaligned() -> tuple[ComparedValue, ...]:
     """Compute figure 3: the common normal of two axes, of which one is tilted by β about y from parallel."""
     beta, d = rng_for(0, "arm").uniform([1e-4, 0.1], [0.1, 1.0], (SAMPLES, 2)).T
     tilted = _along(_X, d) @ _turn(np.array([0.0, 1.0, 0.0]), beta)

@@ -8,7 +8,7 @@ from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.reproduction.answer import Answer, at_least, drawn, given, holds, number, word
+from lab.extensions.reproduction.answer import ComparedValue, at_least, drawn, given, holds, number, word
 from lab.extensions.reproduction.item import Item, Missing, Source, in_chapter, with_exercises
 from lab.extensions.reproduction.source_models import as_row, link_matrices, matrix_formulas
 from lab.extensions.reproduction.thesis_case import (
@@ -87,7 +87,7 @@ def _rate(letter: str) -> Array:
     return np.asarray((4 * at(_STEP) - at(2 * _STEP)) / 3)
 
 
-def _link_rate() -> tuple[Answer, ...]:
+def _link_rate() -> tuple[ComparedValue, ...]:
     printed = (
         "−sin(θ) | −cos(θ) cos(α) | cos(θ) sin(α) | −a sin(θ); cos(θ) | −sin(θ) cos(α) | sin(θ) sin(α) | a cos(θ);"
         "0 | 0 | 0 | 0; 0 | 0 | 0 | 1"
@@ -98,7 +98,7 @@ def _link_rate() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _generators() -> tuple[Answer, ...]:
+def _generators() -> tuple[ComparedValue, ...]:
     letters, A = _link()
     printed = {
         "θ": "0 | −cos(α) | sin(α) | 0; cos(α) | 0 | 0 | a cos(α); −sin(α) | 0 | 0 | −a sin(α); 0 | 0 | 0 | 0",
@@ -113,7 +113,7 @@ def _generators() -> tuple[Answer, ...]:
     )
 
 
-def _jacobian() -> tuple[Answer, ...]:
+def _jacobian() -> tuple[ComparedValue, ...]:
     """Compare J by IV.19 to IV.24 and the printed table with the lab's, the product of IV.7 begun at each link or 1."""
     case = thesis_case()
     joints = case.arm.chain.random_joints(20, rng_for(0, "structure"))
@@ -150,7 +150,7 @@ def _columns(joints: Array, *, at_link: bool) -> Array:
     return np.stack(out, axis=2)
 
 
-def _retained() -> tuple[Answer, ...]:
+def _retained() -> tuple[ComparedValue, ...]:
     """Compare table IV.1: independent columns at the flange's origin, those that the thesis drops last."""
     case = thesis_case()
     joints = case.arm.chain.random_joints(200, rng_for(0, "structure"))
@@ -187,8 +187,8 @@ def _campaigns(criterion: str) -> tuple[Array, Array]:
     return errors(joints, _DRAWS), errors(joints, _DRAWS, hidden={})
 
 
-def _estimates() -> tuple[Answer, ...]:
-    answers: list[Answer] = []
+def _estimates() -> tuple[ComparedValue, ...]:
+    answers: list[ComparedValue] = []
     into = {retained: dropped for dropped, retained in INTO.items()}
     for symbol, name, row in zip(_SYMBOLS, OFFSETS, _COLUMNS, strict=True):
         unit = "rad" if thesis_case().parameter(name).is_angle else "mm"
@@ -206,7 +206,7 @@ def _estimates() -> tuple[Answer, ...]:
     return tuple(answers)
 
 
-def _performance() -> tuple[Answer, ...]:
+def _performance() -> tuple[ComparedValue, ...]:
     """Compare table IV.3 with the draws of the lab, and check that it follows from the printed table IV.2."""
     printed = np.array(_COLUMNS, dtype=np.float64)
     rows = rows_of_table((printed[:, 1:] - printed[:, :1]).T)
@@ -227,7 +227,7 @@ def _performance() -> tuple[Answer, ...]:
     )
 
 
-def _best() -> tuple[Answer, ...]:
+def _best() -> tuple[ComparedValue, ...]:
     """Test whether the RMS of one draw distinguishes the criteria: the least of five, over the draws."""
     rms = np.array([rows_of_table(_campaigns(criterion)[0])["RMS"] for criterion in CRITERIA[:5]])
     shares = np.bincount(rms.argmin(axis=0), minlength=5) / _DRAWS
@@ -242,7 +242,7 @@ def _best() -> tuple[Answer, ...]:
     return (word("the best index", "O3", ours, right="none by one draw", erratum=reason),)
 
 
-def _least_squares() -> tuple[Answer, ...]:
+def _least_squares() -> tuple[ComparedValue, ...]:
     """Compare IV.6, IV.25 with the lab's pseudo-inverse of the arm's Jacobian, IV.8 with its small motions."""
     J = _jacobian_indices().reshape(-1, len(OFFSETS))
     side = rng_for(0, "noise").normal(size=len(J))
@@ -304,7 +304,7 @@ def _trace() -> Array:
     return converging(0, _SEARCHED, _STARTS, _ROUNDS)
 
 
-def _against_poses() -> tuple[Answer, ...]:
+def _against_poses() -> tuple[ComparedValue, ...]:
     last = _curve()[_COUNTS.index(20)]
     return (
         *(
@@ -315,7 +315,7 @@ def _against_poses() -> tuple[Answer, ...]:
     )
 
 
-def _best_curves() -> tuple[Answer, ...]:
+def _best_curves() -> tuple[ComparedValue, ...]:
     best = searched("O1", 0, _SEARCHED, _STARTS)  # as scripts/experiments/best_o1.py does
     return (at_least("the best O1 of 20 poses", f"{_PRINTED_BEST:.4f}", float(indices(best.jacobian).o1)),)
 
@@ -359,7 +359,7 @@ def _jacobian_indices() -> Array:
     return np.asarray(MM.of(case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)]) / case.mm)
 
 
-def _bounds() -> tuple[Answer, ...]:
+def _bounds() -> tuple[ComparedValue, ...]:
     """Check II.1 to II.4 at random errors."""
     J = _jacobian_indices().reshape(-1, len(OFFSETS))
     u, s, vt = np.linalg.svd(J, full_matrices=False)
@@ -372,7 +372,7 @@ def _bounds() -> tuple[Answer, ...]:
     )
 
 
-def _indices() -> tuple[Answer, ...]:
+def _indices() -> tuple[ComparedValue, ...]:
     """Compare II.5 to II.9 by the eigenvalues of J'J with the lab's by singular values."""
     J = _jacobian_indices()
     flat = J.reshape(-1, len(OFFSETS))

@@ -34,8 +34,8 @@ __all__ = [
     "RANKED",
     "WORKSPACE_ARMS",
     "Contradiction",
-    "Effects",
-    "Growth",
+    "EffectSizes",
+    "ErrorGrowth",
     "Interval",
     "KindOfRobot",
     "Machine",
@@ -260,7 +260,7 @@ def serial_over_parallel(pair: str, arms: int = 400, designs: int = 30) -> dict[
 
 
 @dataclass(frozen=True)
-class Growth:
+class ErrorGrowth:
     """Position errors of the frames of an arm whose links have equal errors.
 
     Attributes:
@@ -288,7 +288,7 @@ class Growth:
         return _share(np.asarray((np.diff(self.errors, axis=1) > 0).all(axis=1)))
 
 
-def growth_along(name: str, arms: int = 100, poses: int = 50) -> Growth:
+def growth_along(name: str, arms: int = 100, poses: int = 50) -> ErrorGrowth:
     """Simulate arms whose Denavit-Hartenberg entries all have the default tolerances."""
     arm = load_robot(name).serial_arm(("p1",))
     joints = arm.chain.random_joints(poses, rng_for(0, "poses"))
@@ -296,7 +296,7 @@ def growth_along(name: str, arms: int = 100, poses: int = 50) -> Growth:
     found = [
         _origins(arm, joints, random_table(arm, TOLERANCE_M, TOLERANCE_RAD, rng_for(k, "arm"))) for k in range(arms)
     ]
-    return Growth(name, np.sqrt(((np.array(found) - nominal) ** 2).sum(axis=3).mean(axis=1)))
+    return ErrorGrowth(name, np.sqrt(((np.array(found) - nominal) ** 2).sum(axis=3).mean(axis=1)))
 
 
 def _origins(arm: SerialArm, joints: Array, values: Array) -> Array:
@@ -309,7 +309,7 @@ def _origins(arm: SerialArm, joints: Array, values: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Effects:
+class EffectSizes:
     """Sizes of errors that are neither the joints' zeros and gains nor geometry, and of those.
 
     Attributes:
@@ -333,7 +333,7 @@ _SOURCES = ("joints", "geometry", "other")
 
 
 def error_sources(
-    name: str, arms: int = 200, poses: int = 100, *, aligned: bool = False, effects: Effects | None = None
+    name: str, arms: int = 200, poses: int = 100, *, aligned: bool = False, effects: EffectSizes | None = None
 ) -> dict[str, Array]:
     """Simulate arms with each source of the thesis' ranking alone: RMS position errors ``(arms,)`` m by source.
 
@@ -343,7 +343,7 @@ def error_sources(
     Args:
         aligned: base and tool are fitted to the measured points first, as in a calibration; else both are given.
     """
-    given = effects or Effects()
+    given = effects or EffectSizes()
     robot = load_robot(name)
     arm = robot.serial_arm(("p1",))
     values = arm.nominal(robot.tool)
@@ -373,7 +373,7 @@ def error_sources(
 
 
 def _other(
-    loads: Loads | None, arm: SerialArm, joints: Array, by_joint: Array, values: Array, given: Effects, arms: int
+    loads: Loads | None, arm: SerialArm, joints: Array, by_joint: Array, values: Array, given: EffectSizes, arms: int
 ) -> Array:
     """Displace the tool ``(arms, poses, 3)`` by compliance, runout, backlash and heat."""
     assert loads is not None  # of the arms in RANKED

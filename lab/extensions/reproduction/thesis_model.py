@@ -8,7 +8,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
+from lab.extensions.reproduction.answer import ComparedValue, formula, holds, number, word
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.source_models import (
     as_row,
@@ -52,10 +52,10 @@ _SOLUTIONS = (  # table III.3, °
 )
 
 
-def _limits() -> tuple[Answer, ...]:
+def _limits() -> tuple[ComparedValue, ...]:
     chain = serial("irb120")[0].chain
     sides = (("from", chain.lower), ("to", chain.upper))
-    answers: list[Answer] = []
+    answers: list[ComparedValue] = []
     for i, pair in enumerate(_LIMITS[:5]):
         answers += as_row(f"q{i + 1} from, to", (
             number(f"q{i + 1} {side}", str(value), float(np.rad2deg(limit[i])), "°")
@@ -67,7 +67,7 @@ def _limits() -> tuple[Answer, ...]:
     ))  # fmt: skip
 
 
-def _sizes() -> tuple[Answer, ...]:
+def _sizes() -> tuple[ComparedValue, ...]:
     """Compare reach and depth of the wrist's centre by a grid of joints 2 and 3, and the mass of all bodies."""
     arm, values = serial("irb120")
     steps = 121
@@ -83,9 +83,9 @@ def _sizes() -> tuple[Answer, ...]:
     )
 
 
-def _dh_table() -> tuple[Answer, ...]:
+def _dh_table() -> tuple[ComparedValue, ...]:
     table = serial("irb120")[0].chain.table
-    answers: list[Answer] = []
+    answers: list[ComparedValue] = []
     for i, row in enumerate(_TABLE):
         theta, d, a, alpha, _ = table[i]
         ours = (np.rad2deg(theta), MM.of(d), MM.of(a), np.rad2deg(alpha))
@@ -106,7 +106,7 @@ def printed_links(joints: Array) -> tuple[Array, Array]:
     return np.stack(links, axis=1), rows
 
 
-def _general_link() -> tuple[Answer, ...]:
+def _general_link() -> tuple[ComparedValue, ...]:
     theta, alpha, d, a = np.random.default_rng(0).uniform(-3, 3, (4, 20))
     printed = (
         "cos(θ) | −sin(θ) cos(α) | sin(θ) sin(α) | a cos(θ); sin(θ) | cos(θ) cos(α) | −cos(θ) sin(α) | a sin(θ);"
@@ -116,7 +116,7 @@ def _general_link() -> tuple[Answer, ...]:
     return matrix_formulas("T", printed, exact, {"θ": theta, "α": alpha, "d": d, "a": a})
 
 
-def _links() -> tuple[Answer, ...]:
+def _links() -> tuple[ComparedValue, ...]:
     robot = sampled("irb120", 1e3)
     return tuple(
         answer
@@ -125,22 +125,22 @@ def _links() -> tuple[Answer, ...]:
     )
 
 
-def _example(degrees: tuple[float, ...], printed: str) -> tuple[Answer, ...]:
+def _example(degrees: tuple[float, ...], printed: str) -> tuple[ComparedValue, ...]:
     arm, values = serial("irb120")
     T = arm.tool(np.deg2rad([degrees]), values)[0][0] * np.where(np.arange(4) == 3, 1e3, 1.0)
     T[3, 3] = 1.0
     return matrix_numbers("T0,6", printed, T, ("", "", "", "mm"))
 
 
-def _example_a() -> tuple[Answer, ...]:
+def _example_a() -> tuple[ComparedValue, ...]:
     return _example((0, 0, 0, 0, 0, 0), "0|0|1|374; 0|1|0|0; -1|0|0|630; 0|0|0|1")
 
 
-def _example_b() -> tuple[Answer, ...]:
+def _example_b() -> tuple[ComparedValue, ...]:
     return _example((0, 0, -90, -90, 90, -90), "-1|0|0|-70; 0|0|-1|-72; 0|-1|0|862; 0|0|0|1")
 
 
-def _inverse_of_a_pose() -> tuple[Answer, ...]:
+def _inverse_of_a_pose() -> tuple[ComparedValue, ...]:
     """Compare the inverse by transposing, entry by entry, with the inverse of the lab's T0,6."""
     T = sampled("irb120", 1e3).between(0, 6)
     v = {f"{letter}{axis}": T[:, i, j] for j, letter in enumerate("noap") for i, axis in enumerate("xyz")}
@@ -171,7 +171,7 @@ def _wrist() -> tuple[dict[str, Array], Array, Array]:
     return letters, centre, T[:, :3, :3]
 
 
-def _centre() -> tuple[Answer, ...]:
+def _centre() -> tuple[ComparedValue, ...]:
     letters, centre, _ = _wrist()
     printed = ("2 c1 (151 c23 + 35 s23 + 135 s2)", "2 s1 (151 c23 + 35 s23 + 135 s2)",
                "290 − 302 s23 + 70 c23 + 270 c2")  # fmt: skip
@@ -182,7 +182,7 @@ def _centre() -> tuple[Answer, ...]:
     )
 
 
-def _shoulder() -> tuple[Answer, ...]:
+def _shoulder() -> tuple[ComparedValue, ...]:
     """Compare equations III.21 to III.28, the printed q1 to q4 as A to D."""
     v = _wrist()[0]
     q2, q3 = v["q2"], v["q3"]
@@ -203,7 +203,7 @@ def _shoulder() -> tuple[Answer, ...]:
     )  # fmt: skip
 
 
-def _first_joint() -> tuple[Answer, ...]:
+def _first_joint() -> tuple[ComparedValue, ...]:
     """Check equations III.23 and III.26 with both signs, each at its positions."""
     v = _wrist()[0]
     facing, bent = v["C"] > 0, np.cos(v["q3"] - v["β"]) > 0
@@ -217,7 +217,7 @@ def _first_joint() -> tuple[Answer, ...]:
     )
 
 
-def _last_joints() -> tuple[Answer, ...]:
+def _last_joints() -> tuple[ComparedValue, ...]:
     v = _wrist()[0]
     c4, s4, c5, s5, c6, s6 = (f(v[f"q{i}"]) for i in (4, 5, 6) for f in (np.cos, np.sin))
     in_plane = "(c1 ax + s1 ay)"
@@ -252,7 +252,7 @@ def _eight_solutions() -> Array:
     return np.asarray(found[apart.argmin(axis=1)])
 
 
-def _solutions() -> tuple[Answer, ...]:
+def _solutions() -> tuple[ComparedValue, ...]:
     ours = np.rad2deg(_eight_solutions())
     return tuple(
         answer

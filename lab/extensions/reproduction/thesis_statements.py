@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from lab.core.units import MM
-from lab.extensions.reproduction.answer import Answer, number, stated
+from lab.extensions.reproduction.answer import ComparedValue, number, stated
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.thesis_claims import (
     PAIRS,
@@ -34,7 +34,7 @@ __all__ = ["STATEMENT_ITEMS"]
 _GROWING = ("irb120", "irb140", "irb2400", "rx130", "ur5")
 
 
-def _workspaces() -> tuple[Answer, ...]:
+def _workspaces() -> tuple[ComparedValue, ...]:
     answers = []
     for name in WORKSPACE_ARMS:
         reach, space = wrist_workspace(name)
@@ -88,7 +88,7 @@ def _ratios(pair: str) -> dict[str, dict[str, Interval]]:
     return serial_over_parallel(pair)
 
 
-def _compared() -> tuple[Answer, ...]:
+def _compared() -> tuple[ComparedValue, ...]:
     answers = [_direct_models()]
     for name, (printed, quantity, size) in _ROWS.items():
         ratios = {pair: _ratios(pair)[quantity][size] for pair in PAIRS}
@@ -99,7 +99,7 @@ def _compared() -> tuple[Answer, ...]:
     return tuple(answers)
 
 
-def _direct_models() -> Answer:
+def _direct_models() -> ComparedValue:
     """Count the solutions of the direct model: the poses at the same joint positions."""
     chain = load_robot("delta").chain
     assert isinstance(chain, Mechanism)
@@ -111,7 +111,7 @@ def _direct_models() -> Answer:
     return stated("kinematic models", "parallel complex, serial simple", holds=count > 1, found=found)
 
 
-def _grows() -> tuple[Answer, ...]:
+def _grows() -> tuple[ComparedValue, ...]:
     answers = []
     for name in _GROWING:
         grown = growth_along(name)
@@ -130,7 +130,7 @@ def _grows() -> tuple[Answer, ...]:
     return tuple(answers)
 
 
-def _ranking() -> tuple[Answer, ...]:
+def _ranking() -> tuple[ComparedValue, ...]:
     answers = []
     for name in RANKED:
         for aligned, words in ((False, "base and tool given"), (True, "base and tool fitted")):
@@ -157,7 +157,7 @@ def _ranking() -> tuple[Answer, ...]:
     return tuple(answers)
 
 
-def _contradicts() -> tuple[Answer, ...]:
+def _contradicts() -> tuple[ComparedValue, ...]:
     found = contradiction()
     answers = []
     for names in (("O1", "O2", "O3"), ("O1", "O2"), ("O1", "O3"), ("O2", "O3")):

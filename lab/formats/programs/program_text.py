@@ -23,7 +23,7 @@ from lab.core import se3
 from lab.core.errors import LabError, option_name
 from lab.core.limits import COORDINATE_SIZE, DIGITS, PROGRAM_FRAMES, PROGRAM_MOVES, ROUNDED_NORM
 from lab.core.se3 import Array
-from lab.kinematics.inverse.closed_form import Axes
+from lab.kinematics.inverse.closed_form import ZeroAxes
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.chain import Chain
 
@@ -284,7 +284,7 @@ class ArmShape:
     @classmethod
     def of(cls, chain: Chain) -> "ArmShape":
         """Return the shape of a nominal model."""
-        axes = Axes.of(chain)
+        axes = ZeroAxes.of(chain)
         wrist = _nearest_point(axes.origins[4], axes.directions[4], axes.origins[3], axes.directions[3])
         forward = np.cross(axes.directions[1], axes.directions[0])
         length = np.linalg.norm(forward)

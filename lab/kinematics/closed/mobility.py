@@ -18,7 +18,16 @@ from lab.kinematics.differential import ROTATION_M
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
 
-__all__ = ["SINGULAR", "BodyCount", "ClosedFormShape", "Nearest", "body_count", "is_planar", "mobility", "mobility_of"]
+__all__ = [
+    "SINGULAR",
+    "BodyCount",
+    "ClosedFormShape",
+    "NearestSingularity",
+    "body_count",
+    "is_planar",
+    "mobility",
+    "mobility_of",
+]
 
 _SPACE, _PLANE = 6, 3
 
@@ -104,7 +113,7 @@ SINGULAR = 1e-3  # distance of a pose at a singularity
 
 
 @dataclass(frozen=True)
-class Nearest:
+class NearestSingularity:
     """Pose of the nominal assembly mode nearest to a kind of singularity, within the limits.
 
     Attributes:
@@ -139,7 +148,7 @@ class ClosedFormShape:
     modes: int
     working: int
     reachable: float
-    singularities: tuple[Nearest, ...]
+    singularities: tuple[NearestSingularity, ...]
 
 
 _POSES = 50

@@ -15,7 +15,18 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.parameter import BASE_PARAMETERS
 from lab.kinematics.serial.chain import Chain
-from lab.kinematics.serial.walk import RIGID, Axes, Displaced, Motion, Torsors, along, chunks, fill, padded, some_poses
+from lab.kinematics.serial.walk import (
+    RIGID,
+    Axes,
+    Displaced,
+    ElementaryMotion,
+    Torsors,
+    along,
+    chunks,
+    fill,
+    padded,
+    some_poses,
+)
 
 __all__ = [
     "flange",
@@ -79,13 +90,15 @@ class _ManyArms(Protocol):
 
 def walk(
     arm: _WalkedArm, joints: Array, values: Array, torsors: Torsors = RIGID
-) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
+) -> tuple[list[ElementaryMotion], tuple[Array, Array, Array], Array]:
     """Return all elementary motions, then the last frame's axes and origin, each ``(5, n)``."""
     base, table, _ = arm.split(values)
     frame = [padded(column) for column in se3.exp(base[3:]).T]
     origin = padded(base[:3])
-    motions = [Motion(i, padded(np.eye(3)[i]), None) for i in range(3)]
-    motions += [Motion(3 + i, padded(column), origin) for i, column in enumerate(se3.left_jacobian(base[3:]).T)]
+    motions = [ElementaryMotion(i, padded(np.eye(3)[i]), None) for i in range(3)]
+    motions += [
+        ElementaryMotion(3 + i, padded(column), origin) for i, column in enumerate(se3.left_jacobian(base[3:]).T)
+    ]
     flexible = Displaced(torsors, len(arm.names))
     links, last, end = along(arm.chain, (frame[0], frame[1], frame[2]), origin, table, joints.T, flexible)
     return motions + links, last, end
@@ -167,7 +180,9 @@ def _poses(frame: Sequence[Array], origin: Array, count: int) -> Array:
 # Many arms
 
 
-def walk_stacked(arm: _WalkedArm, joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, Axes]:
+def walk_stacked(
+    arm: _WalkedArm, joints: Array, values: Array, rows: int
+) -> tuple[list[ElementaryMotion], Array, Axes]:
     """Return all motions, targets ``(rows, k, b, n)``, and the last frame's axes ``(rows, b, n)``: x y z (x y).
 
     Args:
@@ -185,9 +200,9 @@ def walk_stacked(arm: _WalkedArm, joints: Array, values: Array, rows: int) -> tu
     base = values[:, : len(BASE_PARAMETERS)]
     axes = [stacked(column) for column in np.moveaxis(se3.exp(base[:, 3:]), 2, 0)]
     origin = stacked(base[:, :3])
-    motions = [Motion(i, stacked(np.eye(3)[None, i]), None) for i in range(3)]
+    motions = [ElementaryMotion(i, stacked(np.eye(3)[None, i]), None) for i in range(3)]
     turning = np.moveaxis(se3.left_jacobian(base[:, 3:]), 2, 0)
-    motions += [Motion(3 + i, stacked(column), origin) for i, column in enumerate(turning)]
+    motions += [ElementaryMotion(3 + i, stacked(column), origin) for i, column in enumerate(turning)]
     each = np.moveaxis(joints if joints.ndim == 3 else joints[None], 2, 0)
     links, frame, end = along(arm.chain, (axes[0], axes[1], axes[2]), origin, table, each)
     places = columns[first_tool:].reshape(len(arm.targets), 3, len(values), 1)

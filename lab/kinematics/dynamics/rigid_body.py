@@ -25,7 +25,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array, skew
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.kinematics.serial.walk import Motion, along
+from lab.kinematics.serial.walk import ElementaryMotion, along
 
 __all__ = [
     "LOAD",
@@ -189,7 +189,7 @@ def is_physical(phi: Array) -> bool:
 class _Hinges:
     """Motions of the joints in order, and the last frame: axes as columns ``(n, 3, 3)`` and origin ``(3, n)``."""
 
-    motions: list[Motion]
+    motions: list[ElementaryMotion]
     rotation: Array
     origin: Array
 

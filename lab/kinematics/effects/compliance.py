@@ -51,9 +51,9 @@ from lab.kinematics.serial.chain import Chain
 
 __all__ = [
     "NEWTON_STEPS",
-    "Compensator",
     "CompensatorSpring",
     "Compliance",
+    "GravityCompensator",
     "Hardening",
     "HardeningSprings",
     "JointSprings",
@@ -391,7 +391,7 @@ class CompensatorSpring(SimulatedEffect, MovesJoints):
 
 
 @dataclass(frozen=True)
-class Compensator(VirtualEffect):
+class GravityCompensator(VirtualEffect):
     """A gravity compensator of a virtual arm."""
 
     compensator_mrad: float = 0.0

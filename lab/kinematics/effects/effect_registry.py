@@ -19,7 +19,7 @@ from lab.extension_points import added
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.backlash import Backlash, Hysteresis, Lag
 from lab.kinematics.effects.bending import Bending
-from lab.kinematics.effects.compliance import Compensator, Compliance, Hardening
+from lab.kinematics.effects.compliance import Compliance, GravityCompensator, Hardening
 from lab.kinematics.effects.coupling import Coupling, FullCoupling, Gear
 from lab.kinematics.effects.effect import (
     NO_SESSIONS,
@@ -65,7 +65,7 @@ class EffectOptions(  # a dataclass takes the fields of its last base first: a n
     ZerosByTemperature,
     Temperature,
     Hardening,
-    Compensator,
+    GravityCompensator,
     Hysteresis,
     EncoderRounding,
     InstrumentNoise,

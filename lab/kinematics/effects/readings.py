@@ -26,7 +26,7 @@ from lab.kinematics.joints import Encoders
 
 __all__ = [
     "BadReadings",
-    "Displaced",
+    "DisplacedReadings",
     "EncoderCounts",
     "EncoderRounding",
     "InstrumentNoise",
@@ -194,7 +194,7 @@ class InstrumentNoise(VirtualEffect):
 
 
 @dataclass(frozen=True)
-class Displaced(SimulatedEffect, DisplacesReadings):
+class DisplacedReadings(SimulatedEffect, DisplacesReadings):
     """Outliers of one campaign.
 
     Attributes:
@@ -251,4 +251,4 @@ class BadReadings(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the outliers' share and range as given; each campaign draws its outliers."""
-        return Displaced(self.bad_share, (MM.to_si(self.bad_mm[0]), MM.to_si(self.bad_mm[1])))
+        return DisplacedReadings(self.bad_share, (MM.to_si(self.bad_mm[0]), MM.to_si(self.bad_mm[1])))

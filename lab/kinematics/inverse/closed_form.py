@@ -15,12 +15,12 @@ from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = [
     "EXACT",
-    "Axes",
     "ClosedForm",
     "Determinant",
     "Factor",
     "Solutions",
     "Term",
+    "ZeroAxes",
     "closed_form_of",
     "determinant",
     "in_plane",
@@ -210,7 +210,7 @@ class ClosedForm(Protocol):
 
 
 @dataclass(frozen=True)
-class Axes:
+class ZeroAxes:
     """Joint axes in frame 0 at zero joint positions.
 
     Attributes:
@@ -230,7 +230,7 @@ class Axes:
     T_frame0_last: Array
 
     @classmethod
-    def of(cls, chain: Chain) -> "Axes":
+    def of(cls, chain: Chain) -> "ZeroAxes":
         """Return the axes of a nominal model."""
         arm = SerialArm(chain)
         moving = [motion for motion in arm.motions(arm.nominal()) if motion.joint is not None]

@@ -18,7 +18,7 @@ from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.model import Model
 from lab.kinematics.serial.chain import PARALLEL_RAD, Chain, parallel_links
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.kinematics.serial.walk import Motion
+from lab.kinematics.serial.walk import ElementaryMotion
 
 __all__ = ["JointAxes", "Truth", "chain_from_axes", "parameters_from_axes"]
 
@@ -201,7 +201,7 @@ def _axis_errors(arm: SerialArm, axes: JointAxes, values: Array) -> tuple[Array,
     return np.concatenate(errors), np.concatenate(rows)
 
 
-def _rates(motions: list[Motion], direction: Array, position: Array, count: int) -> tuple[Array, Array]:
+def _rates(motions: list[ElementaryMotion], direction: Array, position: Array, count: int) -> tuple[Array, Array]:
     """Return derivatives ``(3, count)`` of a direction and a position by these motions."""
     turned, moved = np.zeros((3, count)), np.zeros((3, count))
     columns = [motion.column for motion in motions]

@@ -17,7 +17,7 @@ from lab.kinematics.gauge import preferred_columns
 from lab.kinematics.model import Model, Skeleton
 from lab.kinematics.parameter import BASE_PARAMETERS, Kind, Parameter, link_parameter, names_of, tool_parameters
 from lab.kinematics.serial.chain import COLUMNS, Chain
-from lab.kinematics.serial.walk import RIGID, Motion, Torsors
+from lab.kinematics.serial.walk import RIGID, ElementaryMotion, Torsors
 
 __all__ = [
     "DEFAULT_TOOL",
@@ -172,7 +172,7 @@ class SerialArm:
         frames = np.stack([np.tile(np.eye(4), (len(joints), 1, 1)), *(self.frame(joints, values, i) for i in sizes)], 1)
         return np.asarray(inverse(frames[:, :-1]) @ frames[:, 1:])
 
-    def motions(self, values: Array) -> list[Motion]:
+    def motions(self, values: Array) -> list[ElementaryMotion]:
         """Return the chain's elementary motions at zero joint positions, base first."""
         return numpy_kernels.walk(self, np.zeros((1, self.chain.size)), values)[0]
 

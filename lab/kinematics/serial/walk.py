@@ -17,7 +17,7 @@ __all__ = [
     "RIGID",
     "Axes",
     "Displaced",
-    "Motion",
+    "ElementaryMotion",
     "Torsors",
     "along",
     "chunks",
@@ -36,7 +36,7 @@ RIGID: Torsors = MappingProxyType({})
 
 
 @dataclass(frozen=True)
-class Motion:
+class ElementaryMotion:
     """An elementary motion: parameter ``column`` turns about or slides along ``axis``.
 
     ``axis`` and ``origin`` are ``(5, n)`` (``(5, 1)`` before the first joint) in the tracker's frame; ``origin`` is
@@ -59,7 +59,9 @@ class Displaced:
     torsors: Torsors = field(default_factory=lambda: RIGID)
     column: int = 0
 
-    def end(self, link: int, motions: list[Motion], frame: Axes, at: Array, origin: Array) -> tuple[Axes, Array]:
+    def end(
+        self, link: int, motions: list[ElementaryMotion], frame: Axes, at: Array, origin: Array
+    ) -> tuple[Axes, Array]:
         """Return axes and an origin moved by the link's end, T_flex = Rot Trans (Benmisra 2007, eq. 3.34).
 
         Args:
@@ -74,8 +76,8 @@ class Displaced:
         first = self.column + 6 * list(self.torsors).index(link)
         turns = _combined(frame, left_jacobian(torsor[:, 3:]))
         bent = _combined(frame, exp(torsor[:, 3:]))
-        motions += [Motion(first + i, axis, None) for i, axis in enumerate(bent)]
-        motions += [Motion(first + 3 + i, axis, at) for i, axis in enumerate(turns)]
+        motions += [ElementaryMotion(first + i, axis, None) for i, axis in enumerate(bent)]
+        motions += [ElementaryMotion(first + 3 + i, axis, at) for i, axis in enumerate(turns)]
         x, y, z = frame
         lever = (origin - at)[:3]
         local = [(axis[:3] * lever).sum(axis=0) + torsor[:, i] for i, axis in enumerate((x, y, z))]
@@ -96,7 +98,7 @@ def some_poses(torsors: Torsors, part: slice) -> Torsors:
 
 def along(
     chain: Chain, frame: Axes, origin: Array, table: Array, joints: Array, flexible: Displaced | None = None
-) -> tuple[list[Motion], Axes, Array]:
+) -> tuple[list[ElementaryMotion], Axes, Array]:
     """Return the links' elementary motions from frame 0 outward, and the last frame's axes and origin.
 
     Args:
@@ -107,7 +109,7 @@ def along(
     """
     flexible = flexible or Displaced()
     x, y, z = frame
-    motions: list[Motion] = []
+    motions: list[ElementaryMotion] = []
     column = len(BASE_PARAMETERS)
     for i, (theta, d, a, alpha, beta) in enumerate(table):
         slides, parallel = chain.prismatic[i], chain.parallel[i]
@@ -116,29 +118,29 @@ def along(
         at = column
         column += 5 if parallel else 4
         if chain.convention == "distal":
-            motions.append(Motion(at, z, origin, None if slides else i))
-            motions.append(Motion(at + 1, z, None, i if slides else None))
+            motions.append(ElementaryMotion(at, z, origin, None if slides else i))
+            motions.append(ElementaryMotion(at + 1, z, None, i if slides else None))
             x, y = turned(x, y, angle)
             origin = origin + slide * z + a * x
-            motions.append(Motion(at + 2, x, None))
+            motions.append(ElementaryMotion(at + 2, x, None))
             (x, y, z), origin = flexible.end(i, motions, (x, y, z), origin, origin)
-            motions.append(Motion(at + 3, x, origin))
+            motions.append(ElementaryMotion(at + 3, x, origin))
             y, z = turned(y, z, alpha)
             if parallel:
-                motions.append(Motion(at + 4, y, origin))
+                motions.append(ElementaryMotion(at + 4, y, origin))
                 z, x = turned(z, x, beta)
         else:
-            motions.append(Motion(at + 2, x, None))
+            motions.append(ElementaryMotion(at + 2, x, None))
             if i:
                 (x, y, z), origin = flexible.end(i - 1, motions, (x, y, z), origin + a * x, origin)
-            motions.append(Motion(at + 3, x, origin))
+            motions.append(ElementaryMotion(at + 3, x, origin))
             y, z = turned(y, z, alpha)
             origin = origin + a * x
             if parallel:
-                motions.append(Motion(at + 4, y, origin))
+                motions.append(ElementaryMotion(at + 4, y, origin))
                 z, x = turned(z, x, beta)
-            motions.append(Motion(at, z, origin, None if slides else i))
-            motions.append(Motion(at + 1, z, None, i if slides else None))
+            motions.append(ElementaryMotion(at, z, origin, None if slides else i))
+            motions.append(ElementaryMotion(at + 1, z, None, i if slides else None))
             x, y = turned(x, y, angle)
             origin = origin + slide * z
     if chain.convention != "distal":
@@ -157,7 +159,7 @@ def turned(u: Array, v: Array, angle: Array) -> tuple[Array, Array]:
     return c * u + s * v, c * v - s * u
 
 
-def fill(jacobian: Array, motions: Sequence[Motion], points: Array) -> None:
+def fill(jacobian: Array, motions: Sequence[ElementaryMotion], points: Array) -> None:
     """Write the derivatives of ``points`` ``(5, k, ...)`` by the motions into ``(parameters, 3, k, ...)``."""
     origin: Array | None = None
     lever = product = points

@@ -16,9 +16,9 @@ from lab.formats.programs.languages import PLAN, language_of, plan_or_refusal, r
 from lab.formats.programs.protocol import PAUSE_S
 from lab.kinematics.joints import JointSpec
 from lab.library.design import DesignResult, DesignStep, PlanCheckResult, SessionDuration, visit_ids
-from lab.options.task_region import task_region
 from lab.pose_selection.exchange import information
 from lab.pose_selection.tour import rated, tour_trajectory
+from lab.prediction.task_region import task_region
 from lab.report import document as doc
 from lab.report.charts.chart import axes_picture, shades
 from lab.report.charts.marks import Axes

@@ -1,7 +1,7 @@
 """Document of the measurements of real robots that come with the lab."""
 
 from lab.library.example import ExampleResult
-from lab.report.document import Bullets, Code, Command, Document, Paragraph, Section, Table
+from lab.report.document import Bullets, Code, CommandText, Document, Paragraph, Section, Table
 
 __all__ = ["example_document"]
 
@@ -15,7 +15,7 @@ def example_document(result: ExampleResult) -> Document:
         )  # fmt: skip
         columns = ("example", "robot", "what was measured", "rows", "size", "licence")
         sources = Bullets(tuple(f"{each.name}: {each.source}" for each in result.examples))
-        steps = tuple(Command(f"lab example {each.name}\n{each.command()}") for each in result.examples)
+        steps = tuple(CommandText(f"lab example {each.name}\n{each.command()}") for each in result.examples)
         return Document(
             "Measurements of real robots that come with the lab",
             (Table(columns, rows), Section("Sources", (sources,)), Section("Write one here, and identify", steps)),
@@ -28,7 +28,7 @@ def example_document(result: ExampleResult) -> Document:
     if not result.files:
         return Document(f"Example {found.name}", (Bullets(facts),))
     written = Bullets(tuple((Code(str(file)),) for file in result.files))
-    command = Command(found.command(result.files[0].parent))
+    command = CommandText(found.command(result.files[0].parent))
     return Document(
         f"Example {found.name}",
         (Bullets(facts), Section("Written", (written,)), Section("Next", (Paragraph("Identify the robot:"), command))),

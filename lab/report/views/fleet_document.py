@@ -17,7 +17,7 @@ from lab.report.blocks import verdict_badge
 from lab.report.charts.marks import Axes
 from lab.report.comparison_plots import date_axis, rows_picture
 from lab.report.style import GATE, GRID, INK, MEASURED, MUTED, RMS, WORST
-from lab.verification.parameter_changes import ChangePoint
+from lab.verification.parameter_changes import ParameterChange
 
 __all__ = ["arms_document", "change_rows", "checks_picture", "mark_verdicts"]
 
@@ -232,7 +232,7 @@ def _changes(arm: ArmHistory) -> list[doc.Row]:
     return [(name, count, *first), *(("", "", *row) for row in more)]
 
 
-def change_rows(changes: Changes, change: ChangePoint) -> list[doc.Row]:
+def change_rows(changes: Changes, change: ParameterChange) -> list[doc.Row]:
     """Return the rows of a table for a change, one for each parameter: days, what changed, by how much; when found."""
     before, after, found = (changes.dated[i] for i in (change.after, change.after + 1, change.found_at))
     named = list[tuple[str, str, str, str]]()

@@ -2,7 +2,7 @@
 
 from lab.library.result import Result
 from lab.library.run_folder import command_line, run_config
-from lab.report.document import PAGE, Code, Command, Paragraph, Row, Section, Table
+from lab.report.document import PAGE, Code, CommandText, Paragraph, Row, Section, Table
 
 __all__ = ["provenance_section"]
 
@@ -20,6 +20,6 @@ def provenance_section(result: Result) -> Section:
     text = "All other options had their defaults; the run's config.json holds every one"
     return Section(
         "What was done",
-        (Command(command_line(name, options)), Paragraph(f"{text}."), Table(("", ""), tuple(rows))),
+        (CommandText(command_line(name, options)), Paragraph(f"{text}."), Table(("", ""), tuple(rows))),
         shown_in=PAGE,
     )

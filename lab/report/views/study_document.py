@@ -26,7 +26,7 @@ from lab.report.views.study_texts import (
 )
 from lab.studies.analysis import LEAST_ROBOTS, Analysis, Comparison, Mean, Rank
 from lab.studies.campaigns import origin_of
-from lab.studies.grid import RANKED, Cell, is_any
+from lab.studies.grid import RANKED, GridCell, is_any
 from lab.studies.study import (
     StudyResult,
     circumstances,
@@ -58,7 +58,7 @@ def _behind_text(comparison: Comparison, rank: Rank) -> str:
     return "" if rank.cell == first else effect_text(comparison.against(first, rank.cell), comparison.kind)
 
 
-def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
+def _failures(means: Sequence[Mean], cells: Sequence[GridCell]) -> list[str]:
     campaigns, lost = sum(each.campaigns for each in means), sum(each.not_converged for each in means)
     if not lost:
         return []
@@ -147,13 +147,13 @@ def _next_step(analysis: Analysis, metric: str, robots: int, best: str) -> str:
     return f"Use {best}. The answers below say how much worse {others}."
 
 
-def _plane(cells: Sequence[Cell]) -> tuple[str, str] | None:
+def _plane(cells: Sequence[GridCell]) -> tuple[str, str] | None:
     """Return two factors of which all levels are combined; None where fewer vary."""
     names = [name for name in varying(cells) if not any(is_any(name, getattr(cell, name)) for cell in cells)]
     return (names[0], names[1]) if len(names) > 1 else None
 
 
-def _others(cells: Sequence[Cell], best: int) -> dict[str, Any]:
+def _others(cells: Sequence[GridCell], best: int) -> dict[str, Any]:
     """Return the levels of the best cell of the factors that the map does not show; none where there is no map."""
     plane = _plane(cells)
     return {} if plane is None else {n: getattr(cells[best], n) for n in varying(cells) if n not in plane}
@@ -188,7 +188,7 @@ def _overview_picture(analysis: Analysis, metric: str, best: Mean) -> doc.Pictur
     return heat_map("overview", label, names[0], names[1], shares, scale, texts, height=0.4, titles=titles)
 
 
-def _rows_picture(cells: Sequence[Cell], means: Mapping[int, Mean], metric: str, label: str) -> doc.Picture:
+def _rows_picture(cells: Sequence[GridCell], means: Mapping[int, Mean], metric: str, label: str) -> doc.Picture:
     order = sorted((i for i in means if isfinite(means[i].mean)), key=lambda i: means[i].mean)[:_MOST_ROWS]
     names = [level_text(cells[i], varying(cells)) for i in order]
     ends = np.array([(means[i].lower, means[i].mean, means[i].upper) for i in order])

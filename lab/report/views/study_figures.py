@@ -18,7 +18,7 @@ from lab.report.document import Picture
 from lab.report.style import INK, MUTED, PREDICTED, REFERENCE, SERIES
 from lab.report.views.study_texts import behind_best, effect_text, factor_sentence, factor_text, metric_text, varying
 from lab.studies.analysis import Analysis, CellGroup, Comparison, Mean, Pair, groups
-from lab.studies.grid import ANY, Cell, is_any
+from lab.studies.grid import ANY, GridCell, is_any
 from lab.studies.study import StudyResult, circumstances, level_text, plain_level, shown_metrics
 
 __all__ = ["first_picture", "pictures_of", "study_pictures", "write_pictures"]
@@ -112,18 +112,18 @@ def _inches(texts: Iterable[str]) -> float:
     return max(text_width(text, _SMALL) for text in texts) / 72
 
 
-def _line_factor(cells: Sequence[Cell], factor: str) -> str | None:
+def _line_factor(cells: Sequence[GridCell], factor: str) -> str | None:
     """The factor of the lines: preferably one whose every level is a level of its own."""
     others = [name for name in varying(cells) if name != factor]
     whole = (n for n in others if not any(is_any(n, getattr(cell, n)) for cell in cells))
     return next(whole, others[0] if others else None)
 
 
-def _line_name(cell: Cell, line: str | None) -> str:
+def _line_name(cell: GridCell, line: str | None) -> str:
     return level_text(cell, [line]) if line else ""
 
 
-def _axis_level(cell: Cell, factor: str) -> Any:
+def _axis_level(cell: GridCell, factor: str) -> Any:
     """A level as an axis orders it: a number, or its text."""
     level = getattr(cell, factor)
     is_number = isinstance(level, int | float) and not isinstance(level, bool) and not is_any(factor, level)
@@ -154,7 +154,7 @@ def _line(axes: Axes, mine: Sequence[tuple[float, Mean]], number: int, lines: in
     axes.plot(x, y, color=colour, marker=mark, linestyle=dashed, label=label, markersize=5, linewidth=1.1)
 
 
-def _pairs_picture(comparisons: Sequence[Comparison], cells: Sequence[Cell], name: str, label: str) -> Picture:
+def _pairs_picture(comparisons: Sequence[Comparison], cells: Sequence[GridCell], name: str, label: str) -> Picture:
     """Draw a forest plot of the excess of each cell over the best, with 95 % intervals, a panel a group."""
     kind = comparisons[0].kind
     pairs = [pair for each in comparisons for pair in behind_best(each)]
@@ -197,16 +197,16 @@ def _beside(axes: Axes, row: int, text: str) -> None:
     axes.annotate(text, (1.02, row), xycoords=("axes fraction", "data"), va="center", fontsize=_SMALL, color=INK)
 
 
-def _row_names(comparison: Comparison, cells: Sequence[Cell]) -> list[str]:
+def _row_names(comparison: Comparison, cells: Sequence[GridCell]) -> list[str]:
     return [level_text(cells[rank.cell], comparison.group.free) for rank in comparison.ranks]
 
 
-def _names_width(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> float:
+def _names_width(comparisons: Sequence[Comparison], cells: Sequence[GridCell]) -> float:
     """Return the inches that the names of rows need beside a panel."""
     return 0.25 + 1.15 * _inches(name for each in comparisons for name in _row_names(each, cells))
 
 
-def _rows(axes: Axes, comparison: Comparison, cells: Sequence[Cell]) -> None:
+def _rows(axes: Axes, comparison: Comparison, cells: Sequence[GridCell]) -> None:
     """A row a cell, the best at the top."""
     names = _row_names(comparison, cells)
     axes.set_yticks(range(len(names)), names)
@@ -217,7 +217,7 @@ def _most_rows(comparisons: Sequence[Comparison]) -> int:
     return max(len(each.ranks) for each in comparisons)
 
 
-def _ranks_picture(comparisons: Sequence[Comparison], cells: Sequence[Cell], name: str, label: str) -> Picture:
+def _ranks_picture(comparisons: Sequence[Comparison], cells: Sequence[GridCell], name: str, label: str) -> Picture:
     """The share of resamples in which each cell has each rank, its 95 % set framed, a panel a group."""
 
     def draw(axes: Axes, each: Comparison) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from math import floor, isfinite, log10
 
 from lab.studies.analysis import LEAST_ROBOTS, Comparison, Kind, Pair
-from lab.studies.grid import FACTORS, Cell, is_any
+from lab.studies.grid import FACTORS, GridCell, is_any
 from lab.studies.study import (
     circumstances,
     level_text,
@@ -72,7 +72,7 @@ def factor_text(factor: str) -> str:
     return _AXES.get(factor, factor)
 
 
-def varying(cells: Sequence[Cell]) -> tuple[str, ...]:
+def varying(cells: Sequence[GridCell]) -> tuple[str, ...]:
     """The factors of which there is more than one level."""
     return tuple(
         name for name in FACTORS if len({level for cell in cells if not is_any(name, level := getattr(cell, name))}) > 1
@@ -108,7 +108,7 @@ def _is_equal(pair: Pair, kind: Kind) -> bool:
     return kind == "ratio" and all(abs(end - 1) < _EQUAL for end in ends)
 
 
-def comparison_sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
+def comparison_sentence(comparison: Comparison, cells: Sequence[GridCell]) -> str:
     """Describe which cell of a group is best, by how much, and which do not differ significantly."""
     group = comparison.group
     names = {i: level_text(cells[i], group.free) for i in group.cells}
@@ -139,7 +139,7 @@ def behind_best(comparison: Comparison) -> list[Pair]:
     return [comparison.against(comparison.ranks[0].cell, rank.cell) for rank in comparison.ranks[1:]]
 
 
-def factor_sentence(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> str:
+def factor_sentence(comparisons: Sequence[Comparison], cells: Sequence[GridCell]) -> str:
     """Describe over all settings of the other factors which level is best, and how much worse the others are."""
     ranked = [each for each in comparisons if each.ranks]
     if len(comparisons) == 1 or not ranked:

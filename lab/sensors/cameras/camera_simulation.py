@@ -22,7 +22,7 @@ from lab.simulation.sight import unhidden
 from lab.simulation.tracking import VirtualMeasurement, target_rotations
 from lab.simulation.true_robot import TrueRobot, TrueSerialRobot
 
-__all__ = ["NominalArm", "Scene", "corner_noise_px", "drawn_scene", "placed_scene", "simulated_corners"]
+__all__ = ["CameraArm", "CameraScene", "corner_noise_px", "drawn_scene", "placed_scene", "simulated_corners"]
 
 _BLOCK, _ROUNDS = 2048, 400  # of drawn joint positions
 _AROUND = 0.5  # rad or m of a joint: spread of every other draw about poses that see the board
@@ -34,7 +34,7 @@ _PLACINGS, _SCENES = 200, 20
 
 
 @dataclass(frozen=True)
-class Scene:
+class CameraScene:
     """Cameras and boards of a virtual arm.
 
     Attributes:
@@ -80,7 +80,7 @@ class Scene:
         return _in_world(self.cameras[camera], mount, Ts_tip)[:, :3, 3]
 
     def visible(
-        self, camera: int, board: int, arm: "NominalArm", joints: Array, tips: Array
+        self, camera: int, board: int, arm: "CameraArm", joints: Array, tips: Array
     ) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         """Return ``seen`` with the corners that nothing hides, and the places ``(n, 3)`` m of the camera.
 
@@ -94,7 +94,7 @@ class Scene:
         inside[some] &= ~arm.hidden(joints[some], origins[some], shown)
         return places, inside, corners, origins
 
-    def shows(self, arm: "NominalArm") -> bool:
+    def shows(self, arm: "CameraArm") -> bool:
         """Check whether the poses by which cameras and boards were placed see enough of a board, unhidden."""
         tips, shown = arm.tips(self.seeing), np.zeros(len(self.seeing), dtype=np.bool_)
         for camera in range(len(self.cameras)):
@@ -123,7 +123,7 @@ def _in_world(T: Array, mount: int | None, Ts_tip: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class NominalArm:
+class CameraArm:
     """The nominal arm as cameras are placed by it, in the instrument's frame.
 
     Attributes:
@@ -164,23 +164,23 @@ class NominalArm:
         return ~unhidden(self.robot, joints, se3.transform(T, origins), world)
 
 
-def placed_scene(rig: Rig, arm: NominalArm) -> Scene:
+def placed_scene(rig: Rig, arm: CameraArm) -> CameraScene:
     """Place cameras and boards as their file says, each of them."""
     T_frame0 = se3.inverse(arm.T_world_instrument) @ arm.robot.T_world_frame0
     parts: tuple[Camera | Board, ...] = (*rig.cameras, *rig.boards)
     Ts = {part: _given_place(rig, part, arm, T_frame0) for part in parts}
     found = [[T for part, T in Ts.items() if isinstance(part, kind) and T is not None] for kind in (Camera, Board)]
-    return Scene(rig, tuple(found[0]), tuple(found[1]), np.empty((0, arm.robot.chain.size)))
+    return CameraScene(rig, tuple(found[0]), tuple(found[1]), np.empty((0, arm.robot.chain.size)))
 
 
-def _given_place(rig: Rig, part: Camera | Board, arm: NominalArm, T_frame0: Array) -> Array | None:
-    """Return the pose of a camera or board as ``Scene`` holds it; None where the file does not place it."""
+def _given_place(rig: Rig, part: Camera | Board, arm: CameraArm, T_frame0: Array) -> Array | None:
+    """Return the pose of a camera or board as ``CameraScene`` holds it; None where the file does not place it."""
     if part.T_mount is None:
         return None
     return part.T_mount if rig.mount(part, arm.targets) is not None else np.asarray(T_frame0 @ part.T_mount)
 
 
-def drawn_scene(rig: Rig, arm: NominalArm, rng: np.random.Generator) -> Scene:
+def drawn_scene(rig: Rig, arm: CameraArm, rng: np.random.Generator) -> CameraScene:
     """Place cameras and boards: as the file says, else by chance, so that the arm sees something.
 
     Raises:
@@ -208,7 +208,7 @@ def drawn_scene(rig: Rig, arm: NominalArm, rng: np.random.Generator) -> Scene:
             Ts[part], row = _before(part, other, Ts[other], rig, arm, tips, T_frame0, rng)
             seeing.append(joints[row])
     near = np.array(seeing) if seeing else joints
-    return Scene(rig, tuple(Ts[each] for each in rig.cameras), tuple(Ts[each] for each in rig.boards), near)
+    return CameraScene(rig, tuple(Ts[each] for each in rig.cameras), tuple(Ts[each] for each in rig.boards), near)
 
 
 def _in_hand(part: Camera | Board, rng: np.random.Generator) -> Array:
@@ -238,7 +238,7 @@ def _before(
     other: Camera | Board,
     T_other: Array,
     rig: Rig,
-    arm: NominalArm,
+    arm: CameraArm,
     tips: Array,
     T_frame0: Array,
     rng: np.random.Generator,
@@ -277,7 +277,7 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     _refuse_trackers(real)
     scattering, failing, shaping, placing, missing = rng.spawn(5)
     targets = tuple(dict.fromkeys((*poses.targets, *rig.targets)))
-    nominal = NominalArm(real.robot, real.T_world_tracker, targets)
+    nominal = CameraArm(real.robot, real.T_world_tracker, targets)
     placed = drawn_scene(rig, nominal, placing)
     for _ in range(_SCENES):
         if placed.shows(nominal):
@@ -358,7 +358,7 @@ def _true_tips(
     return np.stack([se3.pose(turn, points[:, k]) for k, turn in enumerate(turns)], axis=1)
 
 
-def _seeing_poses(placed: Scene, arm: NominalArm, count: int, rng: np.random.Generator) -> Array:
+def _seeing_poses(placed: CameraScene, arm: CameraArm, count: int, rng: np.random.Generator) -> Array:
     """Draw ``(count, joints)`` poses without collision, at which each camera in turn sees enough of a board.
 
     Raises:
@@ -392,7 +392,7 @@ def _seeing_poses(placed: Scene, arm: NominalArm, count: int, rng: np.random.Gen
 
 
 def _some_seeing(
-    placed: Scene, arm: NominalArm, camera: int, board: int, joints: Array, tips: Array, most: int
+    placed: CameraScene, arm: CameraArm, camera: int, board: int, joints: Array, tips: Array, most: int
 ) -> list[Array]:
     """Return up to ``most`` of some poses at which a camera sees enough of a board, and the arm touches nothing."""
     scene = placed.rig.simulated

@@ -12,7 +12,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.cameras.board_observation import Pixels
-from lab.sensors.cameras.camera_simulation import NominalArm, Scene, corner_noise_px, placed_scene
+from lab.sensors.cameras.camera_simulation import CameraArm, CameraScene, corner_noise_px, placed_scene
 from lab.sensors.cameras.rig import PX, Board, Camera, Rig
 from lab.sensors.tip import tip_frames
 from lab.simulation.robot_model import RobotModel, SerialModel
@@ -35,8 +35,8 @@ class PlannedPictures:
         values: its parameters ``(p,)`` there.
     """
 
-    scene: Scene
-    arm: NominalArm
+    scene: CameraScene
+    arm: CameraArm
     pixels: Pixels
     values: Array
 
@@ -57,7 +57,7 @@ class PlannedPictures:
                     f"{rig.source or option_name('observe') + ' pixels'}: {kind} {part.name} has no place, and a "
                     f"design needs one; give position_mm and rotation_deg in the file of {option_name('cameras')}"
                 )
-        arm = NominalArm(robot, robot.T_world_tracker, rig.targets)
+        arm = CameraArm(robot, robot.T_world_tracker, rig.targets)
         scene = placed_scene(rig, arm)
         serial = SerialArm(robot.chain, arm.targets)
         everything = tuple(range(len(rig.cameras))), tuple(range(len(rig.boards)))

@@ -15,7 +15,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.probability import f_sf
 from lab.formats.noise_model import noise_model_from_dict, noise_model_to_dict
-from lab.noise.change_points import APART, ChangePoint, before_and_after, likeliest_change
+from lab.noise.change_points import APART, BaseChange, before_and_after, likeliest_change
 from lab.noise.error_model import ErrorModel, row_times
 from lab.robots.load_robot import load_robot
 
@@ -53,7 +53,7 @@ def test_the_scan_is_the_F_test_of_least_squares_at_every_row(sessions: int) -> 
     shuffled = rng.permutation(n)  # rows need not stand in the order of time
     found = likeliest_change(white[shuffled], shift[shuffled], times[shuffled])
     assert found is not None
-    best, count = (0.0, ChangePoint(0.0, 0.0)), 0
+    best, count = (0.0, BaseChange(0.0, 0.0)), 0
     for row in range(1, n):
         own = times // APART == times[row] // APART
         if min((own & (times < times[row])).sum(), (own & (times >= times[row])).sum()) < 8:
@@ -65,7 +65,7 @@ def test_the_scan_is_the_F_test_of_least_squares_at_every_row(sessions: int) -> 
         both = np.concatenate([columns, (centred[:, None, None] * shift).reshape(3 * n, 3)], axis=1)
         plain, more = (np.linalg.lstsq(each, errors, rcond=None)[1][0] for each in (columns, both))
         f = (plain - more) / 3 / (more / (3 * n - 7))
-        best = max(best, (f, ChangePoint(times[row] - 0.5, pytest.approx(after.mean()))), key=lambda b: b[0])
+        best = max(best, (f, BaseChange(times[row] - 0.5, pytest.approx(after.mean()))), key=lambda b: b[0])
     assert found.f == pytest.approx(best[0]) and found.change == best[1] and found.candidates == count
     assert found.p == pytest.approx(min(1.0, count * float(f_sf(best[0], 3, 3 * n - 7))))
 

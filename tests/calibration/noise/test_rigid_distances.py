@@ -5,7 +5,7 @@ import pytest
 from helpers.robots import IRB120
 from scipy import stats
 
-from lab.calibration.rigid_distances import InstrumentNoise, goodness_by_distances, instrument_noise
+from lab.calibration.rigid_distances import CoordinateNoise, goodness_by_distances, instrument_noise
 
 SIGMA, POSES, THREE = 8e-6, 40, ("p1", "p2", "p3")
 ARM = IRB120.arm(THREE)
@@ -55,7 +55,7 @@ def test_targets_that_move_against_each_other_are_told(how: str) -> None:
 
 
 def test_the_test_of_a_fit_is_an_f_of_what_the_distances_leave() -> None:
-    instrument = InstrumentNoise(SIGMA, 0.0, 1.0, 117, 1.0)
+    instrument = CoordinateNoise(SIGMA, 0.0, 1.0, 117, 1.0)
     judged = goodness_by_distances((117 + 1.3 * 210) * SIGMA**2, 327, instrument)
     assert judged is not None and judged.p == pytest.approx(stats.f.sf(1.3, 210, 117), rel=1e-9)
     assert goodness_by_distances(117 * SIGMA**2, 117, instrument) is None

@@ -10,7 +10,7 @@ from helpers.robots import IRB120, perturbed, somewhere
 from lab.calibration.fit_options import PLAIN
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.candidate_models import SelectionTask
-from lab.calibration.statistics.joint_lag import Lag, lagging, moves_before
+from lab.calibration.statistics.joint_lag import JointLag, lagging, moves_before
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError
@@ -37,7 +37,7 @@ def campaign(
     return measured(IRB120.chain.joint_names, joints, targets, points)
 
 
-def found_in(data: Measurements, rivals: bool = True) -> tuple[Lag, ...]:
+def found_in(data: Measurements, rivals: bool = True) -> tuple[JointLag, ...]:
     """Lags of a model of geometry alone, beside the groups that it lacks or without these."""
 
     def nominal(model: Model) -> Array:

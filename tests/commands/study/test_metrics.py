@@ -12,7 +12,7 @@ from lab.core.errors import LabError
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.report.views.study_texts import varying
 from lab.studies.analysis import groups
-from lab.studies.grid import ANY, Cell, Study
+from lab.studies.grid import ANY, GridCell, Study
 from lab.studies.identified import parameter_errors
 
 GRID = """
@@ -65,7 +65,7 @@ def test_a_metric_of_which_less_is_not_better_is_refused(metric: str) -> None:
         Study(metric=metric)
 
 
-CELLS = (Cell("random", ANY, 20), Cell("O1", ANY, 20), Cell("lengths", "whitened", 20))
+CELLS = (GridCell("random", ANY, 20), GridCell("O1", ANY, 20), GridCell("lengths", "whitened", 20))
 
 
 def test_the_scaling_of_one_criterion_is_no_factor_that_varies() -> None:

@@ -6,7 +6,7 @@ from helpers.printed_irb120 import TABLE, frames, table_of
 
 from lab.extensions.reproduction.thesis_claims import (
     PAIRS,
-    Effects,
+    EffectSizes,
     contradiction,
     error_sources,
     growth_along,
@@ -221,9 +221,9 @@ def test_zeros_and_geometry_displace_the_tool_by_own_draws() -> None:
 
 
 def test_other_sources_scale_with_their_sizes_and_a_fit_of_base_and_tool_only_helps() -> None:
-    none = Effects(gain=0.0, stiffness=1e30, payload_kg=0.0, runout_rad=0.0, backlash_rad=0.0, heat=0.0)
+    none = EffectSizes(gain=0.0, stiffness=1e30, payload_kg=0.0, runout_rad=0.0, backlash_rad=0.0, heat=0.0)
     assert error_sources("irb120", 5, 20, effects=none)["other"].max() < 1e-15
-    heat = error_sources("irb120", 400, 20, effects=Effects(0.0, 1e30, 0.0, 0.0, 0.0, 1e-4))["other"]
+    heat = error_sources("irb120", 400, 20, effects=EffectSizes(0.0, 1e30, 0.0, 0.0, 0.0, 1e-4))["other"]
     q = uniform(-IRB120_LIMITS[0], IRB120_LIMITS[1], 4000, 8)
     T = frames(TABLE, q)[-1]
     far = np.sqrt(((T[:, :3, :3] @ TARGET + T[:, :3, 3]) ** 2).sum(axis=1).mean())

@@ -25,8 +25,14 @@ from lab.extensions.dynamics.filtering import BAND_HZ, Band, band_of
 from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.methods import from_torques
 from lab.extensions.dynamics.payload.payload_estimate import LoadEstimate, Nuisance, estimate_of
-from lab.extensions.dynamics.payload.physical_consistency import BodyCone, Nearest
-from lab.extensions.dynamics.regression import BiasCandidate, ChannelSolution, Series, check_residuals, least_squares
+from lab.extensions.dynamics.payload.physical_consistency import BodyCone, WeightedTarget
+from lab.extensions.dynamics.regression import (
+    BiasCandidate,
+    ChannelSolution,
+    EvenSamples,
+    check_residuals,
+    least_squares,
+)
 from lab.kinematics.dynamics.rigid_body import (
     LOAD,
     ArmDynamics,
@@ -209,17 +215,17 @@ def _check_residuals(
     return check_residuals(solution, candidates, _series(runs))
 
 
-def _series(runs: Sequence[ThinnedRun]) -> list[Series]:
+def _series(runs: Sequence[ThinnedRun]) -> list[EvenSamples]:
     series, first = [], 0
     for run in runs:
         count = len(run.rows())
-        series.append(Series(first, first + count, run.band.hz))
+        series.append(EvenSamples(first, first + count, run.band.hz))
         first += count
     return series
 
 
 @dataclass(frozen=True)
-class Prediction:
+class TorquePrediction:
     """Prediction of torques that were not fitted, with its errors.
 
     Attributes:
@@ -274,7 +280,7 @@ class DynamicsEstimate:
     delay: Nuisance | None
     load: LoadEstimate | None
     by_difference: LoadEstimate | None
-    predictions: tuple[Prediction, ...]
+    predictions: tuple[TorquePrediction, ...]
     verdict: Check
     solution: ChannelSolution
 
@@ -375,7 +381,7 @@ def fit_runs(
     )
 
 
-def predict(found: DynamicsEstimate, runs: Sequence[ThinnedRun], given_load: Array | None, of: str) -> Prediction:
+def predict(found: DynamicsEstimate, runs: Sequence[ThinnedRun], given_load: Array | None, of: str) -> TorquePrediction:
     """Predict the torques of runs that were not fitted."""
     late = found.delay.value if found.delay else 0.0
     parameters = np.where(found.identified, found.values, 0.0)
@@ -393,7 +399,7 @@ def predict(found: DynamicsEstimate, runs: Sequence[ThinnedRun], given_load: Arr
     left = measured - predicted
     squares, sizes = (left**2).mean(axis=0), (measured**2).mean(axis=0)
     ratio = np.sqrt(squares) / found.solution.sigma
-    return Prediction(
+    return TorquePrediction(
         of,
         np.sqrt(squares / np.maximum(sizes, 1e-300)),
         ratio,
@@ -529,7 +535,7 @@ def nearest_physical_arm(model: DynamicModel, found: DynamicsEstimate, links: Ar
     reference = _reference(arm, links)
     scale = found.sigma
     root = np.linalg.inv(np.linalg.cholesky(found.covariance / np.outer(scale, scale))) / scale
-    aim = Nearest(model.base.projection, found.values, root)
+    aim = WeightedTarget(model.base.projection, found.values, root)
     standard = BodyCone(arm.bodies(), np.array(positive, dtype=np.int_), reference).nearest(aim, reference)
     distance = float(np.linalg.norm(aim.misfit(standard)))
     return PhysicalFit(

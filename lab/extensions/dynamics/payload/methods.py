@@ -12,7 +12,13 @@ from lab.core.se3 import Array
 from lab.extensions.dynamics.filtering import BAND_HZ, Band, band_of
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
 from lab.extensions.dynamics.payload.payload_estimate import LoadEstimate, estimate_of, excitation_advice
-from lab.extensions.dynamics.regression import BiasCandidate, ChannelSolution, Series, check_residuals, least_squares
+from lab.extensions.dynamics.regression import (
+    BiasCandidate,
+    ChannelSolution,
+    EvenSamples,
+    check_residuals,
+    least_squares,
+)
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import (
     LOAD,
@@ -240,7 +246,7 @@ def from_torques(
     nuisance = {name: (float(value), "") for name, value in zip(solution.names[10:], solution.values[10:], strict=True)}
     nuisance |= {"delay": (late, "s")} if delay else {}
     unidentified = excitation_advice(solution, True, arm, values, runs.joints)
-    check = check_residuals(solution, candidates, [Series(0, len(runs.own), runs.band.hz)])
+    check = check_residuals(solution, candidates, [EvenSamples(0, len(runs.own), runs.band.hz)])
     times = runs.band.times(len(runs.own))
     return estimate_of("torque difference, moving", solution, nuisance, unidentified, check, reading, times)
 
@@ -359,13 +365,13 @@ class _Readings:
     at_rest: Array
     by_gravity: Array
 
-    def series(self, rows: int) -> list[Series]:
+    def series(self, rows: int) -> list[EvenSamples]:
         """Return the two runs among so many rows, if they move."""
         if self.band is None:
             return []
         k = self.at_rest.shape[1]
         ends = [(0, k), (k, rows)] if rows > k else [(0, k)]
-        return [Series(first, last, self.band.hz) for first, last in ends]
+        return [EvenSamples(first, last, self.band.hz) for first, last in ends]
 
     def times(self, rows: int) -> Array | None:
         """Return the times ``(rows,)`` s of the two runs' rows, each from its beginning on; None of static poses."""

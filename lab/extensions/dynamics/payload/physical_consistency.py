@@ -17,7 +17,7 @@ from lab.core.se3 import Array
 from lab.extensions.dynamics.payload.payload_estimate import LoadEstimate
 from lab.kinematics.dynamics.rigid_body import is_physical, pseudo_inertia
 
-__all__ = ["BodyCone", "Nearest", "nearest_physical", "physical_estimate"]
+__all__ = ["BodyCone", "WeightedTarget", "nearest_physical", "physical_estimate"]
 
 _PRIOR = 1e-4  # weight w: it moves the parameters by far less than a standard deviation
 _FALL = 0.2  # of the weight, from one that outweighs the misfit at the start down to the prior's
@@ -27,7 +27,7 @@ _BASIS = np.array([pseudo_inertia(unit) for unit in np.eye(10)])  # (10, 4, 4): 
 
 
 @dataclass(frozen=True)
-class Nearest:
+class WeightedTarget:
     """A weighted target: |root (matrix x - target)| is the distance of parameters x in standard deviations."""
 
     matrix: Array
@@ -54,7 +54,7 @@ class BodyCone:
     positive: NDArray[np.int_]
     reference: Array | None = None
 
-    def nearest(self, aim: Nearest, start: Array) -> Array:
+    def nearest(self, aim: WeightedTarget, start: Array) -> Array:
         """Minimize squared distance / 2 + w barrier(x), from a large w down to the prior's.
 
         The function is convex and its barrier self-concordant: Newton's steps, halved while they leave the set or do
@@ -68,7 +68,7 @@ class BodyCone:
                 return x
             weight = max(weight * _FALL, _PRIOR)
 
-    def _descended(self, x: Array, aim: Nearest, weight: float) -> Array:
+    def _descended(self, x: Array, aim: WeightedTarget, weight: float) -> Array:
         """Minimize at one weight of the prior."""
 
         def value(x: Array) -> float:
@@ -170,7 +170,7 @@ def nearest_physical(phi: Array, covariance: Array) -> Array:
     scale = np.sqrt(np.diag(covariance))
     root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(scale, scale))) / scale  # C^-1 = root' root
     cone = BodyCone(np.arange(10)[None], np.empty(0, dtype=np.int_))
-    return cone.nearest(Nearest(np.eye(10), phi, root), _inside(phi))
+    return cone.nearest(WeightedTarget(np.eye(10), phi, root), _inside(phi))
 
 
 def _inside(phi: Array) -> Array:

@@ -11,7 +11,7 @@ from lab.extensions.robotics.closed.classical_mechanisms import Distances
 from lab.extensions.robotics.closed.recognition import ClassicalModel, classical_model_of
 from lab.extensions.robotics.workspace.membership import ByLegs
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
-from lab.kinematics.closed.mobility import SINGULAR, ClosedFormShape, Nearest
+from lab.kinematics.closed.mobility import SINGULAR, ClosedFormShape, NearestSingularity
 
 __all__ = ["closed_form_shape"]
 
@@ -85,7 +85,7 @@ class _Search:
         cell = np.prod([edge[1] - edge[0] for edge, turn in zip(edges, turns, strict=True) if not turn])
         return float(cell * reached.any(axis=tuple(np.flatnonzero(turns))).sum())
 
-    def nearest(self, kind: str) -> Nearest:
+    def nearest(self, kind: str) -> NearestSingularity:
         """Find the nearest singularity of a kind by random walks with shrinking steps, from the nearest poses."""
         mechanism, rng = self.mechanism, rng_for(0, "structure", Distances._fields.index(kind))
         starts = np.argsort(self._distance(kind, self.joints, self.passive))[:_WALKERS]
@@ -103,7 +103,7 @@ class _Search:
             step = _SHRINKING * step
         best = int(np.argmin(distance))
         place = platform_poses(mechanism, joints[best : best + 1], passive[best : best + 1])[0, :3, 3]
-        return Nearest(kind, float(distance[best]), joints[best], place, _WHERE[self.classical.name][kind])
+        return NearestSingularity(kind, float(distance[best]), joints[best], place, _WHERE[self.classical.name][kind])
 
     def _closing(self, joints: Array, near: Array) -> Array:
         """Return the passive values ``(n, z)`` of the nearest mode; NaN where there is none."""

@@ -34,10 +34,10 @@ from lab.extensions.robotics.inverse.khalil_equations import TINY, Roots, type_1
 from lab.kinematics.compiled.kernels import three_joints, with_fallback
 from lab.kinematics.inverse.closed_form import (
     EXACT,
-    Axes,
     Determinant,
     Solutions,
     Term,
+    ZeroAxes,
     determinant,
     in_plane,
     plane_across,
@@ -79,7 +79,7 @@ class FirstJoint:
     parts: Array
 
     @classmethod
-    def of(cls, axes: Axes, plane: Array) -> "FirstJoint":
+    def of(cls, axes: ZeroAxes, plane: Array) -> "FirstJoint":
         """Return joint 1 of a nominal model."""
         axis = axes.directions[0]
         along = np.outer(axis, axis)
@@ -154,7 +154,7 @@ class Elbow:
     elbows: int = 2
 
     @classmethod
-    def of(cls, axes: Axes, centre: Array) -> "Elbow | None":
+    def of(cls, axes: ZeroAxes, centre: Array) -> "Elbow | None":
         """Return the first three joints of a nominal model; None where their shape is another."""
         if any(axes.prismatic[:3]) or axes.parallel(0, 1) or not axes.parallel(1, 2):
             return None
@@ -222,7 +222,7 @@ class _Telescope:
     elbows: int = 2
 
     @classmethod
-    def of(cls, axes: Axes, centre: Array) -> "_Telescope | None":
+    def of(cls, axes: ZeroAxes, centre: Array) -> "_Telescope | None":
         if axes.prismatic[:3] != (False, False, True) or axes.parallel(0, 1) or not axes.square(1, 2):
             return None
         (_, w, slide), (root, second, _) = axes.directions[:3], axes.origins[:3]
@@ -268,7 +268,7 @@ class _Lift:
     elbows: int = 1
 
     @classmethod
-    def of(cls, axes: Axes, centre: Array) -> "_Lift | None":
+    def of(cls, axes: ZeroAxes, centre: Array) -> "_Lift | None":
         if axes.prismatic[:3] != (False, True, True) or not axes.parallel(0, 1) or not axes.square(0, 2):
             return None
         (w, up, slide), root = axes.directions[:3], axes.origins[0]
@@ -292,7 +292,7 @@ Carrier = Elbow | _Telescope | _Lift
 """Closed form of the first three joints; ``Elbow`` describes its methods."""
 
 
-def carrier_of(axes: Axes, centre: Array) -> Carrier | None:
+def carrier_of(axes: ZeroAxes, centre: Array) -> Carrier | None:
     """Return the closed form of the first three joints for a point ``(3,)`` m; None where their shape is another."""
     return Elbow.of(axes, centre) or _Telescope.of(axes, centre) or _Lift.of(axes, centre)
 
@@ -339,7 +339,7 @@ class ThreeJoints:
         roots_of_second: how many positions of joint 2 there are for each of joint 3.
     """
 
-    axes: Axes
+    axes: ZeroAxes
     point: Array
     start: Array
     scale_m: float
@@ -355,7 +355,7 @@ class ThreeJoints:
         """Return the closed form for a point ``(3,)`` m of the last frame; None where it cannot move in space."""
         if chain.size != 3:
             return None
-        axes = Axes.of(chain)
+        axes = ZeroAxes.of(chain)
         start = se3.transform(axes.T_frame0_last, point[None])[0]
         scale = float(np.abs(np.concatenate([axes.origins.ravel(), start, point])).max()) + 0.1
         plain = cls(axes, point, start, scale)

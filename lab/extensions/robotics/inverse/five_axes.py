@@ -22,7 +22,7 @@ from lab.extensions.robotics.inverse.first_joints import FirstJoint, Named, turn
 from lab.extensions.robotics.inverse.khalil_equations import TINY, type_2
 from lab.extensions.robotics.inverse.planar import PlanarJoints
 from lab.kinematics.compiled.kernels import planar_frame, with_fallback
-from lab.kinematics.inverse.closed_form import EXACT, Axes, Determinant, Solutions, determinant, plane_across
+from lab.kinematics.inverse.closed_form import EXACT, Determinant, Solutions, ZeroAxes, determinant, plane_across
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
 
@@ -46,7 +46,7 @@ class FiveAxes:
 
     chain: Chain
     arm: SerialArm
-    axes: Axes
+    axes: ZeroAxes
     column: FirstJoint
     joints: PlanarJoints
     start: Array
@@ -63,7 +63,7 @@ class FiveAxes:
         """Return the closed form of a nominal model; None where its shape has none."""
         if chain.size != 5:
             return None
-        axes = Axes.of(chain)
+        axes = ZeroAxes.of(chain)
         middle = [i for i in (1, 2, 3) if not axes.prismatic[i]]
         if not middle or axes.prismatic[4] or axes.parallel(middle[0], 4):
             return None

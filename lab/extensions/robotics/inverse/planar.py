@@ -27,10 +27,10 @@ from lab.extensions.robotics.inverse.first_joints import BEND, Named, slid
 from lab.extensions.robotics.inverse.khalil_equations import ROUNDING, TINY, type_1, type_8, type_10, unless_tiny
 from lab.kinematics.inverse.closed_form import (
     EXACT,
-    Axes,
     Determinant,
     Solutions,
     Term,
+    ZeroAxes,
     determinant,
     in_plane,
     plane_across,
@@ -67,7 +67,7 @@ class PlanarJoints:
 
     @classmethod
     def of(
-        cls, axes: Axes, joints: tuple[int, ...], plane: Array, hand: Array, origin: Array | float = 0.0
+        cls, axes: ZeroAxes, joints: tuple[int, ...], plane: Array, hand: Array, origin: Array | float = 0.0
     ) -> "PlanarJoints | None":
         """Select joints of an arm if they move in a plane (rows e, f, its normal) and bring a point anywhere in it.
 
@@ -258,7 +258,7 @@ class PlanarArm:
     """
 
     chain: Chain
-    axes: Axes
+    axes: ZeroAxes
     joints: PlanarJoints
     plane: Array
     point: Array
@@ -271,7 +271,7 @@ class PlanarArm:
         """Return the closed form for a point ``(3,)`` m of the last frame; None where the shape is another."""
         if chain.size not in (2, 3):
             return None
-        axes = Axes.of(chain)
+        axes = ZeroAxes.of(chain)
         hinges = [i for i in range(chain.size) if not chain.prismatic[i]]
         normal = axes.directions[hinges[0]] if hinges else np.cross(*axes.directions[:2])
         if np.linalg.norm(normal) < EXACT:
@@ -392,7 +392,7 @@ class Scara:
         """Return the closed form of a nominal model; None where its shape is another."""
         if chain.size != 4 or sum(chain.prismatic) != 1:
             return None
-        axes, slide = Axes.of(chain), chain.prismatic.index(True)
+        axes, slide = ZeroAxes.of(chain), chain.prismatic.index(True)
         hinges = tuple(i for i in range(4) if i != slide)
         if not all(axes.parallel(0, i) for i in range(1, 4)):
             return None

@@ -39,10 +39,10 @@ from lab.extensions.robotics.inverse.khalil_equations import TINY, type_2, type_
 from lab.kinematics.compiled.kernels import eight_solutions, with_fallback
 from lab.kinematics.inverse.closed_form import (
     EXACT,
-    Axes,
     Determinant,
     Solutions,
     Term,
+    ZeroAxes,
     determinant,
     in_plane,
     meeting_point,
@@ -85,7 +85,7 @@ class SphericalWrist:
         """Return the closed form of a nominal model; None where its shape is another."""
         if chain.size != 6 or any(chain.prismatic[3:]):
             return None
-        joint_axes = Axes.of(chain)
+        joint_axes = ZeroAxes.of(chain)
         z = joint_axes.directions
         centre, missed = meeting_point(joint_axes.origins[3:], z[3:])
         if missed > EXACT or not joint_axes.square(3, 4) or not joint_axes.square(4, 5):
@@ -241,7 +241,7 @@ class ThreeParallel:
         """Return the closed form of a nominal model; None where its shape is another."""
         if chain.size != 6 or any(chain.prismatic):
             return None
-        axes = Axes.of(chain)
+        axes = ZeroAxes.of(chain)
         z, origins = axes.directions, axes.origins
         point, missed = meeting_point(origins[4:], z[4:])
         if missed > EXACT or axes.parallel(0, 1) or not (axes.parallel(1, 2) and axes.parallel(1, 3)):

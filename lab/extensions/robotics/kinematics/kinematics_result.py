@@ -12,7 +12,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.robotics.kinematics.kinematics_options import KinematicsOptions
 from lab.extensions.robotics.kinematics.letters import ModelsInLetters
-from lab.extensions.robotics.kinematics.nominal_models import NominalRobot, Placement, Reached
+from lab.extensions.robotics.kinematics.nominal_models import Placement, Reached, SourcedRobot
 from lab.formats.csv_table import write_columns
 from lab.formats.formula_program import FILE_ENDS, function_name, programs_text
 from lab.kinematics.model import RigidArm
@@ -23,11 +23,11 @@ from lab.library.run_folder import joint_columns
 if TYPE_CHECKING:
     pass
 
-__all__ = ["MOST_DRAWN", "KinematicsResult", "Matrices", "coordinates", "frames_of", "pose_values"]
+__all__ = ["MOST_DRAWN", "KinematicsResult", "LinkMatrices", "coordinates", "frames_of", "pose_values"]
 
 
 @dataclass(frozen=True)
-class Matrices:
+class LinkMatrices:
     """Link matrices and their products.
 
     Attributes:
@@ -62,11 +62,11 @@ class KinematicsResult(Result):
     command = "kinematics"
 
     options: KinematicsOptions
-    robot: NominalRobot
+    robot: SourcedRobot
     placements: tuple[Placement, ...]
     reached: tuple[Reached, ...]
     assembly_modes: Array
-    matrices: Matrices
+    matrices: LinkMatrices
     letters: ModelsInLetters | None
     warnings: tuple[str, ...]
 

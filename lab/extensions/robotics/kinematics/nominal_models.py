@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "InverseJacobian",
-    "NominalRobot",
     "Placement",
     "Reached",
     "Solution",
     "Solver",
+    "SourcedRobot",
     "configurations",
     "inverse_of_jacobian",
     "matching",
@@ -54,7 +54,7 @@ _LEAST = 1e-9  # of a part of a self-motion: it is none
 
 
 @dataclass(frozen=True)
-class NominalRobot:
+class SourcedRobot:
     """A nominal robot, with the source of its model.
 
     Attributes:
@@ -88,7 +88,7 @@ class NominalRobot:
         return self.loaded or load_robot(self.source)
 
 
-def nominal_robot(robot: "str | Path | Robot") -> NominalRobot:
+def nominal_robot(robot: "str | Path | Robot") -> SourcedRobot:
     """Load a robot's equations, by the name of a model of the lab, a path, or a loaded robot.
 
     Raises:
@@ -98,11 +98,11 @@ def nominal_robot(robot: "str | Path | Robot") -> NominalRobot:
         path = description_of(str(robot))
         if path.suffix == ".toml" and described_links(path) is None and not is_mechanism(path):
             table = read_table(path)
-            return NominalRobot(table.chain, sha256_of(path), table.warnings, str(robot))
+            return SourcedRobot(table.chain, sha256_of(path), table.warnings, str(robot))
     from lab.robots.load_robot import load_robot
 
     loaded = load_robot(robot)
-    return NominalRobot(loaded.chain, loaded.sha256, loaded.warnings, loaded.source, loaded)
+    return SourcedRobot(loaded.chain, loaded.sha256, loaded.warnings, loaded.source, loaded)
 
 
 def configurations(determinant: Determinant, joints: Array) -> list[dict[str, str]]:

@@ -13,14 +13,14 @@ from lab.core.limits import PLACED
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
 from lab.extensions.robotics.kinematics.kinematics_options import KinematicsOptions
-from lab.extensions.robotics.kinematics.kinematics_result import KinematicsResult, Matrices
+from lab.extensions.robotics.kinematics.kinematics_result import KinematicsResult, LinkMatrices
 from lab.extensions.robotics.kinematics.letters import ModelsInLetters
 from lab.extensions.robotics.kinematics.nominal_models import (
-    NominalRobot,
     Placement,
     Reached,
     Solution,
     Solver,
+    SourcedRobot,
     matching,
     nominal_robot,
     placements,
@@ -91,7 +91,7 @@ def _converted(options: KinematicsOptions) -> Rotation:
     return found
 
 
-def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult:
+def _solved(options: KinematicsOptions, robot: SourcedRobot) -> KinematicsResult:
     options.check()
     arm = robot.arm((_TARGET,))
     _check_frame(options, robot, arm)
@@ -114,7 +114,7 @@ def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult
             "nearer to the base first"
         )
     warnings = (*robot.warnings, *notes, *model.warnings(placed, reached))
-    matrices, letters = Matrices(links, options.between), _in_letters(options, robot, arm)
+    matrices, letters = LinkMatrices(links, options.between), _in_letters(options, robot, arm)
     plain = replace(options, out=None, overwrite=False)  # the folder is no part of the result
     found = KinematicsResult(plain, robot, placed, reached, model.assembly_modes(placed), matrices, letters, warnings)
     if options.out is not None:
@@ -122,7 +122,7 @@ def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult
     return found
 
 
-def _in_letters(options: KinematicsOptions, robot: NominalRobot, arm: RigidArm) -> ModelsInLetters | None:
+def _in_letters(options: KinematicsOptions, robot: SourcedRobot, arm: RigidArm) -> ModelsInLetters | None:
     """Return the models in letters, if they are requested."""
     if not (options.symbolic or options.symbolic_inverse):
         return None
@@ -138,7 +138,7 @@ def _in_letters(options: KinematicsOptions, robot: NominalRobot, arm: RigidArm) 
     )  # fmt: skip
 
 
-def _check_frame(options: KinematicsOptions, robot: NominalRobot, arm: RigidArm) -> None:
+def _check_frame(options: KinematicsOptions, robot: SourcedRobot, arm: RigidArm) -> None:
     """Refuse a frame that the robot does not have."""
     if isinstance(options.axes, str):
         return
@@ -153,7 +153,7 @@ class _Model:
     """A nominal robot and the options."""
 
     options: KinematicsOptions
-    robot: NominalRobot
+    robot: SourcedRobot
     arm: RigidArm
     values: Array
 

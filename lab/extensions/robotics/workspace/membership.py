@@ -27,7 +27,7 @@ from lab.extensions.robotics.closed.recognition import (
 from lab.extensions.robotics.inverse.first_joints import ThreeJoints
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
 from lab.kinematics.differential import WEIGHTS
-from lab.kinematics.inverse.closed_form import Axes, ClosedForm, Solutions, closed_form_of
+from lab.kinematics.inverse.closed_form import ClosedForm, Solutions, ZeroAxes, closed_form_of
 from lab.kinematics.inverse.newton_inverse import PoseTarget, pose_landmarks, tool_at
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
@@ -272,7 +272,7 @@ def turns_about_z(chain: Chain) -> bool:
 
     Then the arm's workspace is a solid of revolution.
     """
-    axes, hinges = Axes.of(chain), [i for i, slides in enumerate(chain.prismatic) if not slides]
+    axes, hinges = ZeroAxes.of(chain), [i for i, slides in enumerate(chain.prismatic) if not slides]
     if not hinges or hinges[0] > 1:
         return False
     turn = hinges[0]

@@ -7,7 +7,7 @@ import pytest
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.options.task_region import task_region
+from lab.prediction.task_region import task_region
 
 NAMES, PRISMATIC = ("q1", "q2"), (False, False)
 

@@ -14,12 +14,13 @@ from lab.core.se3 import Array, transform
 from lab.core.units import MM
 from lab.formats.target_csv import Targets, read_targets
 
-__all__ = ["REGION_HELP", "TaskRegion", "task_region"]
+__all__ = ["REGION_HELP", "RegionKind", "TaskRegion", "task_region"]
 
 REGION_HELP = (
     "Region in which the verdict holds: measured (around the measured poses), workspace (within the joints' "
     "limits), a box x0,x1,y0,y1,z0,z1 in mm in the robot's frame 0, or a CSV file of targets, as lab compensate takes"
 )
+RegionKind = Literal["measured", "workspace", "box", "targets"]
 _BOX_POINTS = 200
 _NUMBERS = 6
 
@@ -34,7 +35,7 @@ class TaskRegion:
         file: of targets; None for another kind.
     """
 
-    kind: Literal["measured", "workspace", "box", "targets"]
+    kind: RegionKind
     box_m: Array | None = None
     file: Path | None = None
 
