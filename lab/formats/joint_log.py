@@ -16,8 +16,8 @@ import numpy as np
 
 from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
-from lab.formats.loose_table import JointColumns, LeftOut, LooseTable, column_named, heading_of, read_loose
-from lab.formats.tracker_export import Clock, column_times, stamp_times
+from lab.formats.loose_table import JointColumns, LeftOut, LooseTable, heading_of, read_loose
+from lab.formats.time_columns import Clock, ColumnTimes, column_times, stamp_times
 
 __all__ = ["JointLog", "read_joint_log"]
 
@@ -68,57 +68,67 @@ def read_joint_log(
         unit: of revolute joints, deg or rad, if the file does not state it.
     """
     table = read_loose(path, len(joint_names))
-    stated = None if columns.joints else _joint_states(table, joint_names)
-    if table.headings is None and not columns.joints and stated is None:
-        raise LabError(f"{path}: no header names the joints' columns; name them in the {option_name('columns')} file")
-    if columns.joints and len(columns.joints) != len(joint_names):
-        raise LabError(
-            f"{path}: the {option_name('columns')} file names {len(columns.joints)} joints; the robot has "
-            f"{', '.join(joint_names)}"
-        )
-    at = (
-        [column_named(table, each) for each in columns.joints]
-        if columns.joints
-        else stated or [_joint(table, j, name) for j, name in enumerate(joint_names)]
-    )
-    if len(set(at)) < len(at):
-        raise LabError(
-            f"{path}: one column is assigned to two joints; name a column for each in the {option_name('columns')} file"
-        )
-    scales = [
-        _scale(table, c, slides, unit or columns.unit, in_si=stated is not None)
-        for c, slides in zip(at, prismatic, strict=True)
-    ]
-    joints = np.stack(
-        [scale * table.numbers(column, empty=False) for column, scale in zip(at, scales, strict=True)], axis=1
-    )
-    _refuse_other_unit(path, joints, prismatic, scales, [_stated_unit(table, column) for column in at])
-    name = _other(table, columns.name, _NAMES)
-    time, day = _other(table, columns.time, _TIMES), _other(table, columns.date, _DATES)
-    time, day = (time, day) if time is not None else (day, None)
-    found = column_times(table, time, day, columns.dates or "") if time is not None else None
-    time_from = "" if time is None else table.name(time)
-    stamp = (0, 1) if stated is not None and table.headings is None else None
-    if not columns.time and (stamps := stamp_times(table, stamp)) is not None:
-        found, time_from = stamps
-    if stated is not None:
-        name = None  # a column called name holds those of joints
+    at, states = _joint_columns(table, joint_names, columns)
+    given = unit or columns.unit
+    scales = [_scale(table, c, slides, given, in_si=states) for c, slides in zip(at, prismatic, strict=True)]
+    joints = np.stack([table.numbers(column, empty=False) for column in at], axis=1) * scales
+    turning = [j for j, slides in enumerate(prismatic) if not slides]
+    if turning:
+        stated = any(_stated_unit(table, at[j]) for j in turning)
+        _refuse_other_unit(path, joints, turning, {scales[j] == 1.0 for j in turning}, stated)
+    name = None if states else table.find("name", _NAMES, columns.name)  # such a column of states names joints
+    times = _times(table, columns, bare_states=states and table.headings is None)
     used = {joint: table.name(column) for joint, column in zip(joint_names, at, strict=True)}
-    used |= {what: column for what, column in (("name", _called(table, name)), ("time", time_from)) if column}
+    names: tuple[str, ...] = ("",) * len(joints)
+    if name is not None:
+        used["name"], names = table.name(name), table.texts(name)
+    if times.columns:
+        used["time"] = times.columns
     return JointLog(
         path,
-        table.texts(name) if name is not None else ("",) * len(joints),
+        names,
         table.lines,
         joints,
-        np.full(len(joints), np.nan) if found is None else found.seconds,
-        "seconds" if found is None else found.clock,
+        times.seconds,
+        times.clock,
         used,
         table.left_out,
     )
 
 
-def _called(table: LooseTable, column: int | None) -> str:
-    return "" if column is None else table.name(column)
+def _joint_columns(table: LooseTable, joint_names: tuple[str, ...], columns: JointColumns) -> tuple[list[int], bool]:
+    """Return the column of each joint, and whether the table is an export of ROS joint states."""
+    map_name, states = option_name("columns"), None
+    if columns.joints:
+        at = _mapped_joints(table, joint_names, columns)
+    elif (states := _joint_states(table, joint_names)) is not None:
+        at = states
+    elif table.headings is None:
+        raise LabError(f"{table.path}: no header names the joints' columns; name them in the {map_name} file")
+    else:
+        at = [_joint(table, j, name) for j, name in enumerate(joint_names)]
+    if len(set(at)) < len(at):
+        raise LabError(
+            f"{table.path}: one column is assigned to two joints; name a column for each in the {map_name} file"
+        )
+    return at, states is not None
+
+
+def _mapped_joints(table: LooseTable, joint_names: tuple[str, ...], columns: JointColumns) -> list[int]:
+    if len(columns.joints) != len(joint_names):
+        raise LabError(
+            f"{table.path}: the {option_name('columns')} file names {len(columns.joints)} joints; the robot has "
+            f"{', '.join(joint_names)}"
+        )
+    return [table.column(each) for each in columns.joints]
+
+
+def _times(table: LooseTable, columns: JointColumns, *, bare_states: bool) -> ColumnTimes:
+    """Return the times of the rows: those of a map of columns, else stamps of messages, else known columns."""
+    if not columns.time and (stamps := stamp_times(table, (0, 1) if bare_states else None)) is not None:
+        return stamps
+    time, day = table.find("time", _TIMES, columns.time), table.find("date", _DATES, columns.date)
+    return column_times(table, time, day, columns.dates or "")
 
 
 def _keys(j: int, name: str) -> tuple[str, ...]:
@@ -128,22 +138,21 @@ def _keys(j: int, name: str) -> tuple[str, ...]:
 def _joint_states(table: LooseTable, joint_names: tuple[str, ...]) -> list[int] | None:
     """Return the columns of positions in an export of ROS joint states; None where the table is none."""
     if table.headings is None:
-        after = table.rows[0][_BEFORE_NAMES:]
-        count = next((k for k, cell in enumerate(after) if re.fullmatch(r"[-+0-9.eE]*", cell)), 0)
-        if not count or len(after) < 2 * count:
-            return None
-        names = range(_BEFORE_NAMES, _BEFORE_NAMES + count)
-        return _by_cells(table, joint_names, _constant(table, names), [column + count for column in names])
+        return _bare_states(table, joint_names)
     keys = [each.key for each in table.headings]
     ends = [[i for i, key in enumerate(keys) for each in _keys(j, name) if f" {key}".endswith(f" {each} position")]
             for j, name in enumerate(joint_names)]  # fmt: skip
     if all(len(each) == 1 for each in ends):
         return [each[0] for each in ends]
-    positions = {int(match[1]): i for i, key in enumerate(keys) if (match := _POSITION.fullmatch(key))}
-    if 0 not in positions:
-        return None
-    named = {int(match[1]): i for i, key in enumerate(keys) if (match := _NAME.fullmatch(key))}
-    if named:
+    positions = _numbered(keys, _POSITION)
+    return _numbered_states(table, joint_names, keys, positions) if 0 in positions else None
+
+
+def _numbered_states(
+    table: LooseTable, joint_names: tuple[str, ...], keys: Sequence[str], positions: dict[int, int]
+) -> list[int]:
+    """Return the column of each joint, of numbered positions by the names that other columns hold."""
+    if named := _numbered(keys, _NAME):
         shared = sorted(set(named) & set(positions))
         cells = _constant(table, [named[k] for k in shared])
         return _by_cells(table, joint_names, cells, [positions[k] for k in shared])
@@ -155,6 +164,21 @@ def _joint_states(table: LooseTable, joint_names: tuple[str, ...]) -> list[int] 
         f"{table.path}: its positions are numbered and no column names their joints; export the names as well, or "
         f"name the joints' columns in the {option_name('columns')} file"
     )
+
+
+def _bare_states(table: LooseTable, joint_names: tuple[str, ...]) -> list[int] | None:
+    """Return the columns of positions in joint states without a header: they follow the joints' names."""
+    after = table.rows[0][_BEFORE_NAMES:]
+    count = next((k for k, cell in enumerate(after) if re.fullmatch(r"[-+0-9.eE]*", cell)), 0)
+    if not count or len(after) < 2 * count:
+        return None
+    names = range(_BEFORE_NAMES, _BEFORE_NAMES + count)
+    return _by_cells(table, joint_names, _constant(table, names), [column + count for column in names])
+
+
+def _numbered(keys: Sequence[str], pattern: re.Pattern[str]) -> dict[int, int]:
+    """Return the columns whose keys have a number by a pattern, by this number."""
+    return {int(match[1]): i for i, key in enumerate(keys) if (match := pattern.fullmatch(key))}
 
 
 def _constant(table: LooseTable, columns: Sequence[int]) -> list[str]:
@@ -187,86 +211,65 @@ def _by_cells(
 
 
 def _joint(table: LooseTable, j: int, name: str) -> int:
-    keys = (*_keys(j, name), _RTDE.format(j))
-    headings = table.headings or ()
-    for key in keys:
-        same = [i for i, each in enumerate(headings) if each.key == key]
-        if len(same) > 1:
-            raise LabError(
-                f"{table.path}: {len(same)} columns may be joint {name} ({key}); name one by {option_name('columns')}"
-            )
-        if same:
-            return same[0]
-    known = ", ".join(each.text for each in headings if each.text)
-    raise LabError(
-        f"{table.path}: no column is joint {name} ({known}); name the joints in the {option_name('columns')} file"
-    )
-
-
-def _other(table: LooseTable, given: str, known: tuple[str, ...]) -> int | None:
-    if given:
-        return column_named(table, given)
-    headings = table.headings or ()
-    return next((i for key in known for i, each in enumerate(headings) if each.key == key), None)
+    column = table.find(f"joint {name}", (*_keys(j, name), _RTDE.format(j)))
+    if column is None:
+        raise LabError(
+            f"{table.path}: no column is joint {name} ({table.named}); name the joints in the {option_name('columns')} "
+            "file"
+        )
+    return column
 
 
 def _stated_unit(table: LooseTable, column: int, *, slides: bool = False) -> str:
     """Return the unit that a joint's column states, "" for none; the real-time columns of UR are in rad."""
-    if table.headings is None:
-        return ""
-    heading = table.headings[column]
-    return heading.unit or ("rad" if heading.key.startswith("actual q ") and not slides else "")
+    in_rad = table.headings is not None and table.headings[column].key.startswith("actual q ") and not slides
+    return table.unit(column) or ("rad" if in_rad else "")
 
 
 def _scale(table: LooseTable, column: int, slides: bool, given: str | None, *, in_si: bool) -> float:
+    """Return the factor of a joint's column to rad or m."""
     stated = _stated_unit(table, column, slides=slides)
-    where = f"{table.path}: column {table.name(column)}"
     if in_si and not stated:
         stated = "m" if slides else given or "rad"
-    if slides:
-        if stated not in _LENGTHS:
-            raise LabError(
-                f"{where}: the joint slides, and no unit of lengths is stated; call the column ..._mm or ..._m"
-            )
-        return _LENGTHS[stated]
+    where = f"{table.path}: column {table.name(column)}"
+    if not slides:
+        return _angle_scale(where, stated, given)
+    if stated not in _LENGTHS:
+        raise LabError(f"{where}: the joint slides, and no unit of lengths is stated; call the column ..._mm or ..._m")
+    return _LENGTHS[stated]
+
+
+def _angle_scale(where: str, stated: str, given: str | None) -> float:
+    option = option_name("joint_unit")
     if stated and given and stated != given:
-        raise LabError(f"{where}: the file states {stated}; leave out {option_name('joint_unit')} {given}")
+        raise LabError(f"{where}: the file states {stated}; leave out {option} {given}")
     unit = stated or given
     if not unit:
-        raise LabError(
-            f"{where}: its unit is not stated; give {option_name('joint_unit')} deg or {option_name('joint_unit')} rad"
-        )
+        raise LabError(f"{where}: its unit is not stated; give {option} deg or {option} rad")
     if unit not in _SCALES:
         raise LabError(f"{where}: {unit} is not a unit of angle; use deg or rad")
     return float(_SCALES[unit])
 
 
-def _refuse_other_unit(
-    path: Path, joints: Array, prismatic: tuple[bool, ...], scales: list[float], stated: list[str]
-) -> None:
-    """Refuse angles whose sizes are those of the other unit; a unit that the file states is corrected there."""
-    turning = [j for j, slides in enumerate(prismatic) if not slides]
-    if not turning:
-        return
+def _refuse_other_unit(path: Path, joints: Array, turning: list[int], in_radians: set[bool], stated: bool) -> None:
+    """Refuse angles whose sizes are those of the other unit; a unit that the file states is corrected there.
+
+    Args:
+        turning: the revolute joints.
+        in_radians: whether they were read as radians.
+        stated: whether the header states the unit of one.
+    """
     largest = float(np.abs(joints[:, turning]).max())
-    used_scales = [scales[j] for j in turning]
-    if all(scale == 1.0 for scale in used_scales) and largest > _FULL_TURNS * 2 * np.pi:
-        raise LabError(f"{path}: joints reach {largest:.4g} rad, which are degrees; {_correct(stated, turning, 'deg')}")
     in_degrees = np.rad2deg(largest)
-    if (
-        all(scale != 1.0 for scale in used_scales)
-        and len(joints) > 2
-        and in_degrees < 2 * np.pi
-        and np.ptp(joints, axis=0).max()
-    ):
-        raise LabError(
-            f"{path}: no joint turns by more than {in_degrees:.3g}°; they are in radians; "
-            f"{_correct(stated, turning, 'rad')}"
-        )
-
-
-def _correct(stated: list[str], turning: list[int], unit: str) -> str:
-    """Advise how to give the unit of the joints: in the header where it states one, else as an option."""
-    if any(stated[j] for j in turning):
-        return f"correct the unit in the header of the joints' columns to {unit}"
-    return f"give {option_name('joint_unit')} {unit}"
+    if in_radians == {True} and largest > _FULL_TURNS * 2 * np.pi:
+        what, unit = f"joints reach {largest:.4g} rad, which are degrees", "deg"
+    elif in_radians == {False} and len(joints) > 2 and in_degrees < 2 * np.pi and np.ptp(joints, axis=0).max():
+        what, unit = f"no joint turns by more than {in_degrees:.3g}°; they are in radians", "rad"
+    else:
+        return
+    remedy = (
+        f"correct the unit in the header of the joints' columns to {unit}"
+        if stated
+        else f"give {option_name('joint_unit')} {unit}"
+    )
+    raise LabError(f"{path}: {what}; {remedy}")

@@ -8,8 +8,8 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -25,7 +25,6 @@ __all__ = [
     "LeftOut",
     "LooseTable",
     "PointColumns",
-    "column_named",
     "heading_of",
     "read_column_map",
     "read_loose",
@@ -110,33 +109,93 @@ class LooseTable:
         """Check whether a column is empty."""
         return not any(self.texts(column))
 
+    def unit(self, column: int) -> str:
+        """Return the unit that a column's heading states, "" for none."""
+        return "" if self.headings is None else self.headings[column].unit
+
+    @property
+    def named(self) -> str:
+        """Names of the columns, for error messages."""
+        return ", ".join(each.text for each in self.headings or () if each.text)
+
+    def column(self, wanted: str) -> int:
+        """Return the column with this header or number from 1.
+
+        Raises:
+            LabError: none has it, or several have.
+        """
+        key = heading_of(wanted).key
+        same = self._headed(lambda each: each.text == wanted) or self._headed(lambda each: each.key == key)
+        if len(same) > 1:
+            raise LabError(f"{self.path}: {len(same)} columns are called '{wanted}'; give the number of the right one")
+        if same:
+            return same[0]
+        if wanted.isdecimal() and 1 <= int(wanted) <= self.width:
+            return int(wanted) - 1
+        named = self.named or "no column has a name"
+        raise LabError(f"{self.path}: no column '{wanted}' ({named}); give a name, or a number from 1 to {self.width}")
+
+    def _headed(self, by: Callable[[_Heading], bool]) -> list[int]:
+        return [i for i, each in enumerate(self.headings or ()) if by(each)]
+
+    def find(self, what: str, keys: Iterable[str], wanted: str = "") -> int | None:
+        """Return the column that a map of columns wants, else the one of a key, in order of preference; else None.
+
+        Args:
+            what: its meaning, for error messages.
+            keys: of headings.
+
+        Raises:
+            LabError: several columns have the key, or none is as wanted.
+        """
+        if wanted:
+            return self.column(wanted)
+        for key in keys:
+            called = self._headed(lambda each, key=key: each.key == key)  # type: ignore[misc]
+            same = [i for i in called if not self.is_blank(i)] or called
+            if len(same) > 1:
+                raise LabError(
+                    f"{self.path}: {len(same)} columns may be {what} ({self.name(same[0])}); "
+                    f"give its number in the {option_name('columns')} file"
+                )
+            if same:
+                return same[0]
+        return None
+
+    def missing(self, what: str) -> LabError:
+        """Return the error for a column that was not found."""
+        return LabError(
+            f"{self.path}: no column is {what} ({self.named}); name it in the {option_name('columns')} file"
+        )
+
+    def wrong(self, row: int, column: int, what: str) -> LabError:
+        """Return an error about a cell."""
+        return LabError(f"{self.where(row, column)}: {what}")
+
+    def where(self, row: int, column: int) -> str:
+        """Return the location of a cell in error messages."""
+        return f"{self.path}: line {self.lines[row]}, column {self.name(column)}"
+
     def numbers(self, column: int, *, empty: bool = True) -> Array:
         """Return a column ``(n,)`` as numbers, NaN if empty."""
         cells = self.texts(column)
-        found = np.full(len(cells), np.nan)
+        values = np.full(len(cells), np.nan)
         marks: dict[str, int] = {}
         for i, cell in enumerate(cells):
             if not cell and empty:
                 continue
             if not _NUMBER.fullmatch(cell):
-                raise LabError(
-                    f"{self._where(i, column)}: '{cell}' is not a number; fix it, or name the right column by "
-                    f"{option_name('columns')}"
-                )
+                advice = f"fix it, or name the right column by {option_name('columns')}"
+                raise self.wrong(i, column, f"'{cell}' is not a number; {advice}")
             for mark in {",", "."} & set(cell):
                 marks.setdefault(mark, self.lines[i])
             if len(marks) > 1:
                 text = f"written with '.' in line {marks['.']} and with ',' in line {marks[',']}"
-                raise LabError(
-                    f"{self._where(i, column)}: numbers are {text}; use one decimal mark and none for thousands"
-                )
-            found[i] = float(cell.replace(",", "."))
-            if abs(found[i]) not in NUMBER_SIZE:
-                raise LabError(f"{self._where(i, column)}: '{cell}' is too large; check the number and its unit")
-        return found
-
-    def _where(self, row: int, column: int) -> str:
-        return f"{self.path}: line {self.lines[row]}, column {self.name(column)}"
+                raise self.wrong(i, column, f"numbers are {text}; use one decimal mark and none for thousands")
+            values[i] = float(cell.replace(",", "."))
+            if abs(values[i]) not in NUMBER_SIZE:
+                raise self.wrong(i, column, f"'{cell}' is too large; check the number and its unit")
+        return values
 
     def is_numeric(self, column: int) -> bool:
         """Check whether a column has only numbers, and at least one."""
@@ -169,32 +228,70 @@ def _key(text: str) -> str:
     return " ".join(re.findall(r"[^\W_]+", spaced.lower()))
 
 
+@dataclass(frozen=True)
+class _Line:
+    """A line of a text.
+
+    Attributes:
+        number: from 1.
+        is_row: whether it is a row of the table.
+    """
+
+    number: int
+    text: str
+    cells: list[str]
+    is_row: bool
+
+    @property
+    def is_blank(self) -> bool:
+        return not self.text.strip(" \t;,")
+
+
 def read_loose(path: Path, least: int) -> LooseTable:
     """Find the block of rows with at least ``least`` numbers in a text."""
-    lines = _lines(path)
-    separator, width = _separator(path, lines, least)
-    cells = [_cells(text, separator) for text in lines]
-    is_row = [
-        len(each) == width and _count(each, separator) >= least and not _COMMENT.match(text)
-        for each, text in zip(cells, lines, strict=True)
-    ]
-    first = is_row.index(True)
-    headings, used = _header(lines, cells, separator, first, width, least)
-    left, titles = [], []
-    for i, text in enumerate(lines):
-        if is_row[i] or i in used or not text.strip(" \t;,"):
-            continue
-        if i < first:
-            titles.append((i + 1, _COMMENT.sub("", text, count=1).strip()))
-        why = "above the table" if i < first else f"{len(cells[i])} cells, where the table has {width}"
-        if i > first and _COMMENT.match(text):
-            why = "a comment"
-        elif i > first and len(cells[i]) == width:
-            why = "fewer numbers than the columns"
-        left.append(LeftOut(str(path), i + 1, text.strip()[:60], why))
-    rows = tuple(tuple(cells[i]) for i in range(len(lines)) if is_row[i])
-    numbers = tuple(i + 1 for i in range(len(lines)) if is_row[i])
-    return LooseTable(path, headings, rows, numbers, tuple(titles), tuple(left), _NAMED[separator])
+    texts = _lines(path)
+    separator, width = _separator(path, texts, least)
+    lines = [_line(number, text, separator, width, least) for number, text in enumerate(texts, start=1)]
+    rows = [line for line in lines if line.is_row]
+    above, below = lines[: rows[0].number - 1], lines[rows[0].number :]
+    headings, used = _header(above, separator, width, least)
+    titles = [line for line in above if line.number not in used and not line.is_blank]
+    return LooseTable(
+        path,
+        headings,
+        tuple(tuple(line.cells) for line in rows),
+        tuple(line.number for line in rows),
+        tuple((line.number, _COMMENT.sub("", line.text, count=1).strip()) for line in titles),
+        _left_out(path, [*titles, *below], width, rows[0]),
+        _NAMED[separator],
+    )
+
+
+def _left_out(path: Path, lines: Sequence[_Line], width: int, first: _Line) -> tuple[LeftOut, ...]:
+    """Return the lines that are neither blank nor rows of the table that begins with ``first``."""
+    return tuple(
+        LeftOut(str(path), line.number, line.text.strip()[:60], _reason(line, width, first))
+        for line in lines
+        if not (line.is_row or line.is_blank)
+    )
+
+
+def _line(number: int, text: str, separator: str, width: int, least: int) -> _Line:
+    cells = _cells(text, separator)
+    return _Line(
+        number, text, cells, len(cells) == width and _count(cells, separator) >= least and not _COMMENT.match(text)
+    )
+
+
+def _reason(line: _Line, width: int, first: _Line) -> str:
+    """Return why a line is no row of the table that begins with a row."""
+    if line.number < first.number:
+        return "above the table"
+    if _COMMENT.match(line.text):
+        return "a comment"
+    if len(line.cells) == width:
+        return "fewer numbers than the columns"
+    return f"{len(line.cells)} cells, where the table has {width}"
 
 
 def _lines(path: Path) -> list[str]:
@@ -218,22 +315,27 @@ def _lines(path: Path) -> list[str]:
 
 def _separator(path: Path, lines: Sequence[str], least: int) -> tuple[str, int]:
     """Return the separator of the cells and the number of cells, by most rows of numbers."""
-    best: tuple[int, str, int] | None = None
     shown = [text for text in lines if text.strip() and not _COMMENT.match(text)]
-    step = max(1, len(shown) // _SAMPLE)
+    sample = shown[:: max(1, len(shown) // _SAMPLE)]
+    most, best, cells_in_a_row = 0, "", 0
     for separator in _SEPARATORS:
-        split = (_cells(text, separator) for text in shown[::step])
-        widths = Counter(len(cells) for cells in split if _count(cells, separator) >= least)
-        if widths:
-            width, count = widths.most_common(1)[0]
-            best = max(best or (0, "", 0), (count, separator, width), key=lambda each: each[0])
-    if best is None:
+        width, count = _common_width(sample, separator, least)
+        if count > most:
+            most, best, cells_in_a_row = count, separator, width
+    if not most:
         raise LabError(
             f"{path}: no line has {least} or more numbers, separated by tabs, semicolons, commas or spaces; export a "
             "table with a row for each"
         )
-    COLUMNS(path, best[2])
-    return best[1], best[2]
+    COLUMNS(path, cells_in_a_row)
+    return best, cells_in_a_row
+
+
+def _common_width(lines: Sequence[str], separator: str, least: int) -> tuple[int, int]:
+    """Return the commonest number of cells of lines with enough numbers, and how many lines have it."""
+    split = (_cells(text, separator) for text in lines)
+    widths = Counter(len(cells) for cells in split if _count(cells, separator) >= least)
+    return (widths.most_common(1) or [(0, 0)])[0]
 
 
 def _cells(text: str, separator: str) -> list[str]:
@@ -249,35 +351,45 @@ def _count(cells: Sequence[str], separator: str) -> int:
 
 
 def _header(
-    lines: Sequence[str], cells: Sequence[list[str]], separator: str, first: int, width: int, least: int
+    above: Sequence[_Line], separator: str, width: int, least: int
 ) -> tuple[tuple[_Heading, ...] | None, set[int]]:
-    """Return the headings, and their lines: a header, and perhaps a line of units below it."""
+    """Return the headings, and the numbers of their lines: a header, and perhaps a line of units below it."""
+    units: list[str] = []
     used: set[int] = set()
-    units: list[str] | None = None
-    for i in range(first - 1, -1, -1):
-        if not lines[i].strip(" \t;,"):
+    for line in reversed(above):
+        if line.is_blank:
             continue
-        marked = _COMMENT.match(lines[i])
-        found = _cells(lines[i][marked.end() :], separator) if marked else cells[i]
-        if len(found) != width and separator == " " and "," in lines[i]:
-            found = _cells(lines[i][marked.end() if marked else 0 :], ",")
-        if len(found) != width or _count(found, separator) >= least:
-            if not used:
-                return None, used
+        cells = _heading_cells(line, separator, width)
+        if len(cells) != width or _count(cells, separator) >= least:
             break
-        stripped = [cell.strip("[](){}").lower() for cell in found]
-        if units is None and not used and any(stripped) and all(not c or c in (*_UNITS, "-") for c in stripped):
-            units, used = found, {i}
+        used.add(line.number)
+        if not units and _are_units(cells):
+            units = cells
             continue
-        used.add(i)
-        headings = [heading_of(cell) for cell in found]
-        if units is not None:
-            headings = [
-                _Heading(h.text, h.key, h.unit or _UNITS.get(unit.strip("[](){}").lower(), ""))
-                for h, unit in zip(headings, units, strict=True)
-            ]
-        return tuple(headings), used
+        return _with_units([heading_of(cell) for cell in cells], units), used
     return None, set()
+
+
+def _heading_cells(line: _Line, separator: str, width: int) -> list[str]:
+    """Return the cells of a header, which may be a comment, and separated by commas above rows with spaces."""
+    marked = _COMMENT.match(line.text)
+    text = line.text[marked.end() :] if marked else line.text
+    cells = _cells(text, separator)
+    return _cells(text, ",") if len(cells) != width and separator == " " and "," in text else cells
+
+
+def _unit_key(cell: str) -> str:
+    return cell.strip("[](){}").lower()
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    keys = [_unit_key(cell) for cell in cells]
+    return any(keys) and all(not key or key == "-" or key in _UNITS for key in keys)
+
+
+def _with_units(headings: list[_Heading], units: Sequence[str]) -> tuple[_Heading, ...]:
+    below = [_UNITS.get(_unit_key(unit), "") for unit in units] or [""] * len(headings)
+    return tuple(replace(head, unit=head.unit or unit) for head, unit in zip(headings, below, strict=True))
 
 
 _Dates = Literal["dmy", "mdy"] | None
@@ -357,18 +469,3 @@ def read_column_map(path: Path | None) -> _ColumnMap:
     if len(given) not in (0, 3):
         raise LabError(f"{path}: points has some of x, y and z; give all three or none")
     return found
-
-
-def column_named(table: LooseTable, wanted: str) -> int:
-    """Return the column with this header or number from 1."""
-    headings = table.headings or ()
-    same = [i for i, each in enumerate(headings) if each.text == wanted]
-    same = same or [i for i, each in enumerate(headings) if each.key == heading_of(wanted).key]
-    if len(same) == 1:
-        return same[0]
-    if same:
-        raise LabError(f"{table.path}: {len(same)} columns are called '{wanted}'; give the number of the right one")
-    if wanted.isdecimal() and 1 <= int(wanted) <= table.width:
-        return int(wanted) - 1
-    known = ", ".join(each.text for each in headings if each.text) or "no column has a name"
-    raise LabError(f"{table.path}: no column '{wanted}' ({known}); give a name, or a number from 1 to {table.width}")

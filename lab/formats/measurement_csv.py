@@ -173,6 +173,18 @@ def read_columns(
         source: name of the table in error messages.
         units: of lengths and of angles in columns whose names state none: ``q1`` and ``p1.x``.
     """
+    named = _with_units(columns, joint_names, prismatic, units)
+    further = (name for name in named if name not in _OTHER_RESERVED and not _POSE_COLUMN.fullmatch(name))
+    numbers = tuple(name for name in further if np.asarray(named[name]).dtype.kind in "iuf")
+    table = ColumnsInMemory(source, named)
+    reader = PoseReader(table, list(joint_names), list(prismatic), ObservedColumns(numbers=numbers), ROWS)
+    return reader.read(need_points=False)
+
+
+def _with_units(
+    columns: Mapping[str, Any], joint_names: Sequence[str], prismatic: Sequence[bool], units: tuple[str, str]
+) -> dict[str, Any]:
+    """Return columns by the names that they have in a file, with the unit of lengths or of angles."""
     length, angle = units
     stated = dict[str, str]()
     for j, name in enumerate(joint_names):
@@ -183,11 +195,7 @@ def read_columns(
         named[f"{point[1]}_{point[2]}_{length}" if point else stated.get(str(name), str(name))] = values
     if "sigma_m" in named:
         named["sigma_mm"] = _decimals(np.asarray(named.pop("sigma_m"), dtype=np.float64), 3)
-    further = (name for name in named if name not in _OTHER_RESERVED and not _POSE_COLUMN.fullmatch(name))
-    numbers = tuple(name for name in further if np.asarray(named[name]).dtype.kind in "iuf")
-    table = ColumnsInMemory(source, named)
-    reader = PoseReader(table, list(joint_names), list(prismatic), ObservedColumns(numbers=numbers), ROWS)
-    return reader.read(need_points=False)
+    return named
 
 
 def _names_a_joint(path: Path, joint_names: Sequence[str]) -> bool:
@@ -334,15 +342,12 @@ class PoseReader(CsvTable):
         return points
 
     def _targets(self) -> list[str]:
-        targets: list[str] = []
-        for column in self.unread:
-            match = re.fullmatch(r"(?:(.+)_)?([xyz])_(mm|m)", column)
-            if match and (name := match[1] or "p1") not in targets:
-                targets.append(name)
+        parts = [match for column in self.unread if (match := re.fullmatch(r"(?:(.+)_)?([xyz])_(mm|m)", column))]
+        targets = list(dict.fromkeys(match[1] or "p1" for match in parts))
         TARGETS(self.header_place, targets)
         for name in targets:
             checked_target(self.header_place, name)
-        plain = any(re.fullmatch(r"[xyz]_(mm|m)", column) for column in self.unread)
+        plain = any(match[1] is None for match in parts)
         if plain and (len(targets) > 1 or any(column.startswith("p1_") for column in self.unread)):
             raise self.wrong("plain x, y, z beside named targets; name their columns p1_x_mm and so on")
         return targets
