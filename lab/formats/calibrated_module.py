@@ -4,26 +4,34 @@ Its text is that of ``plain_arm`` with the numbers of the arm and its effects, a
 cannot express the functions refuse, with the reason.
 """
 
+import inspect
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import files
-from textwrap import fill
+from textwrap import dedent, fill
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.extension_points import numbers, own_errors
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm_with_effects import Arm, ArmWithEffects
 from lab.kinematics.effects.compliance import NEWTON_STEPS
+from lab.kinematics.effects.effect import Effect
 from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["MODULE_FILE", "largest_difference", "loaded", "module_text", "plain_model", "refusing_text"]
 
 MODULE_FILE = "calibrated.py"
 _WIDTH = 100
+_COMPARED, _ROUNDING = 8, 1e-12  # poses at which an effect's own function is compared with it
+_IMPORTS = "from __future__ import annotations\nimport math\n"  # what the module gives such a function
 _USE = (
     "forward(joints, **conditions) returns the pose of the last frame as four rows of four numbers, and the positions "
     "of the measured points by name. inverse(pose, near, point=None, **conditions) returns the joint positions near "
@@ -85,15 +93,16 @@ def plain_model(
     if not isinstance(rigid, SerialArm):
         raise LabError("it has loops, whose closure a standalone module cannot solve")
     effects = arm.effects if isinstance(arm, ArmWithEffects) else ()
-    terms, first = [], len(rigid.names)
+    terms, first = list[dict[str, Any]](), len(rigid.names)
     for effect in effects:
         part = slice(first, first + len(effect.parameters))
         first = part.stop
-        if effect.plain is None or effect.moves in ("frame", "station"):
-            raise LabError(f"effect {effect.name} is not among the effects that a standalone module computes")
-        own = effect.plain(values[part])
-        _refuse_unknown(effect.name, own)
-        terms += [dict(term) for term in own]
+        if effect.moves in ("frame", "station") or (effect.terms is None and effect.plain is None):
+            raise LabError(f"effect {effect.name} cannot be written as plain Python: it gives no function plain")
+        if effect.terms is not None:
+            terms += [dict(term) for term in effect.terms(values[part])]
+        else:
+            terms.append(_own_term(effect, arm, values[part]))
     chain = rigid.chain
     _, table, points = rigid.split(values[: len(rigid.names)])
     model: dict[str, Any] = {
@@ -123,25 +132,67 @@ def plain_model(
     return model
 
 
-_SIGNALS = {"position": 2, "sin": 3, "cos": 3, "condition": 3, "torque cubed": 2, "weight": 5}  # with their entries
-_FORMS = ({"joint", "times"}, {"link", "axis", "times"}, {"size"})
+@dataclass(frozen=True)
+class _Embedded:
+    """A function of plain Python with its text, under a name that no other function of the module has."""
+
+    name: str
+    text: str
+
+    @cached_property
+    def _function(self) -> Callable[..., Any]:
+        namespace: dict[str, Any] = {}
+        exec(compile(f"{_IMPORTS}{self.text}", MODULE_FILE, "exec"), namespace)
+        function: Callable[..., Any] = namespace[self.name]
+        return function
+
+    def __call__(self, joints: list[float], conditions: list[float], values: list[float]) -> list[float]:
+        """Return the offsets at one pose."""
+        return [float(each) for each in self._function(joints, conditions, values)]
+
+    def __repr__(self) -> str:
+        return self.name
 
 
-def _refuse_unknown(effect: str, terms: object) -> None:
-    """Refuse terms of an effect that ``plain_arm`` has no form or signal for."""
-    for term in terms if isinstance(terms, Sequence) else (terms,):
-        if not isinstance(term, Mapping):
-            raise LabError(f"effect {effect}: plain returns {term!r}; return a list of terms of lab.formats.plain_arm")
-        if {"springs", "beams", "residual"} & term.keys():
-            continue
-        if not any(form <= term.keys() for form in _FORMS):
-            raise LabError(f"effect {effect}: plain returns a term with {', '.join(map(str, term))}, which has no form")
-        signal = term.get("of", ())
-        if not isinstance(signal, Sequence) or not signal or _SIGNALS.get(signal[0]) != len(signal):
-            raise LabError(
-                f"effect {effect}: plain returns the signal {signal!r}, which this module does not know; there are "
-                f"{', '.join(_SIGNALS)}"
-            )
+def _embedded(effect: Effect) -> _Embedded:
+    """Return an effect's function in plain Python, as the module holds it."""
+    where = f"effect '{effect.name}': plain"
+    try:
+        text = dedent(inspect.getsource(effect.plain))  # type: ignore[arg-type]
+    except (OSError, TypeError):
+        raise LabError(f"{where} has no text to copy; write it by def, in a file or a notebook") from None
+    match = re.match(r"def \w+\(", text)
+    if match is None:
+        raise LabError(f"{where} is no function that def makes; write it so, without a decorator")
+    name = "_".join(["plain", *re.findall(r"\w+", effect.name)])
+    return _Embedded(name, f"def {name}({text[match.end() :]}")
+
+
+def _own_term(effect: Effect, arm: Arm, values: Array) -> dict[str, Any]:
+    """Return the term of an effect that exports itself, compared with its offsets at some poses.
+
+    Args:
+        values: its own parameters.
+
+    Raises:
+        LabError: the function fails by itself, or returns other offsets.
+    """
+    call, size = _embedded(effect), arm.rigid.chain.size
+    inputs = arm.structure_joints(_COMPARED, rng_for(0, "structure"))
+    joints, conditions = inputs[:, :size], inputs[:, [size + arm.conditions.index(name) for name in effect.conditions]]
+    expected = effect.offsets(joints, conditions, values)[0]
+    with own_errors("effect", effect.name, function="plain"):
+        returned = [call(q, c, values.tolist()) for q, c in zip(joints.tolist(), conditions.tolist(), strict=True)]
+    offsets = numbers(f"effect '{effect.name}': plain", returned, expected.shape, "offsets")
+    if (apart := float(np.abs(offsets - expected).max())) > _ROUNDING * max(1.0, float(np.abs(expected).max())):
+        raise LabError(f"effect '{effect.name}': plain returns other numbers than offsets, by {apart:.2g}; repair it")
+    return {
+        "call": call,
+        "moves": effect.moves,
+        "links": list(effect.links),
+        "conditions": list(effect.conditions),
+        "values": values.tolist(),
+    }
 
 
 def module_text(title: str, about: str, frame: str, model: Mapping[str, Any]) -> str:
@@ -163,8 +214,8 @@ def module_text(title: str, about: str, frame: str, model: Mapping[str, Any]) ->
     source = (files("lab") / "formats" / "plain_arm.py").read_text(encoding="utf-8")
     code = re.sub(r'^""".*?"""\n', "", source, count=1, flags=re.DOTALL)
     code = re.sub(r"^__all__ = .*\n\n", "", code, count=1, flags=re.MULTILINE)
-    numbers = _literal(model, 0)
-    return f"{_docstring(head)}\n{code.rstrip()}\n\n\nMODEL: dict[str, Any] = {numbers}\n{_FUNCTIONS}"
+    own = "".join(f"\n\n\n{term['call'].text.rstrip()}" for term in model["terms"] if "call" in term)
+    return f"{_docstring(head)}\n{code.rstrip()}{own}\n\n\nMODEL: dict[str, Any] = {_literal(model, 0)}\n{_FUNCTIONS}"
 
 
 def refusing_text(title: str, about: str, reason: str) -> str:

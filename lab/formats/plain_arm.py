@@ -16,7 +16,9 @@ Newton's method for springs;
   ``{"size": c, "of": signal}``, the relative growth of all lengths about frame 0;
   ``{"springs": compliances, "payload_kg": m}``, joint compliances (rad/Nm, m/N of a slide);
   ``{"beams": {l: rows}}``, bending links: nine loads at rest times these rows are the far end's displacement;
-  ``{"residual": share, ...}``, offsets of the joints by the kernels of ``calibration.residual``.
+  ``{"residual": share, ...}``, offsets of the joints by the kernels of ``calibration.residual``;
+  ``{"call": function, "moves": "joints", "conditions": names, "values": parameters}``, the offsets that an effect's own
+  function returns of one pose; with ``"links"``, six of each link's far end, or with ``"size"`` the growth.
 * A signal is ``["position", j]``, ``["sin", k, j]`` or ``["cos", k, j]`` of joint j, ``["condition", name, less]``,
 ``["torque cubed", j]``, or ``["weight", i, l, axis, down]``, the torque of a unit weight on link l about joint i.
 """
@@ -169,6 +171,14 @@ def _effects(
         elif "residual" in term:
             for i, more in enumerate(_residual(term, joints)):
                 offsets[i] += more
+        elif "call" in term:
+            more = term["call"](list(joints), [given[name] for name in term["conditions"]], list(term["values"]))
+            if term["moves"] == "joints":
+                offsets = _plus(offsets, more)
+            elif term["moves"] == "size":
+                growth += more[0]
+            for k, link in enumerate(term["links"]):
+                ends[link] = _plus(ends.setdefault(link, [0.0] * 6), more[6 * k : 6 * k + 6])
         else:
             signal = _signal(model, term["of"], joints, given)
             if "joint" in term:

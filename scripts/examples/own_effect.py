@@ -23,7 +23,12 @@ def fitted_oil(facts):
         derivative = (conditions[:, :1] - 20)[:, :, None] * np.eye(size)  # (n, joints, joints)
         return derivative @ values, derivative
 
-    return Effect("oil", tuple(parameters), offsets, conditions=(OIL,))
+    return Effect("oil", tuple(parameters), offsets, conditions=(OIL,), plain=plain_oil)
+
+
+def plain_oil(joints, conditions, values):
+    """The offsets at one pose in plain Python: calibrated.py holds this text."""
+    return [value * (conditions[0] - 20) for value in values]
 
 
 @dataclass(frozen=True)

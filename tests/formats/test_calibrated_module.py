@@ -1,8 +1,11 @@
 """``calibrated.py``: plain Python that puts the points where the lab's own arm does, whatever the effects."""
 
 import ast
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +19,9 @@ from lab.core.se3 import Array
 from lab.formats.calibrated_module import largest_difference, loaded, module_text, plain_model, refusing_text
 from lab.formats.plain_arm import place
 from lab.kinematics.effects.arm_with_effects import ArmWithEffects
+from lab.kinematics.effects.effect import Effect
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC, GROUPS
+from lab.kinematics.parameter import joint_parameter
 from lab.robots.load_robot import load_virtual
 
 TURN = se3.exp(np.array([0.1, -0.4, 0.2]))  # of the measured tool in the last frame
@@ -175,7 +180,7 @@ def test_it_says_what_it_cannot_do() -> None:
 def test_what_cannot_be_written_down_makes_a_module_that_refuses() -> None:
     robot = load_virtual("irb120")
     arm = robot.arm_with(("p1",), ("gear",))
-    strange = replace(arm, effects=(replace(arm.effects[0], plain=None),))
+    strange = replace(arm, effects=(replace(arm.effects[0], terms=None),))
     with pytest.raises(LabError, match="effect gear"):
         plain_model(strange, strange.nominal(), robot.loads, np.eye(3), {})
     delta = load_virtual("delta").arm(("p1",))
@@ -188,20 +193,108 @@ def test_what_cannot_be_written_down_makes_a_module_that_refuses() -> None:
             refused()
 
 
-@pytest.mark.parametrize(
-    ("term", "named"),
-    [
-        ({"joint": 0, "times": 1.0, "of": ["heat", 0]}, "'heat'"),
-        ({"joint": 0, "times": 1.0, "of": ["sin", 0]}, "'sin'"),
-        ({"joint": 0, "times": 1.0}, "signal"),
-        ({"joint": 0, "of": ["position", 0]}, "joint, of"),
-        (3, "3"),
-    ],
-)
-def test_an_effect_that_the_module_does_not_know_is_named(term: object, named: str) -> None:
-    arm, values, _ = arm_with("irb120", ("gear",))
-    (gear,) = arm.effects
-    other = replace(arm, effects=(replace(gear, plain=lambda _: [term]),))
-    with pytest.raises(LabError) as refused:
-        plain_model(other, values, None, TURN, {})
-    assert "effect gear" in str(refused.value) and named in str(refused.value)
+ALONE = sorted(set(GROUPS) - set(CAMPAIGN_SPECIFIC))
+ELSEWHERE = {"tubes": "rx130"}  # which the usual arm cannot have
+
+
+@pytest.mark.parametrize("group", ALONE)
+def test_each_effect_alone_is_where_the_arm_puts_it(group: str) -> None:
+    arm, values, model = arm_with(ELSEWHERE.get(group, "irb120"), (group,))
+    inputs = inputs_of(arm, 3)
+    assert largest_difference(module_text("t", "a", "f", model), arm, values, inputs) < 1e-13
+    assert model["terms"] and not any("call" in term for term in model["terms"])
+
+
+def plain_warm(joints, conditions, values):
+    """Joints that turn with the oil's temperature, and with the sine of their neighbour."""
+    warm = conditions[0] - 20.0
+    return [value * warm + value * math.sin(joints[i - 1]) for i, value in enumerate(values)]
+
+
+def plain_bend(joints, conditions, values):
+    """Far ends of links 2 and 4 that move by the first joint's cosine."""
+    along = [0.0] * 12
+    along[2], along[9] = values[0] * math.cos(joints[0]), values[1] * math.cos(joints[0])
+    return along
+
+
+def plain_growth(joints, conditions, values):
+    """Growth by the square of one parameter."""
+    return [values[0] ** 2]
+
+
+def own_effect(moves: str, plain: Callable[..., Any] | None) -> Effect:
+    """An effect of one's own on joints, two links, or the size of six-axis arms."""
+
+    def warm(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
+        columns = conditions - 20.0 + np.sin(np.roll(joints, 1, axis=1))
+        return columns * values, columns[:, :, None] * np.eye(6)
+
+    def bend(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((len(joints), 12, 2))
+        derivative[:, 2, 0] = derivative[:, 9, 1] = np.cos(joints[:, 0])
+        return derivative @ values, derivative
+
+    def growth(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        return np.full((len(joints), 1), values[0] ** 2), np.full((len(joints), 1, 1), 2 * values[0])
+
+    names = tuple(joint_parameter("own", axis, "own") for axis in range({"joints": 6, "links": 2, "size": 1}[moves]))
+    offsets = {"joints": warm, "links": bend, "size": growth}[moves]
+    conditions = ("oil_C",) if moves == "joints" else ()
+    links = (1, 3) if moves == "links" else ()
+    return Effect("own", names, offsets, conditions, moves, links=links, plain=plain)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("plain", [plain_warm, plain_bend, plain_growth])
+def test_an_effect_of_one_s_own_exports_itself(plain: Callable[..., Any], tmp_path: Path) -> None:
+    """Beside one of the lab's; a Python without packages runs it."""
+    moves = {plain_warm: "joints", plain_bend: "links", plain_growth: "size"}[plain]
+    given, values, _ = arm_with("irb120", ("backlash",))
+    arm = replace(given, effects=(own_effect(moves, plain), *given.effects))
+    first, own = len(given.rigid.names), len(arm.effects[0].parameters)
+    values = np.concatenate([values[:first], 1e-3 * np.arange(1, own + 1), values[first:]])
+    model = plain_model(arm, values, None, TURN, {})
+    text, inputs = module_text("t", "a", "f", model), inputs_of(arm, 6)
+    assert largest_difference(text, arm, values, inputs) < 1e-13
+    without = {**model, "terms": [term for term in model["terms"] if "call" not in term]}
+    assert largest_difference(module_text("t", "a", "f", without), arm, values, inputs) > 1e-7
+    (tmp_path / "calibrated.py").write_text(text, encoding="utf-8")
+    conditions = dict(zip(arm.conditions, inputs[:, 6:].T.tolist(), strict=True))
+    rows = bare_python(tmp_path, inputs[:, :6], conditions)
+    points = np.array([[row[target] for target in arm.targets] for row in rows])
+    np.testing.assert_allclose(points, arm.points(inputs, values), rtol=0, atol=1e-12)
+
+
+OIL_C = 20.0
+
+
+def plain_by_constant(joints, conditions, values):
+    return [value * (conditions[0] - OIL_C) for value in values]
+
+
+def plain_of_one(joints, conditions, values):
+    return values[:1]
+
+
+def plain_wrong(joints, conditions, values):
+    return [2.0 * value * (conditions[0] - 20.0) for value in values]
+
+
+REFUSED: dict[str, tuple[Callable[..., Any] | None, str]] = {
+    "none": (None, "effect own cannot be written as plain Python: it gives no function plain"),
+    "lambda": (lambda joints, conditions, values: values, "plain is no function that def makes"),
+    "built in": (math.hypot, "plain has no text to copy"),
+    "a constant of its module": (plain_by_constant, "plain raises NameError: name 'OIL_C' is not defined"),
+    "another number of offsets": (plain_of_one, r"plain returns offsets of shape \(8, 1\); return shape \(8, 6\)"),
+    "other numbers": (plain_wrong, "plain returns other numbers than offsets"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_an_effect_that_cannot_be_exported_is_named(name: str) -> None:
+    plain, message = REFUSED[name]
+    given, values, _ = arm_with("irb120", ())
+    arm = ArmWithEffects(given.rigid, (own_effect("joints", plain),))
+    with pytest.raises(LabError, match=message) as refused:
+        plain_model(arm, np.concatenate([values, np.full(6, 1e-3)]), None, TURN, {})
+    assert "own" in str(refused.value) and "\n" not in str(refused.value)

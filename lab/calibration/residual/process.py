@@ -317,7 +317,7 @@ class JointProcess:
             offsets = self.offsets(np.real(joints))
             return offsets * values[0], offsets[..., None]
 
-        return Effect(GROUP, (_SHARE,), moved, plain=self._plain, made_by=self.effect)
+        return Effect(GROUP, (_SHARE,), moved, terms=self._plain, made_by=self.effect)
 
     def _plain(self, values: Array) -> list[dict[str, Any]]:
         """Return the offsets as a term of ``formats.plain_arm``."""

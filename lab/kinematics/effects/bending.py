@@ -65,7 +65,7 @@ def _elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Eff
         flat = derivative.reshape(len(joints), -1, len(own))
         return flat @ values, flat
 
-    def plain(values: Array) -> list[dict[str, Any]]:
+    def terms(values: Array) -> list[dict[str, Any]]:
         beams = {link: np.zeros((used, 6)) for link in links.beams}
         for (link, _), value, rows in zip(own, values, by_loads, strict=True):
             beams[link] += value * rows
@@ -79,7 +79,7 @@ def _elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Eff
         required,
         moves="links",
         links=tuple(links.beams),
-        plain=None if moving else plain,
+        terms=None if moving else terms,
     )
 
 

@@ -149,7 +149,7 @@ def _compliance(loads: Loads, payload: bool = False, *, moving: bool = False) ->
         rate_of: Array = np.asarray(solved_by(rest.equations, pushed, moving_joints), dtype=soft.dtype)
         return rest.offset, rate_of
 
-    def plain(values: Array) -> list[dict[str, Any]]:
+    def terms(values: Array) -> list[dict[str, Any]]:
         found = dict(zip(bearing, values.tolist(), strict=False))
         soft = [found.get(i, 0.0) for i in range(loads.chain.size)]
         return [{"springs": soft, "payload_kg": float(values[-1]) if payload else 0.0}]
@@ -157,7 +157,7 @@ def _compliance(loads: Loads, payload: bool = False, *, moving: bool = False) ->
     typical = (*[_TYPICAL_COMPLIANCE] * len(bearing), 0.0) if payload else ()
     required = (PAYLOAD, *rates_of(loads.chain.joint_names)) if moving else (PAYLOAD,)
     stacks = not (payload or moving)
-    return Effect(group, parameters, offsets, required, typical=typical, plain=None if moving else plain, stacks=stacks)
+    return Effect(group, parameters, offsets, required, typical=typical, terms=None if moving else terms, stacks=stacks)
 
 
 def _fitted(name: str, arm: ArmFacts) -> Effect:

@@ -44,6 +44,7 @@ __all__ = [
     "MovesTracker",
     "Offsets",
     "OnePerJoint",
+    "PlainOffsets",
     "PlainTerms",
     "PoseConditions",
     "ScattersJoints",
@@ -175,6 +176,7 @@ class PoseConditions:
 
 Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
 PlainTerms = Callable[[Array], Sequence[Mapping[str, Any]]]
+PlainOffsets = Callable[[list[float], list[float], list[float]], Sequence[float]]
 Moves = Literal["joints", "frame", "links", "size", "station"]
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 LEVER_M = 0.3  # a slide's effects are those of a hinge at this distance: rad times this, Nm/rad over its square
@@ -257,7 +259,10 @@ class Effect:
         moves: the joints, the frame of the measured points, the links' far ends, the arm's size, or the instrument.
         typical: values for decisions on rank, if zeros would hide a parameter.
         links: links with displaced far ends, from 0.
-        plain: from parameters ``(p,)`` to terms of ``formats.plain_arm``, for ``calibrated.py``; None if not possible.
+        terms: of the lab's own, from parameters ``(p,)`` to terms of ``formats.plain_arm``, for ``calibrated.py``.
+        plain: in place of terms ``offsets`` at one pose in plain Python: from lists of joint positions, conditions and
+            parameters to a list of the numbers. ``calibrated.py`` holds its text, so it uses its arguments and ``math``
+            alone. Without both the module refuses.
         stacks: whether ``offsets`` takes parameters ``(b, 1, p)`` of b arms, too: offsets ``(b, n, joints)``, and
             derivatives ``(b, n, joints, p)`` or, where all arms have the same, ``(n, joints, p)``.
         wave: what ``offsets`` is, where it is one wave; None where it is something else.
@@ -271,7 +276,8 @@ class Effect:
     moves: Moves = "joints"
     typical: tuple[float, ...] = ()
     links: tuple[int, ...] = ()
-    plain: PlainTerms | None = field(default=None, compare=False)
+    terms: PlainTerms | None = field(default=None, compare=False)
+    plain: PlainOffsets | None = field(default=None, compare=False)
     stacks: bool = field(default=False, compare=False)
     wave: Wave | None = None
     made_by: "Callable[[], Effect] | None" = None
@@ -568,7 +574,7 @@ def from_signals(
         pairs = zip(where, values.tolist(), strict=True)
         return [{"joint": joint, "times": times * value, "of": list(signal)} for (joint, signal), value in pairs]
 
-    return Effect(group, parameters, offsets, conditions, plain=terms, stacks=True, wave=wave)
+    return Effect(group, parameters, offsets, conditions, terms=terms, stacks=True, wave=wave)
 
 
 def levers(chain: JointSpec) -> Array:

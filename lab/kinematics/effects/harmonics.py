@@ -194,12 +194,12 @@ def _of_link_end(direction: str, arm: ArmFacts, link: int, other: int) -> Effect
         derivative[:, component] = _waves(joints[:, turning])
         return derivative @ values, derivative
 
-    def plain(values: Array) -> list[dict[str, Any]]:
+    def terms(values: Array) -> list[dict[str, Any]]:
         waves = zip(values.tolist(), _plain_waves(turning), strict=True)
         return [{"link": link, "axis": component, "times": value, "of": list(wave)} for value, wave in waves]
 
     wave = Wave(1, turning, component)
-    return Effect(name, parameters, offsets, moves="links", links=(link,), plain=plain, wave=wave)
+    return Effect(name, parameters, offsets, moves="links", links=(link,), terms=terms, wave=wave)
 
 
 def _waves(position: Array) -> Array:

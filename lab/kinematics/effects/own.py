@@ -3,7 +3,7 @@
 The lab's own effects are tested; those of others are checked where they are used, once for all their callers.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, get_args
@@ -56,7 +56,7 @@ def fitted_own(group: FittedGroup, facts: ArmFacts) -> Effect:
     _refuse_malformed(name, made, facts.chain)
     if not made.parameters:
         return made
-    own = replace(made, offsets=_checked(made, facts.chain), plain=_reported(name, "plain", made.plain))
+    own = replace(made, offsets=_checked(made, facts.chain))
     key = (name, id(group.fitted), facts.chain.name, facts.chain.size, own.parameters, own.conditions)
     if key not in _compared:
         _refuse_wrong_derivative(own, facts.chain)
@@ -110,17 +110,6 @@ def _checked(effect: Effect, chain: JointSpec) -> Offsets:
         )
 
     return checked
-
-
-def _reported(name: str, function: str, given: Callable[..., Any] | None) -> Callable[..., Any] | None:
-    if given is None:
-        return None
-
-    def reported(*arguments: Any) -> Any:
-        with own_function(name, function):
-            return given(*arguments)
-
-    return reported
 
 
 def _refuse_wrong_derivative(effect: Effect, chain: JointSpec) -> None:

@@ -60,10 +60,10 @@ def _expansion() -> Effect:
         warmer = temperature - REFERENCE_C  # (n, 1)
         return warmer * values, warmer[:, :, None]
 
-    def plain(values: Array) -> list[dict[str, Any]]:
+    def terms(values: Array) -> list[dict[str, Any]]:
         return [{"size": float(values[0]), "of": list(_WARMER)}]
 
-    return Effect("expansion", (parameter,), offsets, (TEMPERATURE,), "size", plain=plain)
+    return Effect("expansion", (parameter,), offsets, (TEMPERATURE,), "size", terms=terms)
 
 
 def _thermal_zeros(chain: JointSpec) -> Effect:
