@@ -215,8 +215,9 @@ class Study:
         Args:
             alone: without the payloads of the factor.
         """
-        found = Effects() if cell.effects == NONE else self.effects[cell.effects]
-        return found if alone or not cell.payload_kg else replace(found, payload_kg=cell.payload_kg)
+        effects: Any = Effects() if cell.effects == NONE else self.effects[cell.effects]
+        named: Effects = effects if alone or not cell.payload_kg else replace(effects, payload_kg=cell.payload_kg)
+        return named
 
     def fitting_of(self, cell: GridCell) -> Fitting:
         """Return the options of a cell's fits: of its factors, and of its set of parameters.

@@ -1,7 +1,6 @@
 """Registry of all effects: the groups of ``--model`` and the options of a virtual arm.
 
-The order is that of the options, of the groups and of the random substreams: a new effect goes to the end, so that the
-draws of others stay the same. A package adds an effect by an entry point of ``lab.effects``.
+``EFFECTS`` lists the lab's. A package adds an effect by an entry point of ``lab.effects``.
 """
 
 import re
@@ -59,33 +58,36 @@ __all__ = [
 _Kind = TypeVar("_Kind", bound=VirtualEffect)
 
 
-@dataclass(frozen=True)
-class EffectOptions(  # a dataclass takes the fields of its last base first: a new effect is a new first line
-    CrossHarmonics,
-    ZerosByTemperature,
-    Temperature,
-    Hardening,
-    GravityCompensator,
-    Hysteresis,
-    EncoderRounding,
-    InstrumentNoise,
-    FullCoupling,
-    Ripple,
-    Bending,
-    BadReadings,
-    Duration,
-    Growth,
-    Bump,
-    Drift,
-    Lag,
-    Repeatability,
-    Backlash,
-    Coupling,
-    Gear,
-    Harmonics,
-    Payloads,
+EFFECTS: tuple[type[VirtualEffect], ...] = (
     Compliance,
-):
+    Payloads,
+    Harmonics,
+    Gear,
+    Coupling,
+    Backlash,
+    Repeatability,
+    Lag,
+    Drift,
+    Bump,
+    Growth,
+    Duration,
+    BadReadings,
+    Bending,
+    Ripple,
+    FullCoupling,
+    InstrumentNoise,
+    EncoderRounding,
+    Hysteresis,
+    GravityCompensator,
+    Hardening,
+    Temperature,
+    ZerosByTemperature,
+    CrossHarmonics,
+)  # in the order of options, groups and random substreams: a new one goes to the end, so that the draws of others stay
+
+
+@dataclass(frozen=True)
+class EffectOptions(*reversed(EFFECTS)):  # type: ignore[misc]  # a dataclass takes the fields of its last base first
     """Options of all effects."""
 
     def of(self, kind: type[_Kind]) -> _Kind:
@@ -112,7 +114,6 @@ class EffectOptions(  # a dataclass takes the fields of its last base first: a n
             effect_options.check()
 
 
-EFFECTS: tuple[type[VirtualEffect], ...] = EffectOptions.__bases__[::-1]
 _FITTED = {group.name: group for kind in EFFECTS for group in kind.groups}
 GROUPS = tuple(_FITTED)
 CANDIDATES = tuple(group.name for group in _FITTED.values() if group.is_candidate)  # that --model auto tries
