@@ -735,7 +735,7 @@ class TermSearch:
         first, second = _orthonormal_pairs(scores[:, self._pairs[useful]], gram[:, useful])
         size = float(max(np.abs(first).max(), np.abs(second).max())) or 1.0
         falls = [np.square(flips @ (each / size).astype(np.float32)) for each in (first, second)]
-        largest = size**2 * np.add(*falls, out=falls[0]).max(axis=1).astype(np.float64)
+        largest = size**2 * (falls[0] + falls[1]).max(axis=1).astype(np.float64)
         return float(np.sort(largest)[-int(level * (_FLIPS + 1))])
 
 
