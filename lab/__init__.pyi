@@ -1,6 +1,8 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, overload
+
+from numpy.typing import ArrayLike
 
 from lab.arm_history.history_result import HistoryResult
 from lab.calibration.estimator import EstimationProblem, Estimator
@@ -105,6 +107,7 @@ __all__ = [
     "design",
     "dynamics",
     "example",
+    "fit",
     "history",
     "identify",
     "import_measurements",
@@ -286,6 +289,90 @@ def example(
     parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> ExampleResult: ...
+@overload
+def fit(
+    measurements: Measurements,
+    robot: str | Path | Robot | None = None,
+    *,
+    points: None = None,
+    instrument: str | Path | Instrument | None = None,
+    noise_mm: float | None = None,
+    observe: str = "points",
+    orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None,
+    noise_mrad: float | None = None,
+    method: Literal["global", "sequential"] = "global",
+    socket_distance_mm: float | None = None,
+    artefact_u_mm: float | None = None,
+    tip_radius_mm: float | None = None,
+    cameras: str | Path | None = None,
+    noise_px: float | None = None,
+    model: str = "geometric",
+    robust: bool = False,
+    fix: Sequence[str] = ...,
+    free: Sequence[str] = ...,
+    prior: Literal["auto", "on", "off"] = "auto",
+    tolerance_mm: float = 0.5,
+    tolerance_mrad: float = 1.5,
+    estimator: str | Estimator = "least-squares",
+    parts: Iterable[object] = ...,
+    progress: Callable[[Event], None] | None = None,
+) -> Estimate: ...
+@overload
+def fit(
+    measurements: Sequence[Measurements],
+    robot: str | Path | Robot | None = None,
+    *,
+    points: None = None,
+    instrument: str | Path | Instrument | None = None,
+    noise_mm: float | None = None,
+    observe: str = "points",
+    orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None,
+    noise_mrad: float | None = None,
+    method: Literal["global", "sequential"] = "global",
+    socket_distance_mm: float | None = None,
+    artefact_u_mm: float | None = None,
+    tip_radius_mm: float | None = None,
+    cameras: str | Path | None = None,
+    noise_px: float | None = None,
+    model: str = "geometric",
+    robust: bool = False,
+    fix: Sequence[str] = ...,
+    free: Sequence[str] = ...,
+    prior: Literal["auto", "on", "off"] = "auto",
+    tolerance_mm: float = 0.5,
+    tolerance_mrad: float = 1.5,
+    estimator: str | Estimator = "least-squares",
+    parts: Iterable[object] = ...,
+    progress: Callable[[Event], None] | None = None,
+) -> Sequence[Estimate]: ...
+@overload
+def fit(
+    measurements: Measurements,
+    robot: str | Path | Robot | None = None,
+    *,
+    points: ArrayLike,
+    instrument: str | Path | Instrument | None = None,
+    noise_mm: float | None = None,
+    observe: str = "points",
+    orientation: Literal["intrinsic-xyz", "fixed-xyz", "rotation-vector"] | None = None,
+    noise_mrad: float | None = None,
+    method: Literal["global", "sequential"] = "global",
+    socket_distance_mm: float | None = None,
+    artefact_u_mm: float | None = None,
+    tip_radius_mm: float | None = None,
+    cameras: str | Path | None = None,
+    noise_px: float | None = None,
+    model: str = "geometric",
+    robust: bool = False,
+    fix: Sequence[str] = ...,
+    free: Sequence[str] = ...,
+    prior: Literal["auto", "on", "off"] = "auto",
+    tolerance_mm: float = 0.5,
+    tolerance_mrad: float = 1.5,
+    estimator: str | Estimator = "least-squares",
+    parts: Iterable[object] = ...,
+    progress: Callable[[Event], None] | None = None,
+) -> Sequence[Estimate]: ...
 def history(
     runs: str | Path | CalibrationResult | Sequence[str | Path | CalibrationResult] | HistoryOptions,
     *,

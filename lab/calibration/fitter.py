@@ -1,6 +1,6 @@
 """Fit measurements of one arm: models with groups of effects, their identification, outliers, model and noise."""
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -162,14 +162,20 @@ class Fitter:
 
     def observed(self) -> Measurements:
         """Return the observed quantities of the measurements."""
-        arm = self.robot.arm(self.targets)
+        arm = self._rigid
         return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[1]
+
+    @cached_property
+    def _rigid(self) -> RigidArm:
+        return self.robot.arm(self.targets)
+
+    @cached_property
+    def _nominal(self) -> Mapping[str, float]:
+        return dict(zip(self._rigid.names, self._rigid.nominal(self.robot.tool).tolist(), strict=True))
 
     def nominal(self, model: Model) -> Array:
         """Return the nominal parameters of one of these models."""
-        arm = self.robot.arm(self.targets)
-        known = dict(zip(arm.names, arm.nominal(self.robot.tool), strict=True))
-        return np.array([known.get(name, 0.0) for name in model.names])
+        return np.array([self._nominal.get(name, 0.0) for name in model.names])
 
     @property
     def fit_options(self) -> FitOptions:
@@ -191,8 +197,10 @@ class Fitter:
             fixed: parameters of the groups that the selection found not to be observable in these poses.
         """
         found, clean, outliers = self.identified_with(rows, groups, fixed), rows, None
+        if not self.options.robust:
+            return found, clean, outliers
         model, options = self.modelled(groups, fixed)
-        for _ in range(_CLEANINGS if self.options.robust else 0):  # a prior weighs by a sigma that outliers inflate
+        for _ in range(_CLEANINGS):  # a prior weighs by a sigma that outliers inflate
             before, outliers = outliers, self.outliers_of(found, rows)
             if before is not None and set(before.rows) == set(outliers.rows):
                 break
@@ -394,8 +402,9 @@ class Fitter:
 
     def identified_from(self, model: Model, rows: Measurements, options: FitOptions) -> Identification:
         """Identify the parameters of a model from all these rows."""
-        model = self.kind.balanced(model, rows, self.nominal(model), options)
-        return identify(model, rows, self.nominal(model), self.noise, options)
+        nominal = self.nominal(model)
+        model = self.kind.balanced(model, rows, nominal, options)
+        return identify(model, rows, nominal, self.noise, options)
 
     def outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
         """Find outliers among the rows, by a search that starts from an identification."""

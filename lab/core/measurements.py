@@ -459,11 +459,9 @@ _LEAST_ROWS = 5
 
 def copied_rows(numbers: Array) -> list[tuple[int, int]]:
     """Find copied rows of numbers ``(n, c)``, each with the first equal row."""
-    size = numbers.itemsize * numbers.shape[1]
-    alike = np.ascontiguousarray(numbers).view(np.dtype((np.void, size))).ravel()
-    _, first, group = np.unique(alike, return_index=True, return_inverse=True)
-    earlier = first[group]
-    return [(int(row), int(earlier[row])) for row in np.flatnonzero(earlier != np.arange(len(numbers)))]
+    first: dict[bytes, int] = {}
+    earlier = [first.setdefault(row.tobytes(), i) for i, row in enumerate(numbers)]
+    return [(row, same) for row, same in enumerate(earlier) if row != same]
 
 
 def describe_copies(source: object, count: int, row: str, same: str) -> str:

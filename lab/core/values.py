@@ -1,18 +1,18 @@
 """Base class of dataclasses that compare arrays by content, and print in one line."""
 
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from html import escape
 from types import BuiltinFunctionType, FunctionType, MethodType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.extras import optional
 
-__all__ = ["ArrowTable", "Value", "arrow_columns", "arrow_stream", "data_frame", "same"]
+__all__ = ["ArrowTable", "Deferred", "DeferredField", "Value", "arrow_columns", "arrow_stream", "data_frame", "same"]
 
 
 class Value:
@@ -47,6 +47,41 @@ class Value:
 
     def __hash__(self) -> int:
         return hash(type(self))  # equal objects must have equal hashes, and arrays have none
+
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Deferred(Generic[_T]):
+    """A value of a ``DeferredField`` that is made when it is first read."""
+
+    make: Callable[[], _T]
+
+
+class DeferredField(Generic[_T]):
+    """A field of a frozen dataclass that takes a value or a ``Deferred`` one, and reads as the value."""
+
+    def __init__(self, *default: _T) -> None:
+        """Take the field's default, if it has one."""
+        self._default, self._name = default, ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, instance: Any, owner: type) -> _T:
+        if instance is None:
+            if not self._default:
+                raise AttributeError(self._name)
+            return self._default[0]
+        value = instance.__dict__[self._name]
+        if isinstance(value, Deferred):
+            value = instance.__dict__[self._name] = value.make()
+        read: _T = value
+        return read
+
+    def __set__(self, instance: Any, value: _T | Deferred[_T]) -> None:
+        instance.__dict__[self._name] = value
 
 
 def same(first: Any, second: Any) -> bool:

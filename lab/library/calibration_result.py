@@ -180,7 +180,7 @@ class CalibrationResult(Result):
         load, noise = self.options.fitting.load, self.fit.noise
         return estimate_of(
             self.identification,
-            self.exported,
+            lambda: self.exported,
             self.robot,
             [*self.fit.groups, *[GROUP] * (self.fit.process is not None)],
             adequate=_ADEQUATE[self.fit.adequacy.outcome],

@@ -3,15 +3,14 @@
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from difflib import get_close_matches
-from functools import wraps
+from functools import lru_cache, wraps
 from inspect import Parameter, signature
 from pathlib import Path, PurePath
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
-from threadpoolctl import threadpool_limits
-
 from lab.core.errors import LabError
 from lab.core.progress import Listener, listening
+from lab.core.threads import one_thread
 from lab.extension_points import add, named_parts
 from lab.formats.structured import structured
 from lab.options.option_texts import options_section
@@ -35,7 +34,7 @@ def options_of(call: str, kind: type[_Options], given: Mapping[str, Any], unused
     Raises:
         LabError: there is no such option, one is missing, or a value is not of its type.
     """
-    groups, nested = dict(_options(kind)), dict[str, Any]()
+    groups, nested = dict(_options(cast(Any, kind))), dict[str, Any]()
     shown = dict.fromkeys(
         group if group in _WHOLE else name for name, (group, _, _) in groups.items() if name not in unused
     )
@@ -101,7 +100,7 @@ def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Calla
                 raise LabError(f"{name}: progress is {progress!r}; give a function of a lab.Event, or leave it out")
             _refuse_twice(name, kind, called, named)
             _refuse_unused(name, unused, named)
-            with threadpool_limits(1), listening(progress):
+            with one_thread(), listening(progress):
                 return function(*given, **options)
 
         own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
@@ -155,11 +154,13 @@ def _refuse_unused(call: str, unused: Collection[str], given: Mapping[str, Any])
         raise LabError(f"{call}: {stray[0]} changes nothing here; leave it out")
 
 
-def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]", Any]]]:
-    """Yield each option by name: its group's name ("" if it is in none), its field and its type."""
-    hints = get_type_hints(kind)
+@lru_cache(maxsize=64)
+def _options(kind: Any) -> tuple[tuple[str, tuple[str, "Field[Any]", Any]], ...]:
+    """Return each option by name: its group's name ("" if it is in none), its field and its type."""
+    hints, found = get_type_hints(kind), list[tuple[str, tuple[str, "Field[Any]", Any]]]()
     for one in fields(kind):
         if is_dataclass(hints[one.name]):
-            yield from ((name, (one.name, *each[1:])) for name, each in _options(hints[one.name]))
+            found += ((name, (one.name, *each[1:])) for name, each in _options(hints[one.name]))
         else:
-            yield one.name, ("", one, hints[one.name])
+            found.append((one.name, ("", one, hints[one.name])))
+    return tuple(found)

@@ -5,9 +5,9 @@ are those of the identified parameters, J C J' with the derivatives J and the co
 discrepancy within the measured range and beyond it, and what differs from one visit of a pose to the next.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -18,10 +18,11 @@ from lab.calibration.identification import WEAK, Identification
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core import se3
+from lab.core.checks import Check
 from lab.core.errors import LabError, counted
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.core.values import Value
+from lab.core.values import Deferred, DeferredField, Value
 from lab.kinematics.array_arm import ArrayArm, with_leading_axes
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import sag_uncertainty
@@ -208,7 +209,7 @@ class _Parameters(dict[str, EstimatedParameter]):
         raise LabError(f"there is no parameter '{name}'; there are {', '.join(self)}")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Estimate(Value, ArmOnArrays):
     """An identified arm, as far as it holds in other sessions.
 
@@ -232,13 +233,14 @@ class Estimate(Value, ArmOnArrays):
         measured: the fitted joint positions, and what the model may lack beyond them; None where not known.
         prior_acts_in: in how many directions tolerances of manufacture took part in the fit; None where a run
             does not keep it.
+        checks: of the fit: its convergence, and parameters that these poses do not determine; none of a loaded run.
     """
 
     rigid: RigidArm
     loads: Loads | None
     effects: tuple[str, ...]
     left_out: tuple[str, ...]
-    rows: tuple[EstimatedParameter, ...]
+    rows: DeferredField[tuple[EstimatedParameter, ...]] = DeferredField()  # noqa: RUF009
     identified: tuple[str, ...]
     covariance: Array
     noise_m: float
@@ -251,9 +253,10 @@ class Estimate(Value, ArmOnArrays):
     shared: ErrorModel | None = None
     component_errors: ComponentErrors | None = None
     process: JointProcess | None = None
-    measured: MeasuredRange | None = None
+    measured: DeferredField[MeasuredRange | None] = DeferredField(None)  # noqa: RUF009
     load: CarriedLoad | None = None
     prior_acts_in: int | None = None
+    checks: tuple[Check, ...] = field(default=(), compare=False)
 
     def _about(self) -> str:
         return f"{self.rigid.chain.name}, {self.model}, {counted(len(self.identified), 'identified parameter')}"
@@ -517,13 +520,13 @@ class Estimate(Value, ArmOnArrays):
         return np.asarray(np.where(carried[:, None], np.stack(errors, axis=1), none))
 
 
-def _estimated_parameters(found: Identification, exported: Array) -> tuple[EstimatedParameter, ...]:
+def _estimated_parameters(found: Identification, exported: Callable[[], Array]) -> tuple[EstimatedParameter, ...]:
     """Describe every parameter of an identification, in its model's order.
 
     Args:
-        exported: ``(p,)`` values of the most likely arm.
+        exported: returns ``(p,)`` values of the most likely arm.
     """
-    model, free = found.model, list(found.fit.free)
+    model, free, most_likely = found.model, list(found.fit.free), exported()
     std, half = np.full(len(model.names), np.nan), np.full(len(model.names), np.nan)
     std[free], half[free] = found.std, found.half_width_95 * found.std
     scale = column_scale(model, found.nominal_aligned)
@@ -539,7 +542,7 @@ def _estimated_parameters(found: Identification, exported: Array) -> tuple[Estim
                 unit=parameter.unit.si,
                 nominal=float(found.nominal_aligned[i]),
                 estimate=estimate,
-                exported=float(exported[i]),
+                exported=float(most_likely[i]),
                 std=float(std[i]) if np.isfinite(std[i]) else None,
                 interval_95=(low, high) if np.isfinite(low) and np.isfinite(high) else None,
                 status=status,
@@ -560,7 +563,7 @@ def _status(found: Identification, parameter: int) -> str:
 
 def estimate_of(
     found: Identification,
-    exported: Array,
+    exported: Callable[[], Array],
     robot: NominalArm,
     groups: Sequence[str],
     *,
@@ -568,13 +571,13 @@ def estimate_of(
     shared: ErrorModel | None = None,
     component_errors: ComponentErrors | None = None,
     tail_dof: float = float("inf"),
-    measured: MeasuredRange | None = None,
+    measured: MeasuredRange | Deferred[MeasuredRange | None] | None = None,
     load: CarriedLoad | None = None,
 ) -> Estimate:
     """Make the estimate of an identification.
 
     Args:
-        exported: ``(p,)`` values of the most likely arm.
+        exported: returns ``(p,)`` values of the most likely arm; it is called when these are first read.
         adequate: whether the residuals are no more than the noise; None where that was not tested.
         shared: errors that the measurements share beside the instrument's.
         tail_dof: degrees of freedom of the noise's tails; infinite where it is Gaussian.
@@ -585,7 +588,7 @@ def estimate_of(
         loads=robot.loads,
         effects=tuple(name for name in groups if name not in (*CAMPAIGN_SPECIFIC, GROUP)),
         left_out=tuple(name for name in groups if name in CAMPAIGN_SPECIFIC),
-        rows=_estimated_parameters(found, exported),
+        rows=Deferred(partial(_estimated_parameters, found, exported)),
         identified=tuple(found.model.names[i] for i in found.fit.free),
         covariance=found.covariance,
         noise_m=float(np.nan_to_num(found.sigma_m)),
@@ -600,6 +603,7 @@ def estimate_of(
         measured=measured,
         load=load,
         prior_acts_in=0 if found.prior is None else found.prior.acts_in,
+        checks=found.checks,
     )
     if process is not None and estimate.left_out:
         estimate = replace(estimate, process=_without_session(process, found, estimate.arm.conditions))

@@ -7,6 +7,7 @@ without options, by an entry point of ``lab.sensors``.
 
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import cache
 from importlib import import_module
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any
@@ -72,11 +73,16 @@ def sensor_named(name: str) -> "type[VirtualSensor]":
         joined: type[VirtualSensor] = combine(tuple(name.split(JOINED)))
         return joined
     if name in SENSORS:
-        sensor: type[VirtualSensor] = resolve_name(SENSORS[name])
-        return sensor
+        return _known_sensor(name)
     import_module("lab.sensors.virtual_sensor")  # which imports numpy, and is the base of such sensors
     own: type[VirtualSensor] = OWN_SENSORS.named(name)
     return own
+
+
+@cache
+def _known_sensor(name: str) -> "type[VirtualSensor]":
+    sensor: type[VirtualSensor] = resolve_name(SENSORS[name])
+    return sensor
 
 
 def sensors_with(setting: str) -> tuple[str, ...]:

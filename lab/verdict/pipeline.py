@@ -196,17 +196,18 @@ def start(
     noise = sensor.noise(replace(noise, error_terms=fit.error_terms))
     fitter = Fitter(robot, targets, data, sensor, noise, fit, seed)
     observed = fitter.observed()
-    rows, test = observed.only("calibrate").with_points(), observed.only("test").with_points()
+    rows = observed.only("calibrate").with_points()
+    test = observed.only("test").with_points() if "test" in data.use else None
     if not len(rows):
         raise LabError("no row with use = calibrate has a measured point; mark or measure some")
-    if "test" in data.use and not len(test):
+    if test is not None and not len(test):
         raise LabError("no row with use = test has a measured point; mark or measure some")
     _refuse_gaps_in_noise(rows, fitter.noise)
-    judged_by: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
+    judged_by: list[tuple[Measurements, tuple[str, ...]]] = [] if test is None else [(data.only("test"), ())]
     if judging.other is not None:
         judged_by.append((judging.other, CAMPAIGN_SPECIFIC))
     fitter = replace(fitter, judged_by=tuple(judged_by))
-    return Fitted(fitter, rows, test if len(test) else None, judging)
+    return Fitted(fitter, rows, test, judging)
 
 
 def _refuse_gaps_in_noise(rows: Measurements, noise: Noise) -> None:

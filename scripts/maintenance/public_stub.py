@@ -11,7 +11,7 @@ from collections import defaultdict
 from inspect import Parameter, getsource, signature, unwrap
 from pathlib import Path
 from types import FunctionType, NoneType, UnionType
-from typing import Annotated, Any, ForwardRef, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, ForwardRef, Literal, Union, get_args, get_origin, get_overloads
 
 import tyro
 
@@ -85,14 +85,27 @@ class Stub:
             if isinstance(each, ast.ImportFrom) and each.module
             for name in each.names
         }
+        kinds = get_overloads(unwrap(call))
+        if not kinds:
+            return self.definition(name, list(shown.parameters.values()), shown.return_annotation)
+        text = ""
+        for own in map(signature, kinds):  # each with the options that all take
+            narrower = {each.name: each for each in own.parameters.values() if each.kind is not Parameter.VAR_KEYWORD}
+            parameters = [narrower.get(each.name, each) for each in shown.parameters.values()]
+            text += f"@{self.named('typing', 'overload')}\n"
+            text += self.definition(name, parameters, own.return_annotation)
+        return text
+
+    def definition(self, name: str, parameters: list[Parameter], returned: Any) -> str:
+        """The definition of a call with these arguments."""
         lines, keyword = [], False
-        for each in shown.parameters.values():
+        for each in parameters:
             if each.kind is Parameter.KEYWORD_ONLY and not keyword:
                 keyword = True
                 lines.append("*")
             lines.append(self.parameter(each))
         body = "".join(f"    {line},\n" for line in lines)
-        return f"def {name}(\n{body}) -> {self.spelled(shown.return_annotation)}: ...\n"
+        return f"def {name}(\n{body}) -> {self.spelled(returned)}: ...\n"
 
 
 def _quoted(value: object) -> str:

@@ -1,0 +1,177 @@
+"""Fit a robot to measurements in milliseconds, without judging the fit."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lab.calibration.fit_options import FitOptions
+from lab.calibration.fitter import Fitter
+from lab.calibration.identification import Identification, most_likely_parameters
+from lab.calibration.observation import observation_of
+from lab.calibration.sensor import Sensor
+from lab.calibration.weights import Noise, weigh
+from lab.core.errors import LabError, error_context
+from lab.core.measurements import Measurements, without_copies
+from lab.core.units import MM
+from lab.core.values import Deferred
+from lab.library.measurement_checks import checked, robot_of
+from lab.noise.instruments import observing
+from lab.options.call_options import options_of, takes
+from lab.options.measured_campaign import MeasuredCampaign
+from lab.options.named_instruments import named_instrument
+from lab.prediction.estimate import Estimate, estimate_of
+from lab.prediction.extrapolation import MeasuredRange, measured_range
+from lab.robots.robot import Robot
+from lab.verdict.pipeline import start
+
+__all__ = ["fit"]
+
+_CALL = "lab.fit"
+_JUDGING = ("cell", "holdout", "holdout_last", "validate", "refit", "gate_mm", "region", "require", "date", "serial")
+_OF_FILES = ("no_recording", "load", "accept_edited", "error_terms", "seed")
+
+
+@overload
+def fit(
+    measurements: Measurements, robot: str | Path | Robot | None = None, *, points: None = None, **options: Any
+) -> Estimate: ...
+@overload
+def fit(
+    measurements: Sequence[Measurements],
+    robot: str | Path | Robot | None = None,
+    *,
+    points: None = None,
+    **options: Any,
+) -> tuple[Estimate, ...]: ...
+@overload
+def fit(
+    measurements: Measurements, robot: str | Path | Robot | None = None, *, points: "ArrayLike", **options: Any
+) -> tuple[Estimate, ...]: ...
+@takes(MeasuredCampaign, unused=(*_JUDGING, *_OF_FILES), file="measurements")
+def fit(
+    measurements: Measurements | Sequence[Measurements],
+    robot: str | Path | Robot | None = None,
+    *,
+    points: "ArrayLike | None" = None,
+    **options: Any,
+) -> Estimate | tuple[Estimate, ...]:
+    """Fit the parameters of a robot to measurements, without validating or judging the fit: in milliseconds.
+
+    ``lab.identify`` does more: it selects the model and the noise, finds outliers, tests the lack of fit, widens the
+    covariance accordingly, validates and judges. Where it changes neither model nor noise, the values are the same.
+
+    Args:
+        measurements: in memory (joint positions in rad or m, points in m in any one frame), as ``lab.measurements``
+            and ``lab.read_measurements`` make them; or those of several campaigns.
+        robot: the nominal model: a name, a path, or a loaded robot, which is compiled once for all calls; by default
+            the one that the measurements name.
+        points: ``(campaigns, n, k, 3)`` points of several campaigns (m), measured at the poses of ``measurements``,
+            whose own points they replace; NaN where a target was not seen.
+        options: those of ``lab identify``, by name: ``model``, ``instrument``, ``noise_mm``, ``prior``, ``fix``,
+            ``free``, ``robust``, ``estimator``, ``observe`` and so on.
+
+    Returns:
+        The estimate: ``params`` and ``values``, their ``covariance`` (by the noise that is given, else by the
+        residuals), the degrees of freedom ``dof``, and the ``checks`` of the fit. Of several campaigns one each. The
+        most likely arm, and what is needed to predict beyond the measured range, are computed when they are first
+        read.
+
+    Raises:
+        LabError: an option makes no sense, no robot is given or named, or the measurements are too few, of another
+            robot, or in another unit; of several campaigns the message names the campaign.
+
+    Example:
+        >>> import lab
+        >>> day = lab.simulate("irb120", poses=40, seed=7)
+        >>> estimate = lab.fit(day.measurements, robot="irb120", instrument="uniform-8um")
+        >>> len(estimate.identified), estimate.checks
+        (27, ())
+    """
+    campaigns = _campaigns(measurements, points)
+    loaded = robot_of(_CALL, campaigns[0], robot)
+    requested = options_of(_CALL, MeasuredCampaign, {"file": _CALL, "robot": None, **options})
+    requested.check()
+    _refuse_selection(requested)
+    sensor, noise, options_si = requested.kind(), _noise(requested), requested.fitting.to_si()
+    estimates = []
+    for i, data in enumerate(campaigns):
+        several = f"campaign {i + 1} of {len(campaigns)}" if len(campaigns) > 1 else _CALL
+        with error_context(several):
+            estimates.append(_estimate(loaded, data, sensor, noise, options_si))
+    return estimates[0] if isinstance(measurements, Measurements) and points is None else tuple(estimates)
+
+
+def _campaigns(measurements: object, points: ArrayLike | None) -> Sequence[Measurements]:
+    """Return the measurements of each campaign.
+
+    Raises:
+        LabError: they are nothing of the kind, or the points have another shape.
+    """
+    if isinstance(measurements, Measurements):
+        if points is None:
+            return [measurements]
+        given = np.asarray(points, dtype=np.float64)
+        if given.ndim != 4 or given.shape[1:] != measurements.points.shape or not len(given):
+            shape = ", ".join(map(str, measurements.points.shape))
+            raise LabError(f"{_CALL}: points have shape {given.shape}; give (campaigns, {shape})")
+        return [replace(measurements, points=each) for each in given]
+    if points is not None:
+        raise LabError(f"{_CALL}: points are of campaigns at the same poses; give one campaign's measurements beside")
+    campaigns = list(measurements) if isinstance(measurements, Sequence) and not isinstance(measurements, str) else []
+    if not campaigns or (others := [each for each in campaigns if not isinstance(each, Measurements)]):
+        kind = type(others[0] if campaigns else measurements).__name__
+        raise LabError(
+            f"{_CALL}: measurements are {f'a list with {kind}' if campaigns else kind}; give lab.measurements(joints, "
+            "points, robot=...), lab.read_measurements(file), or a list of these"
+        )
+    return campaigns
+
+
+def _refuse_selection(options: MeasuredCampaign) -> None:
+    """Refuse models that tests choose or that are no parameters: they belong to an identification."""
+    fitting = options.fitting
+    if fitting.searched or fitting.residual:
+        name = "auto" if fitting.searched else "residual"
+        raise LabError(f"{_CALL}: model {name} is found by tests; name the groups, or call lab.identify")
+
+
+def _noise(options: MeasuredCampaign) -> Noise:
+    """Return the noise by which measurements are weighted; unknown where none is given."""
+    sensor, device = options.kind(), None
+    if options.instrument is not None:
+        device = observing(named_instrument(options.instrument), sensor.read_by or sensor.name)
+    return Noise(device, None if options.noise_mm is None else MM.to_si(options.noise_mm))
+
+
+def _estimate(robot: Robot, data: Measurements, sensor: Sensor, noise: Noise, options: FitOptions) -> Estimate:
+    """Fit one campaign."""
+    # take the rows as an identification does
+    positions = sensor.in_instrument_frame
+    data = checked(_CALL, data, robot, points=False)
+    robot.refuse_impossible(Path(_CALL), data[[use != "skip" for use in data.use]])
+    data = without_copies(Path(_CALL), data) if positions else data
+    # fit; points in another unit are looked for where they may be
+    try:
+        state = start(robot, data, sensor, noise, options)
+        fitter = state.fitter
+        groups = fitter.approached(options.groups)
+        found, rows, _ = fitter.identified(state.given, groups)
+    except LabError:
+        checked(_CALL, data, robot, points=positions)
+        raise
+    if not found.plausible:
+        checked(_CALL, data, robot, points=positions)
+    # leave what needs more than the fit until it is read
+    exported = partial(most_likely_parameters, found, fitter.nominal(found.model), options.tolerance)
+    measured = Deferred(partial(_measured_range, fitter, found, rows))
+    return estimate_of(found, exported, robot, groups, adequate=None, measured=measured)
+
+
+def _measured_range(fitter: Fitter, found: Identification, rows: Measurements) -> MeasuredRange | None:
+    observations = weigh(observation_of(found.model), rows, fitter.noise)[0]
+    return measured_range(found, observations, fitter.robot.chain.prismatic)
