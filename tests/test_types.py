@@ -37,6 +37,9 @@ tracker: lab.Instrument = lab.instrument("leica-at960")
 result: lab.CalibrationResult = lab.identify(
     day.measurements, "irb120", instrument=tracker, model="auto", prior="off", holdout=0.3, validate=day.validation
 )
+fitted: lab.Estimate = lab.fit(day.measurements, robot, model="compliance", noise_mm=0.01)
+dof: list[int] = [each.dof for each in lab.fit([day.measurements, own])]
+first: lab.Estimate = lab.fit(own, points=np.zeros((2, 9, 1, 3)))[0]
 lab.identify(Path("day.csv"), validate="test.csv", gate_mm=0.1, require="good")
 virtual: lab.CalibrationResult = lab.calibrate(
     "irb120", poses=30, effects=lab.Effects(ripple_mrad=0.1, payload_kg=(0.0, 3.0))
@@ -83,6 +86,8 @@ lab.simulate("irb120", gear_ppm=20.0)  # wrong
 lab.simulate("irb120", effects=lab.Effects(gear_ppm="20"))  # wrong
 lab.simulate("irb120", model="auto")  # wrong
 lab.identify(3)  # wrong
+lab.fit("day.csv")  # wrong
+lab.fit(own).verdict  # wrong
 lab.identify("day.csv", prior="maybe")  # wrong
 lab.identify("day.csv", gate_mm="0.1")  # wrong
 lab.design("irb120", criterion=abs)  # wrong
