@@ -26,7 +26,7 @@ from lab.formats.target_csv import Targets
 from lab.library.calibration_result import CalibrationResult
 from lab.library.certificate_result import Certificate
 from lab.library.compensation_result import CompensationResult
-from lab.library.design import DesignResult, PlanCheckResult
+from lab.library.design import DesignResult
 from lab.library.example import ExampleResult
 from lab.library.given_measurements import (
     WorldFrames,
@@ -40,6 +40,7 @@ from lab.library.import_measurements import ImportResult
 from lab.library.inspect import Inspection
 from lab.library.load_run import load_estimate, load_run
 from lab.library.next_pose import NextPoseResult
+from lab.library.plan_check import PlanCheckResult
 from lab.library.point_verification import VerificationResult
 from lab.library.pose_planner import PosePlanner
 from lab.library.predict import PredictionResult
@@ -103,6 +104,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "certify",
+    "check_plan",
     "compensate",
     "design",
     "dynamics",
@@ -200,6 +202,18 @@ def certify(
     parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> Certificate: ...
+def check_plan(
+    plan: str | Path | DesignOptions,
+    robot: str | Path | Robot = "irb120",
+    *,
+    cell: str | Path | None = None,
+    targets: Sequence[str] = ...,
+    instrument: str | Path | Instrument = "uniform-8um",
+    clearance_mm: float = 20.0,
+    self_clearance_mm: float = 20.0,
+    parts: Iterable[object] = ...,
+    progress: Callable[[Event], None] | None = None,
+) -> PlanCheckResult: ...
 def compensate(
     targets: str | Path | Targets | CompensateOptions | None = None,
     run: str | Path | CalibrationResult | None = None,
@@ -238,7 +252,6 @@ def design(
     candidates: int = 2000,
     starts: int = 4,
     curve: bool = False,
-    check: str | Path | None = None,
     extend: str | Path | None = None,
     home: Sequence[float] = ...,
     reference_every: int | None = None,
@@ -250,7 +263,7 @@ def design(
     seed: int = 0,
     parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
-) -> DesignResult | PlanCheckResult: ...
+) -> DesignResult: ...
 def dynamics(
     file: str | Path | DynamicsOptions | None = None,
     robot: str | Path | Robot | None = None,

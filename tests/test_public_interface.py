@@ -56,7 +56,7 @@ def test_every_command_is_a_call_with_the_command_s_options() -> None:
     for command in all_commands():
         call = getattr(lab, command.run.partition(":")[2])  # lab.kinematics is a package, so the call has another name
         options = {field.name for field in fields(command.load_options())} - {"fitting", "effects", "rehearsal"}
-        assert options - set(inspect.signature(call).parameters) <= {"file", "config"}, command.name
+        assert options - set(inspect.signature(call).parameters) <= {"file", "config", "check"}, command.name
 
 
 @pytest.mark.sampled(18)

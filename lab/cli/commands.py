@@ -122,6 +122,7 @@ COMMANDS = (
         ),
         groups=_DESIGN_GROUPS,
         plan="check",
+        instead=("check", "lab.library.plan_check:check_plan"),
     ),
     Command(
         "next",

@@ -262,7 +262,7 @@ def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, 
                 run_folder(place, input_files(requested.options), overwrite=requested.overwrite)
             )
         with starting(f"lab {command.name}"):  # its libraries take longer than its options
-            run = command.load_run()
+            run = command.load_run(requested.options)
         result: Result = run(requested.options)
         _refuse_incomplete(command, result)
         if place is not None:

@@ -27,8 +27,8 @@ from lab.library.run_folder import Waypoints
 from lab.options.call_options import options_of, takes
 from lab.options.compensation import CompensateOptions
 from lab.phrases.fit_phrases import listed
-from lab.planning.design_problem import ReachabilityGraph, free_home, reachability, refusals, waypoints_in_order
-from lab.pose_selection.tour import rated
+from lab.planning.reachability import ReachabilityGraph, free_home, reachability, refusals
+from lab.pose_selection.tour import rated, waypoints_in_order
 from lab.simulation.collisions import collides, random_poses
 
 if TYPE_CHECKING:
@@ -182,7 +182,8 @@ def _corrected(
     path, which = found.joints[rows], np.arange(len(rows))
     if access is not None:
         with stages("checking") as stage:
-            path, which = waypoints_in_order(rated(run.robot.chain)[0], access, path, partial(stage, "ways"))
+            rates, told = rated(run.robot.chain)[0], partial(stage, "ways")
+            path, which = waypoints_in_order(path, access.hubs, rates, access.free, told)
     waypoints = Waypoints(path, which, [targets.ids[i] for i in rows], "target")
     done = CompensationResult(
         options, run, targets, wanted, found, inputs, without, waypoints, checked, messages, corrected

@@ -1,112 +1,61 @@
 """Plan a measurement session: which poses, in what order, how many, and how good the choice is."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.identifiability import enough_poses
 from lab.core.errors import LabError
-from lab.core.limits import WAYPOINTS
 from lab.core.measurements import Measurements, measured
 from lab.core.progress import Stage, stages
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.formats.measurement_csv import read_measurements, write_measurements
+from lab.formats.measurement_csv import write_measurements
 from lab.formats.programs.languages import plan_files, plan_or_refusal
 from lab.formats.programs.program_text import postures_of
-from lab.formats.programs.protocol import PAUSE_S, MeasuringTour
+from lab.formats.programs.protocol import MeasuringTour
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
 from lab.library.result import Result, error_statistics, number
 from lab.library.run_folder import VIA, Waypoints
-from lab.noise.instruments import observing
+from lab.library.session_duration import SessionDuration
 from lab.options.call_options import options_of, takes
 from lab.options.named_instruments import named_instrument
 from lab.options.virtual_campaign import DesignOptions
-from lab.planning.design_problem import PoseProblem, best_design, exchanged, pose_problem
-from lab.pose_selection.certificate import CriterionCertificate, certify_criterion
+from lab.planning.design_problem import PoseProblem, pose_problem
+from lab.planning.design_search import (
+    DesignStep,
+    accurate_design,
+    best_design,
+    certified,
+    continuous_steps,
+    curve_sizes,
+    designed_steps,
+    designs_of_any_size,
+    predicted_accuracy,
+)
+from lab.pose_selection.certificate import CriterionCertificate
 from lab.pose_selection.criteria import (
     DesignTask,
     Indices,
     indices,
 )
 from lab.pose_selection.exchange import Design, DesignCertificate, certify, information
-from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
+from lab.pose_selection.predicted_accuracy import PredictedAccuracy
 from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
-from lab.simulation.candidate_poses import field_of_view, incidence, stations_in, view_of
-from lab.simulation.collisions import describe_collisions
-from lab.simulation.free_path import path_check, planning_model
+from lab.simulation.candidate_poses import incidence, view_of
 
-__all__ = ["DesignResult", "DesignStep", "PlanCheckResult", "SessionDuration", "design", "planned_session", "visit_ids"]
-
-_WARM_UP_S = 1800.0  # ISO 9283:1998 asks for a warm-up, its length as the maker says; half an hour is common
-_REFERENCE_EVERY = 10  # poses after which the reference pose is measured again
-
-
-@dataclass(frozen=True)
-class SessionDuration:
-    """The time that a plan takes."""
-
-    poses: int  # number of measured poses
-    moving_s: float  # time of motion at full speed, s
-    again: int = 0  # number of repeated measurements of the plan
-
-    @classmethod
-    def of(cls, tour: Tour) -> Self:
-        """Return the measurement session of a tour."""
-        poses = len(tour.order)
-        return cls(poses, tour.seconds, int((tour.measured >= 0).sum()) - poses)
-
-    @property
-    def references(self) -> int:
-        """Number of reference measurements: first, after every tenth pose, and last; or as planned."""
-        return 1 + (self.again or 1 + (self.poses - 1) // _REFERENCE_EVERY)
-
-    @property
-    def seconds(self) -> float:
-        """Total duration: warm-up, moves, waiting; paths to the reference pose last as long as others."""
-        moving = _WARM_UP_S + self.moving_s + PAUSE_S * (self.poses + self.again)
-        if self.again:
-            return moving
-        a_move = self.moving_s / (self.poses + 1)
-        return moving + self.references * (2 * a_move + PAUSE_S)
-
-    def to_dict(self) -> dict[str, float | int]:
-        """The parts, in s."""
-        return {
-            "tour_seconds": float(self.moving_s),
-            "warm_up_seconds": _WARM_UP_S,
-            "reference_measurements": self.references,
-            "day_seconds": round(self.seconds, 1),
-        }
-
-    @property
-    def description(self) -> str:
-        """Description of the measurement session's needs, in sentences."""
-        reference = (
-            "The plan measures its reference pose again (--reference-every)."
-            if self.again
-            else f"Choose one pose of the plan as reference; measure it first, after every {_REFERENCE_EVERY}th pose "
-            f"and last (--reference-every {_REFERENCE_EVERY} plans this)."
-        )
-        return (
-            f"The session takes about {self.seconds / 60:.0f} minutes: {_WARM_UP_S / 60:.0f} minutes of warm-up, in "
-            f"which the arm runs the plan without measuring, {self.moving_s / 60:.1f} minutes of moving at full speed, "
-            f"{PAUSE_S} s of waiting at each pose, and {self.references} measurements of a reference pose. {reference} "
-            "Its scatter is the repeatability, and its drift shows whether tracker or arm have moved. Setup and "
-            "warm-up of the tracker are not included."
-        )
+__all__ = ["DesignResult", "design", "requested_design", "visit_ids"]
 
 
 def visit_ids(tour: Tour, pose_ids: Sequence[str]) -> tuple[str, ...]:
@@ -122,26 +71,6 @@ def visit_ids(tour: Tour, pose_ids: Sequence[str]) -> tuple[str, ...]:
 _NEAR_ACCEPTANCE_DEG = 5.0  # nearer to the largest angle of a reflector, a waypoint is counted
 _NUMBERED = ("o1", "o2", "o3", "o4", "o5", "condition", "a")
 _VARIANCE = "mm², variance of the position at test poses; independent of the parameters' units"
-
-
-@dataclass(frozen=True)
-class DesignStep:
-    """A point of the curve against the number of poses: predicted error and O1 of a design of that size."""
-
-    poses: int
-    prediction: PredictedAccuracy
-    o1: float
-
-    def to_dict(self) -> dict[str, float | int]:
-        """The step with its lengths in mm."""
-        rms: Array = MM.of(self.prediction.rms)
-        return {
-            "poses": self.poses,
-            "rms_mm": float(np.sqrt(np.mean(rms**2))),
-            "worst_mm": float(rms.max()),
-            "promise_mm": MM.of(self.prediction.coverage_radius),
-            "o1": self.o1,
-        }
 
 
 class _Block(NamedTuple):
@@ -305,9 +234,9 @@ class DesignResult(Result):
     def _scaled_indices(self) -> dict[str, dict[str, Any]]:
         """Design indices with their scaling; G and I are the worst and the mean predicted variance."""
         scaling, variance = self.problem.scaling.describe(), MM.of(self.prediction.rms) ** 2
-        found = {name: (getattr(self.indices, name), scaling) for name in _NUMBERED}
-        found |= {"g": (variance.max(), _VARIANCE), "i": (variance.mean(), _VARIANCE)}
-        return {name: {"value": number(float(value)), "scaling": what} for name, (value, what) in found.items()}
+        values = {name: (getattr(self.indices, name), scaling) for name in _NUMBERED}
+        values |= {"g": (variance.max(), _VARIANCE), "i": (variance.mean(), _VARIANCE)}
+        return {name: {"value": number(float(value)), "scaling": what} for name, (value, what) in values.items()}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
@@ -400,105 +329,11 @@ class DesignResult(Result):
                 (folder / name).write_bytes(content)
 
 
-_SLACK = 1e-9  # rad or m
-
-
-class _Fault(NamedTuple):
-    waypoint: str  # that the arm may not take, or the path to it
-    why: str
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class PlanCheckResult(Result):
-    """Result of checking whether a plan can be run in a cell.
-
-    Attributes:
-        waypoints: the plan's rows, in order.
-        faults: reasons why it cannot be run; empty where it can.
-        duration: of the measurement session.
-    """
-
-    command = "design"
-    robot_at = "robot"
-
-    options: DesignOptions
-    robot: Robot
-    waypoints: Measurements
-    faults: tuple[_Fault, ...]
-    duration: SessionDuration
-    warnings: tuple[str, ...]
-
-    @property
-    def exit_code(self) -> int:
-        """1 where the plan cannot be run, else 0."""
-        return 1 if self.faults else 0
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the values that ``--json`` prints."""
-        return {
-            "robot": self.robot.name,
-            "plan": str(self.options.check),
-            "stops": len(self.waypoints),
-            "poses": self.duration.poses,
-            "good": not self.faults,
-            "faults": [{"stop": fault.waypoint, "why": fault.why} for fault in self.faults],
-            **self.duration.to_dict(),
-            "warnings": list(self.warnings),
-        }
-
-    def columns(self) -> Mapping[str, Sequence[Any]]:
-        """A row for each fault."""
-        return {"stop": [fault.waypoint for fault in self.faults], "why": [fault.why for fault in self.faults]}
-
-
-def _check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
-    """Check every waypoint of a plan, and every path between two, against the arm, its cell and its limits."""
-    assert options.check is not None
-    chain, warnings = rated(robot.chain)
-    waypoints = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
-    measured = np.array([use != "skip" for use in waypoints.use])
-    if not measured.any():
-        raise LabError(f"{options.check}: no waypoint is to be measured; give the plan.csv of lab design")
-    device = observing(named_instrument(options.instrument), "points")
-    faults: dict[str, str] = {}
-    for j, beyond in enumerate(chain.beyond_limits(waypoints.joints, _SLACK).T):
-        for i in np.flatnonzero(beyond):
-            faults.setdefault(waypoints.ids[i], chain.limit_note(j, waypoints.joints[i, j]))
-    robot.refuse_unknown(options.targets)
-    model = planning_model(robot.model, options.targets, device, options.clearances)
-    for name, message in zip(waypoints.ids, describe_collisions(model, waypoints.joints), strict=True):
-        if message:
-            faults.setdefault(name, message)
-    at = stations_in(options.check, waypoints, robot.model)
-    for station, name in enumerate(robot.model.stations or ("",)):
-        here = np.flatnonzero(measured & (at == station))
-        sees = field_of_view(robot.model, options.targets, device, station)(waypoints.joints[here])
-        who = f"the instrument at station '{name}'" if name else "the instrument"
-        for i in here[~sees]:
-            faults.setdefault(waypoints.ids[i], f"{who} does not see {', '.join(options.targets)} there")
-    free = path_check(model)
-    for end in range(1, len(waypoints)):
-        ends = {waypoints.ids[end - 1], waypoints.ids[end]}
-        if not ends & set(faults) and not free(waypoints.joints[end - 1], waypoints.joints[end]):
-            faults.setdefault(
-                waypoints.ids[end], f"the path to it from {waypoints.ids[end - 1]} does not keep the clearances"
-            )
-    order = {name: i for i, name in enumerate(waypoints.ids)}
-    found = tuple(_Fault(name, faults[name]) for name in sorted(faults, key=lambda name: order[name]))
-    moving = rest_to_rest_seconds(np.diff(waypoints.joints, axis=0), chain.speed, chain.acceleration).sum()
-    poses = len(np.unique(waypoints.joints[measured], axis=0))
-    day = SessionDuration(poses, float(moving), int(measured.sum()) - poses)
-    return PlanCheckResult(options, robot, waypoints, found, day, (*robot.warnings, *waypoints.warnings, *warnings))
-
-
 _POSES = 30  # where neither a number nor an accuracy is asked for
-_CURVE_STEPS = 10
-_NO_WEIGHT = 1e-6  # of the continuous design: a pose with less is left out
-_MOST_POSES = 200  # where an accuracy is asked for
 
 
-@takes(DesignOptions)
-def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any) -> DesignResult | PlanCheckResult:
+@takes(DesignOptions, unused=("check",))
+def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any) -> DesignResult:
     """Choose the poses to measure among feasible candidates, improve them, certify them, and order them.
 
     Args:
@@ -508,8 +343,7 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
             ``lab.Criterion``.
 
     Returns:
-        Joint positions (rad or m) in the order of the tour, and what accuracy to expect of them; with ``check`` whether
-        an earlier plan can be run.
+        Joint positions (rad or m) in the order of the tour, and what accuracy to expect of them.
 
     Raises:
         LabError: the request cannot be met.
@@ -520,36 +354,40 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         >>> plan.joints.shape
         (14, 6)
     """
+    requested, known = requested_design("lab.design", robot, options)
+    if requested.check is not None:
+        raise LabError(f"lab.design: check = {requested.check} makes no plan; call lab.check_plan")
+    with stages("planning") as progress:
+        started = time.perf_counter()
+        problem = pose_problem(requested, known, partial(progress, "1 of 5, candidates"))
+        return _planned(requested, problem, started, progress)
+
+
+def requested_design(
+    call: str, robot: str | Path | Robot | DesignOptions, options: Mapping[str, Any]
+) -> tuple[DesignOptions, Robot]:
+    """Return the options of a call and its robot, in its cell.
+
+    Raises:
+        LabError: an option cannot be used.
+    """
     if isinstance(robot, DesignOptions):
         requested, known = robot, load_virtual(robot.robot, robot.cell)
     else:
         known = load_virtual(robot)
-        requested = options_of("lab.design", DesignOptions, {"robot": known.source, **options})
+        requested = options_of(call, DesignOptions, {"robot": known.source, **options})
         known = known.placed_in(requested.cell)
     requested = replace(requested, targets=known.on_tips(requested.targets))
     requested.refuse_nonsense()
-    return _check_plan(requested, known) if requested.check is not None else planned_session(requested, known)
-
-
-def planned_session(options: DesignOptions, robot: Robot | None = None) -> DesignResult:
-    """Choose poses and order them, for the options' robot unless one is given.
-
-    Raises:
-        LabError: the request cannot be met.
-    """
-    with stages("planning") as progress:
-        loaded = load_virtual(options.robot, options.cell) if robot is None else robot
-        started = time.perf_counter()
-        options = replace(options, targets=loaded.on_tips(options.targets))
-        problem = pose_problem(options, loaded, partial(progress, "1 of 5, candidates"))
-        return _planned(options, problem, started, progress)
+    return requested, known
 
 
 def _planned(options: DesignOptions, problem: PoseProblem, started: float, progress: Stage) -> DesignResult:
+    # The poses: of the requested number, or the fewest within the requested accuracy.
     least = enough_poses(problem.pool, problem.before)
-    quick = _of_any_size(options, problem)
+    quick = designs_of_any_size(options, problem)
     if options.accuracy_mm is not None:
-        design = _accurate_design(options, problem, least, quick, progress)
+        design = accurate_design(options, problem, least, quick, progress)
     else:
         count = _POSES if options.poses is None else options.poses
         if count < least:
@@ -557,18 +395,19 @@ def _planned(options: DesignOptions, problem: PoseProblem, started: float, progr
         design = best_design(options, problem, count, progress)
     count = len(design.joints)
 
+    # Bounds of the efficiency: of O1, and of the criterion if it is another.
     progress("3 of 5, certificate")
     pool = np.concatenate([problem.pool, design.jacobian[design.rows < 0]])
     n0 = len(problem.already)
     measured = None if problem.measured is None else problem.measured / n0
     certificate = certify(pool, measured=measured, share=count / (n0 + count))
     everything = np.concatenate([design.jacobian, problem.before])
-    own, efficiency = _own_certificate(problem, design, certificate)
-    most = max(least, min(max(2 * count, least + 10), len(problem.pool) // 2, max(_MOST_POSES, count)))
-    sizes = np.unique(np.geomspace(least, most, _CURVE_STEPS).round().astype(int)).tolist()
+    own, efficiency = certified(problem, design, certificate)
+
     progress("4 of 5, tour")
     chain, warnings = rated(problem.robot.chain)
     tour = _tour(options, problem, design.joints, chain)
+    sizes = curve_sizes(problem, least, count)
     return DesignResult(
         options=options,
         problem=problem,
@@ -581,11 +420,11 @@ def _planned(options: DesignOptions, problem: PoseProblem, started: float, progr
         own_certificate=own,
         efficiency=efficiency,
         indices=indices(everything),
-        prediction=_prediction(problem, design.joints, options.seed),
+        prediction=predicted_accuracy(problem, design.joints, options.seed),
         curve=tuple(
-            _designed_steps(options, problem, sizes, quick, progress)
+            designed_steps(options, problem, sizes, quick, progress)
             if options.curve
-            else _continuous_steps(options, problem, sizes, pool, design, certificate)
+            else continuous_steps(options, problem, sizes, pool, design, certificate)
         ),
         tour=tour,
         seconds=time.perf_counter() - started,
@@ -594,131 +433,23 @@ def _planned(options: DesignOptions, problem: PoseProblem, started: float, progr
 
 
 def _tour(options: DesignOptions, problem: PoseProblem, inputs: Array, chain: JointSpec) -> Tour:
-    """The order of the poses, station by station, and there payload by payload.
+    """Order the poses station by station, and at each payload by payload.
 
     Between two of them the arm waits at home for the instrument, or for the payload. The payloads alternate, so that
     no change is needed with the instrument's.
     """
     home, safe, rng = problem.access.hubs[0], problem.access.hubs[1:], rng_for(options.seed, "tour")
     joints, at, carried, parts = inputs[:, : chain.size], problem.station(inputs), problem.payload(inputs), []
-    there: float | None = None  # payload at the end of the last block
+    carried_last: float | None = None  # payload of the block before
     for station in np.unique(at):
         masses = np.unique(carried[at == station]).tolist()
-        if there in masses:
-            masses = [there, *(mass for mass in masses if mass != there)]
+        if carried_last in masses:
+            masses = [carried_last, *(mass for mass in masses if mass != carried_last)]
         for mass in masses:
             rows = np.flatnonzero((at == station) & (carried == mass))
             part = plan_tour(joints[rows], chain.speed, chain.acceleration, problem.access.free, rng, home, safe)
             if options.reference_every is not None:
                 part = with_reference(part, options.reference_every, problem.access.hubs, chain, problem.access.free)
             parts.append(part.among(rows))
-            there = mass
+            carried_last = mass
     return one_after_another(parts)
-
-
-def _prediction(problem: PoseProblem, inputs: Array, seed: int) -> PredictedAccuracy:
-    """Return the predicted errors."""
-    every = np.concatenate([inputs, problem.already])
-    return predict(information(problem.whitened(every)), problem.test, rng_for(seed, "promise"))
-
-
-def _own_certificate(
-    problem: PoseProblem, design: Design, certificate: DesignCertificate
-) -> tuple[CriterionCertificate | None, float | None]:
-    """Return the certificate of the criterion and the efficiency by it, if it is not O1.
-
-    Args:
-        certificate: of O1, from whose weights the search starts.
-    """
-    goal, moved = problem.goal, design.joints[design.rows < 0]
-    if goal.name == "O1" or goal.growth is None:
-        return None, None
-    n0, n = len(problem.already), len(design.joints)
-    pool = np.concatenate([problem.pool, problem.sensitivity(moved)])
-    found = certify_criterion(goal, pool, problem.before, start=certificate.weights, share=n / (n0 + n))
-    if found is None:
-        return None, None
-    total = information(problem.sensitivity(design.joints)) + information(problem.before)
-    return found, found.efficiency(float(goal.score(total)) / goal.growth, n + n0)
-
-
-def _of_any_size(options: DesignOptions, problem: PoseProblem) -> Callable[[int], Design]:
-    """Designs by exchange alone, each made once."""
-    made: dict[int, Design] = {}
-
-    def design(count: int) -> Design:
-        if count not in made:
-            made[count] = exchanged(problem, count, rng_for(options.seed, "design"))
-        return made[count]
-
-    return design
-
-
-def _accurate_design(
-    options: DesignOptions, problem: PoseProblem, least: int, quick: Callable[[int], Design], progress: Stage
-) -> Design:
-    """The smallest design whose predicted error is within the accuracy asked for.
-
-    Exchanged designs find about how many poses; from there ascended ones, whose predicted error is smaller, decide.
-    """
-    assert options.accuracy_mm is not None
-    wanted = MM.to_si(options.accuracy_mm)
-    most = max(least, min(_MOST_POSES, len(problem.pool) // 2))
-
-    def bound(design: Design) -> float:
-        return _prediction(problem, design.joints, options.seed).coverage_radius
-
-    count = smallest_count(lambda size: bound(quick(size)), wanted, least, most)
-    design = best_design(options, problem, count, progress)
-    while bound(design) > wanted:  # uphill on another criterion may cost accuracy
-        count += 1
-        if count > most:
-            raise LabError(f"{options.accuracy_mm:g} mm is out of reach by criterion {options.criterion}: try O1 or I")
-        design = best_design(options, problem, count, progress)
-    while count > least:
-        fewer = best_design(options, problem, count - 1, progress)
-        if bound(fewer) > wanted:
-            break
-        count, design = count - 1, fewer
-    return design
-
-
-def _designed_steps(
-    options: DesignOptions, problem: PoseProblem, sizes: Sequence[int], quick: Callable[[int], Design], progress: Stage
-) -> Iterator[DesignStep]:
-    """Predicted error and O1 of exchanged designs of these sizes."""
-    for done, size in enumerate(sizes):
-        progress(f"5 of 5, curve, {size} poses", done, len(sizes))
-        chosen = quick(size)
-        o1 = float(indices(np.concatenate([chosen.jacobian, problem.before])).o1)
-        everything = information(problem.whitened(np.concatenate([chosen.joints, problem.already])))
-        yield DesignStep(size, predict(everything, problem.test, rng_for(options.seed, "promise")), o1)
-
-
-def _continuous_steps(
-    options: DesignOptions,
-    problem: PoseProblem,
-    sizes: Sequence[int],
-    pool: Array,
-    design: Design,
-    certificate: DesignCertificate,
-) -> Iterator[DesignStep]:
-    """Predicted error and O1 of the certificate's continuous design, as if so many poses could be shared out by it.
-
-    At little cost: a design of whole poses comes near it where there are several times as many as the fewest.
-    """
-    support = np.flatnonzero(certificate.weights > _NO_WEIGHT)
-    weights = certificate.weights[support] / certificate.weights[support].sum()
-    inputs = np.concatenate([problem.inputs, design.joints[design.rows < 0]])[support]
-    weighted = np.sqrt(weights)[:, None, None]
-    per_pose, before = information(weighted * problem.whitened(inputs)), information(problem.whitened(problem.already))
-
-    def predicted(information: Array) -> PredictedAccuracy:
-        return predict(information, problem.test, rng_for(options.seed, "promise"))
-
-    alone = None if before.any() else predicted(per_pose)
-    for size in sizes:
-        rows = np.concatenate([np.sqrt(size) * weighted * pool[support], problem.before])
-        o1 = indices(rows * np.sqrt(len(rows) / (size + len(problem.before)))).o1
-        prediction = predicted(size * per_pose + before) if alone is None else alone.repeated(size)
-        yield DesignStep(size, prediction, float(o1))

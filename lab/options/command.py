@@ -35,6 +35,7 @@ class Command:
         help: what it does, in a sentence.
         options: ``module:class`` of its options, a dataclass whose fields are its arguments and flags.
         run: ``module:function`` that makes a ``Result`` of them.
+        instead: an option, and the ``module:function`` that is run where it is given.
         folder: the name of a run's folder, with options in braces (of files and robots their stems); "" for a command
             that writes no run, or looks after its folder itself.
         writes_on_request: it has no such name, and writes a run only where ``--out`` names its folder.
@@ -55,15 +56,17 @@ class Command:
     groups: tuple[OptionGroup, ...] = ()
     plan: str = ""
     group: str = "other"
+    instead: tuple[str, str] | None = None
 
     def load_options(self) -> type[Any]:
         """The class of its options."""
         kind: type[Any] = load_reference(self.options)
         return kind
 
-    def load_run(self) -> Callable[[Any], Any]:
-        """Import and return the function from options to ``Result``, with the libraries that it needs."""
-        run: Callable[[Any], Any] = load_reference(self.run)
+    def load_run(self, options: Any) -> Callable[[Any], Any]:
+        """Import and return the function from these options to ``Result``, with the libraries that it needs."""
+        instead = self.instead is not None and getattr(options, self.instead[0]) is not None
+        run: Callable[[Any], Any] = load_reference(self.instead[1] if self.instead and instead else self.run)
         return run
 
     def folder_name(self, options: Any) -> str:

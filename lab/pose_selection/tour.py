@@ -20,6 +20,7 @@ import scipy  # its parts are loaded at their first use
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
+from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.trajectory.profiles import Trajectory, joined, rest_to_rest_seconds
@@ -42,6 +43,7 @@ __all__ = [
     "random_starts",
     "rated",
     "tour_trajectory",
+    "waypoints_in_order",
     "with_reference",
 ]
 
@@ -315,6 +317,41 @@ def fastest_path(start: Array, end: Array, safe: Array, chain: JointSpec, free: 
     """
     roads = RoadmapGraph(end[None], chain.speed, chain.acceleration, free, start, safe)
     return roads.nodes[list(roads.fastest(0, 1))]
+
+
+def waypoints_in_order(
+    joints: Array, safe: Array, chain: JointSpec, free: FreePath, progress: Progress = no_progress
+) -> tuple[Array, _Indices]:
+    """Find a free path from home through poses in the given order, and home again.
+
+    Args:
+        joints: ``(n, joints)``, each with a free path to it.
+        safe: ``(k, joints)`` home, and further joint positions that a detour may pass through.
+        chain: with known rates (``rated``).
+        free: whether the straight joint path between two joint positions is free.
+        progress: called with the number of checked paths.
+
+    Returns:
+        Joint positions ``(s, joints)`` to move to one after the other, each in a straight line of all joints, and
+        ``(s,)`` the pose of each, -1 for home and detours.
+    """
+    home, stored = safe[0], dict[bytes, bool]()
+
+    def once(start: Array, end: Array) -> bool:
+        key = start.tobytes() + end.tobytes()
+        if key not in stored:
+            stored[key] = free(start, end)
+        return stored[key]
+
+    nodes = np.concatenate([home[None], joints, home[None]])
+
+    waypoints, which = [home[None]], [np.array([-1])]
+    for i in range(len(joints) + 1):
+        progress(i, len(joints) + 1)
+        path = fastest_path(nodes[i], nodes[i + 1], safe, chain, once)[1:]
+        waypoints.append(path)
+        which.append(np.append(np.full(len(path) - 1, -1), i if i < len(joints) else -1))
+    return np.concatenate(waypoints), np.concatenate(which)
 
 
 def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: FreePath) -> Tour:

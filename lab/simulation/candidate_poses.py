@@ -73,7 +73,6 @@ def draw_candidates(
     instrument: Instrument,
     count: int,
     rng: np.random.Generator,
-    margin: float = MARGIN,
     progress: Progress = no_progress,
     sees: _Feasible | None = None,
 ) -> Candidates:
@@ -93,11 +92,11 @@ def draw_candidates(
         raise LabError(f"{count} candidate poses: ask for 1 or more")
     if sees is None:
         nearest = seeing_station(robot, targets, instrument)
-        first_reason = _judge(robot, lambda joints: nearest(joints) >= 0, margin)
+        first_reason = _judge(robot, lambda joints: nearest(joints) >= 0)
         for station in range(len(robot.station_sites)):
             _refuse_station_in_arm(robot, station)
     else:
-        first_reason = _judge(robot, sees, margin, seen_first=True)
+        first_reason = _judge(robot, sees, seen_first=True)
     sobol = ScrambledSobol(robot.chain.size, rng)
     draws, reasons = np.empty((0, robot.chain.size)), np.empty(0, dtype=int)
     while (found := int(np.count_nonzero(reasons < 0))) < count:
@@ -113,9 +112,7 @@ def draw_candidates(
     return Candidates(draws[reasons < 0], drawn, _counted(reasons))
 
 
-def feasibility(
-    robot: RobotModel, targets: Sequence[str], instrument: Instrument, margin: float = MARGIN, station: int = 0
-) -> _Feasible:
+def feasibility(robot: RobotModel, targets: Sequence[str], instrument: Instrument, station: int = 0) -> _Feasible:
     """Return a test of joint positions ``(n, joints)``: off the limits, without contact, every target visible.
 
     The test is quick to repeat, by one thread.
@@ -123,23 +120,19 @@ def feasibility(
     Args:
         station: of the instrument, from 0, that measures the targets.
     """
-    first_reason = _judge(robot, field_of_view(robot, targets, instrument, station), margin)
+    first_reason = _judge(robot, field_of_view(robot, targets, instrument, station))
     return lambda joints: first_reason(joints) < 0
 
 
-def _judge(
-    robot: RobotModel, sees: _Feasible, margin: float, *, seen_first: bool = False
-) -> Callable[[Array], NDArray[np.int_]]:
+def _judge(robot: RobotModel, sees: _Feasible, *, seen_first: bool = False) -> Callable[[Array], NDArray[np.int_]]:
     """Return a function of joint positions ``(n, joints)``: the first of ``_REASONS`` against each, -1 for none.
 
     Args:
         seen_first: whether visibility comes before collisions.
     """
-    if not 0 <= margin < 0.5:
-        raise LabError(f"margin {margin:g} of the joints' ranges: give 0 or more, below 0.5")
     data = mujoco.MjData(robot.model)
     chain = robot.chain
-    keep_off = margin * (chain.upper - chain.lower)
+    keep_off = MARGIN * (chain.upper - chain.lower)
 
     def touching(joints: Array) -> NDArray[np.bool_]:
         return np.fromiter(collision_flags(robot, joints, data), bool, len(joints))

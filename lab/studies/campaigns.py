@@ -35,7 +35,8 @@ from lab.library.virtual_arm import draw_conditions, perturbed_arm, poses_to_mea
 from lab.noise.instruments import Instrument, instrument, is_isotropic, observing
 from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
-from lab.planning.design_problem import best_design, pose_problem
+from lab.planning.design_problem import pose_problem
+from lab.planning.design_search import best_design
 from lab.pose_selection.criteria import CRITERIA, Criterion, criterion, refuse_unknown
 from lab.robots.load_robot import load_robot, load_virtual
 from lab.robots.robot import Robot

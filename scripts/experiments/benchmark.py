@@ -55,7 +55,8 @@ from lab.noise.instruments import instrument
 from lab.options.command_options import ImportOptions
 from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
-from lab.planning.design_problem import best_design, pose_problem
+from lab.planning.design_problem import pose_problem
+from lab.planning.design_search import best_design
 from lab.pose_selection.exchange import certify
 from lab.robots.load_robot import load_robot, load_virtual
 from lab.sensors.points import PointSensor

@@ -39,7 +39,8 @@ from lab.kinematics.inverse.newton_inverse import PoseTarget
 from lab.noise.instruments import Instrument, instrument
 from lab.options.option_groups import Effects, Fitting
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
-from lab.planning.design_problem import best_design, pose_problem
+from lab.planning.design_problem import pose_problem
+from lab.planning.design_search import best_design
 from lab.robots.load_robot import load_robot
 from lab.robots.robot import Robot
 from lab.simulation.collisions import collides, random_poses

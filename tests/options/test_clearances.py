@@ -18,7 +18,7 @@ from helpers.dense_check import DenseCheck
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.library.design import planned_session
+from lab.library.design import design
 from lab.noise.instruments import INSTRUMENTS
 from lab.options.virtual_campaign import DesignOptions
 from lab.robots.load_robot import load_virtual
@@ -81,7 +81,7 @@ def planned(name: str, folder: Path, poses: int) -> tuple[Robot, Array]:
         )
         path.write_text(text)
     robot = load_virtual(name, path)
-    plan = planned_session(DesignOptions(name, path, poses=poses, candidates=60, starts=1), robot)
+    plan = design(DesignOptions(name, path, poses=poses, candidates=60, starts=1))
     return robot, plan.tour.waypoints
 
 

@@ -10,7 +10,8 @@ from helpers.bad_input import ARM_XML
 
 from lab.core.errors import LabError
 from lab.options.virtual_campaign import DesignOptions
-from lab.planning.design_problem import best_design, pose_problem
+from lab.planning.design_problem import pose_problem
+from lab.planning.design_search import best_design
 from lab.pose_selection.exchange import information
 
 

@@ -10,8 +10,8 @@ from helpers.dense_check import DenseCheck
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.planning.design_problem import free_home, reachability, waypoints_in_order
-from lab.pose_selection.tour import plan_tour, rated
+from lab.planning.reachability import free_home, reachability
+from lab.pose_selection.tour import plan_tour, rated, waypoints_in_order
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.free_path import path_check
 from lab.simulation.robot_model import RobotModel
@@ -31,7 +31,7 @@ def moves(model: RobotModel, count: int) -> Iterator[tuple[Array, Array]]:
             home, safe = access.hubs[0], access.hubs[1:]
             stops = plan_tour(poses[:TOUR], chain.speed, chain.acceleration, access.free, rng, home, safe).waypoints
         else:
-            stops = waypoints_in_order(chain, access, poses[: 2 * TOUR])[0]
+            stops = waypoints_in_order(poses[: 2 * TOUR], access.hubs, chain, access.free)[0]
         for move in pairwise(stops):
             yield move
             made += 1

@@ -9,8 +9,8 @@ from helpers.robots import IRB120
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.planning.design_problem import HUBS, reachability, refusals, waypoints_in_order
-from lab.pose_selection.tour import rated
+from lab.planning.reachability import HUBS, reachability, refusals
+from lab.pose_selection.tour import rated, waypoints_in_order
 from lab.simulation.collisions import collides, describe_collisions, random_poses, unchecked
 
 MODEL = IRB120.model
@@ -35,7 +35,8 @@ def test_all_that_moves_from_stop_to_stop_touches_nothing() -> None:
     poses = poses[access.reachable(poses)]
     assert len(poses) >= 8
     told: list[tuple[int, int]] = []
-    stops, which = waypoints_in_order(rated(IRB120.chain)[0], access, poses, lambda done, of: told.append((done, of)))
+    rates = rated(IRB120.chain)[0]
+    stops, which = waypoints_in_order(poses, access.hubs, rates, access.free, lambda done, of: told.append((done, of)))
     assert told == [(i, len(poses) + 1) for i in range(len(poses) + 1)]
     assert which[which >= 0].tolist() == list(range(len(poses))) and which[0] == which[-1] == -1
     np.testing.assert_array_equal(stops[which >= 0], poses)

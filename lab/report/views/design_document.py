@@ -15,7 +15,10 @@ from lab.core.units import MICRONS
 from lab.formats.programs.languages import PLAN, language_of, plan_or_refusal, refusal
 from lab.formats.programs.protocol import PAUSE_S
 from lab.kinematics.joints import JointSpec
-from lab.library.design import DesignResult, DesignStep, PlanCheckResult, SessionDuration, visit_ids
+from lab.library.design import DesignResult, visit_ids
+from lab.library.plan_check import PlanCheckResult
+from lab.library.session_duration import SessionDuration
+from lab.planning.design_search import DesignStep
 from lab.pose_selection.exchange import information
 from lab.pose_selection.tour import rated, tour_trajectory
 from lab.prediction.task_region import task_region

@@ -8,7 +8,8 @@ import pytest
 
 from lab.cli.main import main
 from lab.formats.programs.protocol import PAUSE_S
-from lab.library.design import SessionDuration, planned_session
+from lab.library.design import design
+from lab.library.session_duration import SessionDuration
 from lab.library.simulate import simulate
 from lab.options.virtual_campaign import DesignOptions
 
@@ -47,7 +48,7 @@ def checked(plan: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> tupl
 
 @pytest.mark.thorough
 def test_a_plan_can_be_run_where_it_was_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    made = planned_session(DesignOptions("course2r", candidates=40, starts=1, poses=8))
+    made = design(DesignOptions("course2r", candidates=40, starts=1, poses=8))
     made.save(tmp_path / "run")
     code, found = checked(tmp_path / "run", capsys, "--robot", "course2r", "--out", str(tmp_path / "again"))
     assert code == 0 and found["good"] and found["faults"] == [] and found["poses"] == 8
@@ -60,7 +61,7 @@ def test_a_plan_with_its_reference_pose_is_measured_and_checked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its rows are named, its program waits as often, the day counts them once, and a simulated day has them all."""
-    made = planned_session(DesignOptions("irb120", candidates=60, starts=1, poses=12, reference_every=5))
+    made = design(DesignOptions("irb120", candidates=60, starts=1, poses=12, reference_every=5))
     made.save(tmp_path / "run")
     code, found = checked(tmp_path / "run", capsys, "--out", str(tmp_path / "again"))
     day, length = simulate("irb120", plan=tmp_path / "run" / "plan.csv"), SessionDuration.of(made.tour)
