@@ -32,18 +32,25 @@ def date_axis(axes: Axes, first: date, last: date, right: float = _BESIDE) -> No
         right: share of the width that is left free after the last date.
     """
     span = max((last - first).days, 10)
-    if span <= _FEW_DAYS:
-        step = next((each for each in _DAYS if span / each < _MOST_DATES), span // _MOST_DATES)
-        ticks = [first + timedelta(i) for i in range(0, span + 1, step)]
-        labels = [f"{each:%m-%d}" for each in ticks]
-    else:
-        months = [each.year * 12 + each.month - 1 for each in (first, last)]
-        step = next((each for each in _MONTHS if (months[1] - months[0]) / each < _MOST_DATES), _MONTHS[-1])
-        starts = (date(at // 12, at % 12 + 1, 1) for at in range(-(-months[0] // step) * step, months[1] + 1, step))
-        ticks = [each for each in starts if each >= first]
-        labels = [f"{each:%Y-%m}" for each in ticks]
+    ticks, labels = _days(first, span) if span <= _FEW_DAYS else _months(first, last)
     axes.set_xticks([each.toordinal() for each in ticks], labels)
     axes.set(xlim=(first.toordinal() - _BESIDE * span, first.toordinal() + (1 + right) * span))
+
+
+def _days(first: date, span: int) -> tuple[list[date], list[str]]:
+    """Return days of a few weeks, and their labels."""
+    step = next((each for each in _DAYS if span / each < _MOST_DATES), span // _MOST_DATES)
+    ticks = [first + timedelta(i) for i in range(0, span + 1, step)]
+    return ticks, [f"{each:%m-%d}" for each in ticks]
+
+
+def _months(first: date, last: date) -> tuple[list[date], list[str]]:
+    """Return first days of months from one date to another, and their labels."""
+    begin, end = (each.year * 12 + each.month - 1 for each in (first, last))
+    step = next((each for each in _MONTHS if (end - begin) / each < _MOST_DATES), _MONTHS[-1])
+    starts = (date(at // 12, at % 12 + 1, 1) for at in range(-(-begin // step) * step, end + 1, step))
+    ticks = [each for each in starts if each >= first]
+    return ticks, [f"{each:%Y-%m}" for each in ticks]
 
 
 def rows_picture(
@@ -195,12 +202,7 @@ def heat_map(
             axes.annotate(text, (bar[1] + 0.025 * n, share * m), va="center")
         for at in lines:
             axes.vlines([at], 0, m, color=OUTLIER, linewidth=2)
-        for i, line in enumerate(texts):
-            for j, text in enumerate(line):
-                if text:
-                    dark = luminance(tints[m - 1 - i, j]) < EQUAL_CONTRAST
-                    colour = "#ffffff" if dark else "#000000"
-                    axes.annotate(text, (j + 0.5, m - 0.5 - i), ha="center", va="center", color=colour)
+        _write_in_cells(axes, texts, tints)
         axes.set_yticks(np.arange(m) + 0.5, list(rows[::-1]))
         slanted = max(map(len, columns)) * n > _MOST_ACROSS
         axes.set_xticks(np.arange(n) + 0.5, list(columns), rotation=30 if slanted else 0)
@@ -210,6 +212,16 @@ def heat_map(
         axes.set(xlim=(0, 1.26 * n), ylim=(0, m), ylabel=titles[0], xlabel=titles[1])
 
     return axes_picture(name, label, (_MAP_WIDTH, below + 0.4 + height * m), draw, (beside, below, 0.1, 0.35))
+
+
+def _write_in_cells(axes: Axes, texts: Sequence[Sequence[str]], tints: Array) -> None:
+    """Write texts into the cells of a map, the first row on top, dark or light by the cells' colours."""
+    for i, line in enumerate(texts):
+        row = len(tints) - 1 - i
+        for j, text in enumerate(line):
+            colour = "#ffffff" if luminance(tints[row, j]) < EQUAL_CONTRAST else "#000000"
+            if text:
+                axes.annotate(text, (j + 0.5, row + 0.5), ha="center", va="center", color=colour)
 
 
 _MAP_WIDTH, _LETTER = 4.6, 0.082  # inches

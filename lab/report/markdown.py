@@ -33,10 +33,13 @@ def _blocks(blocks: Iterable[doc.Block], level: int) -> Iterable[str]:
             case doc.Table():
                 yield from _table(block)
             case doc.Matrices():
-                for matrix in block.matrices:
-                    yield f"**{_escaped(matrix.name)}** {_to_inline(matrix.badge)}".strip()
-                    for caption, rows in matrix.versions:
-                        yield from _table(doc.Table((caption, *[""] * (len(rows[0]) - 1)), rows))
+                yield from (text for matrix in block.matrices for text in _matrix(matrix))
+
+
+def _matrix(matrix: doc.Matrix) -> Iterable[str]:
+    yield f"**{_escaped(matrix.name)}** {_to_inline(matrix.badge)}".strip()
+    for caption, rows in matrix.versions:
+        yield from _table(doc.Table((caption, *[""] * (len(rows[0]) - 1)), rows))
 
 
 def _table(block: doc.Table) -> Iterable[str]:

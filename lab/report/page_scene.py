@@ -209,40 +209,29 @@ def moments(count: int, stops: Sequence[int] | NDArray[np.int_]) -> NDArray[np.i
 
 def scene_json(scene: ArmScene) -> Markup:
     """Write a scene as JSON that can stand in a page."""
-    shares = np.array([len(each.faces) for each in scene.shells], float)
-    budgets = np.maximum(12, _MOST_FACES * shares / max(shares.sum(), _MOST_FACES)).astype(int)
-    reduced = [coarse(each.vertices, each.faces, int(most)) for each, most in zip(scene.shells, budgets, strict=True)]
     places = np.stack([scene.bodies[each.body] for each in scene.shells], axis=1)  # (n, bodies, 4, 4)
+    middle, radius = _surroundings(scene, places)
     shown = np.asarray(np.isfinite(scene.points).all(axis=1))
-    corners = [np.stack([each.vertices.min(axis=0), each.vertices.max(axis=0)]) for each in scene.shells]
-    ends = [transform(places[:, i], pair).reshape(-1, 3) for i, pair in enumerate(corners)]
-    drawn_lines = [np.asarray(each.points, float) for each in scene.lines]
-    around = np.concatenate([*ends, scene.points[shown], *drawn_lines, *(each.vertices for each in scene.surfaces)])
-    around = around[np.isfinite(around).all(axis=1)]
-    middle = (around.min(axis=0) + around.max(axis=0)) / 2
     lengths = list(scene.columns.values())
     data: dict[str, Any] = {
         "names": list(scene.names),
         "first": _typical(scene),
         "texts": [_text(scene, row) for row in scene.rows],
         "middle": [round(float(part), 5) for part in middle],
-        "radius": round(float(np.linalg.norm(around - middle, axis=1).max()), 5),
+        "radius": round(radius, 5),
         "times": None if scene.times is None else [round(float(time), 4) for time in scene.times],
         "stops": None if scene.stops is None else scene.stops.tolist(),
-        "shells": [
-            {
-                "vertices": _floats(vertices),
-                "faces": _integers(faces),
-                "rgb": [int(part) for part in np.median(each.rgba[:, :3], axis=0)],
-            }
-            for each, (vertices, faces) in zip(scene.shells, reduced, strict=True)
-        ],
+        "shells": _shells(scene.shells),
         "places": _floats(np.swapaxes(places, 2, 3)),
         "points": _floats(np.where(shown[:, None], scene.points, middle)),
         "legs": _floats(scene.legs.ends),
         "lines": [
-            {"name": each.name, "points": _floats(points), "rgb": np.broadcast_to(each.rgb, points.shape).tolist()}
-            for each, points in zip(scene.lines, drawn_lines, strict=True)
+            {
+                "name": each.name,
+                "points": _floats(each.points),
+                "rgb": np.broadcast_to(each.rgb, each.points.shape).tolist(),
+            }
+            for each in scene.lines
         ],
         "surfaces": [_surface(each) for each in scene.surfaces],
         "opacity": _SEE_THROUGH,
@@ -256,16 +245,48 @@ def scene_json(scene: ArmScene) -> Markup:
             }
             for each in scene.arrows
         ],
-        "axes": None,
+        "axes": None if scene.ellipsoids is None else _half_axes(scene.ellipsoids),
     }
-    if (drawn := scene.ellipsoids) is not None:
-        halves = np.swapaxes(drawn.axes * drawn.half_sizes[:, None, :], 1, 2)  # (n, axis, 3)
-        data["axes"] = {
-            "halves": _floats(np.nan_to_num(halves)),
-            "lengths": [[f"{short(MM.of(size))} mm" for size in row] for row in drawn.half_sizes / drawn.factor],
-            "rgb": rgb(INDEX),
-        }
     return Markup(json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
+
+
+def _surroundings(scene: ArmScene, places: Array) -> tuple[Array, float]:
+    """Return the middle ``(3,)`` of all that is drawn, and its distance from the farthest of it (m).
+
+    Args:
+        places: ``(n, bodies, 4, 4)`` of the shells.
+    """
+    corners = [np.stack([each.vertices.min(axis=0), each.vertices.max(axis=0)]) for each in scene.shells]
+    ends = [transform(places[:, i], pair).reshape(-1, 3) for i, pair in enumerate(corners)]
+    lines, surfaces = [each.points for each in scene.lines], [each.vertices for each in scene.surfaces]
+    around = np.concatenate([*ends, scene.points, *lines, *surfaces])
+    around = around[np.isfinite(around).all(axis=1)]
+    middle = (around.min(axis=0) + around.max(axis=0)) / 2
+    return middle, float(np.linalg.norm(around - middle, axis=1).max())
+
+
+def _shells(drawn: Sequence[Shell]) -> list[dict[str, Any]]:
+    """Return the shells with as many faces as a page can show, each with its share of them."""
+    shares = np.array([len(each.faces) for each in drawn], float)
+    budgets = np.maximum(12, _MOST_FACES * shares / max(shares.sum(), _MOST_FACES)).astype(int)
+    reduced = [coarse(each.vertices, each.faces, int(most)) for each, most in zip(drawn, budgets, strict=True)]
+    return [
+        {
+            "vertices": _floats(vertices),
+            "faces": _integers(faces),
+            "rgb": [int(part) for part in np.median(each.rgba[:, :3], axis=0)],
+        }
+        for each, (vertices, faces) in zip(drawn, reduced, strict=True)
+    ]
+
+
+def _half_axes(drawn: MagnifiedEllipsoids) -> dict[str, Any]:
+    halves = np.swapaxes(drawn.axes * drawn.half_sizes[:, None, :], 1, 2)  # (n, axis, 3)
+    return {
+        "halves": _floats(np.nan_to_num(halves)),
+        "lengths": [[f"{short(MM.of(size))} mm" for size in row] for row in drawn.half_sizes / drawn.factor],
+        "rgb": rgb(INDEX),
+    }
 
 
 def _surface(surface: Surface) -> dict[str, Any]:

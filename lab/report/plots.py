@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,21 +181,11 @@ def histograms(name: str, spreads: Sequence[Spread], axis: str, gate_mm: float |
             if few:
                 axes.plot(each, np.full(len(each), -k), spread.marker, color=spread.colour, alpha=0.6, markersize=5)
             else:
-                counts = 100 * np.histogram(each, edges)[0] / max(len(each), 1)
-                axes.stairs(counts, edges, fill=True, color=spread.colour, alpha=0.45, hatch=spread.hatch)
-                axes.stairs(counts, edges, color=spread.colour, linewidth=1.1)
-            axes.axvline(mark, color=spread.colour, linewidth=1.2, linestyle="--")
-            right = mark > np.sqrt(edges[0] * edges[-1])
-            axes.annotate(
-                f"{spread.mark[0]} {short(mark)} mm", (mark, 1.02 + line * k), color=spread.colour,
-                xycoords=("data", "axes fraction"), ha="right" if right else "left", fontweight="bold",
-            )  # fmt: skip
+                _draw_shares(axes, spread, each, edges)
+            side: Literal["left", "right"] = "right" if mark > np.sqrt(edges[0] * edges[-1]) else "left"
+            _draw_mark(axes, spread, mark, 1.02 + line * k, side)
         if gate_mm is not None:
-            axes.axvline(gate_mm, color=GATE, linewidth=1.6, linestyle=":")
-            axes.annotate(
-                f"gate {short(gate_mm)} mm", (gate_mm, 0.84), xytext=(3, 0), textcoords="offset points",
-                xycoords=("data", "axes fraction"), color=GATE,
-            )  # fmt: skip
+            _draw_gate(axes, gate_mm)
         axes.set(xlabel=f"{axis.partition(',')[0]}, mm (logarithmic)", ylabel="" if few else "share of the points, %")
         if few:
             axes.set(yticks=[], ylim=(0.6 - len(spreads), 0.6))
@@ -203,6 +193,29 @@ def histograms(name: str, spreads: Sequence[Spread], axis: str, gate_mm: float |
 
     text = "; ".join(f"{spread.mark[0]} {short(mark)} mm" for spread, mark in zip(spreads, marks, strict=True))
     return axes_picture(name, f"{capital(axis)}: {text}", (4.0, 2.0 if few else 2.6), draw, (0.6, 0.5, 0.2, 0.5))
+
+
+def _draw_shares(axes: Axes, spread: Spread, sizes_mm: Array, edges: Array) -> None:
+    """Draw the share of lengths between edges, %, as an area with its outline."""
+    counts = 100 * np.histogram(sizes_mm, edges)[0] / max(len(sizes_mm), 1)
+    axes.stairs(counts, edges, fill=True, color=spread.colour, alpha=0.45, hatch=spread.hatch)
+    axes.stairs(counts, edges, color=spread.colour, linewidth=1.1)
+
+
+def _draw_mark(axes: Axes, spread: Spread, mark_mm: float, height: float, side: Literal["left", "right"]) -> None:
+    axes.axvline(mark_mm, color=spread.colour, linewidth=1.2, linestyle="--")
+    axes.annotate(
+        f"{spread.mark[0]} {short(mark_mm)} mm", (mark_mm, height), xycoords=("data", "axes fraction"),
+        color=spread.colour, ha=side, fontweight="bold",
+    )  # fmt: skip
+
+
+def _draw_gate(axes: Axes, gate_mm: float) -> None:
+    axes.axvline(gate_mm, color=GATE, linewidth=1.6, linestyle=":")
+    axes.annotate(
+        f"gate {short(gate_mm)} mm", (gate_mm, 0.84), xytext=(3, 0), textcoords="offset points",
+        xycoords=("data", "axes fraction"), color=GATE,
+    )  # fmt: skip
 
 
 def size_maps(shown: SizeMap) -> tuple[Picture, ...]:

@@ -63,17 +63,21 @@ def _print(console: Console, blocks: Iterable[doc.Block], warnings: bool) -> Non
             case doc.CommandText():
                 console.print(RichText(block.text), soft_wrap=True)
             case doc.Bullets():
-                for item in block.items:
-                    hanging = RichTable.grid()
-                    hanging.add_column(width=2)
-                    hanging.add_column()
-                    hanging.add_row("-", _styled(item))
-                    console.print(hanging)
+                _print_bullets(console, block)
             case doc.Warnings():
                 for text in block.texts if warnings else ():
                     console.print(RichText("warning: ", style=f"bold {_AMBER}") + RichText(text))
             case doc.Table():
                 _print_table(console, block)
+
+
+def _print_bullets(console: Console, block: doc.Bullets) -> None:
+    for item in block.items:
+        hanging = RichTable.grid()
+        hanging.add_column(width=2)
+        hanging.add_column()
+        hanging.add_row("-", _styled(item))
+        console.print(hanging)
 
 
 def _print_table(console: Console, block: doc.Table) -> None:
@@ -122,13 +126,20 @@ def _bracketed(caption: str, rows: tuple[doc.Row, ...]) -> list[RichText]:
     widths = [max(cell.cell_len for cell in column) for column in zip(*cells, strict=True)]
     lines, last = [RichText(caption)] if caption else [], len(cells) - 1
     for i, row in enumerate(cells):
-        left, right = ("[", "]") if not last else ("⎡", "⎤") if not i else ("⎣", "⎦") if i == last else ("⎢", "⎥")
+        left, right = _brackets(i, last)
         line = RichText(left)
         for cell, wide in zip(row, widths, strict=True):
             line += RichText(" ") + cell + RichText(" " * (wide - cell.cell_len + 1))
         lines.append(line + RichText(right))
     most = max(line.cell_len for line in lines)
     return [line + RichText(" " * (most - line.cell_len)) for line in lines]
+
+
+def _brackets(row: int, last: int) -> str:
+    """Return the left and the right bracket of a row of a matrix."""
+    if last == 0:
+        return "[]"
+    return "⎡⎤" if row == 0 else "⎣⎦" if row == last else "⎢⎥"
 
 
 def _print_beside(console: Console, drawn: list[list[RichText]]) -> None:

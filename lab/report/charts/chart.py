@@ -230,10 +230,7 @@ class Chart(Sheet):
         zorder: float = 2.0, drawstyle: str = "default", solid_capstyle: str = "round", rasterized: bool = False,
     ) -> None:  # fmt: skip
         """Lines and marks through points ``(n,)``; NaN parts a line."""
-        dash, mark = _parsed(fmt)
-        dash, mark = (linestyle if linestyle is not None else dash), marker or mark
-        if dash is None:
-            dash = "" if mark else "-"
+        dash, mark = _dash_and_mark(fmt, linestyle, marker)
         tint, xs, ys = svg.colour(color), np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
         if drawstyle == "steps-post":
             xs, ys = np.repeat(xs, 2)[1:], np.repeat(ys, 2)[:-1]
@@ -554,6 +551,13 @@ def _parsed(style: str) -> tuple[str | None, str]:
     if mark and mark not in _MARKS:
         raise ValueError(f"no marks and lines {style!r}; marks are {' '.join(_MARKS)}, then - -- -. or :")
     return style[len(mark) :] or None, mark
+
+
+def _dash_and_mark(fmt: str, linestyle: Any, marker: str) -> tuple[Any, str]:
+    """Return the dashes and the mark of a line: those that are given, else those of the short form; "" for none."""
+    dash, mark = _parsed(fmt)
+    dash, mark = (linestyle if linestyle is not None else dash), marker or mark
+    return ("" if mark else "-") if dash is None else dash, mark
 
 
 def _between(x: Array, y: Array) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from textwrap import wrap
 from typing import Any, Final, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 from lab.report.style import FIGURE_STYLE, TICK
@@ -177,18 +178,30 @@ def marks(
     width = size + edge_width if end else edge_width
     at = np.clip(np.stack([x, y], axis=-1), -_FARTHEST, _FARTHEST).round(1).tolist()
     parts = []
-    for tint in dict.fromkeys(colours):
-        places = [i for i in np.flatnonzero(known).tolist() if len(colours) == 1 or colours[i] == tint]
-        count = 1 if alpha == 1 else max(1, min(len(places), _MOST_PATHS))
-        parts_of = ["".join(f"M{at[i][0]} {at[i][1]}{after}" for i in places[first::count]) for first in range(count)]
+    for tint, rows in _rows_by_colour(colours, known).items():
+        drawn = [f"M{at[i][0]} {at[i][1]}{after}" for i in rows]
         fill = "none" if end or mark in "|x" else tint
-        if count == 1:
-            parts.append(path(parts_of[0], tint, width, fill, alpha, end))
-            continue
-        pen = f'stroke="{tint}" stroke-width="{shown_number(width)}" stroke-opacity="{shown_number(alpha)}"'
-        paths = "".join(f'<path d="{each}"/>' for each in parts_of)
-        parts.append(f'<g fill="{fill}" fill-opacity="{shown_number(alpha)}" {pen}{end}>{paths}</g>')
+        if alpha == 1:
+            parts.append(path("".join(drawn), tint, width, fill, alpha, end))
+        else:
+            parts.append(_see_through(drawn, tint, width, fill, alpha, end))
     return "".join(parts)
+
+
+def _rows_by_colour(colours: Sequence[str], known: NDArray[np.bool_]) -> dict[str, list[int]]:
+    """Return the known rows of each colour; one colour is for all."""
+    rows: dict[str, list[int]] = {}
+    for i in np.flatnonzero(known).tolist():
+        rows.setdefault(colours[i if len(colours) > 1 else 0], []).append(i)
+    return rows
+
+
+def _see_through(drawn: Sequence[str], tint: str, width: float, fill: str, alpha: float, end: str) -> str:
+    """Draw marks that one sees through, each in a path of its own to darken others; of many, some share one."""
+    count = max(1, min(len(drawn), _MOST_PATHS))
+    paths = "".join(f'<path d="{"".join(drawn[first::count])}"/>' for first in range(count))
+    pen = f'stroke="{tint}" stroke-width="{shown_number(width)}" stroke-opacity="{shown_number(alpha)}"'
+    return f'<g fill="{fill}" fill-opacity="{shown_number(alpha)}" {pen}{end}>{paths}</g>'
 
 
 def _discs(x: Array, y: Array, size: float, colours: Sequence[str] | str, edge: str, edge_width: float) -> str:

@@ -9,6 +9,7 @@ from lab.calibration.estimator import LEAST_SQUARES
 from lab.calibration.identifiability import Direction
 from lab.calibration.observation import observation_of
 from lab.calibration.prior import ActingPrior
+from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.statistics.remaining_error import ExplainedError
 from lab.core.checks import Check
 from lab.core.errors import counted
@@ -303,18 +304,7 @@ def _truth(result: CalibrationResult) -> str:
 @doc.guarded
 def _model_selection(result: CalibrationResult) -> tuple[doc.Block, ...]:
     """Tabulate the groups; a terminal shows those that were chosen, and names the first that were rejected."""
-    rows = tuple(
-        (
-            group.name,
-            str(group.parameters),
-            short(MM.of(group.holdout_m)) if np.isfinite(group.holdout_m) else "",
-            short(group.f_p) if np.isfinite(group.f_p) else "",
-            fixed(group.bic, 0) if np.isfinite(group.bic) else "",
-            *_explained(result.fit.explained.get(group.name)),
-            standing(group),
-        )
-        for group in result.groups
-    )
+    rows = tuple(_group_row(result, group) for group in result.groups)
     kinds = tuple("" if group.chosen else "quiet" for group in result.groups)
     explains = doc.Column("explains, mm", doc.PAGE), doc.Column("explains, %", doc.PAGE)
     columns = ("group", "parameters", "hold-out error, mm", "p", "BIC", *explains, "")
@@ -328,6 +318,17 @@ def _model_selection(result: CalibrationResult) -> tuple[doc.Block, ...]:
             columns, chosen, "Model selection", most_rows=_MOST_LISTED, rest_in="the page", shown_in=doc.TERMINAL
         ),
         doc.Paragraph(rejected, shown_in=doc.TERMINAL),
+    )
+
+
+def _group_row(result: CalibrationResult, group: GroupTrial) -> doc.Row:
+    sizes = ((short, MM.of(group.holdout_m)), (short, group.f_p), (lambda bic: fixed(bic, 0), group.bic))
+    return (
+        group.name,
+        str(group.parameters),
+        *(text(size) if np.isfinite(size) else "" for text, size in sizes),
+        *_explained(result.fit.explained.get(group.name)),
+        standing(group),
     )
 
 

@@ -3,7 +3,7 @@
 Positions are in the world of the model; for a robot given as a table that is frame 0.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -26,6 +26,7 @@ from lab.prediction.estimate import EstimatedParameter
 from lab.prediction.workspace_prediction import predicted_errors
 from lab.report.charts.chart import axes_picture, cube, name_points, shades
 from lab.report.charts.marks import Axes
+from lab.report.comparison_plots import rows_picture
 from lab.report.document import Block, Figure, Picture, guarded
 from lab.report.plots import (
     MOST_POINTS,
@@ -208,25 +209,35 @@ def correction_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
     for parameter, row in zip(result.identification.model.parameters, result.parameters, strict=True):
         if has_correction(parameter, row):
             by_unit.setdefault(parameter.unit, []).append(row)
-    parts: list[tuple[Unit, list[EstimatedParameter], float]] = []
-    for unit, rows in by_unit.items():
-        reach = [abs(row.estimate - row.nominal) + np.nan_to_num(row.half_width_95) for row in rows]
-        known = [size for size, row in zip(reach, rows, strict=True) if not row.weakly_observable]
-        # a weak parameter does not stretch the picture
-        limit = _WIDER * unit.of(max(known)) if known and max(known) > 0 else np.inf
-        count = -(-len(rows) // max(1, -(-len(rows) // _MOST_CORRECTIONS)))
-        parts += [(unit, rows[i : i + count], limit) for i in range(0, len(rows), count or 1)]
+    parts = [(unit, part, _limit(unit, rows)) for unit, rows in by_unit.items() for part in _in_parts(rows)]
     return tuple(_corrections(rows, unit, limit, number) for number, (unit, rows, limit) in enumerate(parts))
+
+
+def _limit(unit: Unit, rows: Sequence[EstimatedParameter]) -> float:
+    """Return how far a picture of corrections reaches: a parameter that is weakly observable does not stretch it."""
+    reach = [
+        abs(row.estimate - row.nominal) + np.nan_to_num(row.half_width_95) for row in rows if not row.weakly_observable
+    ]
+    largest = max(reach, default=0.0)
+    return _WIDER * unit.of(largest) if largest > 0 else np.inf
+
+
+def _in_parts(rows: Sequence[EstimatedParameter]) -> Iterator[Sequence[EstimatedParameter]]:
+    """Yield parts of about one size, none larger than a picture."""
+    if rows:
+        count = -(-len(rows) // -(-len(rows) // _MOST_CORRECTIONS))
+        yield from (rows[i : i + count] for i in range(0, len(rows), count))
 
 
 def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, limit: float, number: int) -> Picture:
     """Draw corrections of one unit, up to ``limit``."""
+    names = [row.name for row in rows]
     offsets = unit.of(np.array([row.estimate - row.nominal for row in rows]))
     halves = unit.of(np.array([row.half_width_95 for row in rows]))
-    reach = np.abs(offsets) + np.nan_to_num(halves)
+    texts = [f"{short(a)} ± {short(b)}" for a, b in zip(offsets.tolist(), halves.tolist(), strict=True)]
+    beyond = np.flatnonzero(np.abs(offsets) + np.nan_to_num(halves) > limit)
 
-    def draw(axes: Axes) -> None:
-        at = np.arange(len(rows))[::-1]
+    def draw(axes: Axes, at: Array) -> None:
         colours = [AFTER if sure else MUTED for sure in np.abs(offsets) > halves]
         inside, low, high = (np.clip(ends, -limit, limit) for ends in (offsets, offsets - halves, offsets + halves))
         axes.hlines(at, 0, inside, colors=colours, alpha=0.35, linewidth=4)
@@ -234,30 +245,26 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, limit: float, n
         for ends in (low, high):
             axes.scatter(ends, at, marker="|", c=colours, s=24, linewidths=1.2)
         axes.scatter(inside, at, c=colours, s=13)
-        for i in np.flatnonzero(reach > limit):
-            text = f"{short(offsets[i])} ± {short(halves[i])}"
-            axes.annotate(text, (limit, at[i]), xytext=(-3, 2), textcoords="offset points", ha="right")
+        for i in beyond:
+            axes.annotate(texts[i], (limit, at[i]), xytext=(-3, 2), textcoords="offset points", ha="right")
         axes.axvline(0, color=INK, linewidth=1)
-        axes.set_yticks(at, [row.name for row in rows])
-        texts = [f"{short(a)} ± {short(b)} {unit.name}" for a, b in zip(offsets.tolist(), halves.tolist(), strict=True)]
-        name_points(axes, "parameter", inside, at, [row.name for row in rows], texts)
+        name_points(axes, "parameter", inside, at, names, [f"{text} {unit.name}" for text in texts])
         if np.isfinite(limit):
             axes.set(xlim=(-1.06 * limit, 1.06 * limit))
         axes.locator_params(axis="x", nbins=5)
-        axes.set(ylim=(-0.7, len(rows) - 0.3), xlabel=f"correction of the nominal value, {unit.name}")
         axes.tick_params(axis="y", length=0)
-        axes.grid(visible=False, axis="y")
         axes.margins(x=0.06)
 
     label = f"Corrections of the nominal values with 95 % intervals, {unit.name}"
-    height = 0.95 + 0.2 * len(rows)
-    return axes_picture(f"corrections-{number}", label, (WIDTH, height), draw, (1.35, 0.5, 0.15, 0.15))
+    axis = f"correction of the nominal value, {unit.name}"
+    return rows_picture(f"corrections-{number}", label, names, draw, axis, step=0.2, width=WIDTH)
 
 
 _QUANTILES = 120
 _FEWEST = 8  # residuals that are drawn
 _LINK = 0.13  # inches of a parameter
 _CORRELATION_SCALE = (BEFORE, "#ffffff", AFTER)  # from −1 to 1
+_WORD = 0.16  # inches of a word beside the correlations
 _STRONG = 0.5  # a correlation from which a reader can ask its names
 _STEP = 1e-6  # rad or m, by which a joint is moved
 _LEAST_LEVER = 1e-3  # of the largest: how far a joint must move the targets, to be seen in their errors
@@ -354,40 +361,55 @@ def correlation_picture(result: CalibrationResult) -> tuple[Picture, ...]:
     order = sorted(range(len(names)), key=lambda i: links.index(links[i]))  # of each link or joint one block
     matrix = (found.covariance / np.outer(std, std))[np.ix_(order, order)]
     names, links = [names[i] for i in order], [links[i] for i in order]
-    edges = [i for i in range(1, len(links)) if links[i] != links[i - 1]]
-    firsts = [0, *edges]
-    upper = np.abs(np.triu(matrix, 1))
+    wide = min(max(2.4, _LINK * len(names)), WIDTH - 0.9)
 
     def draw(axes: Axes) -> None:
         axes.imshow(shades((matrix + 1) / 2, _CORRELATION_SCALE))
-        for edge in edges:
-            axes.axhline(edge - 0.5, color=ARM, linewidth=0.8)
-            axes.axvline(edge - 0.5, color=ARM, linewidth=0.8)
-        middles = [(a + b - 1) / 2 for a, b in zip(firsts, [*edges, len(names)], strict=True)]
-        room = [True, *(b - a > 0.16 / cell for a, b in pairwise(middles))]  # a word needs 0.16 inches
-        shown = [(at, links[i]) for at, i, fits in zip(middles, firsts, room, strict=True) if fits]
-        axes.set_yticks(*zip(*shown, strict=True))
-        axes.set_xticks(*zip(*shown, strict=True), rotation=90)
+        _mark_links(axes, links, wide / len(names))
         axes.tick_params(length=0)
         axes.grid(visible=False)
-        rows, columns = np.nonzero(upper > _STRONG)
-        named = [f"{names[i]} and {names[j]}" for i, j in zip(rows.tolist(), columns.tolist(), strict=True)]
-        texts = [f"{value:.2f}".replace("-", "−") for value in matrix[rows, columns].tolist()]
-        for across, up in ((columns, rows), (rows, columns)):
-            name_points(axes, "correlation of", across, up, named, texts)
-        bar = axes.inset_axes((0.0, -0.32 * 3.0 / wide, 1.0, 0.15 / wide))
-        values = np.linspace(-1, 1, 65)
-        colours = shades(((values[1:] + values[:-1]) / 2 + 1) / 2, _CORRELATION_SCALE)
-        bar.pcolormesh(values, [0, 1], colours[None], rasterized=True)
-        bar.set(xlim=(-1, 1), ylim=(0, 1), xticks=[-1, -0.5, 0, 0.5, 1], yticks=[], xlabel="correlation")
-        bar.grid(visible=False)
+        _name_strong(axes, names, matrix)
+        _correlation_bar(axes.inset_axes((0.0, -0.32 * 3.0 / wide, 1.0, 0.15 / wide)))
 
+    upper = np.abs(np.triu(matrix, 1))
     i, j = np.unravel_index(int(upper.argmax()), upper.shape)
     label = f"Correlations of the parameters: the strongest, {matrix[i, j]:.2f}, is of {names[i]} and {names[j]}"
-    wide = min(max(2.4, _LINK * len(names)), WIDTH - 0.9)
-    cell = wide / len(names)
-    margins = (0.75, 1.45, 0.15, 0.1)
-    return (axes_picture("correlations", label, (wide + 0.9, wide + 1.55), draw, margins),)
+    return (axes_picture("correlations", label, (wide + 0.9, wide + 1.55), draw, (0.75, 1.45, 0.15, 0.1)),)
+
+
+def _mark_links(axes: Axes, links: Sequence[str], cell: float) -> None:
+    """Part the parameters of each link from the next by a line, and name the blocks as far as there is room.
+
+    Args:
+        links: of each parameter, those of one link in a row.
+        cell: inches of a parameter.
+    """
+    firsts = [i for i in range(len(links)) if i == 0 or links[i] != links[i - 1]]
+    for edge in firsts[1:]:
+        axes.axhline(edge - 0.5, color=ARM, linewidth=0.8)
+        axes.axvline(edge - 0.5, color=ARM, linewidth=0.8)
+    middles = [(a + b - 1) / 2 for a, b in zip(firsts, [*firsts[1:], len(links)], strict=True)]
+    room = [True, *(b - a > _WORD / cell for a, b in pairwise(middles))]
+    shown = [(at, links[i]) for at, i, fits in zip(middles, firsts, room, strict=True) if fits]
+    axes.set_yticks(*zip(*shown, strict=True))
+    axes.set_xticks(*zip(*shown, strict=True), rotation=90)
+
+
+def _name_strong(axes: Axes, names: Sequence[str], matrix: Array) -> None:
+    """Name the strong correlations for those who point at their cells, on either side of the diagonal."""
+    rows, columns = np.nonzero(np.abs(np.triu(matrix, 1)) > _STRONG)
+    named = [f"{names[i]} and {names[j]}" for i, j in zip(rows.tolist(), columns.tolist(), strict=True)]
+    texts = [f"{value:.2f}".replace("-", "−") for value in matrix[rows, columns].tolist()]
+    for across, up in ((columns, rows), (rows, columns)):
+        name_points(axes, "correlation of", across, up, named, texts)
+
+
+def _correlation_bar(bar: Axes) -> None:
+    values = np.linspace(-1, 1, 65)
+    colours = shades(((values[1:] + values[:-1]) / 2 + 1) / 2, _CORRELATION_SCALE)
+    bar.pcolormesh(values, [0, 1], colours[None], rasterized=True)
+    bar.set(xlim=(-1, 1), ylim=(0, 1), xticks=[-1, -0.5, 0, 0.5, 1], yticks=[], xlabel="correlation")
+    bar.grid(visible=False)
 
 
 def uncertainty_map(result: CalibrationResult) -> SizeMap | None:

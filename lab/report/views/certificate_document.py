@@ -240,14 +240,11 @@ def _details(result: Certificate) -> tuple[doc.Block, ...]:
             ("instrument", "unknown" if result.device is None else result.device.name),
         ]
     }
-    missing = result.details.missing
     for part, values in result.details.to_dict().items():
-        parts[part.capitalize()] = [
+        rows = [
             (called(key), short(value) if isinstance(value, float) else str(value)) for key, value in values.items()
         ]
-        parts[part.capitalize()] += [
-            (called(name.partition(".")[2]), "not stated") for name in missing if name.partition(".")[0] == part
-        ]
+        parts[part.capitalize()] = [*rows, *_not_stated(result, part)]
     return tuple(
         doc.Table(
             ("", "", ""),
@@ -255,6 +252,12 @@ def _details(result: Certificate) -> tuple[doc.Block, ...]:
         )
         for together in _TOGETHER
     )
+
+
+def _not_stated(result: Certificate, part: str) -> list[tuple[str, str]]:
+    """Return a row for each detail that is missing of a part."""
+    names = [name.partition(".")[2] for name in result.details.missing if name.partition(".")[0] == part]
+    return [(called(name), "not stated") for name in names]
 
 
 @doc.guarded

@@ -23,7 +23,7 @@ from lab.pose_selection.exchange import information
 from lab.pose_selection.tour import rated, tour_trajectory
 from lab.prediction.task_region import task_region
 from lab.report import document as doc
-from lab.report.charts.chart import axes_picture, shades
+from lab.report.charts.chart import axes_picture, log_ticks, shades
 from lab.report.charts.marks import Axes
 from lab.report.page_scene import ArmScene, Line, moments
 from lab.report.scene import (
@@ -169,7 +169,6 @@ def _shapes(plan: DesignResult) -> tuple[Array, Array]:
 
 _HALF, _WIDE = (4.8, 2.9), (8.0, 2.6)  # inches
 _ERROR_POWER = {"A": 0.5, "G": 0.5, "I": 0.5}  # from an efficiency, a ratio of variances, to a ratio of errors
-_TICKS = (1, 2, 3, 5)  # of each power of ten
 
 
 def main_picture(plan: DesignResult) -> doc.Picture:
@@ -206,10 +205,7 @@ def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, flo
     axes.plot([chosen[0]], drawn[-1], "D", color=REFERENCE, markersize=8, label=text, zorder=4)
     every = np.concatenate(drawn)
     low, high = float(every.min()) / 1.2, float(every.max()) * 1.2
-    ticks = [m * 10.0**e for e in range(-9, 9) for m in _TICKS if low <= m * 10.0**e <= high]
-    axes.set(yscale="log", ylim=(low, high))
-    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes.set_yticks([], minor=True)
+    log_ticks(axes, "y", low, high)
     axes.set(xlabel="poses", ylabel="predicted position error, µm (logarithmic)", title="Error on validation poses")
     axes.legend(loc="upper right")
 

@@ -80,11 +80,9 @@ def _errors_picture(result: HistoryResult) -> tuple[doc.Picture, ...]:
         return ()
 
     def draw(axes: Axes, at: Array) -> None:
+        gates = [(arm.gate_mm, row) for row, arm in zip(at.tolist(), known, strict=True) if arm.gate_mm]
         for row, arm in zip(at.tolist(), known, strict=True):
             _draw_error(axes, row, arm)
-        gates = [(arm.gate_mm, row) for row, arm in zip(at.tolist(), known, strict=True) if arm.gate_mm]
-        for gate, row in gates:
-            axes.vlines([gate], row - 0.5, row + 0.5, colors=GATE, linewidth=1.6)
         if gates:
             axes.annotate("gate", (gates[0][0], gates[0][1] + 0.55), color=GATE, ha="center")
 
@@ -95,8 +93,10 @@ def _errors_picture(result: HistoryResult) -> tuple[doc.Picture, ...]:
 
 
 def _draw_error(axes: Axes, row: float, arm: ArmHistory) -> None:
-    """Draw the error of an arm at its calibration, and now, in its row."""
+    """Draw the error of an arm at its calibration, and now, and its gate, in its row."""
     then, now = arm.error_then_mm, arm.error_now_mm
+    if arm.gate_mm:
+        axes.vlines([arm.gate_mm], row - 0.5, row + 0.5, colors=GATE, linewidth=1.6)
     if then and now:
         axes.hlines([row], min(then, now), max(then, now), colors=MUTED, linewidth=1.2)
     if then:

@@ -1,6 +1,6 @@
 """Document of a robot's table, its cell and its identifiable parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -58,30 +58,35 @@ def _cell_pictures(robot: Robot) -> tuple[Picture, ...]:
     model = robot.model
     shapes = [(name, MM.of(points)) for name, points in solid_points(model) if name != instrument_body(model)]
     heads = MM.of(model.Ts_world_station[:, :3, 3])
-    obstacles = [(name, points) for name, points in shapes if name in model.obstacles]
-    arm = [points for name, points in shapes if name not in model.obstacles]
+    views = {"above": "above", "side": "the side"}
 
-    def draw(axes: Axes, plane: tuple[int, int]) -> None:
-        middle, half = cube([heads, *(points for _, points in shapes)], _ROOM)
-        view(axes, plane, middle, half, "world", "cell")
-        for k, points in enumerate(arm):
-            line = _outline(points[:, plane])
-            axes.plot(line[:, 0], line[:, 1], color=ARM, linewidth=1.2, label="" if k else "robot at home")
-        for k, (name, points) in enumerate(obstacles):
-            line = _outline(points[:, plane])
-            axes.plot(line[:, 0], line[:, 1], color=GATE, linewidth=1.5, label="" if k else "obstacle")
-            place = (line.min(axis=0) + line.max(axis=0)) / 2
-            axes.annotate(name, place, ha="center", va="center", fontsize=7, color=INK)
-        axes.plot(heads[:, plane[0]], heads[:, plane[1]], "P", color=INSTRUMENT, markersize=10, label="instrument")
-        if plane[1] == 2:
-            axes.axhline(0.0, color=TICK, linewidth=1)
-        axes.legend(loc="best", frameon=True)
+    def picture(name: str, plane: tuple[int, int]) -> Picture:
+        def draw(axes: Axes) -> None:
+            middle, half = cube([heads, *(points for _, points in shapes)], _ROOM)
+            view(axes, plane, middle, half, "world", "cell")
+            arm = [points for body, points in shapes if body not in model.obstacles]
+            _draw_outlines(axes, arm, plane, ARM, "robot at home")
+            named = {body: points for body, points in shapes if body in model.obstacles}
+            lines = _draw_outlines(axes, list(named.values()), plane, GATE, "obstacle")
+            for body, line in zip(named, lines, strict=True):
+                place = (line.min(axis=0) + line.max(axis=0)) / 2
+                axes.annotate(body, place, ha="center", va="center", fontsize=7, color=INK)
+            axes.plot(heads[:, plane[0]], heads[:, plane[1]], "P", color=INSTRUMENT, markersize=10, label="instrument")
+            if plane[1] == 2:
+                axes.axhline(0.0, color=TICK, linewidth=1)
+            axes.legend(loc="best", frameon=True)
 
-    return tuple(
-        axes_picture(f"cell-{name}", f"The cell from {'the side' if name == 'side' else name}", SQUARE,
-                     lambda axes, plane=plane: draw(axes, plane), _MARGINS)  # type: ignore[misc]
-        for name, plane in VIEWS.items()
-    )  # fmt: skip
+        return axes_picture(f"cell-{name}", f"The cell from {views[name]}", SQUARE, draw, _MARGINS)
+
+    return tuple(picture(name, plane) for name, plane in VIEWS.items())
+
+
+def _draw_outlines(axes: Axes, bodies: Sequence[Array], plane: tuple[int, int], colour: str, label: str) -> list[Array]:
+    """Draw the outlines of bodies ``(n, 3)`` on a plane, with one entry in the legend; return them."""
+    lines = [_outline(points[:, plane]) for points in bodies]
+    for k, line in enumerate(lines):
+        axes.plot(line[:, 0], line[:, 1], color=colour, linewidth=1.3, label="" if k else label)
+    return lines
 
 
 def _outline(points: Array) -> Array:

@@ -12,6 +12,7 @@ from lab.report.style import ARM, GRID, INK, PREDICTED
 
 __all__ = ["layout_blocks", "layout_picture"]
 
+_KINDS = {"R": "R a hinge", "P": "P a slide", "S": "S a ball"}
 _ROW, _COLUMN, _EDGE = 0.42, 1.0, 0.5  # inches: a row's height, a column's width, and around
 
 
@@ -23,8 +24,8 @@ def layout_blocks(mechanism: Mechanism) -> tuple[Block, ...]:
     if not legs:
         return ()
     named = ", ".join(f"{count} × {text}" if count > 1 else text for text, count in legs.items())
-    kinds = {"R": "R a hinge", "P": "P a slide", "S": "S a ball"}
-    used = [text for kind, text in kinds.items() if any(joint.kind == kind for joint in layout.joints)]
+    kinds = {joint.kind for joint in layout.joints}
+    used = [text for kind, text in _KINDS.items() if kind in kinds]
     guided = any(not any(layout.joints[i].actuated for i in leg) for leg in layout.legs)
     guide = " Joints of a leg that has no actuated one stand for the platform's guide." if guided else ""
     return (

@@ -1,6 +1,6 @@
 """Blocks on a robot's nominal model, its shape and its resolution."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -144,12 +144,7 @@ def closed_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
     closers = [counted(len(values[kind]), kind[:-1]) for kind in ("rods", "pins") if values[kind]]
     signs = {joint["name"]: joint["sign"] for joint in values["joints"]}
     joints = tuple((joint["name"], joint["offset"], *_limits_and_speed(joint)) for joint in values["joints"])
-    paths = [", ".join(_step_text(step, signs) for step in frame["path"]) or "–" for frame in values["frames"]]
-    frames = tuple((frame["name"], frame["on"], path) for frame, path in zip(values["frames"], paths, strict=True))
-    rods = tuple((rod["name"], " – ".join(rod["between"]), _length(rod, signs)) for rod in values["rods"])
-    pins = tuple(
-        (pin["name"], " – ".join(pin["between"]), f"meet in {' '.join(pin['along'])}") for pin in values["pins"]
-    )
+    frames = tuple((frame["name"], frame["on"], _path_text(frame["path"], signs)) for frame in values["frames"])
     return (
         Paragraph(
             f"{values['robot']}: a mechanism with loops: {counted(len(values['joints']), 'measured joint')}, "
@@ -158,9 +153,20 @@ def closed_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
         ),
         Table(("joint", "moves", "limits", "speed per s"), joints),
         Table(("frame", "on", "path"), frames),
-        Table(("rod" if rods else "pin", "between", "length"), rods + pins),
+        _closers(values, signs),
         *_shape(values),
     )
+
+
+def _closers(values: Mapping[str, Any], signs: dict[str, int]) -> Table:
+    """Tabulate the rods and pins that close the loops."""
+    rods = [(rod["name"], " – ".join(rod["between"]), _length(rod, signs)) for rod in values["rods"]]
+    pins = [(pin["name"], " – ".join(pin["between"]), f"meet in {' '.join(pin['along'])}") for pin in values["pins"]]
+    return Table(("rod" if rods else "pin", "between", "length"), (*rods, *pins))
+
+
+def _path_text(path: Sequence[dict[str, Any]], signs: dict[str, int]) -> str:
+    return ", ".join(_step_text(step, signs) for step in path) or "–"
 
 
 def _step_text(step: dict[str, Any], signs: dict[str, int]) -> str:

@@ -112,24 +112,27 @@ def _card(result: StudyResult) -> doc.Card:
     if not means:
         return doc.Card(doc.Badge("none converged", "bad"), (), about, "See why in the table of means.")
     best, worst = min(means, key=lambda each: each.mean), max(means, key=lambda each: each.mean)
-    names = varying(cells)
-    called = circumstances({name: getattr(cells[best.cell], name) for name in names}) or "one cell"
+    called = circumstances({name: getattr(cells[best.cell], name) for name in varying(cells)}) or "one cell"
     interval = f" (95 %: {short(best.lower)} to {short(best.upper)})" if isfinite(best.lower) else ""
     unit = METRICS.get(metric, ("", ""))[1]
     what = "mean error" if metric == RANKED[0] else "mean"
     numbers = [(f"lowest {what}{interval}", short(best.mean, unit), "")]
     if len(means) > 1:
         numbers.append((f"highest {what}", short(worst.mean, unit), ""))
-    picture = _overview_picture(result.analysis, metric, best)
-    others = circumstances(_others(cells, best.cell))
-    caption = f"Means over the robots; the scale is logarithmic.{f' Other factors: {others}.' if others else ''}"
     return doc.Card(
         ("Best: ", doc.Badge(called, "good")),
         tuple(numbers),
         about,
         _next_step(result.analysis, metric, study.robots, called),
-        () if picture is None else (doc.Figure("overview-figure", (picture,), caption),),
+        _overview(result.analysis, metric, best),
     )
+
+
+def _overview(analysis: Analysis, metric: str, best: Mean) -> tuple[doc.Figure, ...]:
+    picture = _overview_picture(analysis, metric, best)
+    others = circumstances(_others(analysis.cells, best.cell))
+    caption = f"Means over the robots; the scale is logarithmic.{f' Other factors: {others}.' if others else ''}"
+    return () if picture is None else (doc.Figure("overview-figure", (picture,), caption),)
 
 
 def _next_step(analysis: Analysis, metric: str, robots: int, best: str) -> str:
@@ -169,23 +172,44 @@ def _overview_picture(analysis: Analysis, metric: str, best: Mean) -> doc.Pictur
         return None
     if (plane := _plane(cells)) is None:
         return _rows_picture(cells, means, metric, label)
-    others = _others(cells, best.cell)
-    rows, columns = (list(dict.fromkeys(getattr(cell, name) for cell in cells)) for name in plane)
+    values = _map_of_means(cells, means, plane, _others(cells, best.cell))
+    if not np.nanmax(values) > np.nanmin(values):
+        return None
+    shares, scale = _logarithmic(values, metric_text(metric))
+    texts = [[short(value) if isfinite(value) else "" for value in line] for line in values.tolist()]
+    names = [[plain_level(name, level) for level in _levels(cells, name)] for name in plane]
+    titles = factor_text(plane[0]), factor_text(plane[1])
+    return heat_map("overview", label, names[0], names[1], shares, scale, texts, height=0.4, titles=titles)
+
+
+def _levels(cells: Sequence[Cell], factor: str) -> list[Any]:
+    return list(dict.fromkeys(getattr(cell, factor) for cell in cells))
+
+
+def _map_of_means(
+    cells: Sequence[Cell], means: Mapping[int, Mean], plane: tuple[str, str], others: Mapping[str, Any]
+) -> Array:
+    """Return the means by the levels of two factors, the other factors as given; NaN where there is none."""
+    rows, columns = (_levels(cells, name) for name in plane)
     values = np.full((len(rows), len(columns)), np.nan)
     for i, cell in enumerate(cells):
         if all(getattr(cell, name) == level for name, level in others.items()):
             values[rows.index(getattr(cell, plane[0])), columns.index(getattr(cell, plane[1]))] = means[i].mean
+    return values
+
+
+def _logarithmic(values: Array, title: str) -> tuple[Array, ColourScale]:
+    """Return the places of positive values on a logarithmic scale of colours, and the scale with round ticks."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    if high <= low:
-        return None
-    shares = np.log(values / low) / np.log(high / low)
-    ticks = [m * 10.0**p for p in range(floor(log10(low)), ceil(log10(high)) + 1) for m in (1, 2, 5)]
-    marked = [(float(np.log(tick / low) / np.log(high / low)), f"{tick:g}") for tick in ticks if low <= tick <= high]
-    scale = ColourScale(COLOUR_SCALE, marked or [(0.0, short(low)), (1.0, short(high))], metric_text(metric))
-    texts = [[short(value) if isfinite(value) else "" for value in line] for line in values.tolist()]
-    names = [[plain_level(name, level) for level in of] for name, of in zip(plane, (rows, columns), strict=True)]
-    titles = factor_text(plane[0]), factor_text(plane[1])
-    return heat_map("overview", label, names[0], names[1], shares, scale, texts, height=0.4, titles=titles)
+    ticks = [tick for tick in _round_ticks(low, high) if low <= tick <= high]
+    marked = [(float(np.log(tick / low) / np.log(high / low)), f"{tick:g}") for tick in ticks]
+    scale = ColourScale(COLOUR_SCALE, marked or [(0.0, short(low)), (1.0, short(high))], title)
+    return np.log(values / low) / np.log(high / low), scale
+
+
+def _round_ticks(low: float, high: float) -> list[float]:
+    powers = range(floor(log10(low)), ceil(log10(high)) + 1)
+    return [digit * 10.0**power for power in powers for digit in (1, 2, 5)]
 
 
 def _rows_picture(cells: Sequence[GridCell], means: Mapping[int, Mean], metric: str, label: str) -> doc.Picture:

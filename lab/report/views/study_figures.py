@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from math import ceil, isfinite
+from math import ceil
 from pathlib import Path
 from textwrap import fill
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -76,35 +76,44 @@ def _means_picture(analysis: Analysis, metric: str, factor: str, name: str, labe
     line = _line_factor(cells, factor)
     means = {mean.cell: mean for mean in analysis.means if mean.metric == metric}
     shown = groups(cells, [factor, line] if line else [factor])
-    names = list(dict.fromkeys(_line_name(cells[i], line) for group in shown for i in group.cells))
-    positions = _positions([_axis_level(cells[i], factor) for group in shown for i in group.cells])
-    drawn = [means[i] for group in shown for i in group.cells]
-    ends = np.array([(mean.mean, mean.lower, mean.upper) for mean in drawn])
-    ends = ends[np.isfinite(ends)]
-    low, high = (float(ends.min()), float(ends.max())) if len(ends) else (0.0, 1.0)
+    shown_cells = [i for group in shown for i in group.cells]
+    names = list(dict.fromkeys(_line_name(cells[i], line) for i in shown_cells))
+    levels = {i: _axis_level(cells[i], factor) for i in shown_cells}
+    positions = _positions(list(levels.values()))
+    low, high = _range_of(means[i] for i in shown_cells)
+
+    last = shown[min(len(shown), _MOST_ACROSS) - 1]  # of the first row of panels
 
     def draw(axes: Axes, group: CellGroup) -> None:
         for k, series in enumerate(names):
-            mine = [
-                (positions[_axis_level(cells[i], factor)], means[i])
-                for i in group.cells
-                if _line_name(cells[i], line) == series
-            ]
-            _line(axes, mine, k, len(names), label=series, joined=not _named(positions))
-        if low > 0:
-            log_ticks(axes, "y", low / 1.1, high * 1.1)
-        else:
-            more = 0.05 * (high - low) or 0.5
-            axes.set(ylim=(low - more, high + more))
+            mine = [i for i in group.cells if _line_name(cells[i], line) == series]
+            places = [(positions[levels[i]], means[i]) for i in mine]
+            _line(axes, places, k, len(names), label=series, joined=not _named(positions))
+        _reach(axes, "y", low, high, is_logarithmic=low > 0)
         axes.set_xticks(list(positions.values()), [str(level) for level in positions])
         axes.set(xlim=(-0.1, 1.1), xlabel=factor_text(factor))
-        if group is shown[0]:
-            axes.set(ylabel=metric_text(metric))
-        if line and group is shown[min(len(shown), _MOST_ACROSS) - 1]:
+        axes.set(ylabel=metric_text(metric) if group is shown[0] else "")
+        if line and group is last:
             axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
 
-    legend = 0.5 + _inches([factor_text(line), *names]) if line else 0.1
+    legend = 0.5 + _inches(names) if line else 0.1
     return _panels(name, label, shown, draw, (2.9, 3.3), (0.7, legend))
+
+
+def _range_of(means: Iterable[Mean]) -> tuple[float, float]:
+    """Return the smallest and the largest of means and ends of their intervals."""
+    ends = np.array([(mean.mean, mean.lower, mean.upper) for mean in means])
+    ends = ends[np.isfinite(ends)]
+    return (float(ends.min()), float(ends.max())) if len(ends) else (0.0, 1.0)
+
+
+def _reach(axes: Axes, which: Literal["x", "y"], low: float, high: float, *, is_logarithmic: bool) -> None:
+    """Let an axis reach a little beyond its ends; levels that are equal to rounding stay beside each other."""
+    if is_logarithmic:
+        log_ticks(axes, which, low / 1.1, high * 1.1)
+        return
+    more = max(0.05 * (high - low), _LEAST_REACH * max(abs(low), abs(high))) or 0.5
+    axes.set(**{f"{which}lim": (low - more, high + more)})
 
 
 def _inches(texts: Iterable[str]) -> float:
@@ -159,9 +168,10 @@ def _pairs_picture(comparisons: Sequence[Comparison], cells: Sequence[GridCell],
     kind = comparisons[0].kind
     pairs = [pair for each in comparisons for pair in behind_best(each)]
     none = 1.0 if kind == "ratio" else 0.0
-    ends = np.array([none, *(end for pair in pairs for end in (pair.effect, pair.lower, pair.upper) if isfinite(end))])
+    ends = np.array([(none, none, none), *((pair.effect, pair.lower, pair.upper) for pair in pairs)])
+    ends = np.where(np.isfinite(ends), ends, none)
     low, high = float(ends.min()), float(ends.max())
-    is_far = kind == "ratio" and max((pair.effect for pair in pairs if isfinite(pair.effect)), default=1.0) > _FAR
+    is_far = kind == "ratio" and float(ends[:, 0].max()) > _FAR
     measure = "ratio to the best" if kind == "ratio" else f"excess, {metric_text(comparisons[0].metric)}"
 
     def draw(axes: Axes, each: Comparison) -> None:
@@ -171,11 +181,7 @@ def _pairs_picture(comparisons: Sequence[Comparison], cells: Sequence[GridCell],
         axes.plot([none], [0], "D", color=REFERENCE, markersize=5)
         _beside(axes, 0, "best")
         _rows(axes, each, cells)
-        if is_far:
-            log_ticks(axes, "x", low / 1.1, high * 1.1)
-        else:
-            more = max(0.05 * (high - low), _LEAST_REACH * max(abs(low), abs(high)))
-            axes.set(xlim=(low - more, high + more))
+        _reach(axes, "x", low, high, is_logarithmic=is_far)
         axes.locator_params(axis="x", nbins=4)
         axes.set(xlabel=f"{measure}; hollow: not significant")
 

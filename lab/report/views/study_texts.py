@@ -1,7 +1,7 @@
 """Sentences and short texts on the levels of a study and their comparisons."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import floor, isfinite, log10
 
 from lab.studies.analysis import LEAST_ROBOTS, Comparison, Kind, Pair
@@ -119,19 +119,34 @@ def comparison_sentence(comparison: Comparison, cells: Sequence[GridCell]) -> st
     ranked = [each.cell for each in comparison.ranks]
     behind = [comparison.against(ranked[0], cell) for cell in ranked[1:]]
     messages = [f"best is {names[ranked[0]]}"]
-    for pair in behind:
-        size = effect_text(pair, comparison.kind, note=False)
-        if not _is_equal(pair, comparison.kind):
-            size += " as much" if comparison.kind == "ratio" and pair.effect >= 2 else " worse"
-            size += ", not significantly" if isfinite(pair.lower) and not pair.is_significant else ""
-        messages.append(f"{names[pair.second]} {size}")
-    same = [(p.first, p.second) for p in comparison.pairs if not p.is_significant and isfinite(p.lower)]
-    apart = [f"{names[i]} and {names[j]}" for i, j in same if ranked[0] not in (i, j)]
-    messages += [f"no significant difference: {', '.join(apart)}"] if apart else []
-    if few := [pair.robots for pair in behind if not isfinite(pair.lower)]:
-        messages.append(f"{_TOO_FEW}: {min(few)}, and {LEAST_ROBOTS} or more are needed")
+    messages += [f"{names[pair.second]} {_behind_text(pair, comparison.kind)}" for pair in behind]
+    messages += _alike(comparison, names)
+    messages += _few_robots(behind)
     messages += [f"{names[i]} never converged where another did" for i in group.cells if i not in ranked]
     return f"{head}: {'; '.join(messages)}"
+
+
+def _behind_text(pair: Pair, kind: Kind) -> str:
+    """Format how much worse the second cell of a pair is, and whether that is significant."""
+    size = effect_text(pair, kind, note=False)
+    if _is_equal(pair, kind):
+        return size
+    size += " as much" if kind == "ratio" and pair.effect >= 2 else " worse"
+    return size + (", not significantly" if isfinite(pair.lower) and not pair.is_significant else "")
+
+
+def _alike(comparison: Comparison, names: Mapping[int, str]) -> list[str]:
+    """Return a message on pairs of levels behind the best that do not differ significantly; none without any."""
+    best = comparison.ranks[0].cell
+    pairs = [each for each in comparison.pairs if not each.is_significant and isfinite(each.lower)]
+    alike = [f"{names[p.first]} and {names[p.second]}" for p in pairs if best not in (p.first, p.second)]
+    return [f"no significant difference: {', '.join(alike)}"] if alike else []
+
+
+def _few_robots(pairs: Iterable[Pair]) -> list[str]:
+    """Return a message where robots are too few for an interval; none else."""
+    few = [pair.robots for pair in pairs if not isfinite(pair.lower)]
+    return [f"{_TOO_FEW}: {min(few)}, and {LEAST_ROBOTS} or more are needed"] if few else []
 
 
 def behind_best(comparison: Comparison) -> list[Pair]:
@@ -150,25 +165,30 @@ def factor_sentence(comparisons: Sequence[Comparison], cells: Sequence[GridCell]
     (first, times), *rest = best.most_common()
     messages = [f"best is {first}{'' if times == count else f' in {times}'}"]
     messages += [f"{name} is best in {number}" for name, number in rest]
-    behind: dict[str, list[Pair]] = {}
-    for each in ranked:
-        if level_text(cells[each.ranks[0].cell], free) == first:
-            for pair in behind_best(each):
-                behind.setdefault(level_text(cells[pair.second], free), []).append(pair)
-    for name, pairs in sorted(behind.items(), key=lambda item: min(pair.effect for pair in item[1])):
-        tied = sum(not pair.is_significant for pair in pairs if isfinite(pair.lower))
-        equal = f", not significantly in {tied}" if tied else ""
-        messages.append(f"{name} {_range_text([pair.effect for pair in pairs], comparisons[0].kind)}{equal}")
-    if few := [pair.robots for pairs in behind.values() for pair in pairs if not isfinite(pair.lower)]:
-        messages.append(f"{_TOO_FEW}: {min(few)}, and {LEAST_ROBOTS} or more are needed")
+    behind = _behind_by_level(ranked, cells, first)
+    ordered = sorted(behind.items(), key=lambda item: min(pair.effect for pair in item[1]))
+    messages += [f"{name} {_range_text(pairs, comparisons[0].kind)}" for name, pairs in ordered]
+    messages += _few_robots(pair for pairs in behind.values() for pair in pairs)
     return f"{head}: {'; '.join(messages)}"
 
 
-def _range_text(effects: Sequence[float], kind: Kind) -> str:
-    """Format by how much a level is worse, from the least to the most over some settings."""
-    known = [effect for effect in effects if isfinite(effect)]
+def _behind_by_level(comparisons: Sequence[Comparison], cells: Sequence[Cell], first: str) -> dict[str, list[Pair]]:
+    """Return the pairs of each level with the best one, of the settings in which that is the level ``first``."""
+    behind: dict[str, list[Pair]] = {}
+    for each in comparisons:
+        if level_text(cells[each.ranks[0].cell], each.group.free) == first:
+            for pair in behind_best(each):
+                behind.setdefault(level_text(cells[pair.second], each.group.free), []).append(pair)
+    return behind
+
+
+def _range_text(pairs: Sequence[Pair], kind: Kind) -> str:
+    """Format by how much a level is worse, from the least to the most over some settings, and where it is not."""
+    known = [pair.effect for pair in pairs if isfinite(pair.effect)]
+    tied = sum(not pair.is_significant for pair in pairs if isfinite(pair.lower))
+    equal = f", not significantly in {tied}" if tied else ""
     if not known:
-        return "not known"
+        return f"not known{equal}"
     low, high = min(known), max(known)
     if kind == "difference":
         text, unit = [f"{end:.3g}" for end in (low, high)], " more"
@@ -176,7 +196,7 @@ def _range_text(effects: Sequence[float], kind: Kind) -> str:
         text, unit = [f"{100 * (end - 1):.2g}" for end in (low, high)], " % worse"
     else:
         text, unit = [f"{end:.2g}" for end in (low, high)], " times as much"
-    return f"{' to '.join(dict.fromkeys(text))}{unit}".replace("-", "−")
+    return f"{' to '.join(dict.fromkeys(text))}{unit}".replace("-", "−") + equal
 
 
 def with_interval(ends: Sequence[float], unit: str, *, note: bool = True) -> str:
