@@ -6,7 +6,7 @@ alone; without it, or for an unknown event, tyro's box is shown.
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass, replace
 from difflib import get_close_matches
@@ -70,17 +70,22 @@ def _line(event: Any, flags: Sequence[str], alone: Sequence[str]) -> str:
         missing = " and ".join(_described(each.arg) for each in event.missing_arguments)
         also = f"; {_unknown(event.unrecognized_tokens, flags, alone)}" if event.unrecognized_tokens else ""
         return f"give {missing}{also}"
+    return "" if getattr(event, "argument", None) is None else _value_line(event, event.argument)
+
+
+def _value_line(event: Any, argument: Any) -> str:
+    """Describe the error of an argument's value; "" for an unknown event."""
     if isinstance(event, events.BadValue):
-        if event.argument.is_positional():
-            return f"give {_described(event.argument)}"
-        return f"{_name(event.argument)}: its value is missing"
+        return (
+            f"give {_described(argument)}" if argument.is_positional() else f"{_name(argument)}: its value is missing"
+        )
     if isinstance(event, events.InvalidChoice):
-        valid = str(event.argument.lowered.metavar).strip("{}").replace(",", ", ")
-        return f"{_name(event.argument)}: '{event.value}' is unknown; give one of {valid}"
-    if isinstance(event, events.InstantiationFailure) and event.argument is not None:
+        valid = str(argument.lowered.metavar).strip("{}").replace(",", ", ")
+        return f"{_name(argument)}: '{event.value}' is unknown; give one of {valid}"
+    if isinstance(event, events.InstantiationFailure):
         if str(event.message).startswith(_OF_SEVERAL_TYPES):
-            return f"{_name(event.argument)}: not understood; give {event.argument.lowered.metavar}"
-        return f"{_name(event.argument)}: {event.message}"
+            return f"{_name(argument)}: not understood; give {argument.lowered.metavar}"
+        return f"{_name(argument)}: {event.message}"
     return ""
 
 
@@ -132,18 +137,25 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     if asked := [each for each in rest if each in HELP_FLAGS]:
         print(help_text(command, every="--help-all" in asked, defaults=default))
         raise SystemExit(0)
-    rest = _with_switches_on(kind, rest)
-    if default is not None:  # tyro knows a flag whose default is on by its --no-… alone
-        given_already = {f"--{name.replace('_', '-')}" for name in _flags_on(default)}
-        rest = [each for each in rest if each not in given_already]
+    rest = _without_flags_on(default, _with_switches_on(kind, rest))
     made = _arguments(command, kind, default)
     program = f"lab {command.name}"
-    flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each.name for each in fields(made)[1:]))]
+    flags = _flags((*_names(kind), *(each.name for each in fields(made)[1:])))
     with _one_line_errors(program, flags, [f"--{name}" for name in positional(kind)]):
         found = tyro.cli(made, prog=program, description="", args=rest, registry=_numbers(), add_help=False)
     overwrite, json = (bool(getattr(found, name, False)) for name in ("overwrite", "json"))
     chosen, notes = _noted(command, _with_ends(found), kind, stated)
     return Arguments(chosen, getattr(found, "out", None), overwrite, json, notes)
+
+
+def _flags(names: Iterable[str]) -> list[str]:
+    return [f"--{name.replace('_', '-')}" for name in names]
+
+
+def _without_flags_on(default: Any, arguments: list[str]) -> list[str]:
+    """Return arguments without flags that are on by default: tyro knows such a flag by its ``--no-…`` alone."""
+    on = set() if default is None else set(_flags(_flags_on(default)))
+    return [each for each in arguments if each not in on]
 
 
 def _flags_on(options: Any) -> Iterator[str]:
@@ -246,7 +258,8 @@ def _configured(command: Command, kind: type[Any], arguments: Sequence[str]) -> 
 
 def _with_switches_on(kind: type[Any], arguments: Sequence[str]) -> list[str]:
     """The arguments, where options that may be ``on`` and are given without a value have that one."""
-    choices = {f"--{name.replace('_', '-')}": values for name, values in _choices(kind) if "on" in values}
+    switches = {name: values for name, values in _choices(kind) if "on" in values}
+    choices = dict(zip(_flags(switches), switches.values(), strict=True))
     found = list[str]()
     for argument, following in zip_longest(arguments, arguments[1:]):
         found.append(argument)

@@ -5,7 +5,7 @@ Parsing does not depend on it: all options are accepted, whichever help shows th
 
 import shutil
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from types import NoneType, UnionType
@@ -96,12 +96,17 @@ def _options(kind: type[Any], defaults: Any, alone: Sequence[str], group: str = 
         if value is MISSING and each.default_factory is not MISSING:
             value = each.default_factory()
         extras = list(_extras(hint))
-        text = next((found for one in extras if (found := getattr(one, "help", None))), texts.get(each.name, ""))
-        choices = next((tuple(found) for one in extras if (found := getattr(one, "choices", None))), _choices(hint))
+        text = _first(extras, "help") or texts.get(each.name, "")
+        choices = tuple(_first(extras, "choices") or _choices(hint))
         yield Option(
             each.name, _metavar(each.name, hint, extras), text, _shown_default(value, extras), group,
             value is MISSING, each.name in alone, _is_open(hint, extras), choices,
         )  # fmt: skip
+
+
+def _first(extras: Sequence[Any], name: str) -> Any:
+    """Return the first attribute of that name that is not empty; None without any."""
+    return next((value for each in extras if (value := getattr(each, name, None))), None)
 
 
 def _group_class(hint: Any) -> type[Any] | None:
@@ -140,8 +145,8 @@ def _is_open(hint: Any, extras: Sequence[Any]) -> bool:
 
 
 def _metavar(name: str, hint: Any, extras: Sequence[Any]) -> str:
-    if found := next((text for each in extras if (text := getattr(each, "metavar", None))), ""):
-        return str(found)
+    if metavar := _first(extras, "metavar"):
+        return str(metavar)
     bare = _bare(hint)
     if bare is bool:
         return ""
@@ -154,15 +159,14 @@ def _metavar(name: str, hint: Any, extras: Sequence[Any]) -> str:
 
 def _shown_default(value: Any, extras: Sequence[Any]) -> str:
     """Return a default as it is typed; "" for none, and for an error or effect of size 0.0, which is off."""
-    if value is MISSING or value is None or value == "" or value == () or value is False:
+    if value is MISSING or value is None or value is False or value in ("", ()):
         return ""
     if value is True:
         return "given"  # by --config
     if isinstance(value, float):
         return f"{value:g}" if value else ""
-    for each in extras:
-        if write := getattr(each, "str_from_instance", None):
-            return " ".join(write(value))
+    if write := _first(extras, "str_from_instance"):
+        return " ".join(write(value))
     return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
@@ -172,19 +176,21 @@ def grouped(command: Command, options: Sequence[Option], *, every: bool) -> dict
     A command without groups has all its options among the common ones.
     """
     left = {each.name: each for each in options if not each.positional}
-    found = dict[str, tuple[Option, ...]]()
-    groups = (*_with_ends(command.groups), _OUTPUT)
-    if not command.groups:
-        own = tuple(name for name in left if name not in (*_OUTPUT.common, *_OUTPUT.more))
-        groups = (OptionGroup("options", own), OptionGroup(_OUTPUT.title, (*_OUTPUT.common, *_OUTPUT.more)))
-    placed = [_taken(left, group.common) for group in groups]
-    further = [_taken(left, _members(left, group.more)) for group in groups]
-    for group, common, more in zip(groups, placed, further, strict=True):
-        if shown := (*common, *more) if every else common:
-            found[group.title] = shown
-    if left and every:
-        found[_REST] = tuple(left.values())
-    return found
+    groups = (*_with_ends(command.groups), _OUTPUT) if command.groups else _without_groups(left)
+    common = [_taken(left, group.common) for group in groups]
+    shown = {group.title: own for group, own in zip(groups, common, strict=True)}
+    if every:
+        for group in groups:
+            shown[group.title] += _taken(left, _members(left, group.more))
+        shown[_REST] = tuple(left.values())
+    return {title: own for title, own in shown.items() if own}
+
+
+def _without_groups(names: Iterable[str]) -> tuple[OptionGroup, ...]:
+    """Return the groups of a command without any: its own options, and those of its output."""
+    output = (*_OUTPUT.common, *_OUTPUT.more)
+    own = tuple(name for name in names if name not in output)
+    return OptionGroup("options", own), OptionGroup(_OUTPUT.title, output)
 
 
 def _with_ends(groups: Sequence[OptionGroup]) -> list[OptionGroup]:
@@ -218,27 +224,31 @@ def help_text(command: Command, *, every: bool = False, defaults: Any = None, wi
     options = options_of_command(command, defaults)
     alone = [each for each in options if each.positional]
     groups = grouped(command, options, every=every)
-    needed = [f"{each.flag} {each.metavar}" for each in options if each.required and not each.positional]
-    usage = " ".join([f"usage: lab {command.name}", *map(_place, alone), *needed, "[OPTIONS]"])
-    lines = [usage, "", textwrap.fill(command.help, width)]
+    lines = [_usage(command, options), "", textwrap.fill(command.help, width)]
     if command.examples:
         lines += ["", "examples:", *(f"  lab {command.name} {each}".rstrip() for each in command.examples)]
     sections = {"arguments": alone, **groups}
-    left_column = {
-        title: [each.name.upper() if each.positional else f"{each.flag} {each.metavar}".rstrip() for each in section]
-        for title, section in sections.items()
-    }
-    column = min(_COLUMN, 4 + max(len(each) for column in left_column.values() for each in column))
-    column = min(column, width // 3)
+    widest = max((len(_typed(each)) for section in sections.values() for each in section), default=0)
+    column = min(_COLUMN, 4 + widest, width // 3)
     for title, section in sections.items():
-        if section:
-            lines += ["", f"{title}:"]
-        for name, option in zip(left_column[title], section, strict=True):
-            lines += _entry(name, _described(option, every=every), column, width)
+        lines += ["", f"{title}:"] if section else []
+        for option in section:
+            lines += _entry(_typed(option), _described(option, every=every), column, width)
     hidden = sum(not each.positional for each in options) - sum(map(len, groups.values()))
     if hidden:
         lines += ["", f"{hidden} more: lab {command.name} --help-all"]
     return "\n".join(lines)
+
+
+def _usage(command: Command, options: Sequence[Option]) -> str:
+    places = [_place(each) for each in options if each.positional]
+    needed = [_typed(each) for each in options if each.required and not each.positional]
+    return " ".join([f"usage: lab {command.name}", *places, *needed, "[OPTIONS]"])
+
+
+def _typed(option: Option) -> str:
+    """Return what is typed of an option: its place, or its flag with its value."""
+    return option.name.upper() if option.positional else f"{option.flag} {option.metavar}".rstrip()
 
 
 def _place(option: Option) -> str:

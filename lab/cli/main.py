@@ -110,11 +110,12 @@ def _report_error(arguments: list[str], error: Exception) -> tuple[str, int]:
 
     if isinstance(error, LabError):
         return str(error), 2
-    if isinstance(error, OSError) and error.filename is None:  # errors of files have names; what is left is the output
-        drop_output()
-        return f"the output cannot be written ({error.strerror or error}); look where it goes", 2
     if isinstance(error, OSError):
-        return f"{error.filename}: cannot be used ({error.strerror or error}); check it, or give another", 2
+        why = error.strerror or error
+        if error.filename is not None:
+            return f"{error.filename}: cannot be used ({why}); check it, or give another", 2
+        drop_output()  # errors of files have names; what is left is the output
+        return f"the output cannot be written ({why}); look where it goes", 2
     if isinstance(error, MemoryError):
         return "this needs more memory than there is; give fewer rows, poses, targets or joints", 2
     mujoco = sys.modules.get("mujoco")

@@ -182,12 +182,12 @@ def _overview_picture(analysis: Analysis, metric: str, best: Mean) -> doc.Pictur
     return heat_map("overview", label, names[0], names[1], shares, scale, texts, height=0.4, titles=titles)
 
 
-def _levels(cells: Sequence[Cell], factor: str) -> list[Any]:
+def _levels(cells: Sequence[GridCell], factor: str) -> list[Any]:
     return list(dict.fromkeys(getattr(cell, factor) for cell in cells))
 
 
 def _map_of_means(
-    cells: Sequence[Cell], means: Mapping[int, Mean], plane: tuple[str, str], others: Mapping[str, Any]
+    cells: Sequence[GridCell], means: Mapping[int, Mean], plane: tuple[str, str], others: Mapping[str, Any]
 ) -> Array:
     """Return the means by the levels of two factors, the other factors as given; NaN where there is none."""
     rows, columns = (_levels(cells, name) for name in plane)

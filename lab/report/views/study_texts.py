@@ -172,7 +172,7 @@ def factor_sentence(comparisons: Sequence[Comparison], cells: Sequence[GridCell]
     return f"{head}: {'; '.join(messages)}"
 
 
-def _behind_by_level(comparisons: Sequence[Comparison], cells: Sequence[Cell], first: str) -> dict[str, list[Pair]]:
+def _behind_by_level(comparisons: Sequence[Comparison], cells: Sequence[GridCell], first: str) -> dict[str, list[Pair]]:
     """Return the pairs of each level with the best one, of the settings in which that is the level ``first``."""
     behind: dict[str, list[Pair]] = {}
     for each in comparisons:
