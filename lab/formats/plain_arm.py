@@ -50,44 +50,56 @@ def inverse_of(
     conditions: dict[str, float],
 ) -> list[float]:
     """Joint positions at which the last frame, or a point with its axes, has a pose 4x4: Newton's method from near."""
-    given, joints, n = _given(model, conditions), [float(q) for q in near], len(model["table"])
-    wanted = [[float(pose[i][j]) for j in range(3)] for i in range(3)]
+    if point is not None and point not in model["points"]:
+        raise ValueError(f"point {point!r} was not measured; there are {', '.join(model['points'])}")
+    given, joints, wanted = _given(model, conditions), [float(q) for q in near], _wanted_rotation(model, pose, point)
+    missed = [0.0] * 6
+    for _ in range(STEPS):
+        T, points, motions = _placed(model, joints, given)
+        at = _origin(T) if point is None else points[point]
+        turn = _rotation_vector(_product(wanted, _transposed(_turn(T))))
+        missed = [*_less(_origin(pose), at), *turn]
+        if max(map(abs, missed)) < CLOSE_ENOUGH:
+            _refuse_beyond_limits(model, joints)
+            return joints
+        step = _least_squares([_motion(axis, origin, at) for axis, origin in motions], missed)
+        size = max(map(abs, step))
+        if size < 1e-14:  # nothing brings it nearer
+            break
+        scale = min(1.0, LARGEST_STEP / size)
+        joints = [q + scale * s for q, s in zip(joints, step)]
+    where = f"{1e3 * math.hypot(*missed[:3]):.3g} mm and {1e3 * math.hypot(*missed[3:]):.3g} mrad"
+    text = f"not reached from here with {len(joints)} joints (missed by {where})"
+    raise ValueError(f"pose: {text}; give near closer to it")
+
+
+def _wanted_rotation(model: dict[str, Any], pose: list[list[float]], point: str | None) -> list[list[float]]:
+    """Rotation of the last frame for a pose of it, or of a point with the tool's axes."""
+    wanted = [[float(c) for c in row[:3]] for row in pose[:3]]
     wanted = wanted if point is None else _product(wanted, _transposed(model["tool"]))
     across = _product(wanted, _transposed(wanted))
     if max(abs(across[i][j] - (i == j)) for i in range(3) for j in range(3)) > 1e-6:
         raise ValueError("pose: its first three rows and columns are not a rotation; give a 4x4 pose")
-    if point is not None and point not in model["points"]:
-        raise ValueError(f"point {point!r} was not measured; there are {', '.join(model['points'])}")
-    for _ in range(STEPS):
-        T, points, motions = _placed(model, joints, given)
-        at = [T[i][3] for i in range(3)] if point is None else points[point]
-        turn = _rotation_vector(_product(wanted, _transposed([row[:3] for row in T[:3]])))
-        missed = [pose[i][3] - at[i] for i in range(3)] + turn
-        if max(map(abs, missed)) < CLOSE_ENOUGH:
-            for name, q, low, high in zip(model["joint_names"], joints, model["lower"], model["upper"]):
-                if (low is not None and q < low - 1e-6) or (high is not None and q > high + 1e-6):
-                    raise ValueError(f"joint {name} would be at {q:.6g}, beyond its limits {low:.6g} to {high:.6g}")
-            return joints
-        columns = []
-        for axis, origin in motions:
-            slide = axis if origin is None else _cross(axis, _less(at, origin))
-            columns.append(slide + ([0.0, 0.0, 0.0] if origin is None else axis))
-        step = _least_squares(columns, missed)
-        size = max(map(abs, step))
-        if size < 1e-14:  # nothing brings it nearer
-            break
-        scale = min(1.0, LARGEST_STEP / size) if size else 1.0
-        joints = [q + scale * s for q, s in zip(joints, step)]
-    where = f"{1e3 * math.hypot(*missed[:3]):.3g} mm and {1e3 * math.hypot(*missed[3:]):.3g} mrad"
-    raise ValueError(f"pose: not reached from here with {n} joints (missed by {where}); give near closer to it")
+    return wanted
+
+
+def _refuse_beyond_limits(model: dict[str, Any], joints: list[float]) -> None:
+    for name, q, low, high in zip(model["joint_names"], joints, model["lower"], model["upper"]):
+        if (low is not None and q < low - 1e-6) or (high is not None and q > high + 1e-6):
+            raise ValueError(f"joint {name} would be at {q:.6g}, beyond its limits {low:.6g} to {high:.6g}")
+
+
+def _motion(axis: list[float], origin: list[float] | None, at: list[float]) -> list[float]:
+    """Velocity and angular velocity at a place by a joint of this axis; a slide has no origin."""
+    return [*axis, 0.0, 0.0, 0.0] if origin is None else [*_cross(axis, _less(at, origin)), *axis]
 
 
 def in_base(model: dict[str, Any], pose: list[list[float]]) -> list[list[float]]:
     """A pose 4x4 of the instrument's frame in frame 0 of the table."""
-    base, at = model["base"], [row[3] for row in pose[:3]]
-    back = _transposed([row[:3] for row in base[:3]])
-    turn = _product(back, [row[:3] for row in pose[:3]])
-    moved = [_dot(row, _less(at, [each[3] for each in base[:3]])) for row in back]
+    base, at = model["base"], _origin(pose)
+    back = _transposed(_turn(base))
+    turn = _product(back, _turn(pose))
+    moved = [_dot(row, _less(at, _origin(base))) for row in back]
     return [[*turn[i], moved[i]] for i in range(3)] + [[0.0, 0.0, 0.0, 1.0]]
 
 
@@ -108,37 +120,40 @@ def _placed(model: dict[str, Any], joints: list[float], given: dict[str, float])
     if len(joints) != n or not all(map(math.isfinite, joints)):
         raise ValueError(f"joints {joints}: give {n} finite positions, in rad (m of a slide)")
     offsets, ends, growth = _effects(model, joints, given)
-    poses = [q + offset for q, offset in zip(joints, offsets)]
-    base = model["base"]
-    frame, at = _transposed([row[:3] for row in base[:3]]), [row[3] for row in base[:3]]  # axes as rows
+    frame, at, motions = _walked(model, _plus(joints, offsets), ends)
+    # all lengths grow about the base
+    foot = _origin(model["base"])
+    at, *places = [_along(p, growth, _less(p, foot)) for p in
+                   (at, *(_combined(at, point, frame) for point in model["points"].values()))]  # fmt: skip
+    T = [[*axes, c] for axes, c in zip(_transposed(frame), at)] + [[0.0, 0.0, 0.0, 1.0]]
+    return T, dict(zip(model["points"], places)), motions
+
+
+def _walked(
+    model: dict[str, Any], joints: list[float], ends: dict[int, list[float]]
+) -> tuple[Any, list[float], list[Any]]:
+    """Axes and origin of the last frame, and each joint's axis and a place on it, at displaced joints and links."""
+    base, distal = model["base"], model["convention"] == "distal"
+    frame, at = _transposed(_turn(base)), _origin(base)  # axes as rows
     motions: list[Any] = []
-    distal = model["convention"] == "distal"
     for i, (theta, d, a, alpha, beta) in enumerate(model["table"]):
-        reading, slides = model["sign"][i] * poses[i], model["prismatic"][i]
+        reading, slides = model["sign"][i] * joints[i], model["prismatic"][i]
         angle, slide = (theta, d + reading) if slides else (theta + reading, d)
-        if not distal:
+        if not distal:  # alpha and a come before the joint (Craig 1986)
             if i:
                 frame, at = _displaced(frame, at, _along(at, a, frame[0]), ends.get(i - 1))
             at = _along(at, a, frame[0])
             frame = _about(1, beta, _about(0, alpha, frame))
-        axis = [model["sign"][i] * c for c in frame[2]]
-        motions.append((axis, None if slides else at))
+        motions.append(([model["sign"][i] * c for c in frame[2]], None if slides else at))
         frame = _about(2, angle, frame)
         at = _along(at, slide, frame[2])
-        if distal:
+        if distal:  # a and alpha come after it (Denavit and Hartenberg 1955)
             at = _along(at, a, frame[0])
             frame, at = _displaced(frame, at, at, ends.get(i))
             frame = _about(1, beta, _about(0, alpha, frame))
     if not distal:
-        frame, at = _displaced(frame, at, at, ends.get(n - 1))
-    foot = [row[3] for row in base[:3]]
-    points = {}
-    for name, point in model["points"].items():
-        there = [at[i] + sum(point[k] * frame[k][i] for k in range(3)) for i in range(3)]
-        points[name] = [p + growth * (p - f) for p, f in zip(there, foot)]
-    at = [p + growth * (p - f) for p, f in zip(at, foot)]
-    T = [[frame[0][i], frame[1][i], frame[2][i], at[i]] for i in range(3)] + [[0.0, 0.0, 0.0, 1.0]]
-    return T, points, motions
+        frame, at = _displaced(frame, at, at, ends.get(len(joints) - 1))
+    return frame, at, motions
 
 
 def _displaced(frame: Any, at: list[float], end: list[float], torsor: list[float] | None) -> tuple[Any, list[float]]:
@@ -302,6 +317,14 @@ def _residual(term: dict[str, Any], joints: list[float]) -> list[float]:
                 kernel += size * (1 + scaled) * math.exp(-scaled)
             offsets[i] += term["residual"] * kernel * weight
     return offsets
+
+
+def _turn(pose: Any) -> list[list[float]]:
+    return [row[:3] for row in pose[:3]]
+
+
+def _origin(pose: Any) -> list[float]:
+    return [row[3] for row in pose[:3]]
 
 
 def _about(axis: int, angle: float, frame: Any) -> Any:
