@@ -170,7 +170,7 @@ def worked_day(cell: Cell, seed: int, targets: int) -> dict[str, Any]:
         "touched": untold,
         "ways_not_free": told,
         "verified": int(_is_verified(day, run, cell, seed)),
-        "groups": list(result.fit.groups),
+        "groups": list(result.state.groups),
     }
 
 

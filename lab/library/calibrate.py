@@ -11,14 +11,14 @@ import numpy as np
 from lab.calibration.validation import Validation, compare_with_truth, errors_of, validate_file
 from lab.calibration.weights import Noise
 from lab.core.checks import Check
-from lab.core.errors import error_context, option_name
+from lab.core.errors import option_name
 from lab.core.measurements import Measurements
 from lab.core.progress import Stage, stages
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC
 from lab.library.calibration_result import CalibrationResult
-from lab.library.simulate import MeasurementSession, measurement_session
+from lab.library.simulate import MeasurementSession, SimulatedTruth, measurement_session
 from lab.library.virtual_arm import truth_of
 from lab.options.call_options import options_of, takes
 from lab.options.named_instruments import named_instrument
@@ -86,15 +86,15 @@ def _identified(
     noise = Noise(named_instrument(options.instrument), readings=options.readings)
     if options.noise_mm is not None:
         noise = Noise(None, MM.to_si(options.noise_mm))
+    fit, judging = options.fitting.to_si(), options.judgement()
+    state = start(robot, session.measurements, options.kind(), noise, fit, judging, seed=options.seed)
     source = options.plan or f"{option_name('poses')} {options.poses}"
-    with error_context(source):
-        fit, judging = options.fitting.to_si(), options.judgement()
-        state = start(robot, session.measurements, options.kind(), noise, fit, judging, seed=options.seed)
     state = replace(state, source=str(source), checks=tuple(map(note, robot.warnings)))
     started = time.perf_counter()
     state = judged(run_steps(state, _Assessment(session, placed).in_place_of_validation(steps), stage))
     seconds = time.perf_counter() - started
-    return CalibrationResult(options, robot, state, seconds, session.true_robot, session.outliers)
+    truth = SimulatedTruth(session.true_robot, session.outliers, state.comparison)
+    return CalibrationResult(options, robot, state, seconds, truth)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.tree import TreeChain
-from lab.library.calibration_result import direction_to_dict
+from lab.library.calibration_values import direction_to_dict
 from lab.library.inspected_model import (
     closed_nominal,
     closed_shape,

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lab.calibration.validation import TruthComparison
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
@@ -30,7 +31,7 @@ from lab.robots.robot import Robot
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
 
-__all__ = ["MeasurementSession", "measurement_session", "simulate"]
+__all__ = ["MeasurementSession", "SimulatedTruth", "measurement_session", "simulate"]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -58,6 +59,21 @@ class MeasurementSession(Value):
 
     def _about(self) -> str:
         return f"{len(self.measurements)} poses of {self.robot.name}, targets {', '.join(self.measurements.targets)}"
+
+
+@dataclass(frozen=True)
+class SimulatedTruth:
+    """Truth of a virtual campaign, for its assessment alone.
+
+    Attributes:
+        robot: the arm that was measured, with the instrument's pose.
+        outliers: ids of the rows with a simulated outlier.
+        comparison: the identified parameters beside the true ones; None where these are not unique.
+    """
+
+    robot: TrueRobot
+    outliers: frozenset[str] = frozenset()
+    comparison: TruthComparison | None = None
 
 
 _OF_THE_FIT = (  # options that a simulated session has no use for

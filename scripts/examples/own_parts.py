@@ -111,7 +111,7 @@ def main():
     moved = day.measurements.points + 50e-6 * along[:, None, None] * np.array([0.6, 0.8, 0.0])
     bowed = replace(day.measurements, points=moved)
     result = lab.identify(bowed, instrument="uniform-8um", error_terms=(Bow(),))
-    print(*result.fit.noise.shared.descriptions)
+    print(*result.state.noise.shared.descriptions)
 
 
 if __name__ == "__main__":

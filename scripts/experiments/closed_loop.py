@@ -82,12 +82,12 @@ class VisitedPath:
 def compensator_of(outcome: lab.CalibrationResult, target: str = "p1") -> Compensator:
     """The correction that a campaign's result makes, for one of its targets."""
     found = outcome.identification
-    groups = [name for name in outcome.fit.groups if name not in CAMPAIGN_SPECIFIC]
+    groups = [name for name in outcome.state.groups if name not in CAMPAIGN_SPECIFIC]
     arm = outcome.robot.arm_with(outcome.fitted.targets, groups)
     likely = dict(
         zip(
             found.model.names,
-            most_likely_parameters(found, outcome.nominal, outcome.fit.fitter.options.tolerance),
+            most_likely_parameters(found, outcome.nominal, outcome.state.fitter.options.tolerance),
             strict=True,
         )
     )
@@ -179,10 +179,10 @@ def close_loop(
         payload_kg: at the flange all the time.
         targets: how many poses all over the workspace.
     """
-    assert outcome.real is not None
+    assert outcome.truth.robot is not None
     compensator = compensator_of(outcome)
-    runner, nominal = _Runner(outcome.real, compensator, instrument, payload_kg, seed), compensator.nominal
-    poses = nominal.tool(random_poses(outcome.real.robot, targets, rng_for(seed, "targets")))[0]
+    runner, nominal = _Runner(outcome.truth.robot, compensator, instrument, payload_kg, seed), compensator.nominal
+    poses = nominal.tool(random_poses(outcome.truth.robot.robot, targets, rng_for(seed, "targets")))[0]
     return ClosedLoop(
         cube,
         runner.run(cube.poses(cube_positions(cube.side_m), nominal), CYCLES),

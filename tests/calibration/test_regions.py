@@ -130,7 +130,7 @@ def test_without_an_instruments_frame_errors_are_predicted_with_the_base_placed_
         values = found.values.copy()
         values[free] += error
         squares.append(((moved_onto(arm.points(joints, values[:size])[:, 0], there) - there) ** 2).sum(axis=1))
-    factors = measured_region(found, result.fit.observations, TURNING).factors
+    factors = measured_region(found, result.state.observations, TURNING).factors
     assert factors is not None
     drawn = np.sqrt(np.mean(squares))
     assert drawn < predicted.rms_m < drawn * np.sqrt(factors.max()) * 1.06

@@ -199,7 +199,7 @@ def test_joints_that_lag_are_found() -> None:
 
 def test_sessions_fitted_together_are_found() -> None:
     found = lab.identify(replace(day(), sessions=("monday",) * 25 + ("tuesday",) * 25))
-    assert "sessions.one_setup" in {each.name for each in found.fit.checks}
+    assert "sessions.one_setup" in {each.name for each in found.state.checks}
 
 
 def test_inspect_as_json(capsys) -> None:

@@ -93,7 +93,7 @@ def test_a_serial_number_is_one_line(serial: str) -> None:
 )
 def test_exit_codes_of_verdicts(seven: CalibrationResult, verdict: str, code: int, required: int) -> None:
     word = replace(seven.verdict, word=verdict)
-    judged = replace(seven, fit=replace(seven.fit, verdict=word))
+    judged = replace(seven, state=replace(seven.state, verdict=word))
     asked = replace(judged, options=replace(seven.options, require="good"))
     assert (judged.exit_code, asked.exit_code) == (code, required)
 
@@ -102,7 +102,7 @@ def test_exit_codes_of_verdicts(seven: CalibrationResult, verdict: str, code: in
 def test_a_verification_of_a_doubtful_run_is_not_good(
     seven: CalibrationResult, verdict: str, shift: float, required: int
 ) -> None:
-    run = replace(seven, fit=replace(seven.fit, verdict=replace(seven.verdict, word=verdict)))
+    run = replace(seven, state=replace(seven.state, verdict=replace(seven.verdict, word=verdict)))
     points = seven.measurements.points + np.array([shift + 1e-9, 0, 0])
     new = replace(seven.measurements, points=points)[:8]
     found = lab.verify(run, new)
@@ -114,7 +114,7 @@ def test_a_verification_of_a_doubtful_run_is_not_good(
 def test_compensation_for_a_doubtful_run_is_not_good(
     seven: CalibrationResult, tmp_path: Path, verdict: str, required: int
 ) -> None:
-    run = replace(seven, fit=replace(seven.fit, verdict=replace(seven.verdict, word=verdict)))
+    run = replace(seven, state=replace(seven.state, verdict=replace(seven.verdict, word=verdict)))
     x, y, z = 1e3 * seven.measurements.points[0, 0]
     (tmp_path / "targets.csv").write_text(f"p1_x_mm,p1_y_mm,p1_z_mm\n{x},{y},{z}\n")
     codes = [

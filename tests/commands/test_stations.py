@@ -59,8 +59,8 @@ def seen_from(data: Measurements, Ts_first_station: dict[str, Array], names: tup
 @pytest.mark.parametrize("stations", [TWO, pytest.param(THREE, marks=pytest.mark.thorough)], ids=["two", "three"])
 def test_without_noise_the_robot_and_the_stations_are_recovered(tmp_path: Path, stations: tuple[object, ...]) -> None:
     found = lab.calibrate("irb120", cell=cell(tmp_path, stations), poses=60, seed=4, instrument="exact")  # type: ignore[arg-type]
-    assert found.comparison is not None and found.validation.errors is not None
-    assert np.abs(found.comparison.error).max() < 1e-9
+    assert found.truth.comparison is not None and found.validation.errors is not None
+    assert np.abs(found.truth.comparison.error).max() < 1e-9
     assert np.nanmax(found.validation.errors.after) < 1e-9
     names = {each.name for each in found.parameters}
     assert {f"station.{name}.rx" for name, *_ in stations[1:]} <= names and "station.west.x" not in names  # type: ignore[misc]

@@ -21,7 +21,7 @@ def test_a_delta_goes_where_it_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its errors of a millimetre are gone, at targets that were never measured; MuJoCo says where it is."""
     monkeypatch.setattr("lab.library.virtual_arm.FRESH_POSES", 20)
     outcome = calibrate(EXACT)
-    assert outcome.real is not None
+    assert outcome.truth.robot is not None
     compensator = compensator_of(outcome)
     joints = random_poses(outcome.robot.model, 6, np.random.default_rng(8))
     places = compensator.nominal.tool(joints)[0][:, :3, 3]
@@ -29,7 +29,7 @@ def test_a_delta_goes_where_it_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     wanted = PoseTarget(places, np.full((6, 3, 3), np.nan))
     found = compensator(wanted, nothing, anywhere)
     assert found.converged.mean() > 0.9 and all("joint limit" in why for why in found.reasons if why)
-    there, before = (outcome.real.points(q[found.converged], ("p1",))[:, 0] for q in (found.joints, joints))
+    there, before = (outcome.truth.robot.points(q[found.converged], ("p1",))[:, 0] for q in (found.joints, joints))
     np.testing.assert_allclose(there, places[found.converged], rtol=0, atol=1e-9)
     assert np.linalg.norm(before - places[found.converged], axis=1).mean() > 3e-4
     up = compensator.nominal.arm.T_tracker_frame0(compensator.nominal.values)[:3, 2]

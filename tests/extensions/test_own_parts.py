@@ -150,7 +150,7 @@ def test_an_error_term_is_found_where_it_is_and_named_and_else_not() -> None:
         day.measurements, points=day.measurements.points + 50e-6 * along[:, None, None] * np.array([0.6, 0.8, 0])
     )
     with_term, without, clean = (
-        lab.identify(data, instrument="uniform-8um", error_terms=terms).fit.noise.shared
+        lab.identify(data, instrument="uniform-8um", error_terms=terms).state.noise.shared
         for data, terms in ((bowed, ("bow",)), (bowed, ()), (day.measurements, ("bow",)))
     )
     assert with_term is not None and with_term.kinds == ("bow",) and 10e-6 < with_term.size("bow") < 80e-6

@@ -35,7 +35,7 @@ def test_derivatives_are_those_of_the_prediction() -> None:
 @pytest.mark.parametrize("observe", ["points+pixels", pytest.param("socket+pixels", marks=pytest.mark.thorough)])
 def test_without_noise_everything_is_found(observe: str) -> None:
     result = lab.calibrate("irb120", observe=observe, poses=14, seed=2, instrument="exact")
-    assert result.comparison is not None and np.abs(result.comparison.error).max() < 1e-9
+    assert result.truth.comparison is not None and np.abs(result.truth.comparison.error).max() < 1e-9
 
 
 def test_a_row_holds_the_numbers_of_its_sensor_alone() -> None:
@@ -52,7 +52,7 @@ def test_ratios_of_noises_are_estimated() -> None:
     result = lab.calibrate("irb120", observe="points+pixels", poses=40, seed=3, instrument="optical-cmm")
     values = result.to_dict()
     assert values["noise_mm"] == pytest.approx(0.03, rel=0.2) and values["noise_px"] == pytest.approx(0.1, rel=0.1)
-    assert result.comparison is not None and 0.6 < result.comparison.nees_per_parameter < 1.6
+    assert result.truth.comparison is not None and 0.6 < result.truth.comparison.nees_per_parameter < 1.6
 
 
 def test_two_sensors_together_are_better_than_each() -> None:

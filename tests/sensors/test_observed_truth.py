@@ -18,12 +18,12 @@ def result() -> lab.CalibrationResult:
 @pytest.mark.thorough
 def test_a_scaled_arm_touches_the_scaled_sockets(result: lab.CalibrationResult) -> None:
     """The truth that contacts show keeps one length nominal; its points are the true ones, all in proportion."""
-    assert result.real is not None
-    truth = truth_of(result.real, result.robot.arm(("p1",)))
+    assert result.truth.robot is not None
+    truth = truth_of(result.truth.robot, result.robot.arm(("p1",)))
     assert truth is not None
     model = result.identification.model
     placed = {f"socket.{label}": np.zeros(3) for label in model.labels}
-    seen = SocketSensor().observed_truth(truth, result.identification, result.real, placed)
+    seen = SocketSensor().observed_truth(truth, result.identification, result.truth.robot, placed)
     assert seen is not None
     link = model.names[model.scale_link]
     nominal = dict(zip(model.names, result.nominal, strict=True))[link]

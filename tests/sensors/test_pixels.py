@@ -73,8 +73,8 @@ def test_without_noise_everything_is_found(name: str, tmp_path: Path) -> None:
     result = lab.calibrate(
         "irb120", observe="pixels", cameras=written(RIGS[name], tmp_path), poses=16, instrument="exact", seed=3
     )
-    assert result.identification.status == "converged" and result.comparison is not None
-    assert np.abs(result.comparison.error).max() < 1e-9
+    assert result.identification.status == "converged" and result.truth.comparison is not None
+    assert np.abs(result.truth.comparison.error).max() < 1e-9
     assert result.after is not None and result.after.max < 1e-6
 
 
@@ -83,7 +83,7 @@ def test_a_lens_is_identified_with_the_arm(tmp_path: Path) -> None:
     rig = Rig((LENS,), (SMALL,))
     result = lab.calibrate("irb120", observe="pixels", cameras=written(rig, tmp_path), poses=20, seed=2)
     found = dict(zip(result.identification.model.names, result.identification.values, strict=True))
-    assert result.comparison is not None and 0.8 < result.comparison.coverage_95 <= 1
+    assert result.truth.comparison is not None and 0.8 < result.truth.comparison.coverage_95 <= 1
     assert PX.of(found["camera.camera.fx"]) == pytest.approx(1200, abs=1.5)
     assert found["camera.camera.k1"] == pytest.approx(-0.2, abs=0.01)
     assert result.to_dict()["noise_px"] == pytest.approx(0.1, rel=0.15) and result.to_dict()["noise_mm"] is None
@@ -107,9 +107,9 @@ def test_a_board_of_unknown_size_leaves_the_arm_without_one(tmp_path: Path) -> N
 def test_wrong_corners_are_found_one_by_one(tmp_path: Path) -> None:
     rig = replace(HAND, simulated=Simulated(wrong=0.02, wrong_px=8.0))
     result = lab.calibrate("irb120", observe="pixels", cameras=written(rig, tmp_path), poses=20, seed=4, robust=True)
-    named = {each.id for each in result.fit.outliers}
-    assert len(result.bad) >= 3 and len(named & result.bad) >= 0.8 * len(result.bad)
-    assert len(named - result.bad) <= 1
+    named = {each.id for each in result.state.outliers}
+    assert len(result.truth.outliers) >= 3 and len(named & result.truth.outliers) >= 0.8 * len(result.truth.outliers)
+    assert len(named - result.truth.outliers) <= 1
     assert result.to_dict()["noise_px"] == pytest.approx(0.1, rel=0.15)
 
 

@@ -18,7 +18,7 @@ from lab.core.number_text import capital, digits_of, fixed, plus_minus, sentence
 from lab.core.significance import VARIANCE_COMPONENTS
 from lab.core.units import MICRONS, MM, MRAD
 from lab.kinematics.parameter import Parameter
-from lab.library.calibration_result import CalibrationResult, correlated_pairs, errors_without_outliers, outliers_found
+from lab.library.calibration_result import CalibrationResult
 from lab.library.result import ErrorStatistics
 from lab.phrases.fit_phrases import model_name, standing
 from lab.phrases.phrase import in_one_line, phrases, reason_texts
@@ -107,7 +107,7 @@ def _title(result: CalibrationResult) -> str:
 
 def _reached(result: CalibrationResult) -> ErrorStatistics | None:
     """Return the errors after calibration: of the poses that are no outliers, where some are."""
-    return errors_without_outliers(result) or result.after
+    return result.after_without_outliers or result.after
 
 
 @doc.guarded
@@ -117,7 +117,7 @@ def _card(result: CalibrationResult) -> doc.Card:
     numbers: tuple[tuple[str, str, str], ...] = ()
     about = "The accuracy at other poses was not validated."
     if before is not None and reached is not None:
-        caption = "after" if errors_without_outliers(result) is None else "after, without outliers"
+        caption = "after" if result.after_without_outliers is None else "after, without outliers"
         numbers = (("before", short(before.mean, "mm"), "before"), (caption, short(reached.mean, "mm"), "after"))
         if before.mean > reached.mean > 0:
             numbers += (("smaller by a factor of", short(before.mean / reached.mean), ""),)
@@ -130,7 +130,7 @@ def _card(result: CalibrationResult) -> doc.Card:
         about,
         next_step(
             verdict,
-            with_outliers=bool(result.fit.outliers) and not result.fit.left_out,
+            with_outliers=bool(result.state.outliers) and not result.state.left_out,
             in_instrument_frame=result.kind.in_instrument_frame,
         ),
         (spread,),
@@ -151,7 +151,7 @@ def _lead(result: CalibrationResult) -> doc.Paragraph:
     )
     if before is None or after is None:
         return doc.Paragraph(f"{begun} The accuracy at other poses was not validated.", "lead")
-    without = "" if errors_without_outliers(result) is None else ", without the outliers"
+    without = "" if result.after_without_outliers is None else ", without the outliers"
     text = (
         f"{begun} The mean {_judged_error(result)} {_validated_on(result)} was {short(before.mean)} mm with "
         f"the nominal model and is {short(after.mean)} mm with the calibrated one{without}."
@@ -207,7 +207,7 @@ def _errors(result: CalibrationResult) -> doc.Section:
     title, before, after = "Before and after calibration", result.before, result.after
     if before is None or after is None:
         return doc.Section(title, (doc.Paragraph("Too few poses for a hold-out set: the accuracy was not validated."),))
-    robust = errors_without_outliers(result)
+    robust = result.after_without_outliers
     stated = [("before", before), ("after", after), *([] if robust is None else [("after, without outliers", robust)])]
     rows = [(name, each.to_dict()) for name, each in stated]
     error = _judged_error(result)
@@ -228,7 +228,7 @@ def _errors(result: CalibrationResult) -> doc.Section:
 
 def _predictions(result: CalibrationResult) -> doc.Table:
     """Tabulate the predicted errors of the arm, and at the validation poses the observed ones beside them."""
-    region, elsewhere, bounds = result.verdict.region, result.verdict.elsewhere, result.fit.bounds
+    region, elsewhere, bounds = result.verdict.region, result.verdict.elsewhere, result.state.bounds
     rows: list[doc.Row] = []
     if np.isfinite(region.p95_m):
         rows.append((region_text(region), short(MM.of(region.mean_m)), short(MM.of(region.p95_m)), "", ""))
@@ -248,15 +248,15 @@ def _uncertainty(result: CalibrationResult) -> tuple[doc.Block, ...]:
         (each.joint, f"{each.stiffness:,.0f}", f"± {each.std:,.0f}" if np.isfinite(each.std) else "–")
         for each in result.stiffnesses
     )
-    groups = (*result.fit.groups, *["residual"] * (result.fit.process is not None))
+    groups = (*result.state.groups, *["residual"] * (result.state.process is not None))
     return (
-        doc.Paragraph(f"Model: {model_name(groups)}. {sentence(without_figures(result.fit.adequacy))}"),
+        doc.Paragraph(f"Model: {model_name(groups)}. {sentence(without_figures(result.state.adequacy))}"),
         doc.Paragraph(_noise(result)),
-        doc.Paragraph("" if result.fit.remaining is None else result.fit.remaining.description, shown_in=doc.PAGE),
-        doc.Paragraph("" if result.fit.gain is None else result.fit.gain.description, shown_in=doc.PAGE),
+        doc.Paragraph("" if result.state.remaining is None else result.state.remaining.description, shown_in=doc.PAGE),
+        doc.Paragraph("" if result.state.gain is None else result.state.gain.description, shown_in=doc.PAGE),
         doc.Paragraph(_truth(result)),
         *_model_selection(result),
-        doc.Paragraph(_EXPLAINED if result.fit.explained else "", "note", shown_in=doc.PAGE),
+        doc.Paragraph(_EXPLAINED if result.state.explained else "", "note", shown_in=doc.PAGE),
         doc.Table(("joint", "stiffness, Nm/rad", "1σ"), stiffness),
     )
 
@@ -272,13 +272,13 @@ def _noise(result: CalibrationResult) -> str:
         f"{short(unit.of(size))} {unit.name}" for unit, size in result.kind.noises(found.model, sigma_m).items()
     )
     text = f"The noise per axis is {sizes}{rotations} (1σ, {how})."
-    if (shared := result.fit.noise.shared) is not None:
+    if (shared := result.state.noise.shared) is not None:
         found_by = f"by restricted likelihood, level {100 * VARIANCE_COMPONENTS:g} %"
         found_by = "given in the robot's table" if shared.is_given else found_by
         text += f" Further errors ({found_by}): {'; '.join(shared.descriptions)}."
         text += " Weights, intervals and tests account for both."
-    if result.fit.instrument is not None and result.fit.adequacy.name != "lack_of_fit.distances":
-        text += f" {capital(result.fit.instrument.description)}."
+    if result.state.instrument is not None and result.state.adequacy.name != "lack_of_fit.distances":
+        text += f" {capital(result.state.instrument.description)}."
     if np.isfinite(region.rms_m):
         text += (
             f" The parameters' covariance alone predicts a position error of {short(MM.of(region.rms_m))} mm "
@@ -288,16 +288,16 @@ def _noise(result: CalibrationResult) -> str:
 
 
 def _truth(result: CalibrationResult) -> str:
-    comparison = result.comparison
-    if comparison is None or not np.isfinite(comparison.z).all():
+    truth = result.truth
+    if truth is None or (comparison := truth.comparison) is None or not np.isfinite(comparison.z).all():
         return ""
     text = (
         f"Compared with the truth of the virtual robot, the largest error is {np.abs(comparison.z).max():.2f} σ, the "
         f"NEES per parameter is {comparison.nees_per_parameter:.2f} (1 is expected), and "
         f"{100 * comparison.coverage_95:.0f} % of the 95 % intervals contain the true value."
     )
-    if result.bad:
-        text += f" {outliers_found(result)} of {len(result.bad)} simulated outliers are detected."
+    if truth.outliers:
+        text += f" {result.detected_outliers} of {len(truth.outliers)} simulated outliers are detected."
     return text
 
 
@@ -327,7 +327,7 @@ def _group_row(result: CalibrationResult, group: GroupTrial) -> doc.Row:
         group.name,
         str(group.parameters),
         *(text(size) if np.isfinite(size) else "" for text, size in sizes),
-        *_explained(result.fit.explained.get(group.name)),
+        *_explained(result.state.explained.get(group.name)),
         standing(group),
     )
 
@@ -339,8 +339,8 @@ def _explained(found: ExplainedError | None) -> tuple[str, str]:
 
 @doc.guarded
 def _outliers(result: CalibrationResult) -> doc.Section:
-    outliers = result.fit.outliers
-    fitted = "excluded from the fit" if result.fit.left_out else "kept in the fit"
+    outliers = result.state.outliers
+    fitted = "excluded from the fit" if result.state.left_out else "kept in the fit"
     held_out = "hold-out set, kept in the validation"
     rows = tuple(
         (
@@ -416,7 +416,7 @@ def _status(row: EstimatedParameter) -> str:
 def _identifiability(result: CalibrationResult) -> tuple[doc.Block, ...]:
     """Report which parameters robot structure and measured poses leave unidentifiable or weakly observable."""
     found = result.identification
-    directions, pairs = result.weak_directions, correlated_pairs(found)
+    directions, pairs = result.weak_directions, result.correlated_pairs
     parameters = {each.name: each for each in found.model.parameters}
     weak = tuple(
         (f"1/{1 / each.singular_value:,.0f}", _mixture(each, parameters), f"{short(MICRONS.of(each.moved))} µm")

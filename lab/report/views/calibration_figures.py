@@ -169,7 +169,7 @@ def _predicted(result: CalibrationResult, data: Measurements) -> Array:
 
 def _outliers(result: CalibrationResult) -> tuple[Array, tuple[str, ...]]:
     """Where the calibrated geometry predicts the targets ``(o, 3)`` of the outliers, and the names of their poses."""
-    rows = rows_called(result.measurements, [pose.id for pose in result.fit.outliers])
+    rows = rows_called(result.measurements, [pose.id for pose in result.state.outliers])
     if not rows:
         return np.empty((0, 3)), ()
     found = _predicted(result, result.measurements[rows])
@@ -414,7 +414,7 @@ def _correlation_bar(bar: Axes) -> None:
 
 def uncertainty_map(result: CalibrationResult) -> SizeMap | None:
     """The predicted position error over random poses of the workspace; crosses: beyond the measured joints."""
-    found = predicted_errors(result.identification, result.fit.measured)
+    found = predicted_errors(result.identification, result.state.measured)
     if found is None:
         return None
     inputs, sizes = found

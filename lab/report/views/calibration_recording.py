@@ -115,10 +115,10 @@ def _ellipsoid_views(shown: CampaignScene) -> rrb.Tabs:
 
 def _instrument(recording: rr.RecordingStream, outcome: CalibrationResult, shown: CampaignScene) -> None:
     """Draw the instrument's frame; of a virtual tracker also the beam to each visible target."""
-    name = "tracker" if outcome.real is not None else "instrument's frame"
+    name = "tracker" if outcome.truth is not None else "instrument's frame"
     for i, (station, T_world_station) in enumerate(shown.Ts_world_station.items()):
         rec.draw_instrument(recording, station or name, T_world_station, station if i else "")
-    if outcome.real is not None:
+    if outcome.truth is not None:
         if instrument_body(outcome.robot.model) not in shown.bodies:  # the robot's model draws none
             rec.draw_tracker(recording, next(iter(shown.Ts_world_station.values()))[:3, 3])
         rec.draw_beams(recording, rec.pose_times(shown.at), shown.heads, shown.measured)

@@ -137,7 +137,7 @@ def scene(outcome: CalibrationResult) -> CampaignScene:
 def _outlier_poses(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[_OutlierPose, ...]:
     """The outliers that the test names; none where the file's points are not all that is observed."""
     model, data = outcome.identification.model, outcome.measurements
-    named = outcome.fit.outliers[:_MOST_OUTLIERS]
+    named = outcome.state.outliers[:_MOST_OUTLIERS]
     observation = observation_of(model)
     if not named or observation.positions < len(observation.units):
         return ()
@@ -159,7 +159,7 @@ def _bodies(
     """The bodies that are drawn; the instrument's only where it is known: a virtual one."""
     robot = outcome.robot.model
     stands = station_body_poses(robot, stations)
-    hidden = set() if outcome.real is not None else {instrument_body(robot), *stands}
+    hidden = set() if outcome.truth is not None else {instrument_body(robot), *stands}
     visible = tuple(shell for shell in shells(robot) if shell.body not in hidden)
     poses = body_poses(robot, arm, values, joints)
     poses |= {body: np.broadcast_to(T, (len(joints), 4, 4)) for body, T in stands.items()}

@@ -42,7 +42,7 @@ def test_scatter_is_found_and_the_prediction_is_that_of_the_real_error(scattered
     assert said["truth"]["nees_per_parameter"] < 2.0  # without scatter it is 7.5 on average
     assert not said["outliers"] and said["adequate"] is False  # above the noise given; the same residuals say why
     assert "as if joints scatter" in said["adequacy"] and said["verdict"] == "doubtful"
-    assert scattered.fit.noise.shared.descriptions == ("joints scatter by 0.031 mrad from pose to pose",)
+    assert scattered.state.noise.shared.descriptions == ("joints scatter by 0.031 mrad from pose to pose",)
 
 
 def test_independent_noise_is_left_as_it_was() -> None:

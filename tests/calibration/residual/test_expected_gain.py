@@ -35,15 +35,15 @@ def test_the_errors_of_poses_left_out_are_those_of_leaving_them_out() -> None:
 def test_who_has_waves_is_told_what_it_would_gain_and_a_rigid_arm_nothing() -> None:
     day = lab.simulate("irb120", seed=3, poses=100, effects=lab.Effects(harmonic_mrad=0.1))
     found = lab.identify(day.measurements, robot="irb120")
-    gain = found.fit.gain
+    gain = found.state.gain
     assert gain is not None and gain.poses == 100 and gain.after_m < 0.6 * gain.before_m
     assert found.to_dict()["remaining_error"]["with_residual"]["after_mm"] == pytest.approx(1e3 * gain.after_m)
     assert gain.description.endswith("poses): add it to --model, e.g. auto+residual.") and gain.description in repr(
         document_of(found)
     )
     rigid = lab.identify(lab.simulate("irb120", seed=3, poses=100).measurements, robot="irb120")
-    assert rigid.fit.gain is None
-    assert expected_gain(rigid.identification, rigid.fit.rows) is None  # neither were it asked for
+    assert rigid.state.gain is None
+    assert expected_gain(rigid.identification, rigid.state.rows) is None  # neither were it asked for
 
 
 def test_a_few_poses_visited_often_tell_no_offsets_of_the_joints() -> None:

@@ -16,7 +16,7 @@ def test_residuals_show_a_trend_where_there_is_one_and_no_other(seven) -> None:
     assert labels["residuals-normal"].startswith("Q-Q: ")
     off = seven.measurements.points.copy()
     off[25:, :, 0] += 0.05e-3  # the instrument moved along x
-    moved = replace(seven, fit=replace(seven.fit, rows=replace(seven.fit.rows, points=off)))
+    moved = replace(seven, state=replace(seven.state, rows=replace(seven.state.rows, points=off)))
     labels = {picture.name: picture.label for picture in residual_pictures(moved)}
     assert "no trend" not in labels["residuals-time-0"] and labels["residuals-time-2"].endswith("no trend")
 
@@ -34,7 +34,7 @@ def test_the_strongest_correlation_is_named(seven) -> None:
 def test_predicted_errors_are_those_of_the_verdict_and_extrapolation_is_marked(seven) -> None:
     shown = uncertainty_map(seven)
     assert np.sqrt(np.mean(shown.sizes**2)) == pytest.approx(seven.verdict.workspace.rms_m, rel=0.02)
-    few = replace(seven, fit=replace(seven.fit, rows=seven.fitted[:2]))
+    few = replace(seven, state=replace(seven.state, rows=seven.fitted[:2]))
     beyond = uncertainty_map(few)
     assert shown.extrapolated.sum() < 0.5 * len(shown.points)
     assert beyond.extrapolated.sum() > 0.9 * len(beyond.points)  # two poses span next to nothing

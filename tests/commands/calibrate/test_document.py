@@ -98,13 +98,13 @@ def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
     write_measurements(file, data, bad.robot.chain.prismatic)
     options = MeasuredCampaign(file, noise_mm=0.005)
     found = identify(options)
-    assert found.fit.outliers and found.fitted.targets == (target,)
+    assert found.state.outliers and found.fitted.targets == (target,)
     model = found.robot.model
     named = replace(found.robot, model=replace(model, chain=replace(model.chain, name=NASTY)))
-    found = replace(found, robot=named, fit=replace(found.fit, checks=(note(f"{NASTY} of a warning"),)))
+    found = replace(found, robot=named, state=replace(found.state, checks=(note(f"{NASTY} of a warning"),)))
     seen = written(tmp_path / "report.html", found)
     assert seen.headings[0].startswith(NASTY) and seen.items[-1:] == [f"{NASTY} of a warning"]
-    assert found.fit.outliers[0].id in [row[0] for row in seen.table("pose", "line")]
+    assert found.state.outliers[0].id in [row[0] for row in seen.table("pose", "line")]
     assert f"pose {NASTY}" in seen.text  # in a picture, where dollars might begin a formula
     assert f"tool.{target}.x" in [row[0] for row in seen.table("parameter")]
     assert "<i>" not in seen.source and "alert(" in seen.text

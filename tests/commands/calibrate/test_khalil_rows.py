@@ -7,7 +7,7 @@ from helpers.campaigns import calibration
 import lab
 from lab.core import se3
 from lab.kinematics.serial.khalil_frames import SYMBOLS, khalil_frame, pose_of
-from lab.library.calibration_result import khalil_rows
+from lab.library.khalil_rows import khalil_rows
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,7 @@ def test_errors_correlated_in_time_are_not_covered_by_a_large_stated_noise() -> 
 
 def test_a_session_without_mistakes_is_good() -> None:
     found = identified(session_with_noise(0)[0])
-    assert found.verdict.word == "good" and not found.fit.findings
+    assert found.verdict.word == "good" and not found.state.findings
     check = found.to_dict()["prediction_at_validation"]
     assert check["observed_95_mm"] < check["allowed_95_mm"] and not check["exceeded"]
 
@@ -74,7 +74,7 @@ def test_scatter_is_supported_by_repeated_poses_alone() -> None:
         data = replace(exact[rows], ids=tuple(str(i) for i in range(60)), lines=())
         data = stopped_elsewhere(data, 0.04e-3 * rng.normal(size=data.joints.shape))
         found = identified(replace(data, points=data.points + 9e-6 * rng.normal(size=data.points.shape)))
-        words[visits] = found.verdict.word, [(each.name, each.outcome) for each in found.fit.findings]
+        words[visits] = found.verdict.word, [(each.name, each.outcome) for each in found.state.findings]
     assert words == {1: ("doubtful", [("finding.scatter", "failed")]), 3: ("good", [("finding.scatter", "noted")])}
 
 

@@ -74,7 +74,7 @@ def test_irb120_bends() -> None:
         )
     )
     errors = outcome.validation.errors
-    assert outcome.fit.groups == ("compliance",) and errors is not None
+    assert outcome.state.groups == ("compliance",) and errors is not None
     assert 0.1 < mean_mm(errors.after) <= 0.168 and 1e3 * errors.after.max() <= 0.37
     soft = dict(zip(outcome.identification.model.names, outcome.identification.values, strict=True))
     assert 1e4 < 1 / soft["joint2.compliance"] < 4e4 and 3e3 < 1 / soft["joint3.compliance"] < 1e4
@@ -122,14 +122,14 @@ def test_ur10_runs_out_many_times_a_turn() -> None:
     """What its gears do, found on the rows that are fitted, holds for rows that are not."""
     outcome, after = ur10("ur10_ipa_D.csv", "auto")
     assert 0.05 < after <= 0.21 and outcome.identification.status == "converged"
-    orders = [int(name.partition("harmonic")[2]) for name in outcome.fit.groups if ".harmonic" in name]
+    orders = [int(name.partition("harmonic")[2]) for name in outcome.state.groups if ".harmonic" in name]
     assert len(orders) >= 8 and max(orders) > 10
 
 
 @pytest.mark.slow
 def test_ur10_random_poses_with_what_they_call_for() -> None:
     outcome, after = ur10("ur10_ipa_C.csv", "auto")
-    assert outcome.fit.groups[:1] == ("harmonics2",) and 0.05 < after <= 0.16
+    assert outcome.state.groups[:1] == ("harmonics2",) and 0.05 < after <= 0.16
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_ur10_home_lies_beyond_what_was_measured() -> None:
     """The split with seed 1 holds it out: what is taken for the measured part of a turn does not run off there."""
     file, robot = data_file("ur10_ipa_C.csv"), "ur10"
     outcome = identify(MeasuredCampaign(file, robot, seed=1, holdout=0.3, fitting=Fitting("auto")))
-    errors, rows, measured = outcome.validation.errors, outcome.validation.rows, outcome.fit.measured
+    errors, rows, measured = outcome.validation.errors, outcome.validation.rows, outcome.state.measured
     assert errors is not None and rows is not None and measured is not None
     home = rows.ids.index("0")
     assert measured.beyond(rows.joints[[home]]).max() > 0.5

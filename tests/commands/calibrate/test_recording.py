@@ -132,9 +132,9 @@ def test_unseen_targets_are_left_out(tmp_path, home):
     arm = outcome.robot.arm(fitted.targets)
     identification = identify(arm, fitted, arm.nominal(outcome.robot.tool))
     path = tmp_path / "unseen.rrd"
-    fitter = replace(outcome.fit.fitter, data=fitted)
-    fit = replace(outcome.fit, rows=fitted, identification=identification, fitter=fitter)
-    record(path, replace(outcome, fit=fit, comparison=None))
+    fitter = replace(outcome.state.fitter, data=fitted)
+    state = replace(outcome.state, rows=fitted, identification=identification, fitter=fitter)
+    record(path, replace(outcome, state=state))
     assert rrd(home, "verify", path).returncode == 0
     for entity, name in (
         ("/world/targets/measured", "Points3D:positions"),
@@ -231,12 +231,14 @@ def test_shells_enclose_their_geoms(tmp_path):
 def test_poses_that_are_off_are_marked_and_keep_their_numbers(tmp_path, home):
     """What is left out is drawn where it was measured; the others stand at their rows of the file."""
     outcome = calibration(seed=2, bad_share=0.08, bad_mm=(5.0, 50.0), robust=True)
-    assert len(outcome.fit.outliers) >= 2 and {pose.id for pose in outcome.fit.outliers} == set(outcome.bad)
+    assert len(outcome.state.outliers) >= 2 and {pose.id for pose in outcome.state.outliers} == set(
+        outcome.truth.outliers
+    )
     path = tmp_path / "off.rrd"
     record(path, outcome)
     assert rrd(home, "verify", path).returncode == 0
     index, _ = column(path, "/world/targets/measured", "Points3D:positions")
-    assert index == [int(name) for name in outcome.fitted.ids] and len(index) == 50 - len(outcome.bad)
+    assert index == [int(name) for name in outcome.fitted.ids] and len(index) == 50 - len(outcome.truth.outliers)
     shown = scene(outcome)
-    for pose, named in zip(shown.outliers, outcome.fit.outliers, strict=True):
+    for pose, named in zip(shown.outliers, outcome.state.outliers, strict=True):
         assert np.linalg.norm(pose.measured - pose.expected) == pytest.approx(named.size_m, rel=1e-3)

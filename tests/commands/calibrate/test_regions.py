@@ -93,9 +93,9 @@ def test_a_campaign_in_a_corner_names_where_its_verdict_holds() -> None:
 
 def test_without_validation_or_positions_nothing_is_compared(day: Measurements) -> None:
     result = held_out(day)
-    left, found = result.fit.residual_spread, result.identification
+    left, found = result.state.residual_spread, result.identification
     nothing = replace(result.validation, rows=None)
-    assert bounds_at(found, left, nothing, result.fit.measured, result.fit.fitter.options.tolerance) is None
+    assert bounds_at(found, left, nothing, result.state.measured, result.state.fitter.options.tolerance) is None
 
 
 @pytest.mark.parametrize("observe", ["points", "points+cable"])

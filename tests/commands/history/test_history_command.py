@@ -133,7 +133,7 @@ def test_runs_that_cannot_be_compared_are_refused(dated_runs: Path) -> None:
         lab.history([first, fixed])
     second = lab.identify(file, robot="irb120", instrument="uniform-8um")
     bad = replace(second.verdict, word="bad", reasons=(lack_of_fit_not_tested("too few"),))
-    unfit = replace(second, fit=replace(second.fit, verdict=bad))
+    unfit = replace(second, state=replace(second.state, verdict=bad))
     with pytest.raises(LabError, match="the verdict of this run is 'bad'"):
         lab.history([first, unfit])
     assert len(lab.history([first, unfit], force=True).arms[0].changes.dated) == 2

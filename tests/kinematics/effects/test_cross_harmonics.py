@@ -111,7 +111,7 @@ def test_auto_finds_it_and_the_error_falls_to_the_noise(group: str) -> None:
     alone, found = (
         lab.identify(data, robot="irb120", model=model, validate=elsewhere) for model in ("geometric", "auto")
     )
-    assert any("cross" in name for name in found.fit.groups), found.fit.groups
+    assert any("cross" in name for name in found.state.groups), found.state.groups
     assert found.after.mean < 0.015 and alone.after.mean > 2 * found.after.mean
     assert alone.verdict.word != "good"
 

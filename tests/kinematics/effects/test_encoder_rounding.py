@@ -44,11 +44,11 @@ def test_known_counts_are_weighed_and_are_no_lack_of_fit(tx40: Path, tmp_path: P
     day = lab.simulate(tx40, poses=40, seed=2, targets=("p1", "p2", "p3"))
     known = lab.identify(day.measurements, robot=tx40, validate=day.validation)
     said = known.to_dict()
-    assert known.fit.noise.shared.is_given and said["adequate"]
+    assert known.state.noise.shared.is_given and said["adequate"]
     assert said["noise_mm"] == pytest.approx(0.008 / np.sqrt(3), rel=0.1)
     assert said["after_mm"]["rms"] < 2 * said["predicted_mm"]
     shared = noise_model_from_dict(said["noise_model"], {})
-    np.testing.assert_array_equal(shared.counts_rad, known.fit.noise.shared.counts_rad)
+    np.testing.assert_array_equal(shared.counts_rad, known.state.noise.shared.counts_rad)
     np.testing.assert_allclose(
         shared.joint_covariance(6), known.robot.chain.encoders.covariance, rtol=1e-12, atol=1e-25
     )
