@@ -105,15 +105,27 @@ def changes_between(dated: Sequence[DatedRun], runs: Sequence[CalibrationRun], k
         )
     names, last = estimates[0].names, runs[-1].estimate
     zeros = _joint_zeros(last)[[last.free_names.index(name) for name in names]]
+    series = CalibrationSeries(estimates, _days(dated), _directions(names, zeros))
+    changes = series.change_points()
+    return Changes(tuple(dated), tuple(runs), tuple(estimates), changes, _detectable(series, zeros, changes))
+
+
+def _days(dated: Sequence[DatedRun]) -> list[float]:
+    """Return the days from the first calibration with a date; zero of one without."""
     first = next((each.on for each in dated if each.on is not None), None)
-    days = [0.0 if each.on is None or first is None else float((each.on - first).days) for each in dated]
-    series = CalibrationSeries(estimates, days, _directions(names, zeros))
-    found = series.change_points()
+    return [0.0 if each.on is None or first is None else float((each.on - first).days) for each in dated]
+
+
+def _detectable(series: CalibrationSeries, zeros: Array, changes: Sequence[ParameterChange]) -> tuple[float, ...]:
+    """Return the smallest shift of each joint's zero that one more calibration detects; infinite if nothing shows it.
+
+    Args:
+        zeros: change of the parameters ``(f, joints)`` per unit of joint zero; NaN where none makes it.
+    """
     shown = np.isfinite(zeros).all(axis=0) & (zeros != 0).any(axis=0)
-    start = max((change.after + 1 for change in found), default=0)
+    start = max((change.after + 1 for change in changes), default=0)
     sizes = series.detectable(np.where(shown, np.nan_to_num(zeros), 0.0), start)
-    detectable = tuple(np.where(shown, sizes, np.inf).tolist())
-    return Changes(tuple(dated), tuple(runs), tuple(estimates), found, detectable)
+    return tuple(np.where(shown, sizes, np.inf).tolist())
 
 
 def _zero(joint: int) -> str:

@@ -98,6 +98,11 @@ class _Summary:
     gate_mm: float | None = None
     last: str | None = None  # the last day of touches of a socket
 
+    @property
+    def word(self) -> str | None:
+        """The verdict in a word, also of a run that says only whether the arm is good; None without any."""
+        return self.verdict or {None: None, True: "good", False: "bad"}[self.good]
+
 
 def is_run(place: object) -> bool:
     """Check whether this is a run rather than a folder of runs: a result in memory, or the folder of a run."""
@@ -118,25 +123,29 @@ def runs_given(
     Raises:
         LabError: one cannot be used, or they are of several arms.
     """
-    found = list[DatedRun]()
-    for place, name in zip(places, names, strict=True):
-        each = _run_at(name, accept_edited=accept_edited) if isinstance(place, Path) else None
-        if each is None and isinstance(place, Path):
-            raise LabError(f"{name}: is no run of {_COMMANDS} with a verdict; give the folders of such runs")
-        if each is None or each.calibrates:
-            run = calibrated_by(place, name, accept_edited=accept_edited)
-            if not force:
-                run.refuse_unfit("a comparison")
-            each = _of_calibration(run)
-        found.append(each)
-    serial = one_serial({str(each.folder): each.serial for each in found}, "compare runs of one arm")
-    for each in found[1:]:
-        if each.robot != found[0].robot:
-            raise LabError(f"{each.folder}: is of another robot than {found[0].folder}; compare runs of one robot")
-    days = [each.on for each in found if each.on is not None]
-    if len(days) == len(found):
-        found.sort(key=lambda each: each.on or date.min)
-    return tuple(replace(each, serial=serial) for each in found)
+    read = [
+        _run_given(place, name, force=force, accept_edited=accept_edited)
+        for place, name in zip(places, names, strict=True)
+    ]
+    serial = one_serial({str(each.folder): each.serial for each in read}, "compare runs of one arm")
+    for each in read[1:]:
+        if each.robot != read[0].robot:
+            raise LabError(f"{each.folder}: is of another robot than {read[0].folder}; compare runs of one robot")
+    if all(each.on is not None for each in read):
+        read.sort(key=lambda each: each.on or date.min)
+    return tuple(replace(each, serial=serial) for each in read)
+
+
+def _run_given(place: "Path | CalibrationResult", name: Path, *, force: bool, accept_edited: bool) -> DatedRun:
+    run = _run_at(name, accept_edited=accept_edited) if isinstance(place, Path) else None
+    if run is None and isinstance(place, Path):
+        raise LabError(f"{name}: is no run of {_COMMANDS} with a verdict; give the folders of such runs")
+    if run is not None and not run.calibrates:
+        return run
+    calibration = calibrated_by(place, name, accept_edited=accept_edited)
+    if not force:
+        calibration.refuse_unfit("a comparison")
+    return _of_calibration(calibration)
 
 
 def _of_calibration(run: CalibrationRun) -> DatedRun:
@@ -200,24 +209,23 @@ def _run_at(folder: Path, *, accept_edited: bool) -> DatedRun | None:
     if not calibrates and (config.command != "verify" or options.get("plan") is not None):
         return None
     check_edits(folder, READ_FILES, accept=accept_edited)
-    found = read_structured(folder / _RESULT, _Summary, _MEND)
-    verdict = found.verdict or (None if found.good is None else "good" if found.good else "bad")
-    if verdict is None:
+    summary = read_structured(folder / _RESULT, _Summary, _MEND)
+    if summary.word is None:
         raise LabError(f"{folder}: {_RESULT} has no verdict; {_MEND}")
-    if verdict == "not judged" and not calibrates:
+    if summary.word == "not judged" and not calibrates:
         return None
-    errors: Mapping[str, float] = (found.after_mm if calibrates else found.observed_mm) or {}
-    given = options.get("date") or found.last
+    errors: Mapping[str, float] = (summary.after_mm if calibrates else summary.observed_mm) or {}
+    measured_on = options.get("date") or summary.last
     return DatedRun(
         folder,
-        found.robot,
-        found.serial,
+        summary.robot,
+        summary.serial,
         calibrates,
-        None if given is None else day(f"{folder}/{CONFIG_FILE}: date", str(given)),
-        verdict,
+        None if measured_on is None else day(f"{folder}/{CONFIG_FILE}: date", str(measured_on)),
+        summary.word,
         errors.get("mean"),
         file_digest(folder / _RESULT) if calibrates else config.inputs_sha256.get(str(options.get("run"))),
         config.model_sha256,
-        found.gate_mm,
+        summary.gate_mm,
         errors.get("p95"),
     )

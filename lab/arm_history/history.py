@@ -65,35 +65,40 @@ def history(
 
 
 def _history(options: HistoryOptions, places: Sequence[Any]) -> HistoryResult:
-    given = all(map(is_run, places))
+    by_runs = all(map(is_run, places))
     on = date.today() if options.on is None else day("--on", options.on)
-    left_out = list[UnusableRun]()
     with stages("reading the runs") as stage:
-        if given:
-            found = runs_given(places, options.runs, force=options.force, accept_edited=options.accept_edited)
-        else:
-            read = [runs_below(Path(place), accept_edited=options.accept_edited) for place in places]
-            found = tuple(each for part in read for each in part.used)
-            left_out += [each for part in read for each in part.left_out]
-        if options.serial is not None:
-            found = tuple(each for each in found if each.serial == options.serial)
-        if not found and not left_out:
+        runs, left_out = _read(options, places, by_runs=by_runs)
+        if not runs and not left_out:
             of = "" if options.serial is None else f" of the arm {options.serial}"
             raise LabError(
                 f"{options.runs[0]}: contains no run of lab calibrate, lab identify or lab verify{of}; give a run, or "
                 "a folder that contains runs"
             )
-        arms, groups = list[ArmHistory](), _by_arm(found)
+        arms, groups = list[ArmHistory](), _by_arm(runs)
         for i, own in enumerate(groups):
             stage("comparing the calibrations", i, len(groups))
-            own = own if given and options.on is None else [each for each in own if each.on is None or each.on <= on]
-            if not own:
-                continue
-            changes = _changes(options, own) if given else _where_possible(options, own, left_out)
-            first = own[0]
-            arms.append(ArmHistory(first.robot, first.serial, tuple(own), on, options.every_days, changes))
+            if not by_runs or options.on is not None:
+                own = [each for each in own if each.on is None or each.on <= on]
+            if own:
+                changes = _changes(options, own) if by_runs else _where_possible(options, own, left_out)
+                arms.append(ArmHistory(own[0].robot, own[0].serial, tuple(own), on, options.every_days, changes))
     arms.sort(key=lambda each: (-STATES.index(each.state), each.due or date.min))
-    return HistoryResult(options, on, tuple(arms), tuple(dict.fromkeys(left_out)), given)
+    return HistoryResult(options, on, tuple(arms), tuple(dict.fromkeys(left_out)), by_runs)
+
+
+def _read(
+    options: HistoryOptions, places: Sequence[Any], *, by_runs: bool
+) -> tuple[tuple[DatedRun, ...], list[UnusableRun]]:
+    """Read runs that are given one by one, or those below folders; return the arm's, and those that cannot be used."""
+    left_out = list[UnusableRun]()
+    if by_runs:
+        runs = runs_given(places, options.runs, force=options.force, accept_edited=options.accept_edited)
+    else:
+        read = [runs_below(Path(place), accept_edited=options.accept_edited) for place in places]
+        runs = tuple(each for part in read for each in part.used)
+        left_out += [each for part in read for each in part.left_out]
+    return tuple(each for each in runs if options.serial in (None, each.serial)), left_out
 
 
 def _by_arm(found: Iterable[DatedRun]) -> list[list[DatedRun]]:
@@ -123,18 +128,7 @@ def _where_possible(options: HistoryOptions, runs: Sequence[DatedRun], left_out:
     dated = [each for each in runs if each.calibrates and each.on is not None]
     if len(dated) < 2:
         return None
-    used, loaded, seen = list[DatedRun](), list["CalibrationRun"](), set[str]()
-    for each in dated:
-        try:
-            run = each.calibration(accept_edited=options.accept_edited)
-        except LabError as error:
-            left_out.append(UnusableRun(each.folder, reason_of(error, each.folder)))
-            continue
-        again = each.measured in seen  # the same measurements, identified again
-        if (run.result.usable or options.force) and _has_covariance(run) and not again:
-            used.append(each)
-            loaded.append(run)
-            seen.add(each.measured)
+    used, loaded = _comparable(options, dated, left_out)
     if len(used) < 2:
         return None
     try:
@@ -142,6 +136,24 @@ def _where_possible(options: HistoryOptions, runs: Sequence[DatedRun], left_out:
     except LabError as error:
         left_out.append(UnusableRun(used[-1].folder, f"is not compared with earlier calibrations: {error}"))
         return None
+
+
+def _comparable(
+    options: HistoryOptions, dated: Sequence[DatedRun], left_out: list[UnusableRun]
+) -> "tuple[list[DatedRun], list[CalibrationRun]]":
+    """Read the calibrations that can be compared: usable ones with a covariance, each file of measurements once."""
+    used, loaded, seen = list[DatedRun](), list["CalibrationRun"](), set[str]()
+    for each in dated:
+        try:
+            run = each.calibration(accept_edited=options.accept_edited)
+        except LabError as error:
+            left_out.append(UnusableRun(each.folder, reason_of(error, each.folder)))
+            continue
+        if (run.result.usable or options.force) and _has_covariance(run) and each.measured not in seen:
+            used.append(each)
+            loaded.append(run)
+            seen.add(each.measured)
+    return used, loaded
 
 
 def _has_covariance(run: "CalibrationRun") -> bool:

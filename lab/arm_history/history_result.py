@@ -70,13 +70,9 @@ class ArmHistory:
         last = self.calibration
         if last is None or last.on is None:
             return ()
-        calibrations = {each.of for each in self.checks if each.calibrates}
-        own = [each for each in self.checks if not each.calibrates and each.on is not None]
-        return tuple(
-            each
-            for each in own
-            if each.of == last.of or (each.of not in calibrations and each.on and each.on > last.on)
-        )
+        calibrations, day = {each.of for each in self.checks if each.calibrates}, last.on
+        dated = [(each, each.on) for each in self.checks if not each.calibrates and each.on is not None]
+        return tuple(each for each, on in dated if each.of == last.of or (each.of not in calibrations and on > day))
 
     @property
     def verification(self) -> DatedRun | None:
@@ -282,28 +278,26 @@ class HistoryResult(Result):
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each arm, as ``history.csv`` has it; empty where nothing is known."""
-        rows = list[dict[str, Any]]()
-        for row in (each.to_dict() for each in self.arms):
-            last = {
-                f"last_{kind}_{key}": None if row[f"last_{kind}"] is None else row[f"last_{kind}"][key]
-                for kind in ("calibration", "verification")
-                for key in ("date", "verdict")
-            }
-            slope = row["slope"] or {}
-            rows.append(
-                {name: row[name] for name in ("serial", "robot", "state")}
-                | last
-                | {name: row[name] for name in ("error_then_mm", "error_now_mm")}
-                | {
-                    "slope_mm_per_year": slope.get("mm_per_year"),
-                    "slope_half_width_95": slope.get("half_width_95"),
-                    "calibrations": row["calibrations"],
-                    "verifications": row["verifications"],
-                    "changes": None if row["changes"] is None else len(row["changes"]),
-                    "next_due": row["next_due"],
-                }
-            )
+        rows = [_table_row(each.to_dict()) for each in self.arms]
         return {name: ["" if row[name] is None else row[name] for row in rows] for name in (rows or [{}])[0]}
+
+
+def _table_row(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the row of ``history.csv`` of an arm, from its values by name."""
+    row = {name: values[name] for name in ("serial", "robot", "state")}
+    for kind in ("calibration", "verification"):
+        last = values[f"last_{kind}"] or {}
+        row |= {f"last_{kind}_{key}": last.get(key) for key in ("date", "verdict")}
+    row |= {name: values[name] for name in ("error_then_mm", "error_now_mm")}
+    slope = values["slope"] or {}
+    return row | {
+        "slope_mm_per_year": slope.get("mm_per_year"),
+        "slope_half_width_95": slope.get("half_width_95"),
+        "calibrations": values["calibrations"],
+        "verifications": values["verifications"],
+        "changes": None if values["changes"] is None else len(values["changes"]),
+        "next_due": values["next_due"],
+    }
 
 
 _STATES = ", ".join(f"{i} {word}" for i, word in enumerate(STATES))
@@ -329,12 +323,16 @@ def _exposition(arms: Sequence[ArmHistory], left_out: int) -> str:
     lines = list[str]()
     for name, text, values in families:
         lines += [f"# HELP {name} {text}", f"# TYPE {name} gauge"]
-        for arm, value in zip(arms, values, strict=True):
-            serial, robot = ((each or "").translate(_ESCAPES) for each in (arm.serial, arm.robot))
-            lines += [] if value is None else [f'{name}{{serial="{serial}",robot="{robot}"}} {value!r}']
+        known = [(arm, value) for arm, value in zip(arms, values, strict=True) if value is not None]
+        lines += [f"{name}{{{_labels(arm)}}} {value!r}" for arm, value in known]
     name, text = "lab_history_left_out_runs", "Runs that could not be read."
     lines += [f"# HELP {name} {text}", f"# TYPE {name} gauge", f"{name} {left_out}"]
     return "\n".join(lines) + "\n"
+
+
+def _labels(arm: ArmHistory) -> str:
+    serial, robot = ((each or "").translate(_ESCAPES) for each in (arm.serial, arm.robot))
+    return f'serial="{serial}",robot="{robot}"'
 
 
 def _seconds(on: date | None) -> int | None:

@@ -179,10 +179,8 @@ def next_step(check: Check, verdict: str) -> str:
         return _STILL_GOOD if verdict == "good" else _BUILT_ON_DOUBT
     if cause is not None and "refit" in cause.data:
         return f"Run lab verify again with --refit {','.join(cause.data['refit'])}: it tests the rest of the arm."
-    if cause is None and not alike:
-        return _ANEW
-    if cause is None and len(alike) > 1:
-        return _AMBIGUOUS
+    if cause is None and len(alike) != 1:
+        return _AMBIGUOUS if alike else _ANEW
     last = alike[0] if cause is None else cause
     step = next(step for name, step in _NEXT_STEPS.items() if last.name.startswith(name))
     return step.format(*last.data.get("of", ()))
