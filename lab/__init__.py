@@ -40,6 +40,7 @@ __all__ = [
     "Result",
     "Robot",
     "Sampler",
+    "Sensor",
     "StudyResult",
     "Targets",
     "VerificationResult",
@@ -123,6 +124,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.formats.target_csv": ("Targets",),
     "lab.noise.instruments": ("Instrument",),
     "lab.pose_selection.criteria": ("Criterion", "DesignTask"),
+    "lab.sensors.own_sensor": ("Sensor",),
     "lab.simulation.sampler": ("Sampler",),
 }
 

@@ -70,6 +70,7 @@ from lab.prediction.estimate import Estimate
 from lab.prediction.estimate_files import save_estimate
 from lab.robots.load_robot import load_robot
 from lab.robots.robot import Robot
+from lab.sensors.own_sensor import Sensor
 from lab.simulation.sampler import Sampler
 from lab.studies.grid import Study
 from lab.studies.study import StudyResult
@@ -97,6 +98,7 @@ __all__ = [
     "Result",
     "Robot",
     "Sampler",
+    "Sensor",
     "StudyResult",
     "Targets",
     "VerificationResult",

@@ -14,7 +14,7 @@ from lab.calibration.noise_search import NoiseSearch
 from lab.calibration.outliers_and_noise import noise_of, outliers_among_fitted
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import JointProcess
-from lab.calibration.sensor import Sensor
+from lab.calibration.sensor import ArmSensor
 from lab.calibration.stations import named_stations
 from lab.calibration.statistics.candidate_models import ModelWith, SelectionTask
 from lab.calibration.statistics.linearized import NoiseDistribution
@@ -105,7 +105,7 @@ class Fitter:
     robot: NominalRobot
     targets: tuple[str, ...]
     data: Measurements
-    kind: Sensor
+    kind: ArmSensor
     noise: Noise
     options: FitOptions
     seed: int

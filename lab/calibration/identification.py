@@ -19,7 +19,7 @@ from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit, settled
 from lab.calibration.identifiability import poses_needed, scaled_condition
 from lab.calibration.initial_guess import columns_of
-from lab.calibration.observation import Observation, UnsizedObservation, observation_of
+from lab.calibration.observation import Observation, UnscaledObservation, UnsizedObservation, observation_of
 from lab.calibration.prior import (
     ActingPrior,
     Prior,
@@ -562,6 +562,8 @@ def _relative_spread(observation: Observation, observed: Observations, aligned: 
 
     Fixtures are placed anew for that tool: those that were placed with another one would be elsewhere for it.
     """
+    if isinstance(observation, UnscaledObservation) and observation.spreads_freely:
+        return 1.0
     values, tool = aligned.copy(), list(columns_of(observation.model, ("tool",)))
     values[tool] = nominal[tool]
     if "tool" in observation.placed and "base" not in observation.placed:

@@ -19,6 +19,7 @@ __all__ = [
     "ArmObservation",
     "Observation",
     "Points",
+    "UnscaledObservation",
     "UnsizedObservation",
     "no_extra_residuals",
     "observation_of",
@@ -88,6 +89,15 @@ class UnsizedObservation(Observation, Protocol):
     @property
     def scale_link(self) -> int:
         """Index of the length that stays nominal where the size is not shown."""
+
+
+@runtime_checkable
+class UnscaledObservation(Observation, Protocol):
+    """Observation whose readings spread by parameters that have no nominal values, so that a unit does not show."""
+
+    @property
+    def spreads_freely(self) -> bool:
+        """Check whether the spread of the readings says nothing of their unit."""
 
 
 @runtime_checkable

@@ -12,7 +12,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import Direction, weak_directions
 from lab.calibration.identification import Identification, most_likely_parameters
 from lab.calibration.residual.process import GROUP
-from lab.calibration.sensor import Sensor
+from lab.calibration.sensor import ArmSensor
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.validation import Validation
 from lab.core.checks import Check, Outcome
@@ -89,7 +89,7 @@ class CalibrationResult(Result):
     truth: SimulatedTruth | None = None
 
     @property
-    def kind(self) -> Sensor:
+    def kind(self) -> ArmSensor:
         """Sensor of the measurements."""
         return self.state.fitter.kind
 

@@ -16,6 +16,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.core.values import ArrowTable, arrow_columns
+from lab.extension_points import named_parts
 from lab.formats import measurement_csv
 from lab.formats.measurement_csv import USES
 from lab.formats.orientations import orientation_texts
@@ -342,7 +343,7 @@ class WorldFrames(NamedTuple):
 
 
 def read_measurements(
-    path: str | Path, robot: str | Path | Robot | None = None, *, observe: str = "points"
+    path: str | Path, robot: str | Path | Robot | None = None, *, observe: str | type = "points"
 ) -> Measurements:
     """Read a measurement file: joint positions (rad or m), and points (m) in the frame that the file has them in.
 
@@ -350,7 +351,8 @@ def read_measurements(
         path: the CSV file.
         robot: whose joints its columns are: a name, a path, or a loaded robot; by default the one of the run in whose
             folder the file lies. The measurements remember it.
-        observe: which of its columns are the measurements: ``points``, ``pose``, ``cable``, ``socket`` or ``plane``.
+        observe: which of its columns are the measurements: ``points``, ``pose``, ``cable``, ``socket`` or ``plane``;
+            or a sensor of your own.
 
     Returns:
         The measurements of all rows of the file, whatever their ``use``.
@@ -366,7 +368,8 @@ def read_measurements(
         >>> len(lab.read_measurements(file, "irb120"))
         12
     """
-    loaded, columns = robot_of("lab.read_measurements", path, robot), sensor_named(observe).columns
+    loaded = robot_of("lab.read_measurements", path, robot)
+    columns = sensor_named(named_parts("observe", observe)).columns
     chain = loaded.chain
     read = measurement_csv.read_measurements(Path(path), chain.joint_names, chain.prismatic, columns=columns)
     return replace(read, robot=loaded.source)

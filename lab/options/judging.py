@@ -13,7 +13,7 @@ from lab.options.option_types import Names
 from lab.prediction.task_region import REGION_HELP, task_region
 
 if TYPE_CHECKING:
-    from lab.calibration.sensor import Sensor
+    from lab.calibration.sensor import ArmSensor
     from lab.core.measurements import Measurements
     from lab.verdict.fitted import JudgementOptions
 
@@ -30,7 +30,7 @@ class Judging:
     require: Literal["good"] | None = None
     """Exit with 3 where the verdict is doubtful or nothing was validated; a bad one exits with 1 in any case."""
 
-    def check_judging(self, sensor: "Sensor") -> None:
+    def check_judging(self, sensor: "ArmSensor") -> None:
         """Refuse a gate or a region that makes no sense, with a LabError that names the option."""
         if self.gate_mm is not None:
             positive("--gate-mm", self.gate_mm)
@@ -65,7 +65,7 @@ class ValidatedJudging(Judging):
     refit: Names = ()
     """What each session of that file may place anew: base, tool, or base,tool."""
 
-    def check_judging(self, sensor: "Sensor") -> None:
+    def check_judging(self, sensor: "ArmSensor") -> None:
         """Refuse options that make no sense or contradict each other, with a LabError that names them."""
         sources = {"--holdout": self.holdout, "--holdout-last": self.holdout_last, "--validate": self.validate}
         if len(given := [flag for flag, value in sources.items() if value is not None]) > 1:

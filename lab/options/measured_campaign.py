@@ -16,7 +16,7 @@ from lab.sensors.sensor_options import FitInputs, SensorOptions
 from lab.sensors.sensor_registry import SensorName, configured_sensor
 
 if TYPE_CHECKING:
-    from lab.calibration.sensor import Sensor
+    from lab.calibration.sensor import ArmSensor
 
 __all__ = ["MeasuredCampaign", "VirtualCampaign"]
 
@@ -67,7 +67,7 @@ class MeasuredCampaign(SensorOptions, ValidatedJudging, _MeasurementFile):
             raise LabError("--instrument and --noise-mm both set the noise; give one")
         self.check_judging(self.kind())
 
-    def kind(self) -> "Sensor":
+    def kind(self) -> "ArmSensor":
         """The kind of observation that is asked for, with its options.
 
         Raises:

@@ -594,14 +594,17 @@ def _below(tables: list[Measurements]) -> Measurements:
     )
 
 
-@cache
 def combined_sensor(names: tuple[str, ...]) -> type[CombinedSensor]:
     """Return the sensor that combines these.
 
     Raises:
         LabError: one is unknown, named twice, or two read the same points.
     """
-    kinds = tuple(sensor_named(name) for name in names)
+    return _combined(names, tuple(sensor_named(name) for name in names))
+
+
+@cache
+def _combined(names: tuple[str, ...], kinds: tuple[type[VirtualSensor], ...]) -> type[CombinedSensor]:
     if len(set(names)) < len(names):
         raise LabError(f"{option_name('observe')} {JOINED.join(names)}: name each sensor once")
     if {"points", "pose"} <= set(names):
@@ -629,6 +632,7 @@ def combined_sensor(names: tuple[str, ...]) -> type[CombinedSensor]:
             observed=JOINED.join(names),
         ),
         "in_instrument_frame": in_frame,
+        "mistakes": ("unit", "signs") if in_frame else (),
         "read_by": kinds[0].read_by or kinds[0].name,
         "setup": tuple(dict.fromkeys(name for kind in kinds for name in kind.setup)),
         "several_a_pose": any(kind.several_a_pose for kind in kinds),

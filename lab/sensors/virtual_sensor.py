@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.identification import Identification
-from lab.calibration.sensor import Sensor
+from lab.calibration.sensor import ArmSensor
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.extension_points import Part
+from lab.extension_points import Part, numbers
 from lab.kinematics.model import Model
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
@@ -67,7 +67,7 @@ class PlannedReadings(Protocol):
 
 
 @dataclass(frozen=True)
-class VirtualSensor(Sensor, Part, ABC, kind=OWN_SENSORS):
+class VirtualSensor(ArmSensor, Part, ABC, kind=OWN_SENSORS):
     """A sensor that takes options, and that measures virtual arms.
 
     Attributes:
@@ -139,3 +139,24 @@ class VirtualSensor(Sensor, Part, ABC, kind=OWN_SENSORS):
             T_frame_instrument: ``(4, 4)`` pose (m) of the instrument in the frame of the parameters.
         """
         return {}
+
+
+def _simulated(where: str, returned: object, *_: object) -> SimulatedReadings:
+    if not isinstance(returned, SimulatedReadings):
+        raise LabError(f"{where} returns {type(returned).__name__}; return {__name__}.SimulatedReadings")
+    return returned
+
+
+def _observed(where: str, returned: Any, *_: object) -> tuple[Model, Measurements]:
+    if not (isinstance(returned, tuple) and len(returned) == 2 and isinstance(returned[1], Measurements)):
+        raise LabError(f"{where} returns {type(returned).__name__}; return a model, and the measurements of it")
+    return returned
+
+
+OWN_SENSORS.returned = {
+    "simulate": _simulated,
+    "observation": _observed,
+    "readings": lambda where, readings, Ts, _: numbers(
+        where, readings, (len(Ts), *(None,) * (np.ndim(readings) > 1)), "readings"
+    ),
+}

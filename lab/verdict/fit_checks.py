@@ -20,7 +20,7 @@ from lab.calibration.noise_search import NOTABLE
 from lab.calibration.observation import UnsizedObservation, observation_of
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.residual.process import PredictedBy
-from lab.calibration.sensor import Sensor
+from lab.calibration.sensor import ArmSensor
 from lab.calibration.statistics.joint_lag import lagging
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting, rounding
 from lab.calibration.statistics.model_selection import Selection
@@ -93,7 +93,7 @@ class _SetupSuggestion:
 
 def changes(
     robot: NominalRobot,
-    sensor: Sensor,
+    sensor: ArmSensor,
     targets: tuple[str, ...],
     groups: tuple[str, ...],
     values: Array,
@@ -254,7 +254,7 @@ def check_instrument(device: Instrument | None, points: Array) -> list[Check]:
 
 def check_setup(
     robot: NominalRobot,
-    sensor: Sensor,
+    sensor: ArmSensor,
     targets: tuple[str, ...],
     groups: tuple[str, ...],
     found: Identification,
@@ -546,7 +546,7 @@ def doubted(word: Verdict, checks: Sequence[Check]) -> Verdict:
 
 def check_joint_signs(fitter: Fitter, rows: Measurements) -> list[Check]:
     """Report the joint with which negated the geometry fits near the nominal model, as it does not as it is."""
-    if not fitter.kind.in_instrument_frame or not isinstance(fitter.robot.arm(fitter.targets), SerialArm | TreeArm):
+    if "signs" not in fitter.kind.mistakes or not isinstance(fitter.robot.arm(fitter.targets), SerialArm | TreeArm):
         return []
     rows = thinned(rows, _SIGN_ROWS)
     tolerance, given = fitter.options.tolerance, _identified(fitter, rows)

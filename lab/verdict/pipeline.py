@@ -20,7 +20,7 @@ from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.outliers_and_noise import outliers_among_held_out, tail_of
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP
-from lab.calibration.sensor import Sensor
+from lab.calibration.sensor import ArmSensor
 from lab.calibration.statistics.goodness_of_fit import (
     adequacy_of,
     lack_of_fit_not_tested,
@@ -94,7 +94,7 @@ _IN_TIME = ("finding.step", "finding.drift", "finding.correlated")
 def identify_robot(
     robot: NominalRobot,
     data: Measurements,
-    sensor: Sensor,
+    sensor: ArmSensor,
     noise: Noise = UNKNOWN,
     fit: FitOptions = PLAIN,
     judging: JudgementOptions = UNJUDGED,
@@ -171,7 +171,7 @@ def chosen_steps(steps: object) -> Mapping[str, Step]:
 def start(
     robot: NominalRobot,
     data: Measurements,
-    sensor: Sensor,
+    sensor: ArmSensor,
     noise: Noise = UNKNOWN,
     fit: FitOptions = PLAIN,
     judging: JudgementOptions = UNJUDGED,
@@ -506,7 +506,7 @@ def _judge(state: Fitted) -> Fitted:
         region=region,
         left=left,
     )
-    one_station = fitter.kind.name == "points" and len(fitter.session.stations) < 2
+    one_station = "numbers" in fitter.kind.mistakes and len(fitter.session.stations) < 2
     if word.word == "bad" and validation.judged_by != "fresh" and one_station:
         word = replace(word, reasons=(*in_other_numbers_or_poses(fitter.robot, state.rows), *word.reasons))
     if judging.holdout_last is not None:
