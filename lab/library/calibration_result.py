@@ -35,8 +35,9 @@ from lab.options.measured_campaign import MeasuredCampaign
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.phrases.phrase import phrases
 from lab.phrases.verdict_phrases import gate_text
-from lab.prediction.estimate import Estimate, EstimatedParameter, estimate_of
+from lab.prediction.estimate import Estimate, EstimatedParameter
 from lab.prediction.estimate_files import write_estimate
+from lab.prediction.estimate_of_fit import estimate_of
 from lab.robots.robot import Robot
 from lab.verdict.fitted import Fitted
 from lab.verdict.verdict import Verdict

@@ -24,7 +24,8 @@ from lab.noise.instruments import observing
 from lab.options.call_options import options_of, takes
 from lab.options.measured_campaign import MeasuredCampaign
 from lab.options.named_instruments import named_instrument
-from lab.prediction.estimate import Estimate, estimate_of
+from lab.prediction.estimate import Estimate
+from lab.prediction.estimate_of_fit import estimate_of
 from lab.prediction.extrapolation import MeasuredRange, measured_range
 from lab.robots.robot import Robot
 from lab.verdict.pipeline import start

@@ -22,7 +22,7 @@ from lab.library.run_folder import joint_columns
 from lab.options.call_options import options_of, takes
 from lab.options.command_options import PredictOptions
 from lab.phrases.phrase import phrases
-from lab.prediction.estimate import PredictedPoints
+from lab.prediction.point_errors import PredictedPoints
 from lab.verdict.fit_checks import check_extrapolated, check_limits
 
 if TYPE_CHECKING:

@@ -5,40 +5,33 @@ are those of the identified parameters, J C J' with the derivatives J and the co
 discrepancy within the measured range and beyond it, and what differs from one visit of a pose to the next.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lab.calibration.identifiability import aliases, column_scale
-from lab.calibration.identification import WEAK, Identification
-from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
-from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.calibration.residual.process import JointProcess, PredictedBy
 from lab.core import se3
 from lab.core.checks import Check
 from lab.core.errors import LabError, counted
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.core.values import Deferred, DeferredField, Value
+from lab.core.values import DeferredField, Value
 from lab.kinematics.array_arm import ArrayArm, with_leading_axes
 from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.dynamics.rigid_body import sag_uncertainty
 from lab.kinematics.effects.arm_with_effects import Arm, affected
-from lab.kinematics.effects.effect import PAYLOAD
-from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC, effect
+from lab.kinematics.effects.effect_registry import effect
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
-from lab.kinematics.parameter import targets_of
-from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.error_model import ErrorModel
 from lab.noise.variance_components import ComponentErrors
 from lab.prediction.arm_on_arrays import ArmOnArrays
 from lab.prediction.extrapolation import MeasuredRange
-from lab.prediction.workspace_prediction import PredictedErrors
+from lab.prediction.point_errors import PredictedPoints, load_errors, predicted_points
 
 __all__ = [
     "SETUP",
@@ -47,14 +40,10 @@ __all__ = [
     "EstimatedParameter",
     "IdentifiedSubset",
     "NominalArm",
-    "PredictedPoints",
-    "estimate_of",
-    "in_another_session",
 ]
 
 SETUP = ("base", "tool")  # groups of parameters that another setup of the measurement moves
 _TURN = ("tool.rx", "tool.ry", "tool.rz")
-_BLOCK = 2_000  # poses whose derivatives are held at a time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,54 +143,6 @@ class IdentifiedSubset:
     covariance: Array
     is_angle: tuple[bool, ...]
     dof: int | None = None
-
-
-@dataclass(frozen=True)
-class PredictedPoints:
-    """Predicted points with the covariances ``(n, k, 3, 3)`` (m^2) of their errors; a new instrument's noise apart.
-
-    Attributes:
-        points: ``(n, k, 3)`` m in the frame of the measurements; NaN where the loops of a mechanism do not close.
-        identified: covariances by the identified parameters, and by the joints' offsets that no group explains.
-        load: covariances by an identified load.
-        discrepancy: covariances by what the model lacks within the measured range.
-        extrapolation: covariances by what it may lack beyond.
-        visit: covariances of what differs from one visit of a pose to the next.
-        dof: degrees of freedom of the size of the others; None where it is known.
-    """
-
-    points: Array
-    identified: Array
-    load: Array
-    discrepancy: Array
-    extrapolation: Array
-    visit: Array
-    dof: int | None
-
-    @property
-    def parameters(self) -> Array:
-        """Covariances by everything that was identified."""
-        return np.asarray(self.identified + self.load)
-
-    @property
-    def unmodelled(self) -> Array:
-        """Covariances by model discrepancy, within the measured range and beyond."""
-        return np.asarray(self.extrapolation + self.discrepancy)
-
-    @property
-    def covariance(self) -> Array:
-        """Covariances by all causes together."""
-        return np.asarray(self.parameters + self.unmodelled + self.visit)
-
-    def radii_95(self) -> dict[str, Array]:
-        """Return the lengths ``(n, k)`` (m) that 95 % of the errors do not exceed, by their cause and together."""
-        parts = {"parameters": self.parameters, "unmodelled": self.unmodelled, "visit": self.visit}
-        return {name: self._radius(part) for name, part in {**parts, "together": self.covariance}.items()}
-
-    def _radius(self, covariances: Array) -> Array:
-        there = np.trace(covariances, axis1=2, axis2=3) > 0
-        safe = np.where(there[..., None, None], covariances, np.eye(3))
-        return np.where(there | np.isnan(covariances[..., 0, 0]), PredictedErrors(safe, self.dof).lengths_95, 0.0)
 
 
 class _Parameters(dict[str, EstimatedParameter]):
@@ -452,172 +393,8 @@ class Estimate(Value, ArmOnArrays):
         width = self.rigid.chain.size + len(self.arm.conditions)
         if inputs.ndim != 2 or inputs.shape[1] != width:
             raise LabError(f"inputs have shape {inputs.shape}; give ({width},) or (n, {width})")
-        count = max(len(inputs), 1)
-        parts = [
-            self._predicted(inputs[rows], None if targets is None else targets[rows])
-            for rows in (slice(first, first + _BLOCK) for first in range(0, count, _BLOCK))
-        ]
-        dof = None if self.process is not None else self.discrepancy().dof
-        points, identified, load, discrepancy, extrapolation, visit = map(np.concatenate, zip(*parts, strict=True))
-        return PredictedPoints(points, identified, load, discrepancy, extrapolation, visit, dof)
-
-    def _predicted(self, inputs: Array, targets: NDArray[np.int_] | None) -> tuple[Array, ...]:
-        """Points ``(n, k, 3)`` and their covariances ``(n, k, 3, 3)``, in the order of ``PredictedPoints``."""
-        size, sigma_m = self.rigid.chain.size, 0.0
-
-        def of(values: Array) -> Array:
-            return values if targets is None else values[np.arange(len(values)), targets][:, None]
-
-        slopes = of(by_joint_positions(self.arm, inputs, self.values, size))
-        if (by := self.predicted_by) is not None:
-            scatter = min(by.process.factor, 1.0) * by.process.variances[1]  # which its predictions contain
-            visit = scatter * slopes @ np.swapaxes(slopes, 2, 3)
-            whole = by.covariances(inputs)
-            if targets is not None:  # a point that was not measured moves as the first one that was
-                whole = whole[np.arange(len(whole)), np.where(targets < whole.shape[1], targets, 0)][:, None]
-            identified = whole - visit
-        else:
-            sigma_m, inflation, _ = self.discrepancy()
-            jacobian = of(self.arm.observe(inputs, self.values)[1][..., list(self.free)])
-            identified = inflation * jacobian @ self.free_covariance @ np.swapaxes(jacobian, 2, 3)
-            visit = self.visit_covariances(slopes)
-        load = of(self.load_errors(inputs, range(len(self.arm.targets))))[..., None, None] ** 2 / 3 * np.eye(3)
-        extrapolation = np.zeros_like(identified)
-        if self.measured is not None:
-            unknown = of(self.measured.unknown(self.arm, inputs, self.values))
-            extrapolation = unknown @ np.swapaxes(unknown, 2, 3)
-        discrepancy = np.broadcast_to(sigma_m**2 * np.eye(3), identified.shape)
-        points = of(self.arm.points(inputs, self.values))
-        return points, identified, load, discrepancy, extrapolation, visit
-
-    def visit_covariances(self, slopes: Array) -> Array:
-        """Return covariances ``(..., 3, 3)`` (m^2) of what differs from one visit of a pose to the next.
-
-        They are those of errors beside the instrument's: the arm may have made them.
-
-        Args:
-            slopes: ``(..., 3, joints)`` derivatives of points by the joint positions.
-        """
-        if (shared := self.shared) is None:
-            return np.zeros((*slopes.shape[:-1], 3))
-        scattered = slopes @ shared.joint_covariance(slopes.shape[-1]) @ np.swapaxes(slopes, -1, -2)
-        return np.asarray(scattered + shared.common_m2 * np.eye(3))
+        return predicted_points(self, inputs, targets)
 
     def load_errors(self, inputs: Array, targets: Sequence[int]) -> Array:
         """Return errors ``(n, k)`` (m, root mean square) of some targets by the uncertainty of an identified load."""
-        none = np.zeros((len(inputs), len(targets)))
-        if self.load is None or self.loads is None or PAYLOAD not in self.arm.conditions:
-            return none
-        (arm, values), size = self.geometry, self.rigid.chain.size
-        assert isinstance(arm, SerialArm)  # the conditions are those of effects of gravity
-        errors = [
-            sag_uncertainty(
-                arm, values, self.compliance, inputs[:, :size], self.loads.gravity, self.load.covariance, target
-            )
-            for target in targets
-        ]
-        carried = inputs[:, size + self.arm.conditions.index(PAYLOAD)] > 0
-        return np.asarray(np.where(carried[:, None], np.stack(errors, axis=1), none))
-
-
-def _estimated_parameters(found: Identification, exported: Callable[[], Array]) -> tuple[EstimatedParameter, ...]:
-    """Describe every parameter of an identification, in its model's order.
-
-    Args:
-        exported: returns ``(p,)`` values of the most likely arm.
-    """
-    model, free, most_likely = found.model, list(found.fit.free), exported()
-    std, half = np.full(len(model.names), np.nan), np.full(len(model.names), np.nan)
-    std[free], half[free] = found.std, found.half_width_95 * found.std
-    scale = column_scale(model, found.nominal_aligned)
-    aliased = {alias.name: dict(alias.into) for alias in aliases(model, found.base_set, scale)}
-    rows = []
-    for i, parameter in enumerate(model.parameters):
-        estimate, status = float(found.values[i]), _status(found, i)
-        low, high = estimate - float(half[i]), estimate + float(half[i])
-        weak = bool(status == "identified" and parameter.unit.si in ("m", "rad") and not std[i] <= WEAK)
-        rows.append(
-            EstimatedParameter(
-                name=parameter.name,
-                unit=parameter.unit.si,
-                nominal=float(found.nominal_aligned[i]),
-                estimate=estimate,
-                exported=float(most_likely[i]),
-                std=float(std[i]) if np.isfinite(std[i]) else None,
-                interval_95=(low, high) if np.isfinite(low) and np.isfinite(high) else None,
-                status=status,
-                weakly_observable=weak,
-                aliases=aliased.get(parameter.name, {}),
-            )
-        )
-    return tuple(rows)
-
-
-def _status(found: Identification, parameter: int) -> str:
-    if parameter in found.fit.free:
-        return "identified"
-    if parameter in found.base_set.fixed_observable:
-        return "held"
-    return "not seen" if parameter in found.unobservable else "fixed"
-
-
-def estimate_of(
-    found: Identification,
-    exported: Callable[[], Array],
-    robot: NominalArm,
-    groups: Sequence[str],
-    *,
-    adequate: bool | None,
-    shared: ErrorModel | None = None,
-    component_errors: ComponentErrors | None = None,
-    tail_dof: float = float("inf"),
-    measured: MeasuredRange | Deferred[MeasuredRange | None] | None = None,
-    load: CarriedLoad | None = None,
-) -> Estimate:
-    """Make the estimate of an identification.
-
-    Args:
-        exported: returns ``(p,)`` values of the most likely arm; it is called when these are first read.
-        adequate: whether the residuals are no more than the noise; None where that was not tested.
-        shared: errors that the measurements share beside the instrument's.
-        tail_dof: degrees of freedom of the noise's tails; infinite where it is Gaussian.
-    """
-    process = found.process.process if isinstance(found.process, PredictedBy) else None
-    estimate = Estimate(
-        rigid=robot.arm(targets_of(found.model.parameters)),
-        loads=robot.loads,
-        effects=tuple(name for name in groups if name not in (*CAMPAIGN_SPECIFIC, GROUP)),
-        left_out=tuple(name for name in groups if name in CAMPAIGN_SPECIFIC),
-        rows=Deferred(partial(_estimated_parameters, found, exported)),
-        identified=tuple(found.model.names[i] for i in found.fit.free),
-        covariance=found.covariance,
-        noise_m=float(np.nan_to_num(found.sigma_m)),
-        residual_m=float(np.nan_to_num(found.residual_sigma_m)),
-        noise_known=found.sigma_given,
-        dof=found.dof,
-        adequate=adequate,
-        cluster_robust=found.dof_each is not None and shared is None,
-        tail_dof=tail_dof if np.isfinite(tail_dof) else None,
-        component_errors=component_errors if shared is not None else None,
-        process=process,
-        measured=measured,
-        load=load,
-        prior_acts_in=0 if found.prior is None else found.prior.acts_in,
-        checks=found.checks,
-    )
-    if process is not None and estimate.left_out:
-        estimate = replace(estimate, process=_without_session(process, found, estimate.arm.conditions))
-    return estimate if shared is None else replace(estimate, shared=in_another_session(shared, estimate))
-
-
-def _without_session(process: JointProcess, found: Identification, lasting: Sequence[str]) -> JointProcess:
-    """Return a process without the conditions that only a session's effects ask for: its offsets are of the joints."""
-    joints, conditions = len(process.turning), list(found.model.conditions)
-    columns = [*range(joints), *(joints + conditions.index(name) for name in lasting)]
-    return replace(process, inputs=process.inputs[:, columns])
-
-
-def in_another_session(shared: ErrorModel, estimate: Estimate) -> ErrorModel:
-    """Return errors as they are in another session, after an unknown drift or step of the base."""
-    values = dict(zip(estimate.arm.names, estimate.values.tolist(), strict=True))
-    return replace(shared, clock=None, moves=(), values=values)
+        return load_errors(self, inputs, targets)

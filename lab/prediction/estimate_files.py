@@ -29,7 +29,8 @@ from lab.formats.noise_model import (
 from lab.formats.structured import read_structured, unstructured
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.joints import JointSpec
-from lab.prediction.estimate import CarriedLoad, Estimate, EstimatedParameter, NominalArm, in_another_session
+from lab.prediction.estimate import CarriedLoad, Estimate, EstimatedParameter, NominalArm
+from lab.prediction.estimate_of_fit import in_another_session
 from lab.prediction.extrapolation import MeasuredRange, PoseCover
 
 __all__ = [
