@@ -279,7 +279,10 @@ class Fitter:
         options, some = self.modelled(groups, fixed)[1], thinned(rows, _MOST_TESTED)
         plain = self.knowing(self.noise.independent.shared)
         try:
-            beside = plain._searched(lambda more: self.model_with((*groups, *more)), some, options, others, _MOST_NAMED)
+            alone = None if options.estimator else plain.identified_with(some, groups, fixed)
+            beside = plain._searched(
+                lambda more: self.model_with((*groups, *more)), some, options, others, enough=_MOST_NAMED, alone=alone
+            )
         except LabError:  # too few rows to add anything
             return None
         return beside if beside.chosen else None
@@ -290,12 +293,15 @@ class Fitter:
         rows: Measurements,
         options: FitOptions,
         candidates: Sequence[str],
+        *,
         enough: int | None = None,
+        alone: Identification | None = None,
     ) -> Selection:
         """Select groups and single joints' terms for some rows.
 
         Args:
             enough: how many groups end the search; None where nothing does.
+            alone: the identification without any of them, where there is one already.
         """
         facts = ArmFacts(self.robot.chain, self.robot.loads, self.session)
         return select(
@@ -309,6 +315,7 @@ class Fitter:
             expected=expected_terms(facts),
             seed=self.seed,
             enough=enough,
+            alone=alone,
         )
 
     def derivatives_by_others(self, found: Identification, groups: Sequence[str], rows: Measurements) -> list[Array]:

@@ -1,7 +1,7 @@
 """Define an observation: the model that predicts a sensor's readings, and initial values for what they place."""
 
 from dataclasses import dataclass
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, Self, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ __all__ = [
     "placed_in_instrument_frame",
 ]
 
+_OBSERVES: dict[type, bool] = {}  # whether models of a class are observations
 ROTATION_PARAMETERS = placed_parameters("tool", "tool", ("rx", "ry", "rz"))  # of a measured orientation
 
 
@@ -167,7 +168,10 @@ def no_extra_residuals(model: Model) -> tuple[Array, Array]:
 
 def observation_of(model: Model) -> Observation:
     """Return the model if it is an observation; else the arm measured by points."""
-    return model if isinstance(model, Observation) else Points(model)
+    kind = type(model)
+    if kind not in _OBSERVES:  # looking for every member of a protocol takes as long as the points of 100 poses
+        _OBSERVES[kind] = isinstance(model, Observation)
+    return cast(Observation, model) if _OBSERVES[kind] else Points(model)
 
 
 def only_positions(observation: Observation) -> bool:

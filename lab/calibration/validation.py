@@ -174,6 +174,8 @@ def configurations(joints: Array) -> _Rows:
         order = np.argsort(first)
         return configurations(joints[first[order]])[np.argsort(order)[same]]
     pairs = scipy.spatial.cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
+    if not len(pairs):
+        return np.arange(len(joints))
     links = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
     labels: _Rows = scipy.sparse.csgraph.connected_components(links, directed=False)[1].astype(np.int_)
     return labels

@@ -109,9 +109,11 @@ def distinct_poses(joints: Array, turning: NDArray[np.bool_]) -> tuple[NDArray[n
         Rows ``(m,)`` of the distinct poses, ascending, and ``(n,)`` which of these each row repeats.
     """
     around = _around(joints, turning)
-    tree, which = scipy.spatial.cKDTree(around), np.full(len(joints), -1)
     labels = configurations(around)
     alone = np.bincount(labels)[labels] == 1
+    if alone.all():
+        return np.arange(len(joints)), np.arange(len(joints))
+    tree, which = scipy.spatial.cKDTree(around), np.full(len(joints), -1)
     rows: list[int] = []
     for row in range(len(joints)):
         if which[row] < 0:

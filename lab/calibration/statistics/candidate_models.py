@@ -17,7 +17,7 @@ the level holds also for joint scatter, heavy tails and variances that differ ov
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +39,7 @@ from lab.core.probability import t_sf
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import TERM_SEARCH
+from lab.core.values import Deferred, DeferredField
 from lab.kinematics.effects.effect import PAYLOAD, Effect, Wave
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set, independent_columns, named
 from lab.kinematics.model import Model
@@ -74,8 +75,8 @@ class Score:
 
     parameters: int
     squares: float
-    errors: Array
-    bic: float
+    errors: DeferredField[Array] = DeferredField()  # noqa: RUF009
+    bic: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -132,11 +133,15 @@ class NestedModels:
         the likelihood's maximum under that bound, so that a sigma given too small does not let every column in.
         """
         squares = float(np.sum(self._left(self.whole, fitted).left ** 2))
+        errors = Deferred(partial(self._held_out_errors, fitted))
+        return Score(len(fitted), squares, errors, self._bic(squares, len(fitted)))
+
+    def _held_out_errors(self, fitted: Sequence[int]) -> Array:
         lengths = [
             np.linalg.norm(left_out @ self._left(triangle, fitted).weights, axis=1)
             for triangle, left_out in zip(self.training, self.held_out, strict=True)
         ]
-        return Score(len(fitted), squares, np.concatenate(lengths), self._bic(squares, len(fitted)))
+        return np.concatenate(lengths)
 
     def bic_without(self, fitted: Sequence[int], parts: Sequence[Sequence[int]]) -> Array:
         """BIC of the models that fit these columns less one of the parts each, as by ``score``, all at once.

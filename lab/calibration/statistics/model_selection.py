@@ -151,6 +151,7 @@ def select(
     expected: Sequence[str] = (),
     seed: int = 0,
     enough: int | None = None,
+    alone: Identification | None = None,
 ) -> Selection:
     """Identify with geometry alone, then with whatever groups the measurements call for.
 
@@ -163,14 +164,15 @@ def select(
         terms: groups of single joints to search, by names that ``model_with`` knows.
         expected: those of them that the search begins with.
         enough: how many groups end the search, where they only have to show that the model lacks something; all that
-            the measurements call for where None.
+            the measurements call for where None. Groups that are not significant have no numbers then.
+        alone: the identification with geometry alone, where there is one already.
 
     Raises:
         LabError: geometry alone cannot be identified.
     """
     task = SelectionTask(model_with, nominal, data, noise or Noise(), options)
     task.refuse_unknown_wishes(candidates)
-    alone = task.identified(())
+    alone = alone or task.identified(())
     refused = {
         name: replace(_refused(name, str(why)), incomplete_data=isinstance(why, IncompleteColumnError))
         for name in candidates
@@ -257,7 +259,8 @@ class _Growth:
         for _ in range(3 * len(large.groups) + 1):  # BIC falls at each step, rounding and curvature aside
             left = [name for name in large.groups if name not in (*self.taken, *self.stuck)]
             small = table.score(large.fitted(self.found))
-            self.rows |= {name: _trial(large, table, self.found, name, small) for name in left}
+            brief = self.enough is not None
+            self.rows |= {name: _trial(large, table, self.found, name, small, brief=brief) for name in left}
             moved = _next(large, table, self.found, self.taken, [self.rows[name] for name in left], small)
             if moved == self.taken or not self.moved_to(moved):
                 if moved == self.taken:
@@ -395,8 +398,14 @@ def _next(
     return (*taken, min(worthy, key=lambda row: row.bic).name) if worthy else taken
 
 
-def _trial(large: FullModel, table: NestedModels, found: Identification, name: str, small: Score) -> GroupTrial:
-    """Try a group beside an identified model, whose score is ``small``."""
+def _trial(
+    large: FullModel, table: NestedModels, found: Identification, name: str, small: Score, *, brief: bool = False
+) -> GroupTrial:
+    """Try a group beside an identified model, whose score is ``small``.
+
+    Args:
+        brief: whether a group that is not significant needs no numbers.
+    """
     new, shown = large.added(table, found, name)
     fitted = large.fitted(found)
     if not shown:
@@ -404,7 +413,10 @@ def _trial(large: FullModel, table: NestedModels, found: Identification, name: s
     if large.least_rows < ROWS_PER_PARAMETER * (len(fitted) + len(shown)):
         return _refused(name, f"too few poses for {len(fitted) + len(shown)} parameters")
     big = table.score([*fitted, *shown])
-    p, gain, clustered = table.p_value(small, big), table.gain(small, big), table.test_by_configurations(fitted, shown)
+    p = table.p_value(small, big)
+    if brief and p * len(large.groups) >= MODEL_GROUPS:
+        return _refused(name, _NOT_SIGNIFICANT)
+    gain, clustered = table.gain(small, big), table.test_by_configurations(fitted, shown)
     why = objection(small, big, gain, p * len(large.groups)) or _by_configurations(clustered, gain, len(large.groups))
     fixed = tuple(large.observation.model.names[i] for i in new if i not in shown)
     return GroupTrial(

@@ -106,20 +106,7 @@ class Loads:
             ``(n, joints)`` Nm (N of a slide), positive if gravity increases the joint position; and the symmetric ``(n,
             joints, joints)``.
         """
-        placed = self.frames(joints)
-        axes, slides = placed.axes, np.array(self.chain.prismatic)
-        masses = np.tile(self.mass_kg, (len(joints), 1)).astype(np.result_type(payload_kg, float))
-        moments = masses[:, :, None] * placed.centres
-        moments[:, -1] += payload_kg[:, None] * placed.payload
-        masses[:, -1] += payload_kg
-        weight, moment = (np.cumsum(each[:, ::-1], axis=1)[:, ::-1] for each in (masses, moments))  # beyond each joint
-        weight = weight[:, :, None]
-        first_moments = np.where(slides[:, None], weight * axes, np.cross(axes, moment - weight * placed.anchors))
-        force = first_moments @ self.gravity
-        across = np.where(slides[:, None], 0.0, np.cross(self.gravity, axes))  # g . (z x F) = (g x z) . F
-        below = np.triu(across @ first_moments.swapaxes(1, 2))
-        rate = below + np.triu(below, 1).swapaxes(1, 2)
-        return force, rate
+        return _forces(self, joints, payload_kg)
 
     def equilibrium(
         self, joints: Array, compliance: Array, payload_kg: Array, steps: int, beside: Array | None = None
@@ -351,6 +338,24 @@ class LinkLoads:
             moment = moment + torques[:, j] + np.cross(placed.centres[:, j] - at, weights[:, j])
             force = force + weights[:, j]
         return np.stack(found[::-1], axis=1)
+
+
+@recent(_KEPT)
+def _forces(loads: Loads, joints: Array, payload_kg: Array) -> tuple[Array, Array]:
+    placed = loads.frames(joints)
+    axes, slides = placed.axes, np.array(loads.chain.prismatic)
+    masses = np.tile(loads.mass_kg, (len(joints), 1)).astype(np.result_type(payload_kg, float))
+    moments = masses[:, :, None] * placed.centres
+    moments[:, -1] += payload_kg[:, None] * placed.payload
+    masses[:, -1] += payload_kg
+    weight, moment = (np.cumsum(each[:, ::-1], axis=1)[:, ::-1] for each in (masses, moments))  # beyond each joint
+    weight = weight[:, :, None]
+    first_moments = np.where(slides[:, None], weight * axes, np.cross(axes, moment - weight * placed.anchors))
+    force = first_moments @ loads.gravity
+    across = np.where(slides[:, None], 0.0, np.cross(loads.gravity, axes))  # g . (z x F) = (g x z) . F
+    below = np.triu(across @ first_moments.swapaxes(1, 2))
+    rate = below + np.triu(below, 1).swapaxes(1, 2)
+    return force, rate
 
 
 @recent(_KEPT)
