@@ -37,6 +37,7 @@ from lab.core.linear_model import least_squares, p_value_of_squares, unit_column
 from lab.core.measurements import Measurements
 from lab.core.probability import t_sf
 from lab.core.random import rng_for
+from lab.core.recent import recent
 from lab.core.se3 import Array
 from lab.core.significance import TERM_SEARCH
 from lab.core.values import Deferred, DeferredField
@@ -149,7 +150,7 @@ class NestedModels:
         What holding a part b at its nominal value adds to the squares is d' (C_bb)^-1 d, with d how far the fit moves
         it from there and C the covariance of unit noise (Seber & Lee 2003, section 4.3).
         """
-        index = [self.columns.index(i) for i in fitted]
+        index = self._places(fitted)
         weights, left, back = self._left(self.whole, fitted)
         moved = self.away[index] - weights[index]
         found = []
@@ -166,7 +167,7 @@ class NestedModels:
 
     def std(self, fitted: Sequence[int]) -> Array:
         """Standard deviations of the parameters that are fitted; of noise as large as the residuals, or as is known."""
-        index = [self.columns.index(i) for i in fitted]
+        index = self._places(fitted)
         _, left, back = self._left(self.whole, fitted)
         variance = max(float(left @ left) / max(self.rows - len(index), 1), self.floor**2)
         std: Array = np.sqrt(variance * (back**2).sum(axis=1)) / self.scale[index]
@@ -193,7 +194,7 @@ class NestedModels:
         """
         if not self.witnesses.shared:
             return None
-        return self.witnesses.test(*([self.columns.index(i) for i in each] for each in (fitted, added)))
+        return self.witnesses.test(self._places(fitted), self._places(added))
 
     def gain(self, before: Score, after: Score) -> HeldOutGain:
         """Return the paired fall of the held-out error: a configuration counts once, however often it was measured."""
@@ -202,9 +203,17 @@ class NestedModels:
         spread = float(fall.std(ddof=1)) if len(fall) > 1 else 0.0
         return HeldOutGain(float(fall.mean()), spread / np.sqrt(len(fall)), len(fall) - 1)
 
+    @cached_property
+    def _place(self) -> dict[int, int]:
+        return {parameter: place for place, parameter in enumerate(self.columns)}
+
+    def _places(self, parameters: Sequence[int]) -> list[int]:
+        """Return the columns of parameters."""
+        return [self._place[i] for i in parameters]
+
     def _left(self, triangle: Array, fitted: Sequence[int]) -> "_Nested":
         """Fit these columns of a triangle, the others at their nominal values."""
-        index = [self.columns.index(i) for i in fitted]
+        index = self._places(fitted)
         weights = np.append(self.away, 1.0)
         weights[index] = 0.0
         solution, back = least_squares(triangle[:, index], (triangle @ weights)[:, None], RANK_TOLERANCE)
@@ -526,27 +535,17 @@ class TermTable:
     @classmethod
     def of(cls, effects: Mapping[str, Effect], data: Measurements) -> "TermTable":
         """Build from effects that are linear in their parameters, each of which moves one joint or one link's end."""
-        size, counts = data.joints.shape[1], [len(effect.parameters) for effect in effects.values()]
-        functions, motion = np.empty((len(data), sum(counts))), np.zeros(sum(counts), np.int_)
-        columns = [np.arange(last - count, last) for count, last in zip(counts, np.cumsum(counts), strict=True)]
-        waves, of_waves = list[Wave](), list[NDArray[np.int_]]()
-        for own, effect in zip(columns, effects.values(), strict=True):
-            assert effect.moves in ("joints", "links") and len(effect.links) <= 1 and len(effect.parameters) <= 2
-            first = size + 6 * effect.links[0] if effect.links else 0
-            if effect.wave is not None:
-                waves.append(effect.wave)
-                of_waves.append(own)
-                motion[own] = first + effect.wave.component
-                continue
+        size = data.joints.shape[1]
+        layout = _layout(effects, size)
+        functions, motion = np.empty((len(data), len(layout.owner))), layout.motion.copy()
+        functions[:, layout.of_waves] = Wave.together(layout.waves, data.joints).reshape(len(data), -1)
+        for own, first, effect in layout.others:
             conditions = data.inputs(effect.conditions)[:, size:]
             moved = effect.offsets(data.joints, conditions, np.zeros(len(effect.parameters)))[1]
             component = np.abs(moved).sum(axis=0).argmax(axis=0)
             functions[:, own] = moved[:, component, range(len(own))]
             motion[own] = first + component
-        if waves:
-            functions[:, np.array(of_waves)] = Wave.together(waves, data.joints)
-        parameters = tuple(names_of(effect.parameters) for effect in effects.values())
-        return cls(tuple(effects), functions, motion, size, np.repeat(np.arange(len(counts)), counts), parameters)
+        return cls(tuple(effects), functions, motion, size, layout.owner, layout.parameters)
 
     @cached_property
     def showing_ends(self) -> dict[int, int]:
@@ -578,6 +577,44 @@ class TermTable:
             weights = functions / (functions**2).sum(axis=1, keepdims=True)
             slopes[..., motion] = np.einsum("nkdp,np->nkd", columns, weights)
         return slopes
+
+
+class _Layout(NamedTuple):
+    """Where the functions of a table's groups are, whatever the poses.
+
+    Attributes:
+        waves: the groups that are waves, whose columns are ``of_waves``, two each.
+        others: columns, first motion and effect of each other group.
+        motion: as of the table, for the waves.
+    """
+
+    waves: tuple[Wave, ...]
+    of_waves: NDArray[np.int_]
+    others: tuple[tuple[NDArray[np.int_], int, Effect], ...]
+    motion: NDArray[np.int_]
+    owner: NDArray[np.int_]
+    parameters: tuple[tuple[str, ...], ...]
+
+
+@recent(4)
+def _layout(effects: Mapping[str, Effect], joints: int) -> _Layout:
+    """Lay out a table of effects of an arm with so many joints."""
+    counts = [len(effect.parameters) for effect in effects.values()]
+    motion, last = np.zeros(sum(counts), np.int_), 0
+    waves, of_waves, others = list[Wave](), list[int](), list[tuple[NDArray[np.int_], int, Effect]]()
+    for effect, count in zip(effects.values(), counts, strict=True):
+        assert effect.moves in ("joints", "links") and len(effect.links) <= 1 and count <= 2
+        own, last = np.arange(last, last + count), last + count
+        first = joints + 6 * effect.links[0] if effect.links else 0
+        if effect.wave is None:
+            others.append((own, first, effect))
+            continue
+        waves.append(effect.wave)
+        of_waves += own.tolist()
+        motion[own] = first + effect.wave.component
+    parameters = tuple(names_of(effect.parameters) for effect in effects.values())
+    owner = np.repeat(np.arange(len(counts)), counts)
+    return _Layout(tuple(waves), np.array(of_waves, np.int_), tuple(others), motion, owner, parameters)
 
 
 @dataclass
@@ -646,7 +683,8 @@ class TermSearch:
         columns = np.zeros((len(order), len(table.motion)))
         columns[: len(pose)] = slope[:, table.motion] * table.functions[pose]
         basis = np.linalg.qr(unit_columns(fitted)[0])[0]
-        taken = [bool(set(own) & set(model.names)) for own in table.parameters]
+        names = set(model.names)
+        taken = [not names.isdisjoint(own) for own in table.parameters]
         return cls(
             table,
             columns[order],
