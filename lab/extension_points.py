@@ -41,6 +41,7 @@ A part of a calibration needs no package: every call takes it as an object (``na
 by its name from then on. What a part's methods raise and return is checked by its base class, a ``Part``.
 """
 
+import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -305,8 +306,9 @@ def _all_entries() -> "tuple[EntryPoint, ...]":
         except Exception as error:
             _report(f"package:{name}", f"entry points of package '{name}' cannot be read ({_cause(error)}); repair it")
             continue
-        if name not in packages:  # the first on the path is the one that is imported
-            packages.add(name)
+        normal = re.sub(r"[-_.]+", "-", name).lower()  # PEP 503: a package's name has several spellings
+        if normal not in packages:  # the first on the path is the one that is imported
+            packages.add(normal)
             entries += own
     return tuple(entries)
 

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 import lab
+from lab.extensions.cameras.geometry import projected
+from lab.extensions.cameras.rig import PX, read_rig
 from lab.formats.joint_log import read_joint_log
 from lab.formats.loose_table import JointColumns
 from lab.library.log_matching import settled_windows
 from lab.robots.load_robot import load_virtual
-from lab.sensors.cameras.geometry import projected
-from lab.sensors.cameras.rig import PX, read_rig
 from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collides
 

@@ -6,7 +6,7 @@ from drawing import BLUE, GREEN, INK, ORANGE, RED, WIDE, drawn, panels
 from matplotlib.figure import Figure
 
 import lab
-from lab.sensors.cameras.geometry import projected
+from lab.extensions.cameras.geometry import projected
 
 
 @drawn

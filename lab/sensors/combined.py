@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,18 +26,16 @@ from lab.core.measurements import FIXTURE, Measurements
 from lab.core.se3 import Array
 from lab.core.units import MM, Unit
 from lab.formats.measurement_csv import ObservedColumns
-from lab.kinematics.gauge import scale_link
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import Instrument
-from lab.sensors.cameras.board_observation import Pixels, with_tip
 from lab.sensors.fixtures import Fixtures
 from lab.sensors.full_pose import Poses
-from lab.sensors.pixels import PixelSensor
 from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
 from lab.sensors.sensor_registry import JOINED, sensor_named
+from lab.sensors.tip import longest_link, with_tip
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
@@ -47,6 +45,27 @@ __all__ = ["Combined", "CombinedSensor", "combined_sensor"]
 SENSOR = FIXTURE + " sensor"  # condition: number of the sensor that a row is of
 _ROUNDS, _SETTLED = 6, 0.01  # of the ratios' iteration, and the relative change that ends it
 _EXACT = 1e-12  # residuals below this have no noise to be compared
+
+
+@runtime_checkable
+class OnTips(Protocol):
+    """A model with parameters of parts that the arm's tips carry, as full poses and cameras have."""
+
+    @property
+    def in_world(self) -> tuple[int, ...]:
+        """Indices of its own parameters that no tip carries, in their order of preference."""
+
+    @property
+    def carried(self) -> tuple[int, ...]:
+        """Indices of its own parameters of what tips carry."""
+
+
+@runtime_checkable
+class WeighsPriors(Protocol):
+    """An observation with priors of its own parameters, which weigh by the noise of its readings."""
+
+    def weighed(self, sigma: float) -> Observation:
+        """Return the observation whose priors weigh by this noise (SI unit of a reading)."""
 
 
 @dataclass(frozen=True)
@@ -235,11 +254,9 @@ class Combined:
         for share in self.shares:
             own = share.observation.model
             shift = share.own.start - size
-            if isinstance(own, Pixels):
+            if isinstance(own, OnTips):
                 before += [i + shift for i in own.in_world]
                 carried += [i + shift for i in own.carried]
-            elif isinstance(own, Poses):
-                carried += range(share.own.start, share.own.stop)
             else:
                 before += range(share.own.start, share.own.stop)
         order = with_tip(self.arm, carried, unsized=self.unsized)
@@ -256,7 +273,7 @@ class Combined:
     @property
     def scale_link(self) -> int:
         """Index of the link that stays nominal where nothing shows the arm's size."""
-        return scale_link(self.arm, np.array([each.nominal for each in self.arm.parameters]))
+        return longest_link(self.arm)
 
     def rank_point(self, values: Array) -> Array:
         """Return ``values`` for decisions on rank; of an arm in contact its own choice of poses and fixtures."""
@@ -516,9 +533,7 @@ class CombinedSensor(VirtualSensor):
 
 def _given_m(part: VirtualSensor, noise_mm: float | None) -> float | None:
     """Return the given noise of a sensor's unit; None where it is not given."""
-    if isinstance(part, PixelSensor):
-        return None if part.noise_px is None else float(part.terms.unit.to_si(part.noise_px))
-    return None if noise_mm is None else float(MM.to_si(noise_mm))
+    return part.noise(Noise(sigma_m=None if noise_mm is None else float(MM.to_si(noise_mm)))).sigma_m
 
 
 def _with_targets(data: Measurements, targets: tuple[str, ...]) -> Measurements:
@@ -559,15 +574,15 @@ def _typical(model: Combined, data: Measurements) -> float:
 
 
 def _rescaled(model: Combined, changes: Array, sigma: float) -> Combined:
-    """Return the model with units changed by group, and the noise by which priors of cameras weigh."""
+    """Return the model with units changed by group, and the noise by which priors of sensors weigh."""
     parts, ratios, group = list(model.parts), list(model.ratios), 0
     for share in model.shares:
         own = share.observation
         ratios[share.number] *= float(changes[group])
         if isinstance(own, Poses):
             parts[share.number] = replace(own, ratio=own.ratio * float(changes[group + 1] / changes[group]))
-        elif isinstance(own, Pixels):
-            parts[share.number] = replace(own, sigma=sigma * ratios[share.number])
+        elif isinstance(own, WeighsPriors):
+            parts[share.number] = own.weighed(sigma * ratios[share.number])
         group += share.kinds
     return replace(model, parts=tuple(parts), ratios=tuple(ratios))
 

@@ -121,6 +121,16 @@ class Poses:
         """Return the arm's parameters, with the measured frame along the last one."""
         return np.concatenate([values[: len(self.arm.names)], np.zeros(3)])
 
+    @property
+    def in_world(self) -> tuple[int, ...]:
+        """Indices of parameters that no tip carries: none beside the arm's."""
+        return ()
+
+    @property
+    def carried(self) -> tuple[int, ...]:
+        """Indices of the rotation vector that the tip carries."""
+        return tuple(range(len(self.names) - 3, len(self.names)))
+
     def column_priority(self) -> tuple[int, ...]:
         """Return the arm's order; the tool's rotation after its positions."""
         order = list(self.arm.column_priority())

@@ -1,12 +1,13 @@
 """List the sensors by name; a sensor's module is imported when it is used.
 
 This module imports no numpy, so that a command line is parsed quickly. A new sensor is a new line of ``SENSORS``, and
-its options, if it has any, are a new base of ``SensorOptions`` or new fields of ``VirtualSetup``. A package adds one,
-without options, by an entry point of ``lab.sensors``.
+its options, if it has any, are a new base of ``SensorOptions`` or new fields of ``VirtualSetup``. A package adds one
+by an entry point of ``lab.sensors``, as the lab's own cameras do.
 """
 
 from collections.abc import Mapping
-from dataclasses import fields
+from contextlib import suppress
+from dataclasses import Field, fields
 from functools import cache
 from importlib import import_module
 from pkgutil import resolve_name
@@ -33,7 +34,6 @@ SENSORS: Mapping[str, str] = {  # in the order of --help
     "sphere-plate": "lab.sensors.sphere_plate:SpherePlateSensor",
     "ball-bar": "lab.sensors.ball_bar:BallBarSensor",
     "dial": "lab.sensors.dial:DialSensor",
-    "pixels": "lab.sensors.pixels:PixelSensor",
 }
 """The class of each sensor, as ``module:name``."""
 
@@ -103,26 +103,26 @@ def configured_sensor(name: str, options: SensorOptions, fit: FitInputs) -> "Vir
     """
     chosen = sensor_named(name)
     sensor = chosen.configured(options, fit)
-    own = _names_of(chosen.flags)
-    for other in (sensor_named(each) for each in SENSORS):
-        if other not in chosen.combines and (given := _flags_given(options, other.flags, own)):
-            raise LabError(f"{given[0]} is of {option_name('observe')} {other.name}; give that too, or leave it out")
+    taken = {field.name for kind in (chosen, *chosen.combines) for field in _flags_of(kind)}
+    for field in fields(SensorOptions):
+        value = getattr(options, field.name)
+        if field.name not in taken and value != field.default:
+            flag = "--" + field.name.replace("_", "-")
+            given = flag if field.default is None else f"{flag} {value}"
+            raise LabError(
+                f"{given} is of {option_name('observe')} {_taker(field.name)}; give that too, or leave it out"
+            )
     return sensor
 
 
-def _names_of(flags: type[Any] | None) -> set[str]:
-    return {field.name for field in fields(flags)} if flags is not None else set()
+def _flags_of(kind: "type[VirtualSensor]") -> "tuple[Field[Any], ...]":
+    return fields(kind.flags) if kind.flags is not None else ()
 
 
-def _flags_given(options: object, flags: type[Any] | None, own: set[str]) -> list[str]:
-    """Return the flags of one sensor that differ from their defaults, as typed; none without ``flags``.
-
-    Args:
-        own: names of those that the chosen sensor takes too.
-    """
-    given = []
-    for field in fields(flags) if flags is not None else ():
-        if field.name not in own and (value := getattr(options, field.name)) != field.default:
-            name = "--" + field.name.replace("_", "-")
-            given.append(name if field.default is None else f"{name} {value}")
-    return given
+def _taker(option: str) -> str:
+    """Return the name of the first sensor that takes an option; of a sensor that is not installed, a description."""
+    for name in OWN_SENSORS.names:
+        with suppress(LabError):  # of a package that cannot be imported
+            if any(field.name == option for field in _flags_of(sensor_named(name))):
+                return name
+    return "a sensor that is not installed"

@@ -4,13 +4,16 @@ A target's position t in the last frame enters its measured position as o + R t:
 moved by one. So every model of points gives the frame of its tip, whatever effects it has.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from lab.core.se3 import Array
+from lab.kinematics.gauge import placed_after_tool, scale_link
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter
 
-__all__ = ["tip_columns", "tip_frames", "tip_origins", "tip_rates", "tip_rotations"]
+__all__ = ["longest_link", "tip_columns", "tip_frames", "tip_origins", "tip_rates", "tip_rotations", "with_tip"]
 
 
 def tip_columns(arm: Model, target: int = 0) -> list[int]:
@@ -85,3 +88,18 @@ def tip_frames(arm: Model, inputs: Array, values: Array, target: int = 0) -> tup
     moving = jacobian[:, target] - np.cross(turning, lever[:, :, None], axis=1)
     moving[..., columns] = 0.0
     return points[:, target] - lever, rotation, moving, turning
+
+
+def with_tip(arm: Model, carried: Sequence[int], *, unsized: bool) -> tuple[int, ...]:
+    """Return an arm's order of preference with what its tips carry after the target.
+
+    Args:
+        carried: indices of parameters that tips carry.
+        unsized: whether nothing shows the arm's size: its longest link comes after these, so that it stays nominal.
+    """
+    return placed_after_tool(arm.parameters, arm.column_priority(), carried, longest_link(arm) if unsized else None)
+
+
+def longest_link(arm: Model) -> int:
+    """Return the index of the arm's longest nominal length, which stays nominal where nothing shows the arm's size."""
+    return scale_link(arm, np.array([each.nominal for each in arm.parameters]))

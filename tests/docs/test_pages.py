@@ -22,6 +22,7 @@ from helpers.run_script import threads_for_processes
 from lab import extension_points
 from lab.cli.commands import all_commands
 from lab.cli.main import main
+from lab.extensions.cameras.rig import read_rig
 from lab.extensions.dynamics.arm_simulation import LoadBench, RigidLoad, RunErrors
 from lab.extensions.dynamics.load_files import Mounting, read_mounting, write_loads
 from lab.formats.cell_toml import read_cell
@@ -32,7 +33,6 @@ from lab.formats.loose_table import read_column_map
 from lab.formats.mechanism_toml import read_mechanism
 from lab.formats.robot_toml import read_table
 from lab.robots.load_robot import load_robot, load_virtual
-from lab.sensors.cameras.rig import read_rig
 from lab.simulation.collisions import random_poses
 from lab.studies.grid import read_study
 

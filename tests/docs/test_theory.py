@@ -15,6 +15,7 @@ import lab
 from lab.calibration.prior import Prior
 from lab.core.linear_model import half_width_95, p_value_of_squares
 from lab.core.se3 import exp
+from lab.extensions.cameras.geometry import projected
 from lab.kinematics.dynamics.beam import MATERIALS, Beam, loads_on, tube
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import load_of, pseudo_inertia
@@ -22,7 +23,6 @@ from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.effects.effect_registry import effect
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import TrackerErrors
-from lab.sensors.cameras.geometry import projected
 
 THEORY = [page for page in PAGES if page.name.startswith("docs/theory/")]
 NUMBERED = re.compile(r"^\$\$.*\$\$ \(([\w-]+)\)$", re.MULTILINE)

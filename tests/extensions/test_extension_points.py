@@ -262,16 +262,25 @@ def test_the_core_runs_without_its_extensions(tmp_path: Path) -> None:
     (site / "models").symlink_to(ROOT / "models")
     package(site, "virtual_calibration_lab", "")
     work.mkdir()
+    (work / "targets.csv").write_text("id,x_mm,y_mm,z_mm\n1,2007.2,96.8,-877.6\n2,1828.3,93.2,-842.8\n")
+    grid = 'name = "grid"\nrobot = "scara"\nrobots = 1\ndraws = 1\nfresh = 10\n'
+    grid += '[factors]\ncriterion = "random"\nposes = [20, 30]\n'
+    (work / "grid.toml").write_text(grid)
     commands = {
         "calibrate --robot scara --poses 30 --no-recording --out first": 0,
         "identify first/measurements.csv --robot scara --no-recording --out again": 0,
         "design --robot scara --poses 12 --candidates 100 --starts 1 --no-recording --out plan": 0,
         "verify again first/measurements.csv --force --no-recording --out check": 0,
         "certify again --out certificate": 0,
+        "compensate targets.csv --run again --no-recording --out corrected": 0,
+        "history first again --out since": 0,
+        "study grid.toml --workers 1 --out many": 0,
         "inspect irb120": 0,
         "inspect delta": 0,
         "payload --robot tx40 --simulate": 2,
         "design --controller rapid": 2,
+        "calibrate --robot scara --observe pixels": 2,
+        "identify first/measurements.csv --robot scara --noise-px 0.1": 2,
     }
     for command, (code, _, said) in zip(
         commands, lab(site, *(f"{each} --json" for each in commands), cwd=work), strict=True

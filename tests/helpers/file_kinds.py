@@ -16,6 +16,7 @@ from helpers.daily_checks import daily
 from helpers.robots import IRB120, ROOT
 from helpers.tracker_files import spatial_analyzer
 from helpers.writing_commands import weighted
+from lab.extensions.cameras.rig import read_rig
 from lab.extensions.dynamics.load_files import read_load, read_loads, read_motion, read_mounting
 from lab.extensions.robotics.trajectory.motion import read_path
 from lab.formats.cell_toml import read_cell
@@ -38,7 +39,6 @@ from lab.library.load_run import load_run
 from lab.options.virtual_campaign import VirtualCampaign
 from lab.robots.config_file import read_options
 from lab.robots.load_robot import load_robot
-from lab.sensors.cameras.rig import read_rig
 from lab.simulation.load_model import load_model
 from lab.studies.grid import read_study
 

@@ -6,9 +6,9 @@ import scipy  # its filters are loaded at their first use
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.sensors.cameras.detection import printed
-from lab.sensors.cameras.geometry import sight_lines
-from lab.sensors.cameras.rig import PX, Board, Camera
+from lab.extensions.cameras.detection import printed
+from lab.extensions.cameras.geometry import sight_lines
+from lab.extensions.cameras.rig import PX, Board, Camera
 
 __all__ = ["rendered"]
 

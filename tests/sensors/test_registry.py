@@ -12,7 +12,7 @@ from lab.sensors.sensor_registry import SENSORS, configured_sensor, sensor_named
 from lab.sensors.virtual_sensor import VirtualSensor
 
 
-@pytest.mark.parametrize("name", SENSORS)
+@pytest.mark.parametrize("name", [*SENSORS, "pixels"])
 def test_a_sensor_is_registered_by_its_name(name: str) -> None:
     kind = sensor_named(name)
     assert kind.name == name and VirtualSensor in kind.__mro__
@@ -35,6 +35,8 @@ REFUSED = {
         {},
         "--socket-distance-mm is of --observe socket",
     ),
+    "a file of cameras": ("points", {"noise_px": 0.1}, {}, "--noise-px is of --observe pixels; give that too"),
+    "a radius of nothing touched": ("points+plane", {"tip_radius_mm": 2.0}, {}, "--tip-radius-mm is of --observe cube"),
     "a distance of nothing": ("socket", {"socket_distance_mm": 0.0}, {}, "--socket-distance-mm 0: give a number above"),
     "a noise alone": ("pose", {"noise_mrad": 0.1}, {}, "--noise-mrad sets the weight .* --noise-mm too"),
     "a noise of nothing": ("pose", {"noise_mrad": 0.0}, {"noise_mm": 0.1}, "--noise-mrad 0: give a number above zero"),
@@ -56,3 +58,5 @@ def test_options_reach_their_kind() -> None:
     assert configured_sensor("pose", SensorOptions(method="sequential"), FitInputs()).solve is not None
     socket = configured_sensor("socket", SensorOptions(socket_distance_mm=50.0), FitInputs())
     assert socket.distance_m == pytest.approx(0.05)
+    points_and_cube = configured_sensor("points+cube", SensorOptions(tip_radius_mm=2.0), FitInputs())
+    assert points_and_cube.parts[1].tip_m == pytest.approx(0.002)

@@ -8,10 +8,10 @@ import pytest
 
 import lab
 from lab.core.errors import LabError
+from lab.extensions.cameras.picture_planning import PlannedPictures
 from lab.options.virtual_campaign import DesignOptions
 from lab.planning.design_problem import PoseProblem, pose_problem
 from lab.pose_selection.exchange import information
-from lab.sensors.cameras.planning import PlannedPictures
 
 PLACED = """
 [[camera]]

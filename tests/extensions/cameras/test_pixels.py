@@ -13,10 +13,10 @@ from lab.calibration.identification import fit_base_and_tool, identify
 from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
+from lab.extensions.cameras.pixels import PixelSensor
+from lab.extensions.cameras.rig import PX, Board, Camera, Rig, Simulated
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.tree import TreeArm
-from lab.sensors.cameras.rig import PX, Board, Camera, Rig, Simulated
-from lab.sensors.pixels import PixelSensor
 from lab.sensors.sensor_options import CameraOptions, FitInputs
 
 ARM = SerialArm(IRB120.chain)

@@ -7,9 +7,9 @@ import pytest
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.sensors.cameras.closed_forms import board_poses, hand_eye, mean_pose, robot_world
-from lab.sensors.cameras.geometry import INTRINSICS, distorted, projected, sight_lines
-from lab.sensors.cameras.rig import PX, Board, Camera, Rig, read_rig
+from lab.extensions.cameras.closed_forms import board_poses, hand_eye, mean_pose, robot_world
+from lab.extensions.cameras.geometry import INTRINSICS, distorted, projected, sight_lines
+from lab.extensions.cameras.rig import PX, Board, Camera, Rig, read_rig
 
 LENS = np.array([1.2, 1.3, 0.64, 0.48, -0.2, 0.1, 0.001, -0.002, 0.03])
 STEP = 1e-30

@@ -10,10 +10,10 @@ from lab.core.errors import LabError, option_name
 from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.extensions.cameras.geometry import projected
+from lab.extensions.cameras.rig import PX, Board, Camera, Rig, Simulated
 from lab.kinematics.effects.effect import BUMPED, ShapesNoise, TrackerMotion
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.sensors.cameras.geometry import projected
-from lab.sensors.cameras.rig import PX, Board, Camera, Rig, Simulated
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.candidate_poses import refuse_unknown_targets
 from lab.simulation.collisions import collides, kinematics_at, random_poses

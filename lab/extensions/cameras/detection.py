@@ -9,7 +9,7 @@ from lab.core.errors import LabError
 from lab.core.extras import optional
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.sensors.cameras.rig import Board
+from lab.extensions.cameras.rig import Board
 
 __all__ = ["detected", "picture_of", "printed"]
 

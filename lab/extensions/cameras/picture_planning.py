@@ -10,10 +10,10 @@ from lab.core import se3
 from lab.core.errors import LabError, option_name
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.extensions.cameras.board_observation import Pixels
+from lab.extensions.cameras.camera_simulation import CameraArm, CameraScene, corner_noise_px, placed_scene
+from lab.extensions.cameras.rig import PX, Board, Camera, Rig
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.sensors.cameras.board_observation import Pixels
-from lab.sensors.cameras.camera_simulation import CameraArm, CameraScene, corner_noise_px, placed_scene
-from lab.sensors.cameras.rig import PX, Board, Camera, Rig
 from lab.sensors.tip import tip_frames
 from lab.simulation.robot_model import RobotModel, SerialModel
 

@@ -18,15 +18,15 @@ from lab.core.limits import positive
 from lab.core.measurements import FIXTURE, Measurements, evenly
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.extensions.cameras.board_observation import Pixels
+from lab.extensions.cameras.camera_simulation import simulated_corners
+from lab.extensions.cameras.detection import detected, picture_of
+from lab.extensions.cameras.picture_planning import PlannedPictures
+from lab.extensions.cameras.rig import PX, Rig, read_rig, usual_rig
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.sensors.cameras.board_observation import Pixels
-from lab.sensors.cameras.camera_simulation import simulated_corners
-from lab.sensors.cameras.detection import detected, picture_of
-from lab.sensors.cameras.planning import PlannedPictures
-from lab.sensors.cameras.rig import PX, Rig, read_rig, usual_rig
 from lab.sensors.sensor_options import CameraOptions, FitInputs, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.effects import TrueEffects

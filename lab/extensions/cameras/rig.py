@@ -19,9 +19,9 @@ from lab.core.errors import LabError
 from lab.core.limits import CORNERS, FIXTURES, LENGTH_M, OPTION_SIZE, checked_name
 from lab.core.se3 import Array
 from lab.core.units import MM, Unit
+from lab.extensions.cameras.geometry import INTRINSICS
 from lab.formats.structured import read_toml, structured
 from lab.kinematics.tree import first_of_tips, tip_of
-from lab.sensors.cameras.geometry import INTRINSICS
 
 __all__ = ["HAND", "KINDS", "PX", "WORLD", "Board", "BoardKind", "Camera", "Rig", "Simulated", "read_rig", "usual_rig"]
 

@@ -13,10 +13,10 @@ import lab
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.sensors.cameras.detection import detected, picture_of
-from lab.sensors.cameras.geometry import projected
-from lab.sensors.cameras.rig import PX, Board, Camera
-from lab.sensors.pixels import PixelSensor
+from lab.extensions.cameras.detection import detected, picture_of
+from lab.extensions.cameras.geometry import projected
+from lab.extensions.cameras.pixels import PixelSensor
+from lab.extensions.cameras.rig import PX, Board, Camera
 
 SMALL = Camera(size_px=(320, 240), focal_px=(300.0, 301.0), centre_px=(161.0, 118.5), distortion=(-0.1, 0, 0, 0, 0))
 BOARDS = {

@@ -4,7 +4,6 @@ Each row is one corner as one camera sees it at one pose of the arm. Cameras and
 is the frame of the instrument beside measured points and that of the base without, or in the frame of a tip of the arm.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -16,15 +15,14 @@ from lab.core import se3
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.se3 import Array
 from lab.core.units import Unit
-from lab.kinematics.gauge import placed_after_tool, scale_link
+from lab.extensions.cameras.closed_forms import board_poses, hand_eye, mean_pose, robot_world
+from lab.extensions.cameras.geometry import INTRINSICS, projected, sight_lines
+from lab.extensions.cameras.rig import PX, Board, Camera, Rig
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
-from lab.sensors.cameras.closed_forms import board_poses, hand_eye, mean_pose, robot_world
-from lab.sensors.cameras.geometry import INTRINSICS, projected, sight_lines
-from lab.sensors.cameras.rig import PX, Board, Camera, Rig
-from lab.sensors.tip import tip_frames, tip_origins, tip_rotations
+from lab.sensors.tip import longest_link, tip_frames, tip_origins, tip_rotations, with_tip
 
-__all__ = ["GROUPS", "Pixels", "with_tip"]
+__all__ = ["GROUPS", "Pixels"]
 
 GROUPS = ("camera", "board", "intrinsics")
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -167,7 +165,7 @@ class Pixels:
     @property
     def scale_link(self) -> int:
         """Index of the link that stays nominal where nothing shows the arm's size."""
-        return _longest(self.arm)
+        return longest_link(self.arm)
 
     @property
     def in_world(self) -> tuple[int, ...]:
@@ -181,6 +179,10 @@ class Pixels:
         """Indices of the poses of what the arm's tips carry."""
         parts = (*self.cameras, *self.boards)
         return tuple(i for part in parts if part.mount is not None for i in range(part.pose.start, part.pose.stop))
+
+    def weighed(self, sigma: float) -> Self:
+        """Return the model whose priors of intrinsic parameters weigh by this noise (thousands of pixels)."""
+        return replace(self, sigma=sigma)
 
     def rank_point(self, values: Array) -> Array:
         """Return the arm's ``(p,)``; cameras and boards as they are in ``values``."""
@@ -228,20 +230,6 @@ class Pixels:
     def initial_guess(self, observed: Observations, values: Array) -> Array:
         """Place cameras and boards in closed form, with the arm at ``values``."""
         return _Start(self, observed, values).found()
-
-
-def with_tip(arm: Model, carried: Sequence[int], *, unsized: bool) -> tuple[int, ...]:
-    """Return an arm's order of preference with what its tips carry after the target.
-
-    Args:
-        carried: indices of parameters that tips carry.
-        unsized: whether nothing shows the arm's size: its longest link comes after these, so that it stays nominal.
-    """
-    return placed_after_tool(arm.parameters, arm.column_priority(), carried, _longest(arm) if unsized else None)
-
-
-def _longest(arm: Model) -> int:
-    return scale_link(arm, np.array([each.nominal for each in arm.parameters]))
 
 
 def _further(part: Camera | Board) -> tuple[Parameter, ...]:
