@@ -13,7 +13,7 @@ from lab.calibration.fit_options import FitOptions
 from lab.calibration.fitter import Fitter
 from lab.calibration.identification import Identification, most_likely_parameters
 from lab.calibration.observation import observation_of
-from lab.calibration.sensor import Sensor
+from lab.calibration.sensor import ArmSensor
 from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements, without_copies
@@ -149,7 +149,7 @@ def _noise(options: MeasuredCampaign) -> Noise:
     return Noise(device, None if options.noise_mm is None else MM.to_si(options.noise_mm))
 
 
-def _estimate(robot: Robot, data: Measurements, sensor: Sensor, noise: Noise, options: FitOptions) -> Estimate:
+def _estimate(robot: Robot, data: Measurements, sensor: ArmSensor, noise: Noise, options: FitOptions) -> Estimate:
     """Fit one campaign."""
     # take the rows as an identification does
     positions = sensor.in_instrument_frame
