@@ -127,7 +127,7 @@ class _Station(Place):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Reflector:
+class _CellReflector:
     """Reflector on the tool: its kind, or its largest incidence angle."""
 
     kind: Literal["corner cube", "cat's eye", "other"] = "corner cube"
@@ -193,7 +193,7 @@ class Cell:
     robot: Place = field(default_factory=Place)
     instrument: Place | None = None
     station: tuple[_Station, ...] = ()
-    reflector: _Reflector | None = None
+    reflector: _CellReflector | None = None
     tool: tuple[ToolPoint, ...] = ()
     plate: tuple[Obstacle, ...] = ()
     obstacle: tuple[Obstacle, ...] = ()
@@ -246,16 +246,17 @@ def read_cell(path: Path) -> Cell:
         raise LabError(f"{path}: clearance_mm is {cell.clearance_mm:g}; give zero or more")
     if cell.station and cell.instrument is not None:
         raise LabError(f"{path}: [instrument] and [[station]] both set the instrument's pose; keep one of them")
-    solids = [each.name for each in (*cell.obstacle, *cell.plate)]
-    names_of = {"tool": [each.name for each in cell.tool], "obstacle": solids}
-    for what, names in {**names_of, "station": [each.name for each in cell.station]}.items():
-        taken = set[str]()
-        for i, name in enumerate(names):
-            if not name or name in taken:
-                wrong = "taken" if name else "empty"
-                raise LabError(f"{path}: {what} {i + 1}: its name '{name}' is {wrong}; give another")
-            taken.add(name)
+    for what, named in (("tool", cell.tool), ("obstacle", (*cell.obstacle, *cell.plate)), ("station", cell.station)):
+        _refuse_names(f"{path}: {what}", [each.name for each in named])
     return cell
+
+
+def _refuse_names(where: str, names: Sequence[str]) -> None:
+    """Refuse empty and doubled names."""
+    for i, name in enumerate(names):
+        if not name or name in names[:i]:
+            wrong = "taken" if name else "empty"
+            raise LabError(f"{where} {i + 1}: its name '{name}' is {wrong}; give another")
 
 
 def _options() -> Sequence[str]:

@@ -49,7 +49,7 @@ class _Robot:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Reflector:
+class _MeasuredReflector:
     """Reflector, with the certificate of its own calibration."""
 
     maker: str = ""
@@ -61,7 +61,7 @@ class _Reflector:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Instrument(_Reflector):
+class _Instrument(_MeasuredReflector):
     """Instrument, with its range of operating temperatures and the uncertainty of its scale."""
 
     scale_ppm: StatedUncertainty | None = None
@@ -102,7 +102,7 @@ _SECTIONS = {
     "certificate": _Certificate,
     "robot": _Robot,
     "instrument": _Instrument,
-    "reflector": _Reflector,
+    "reflector": _MeasuredReflector,
     "environment": _Environment,
 }
 _NEEDED = {
@@ -121,7 +121,7 @@ class CertificateDetails:
     certificate: _Certificate = _Certificate()
     robot: _Robot = _Robot()
     instrument: _Instrument = _Instrument()
-    reflector: _Reflector = _Reflector()
+    reflector: _MeasuredReflector = _MeasuredReflector()
     environment: _Environment = _Environment()
 
     def of_arm(self, serial: str | None, where: str, run: str) -> "CertificateDetails":

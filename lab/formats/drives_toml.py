@@ -93,17 +93,7 @@ def _drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
         raise LabError(f"{path}: {len(found.drive)} [[drive]], but the robot has {joints} joints; give one for each")
     gears = np.array([each.gear_ratio for each in found.drive])
     for i, each in enumerate(found.drive, start=1):
-        for name, value in (("gear_ratio", each.gear_ratio), ("torque_nm_per_a", each.torque_nm_per_a)):
-            if value is not None and abs(value) not in GEAR:
-                raise LabError(f"{path}: [[drive]] {i}: {name} is {value:g}; give a number that is not zero")
-        if each.counts_per_turn is not None and each.counts_per_turn not in COUNTS:
-            raise LabError(
-                f"{path}: [[drive]] {i}: counts_per_turn is {each.counts_per_turn:g}; give the counts of one motor turn"
-            )
-        if abs(each.motor_zero_deg) not in MOTOR_ZERO_DEG:
-            raise LabError(
-                f"{path}: [[drive]] {i}: motor_zero_deg is {each.motor_zero_deg:g}; give an angle in degrees"
-            )
+        _refuse_unlikely(f"{path}: [[drive]] {i}", each)
     gains, counts = ([getattr(each, name) for each in found.drive] for name in ("torque_nm_per_a", "counts_per_turn"))
     zeros = np.deg2rad([each.motor_zero_deg for each in found.drive])
     return Drives(
@@ -113,6 +103,17 @@ def _drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
         _of_all(path, "counts_per_turn", counts),
         zeros if zeros.any() else None,
     )
+
+
+def _refuse_unlikely(where: str, drive: _DriveSection) -> None:
+    """Refuse numbers of a drive that cannot be in their unit."""
+    for name, value in (("gear_ratio", drive.gear_ratio), ("torque_nm_per_a", drive.torque_nm_per_a)):
+        if value is not None and abs(value) not in GEAR:
+            raise LabError(f"{where}: {name} is {value:g}; give a number that is not zero")
+    if drive.counts_per_turn is not None and drive.counts_per_turn not in COUNTS:
+        raise LabError(f"{where}: counts_per_turn is {drive.counts_per_turn:g}; give the counts of one motor turn")
+    if abs(drive.motor_zero_deg) not in MOTOR_ZERO_DEG:
+        raise LabError(f"{where}: motor_zero_deg is {drive.motor_zero_deg:g}; give an angle in degrees")
 
 
 def _of_all(path: Path, name: str, values: list[float | None]) -> Array | None:

@@ -55,7 +55,7 @@ class StatedUncertainty:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Noise:
+class _NoiseSection:
     """Noise of one reading (one standard deviation) along the beam and across it, and its growth per metre."""
 
     radial_um: float
@@ -72,7 +72,7 @@ class _Noise:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _View:
+class _FieldOfView:
     """Field of view of the instrument."""
 
     nearest_m: float = 0.0
@@ -103,8 +103,8 @@ def read_instrument(path: Path) -> Instrument:
         raise LabError(f"{path}: name: give up to 60 letters, digits, spaces and . ( ) / - _")
     if "noise" not in content:
         raise LabError(f"{path}: [noise] is missing; give radial_um and transverse_um, of one reading (1 sigma)")
-    noise = structured(f"{path}: [noise]", _Noise, content["noise"])
-    view = structured(f"{path}: [field_of_view]", _View, content.get("field_of_view", {}))
+    noise = structured(f"{path}: [noise]", _NoiseSection, content["noise"])
+    view = structured(f"{path}: [field_of_view]", _FieldOfView, content.get("field_of_view", {}))
     return Instrument(
         name,
         "spherical",

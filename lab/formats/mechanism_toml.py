@@ -3,6 +3,7 @@
 Files by ``write_mechanism`` (m, rad) read back to the bit.
 """
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -17,14 +18,14 @@ from lab.formats.description import DescriptionFormat
 from lab.formats.robot_toml import (
     ANGLES,
     LENGTHS,
-    RATES,
     JointSection,
+    JointSections,
     TrackedSection,
     quoted,
     read_base,
     read_height,
     read_tool,
-    refuse_doubled_names,
+    refuse_unknown_keys,
     written_base_and_tool,
 )
 from lab.formats.structured import read_toml
@@ -56,40 +57,24 @@ class MechanismFile:
 def read_mechanism(path: Path) -> MechanismFile:
     """Read a mechanism file."""
     document = read_toml(path)
-    if unknown := set(document) - set(_TOP_KEYS):
-        raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(_TOP_KEYS)}")
+    refuse_unknown_keys(path, document, _TOP_KEYS)
     warnings: list[str] = []
-    joints = [JointSection(path, i, content) for i, content in enumerate(_sections(path, document, "joint"))]
-    names = [joint.name for joint in joints]
-    refuse_doubled_names(path, names)
-    for name in (*names, *read_tool(path, document.get("tool", {}))):
+    joints = JointSections(path, _sections(path, document, "joint"))
+    tool = read_tool(path, document.get("tool", {}))
+    for name in (*joints.names, *tool):
         if "." in name or name in _RESERVED:
             raise LabError(f"{path}: {name} cannot be a joint's or a target's name; choose one without a dot")
-    limits = [joint.limits(warnings) for joint in joints]
-    speed, acceleration = (np.array([joint.rate(name) for joint in joints]) for name in RATES)
-    sign = np.array([joint.sign() for joint in joints])
-    for joint in joints:
-        joint.refuse_the_rest(_OF_JOINT)
-    reader = _Tree(path, joints)
+    values = joints.values(warnings)
+    joints.refuse_the_rest(_OF_JOINT)
     try:
-        mechanism = Mechanism(
-            name=_robot_name(path, document),
-            joint_names=tuple(names),
-            prismatic=tuple(joint.prismatic for joint in joints),
-            sign=sign,
-            lower=np.array([low for low, _ in limits]),
-            upper=np.array([high for _, high in limits]),
-            speed=speed,
-            acceleration=acceleration,
-            tree=reader.tree(document),
-        )
-        if not mechanism.tree.passive:
+        tree = _Tree(path, joints.joints).tree(document)
+        mechanism = Mechanism(name=_robot_name(path, document), tree=tree, **values)
+        if not tree.passive:
             raise LabError("it has no passive joint, so it has no loop; describe a chain by a Denavit-Hartenberg table")
         mechanism.refuse_open()
     except LabError as error:
         raise error if str(error).startswith(str(path)) else LabError(f"{path}: {error}") from error
     base = read_base(path, document["base"]) if "base" in document else None
-    tool = read_tool(path, document.get("tool", {}))
     return MechanismFile(mechanism, base, tool, read_height(path, document), tuple(warnings))
 
 
@@ -162,39 +147,44 @@ class _Tree:
         self.frames: dict[str, Frame] = {}
 
     def tree(self, document: dict[str, Any]) -> Tree:
-        for i, content in enumerate(_sections(self.path, document, "frame")):
-            section = TrackedSection(f"{self.path}, frame {i + 1}", content)
-            name = self._name(section, self.frames)
-            section.where = f"{self.path}, frame {name}"
-            frame = Frame(name, self._frame(section, section.take("on", _GROUND)), self._steps(section, name))
+        for section, name in self._named(document, "frame", self.frames):
+            on = self._frame(section, section.take("on", _GROUND))
+            self.frames[name] = Frame(name, on, self._steps(section, name))
             section.refuse_the_rest("name, on, path")
-            self.frames[name] = frame
         rods: dict[str, Rod] = {}
-        for i, content in enumerate(_sections(self.path, document, "rod", 0)):
-            section = TrackedSection(f"{self.path}, rod {i + 1}", content)
-            name = self._name(section, {**self.frames, **rods})
-            section.where = f"{self.path}, rod {name}"
+        for section, name in self._named(document, "rod", self.frames, rods):
             rods[name] = self._rod(section, name)
         pins: dict[str, Pin] = {}
-        for i, content in enumerate(_sections(self.path, document, "pin", 0)):
-            section = TrackedSection(f"{self.path}, pin {i + 1}", content)
-            name = self._name(section, {**self.frames, **rods, **pins})
-            section.where = f"{self.path}, pin {name}"
-            axes = str(section.take("along", "xyz"))
-            if not axes or set(axes) - set("xyz") or len(set(axes)) < len(axes):
-                raise LabError(f'{section.where}: along is {axes!r}; write axes of the base, "xy" or "xyz"')
-            pins[name] = Pin(name, self._ends(section), tuple("xyz".index(axis) for axis in axes))
-            section.refuse_the_rest("name, between, along")
+        for section, name in self._named(document, "pin", self.frames, rods, pins):
+            pins[name] = self._pin(section, name)
         platform = document.get("platform")
         if not isinstance(platform, str) or platform not in self.frames:
-            told = "missing" if platform is None else repr(platform)
+            given = "missing" if platform is None else repr(platform)
             frames = ", ".join(self.frames)
-            raise LabError(f"{self.path}: platform is {told}; name the frame that carries the targets: {frames}")
+            raise LabError(f"{self.path}: platform is {given}; name the frame that carries the targets: {frames}")
         return Tree(
             tuple(self.frames.values()), tuple(rods.values()), tuple(pins.values()), list(self.frames).index(platform)
         )
 
-    def _name(self, section: TrackedSection, taken: dict[str, Any]) -> str:
+    def _named(
+        self, document: dict[str, Any], kind: str, *taken: Mapping[str, object]
+    ) -> Iterator[tuple[TrackedSection, str]]:
+        """Yield the sections of a kind with their names, which no earlier one has."""
+        for i, content in enumerate(_sections(self.path, document, kind, int(kind == "frame"))):
+            section = TrackedSection(f"{self.path}, {kind} {i + 1}", content)
+            name = self._name(section, {name for names in taken for name in names})
+            section.where = f"{self.path}, {kind} {name}"
+            yield section, name
+
+    def _pin(self, section: TrackedSection, name: str) -> Pin:
+        axes = str(section.take("along", "xyz"))
+        if not axes or set(axes) - set("xyz") or len(set(axes)) < len(axes):
+            raise LabError(f'{section.where}: along is {axes!r}; write axes of the base, "xy" or "xyz"')
+        pin = Pin(name, self._ends(section), tuple("xyz".index(axis) for axis in axes))
+        section.refuse_the_rest("name, between, along")
+        return pin
+
+    def _name(self, section: TrackedSection, taken: set[str]) -> str:
         name = section.take("name")
         if not isinstance(name, str) or not name.strip() or "." in name or "," in name:
             raise LabError(f"{section.where}: name is {name!r}; give it a name, without a dot or a comma")
@@ -241,11 +231,8 @@ class _Tree:
         return tuple(steps)
 
     def _step(self, section: TrackedSection) -> Step:
-        kinds: list[tuple[Kind, float]] = []
-        for kind in get_args(Kind):
-            number = section.optional(kind, ANGLES if len(kind) == 2 else LENGTHS)
-            if number is not None:
-                kinds.append((kind, number))
+        numbers = {kind: section.optional(kind, ANGLES if len(kind) == 2 else LENGTHS) for kind in get_args(Kind)}
+        kinds = [(kind, number) for kind, number in numbers.items() if number is not None]
         joint, passive, exact = self._joint(section), section.flag("passive"), section.flag("exact")
         section.refuse_the_rest(_OF_STEP)
         if len(kinds) != 1:
@@ -253,17 +240,22 @@ class _Tree:
         if (joint is not None) + passive + exact > 1:
             raise LabError(f"{section.where}: a step has a joint, is passive, or is exact; keep one")
         kind, value = kinds[0]
-        if joint is not None and self.slides[joint] == (len(kind) == 2):
-            turns = len(kind) == 2
+        step = Step(kind, value, exact, joint, passive)
+        self._refuse_unfit(section, step, value)
+        return step
+
+    def _refuse_unfit(self, section: TrackedSection, step: Step, value: float) -> None:
+        """Refuse a step of another kind than its joint, and one that is too long."""
+        if step.joint is not None and self.slides[step.joint] == step.is_turn:
+            moves, kind = ("turns", "revolute") if step.is_turn else ("slides", "prismatic")
             raise LabError(
-                f"{section.where}: {kind} {'turns' if turns else 'slides'}, but joint {self._names[joint]} does not; "
-                f"make the joint {'revolute' if turns else 'prismatic'}, or let another step name it"
+                f"{section.where}: {step.kind} {moves}, but joint {self._names[step.joint]} does not; "
+                f"make the joint {kind}, or let another step name it"
             )
-        if len(kind) == 2 and abs(value) > 2 * np.pi:
-            raise LabError(f"{section.where}: {kind} is {DEGREES.text(value, 6)}; give at most a full turn")
+        if step.is_turn and abs(value) > 2 * np.pi:
+            raise LabError(f"{section.where}: {step.kind} is {DEGREES.text(value, 6)}; give at most a full turn")
         if abs(value) not in LENGTH_M:
-            raise LabError(f"{section.where}: {kind} is {value:.6g} m; give at most {LENGTH_M.most:g} m")
-        return Step(kind, value, exact, joint, passive)
+            raise LabError(f"{section.where}: {step.kind} is {value:.6g} m; give at most {LENGTH_M.most:g} m")
 
     def _rod(self, section: TrackedSection, name: str) -> Rod:
         ends, joint, exact = self._ends(section), self._joint(section), section.flag("exact")

@@ -5,7 +5,7 @@ Keys as in the README: ``name``, ``convention``, and one ``[[joint]]`` each. Wri
 or in a file whose ``robot`` is another robot's name or file.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from lab.formats.structured import is_number, read_toml
 from lab.formats.ur_calibration import read_corrections
 from lab.kinematics.dynamics.beam import MATERIALS, LinkSections, Material, tube
 from lab.kinematics.serial.axes_to_dh import JointAxes, chain_from_axes
-from lab.kinematics.serial.chain import COLUMNS, Chain, parallel_links
+from lab.kinematics.serial.chain import COLUMNS, Chain, Convention, parallel_links
 from lab.kinematics.serial.khalil_frames import ANGULAR, SYMBOLS, KhalilFrame, khalil_frame, pose_of
 from lab.kinematics.serial.serial_arm import SerialArm
 
@@ -33,6 +33,7 @@ __all__ = [
     "RATES",
     "TABLE_TOML",
     "JointSection",
+    "JointSections",
     "RobotTable",
     "TrackedSection",
     "described_links",
@@ -43,7 +44,7 @@ __all__ = [
     "read_height",
     "read_table",
     "read_tool",
-    "refuse_doubled_names",
+    "refuse_unknown_keys",
     "write_table",
     "written_base_and_tool",
 ]
@@ -165,13 +166,46 @@ def read_height(path: Path, document: dict[str, Any]) -> float | None:
     return None if height is None else MM.to_si(float(height))
 
 
-def refuse_doubled_names(path: Path, names: list[str]) -> None:
-    """Refuse too many joints, equal names, and invalid ones."""
-    JOINTS(path, names)
-    for i, name in enumerate(names):
-        checked_name(f"{path}: joint {i + 1}", name)
-        if name in names[:i]:
-            raise LabError(f"{path}: joints {names.index(name) + 1} and {i + 1} are both named {name}; rename one")
+class JointSections:
+    """The sections ``[[joint]]`` of a robot's file, in order."""
+
+    def __init__(self, path: Path, contents: list[Any]) -> None:
+        self.path = path
+        self.joints = [JointSection(path, i, content) for i, content in enumerate(contents)]
+        self.names = [joint.name for joint in self.joints]
+        JOINTS(path, self.names)
+        for i, name in enumerate(self.names):
+            checked_name(f"{path}: joint {i + 1}", name)
+            if (first := self.names.index(name)) < i:
+                raise LabError(f"{path}: joints {first + 1} and {i + 1} are both named {name}; rename one")
+
+    def numbers(self, of_a_joint: Callable[[JointSection], float | tuple[float, float]]) -> Array:
+        """Return a number of each joint ``(n,)``, or two ``(n, 2)``."""
+        return np.array([of_a_joint(joint) for joint in self.joints])
+
+    def values(self, warnings: list[str]) -> dict[str, Any]:
+        """Return names, kinds, signs and limits as a chain or a mechanism has them; assumptions extend ``warnings``."""
+        limits = self.numbers(lambda joint: joint.limits(warnings))
+        return {
+            "joint_names": tuple(self.names),
+            "prismatic": tuple(joint.prismatic for joint in self.joints),
+            "sign": self.numbers(JointSection.sign),
+            "lower": limits[:, 0],
+            "upper": limits[:, 1],
+            "speed": self.numbers(lambda joint: joint.rate("speed")),
+            "acceleration": self.numbers(lambda joint: joint.rate("acceleration")),
+        }
+
+    def refuse_the_rest(self, known: str) -> None:
+        """Raise a LabError for a key that was not read."""
+        for joint in self.joints:
+            joint.refuse_the_rest(known)
+
+
+def refuse_unknown_keys(path: Path, document: Mapping[str, Any], known: Sequence[str]) -> None:
+    """Raise a LabError for a key at the top of a file that is none of these."""
+    if unknown := set(document) - set(known):
+        raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(known)}")
 
 
 def read_base(path: Path, section: Any) -> Array:
@@ -284,19 +318,7 @@ _STIFFNESSES = (("ei", "nm2"), ("ei_y", "nm2"), ("ei_z", "nm2"), ("gj", "nm2"), 
 
 
 def _tube(section: TrackedSection) -> Array:
-    name, size = section.take("material"), section.take("tube_mm")
-    moduli = [section.positive(each, _MODULI) for each in ("young", "shear")]
-    if name is None:
-        if np.isnan(moduli).any():
-            raise LabError(f"{section.where}: give a material ({', '.join(MATERIALS)}), or young_gpa and shear_gpa")
-        material = Material(*moduli)
-    else:
-        if not isinstance(name, str) or name not in MATERIALS:
-            known = ", ".join(MATERIALS)
-            raise LabError(f"{section.where}: material is {name!r}; known are {known}; or give young_gpa and shear_gpa")
-        if not np.isnan(moduli).all():
-            raise LabError(f"{section.where}: a material and moduli are both given; keep one")
-        material = MATERIALS[name]
+    material, size = _material(section), section.take("tube_mm")
     if not isinstance(size, list) or len(size) != 2 or not all(is_number(each) and each > 0 for each in size):
         raise LabError(f"{section.where}: tube_mm is {size!r}; give [outer diameter, wall], e.g. [80, 4]")
     outer, wall = (float(each) * LENGTHS["mm"] for each in size)
@@ -305,6 +327,21 @@ def _tube(section: TrackedSection) -> Array:
             f"{section.where}: tube_mm: the wall of {size[1]:g} mm exceeds half the diameter of {size[0]:g} mm"
         )
     return tube(outer, wall, material)
+
+
+def _material(section: TrackedSection) -> Material:
+    """Return the material of a link's tube: of a name, or of moduli."""
+    name, known = section.take("material"), ", ".join(MATERIALS)
+    moduli = [section.positive(each, _MODULI) for each in ("young", "shear")]
+    if name is None:
+        if np.isnan(moduli).any():
+            raise LabError(f"{section.where}: give a material ({known}), or young_gpa and shear_gpa")
+        return Material(*moduli)
+    if not isinstance(name, str) or name not in MATERIALS:
+        raise LabError(f"{section.where}: material is {name!r}; known are {known}; or give young_gpa and shear_gpa")
+    if not np.isnan(moduli).all():
+        raise LabError(f"{section.where}: a material and moduli are both given; keep one")
+    return MATERIALS[name]
 
 
 def _path(section: TrackedSection) -> Array | None:
@@ -359,43 +396,22 @@ class RobotTable:
 def read_table(path: Path) -> RobotTable:
     """Read a Denavit-Hartenberg table."""
     document = read_toml(path)
-    if unknown := set(document) - _TOP_KEYS:
-        raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(sorted(_TOP_KEYS))}")
+    refuse_unknown_keys(path, document, sorted(_TOP_KEYS))
     convention = document.get("convention")
     if convention not in ("distal", "craig"):
         raise LabError(f'{path}: convention is {convention!r}; write convention = "distal" or "craig"')
-    joints = document.get("joint")
-    if not isinstance(joints, list) or not joints or not all(isinstance(joint, dict) for joint in joints):
+    sections = document.get("joint")
+    if not isinstance(sections, list) or not all(isinstance(each, dict) for each in sections) or not sections:
         raise LabError(f"{path}: no joints; give each joint a [[joint]] section")
     warnings: list[str] = []
-    readers = [JointSection(path, i, joint) for i, joint in enumerate(joints)]
-    refuse_doubled_names(path, [reader.name for reader in readers])
-    limits = [reader.limits(warnings) for reader in readers]
-    table = np.array([[_cell(reader, name) for name in COLUMNS] for reader in readers])
-    parallel = list(parallel_links(convention, table[:, 3]))
-    for i, reader in enumerate(readers):
-        if table[i, 4] != 0 and not parallel[i]:
-            raise LabError(f"{reader.where}: beta is for links between nearly parallel axes; leave it out")
-    signs = np.array([reader.sign() for reader in readers])
-    speed, acceleration = (np.array([reader.rate(name) for reader in readers]) for name in RATES)
-    mass_kg = np.array([reader.positive("mass", {"kg": 1.0}) for reader in readers])
-    torque = np.array([reader.torque() for reader in readers])
-    for reader in readers:
-        reader.refuse_the_rest(_TABLE_KEYS)
-    name = document.get("name", path.stem)
-    chain = Chain(
-        name=str(name),
-        convention=convention,
-        joint_names=tuple(reader.name for reader in readers),
-        prismatic=tuple(reader.prismatic for reader in readers),
-        table=table,
-        sign=signs,
-        lower=np.array([low for low, _ in limits]),
-        upper=np.array([high for _, high in limits]),
-        speed=speed,
-        acceleration=acceleration,
-        parallel=tuple(parallel),
-    )
+    joints = JointSections(path, sections)
+    values = joints.values(warnings)
+    table, parallel = _rows(joints, convention)
+    mass_kg = joints.numbers(lambda joint: joint.positive("mass", {"kg": 1.0}))
+    torque = joints.numbers(JointSection.torque)
+    joints.refuse_the_rest(_TABLE_KEYS)
+    name = str(document.get("name", path.stem))
+    chain = Chain(name=name, convention=convention, table=table, parallel=parallel, **values)
     if "corrections" in document:
         chain = _corrected(path, chain, document["corrections"])
     if (drives := drives_in(path, document, chain.size)) is not None:
@@ -405,6 +421,16 @@ def read_table(path: Path) -> RobotTable:
     height_m, place = read_height(path, document), _place(path, document)
     links = links_of(path, document["link"], chain.size) if "link" in document else None
     return RobotTable(chain, base, tool, height_m, mass_kg, torque, tuple(warnings), place, links)
+
+
+def _rows(joints: JointSections, convention: Convention) -> tuple[Array, tuple[bool, ...]]:
+    """Return the rows ``(n, 5)`` of the table, and which links join nearly parallel axes."""
+    table = np.array([[_cell(joint, name) for name in COLUMNS] for joint in joints.joints])
+    parallel = parallel_links(convention, table[:, 3])
+    for joint, beta, near in zip(joints.joints, table[:, 4], parallel, strict=True):
+        if beta != 0 and not near:
+            raise LabError(f"{joint.where}: beta is for links between nearly parallel axes; leave it out")
+    return table, parallel
 
 
 def _corrected(path: Path, chain: Chain, file: Any) -> Chain:

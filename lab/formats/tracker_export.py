@@ -85,10 +85,10 @@ def read_tracker_points(table: LooseTable, columns: PointColumns, unit: str | No
         unit: of lengths, mm, m or in, if the file does not state it.
         coverage: factor of its uncertainties over one standard deviation.
     """
-    return _Reader(table, columns, unit, coverage).read()
+    return _PointReader(table, columns, unit, coverage).read()
 
 
-class _Reader:
+class _PointReader:
     """Reader of an export."""
 
     def __init__(self, table: LooseTable, columns: PointColumns, unit: str | None, coverage: float) -> None:

@@ -224,22 +224,27 @@ def read_urdf(path: Path, *, gripper: bool = True) -> UrdfSource:
     _keep_solid_shapes(root)
     held = _hold_gripper(root) if gripper else ()
     _add_world(root)
-    assets, missing = dict[str, bytes](), ""
-    for mesh in root.iter("mesh"):
-        name = mesh.get("filename", "")
-        try:
-            file = _found(path, name)
-            asset = f"mesh{len(assets)}{'.obj' if file.suffix.lower() == '.obj' else '.stl'}"
-            assets[asset] = _content(file)
-            mesh.set("filename", asset)
-        except LabError as error:
-            missing = missing or str(error)
+    assets, missing = _take_meshes(path, root)
     if root.find("mujoco/compiler") is None:
         compiler = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
     else:
         compiler = next(root.iter("compiler"))
     compiler.set("strippath", "false")
     return UrdfSource(ET.tostring(root, encoding="unicode"), assets, missing, held)
+
+
+def _take_meshes(path: Path, root: ET.Element) -> tuple[dict[str, bytes], str]:
+    """Name the meshes anew, and return their contents by name, and a message on the first that is missing, or ""."""
+    assets, missing = dict[str, bytes](), ""
+    for mesh in root.iter("mesh"):
+        try:
+            file = _found(path, mesh.get("filename", ""))
+            asset = f"mesh{len(assets)}{'.obj' if file.suffix.lower() == '.obj' else '.stl'}"
+            assets[asset] = _content(file)
+            mesh.set("filename", asset)
+        except LabError as error:
+            missing = missing or str(error)
+    return assets, missing
 
 
 def mesh_files(path: Path) -> Iterator[Path]:
@@ -281,21 +286,33 @@ def _keep_solid_shapes(root: ET.Element) -> None:
                 visual.tag = "collision"
 
 
-def _hold_gripper(root: ET.Element) -> tuple[str, ...]:
-    """Fix the joints of shorter branches beyond a fork, and return their names."""
-    joints = {joint.find("child").get("link"): joint for joint in root.findall("joint")}  # type: ignore[union-attr]
-    carriers = {joint.find("parent").get("link") for joint in joints.values()}  # type: ignore[union-attr]
+def _moving_chains(root: ET.Element) -> list[list[ET.Element]]:
+    """Return the joints that move, from the base to each tip."""
+    joints = {_link(joint, "child"): joint for joint in root.findall("joint")}
+    carriers = {_link(joint, "parent") for joint in joints.values()}
     chains = []
-    for tip in [name for name in joints if name not in carriers]:
-        chain, link = list[ET.Element](), tip
+    for link in [name for name in joints if name not in carriers]:
+        chain = list[ET.Element]()
         while (joint := joints.get(link)) is not None and len(chain) <= len(joints):
             chain.insert(0, joint)
-            link = joint.find("parent").get("link")  # type: ignore[union-attr]
+            link = _link(joint, "parent")
         chains.append([joint for joint in chain if joint.get("type") not in ("fixed", None)])
+    return chains
+
+
+def _link(joint: ET.Element, end: str) -> str | None:
+    """Return the link at an end of a joint, ``parent`` or ``child``."""
+    element = joint.find(end)
+    return None if element is None else element.get("link")
+
+
+def _hold_gripper(root: ET.Element) -> tuple[str, ...]:
+    """Fix the joints of shorter branches beyond a fork, and return their names."""
+    chains = _moving_chains(root)
     shared = [each[0] for each in zip(*chains, strict=False) if all(other is each[0] for other in each)]
     branches = [chain[len(shared) :] for chain in chains]
     moving = [branch for branch in branches if branch]
-    if len(moving) < 2 or any(len(branch) >= len(shared) for branch in moving):
+    if len(moving) < 2 or max(map(len, moving)) >= len(shared):
         return ()
     held = dict.fromkeys(joint for branch in moving for joint in branch)
     for joint in held:
@@ -447,21 +464,25 @@ _STEPS: Mapping[str, Callable[[Array], Array]] = {
 
 def _triangles(geometry: ET.Element) -> Iterator[Array]:
     """Yield triangles ``(n, 3, 3)`` of each group of a geometry; a polygon is a fan about its first corner."""
-    sources = {f"#{each.get('id')}": each for each in geometry.iter("source")}
-    vertices = {
-        f"#{each.get('id')}": next(i.get("source") for i in each.findall("input") if i.get("semantic") == "POSITION")
-        for each in geometry.iter("vertices")
-    }
+    corners_of = _corner_places(geometry)
     for group in (each for tag in ("triangles", "polylist", "polygons") for each in geometry.iter(tag)):
         inputs = group.findall("input")
         stride = 1 + max(int(each.get("offset", "0")) for each in inputs)
         vertex = next(each for each in inputs if each.get("semantic") == "VERTEX")
-        points = _points(sources[vertices[vertex.get("source", "")] or ""])
-        corners = [
-            np.array((each.text or "").split(), dtype=np.int_).reshape(-1, stride)[:, int(vertex.get("offset", "0"))]
-            for each in group.findall("p")
-        ]
-        yield points[np.concatenate([_fans(group, each) for each in corners])]
+        points, offset = corners_of[vertex.get("source", "")], int(vertex.get("offset", "0"))
+        indices = [np.array((each.text or "").split(), dtype=np.int_) for each in group.findall("p")]
+        corners = [_fans(group, each.reshape(-1, stride)[:, offset]) for each in indices]
+        yield points[np.concatenate(corners)]
+
+
+def _corner_places(geometry: ET.Element) -> dict[str, Array]:
+    """Return the places ``(n, 3)`` of the corners of a geometry, by the reference of their vertices."""
+    sources = {f"#{each.get('id')}": each for each in geometry.iter("source")}
+    places = {}
+    for each in geometry.iter("vertices"):
+        position = next(i.get("source") for i in each.findall("input") if i.get("semantic") == "POSITION")
+        places[f"#{each.get('id')}"] = _points(sources[position or ""])
+    return places
 
 
 def _points(source: ET.Element) -> Array:

@@ -522,21 +522,28 @@ class ProgramReader:
 
 def refuse_unknown_frames(read: ProgramText, spelling: PoseSpelling) -> None:
     """Refuse a program with targets whose frames are neither in the text nor given."""
-    asked = (name for each in read.targets for name in (each.tool, each.base) if name and name not in read.frames)
-    names = dict.fromkeys(" ".join(name.split()) for name in asked)
+    named = (name for each in read.targets for name in (each.tool, each.base) if name and name not in read.frames)
+    names = dict.fromkeys(" ".join(name.split()) for name in named)
     if not names:
         return
-    missing, made = [name for name in names if name not in read.computed], [n for n in names if n in read.computed]
-    messages = [f"{_listed(missing)} {_is(missing)} not in the text"] if missing else []
+    made = [name for name in names if name in read.computed]
+    example = "x,y,z,q1,q2,q3,q4" if spelling.parts == 4 else "x,y,z,a,b,c"
+    given = _listed([f"{name}={example}" for name in names], "; ")
+    raise LabError(
+        f"{_where_frames_are(read, [*names], made)}; give {option_name('frames')} '{given}' ({spelling.description}"
+        f"{', as the controller shows it when that line has run' if made else ''})"
+    )
+
+
+def _where_frames_are(read: ProgramText, names: Sequence[str], made: Sequence[str]) -> str:
+    """Describe which frames are not in the text, and which are made while the program runs."""
+    missing, messages = [name for name in names if name not in made], list[str]()
+    if missing:
+        messages.append(f"{_listed(missing)} {_is(missing)} not in the text")
     if made:
         listed = _listed([f"{name} (line {read.computed[name]})" for name in made])
         messages.append(f"{listed} {_is(made)} given a value only while the program runs")
-    example = ",".join("xyz") + "," + ",".join(("q1", "q2", "q3", "q4") if spelling.parts == 4 else ("a", "b", "c"))
-    given = _listed([f"{name}={example}" for name in names], "; ")
-    raise LabError(
-        f"{', and '.join(messages)}; give {option_name('frames')} '{given}' ({spelling.description}"
-        f"{', as the controller shows it when that line has run' if made else ''})"
-    )
+    return ", and ".join(messages)
 
 
 def _listed(names: Sequence[str], comma: str = ", ") -> str:
