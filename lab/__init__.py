@@ -50,6 +50,7 @@ __all__ = [
     "certify",
     "check_plan",
     "compensate",
+    "convert_rotation",
     "design",
     "dynamics",
     "example",
@@ -65,6 +66,7 @@ __all__ = [
     "measurements",
     "next_pose",
     "payload",
+    "plan_touches",
     "predict",
     "read_measurements",
     "reproduce",
@@ -75,6 +77,7 @@ __all__ = [
     "study",
     "trajectory",
     "verify",
+    "verify_touches",
     "workspace",
     "world_frames",
     "write_measurements",
@@ -117,7 +120,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.library.result": ("Result",),
     "lab.studies.study": ("StudyResult", "study"),
     "lab.library.point_verification": ("VerificationResult",),
-    "lab.library.verify": ("verify",),
+    "lab.library.verify": ("plan_touches", "verify", "verify_touches"),
     "lab.core.errors": ("LabError",),
     "lab.core.progress": ("Event",),
     "lab.core.measurements": ("Measurements",),
@@ -132,7 +135,7 @@ _MODULES = {  # where each name is, imported when it is asked for
 _EXTENSIONS = {  # the lab's own extensions, with the names that each registers as ``lab.names``
     "dynamics": ("PayloadResult", "dynamics", "payload"),
     "reproduction": ("reproduce",),
-    "robotics": ("solve_kinematics", "trajectory", "workspace"),
+    "robotics": ("convert_rotation", "solve_kinematics", "trajectory", "workspace"),
 }
 
 

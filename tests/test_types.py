@@ -45,11 +45,13 @@ virtual: lab.CalibrationResult = lab.calibrate(
     "irb120", poses=30, effects=lab.Effects(ripple_mrad=0.1, payload_kg=(0.0, 3.0))
 )
 lab.design(robot, poses=20, criterion=Volume(), cell="cell.toml")
+lab.check_plan("plan.csv", robot)
 lab.import_measurements("tracker.txt", "irb120", joints="poses.csv")
 targets: lab.CompensationResult = lab.compensate("targets.csv", result)
 points: lab.PredictionResult = lab.predict([[0.0] * 6], result)
 lab.verify("run", "new.csv")
-lab.verify("run", "daily.csv", since="2026-03-02")
+lab.verify_touches("run", "daily.csv", since="2026-03-02")
+lab.plan_touches("run", "daily.csv", 5)
 lab.history(["first", "second"])
 arms: lab.Result = lab.example("ur5", out="data")
 load: lab.PayloadResult = lab.payload("load.csv", "tx40")
@@ -69,7 +71,7 @@ certificate: lab.Result = lab.certify("run", tolerance_mm=0.5)
 next_one: lab.Result = lab.next_pose("plan", day.measurements, accuracy_mm=0.02)
 printed: lab.Result = lab.reproduce("thesis")
 reached: lab.Result = lab.workspace(["irb120", "tx40"], orientations=30)
-turned: lab.Result = lab.solve_kinematics(angles=(30.0, 90.0, 10.0), order="zyx")
+turned: lab.Result = lab.convert_rotation(angles=(30.0, 90.0, 10.0), order="zyx")
 followed: lab.Result = lab.history("runs", kept=["base"])
 one: np.ndarray = robot.points([0.0] * 6)
 many: np.ndarray = estimate.parameter_jacobian(np.zeros((9, 6)))
@@ -94,6 +96,7 @@ lab.design("irb120", criterion=abs)  # wrong
 lab.measurements([[0.0] * 6], [[0.0] * 3])  # wrong
 lab.robot_from_dh([[0.0] * 4], convention="denavit")  # wrong
 lab.history("first", "second")  # wrong
+lab.check_plan("plan.csv", robot)
 lab.import_measurements("tracker.txt")  # wrong
 lab.identfy("day.csv")  # wrong
 robot.nam  # wrong

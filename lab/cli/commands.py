@@ -165,7 +165,7 @@ COMMANDS = (
         "verify",
         "Test new measurements, or daily touches of a socket, against a calibrated arm; report what moved.",
         "lab.options.command_options:VerifyOptions",
-        "lab.library.verify:verify",
+        "lab.library.verify:verification_of",
         "verify-{file}",
         examples=("runs/day check.csv --refit base --require good", "runs/day touches.csv --since 2026-05-04"),
     ),

@@ -33,7 +33,7 @@ from lab.verification.socket_checks import (
     causes_of,
 )
 
-__all__ = ["TouchesResult", "verified_touches"]
+__all__ = ["TouchesResult", "planned_touches", "verified_touches"]
 
 _NEAR_RAD = np.deg2rad(10.0)  # within which a joint position is that of the same configuration
 _NEAR_M = 0.05  # of a slide
@@ -195,25 +195,25 @@ class TouchesResult(Result):
         return f"{what} moved by {size} {plus_minus(unit.of(candidate.half_width), digits)} {unit.name}"
 
 
-def verified_touches(
-    options: VerifyOptions, calibrated: CalibrationRun, read: Measurements
-) -> TouchesResult | TouchPlan:
-    """Test daily touches of a socket, or propose configurations for them.
+def planned_touches(options: VerifyOptions, calibrated: CalibrationRun, read: Measurements) -> TouchPlan:
+    """Propose configurations for daily touches.
+
+    Raises:
+        LabError: there is no touch by which a socket is placed.
+    """
+    rows, slides = read.only("calibrate", "reference", "test"), np.array(calibrated.robot.chain.prismatic)
+    if not len(rows):
+        raise LabError(f"{options.file}: holds no touch; add one of each socket, by which it is placed")
+    return planned(options, calibrated, rows, np.where(slides, _NEAR_M, _NEAR_RAD), read.warnings)
+
+
+def verified_touches(options: VerifyOptions, calibrated: CalibrationRun, read: Measurements) -> TouchesResult:
+    """Test daily touches of a socket.
 
     Raises:
         LabError: the rows make no daily checks.
     """
-    rows, slides = read.only("calibrate", "reference", "test"), np.array(calibrated.robot.chain.prismatic)
-    if options.plan is not None:
-        if not len(rows):
-            raise LabError(f"{options.file}: holds no touch; add one of each socket, by which it is placed")
-        return planned(options, calibrated, rows, np.where(slides, _NEAR_M, _NEAR_RAD), read.warnings)
-    dates = _dates(options, rows)
-    kept = [i for i, date in enumerate(dates) if options.since is None or date >= options.since]
-    if not kept:
-        raise LabError(f"{options.file}: holds no check since {options.since}; give an earlier --since")
-    rows, dates = rows[kept], [dates[i] for i in kept]
-    days, table = _by_configuration(options, rows, dates, slides)
+    days, rows, table = _checks_by_day(options, calibrated, read)
     labels = sockets_of(rows, table[0].tolist())
     arm, values = calibrated.estimate.geometry
     joints = rows.joints[table]  # (days, m, joints)
@@ -232,6 +232,20 @@ def verified_touches(
     return TouchesResult(
         options, calibrated, days, errors, labels, tests.distinctions(errors[unchanged]), scan, tuple(warnings)
     )
+
+
+def _checks_by_day(
+    options: VerifyOptions, calibrated: CalibrationRun, read: Measurements
+) -> tuple[tuple[str, ...], Measurements, NDArray[np.int_]]:
+    """Return the days, the rows since the day that the options name, and the row of each configuration on each day."""
+    rows, slides = read.only("calibrate", "reference", "test"), np.array(calibrated.robot.chain.prismatic)
+    dates = _dates(options, rows)
+    kept = [i for i, date in enumerate(dates) if options.since is None or date >= options.since]
+    if not kept:
+        raise LabError(f"{options.file}: holds no check since {options.since}; give an earlier --since")
+    rows = rows[kept]
+    days, table = _by_configuration(options, rows, [dates[i] for i in kept], slides)
+    return days, rows, table
 
 
 def _dates(options: VerifyOptions, rows: Measurements) -> list[str]:

@@ -1,5 +1,7 @@
-"""Run ``lab verify``: of measured points, or of daily touches of a socket, whichever the file holds."""
+"""Verify a calibrated robot: by measured points, or by daily touches of a socket, which this also plans."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +14,7 @@ from lab.library.load_run import CalibrationRun, calibrated_by, folder_of, load_
 from lab.library.measurement_checks import checked
 from lab.library.point_verification import VerificationResult, verified_points
 from lab.library.touch_plan import TouchPlan
-from lab.library.touch_verification import TouchesResult, verified_touches
+from lab.library.touch_verification import TouchesResult, planned_touches, verified_touches
 from lab.options.call_options import options_of, takes
 from lab.options.command_options import VerifyOptions
 from lab.sensors.sensor_registry import sensor_named
@@ -20,29 +22,30 @@ from lab.sensors.sensor_registry import sensor_named
 if TYPE_CHECKING:
     from lab.library.calibration_result import CalibrationResult
 
-__all__ = ["verify"]
+__all__ = ["plan_touches", "verification_of", "verify", "verify_touches"]
 
 
-@takes(VerifyOptions, file="measurements")
+_OF_TOUCHES = ("reference", "since")  # options that only daily touches have a use for
+_OF_POINTS = ("refit", "instrument", "noise_mm")
+
+
+@takes(VerifyOptions, unused=("observe", "plan", *_OF_TOUCHES), file="measurements")
 def verify(
     run: "str | Path | CalibrationResult | VerifyOptions",
     measurements: str | Path | Measurements | None = None,
     **options: Any,
-) -> VerificationResult | TouchesResult | TouchPlan:
+) -> VerificationResult:
     """Test a few new measurements against a calibrated robot; if it is no longer good, report what moved.
 
     Args:
         run: what calibrated the robot: a result of ``calibrate`` or ``identify``, or the folder of a run; or all
             options in one object.
         measurements: a CSV file, or measurements in memory: points in the frame of the run (m) unless ``refit`` says
-            that the base was set up anew; or, without points, joint positions with a ball in a socket, the day of each
-            row in ``session``.
-        options: those of ``lab verify``, by name: ``refit``, ``instrument``, ``noise_mm``, ``force``; of touches
-            ``reference``, ``since``, ``plan``.
+            that the base was set up anew. Daily touches of a socket are for ``lab.verify_touches``.
+        options: those of ``lab verify`` for points, by name: ``refit``, ``instrument``, ``noise_mm``, ``force``.
 
     Returns:
-        Whether the errors are those that the calibration predicts, and what would explain them if not; with ``plan``
-        the configurations that are proposed.
+        Whether the errors are those that the calibration predicts, and what would explain them if not.
 
     Raises:
         LabError: the run is not good, is of another robot, or did not identify what was measured.
@@ -50,56 +53,145 @@ def verify(
     Example:
         >>> import lab
         >>> day = lab.simulate("irb120", poses=60, seed=7)
-        >>> old, new = day.measurements[:50], day.measurements[50:60]
+        >>> old, new = day.measurements[:50], day.measurements[50:]
         >>> result = lab.identify(old, robot="irb120", instrument="uniform-8um")
         >>> lab.verify(result, new).to_dict()["good"]
         True
     """
+    given = _given("lab.verify", run, measurements, options)
+    data = given.points()
+    return verified_points(given.options, given.calibrated, data, from_file=given.in_memory is None)
+
+
+@takes(VerifyOptions, unused=("observe", "plan", *_OF_POINTS), file="measurements")
+def verify_touches(
+    run: "str | Path | CalibrationResult | VerifyOptions",
+    measurements: str | Path | Measurements | None = None,
+    **options: Any,
+) -> TouchesResult:
+    """Test daily touches of a socket against a calibrated robot; if a check is out of the others, report what moved.
+
+    Args:
+        run: what calibrated the robot: a result of ``calibrate`` or ``identify``, or the folder of a run; or all
+            options in one object.
+        measurements: all touches so far, a CSV file or in memory: joint positions with a ball in the socket, the day of
+            each row in ``session`` (YYYY-MM-DD).
+        options: those of ``lab verify`` for touches, by name: ``reference``, ``since``, ``force``.
+
+    Returns:
+        Whether the checks repeat as the first ones did, and which joint, base or tool would explain a change.
+
+    Raises:
+        LabError: the run is not good or is of another robot, or the rows make no checks.
+    """
+    given = _given("lab.verify_touches", run, measurements, options)
+    return verified_touches(given.options, given.calibrated, given.touches())
+
+
+@takes(VerifyOptions, unused=("observe", "require", *_OF_POINTS, *_OF_TOUCHES), file="measurements", plan="count")
+def plan_touches(
+    run: "str | Path | CalibrationResult | VerifyOptions",
+    measurements: str | Path | Measurements | None = None,
+    count: int = 4,
+    **options: Any,
+) -> TouchPlan:
+    """Propose configurations in which a robot touches a socket each day, by a first touch of each socket.
+
+    Args:
+        run: what calibrated the robot: a result of ``calibrate`` or ``identify``, or the folder of a run; or all
+            options in one object.
+        measurements: a touch of each socket, a CSV file or in memory: joint positions with a ball in the socket.
+        count: number of configurations, 4 or more.
+        options: those of ``lab verify``, by name: ``force``, ``accept_edited``, ``serial``.
+
+    Returns:
+        The configurations, and how well each joint's zero is seen in them.
+
+    Raises:
+        LabError: the run is not good or is of another robot, or no such configurations are found.
+    """
+    given = _given("lab.plan_touches", run, measurements, {**options, "plan": count})
+    return planned_touches(given.options, given.calibrated, given.touches())
+
+
+def verification_of(options: VerifyOptions) -> VerificationResult | TouchesResult | TouchPlan:
+    """Run the command ``lab verify``: of points or of touches, whichever the file holds."""
+    given = _given("lab.verify", options, None, {})
+    data, touches = given.read()
+    options.refuse_others(touches=touches)
+    if options.plan is not None:
+        return planned_touches(options, given.calibrated, data)
+    if touches:
+        return verified_touches(options, given.calibrated, data)
+    return verified_points(options, given.calibrated, data, from_file=True)
+
+
+@dataclass(frozen=True)
+class _Given:
+    """New measurements, in memory or in a file, and the run that calibrated the robot."""
+
+    options: VerifyOptions
+    calibrated: CalibrationRun
+    in_memory: Measurements | None
+
+    def points(self) -> Measurements:
+        """Return measured points.
+
+        Raises:
+            LabError: there are none.
+        """
+        if self.in_memory is None:
+            read, touches = self.read()
+        else:
+            read, touches = self.in_memory, not self.in_memory.targets
+        if touches:
+            raise LabError(f"lab.verify: {self.options.file} holds touches of a socket; give it to lab.verify_touches")
+        return read if self.in_memory is None else checked("measurements in memory", read, self.calibrated.robot)
+
+    def touches(self) -> Measurements:
+        """Return touches of a socket."""
+        if self.in_memory is None:
+            return self._read(sensor_named("socket").columns)
+        return checked("measurements in memory", self.in_memory, self.calibrated.robot, points=False)
+
+    def read(self) -> tuple[Measurements, bool]:
+        """Read the file; and decide whether it holds touches: it has no points, but days or sockets."""
+        touches = self.options.of_touches
+        if not touches and self.options.observe is None:
+            read = self._read(ObservedColumns(required=False))
+            if read.targets:
+                return read, False
+            touches = any(read.sessions) or "socket" in read.other
+        return (self._read(sensor_named("socket").columns), True) if touches else (self._read(ObservedColumns()), False)
+
+    def _read(self, columns: ObservedColumns) -> Measurements:
+        chain, conditions = self.calibrated.robot.chain, self.calibrated.estimate.arm.conditions
+        with_conditions = columns.with_conditions(conditions)
+        return read_measurements(self.options.file, chain.joint_names, chain.prismatic, columns=with_conditions)
+
+
+def _given(
+    call: str,
+    run: "str | Path | CalibrationResult | VerifyOptions",
+    measurements: str | Path | Measurements | None,
+    options: Mapping[str, Any],
+) -> _Given:
+    """Return what a call is given, after its options and the run are checked."""
+    in_memory = measurements if isinstance(measurements, Measurements) else None
     if isinstance(run, VerifyOptions):
-        run.check()
+        requested = run
+        requested.check()
         with stages("reading the run"):
             calibrated = load_run(run.run, accept_edited=run.accept_edited)
-        return _verified(run, calibrated)
-    if measurements is None:
-        raise LabError("lab.verify: give the new measurements, a file or in memory")
-    in_memory = measurements if isinstance(measurements, Measurements) else None
-    file = "measurements.csv" if in_memory is not None else str(measurements)
-    requested = options_of("lab.verify", VerifyOptions, {**folder_of(run), "file": file, **options})
-    requested.check()
-    by = calibrated_by(run, requested.run, accept_edited=requested.accept_edited)
-    return _verified(requested, by, in_memory)
-
-
-def _verified(
-    options: VerifyOptions, calibrated: CalibrationRun, given: Measurements | None = None
-) -> VerificationResult | TouchesResult | TouchPlan:
-    if not options.force:
-        calibrated.refuse_unfit("a verification")
-    stated = {str(calibrated.folder): calibrated.serial, "--serial": options.serial}
-    one_serial(stated, "verify it against a run of its own")
-    if given is not None:
-        touches = options.of_touches or not given.targets
-        read = checked("measurements in memory", given, calibrated.robot, points=not touches)
+    elif measurements is None:
+        raise LabError(f"{call}: give the new measurements, a file or in memory")
     else:
-        read, touches = _read(options, calibrated)
-    options.refuse_others(touches=touches)
-    if touches:
-        return verified_touches(options, calibrated, read)
-    return verified_points(options, calibrated, read, from_file=given is None)
-
-
-def _read(options: VerifyOptions, calibrated: CalibrationRun) -> tuple[Measurements, bool]:
-    """Read the file; and decide whether it holds touches: it has no points, but days or sockets."""
-    chain, conditions = calibrated.robot.chain, calibrated.estimate.arm.conditions
-
-    def read(columns: ObservedColumns) -> Measurements:
-        with_conditions = columns.with_conditions(conditions)
-        return read_measurements(options.file, chain.joint_names, chain.prismatic, columns=with_conditions)
-
-    touches = options.of_touches
-    if not touches and options.observe is None:
-        found = read(ObservedColumns(required=False))
-        if found.targets:
-            return found, False
-        touches = any(found.sessions) or "socket" in found.other
-    return (read(sensor_named("socket").columns), True) if touches else (read(ObservedColumns()), False)
+        file = "measurements.csv" if in_memory is not None else str(measurements)
+        requested = options_of(call, VerifyOptions, {**folder_of(run), "file": file, **options})
+        requested.check()
+        calibrated = calibrated_by(run, requested.run, accept_edited=requested.accept_edited)
+    if not requested.force:
+        calibrated.refuse_unfit("a verification")
+    stated = {str(calibrated.folder): calibrated.serial, "--serial": requested.serial}
+    one_serial(stated, "verify it against a run of its own")
+    return _Given(requested, calibrated, in_memory)

@@ -25,7 +25,7 @@ KINEMATICS = Command(
     "kinematics",
     "Place a robot: direct, inverse (all solutions) and differential models, singularities. Or convert a rotation.",
     "lab.extensions.robotics.kinematics.kinematics_options:KinematicsOptions",
-    "lab.extensions.robotics.kinematics.solve_kinematics:solve_kinematics",
+    "lab.extensions.robotics.kinematics.solve_kinematics:kinematics_of",
     writes_on_request=True,
     examples=("irb120 --joints 0,30,-40,0,60,0 --matrices", "--angles 30,90,10"),
     groups=_KINEMATICS_GROUPS,

@@ -14,6 +14,8 @@ from helpers.robots import ROOT
 import lab
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import read_measurements
+from lab.library.verify import verification_of
+from lab.options.command_options import VerifyOptions
 from lab.sensors.sensor_registry import sensor_named
 
 SLIP = np.array([0.0, 0.0, 0.6e-3, 0.0, 0.0, 0.0])
@@ -31,7 +33,7 @@ def saved() -> Path:
 
 
 def test_an_unchanged_arm_is_good(calibrated: lab.CalibrationResult) -> None:
-    result = lab.verify(calibrated, daily(16))
+    result = lab.verify_touches(calibrated, daily(16))
     values = result.to_dict()
     assert values["verdict"] == "good" and result.exit_code == 0 and values["change"] is None
     assert values["checks"] == 16 and values["tested"] == 6 and values["configurations"] == 4
@@ -42,7 +44,7 @@ def test_an_unchanged_arm_is_good(calibrated: lab.CalibrationResult) -> None:
 
 def test_the_joint_that_slipped_is_named_with_its_size_and_day(calibrated: lab.CalibrationResult) -> None:
     for seed in range(2):
-        result = lab.verify(calibrated, daily(16, slip_rad=SLIP, since=13, seed=seed))
+        result = lab.verify_touches(calibrated, daily(16, slip_rad=SLIP, since=13, seed=seed))
         change = result.to_dict()["change"]
         assert result.verdict == "bad" and result.exit_code == 1
         assert change["first"] == "2026-03-15" and [each["name"] for each in change["causes"]] == ["q3"]
@@ -50,7 +52,7 @@ def test_the_joint_that_slipped_is_named_with_its_size_and_day(calibrated: lab.C
 
 
 def test_a_joint_that_looks_like_the_tool_is_doubtful(calibrated: lab.CalibrationResult) -> None:
-    result = lab.verify(calibrated, daily(14, slip_rad=np.array([0, 0, 0, 0, 0, 6e-3]), since=12))
+    result = lab.verify_touches(calibrated, daily(14, slip_rad=np.array([0, 0, 0, 0, 0, 6e-3]), since=12))
     assert result.verdict == "doubtful" and result.exit_code == 0
     kinds = {(each["kind"], each["name"]) for each in result.to_dict()["change"]["causes"]}
     assert kinds == {("joint", "q6"), ("tool", "")}
@@ -59,10 +61,10 @@ def test_a_joint_that_looks_like_the_tool_is_doubtful(calibrated: lab.Calibratio
 def test_few_checks_are_not_judged_and_since_begins_anew(
     calibrated: lab.CalibrationResult, saved: Path, tmp_path: Path
 ) -> None:
-    few = lab.verify(calibrated, daily(4), require="good")
+    few = lab.verify_touches(calibrated, daily(4), require="good")
     assert few.verdict == "not judged" and few.exit_code == 3
     rows = daily(26, slip_rad=SLIP, since=13)
-    again = lab.verify(calibrated, rows, since="2026-03-15")
+    again = lab.verify_touches(calibrated, rows, since="2026-03-15")
     assert again.verdict == "good" and again.to_dict()["checks"] == 13
     lab.write_measurements(tmp_path / "daily.csv", rows)
     assert run(f"verify {saved} {tmp_path}/daily.csv --out {tmp_path}/out") == 1
@@ -94,18 +96,18 @@ def test_rows_that_make_no_checks_are_refused(calibrated: lab.CalibrationResult)
     }
     for name, (data, what) in cases.items():
         with pytest.raises(LabError, match=what):
-            pytest.fail(f"{name}: {lab.verify(calibrated, data).verdict}")
+            pytest.fail(f"{name}: {lab.verify_touches(calibrated, data).verdict}")
     refused = {"--reference 2": {"reference": 2}, "--since": {"since": "May"}, "no check": {"since": "2027-01-01"}}
     for what, options in refused.items():
         with pytest.raises(LabError, match=what):
-            lab.verify(calibrated, good, **options)
+            lab.verify_touches(calibrated, good, **options)
 
 
 def test_configurations_are_proposed_where_one_touch_shows_the_socket(
     calibrated: lab.CalibrationResult, saved: Path, tmp_path: Path
 ) -> None:
     first = daily(1)[[0]]
-    plan = lab.verify(calibrated, first, plan=5)
+    plan = lab.plan_touches(calibrated, first, 5)
     arm, values = calibrated.estimate.geometry
     joints = np.array([each["joints"] for each in plan.to_dict()["plan"]]) * np.pi / 180
     assert joints.shape == (5, 6) and not calibrated.robot.chain.beyond_limits(joints, 1e-9).any()
@@ -128,24 +130,37 @@ def test_touches_are_known_by_what_the_file_holds(
 ) -> None:
     for name, rows in (("daily", daily(12)), ("points", calibrated.measurements[:8])):
         lab.write_measurements(tmp_path / f"{name}.csv", rows)
-    assert lab.verify(saved, tmp_path / "daily.csv").to_dict()["checks"] == 12
-    assert "poses" in lab.verify(saved, tmp_path / "points.csv", force=True).to_dict()
+    assert verification_of(VerifyOptions(saved, tmp_path / "daily.csv")).to_dict()["checks"] == 12
+    assert "poses" in verification_of(VerifyOptions(saved, tmp_path / "points.csv", force=True)).to_dict()
     refused = {
-        "--refit is of points": ("daily", {"refit": ("base",)}),
-        "--since is of touches": ("points", {"since": "2026-03-02"}),
+        "refit is of points": ("daily", {"refit": ("base",)}),
+        "since is of touches": ("points", {"since": "2026-03-02"}),
         "day of the check": ("points", {"observe": "socket"}),
     }
     for what, (name, options) in refused.items():
         with pytest.raises(LabError, match=what):
-            lab.verify(saved, tmp_path / f"{name}.csv", force=True, **options)
+            verification_of(VerifyOptions(saved, tmp_path / f"{name}.csv", force=True, **options))
+
+
+def test_each_call_takes_its_own_measurements(calibrated: lab.CalibrationResult, saved: Path, tmp_path: Path) -> None:
+    rows = daily(12)
+    lab.write_measurements(tmp_path / "daily.csv", rows)
+    for given in (rows, tmp_path / "daily.csv"):
+        with pytest.raises(LabError, match=r"holds touches of a socket; give it to lab\.verify_touches"):
+            lab.verify(calibrated, given)
+    with pytest.raises(LabError, match=r"lab\.verify: since changes nothing here"):
+        lab.verify(calibrated, rows, since="2026-03-02")
+    with pytest.raises(LabError, match=r"lab\.verify_touches: refit changes nothing here"):
+        lab.verify_touches(calibrated, rows, refit=("base",))
+    assert lab.verify_touches(saved, tmp_path / "daily.csv").to_dict()["checks"] == 12
 
 
 def test_a_plan_that_cannot_be_is_refused(calibrated: lab.CalibrationResult) -> None:
     rows = daily(1)
     for count in (3, 51):
         with pytest.raises(LabError, match="--plan"):
-            lab.verify(calibrated, rows, plan=count)
+            lab.plan_touches(calibrated, rows, count)
     other = rows.joints.copy()
     other[1, 1] += 0.2
     with pytest.raises(LabError, match="mm from where the other touches have socket"):
-        lab.verify(calibrated, lab.measurements(other[:3], robot="irb120"), plan=4)
+        lab.plan_touches(calibrated, lab.measurements(other[:3], robot="irb120"))

@@ -10,7 +10,7 @@ import lab
 from lab.cli.main import main
 from lab.core.errors import LabError
 
-rotation = lab.solve_kinematics
+rotation = lab.convert_rotation
 
 
 def course(z: float, y: float, x: float) -> np.ndarray:
@@ -84,12 +84,14 @@ def test_a_printed_matrix_is_mended_and_others_are_refused(tmp_path: Path, capsy
         ({"quaternion": (1, 0, 0, 0), "order": "zxz"}, "say what --angles mean"),
         ({"quaternion": (1, 0, 0, 0), "angles": (1, 2, 3)}, "each give a rotation"),
         ({"angle": 30.0}, "belong together"),
-        ({"radians": True}, "give --angles"),
-        ({"angles": (1, 2, 3), "joints": (1, 2)}, "--joints is of a robot"),
+        ({"radians": True}, "give one of matrix"),
+        ({"angles": (1, 2, 3), "joints": (1, 2)}, "joints changes nothing here"),
         ({"angles": (float("nan"), 0, 0)}, "give finite numbers"),
     ):
         with pytest.raises(LabError, match=message):
             rotation(**{n: tuple(map(float, v)) if isinstance(v, tuple) else v for n, v in options.items()})  # type: ignore[attr-defined]
+    assert main(["kinematics", "--angles", "1,2,3", "--joints", "1,2"]) == 2
+    assert "--joints is of a robot" in capsys.readouterr().err
     assert main(["kinematics", "--angles", "1,2,3", "--json", "--out", str(tmp_path / "out")]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert json.loads((tmp_path / "out" / "result.json").read_text()) == printed

@@ -1,7 +1,7 @@
 """Run ``lab kinematics``: direct, inverse and differential models, at joint positions or for poses."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +37,7 @@ from lab.options.call_options import options_of, takes
 if TYPE_CHECKING:
     from lab.robots.robot import Robot
 
-__all__ = ["solve_kinematics"]
+__all__ = ["convert_rotation", "kinematics_of", "solve_kinematics"]
 
 _TARGET = "p1"
 _REACHED_M = 1e-9  # of a plane: a place nearer to it is in it
@@ -47,40 +47,64 @@ _TILTED_RAD = 1e-6  # a rotation that is missed by more is reported
 _Targets = tuple[tuple[str, ...], PoseTarget, Array]  # ids, poses and given joint positions ``(n, joints)`` or NaN
 
 
-@takes(KinematicsOptions)
-def solve_kinematics(
-    robot: "str | Path | Robot | KinematicsOptions" = "irb120", **options: Any
-) -> KinematicsResult | Rotation:
-    """Compute the direct, inverse and differential models of a nominal robot; or convert a rotation, without a robot.
+_OF_A_ROTATION = ("angles", "order", "fixed", "axis", "angle", "quaternion", "matrix", "radians")
+_OF_A_ROBOT = tuple(each.name for each in fields(KinematicsOptions) if each.name not in _OF_A_ROTATION)
+
+
+@takes(KinematicsOptions, unused=_OF_A_ROTATION)
+def solve_kinematics(robot: "str | Path | Robot | KinematicsOptions" = "irb120", **options: Any) -> KinematicsResult:
+    """Compute the direct, inverse and differential models of a nominal robot.
 
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
-        options: those of ``lab kinematics``, by name: ``joints`` or ``pose`` or ``file``, and the models to compute;
-            or one of ``matrix``, ``quaternion``, ``angles`` and ``axis`` of a rotation.
+        options: those of ``lab kinematics``, by name: ``joints`` or ``pose`` or ``file``, and the models to compute.
 
     Returns:
-        The robot at the joint positions, or in every solution of the poses, with Jacobian and singularities. Or the
-        rotation in all descriptions, with both solutions, and what is determined where one is singular.
+        The robot at the joint positions, or in every solution of the poses, with Jacobian and singularities.
 
     Raises:
-        LabError: there is no such robot, an option does not fit it, or what is given is no rotation.
+        LabError: there is no such robot, or an option does not fit it.
 
     Example:
         >>> import lab
         >>> found = lab.solve_kinematics("irb120", pose=(-44.11, 383.46, 786, 77.71, -0.38, 170.88))
         >>> found.to_dict()["poses"][0]["solutions"]
         8
-        >>> lab.solve_kinematics(angles=(30, 90, 0), order="zyx").to_dict()["orders"]["zyx"]["determined"]
-        'c − a'
     """
     if isinstance(robot, KinematicsOptions):
-        return _converted(robot) if robot.of_a_rotation else _solved(robot, nominal_robot(robot.robot))
-    if isinstance(robot, str):
-        requested = options_of("lab.solve_kinematics", KinematicsOptions, {"robot": robot, **options})
-        if requested.of_a_rotation:
-            return _converted(requested)
+        return _solved(robot, nominal_robot(robot.robot))
     nominal = nominal_robot(robot)
     return _solved(options_of("lab.solve_kinematics", KinematicsOptions, {"robot": nominal.source, **options}), nominal)
+
+
+@takes(KinematicsOptions, unused=[name for name in _OF_A_ROBOT if name not in ("out", "overwrite")])
+def convert_rotation(**options: Any) -> Rotation:
+    """Convert a rotation into all its descriptions.
+
+    Args:
+        options: those of ``lab kinematics`` for rotations, by name: one of ``matrix``, ``quaternion``, ``angles`` and
+            ``axis`` with ``angle``; ``order`` and ``fixed`` for ``angles``.
+
+    Returns:
+        The rotation in all descriptions, with both solutions, and what is determined where one is singular.
+
+    Raises:
+        LabError: what is given is no rotation.
+
+    Example:
+        >>> import lab
+        >>> lab.convert_rotation(angles=(30, 90, 0), order="zyx").to_dict()["orders"]["zyx"]["determined"]
+        'c − a'
+    """
+    requested = options_of("lab.convert_rotation", KinematicsOptions, options)
+    if not requested.of_a_rotation:
+        raise LabError("lab.convert_rotation: give one of matrix, quaternion, angles, and axis with angle")
+    return _converted(requested)
+
+
+def kinematics_of(options: KinematicsOptions) -> KinematicsResult | Rotation:
+    """Run the command ``lab kinematics``: of a robot, or of a rotation."""
+    return _converted(options) if options.of_a_rotation else _solved(options, nominal_robot(options.robot))
 
 
 def _converted(options: KinematicsOptions) -> Rotation:
