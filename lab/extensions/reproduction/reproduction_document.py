@@ -248,14 +248,21 @@ def _marked_entries(entries: Sequence[ComparedValue]) -> Iterator[str]:
             other = answer.printed or answer.right
             yield f"{answer.name} is {answer.ours} here and {other} in the source, a difference of {answer.difference}"
     rest = [answer for answer in entries if answer.state != "differs"]
-    for reason in dict.fromkeys(answer.erratum or answer.conversion for answer in rest):
-        alike = [answer for answer in rest if (answer.erratum or answer.conversion) == reason]
-        if alike[0].conversion:
-            yield f"{reason}: {alike[0].name} to {alike[-1].name} are as they follow from the model"
-        elif len(alike) > 1 and len({answer.right for answer in alike}) == 1:
-            yield f"{alike[0].name} to {alike[-1].name}, right is {alike[0].right}: {reason}"
-        else:
-            yield "; ".join(f"{answer.name}, right is {answer.right}" for answer in alike) + f": {reason}"
+    by_reason: dict[str, list[ComparedValue]] = {}
+    for answer in rest:
+        by_reason.setdefault(answer.erratum or answer.conversion, []).append(answer)
+    for reason, alike in by_reason.items():
+        yield _reason_text(alike, reason)
+
+
+def _reason_text(alike: Sequence[ComparedValue], reason: str) -> str:
+    """Name the entries that have one reason not to be right."""
+    first, last = alike[0], alike[-1]
+    if first.conversion:
+        return f"{reason}: {first.name} to {last.name} are as they follow from the model"
+    if len(alike) > 1 and len({answer.right for answer in alike}) == 1:
+        return f"{first.name} to {last.name}, right is {first.right}: {reason}"
+    return "; ".join(f"{answer.name}, right is {answer.right}" for answer in alike) + f": {reason}"
 
 
 def _list(answers: Sequence[ComparedValue]) -> Table:

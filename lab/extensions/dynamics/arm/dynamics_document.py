@@ -17,11 +17,9 @@ from lab.extensions.dynamics.payload.payload_document import (
 )
 from lab.extensions.dynamics.payload.payload_result import parameter_rows
 from lab.report import document as doc
-from lab.report.charts.chart import axes_picture, log_ticks
-from lab.report.charts.marks import Axes
 from lab.report.page_scene import ArmScene, moving_arm
+from lab.report.plots import singular_value_picture
 from lab.report.scene import drawn_rows
-from lab.report.style import PREDICTED
 from lab.report.view import View
 
 __all__ = ["VIEW", "dynamics_document", "main_picture"]
@@ -34,7 +32,7 @@ _ROUNDING = 1e-12  # of true values, SI
 def main_picture(result: DynamicsResult) -> doc.Picture:
     """Return the torques of the first drive, or without measurements the singular values."""
     found = result.estimate
-    return _singular_values_picture(result) if found is None else _fits(result, found)[0].pictures[0]
+    return singular_value_picture(result.singular_values)[0] if found is None else _fits(result, found)[0].pictures[0]
 
 
 def dynamics_document(result: DynamicsResult) -> doc.Document:
@@ -225,15 +223,18 @@ def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[doc.Block, 
     first, *others = [parameter_rows(load) for load in (found.load, found.by_difference) if load is not None]
     if not first:
         return (doc.Paragraph("The motion does not identify the load."),)
-    rows = []
-    true = None if result.session is None or result.session.load is None else true_values(result.session.load)
-    for name, value, width, unit in first:
-        cells = [_interval_text(row[1], row[2]) for rows_of_other in others for row in rows_of_other if row[0] == name]
-        cells = [_interval_text(value, width), *cells]
-        true_cell = () if true is None else (short(true[name]),)
-        rows.append((name, *cells, *("–" for _ in range(2 - len(cells))), unit, *true_cell))
+    by_difference = {row[0]: _interval_text(row[1], row[2]) for rows in others for row in rows}
+    rows: list[doc.Row] = [
+        (name, _interval_text(value, width), by_difference.get(name, "–"), unit) for name, value, width, unit in first
+    ]
+    columns: tuple[str, ...] = ("", "with the arm at once", "by difference of the runs", "unit")
+    if result.session is not None and result.session.load is not None:
+        true = true_values(result.session.load)
+        columns, rows = (
+            (*columns, "true"),
+            [(*row, short(true[name])) for row, (name, *_) in zip(rows, first, strict=True)],
+        )
     caption = "About and along the frame of the flange, with half-widths of 95 % intervals."
-    columns = ("", "with the arm at once", "by difference of the runs", "unit", *(() if true is None else ("true",)))
     return (doc.Table(columns, tuple(rows), caption),)
 
 
@@ -242,19 +243,6 @@ def _interval_text(value: float, half_width: float) -> str:
         return f"{short(value)} ± –"
     digits = digits_of(half_width, 6)
     return f"{fixed(value, digits)} ± {fixed(half_width, digits)}"
-
-
-def _singular_values_picture(result: DynamicsResult) -> doc.Picture:
-    """Plot singular values relative to the largest, from the best determined direction to the worst."""
-    relative = result.singular_values / result.singular_values[0]
-
-    def draw(axes: Axes) -> None:
-        axes.plot(np.arange(1, len(relative) + 1), relative, "o", color=PREDICTED, markersize=4.5)
-        log_ticks(axes, "y", relative.min() / 1.6, 1.7)
-        axes.set(xlabel="direction, from the best determined to the worst", ylabel="relative singular value")
-
-    text = "Singular values of the base regressor with unit columns"
-    return axes_picture("singular-values", text, (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15))
 
 
 def _counts(result: DynamicsResult) -> str:
@@ -285,4 +273,4 @@ def _without(result: DynamicsResult) -> str:
 def _conditioning(result: DynamicsResult) -> doc.Figure:
     condition = result.singular_values[0] / result.singular_values[-1]
     caption = f"Over random states, columns of unit length; the condition number is {condition:.0f}."
-    return doc.Figure("singular-values-figure", (_singular_values_picture(result),), caption)
+    return doc.Figure("singular-values-figure", singular_value_picture(result.singular_values), caption)

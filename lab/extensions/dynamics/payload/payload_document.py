@@ -1,7 +1,7 @@
 """Document of a payload: its parameters with their intervals, and how well they explain the measurements."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -241,41 +241,68 @@ def fit_figures(
         key: of the pictures, before their number.
         caption: of the first figure.
     """
-    every = max(1, len(measured) // _MAX_DRAWN)
     times, starts = _one_after_the_other(time_s, len(measured))
-    times, drawn, left = times[::every], measured[::every], residual[::every]
-    label = "pose" if time_s is None else "time, s"
+    every = max(1, len(measured) // _MAX_DRAWN)
+    axis = "pose" if time_s is None else "time, s"
+    fits, lefts = list[doc.Picture](), list[doc.Picture]()
+    for i, (name, unit) in enumerate(channels):
+        shown = _Channel(name, unit, axis, times[::every], starts, measured[::every, i], residual[::every, i])
+        fits.append(shown.fit(f"{key}{i}", legend=i == 0))
+        lefts.append(shown.residuals(f"{key}{i}-residuals", _rms(residual[:, i]), _rms(measured[:, i])))
+    parted = " The vertical line parts the runs, one after the other." if starts else ""
+    return (
+        doc.Figure(f"{key}s", tuple(fits), caption + parted),
+        doc.Figure(f"{key}s-residuals", tuple(lefts), f"Residuals: measured less predicted.{parted}"),
+    )
 
-    def picture(i: int, name: str, unit: str, *, residuals: bool) -> doc.Picture:
-        rms, whole = (float(np.sqrt((values[:, i] ** 2).mean())) for values in (residual, measured))
-        share = f", {short(100 * rms / whole)} %" if whole > 0 else ""
-        title = f"{name}: {short(rms)} {unit} (RMS){share}" if residuals else name
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+@dataclass(frozen=True)
+class _Channel:
+    """A channel over time, as far as it is drawn."""
+
+    name: str
+    unit: str
+    axis: str  # what the times are
+    times: Array  # (n,)
+    starts: Sequence[float]  # of further runs
+    measured: Array  # (n,)
+    residual: Array  # (n,)
+
+    def fit(self, picture: str, *, legend: bool) -> doc.Picture:
+        """Draw what is measured and predicted."""
 
         def draw(axes: Axes) -> None:
-            if residuals:
-                axes.plot(times, left[:, i], ".", color=MEASURED, markersize=3)
-                axes.axhline(0.0, color=PREDICTED, linewidth=1)
-            else:
-                axes.plot(times, drawn[:, i], ".", color=MEASURED, markersize=4, label="measured")
-                axes.plot(times, drawn[:, i] - left[:, i], "-", color=PREDICTED, linewidth=1, label="predicted")
-            for start in starts:
-                axes.axvline(start, color=GRID, linewidth=1.5, zorder=0)
-            axes.set(title=title, xlabel=label, ylabel=unit)
-            if not i and not residuals:
+            axes.plot(self.times, self.measured, ".", color=MEASURED, markersize=4, label="measured")
+            predicted = self.measured - self.residual
+            axes.plot(self.times, predicted, "-", color=PREDICTED, linewidth=1, label="predicted")
+            self._finish(axes, self.name)
+            if legend:
                 axes.legend(loc="best", frameon=True)
 
-        what = "residuals" if residuals else "measured and predicted"
-        name_ = f"{key}{i}-residuals" if residuals else f"{key}{i}"
-        return axes_picture(name_, f"{name}, {what}", (4.2, 2.0), draw, (0.75, 0.45, 0.1, 0.3))
+        return self._picture(picture, f"{self.name}, measured and predicted", draw)
 
-    parted = " The vertical line parts the runs, one after the other." if starts else ""
-    fits, lefts = (
-        tuple(picture(i, *channel, residuals=each) for i, channel in enumerate(channels)) for each in (False, True)
-    )
-    return (
-        doc.Figure(f"{key}s", fits, caption + parted),
-        doc.Figure(f"{key}s-residuals", lefts, f"Residuals: measured less predicted.{parted}"),
-    )
+    def residuals(self, picture: str, rms: float, whole: float) -> doc.Picture:
+        """Draw the residuals; the title has their root mean square, and its share of that of what is measured."""
+        share = f", {short(100 * rms / whole)} %" if whole > 0 else ""
+
+        def draw(axes: Axes) -> None:
+            axes.plot(self.times, self.residual, ".", color=MEASURED, markersize=3)
+            axes.axhline(0.0, color=PREDICTED, linewidth=1)
+            self._finish(axes, f"{self.name}: {short(rms)} {self.unit} (RMS){share}")
+
+        return self._picture(picture, f"{self.name}, residuals", draw)
+
+    def _finish(self, axes: Axes, title: str) -> None:
+        for start in self.starts:
+            axes.axvline(start, color=GRID, linewidth=1.5, zorder=0)
+        axes.set(title=title, xlabel=self.axis, ylabel=self.unit)
+
+    def _picture(self, name: str, label: str, draw: Callable[[Axes], None]) -> doc.Picture:
+        return axes_picture(name, label, (4.2, 2.0), draw, (0.75, 0.45, 0.1, 0.3))
 
 
 def _one_after_the_other(time_s: Array | None, count: int) -> tuple[Array, list[float]]:

@@ -92,22 +92,7 @@ def _card(result: KinematicsResult) -> Card:
     """Summarise the placements: how many solutions there are, how far from a singularity, and what to do."""
     placed, chain = result.placements, result.robot.chain
     first = next(iter(placed), None)
-    within = sum(not each.beyond for each in placed)
-    if result.reached:
-        lost = [each for each in result.reached if not each.solutions]
-        badge = Badge("in reach", "good")
-        if lost:
-            many = f"{len(lost)} of {len(result.reached)} poses out of reach"
-            badge = Badge("out of reach" if len(result.reached) == 1 else many, "bad")
-        numbers = [("solutions", str(len(placed)), "after"), ("within the limits", str(within), "")]
-        if lost and np.isfinite(lost[0].gap_m):
-            numbers.append(("nearest place", f"{short(MM.of(lost[0].gap_m))} mm away", ""))
-    else:
-        badge = Badge("within the limits", "good") if within == len(placed) else Badge("beyond a limit", "doubtful")
-        numbers = [("poses", str(len(placed)), "after")]
-        if len(placed) == 1 and first is not None and np.isfinite(first.T_base_tool).all():
-            at = ", ".join(fixed(value, 1) for value in MM.of(first.T_base_tool[:3, 3]))
-            numbers = [("the tool is at x, y, z, mm", at, "after")]
+    badge, numbers = _reach_facts(result) if result.reached else _pose_facts(placed)
     if first is not None and np.isfinite(first.jacobian).all():
         most = min(len(_TWIST), len(chain.joint_names))
         numbers.append((f"rank at {first.name}" if len(placed) > 1 else "rank", f"{first.rank} of {most}", ""))
@@ -116,6 +101,29 @@ def _card(result: KinematicsResult) -> Card:
             badge = Badge("singular", "doubtful")
     about = "Rank and manipulability are those of the Jacobian in m and rad."
     return Card(("Pose: " if result.reached else "Joints: ", badge), tuple(numbers), about, _next(result, first))
+
+
+def _reach_facts(result: KinematicsResult) -> tuple[Badge, list[tuple[str, str, str]]]:
+    """Return whether wanted poses are in reach, and the numbers of solutions."""
+    within = sum(not each.beyond for each in result.placements)
+    numbers = [("solutions", str(len(result.placements)), "after"), ("within the limits", str(within), "")]
+    lost = [each for each in result.reached if not each.solutions]
+    if not lost:
+        return Badge("in reach", "good"), numbers
+    if np.isfinite(lost[0].gap_m):
+        numbers.append(("nearest place", f"{short(MM.of(lost[0].gap_m))} mm away", ""))
+    many = f"{len(lost)} of {len(result.reached)} poses out of reach"
+    return Badge("out of reach" if len(result.reached) == 1 else many, "bad"), numbers
+
+
+def _pose_facts(placed: Sequence[Placement]) -> tuple[Badge, list[tuple[str, str, str]]]:
+    """Return whether given joint positions are within their limits, and where a single one takes the tool."""
+    beyond = any(each.beyond for each in placed)
+    badge = Badge("beyond a limit", "doubtful") if beyond else Badge("within the limits", "good")
+    if len(placed) == 1 and np.isfinite(placed[0].T_base_tool).all():
+        at = ", ".join(fixed(value, 1) for value in MM.of(placed[0].T_base_tool[:3, 3]))
+        return badge, [("the tool is at x, y, z, mm", at, "after")]
+    return badge, [("poses", str(len(placed)), "after")]
 
 
 def _next(result: KinematicsResult, first: Placement | None) -> str:
@@ -213,29 +221,42 @@ def _reached_blocks(result: KinematicsResult) -> tuple[Block, ...]:
 def _placements(result: KinematicsResult) -> tuple[Block, ...]:
     """Tabulate joint positions, and the pose of the tool's point or the configuration of each solution."""
     chain, placed = result.robot.chain, result.placements
-    joints = tuple((each.name, *joint_cells(chain, each.joints)) for each in placed)
     numbers = ", ".join(f"{value:g}".replace("-", "−") for value in result.options.tool_mm)
     point = f"({numbers}) mm in its frame" if numbers else "its frame's origin"
     caption = f"The tool is the {'platform' if chain.has_loops else 'last frame'}; its point is {point}."
+    joints = tuple((each.name, *joint_cells(chain, each.joints)) for each in placed)
     poses = tuple((each.name, *_pose_cells(each.T_base_tool)) for each in placed)
-    tables = [(("", *joint_headings(chain)), joints, "Joint positions")]
+    tables = [
+        _placement_table(("", *joint_headings(chain)), joints, "Joint positions"),
+        *_coordinates(placed, result.options.coordinates),
+        _solutions(placed) if result.reached else _placement_table(("", *_POSE), poses, caption),
+    ]
+    return tuple(each for each in tables if len(each.columns) > 1)
+
+
+def _placement_table(columns: tuple[str, ...], rows: tuple[Row, ...], caption: str = "") -> Table:
+    return Table(columns, rows, caption, most_rows=_MOST_ROWS, rest_in="--json")
+
+
+def _coordinates(placed: Sequence[Placement], system: str | None) -> tuple[Table, ...]:
+    """Tabulate the tool's place in cylindrical or polar coordinates, where one of these is wanted."""
     heads = {"cylindrical": ("", "θ1, °", "L, mm", "z"), "polar": ("", "θ1, °", "θ2, °", "R, mm")}
-    if (system := result.options.coordinates) in heads:
-        places = [(each.name, coordinates(each.T_base_tool)[system] or ()) for each in placed]
-        rows = tuple((name, *(fixed(value, 3) for value in values)) for name, values in places)
-        tables.append((heads[system], rows, f"The tool's place in {system} coordinates of the base"))
-    if not result.reached:
-        tables.append((("", *_POSE), poses, caption))
-    else:
-        columns = {
-            "": [each.name for each in placed],
-            "configuration": [_configuration_text(each.configuration) for each in placed],
-            "remark": [_note(each) for each in placed],
-        }
-        filled = {head: cells for head, cells in columns.items() if not head or any(cells)}
-        if len(filled) > 1:
-            tables.append((tuple(filled), tuple(zip(*filled.values(), strict=True)), ""))
-    return tuple(Table(*each, most_rows=_MOST_ROWS, rest_in="--json") for each in tables)
+    if system not in heads:
+        return ()
+    places = [(each.name, coordinates(each.T_base_tool)[system] or ()) for each in placed]
+    rows = tuple((name, *(fixed(value, 3) for value in values)) for name, values in places)
+    return (_placement_table(heads[system], rows, f"The tool's place in {system} coordinates of the base"),)
+
+
+def _solutions(placed: Sequence[Placement]) -> Table:
+    """Tabulate configurations and remarks of solutions; a column that is empty is left out."""
+    columns = {
+        "": [each.name for each in placed],
+        "configuration": [_configuration_text(each.configuration) for each in placed],
+        "remark": [_note(each) for each in placed],
+    }
+    filled = {head: cells for head, cells in columns.items() if not head or any(cells)}
+    return _placement_table(tuple(filled), tuple(zip(*filled.values(), strict=True)))
 
 
 def _pose_cells(T: Array) -> tuple[str, ...]:

@@ -52,12 +52,12 @@ class Rotation(Result):
             "matrix": [[tidy(each) for each in row] for row in self.matrix],
             "quaternion": [tidy(each) for each in self.quaternion],
             "axis": None if free else [tidy(each) for each in self.axis.axis],
-            "angle": self._angle(self.axis.angle),
+            "angle": self.in_unit(self.axis.angle),
             "both_axes": self.axis.both_axes,
-            "axis_angles": [[self._angle(each) for each in row] for row in self._axis_directions()],
+            "axis_angles": [[self.in_unit(each) for each in row] for row in self.axis_directions()],
             "orders": {
                 each.order: {
-                    "solutions": [[self._angle(angle) for angle in row] for row in each.solutions],
+                    "solutions": [[self.in_unit(angle) for angle in row] for row in each.solutions],
                     "singular": bool(each.free),
                     "determined": determined(each),
                 }
@@ -71,12 +71,13 @@ class Rotation(Result):
         rows = [(each.order, *row) for each in self.angles for row in each.solutions]
         unit = "rad" if self.options.radians else "deg"
         names = ("order", *(f"{name}_{unit}" for name in "abc"))
-        return {name: [row[i] if i == 0 else self._angle(row[i]) for row in rows] for i, name in enumerate(names)}
+        return {name: [row[i] if i == 0 else self.in_unit(row[i]) for row in rows] for i, name in enumerate(names)}
 
-    def _angle(self, angle: float) -> float:
+    def in_unit(self, angle: float) -> float:
+        """Return an angle (rad) in the unit of the options."""
         return tidy(angle if self.options.radians else np.rad2deg(angle))
 
-    def _axis_directions(self) -> list[tuple[float, float]]:
+    def axis_directions(self) -> list[tuple[float, float]]:
         """Return alpha and beta (rad) of the axis, which is Rz(alpha) Rx(beta) z: both solutions; none of no axis."""
         x, y, z = self.axis.axis
         if not np.isfinite(x):
