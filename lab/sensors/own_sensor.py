@@ -42,7 +42,7 @@ from lab.sensors.contact import POINT, FixtureSimulation
 from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
 from lab.sensors.tip import tip_rates, tip_rotations
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
-from lab.simulation.effects import Effects
+from lab.simulation.effects import TrueEffects
 from lab.simulation.tracking import VirtualMeasurement, target_rotations
 from lab.simulation.true_robot import TrueRobot
 
@@ -191,7 +191,7 @@ class Sensor(VirtualSensor):
         values = values + self.spread * arm.rng.standard_normal(len(values))
         # the frame that carries the target, as the model without effects has it at rest
         target, rest = poses.targets[0], np.zeros((1, poses.joints.shape[1]))
-        rigid = arm.robot.with_effects(Effects.none(rest.shape[1]))
+        rigid = arm.robot.with_effects(TrueEffects.none(rest.shape[1]))
         R_last_target = truth.arm.tool(rest, truth.values)[0][0, :3, :3].T @ target_rotations(rigid, rest, target)[0]
         rotations = target_rotations(arm.robot, poses.joints, target, arm.conditions, arm.scatter) @ R_last_target.T
         # in the frame of the true base, which the identification holds at the origin

@@ -7,7 +7,7 @@ import numpy as np
 from helpers.robots import IRB120
 
 from lab.calibration.identification import identify
-from lab.calibration.sensor import Sensor, SensorTerms
+from lab.calibration.sensor import ArmSensor, SensorTerms
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
@@ -18,7 +18,7 @@ ARM = SerialArm(IRB120.chain)
 
 
 @dataclass(frozen=True)
-class ShiftedPoints(Sensor):
+class ShiftedPoints(ArmSensor):
     """Points in a frame that is a metre above the instrument's."""
 
     name: ClassVar[str] = "shifted"

@@ -5,7 +5,7 @@ from dataclasses import fields
 
 import pytest
 
-from lab.calibration.sensor import Sensor
+from lab.calibration.sensor import ArmSensor
 from lab.core.errors import LabError
 from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
 from lab.sensors.sensor_registry import SENSORS, configured_sensor, sensor_named
@@ -18,7 +18,7 @@ def test_a_sensor_is_registered_by_its_name(name: str) -> None:
     assert kind.name == name and VirtualSensor in kind.__mro__
     assert not inspect.isabstract(kind)
     assert configured_sensor(name, SensorOptions(), FitInputs()) == kind()
-    for declared in inspect.get_annotations(Sensor):  # what has no default is said by every kind
+    for declared in inspect.get_annotations(ArmSensor):  # what has no default is said by every kind
         assert hasattr(kind, declared), declared
     assert set(kind.setup) <= {field.name for field in fields(VirtualSetup)}
     words = kind.terms
