@@ -9,13 +9,12 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from lab.calibration.fit_options import FitOptions
+from lab.calibration.guess import named_stations
 from lab.calibration.identification import Identification, identify
-from lab.calibration.noise_search import NoiseSearch
-from lab.calibration.outliers_and_noise import noise_of, outliers_among_fitted
+from lab.calibration.noise_search import NoiseSearch, noise_of, outliers_among_fitted
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import JointProcess
 from lab.calibration.sensor import ArmSensor
-from lab.calibration.stations import named_stations
 from lab.calibration.statistics.candidate_models import ModelWith, SelectionTask
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import Selection, follow, select

@@ -2,9 +2,7 @@
 
 Identification uses an arm only through ``Model``: joints and parameters in, points and derivatives out.
 
-The canonical gauge fixes some parameters at nominal, and errors of these go into others. Among all arms with the same
-predictions, tolerances of manufacture make one most likely: its errors are spread over each aliased group by their
-variances, whichever of the group is identified. That arm is exported.
+The canonical gauge fixes some parameters at nominal, and errors of these go into others (``most_likely`` spreads them).
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,51 +10,38 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.calibration.estimator import EstimationProblem, Estimator, estimated
 from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit, settled
+from lab.calibration.guess import columns_of, few_points_of_a_station
 from lab.calibration.identifiability import poses_needed, scaled_condition
-from lab.calibration.initial_guess import columns_of
 from lab.calibration.observation import Observation, UnscaledObservation, UnsizedObservation, observation_of
 from lab.calibration.prior import (
     ActingPrior,
     Prior,
-    Tolerance,
-    alias_matrix,
     directions_of,
     prior_of,
-    standard_deviations,
 )
-from lab.calibration.stations import few_points_of_a_station
 from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weigh, weighted_constraints
 from lab.core import se3
 from lab.core.checks import Check
 from lab.core.errors import LabError, option_name
 from lab.core.linear_model import WELL_CONDITIONED, condition_bound, triangle_of
 from lab.core.measurements import Measurements, seen_mask
-from lab.core.newton import least_squares_step, newton
 from lab.core.probability import t_ppf
-from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.gauge import STRUCTURE_POSES, BaseSet, base_set, independent_columns, structure_jacobian
+from lab.kinematics.gauge import BaseSet, base_set, independent_columns, structure_jacobian
 from lab.kinematics.model import Model
-from lab.kinematics.parameter import frame_rotations, indices_of_groups
+from lab.kinematics.parameter import frame_rotations
 
 __all__ = [
     "PLAUSIBLE_SPREAD",
-    "SAME_M",
     "WEAK",
-    "Ellipsoids",
     "Identification",
     "component_variances",
-    "ellipsoids",
     "fit_base_and_tool",
     "identify",
-    "mapping_ellipsoids",
-    "most_likely_parameters",
-    "position_covariance",
     "spread",
 ]
 
@@ -595,97 +580,3 @@ def _checks(found: Identification) -> list[Check]:
         data = {"weak": weak, "with_prior": found.prior is not None}
         checks.append(Check("parameters.condition", "failed", found.fit.condition, data=data))
     return checks
-
-
-@dataclass(frozen=True)
-class Ellipsoids:
-    """Centred ellipsoids, one a row.
-
-    Attributes:
-        axes: ``(n, 3, 3)``, columns the unit half-axes' directions, right-handed.
-        half_lengths: ``(n, 3)``, descending.
-    """
-
-    axes: Array
-    half_lengths: Array
-
-
-def ellipsoids(squares: Array) -> Ellipsoids:
-    """Return the ellipsoids ``x' S^-1 x = 1`` of symmetric matrices S ``(n, 3, 3)``."""
-    sizes, axes = np.linalg.eigh(squares)
-    axes, sizes = axes[..., ::-1].copy(), sizes[..., ::-1]
-    axes[np.linalg.det(axes) < 0, :, 2] *= -1
-    return Ellipsoids(axes, np.sqrt(np.maximum(sizes, 0.0)))
-
-
-def mapping_ellipsoids(identification: Identification, joints: Array, target: int = 0) -> Ellipsoids:
-    """Return the images of the unit ball of scaled parameters under each pose's Jacobian (thesis fig. II.1).
-
-    Parameters are scaled as in the solution: so that over all measured poses each moves the whitened points alike.
-    Lengths are those of the positions in m per unit.
-    """
-    jacobian = _free_jacobian(identification, joints, target) / identification.fit.scale
-    return ellipsoids(jacobian @ np.swapaxes(jacobian, 1, 2))
-
-
-def position_covariance(identification: Identification, joints: Array, target: int = 0) -> Array:
-    """Return the covariance ``(n, 3, 3)`` in m^2 of the identified position of a target: J C J'."""
-    jacobian = _free_jacobian(identification, joints, target)
-    covariance: Array = jacobian @ identification.covariance @ np.swapaxes(jacobian, 1, 2)
-    return covariance
-
-
-def _free_jacobian(identification: Identification, joints: Array, target: int) -> Array:
-    _, jacobian = identification.model.observe(joints, identification.values)
-    return jacobian[:, target][..., list(identification.fit.free)]
-
-
-_STEPS = 8
-_SETTLED = 1e-13  # m or rad
-_RANK_TOLERANCE = 1e-12  # of the largest singular value of unit columns
-SAME_M = 1e-9  # what predictions may differ by
-_ANYWHERE = 1e3  # standard deviation of parameters without a nominal value, m or rad
-
-
-def most_likely_parameters(identification: Identification, nominal: Array, tolerance: Tolerance) -> Array:
-    """Return the parameters ``(p,)`` of least prior-weighted norm with the predictions of the identified ones.
-
-    They are x = x0 + S B' w, with S the prior's covariance and B the directions in which the nominal
-    predictions change (``prior.alias_matrix``): w is found by Gauss-Newton on the predictions themselves,
-    so that these are equal to rounding, not to first order. Parameters without a nominal value are free; effects stay
-    as identified. With links fixed on request the identified parameters are returned, and so where the iteration does
-    not settle, because the parameters are weakly observable.
-
-    Args:
-        nominal: the nominal parameters ``(p,)``.
-    """
-    model, structure = identification.model, identification.base_set
-    links = list(indices_of_groups(model.parameters, ["link"]))
-    if set(structure.fixed_observable) & set(links):
-        return identification.values
-    inputs = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
-    wanted = model.points(inputs, identification.values)
-    answered = np.isfinite(wanted).all(axis=(1, 2))
-    inputs, wanted = inputs[answered], wanted[answered]
-    sigma = standard_deviations(model, tolerance)
-    sigma[[i for i in range(len(sigma)) if i not in links and np.isfinite(sigma[i])]] = 0.0
-    sigma[np.isinf(sigma)] = _ANYWHERE
-    directions = sigma[:, None] ** 2 * alias_matrix(structure, len(model.names)).T
-    directions = directions[:, directions.any(axis=0)]
-    directions /= np.linalg.norm(directions / np.where(sigma > 0, sigma, 1.0)[:, None], axis=0)
-    values = identification.values.copy()
-    values[links] = nominal[links]
-
-    def step(rows: Array, _: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-        points, jacobian = model.observe(inputs, rows[0])
-        if np.isnan(points).any():  # the loops of a mechanism do not close there
-            return np.full_like(rows, np.nan), np.array([True])
-        moves = jacobian.reshape(-1, len(values)) @ directions
-        change = directions @ least_squares_step(moves, (wanted - points).ravel(), _RANK_TOLERANCE)
-        return change[None], np.array([np.abs(change).max() < _SETTLED])
-
-    values = newton(step, values[None], _STEPS).values[0]
-    if np.isnan(values).any():
-        return identification.values
-    missed = np.abs(model.points(inputs, values) - wanted).max(initial=0.0)
-    return values if missed < SAME_M else identification.values

@@ -1,19 +1,27 @@
-"""Search for correlated measurement errors, and their effect on the fit's covariance."""
+"""Search for the errors that measurements share, and for outliers, each with the other.
+
+Student's t with n degrees of freedom stands for noise whose variance changes by chance (Lange, Little & Taylor 1989).
+Its shape is fitted to the residuals within several times their median alone, so that outliers do not look like tails.
+"""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Protocol
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
+from lab.calibration.gauss_newton import Observations
 from lab.calibration.identification import Identification
-from lab.calibration.observation import observation_of, only_positions
+from lab.calibration.observation import Observation, observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors, is_doubted
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
-from lab.calibration.statistics.linearized import LinearizedFit, linearized
-from lab.calibration.weights import Noise, error_shapes, weigh
+from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
+from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, held_out_outliers
+from lab.calibration.weights import Noise, error_shapes, joined, weigh, weighted_constraints
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, seen_mask
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import short_length
 from lab.kinematics.joints import Encoders
@@ -31,7 +39,17 @@ from lab.noise.variance_components import (
     small_sample,
 )
 
-__all__ = ["NOTABLE", "NoiseSearch", "counted", "in_stretches", "search_noise"]
+__all__ = [
+    "NOTABLE",
+    "NoiseSearch",
+    "counted",
+    "noise_of",
+    "outliers_among_fitted",
+    "outliers_among_held_out",
+    "search_noise",
+    "tail_dof",
+    "tail_of",
+]
 
 NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
 _LEAST_ALONE = 0.1  # of a noise that was estimated with the counts in it: what it is at least without them
@@ -213,3 +231,237 @@ def _without_counts(model: Model, data: Measurements, values: Array, root: Array
     if excess(low) <= 0:
         return float(np.exp(low))
     return float(np.exp(scipy.optimize.brentq(excess, low, high + 1.0)))
+
+
+_ROUNDS = 3  # of outliers and the noise that they are judged by
+
+
+def outliers_among_fitted(
+    start: Identification, rows: Measurements, noise: Noise, shape: NoiseDistribution, seed: int
+) -> Outliers:
+    """Find outliers, by a search that starts from an identification.
+
+    Args:
+        shape: of the noise, where it has no heavy tails.
+    """
+    observation = observation_of(start.model)
+    observations, sigma_given = weigh(observation, rows, noise)
+    alone, extra = observations.pose_by_pose(), start.extra_residuals
+    searched = partial(
+        find_outliers,
+        start.model,
+        alone,
+        start.fit.free,
+        start.nominal_aligned,
+        sigma_given=sigma_given,
+        things=observation.positions or None,
+    )
+    if start.prior is not None and start.prior.automatic:  # the fit weighs it by a sigma that outliers inflate
+        beside, sigma = weighted_constraints(observation, observations), 1.0
+        if not sigma_given:
+            unweighted = joined(beside, start.prior.rows(LEAST_SIGMA_M))
+            sigma = _sigma_without(searched(extra_residuals=unweighted, rng=rng_for(seed, "null"), shape=shape), alone)
+        extra = joined(beside, start.prior.rows(sigma))
+    search = partial(searched, extra_residuals=extra)
+    found = search(rng=rng_for(seed, "null"), shape=shape)
+    if not len(found.rows):
+        return found
+    if not observation.positions:
+        return _sized(found, observation, rows)
+    if not only_positions(observation):
+        return found
+    tail = tail_dof(linearized(start.model, alone, found.fit.values, start.fit.free, extra))
+    if np.isinf(tail):
+        return found
+    return search(rng=rng_for(seed, "null"), shape=NoiseDistribution("student", dof=tail))
+
+
+def _sized(found: Outliers, observation: Observation, rows: Measurements) -> Outliers:
+    """Return the outliers with the lengths of their errors, as the observation counts them, the largest first."""
+    sizes = np.nan_to_num(observation.errors(rows[found.rows], found.fit.values)).max(axis=1)
+    order = np.argsort(-sizes, kind="stable")
+    return replace(found, rows=found.rows[order], sizes_m=sizes[order], p_values=found.p_values[order])
+
+
+def _sigma_without(found: Outliers, observations: Observations) -> float:
+    inside = np.ones(len(observations.inputs), dtype=np.bool_)
+    inside[found.rows] = False
+    dof = int(observations.seen[inside].sum()) * observations.points.shape[2] - found.fit.rank
+    return max(float(np.sqrt(2 * found.fit.cost_trace[-1] / max(dof, 1))), LEAST_SIGMA_M)
+
+
+def outliers_among_held_out(
+    found: Identification, rows: Measurements, held_out: Measurements, noise: Noise, tail: float
+) -> HeldOut:
+    """Find outliers among poses held out, by an identification from ``rows``."""
+    observation = observation_of(found.model)
+    parts = [weigh(observation, part, noise) for part in (rows, held_out)]
+    both = parts[0][0].pose_by_pose().joined(parts[1][0].pose_by_pose())
+    return held_out_outliers(
+        found.model,
+        both,
+        len(rows),
+        found.fit,
+        sigma_given=parts[0][1],
+        extra_residuals=found.extra_residuals,
+        things=observation.positions,
+        tail_dof=tail,
+    )
+
+
+def tail_of(found: Identification, rows: Measurements, noise: Noise) -> float:
+    """Degrees of freedom of the noise's tails; infinite where they may be Gaussian."""
+    if not only_positions(observation := observation_of(found.model)):
+        return float("inf")
+    alone = weigh(observation, rows, noise)[0].pose_by_pose()
+    return tail_dof(linearized(found.model, alone, found.values, found.fit.free, found.extra_residuals))
+
+
+class _Fits(Protocol):
+    """Fits of one model to any rows, with given noise."""
+
+    @property
+    def noise(self) -> Noise:
+        """Noise of the instrument."""
+
+    @property
+    def encoders(self) -> Encoders | None:
+        """Whose whole counts the joint positions are; None for ideal ones."""
+
+    def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
+        """Return the identification from all these rows."""
+
+    def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
+        """Return the outliers."""
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """Errors that are shared, and poses that are off.
+
+    Attributes:
+        outliers: ``(o,)`` rows.
+        deviance: minus twice the log-likelihood, with outliers anywhere among the residuals.
+    """
+
+    search: NoiseSearch
+    outliers: frozenset[int]
+    deviance: float
+
+
+def noise_of(fits: _Fits, rows: Measurements) -> NoiseSearch:
+    """Estimate the errors that rows share, from those that are no outliers.
+
+    Outliers look like scatter, and scatter looks like outliers. Both are tried first; where the explanations differ,
+    that of the larger likelihood is taken, in which an outlier is equally likely everywhere among the residuals.
+    Rounding to whole counts of given encoders is weighted before the search. If the fit stalled on an ill-conditioned
+    problem, no noise model is searched. Of very many rows some stretches are used.
+    """
+    rows = in_stretches(rows)
+    whole = fits.fitted(rows, None)
+    if (counts := _counted(whole, rows, fits.encoders)) is not None:
+        whole = fits.fitted(rows, counts)
+    if whole.status == "in a valley":
+        return NoiseSearch(counts, (), float("nan"))
+    search = search_noise(whole, rows, replace(fits.noise, shared=counts))
+    outliers = _rows(fits.outliers(whole, rows, counts))
+    if not outliers and search.shared is counts:
+        return search
+    reach = _reach(whole, rows, fits.noise)
+    explanations = []
+    if search.shared is not counts:
+        first = _Explanation(search, frozenset(), search.deviance)
+        explanations.append(_settled(fits, rows, first, reach, counts))
+    if outliers:
+        explanations.append(_settled(fits, rows, _without(fits, rows, outliers, reach, counts), reach, counts))
+    return min(explanations, key=lambda each: each.deviance).search
+
+
+def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> ErrorModel | None:
+    observation = observation_of(whole.model)
+    if encoders is None or not only_positions(observation):
+        return None
+    dof = None if whole.sigma_given else whole.dof
+    return counted(observation.model, rows, whole.values, encoders, whole.sigma_m, dof)
+
+
+def _settled(
+    fits: _Fits, rows: Measurements, first: _Explanation, reach: float, counts: ErrorModel | None
+) -> _Explanation:
+    here = first
+    for _ in range(_ROUNDS):
+        shared = here.search.shared
+        outliers = _rows(fits.outliers(fits.fitted(rows, shared), rows, shared))
+        if outliers == here.outliers:
+            break
+        here = _without(fits, rows, outliers, reach, counts)
+    return here
+
+
+def _without(
+    fits: _Fits, rows: Measurements, outliers: frozenset[int], reach: float, counts: ErrorModel | None
+) -> _Explanation:
+    clean = rows[np.setdiff1d(np.arange(len(rows)), sorted(outliers))]
+    search = search_noise(fits.fitted(clean, counts), clean, replace(fits.noise, shared=counts))
+    numbers = 3 * int(rows.seen[sorted(outliers)].sum())
+    return _Explanation(search, outliers, search.deviance + numbers * (2 * np.log(2 * reach) - np.log(2 * np.pi)))
+
+
+def _rows(found: Outliers) -> frozenset[int]:
+    return frozenset(found.rows.tolist())
+
+
+def _reach(found: Identification, rows: Measurements, noise: Noise) -> float:
+    """Return the largest residual of a number, in units of the instrument's noise as it is assumed."""
+    observed, _ = weigh(observation_of(found.model), rows, replace(noise, shared=None))
+    residuals = observed.points - found.model.points(observed.inputs, found.values)
+    white = observed.in_units_of_noise(np.where(seen_mask(observed.points)[..., None], residuals, 0.0))
+    return float(max(np.abs(white).max(), 1e-300))
+
+
+_WITHIN = 7.0  # standard deviations, estimated by the median of the sizes
+_MEDIAN = 0.6744897501960817  # of a standard normal's size
+_DOFS = np.array([2.2, 2.6, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0, 40.0, np.inf])
+_SCALES = np.linspace(0.6, 1.25, 27)  # of the median's standard deviation
+_LEAST_NUMBERS = 50
+_BINS = 60_000  # of sizes: with a million numbers they change a log-likelihood by 0.001
+_CAUTION = 1.0  # the least degrees of freedom whose log-likelihood is less than the largest by so much
+
+
+def tail_dof(linear: LinearizedFit) -> float:
+    """Return plausible degrees of freedom of Student's t of the noise; infinite where it may be Gaussian.
+
+    The heaviest tails that the residuals do not contradict are taken, unless none are as likely: so the outlier test
+    keeps its level.
+    """
+    within = linear.everywhere()
+    left = within.left()
+    tested = linear.mask & (left > 0.2) & (np.arange(len(left)) < linear.poses)[:, None]
+    numbers = np.abs(linear.residual[tested]) / np.sqrt(left[tested])
+    if len(numbers) < _LEAST_NUMBERS or not (middle := float(np.median(numbers))) > 0:
+        return float("inf")
+    inside = numbers * (_MEDIAN / middle)
+    inside, count = _binned(inside[inside < _WITHIN])
+    heights = np.array([max(_height(inside, count, _WITHIN, dof, scale) for scale in _SCALES) for dof in _DOFS])
+    if heights.max() - heights[-1] < _CAUTION:
+        return float("inf")
+    return float(_DOFS[np.flatnonzero(heights > heights.max() - _CAUTION)[0]])
+
+
+def _binned(sizes: Array) -> tuple[Array, Array]:
+    """Sizes below the bound and how many there are of each: of very many, the middles of narrow intervals."""
+    if len(sizes) <= _BINS:
+        return sizes, np.ones(len(sizes))
+    count, edges = np.histogram(sizes, _BINS, (0.0, _WITHIN))
+    return (edges[:-1] + edges[1:]) / 2, count.astype(np.float64)
+
+
+def _height(numbers: Array, count: Array, bound: float, dof: float, scale: float) -> float:
+    if np.isinf(dof):
+        below = scipy.special.ndtr(bound / scale)
+        logs = -0.5 * (numbers / scale) ** 2 - 0.5 * np.log(2 * np.pi)
+        return float((logs @ count) - count.sum() * np.log(scale * (2 * below - 1)))
+    constant = scipy.special.gammaln((dof + 1) / 2) - scipy.special.gammaln(dof / 2) - 0.5 * np.log(dof * np.pi)
+    logs = constant - (dof + 1) / 2 * np.log1p((numbers / scale) ** 2 / dof)
+    below = scipy.special.stdtr(dof, bound / scale)
+    return float((logs @ count) - count.sum() * np.log(scale * (2 * below - 1)))

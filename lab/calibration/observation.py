@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.initial_guess import initial_guess
+from lab.calibration.guess import initial_guess
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.effects.sessions import GROUP, further_stations

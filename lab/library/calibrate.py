@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from lab.calibration.validation import Validation, compare_with_truth, errors_of, validate_file
 from lab.calibration.weights import Noise
 from lab.core.checks import Check
 from lab.core.errors import option_name
@@ -23,6 +22,7 @@ from lab.library.virtual_arm import truth_of
 from lab.options.call_options import options_of, takes
 from lab.options.named_instruments import named_instrument
 from lab.options.virtual_campaign import VirtualCampaign
+from lab.prediction.validation import Validation, compare_with_truth, errors_of, validate_file
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
 from lab.simulation.effects import true_parameters

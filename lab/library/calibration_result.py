@@ -10,11 +10,11 @@ import numpy as np
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import Direction, weak_directions
-from lab.calibration.identification import Identification, most_likely_parameters
+from lab.calibration.identification import Identification
+from lab.calibration.most_likely import most_likely_parameters
 from lab.calibration.residual.process import GROUP
 from lab.calibration.sensor import ArmSensor
 from lab.calibration.statistics.model_selection import GroupTrial
-from lab.calibration.validation import Validation
 from lab.core.checks import Check, Outcome
 from lab.core.linear_model import triangle_of
 from lab.core.measurements import Measurements
@@ -38,6 +38,7 @@ from lab.phrases.verdict_phrases import gate_text
 from lab.prediction.estimate import Estimate, EstimatedParameter
 from lab.prediction.estimate_files import write_estimate
 from lab.prediction.estimate_of_fit import estimate_of
+from lab.prediction.validation import Validation
 from lab.robots.robot import Robot
 from lab.verdict.fitted import Fitted
 from lab.verdict.verdict import Verdict

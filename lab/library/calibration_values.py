@@ -9,20 +9,20 @@ import numpy as np
 from lab.calibration.identifiability import Direction
 from lab.calibration.residual.estimation import ExpectedGain
 from lab.calibration.residual.process import GROUP
-from lab.calibration.rigid_distances import CoordinateNoise
 from lab.calibration.statistics.model_selection import GroupTrial
-from lab.calibration.statistics.remaining_error import ExplainedError, RemainingError
-from lab.calibration.validation import TruthComparison
 from lab.core.checks import Check
 from lab.core.units import MM, MRAD
 from lab.formats.noise_model import noise_model_to_dict
 from lab.kinematics.effects.effect_registry import describe_term
 from lab.library.result import ErrorStatistics, number, sizes_mm
+from lab.noise.rigid_distances import CoordinateNoise
 from lab.phrases.phrase import in_one_line, phrase, phrases
 from lab.prediction.estimate_files import measured_range_to_dict, residual_to_dict
+from lab.prediction.validation import TruthComparison
 from lab.prediction.workspace_prediction import Distance, RegionPrediction, ValidationBounds
 from lab.robots.config_file import SCHEMA
 from lab.verdict.fitted import Named
+from lab.verdict.remaining_error import ExplainedError, RemainingError
 from lab.verdict.verdict import Answer, rotation_noise_rad
 
 if TYPE_CHECKING:

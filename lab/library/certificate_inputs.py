@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.observation import observation_of
+from lab.calibration.row_groups import cv_groups_of, folds, hold_out, hold_out_last
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
-from lab.calibration.validation import cv_groups_of, folds, hold_out, hold_out_last, shared_rows
 from lab.calibration.weights import Noise, root_mean_square_sigma, weigh
 from lab.certification.budget import FrameMotion, InputQuantity, Placement, Propagation, RandomErrors, RandomScatter
 from lab.certification.characteristics import Repeats
@@ -30,6 +30,7 @@ from lab.noise.instruments import Instrument
 from lab.options.measured_campaign import MeasuredCampaign
 from lab.prediction.estimate import EstimatedParameter
 from lab.prediction.estimate_files import COVARIANCE_FILE, PARAMETERS_FILE, RESULT_FILE
+from lab.prediction.validation import shared_rows
 
 __all__ = [
     "FittedRows", "digests_of", "fitted_motions", "fitted_rows", "instrument_noise_m", "motions_found", "random_errors",

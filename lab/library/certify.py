@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.observation import observation_of
+from lab.calibration.row_groups import SAME_CONFIGURATION
 from lab.calibration.statistics.goodness_of_fit import repeats
-from lab.calibration.validation import SAME_CONFIGURATION
 from lab.certification.budget import (
     LARGEST_SCALE_ERROR,
     MEASURANDS,

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from lab.calibration.fit_options import FitOptions
 from lab.calibration.fitter import Fitter
-from lab.calibration.identification import Identification, most_likely_parameters
+from lab.calibration.identification import Identification
+from lab.calibration.most_likely import most_likely_parameters
 from lab.calibration.observation import observation_of
 from lab.calibration.sensor import ArmSensor
 from lab.calibration.weights import Noise, weigh

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.initial_guess import columns_of, initial_guess
+from lab.calibration.guess import columns_of, initial_guess
 from lab.core.errors import LabError, be, counted
 from lab.core.limits import CLOCK_DRIFT_PPM
 from lab.core.se3 import Array

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from lab.calibration.identification import identify
-from lab.calibration.validation import poses_to_validate
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
@@ -26,6 +25,7 @@ from lab.pose_selection.exchange import information
 from lab.pose_selection.next_pose import NoiseCheck, best_candidates, noise_check
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict
 from lab.pose_selection.tour import fastest_path, rated
+from lab.prediction.validation import poses_to_validate
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
 from lab.simulation.free_path import CLEARANCE_MM

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from lab.calibration.validation import TruthComparison
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
@@ -26,6 +25,7 @@ from lab.options.call_options import options_of, takes
 from lab.options.named_instruments import named_instrument
 from lab.options.option_groups import Fitting
 from lab.options.virtual_campaign import VirtualCampaign
+from lab.prediction.validation import TruthComparison
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
 from lab.simulation.tracking import VirtualMeasurement

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.identification import SAME_M
-from lab.calibration.stations import STATION_POINTS
+from lab.calibration.guess import STATION_POINTS
+from lab.calibration.most_likely import SAME_M
 from lab.core.errors import LabError
 from lab.core.limits import WAYPOINTS
 from lab.core.measurements import Measurements, measured

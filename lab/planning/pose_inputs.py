@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.stations import STATION_POINTS
+from lab.calibration.guess import STATION_POINTS
 from lab.core.linear_model import whitening
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm_with_effects import Arm

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of, only_positions
+from lab.calibration.row_groups import SAME_CONFIGURATION, configurations
 from lab.calibration.statistics.joint_rounding import by_joint_positions
-from lab.calibration.validation import SAME_CONFIGURATION, configurations
 from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares, unit_columns
 from lab.core.measurements import evenly
 from lab.core.probability import chi2_sf

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identification import Identification
 from lab.calibration.observation import ArmObservation, observation_of
+from lab.calibration.row_groups import configurations
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import linearized
-from lab.calibration.validation import configurations
 from lab.core.errors import LabError
 from lab.core.measurements import evenly
 from lab.core.random import rng_for

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
-from lab.calibration.validation import FOLDS, Validation, configurations
+from lab.calibration.row_groups import FOLDS, configurations
 from lab.calibration.weights import Noise, weigh
 from lab.core.checks import Check
 from lab.core.errors import LabError
@@ -47,6 +47,7 @@ from lab.prediction.regions import (
 )
 from lab.prediction.residual_spread import ResidualSpread
 from lab.prediction.task_region import RegionKind
+from lab.prediction.validation import Validation
 
 __all__ = [
     "MEAN_OF_RMS",

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identification import Ellipsoids
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm, Skeleton
+from lab.prediction.ellipsoids import Ellipsoids
 from lab.report.charts.chart import axes_picture, cube
 from lab.report.charts.marks import Axes
 from lab.report.document import Picture, Strong, Text

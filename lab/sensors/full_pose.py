@@ -14,11 +14,10 @@ import numpy as np
 
 from lab.calibration.fit_options import PLAIN, FitOptions, Solve
 from lab.calibration.gauss_newton import Observations
+from lab.calibration.guess import initial_guess
 from lab.calibration.identification import Identification, component_variances, identify
-from lab.calibration.initial_guess import initial_guess
 from lab.calibration.observation import ROTATION_PARAMETERS, no_extra_residuals, placed_in_instrument_frame
 from lab.calibration.sensor import Mistake, SensorTerms
-from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.errors import LabError, option_name
@@ -36,6 +35,7 @@ from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.tree import TreeArm
 from lab.noise.instruments import Instrument, PoseInstrument
 from lab.sensors.sensor_options import FitInputs, PoseOptions, VirtualSetup
+from lab.sensors.sequential_fit import fit_sequentially
 from lab.sensors.tip import tip_rates, tip_rotations
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.effects import TrueEffects

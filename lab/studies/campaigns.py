@@ -18,7 +18,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.batch import BatchFits, PointBatch, align, fit_points, in_nominal_frame
 from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.linear_model import whitening
@@ -44,6 +43,7 @@ from lab.simulation.collisions import random_poses
 from lab.simulation.effects import true_parameters
 from lab.simulation.tracking import misalignments, track
 from lab.simulation.true_robot import TrueRobot
+from lab.studies.batched_fits import BatchFits, PointBatch, align, fit_points, in_nominal_frame
 from lab.studies.grid import ANY, NONE, GridCell, Study, Task
 from lab.studies.identified import NOT_CONVERGED, RANK_DEFICIENT, identified_campaigns, parameter_errors
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from lab.calibration.fitter import Fitter
 from lab.calibration.identification import Identification
-from lab.calibration.validation import TruthComparison, compare_with_truth, errors_of, validate_file
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.random import rng_for
@@ -22,6 +21,7 @@ from lab.kinematics.parameter import Parameter
 from lab.library.virtual_arm import draw_conditions, perturbed_arm, requested_conditions, truth_of
 from lab.noise.instruments import Instrument
 from lab.options.virtual_campaign import VirtualCampaign
+from lab.prediction.validation import TruthComparison, compare_with_truth, errors_of, validate_file
 from lab.robots.robot import Robot
 from lab.simulation.effects import true_parameters
 from lab.simulation.tracking import VirtualMeasurement, recorded

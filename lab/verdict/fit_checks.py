@@ -21,11 +21,9 @@ from lab.calibration.observation import UnsizedObservation, observation_of
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.sensor import ArmSensor
-from lab.calibration.statistics.joint_lag import lagging
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting, rounding
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import Outliers, would_matter
-from lab.calibration.validation import Validation
 from lab.core.checks import Check
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements, evenly, seen_mask, thinned
@@ -42,8 +40,10 @@ from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.tree import TreeArm
 from lab.noise.instruments import Instrument, is_isotropic
 from lab.prediction.extrapolation import MOST_UNCOVERED, MeasuredRange
+from lab.prediction.validation import Validation
 from lab.prediction.workspace_prediction import distances_from_nominal
 from lab.verdict.fitted import Named
+from lab.verdict.joint_lag import lagging
 from lab.verdict.other_numbers import PLACED, in_other_numbers, trimmed_error
 from lab.verdict.verdict import CONSTANT_SPREAD, Answer, Verdict
 

@@ -12,19 +12,11 @@ from lab.calibration.noise_search import NoiseSearch
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.residual.estimation import ExpectedGain, expected_gain
 from lab.calibration.residual.process import JointProcess, PredictedBy
-from lab.calibration.rigid_distances import CoordinateNoise, instrument_noise
+from lab.calibration.row_groups import configurations
 from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
-from lab.calibration.statistics.remaining_error import (
-    NEARLY,
-    ExplainedError,
-    RemainingError,
-    explained_errors,
-    remaining_error,
-)
-from lab.calibration.validation import TruthComparison, Validation, configurations
 from lab.calibration.weights import weigh
 from lab.core.checks import Check
 from lab.core.errors import LabError
@@ -33,10 +25,19 @@ from lab.core.progress import Progress, no_progress
 from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.error_model import row_times
+from lab.noise.rigid_distances import CoordinateNoise, instrument_noise
 from lab.prediction.extrapolation import MeasuredRange
 from lab.prediction.residual_spread import ResidualSpread, residual_spread
 from lab.prediction.task_region import TaskRegion
+from lab.prediction.validation import TruthComparison, Validation
 from lab.prediction.workspace_prediction import ValidationBounds
+from lab.verdict.remaining_error import (
+    NEARLY,
+    ExplainedError,
+    RemainingError,
+    explained_errors,
+    remaining_error,
+)
 from lab.verdict.verdict import Verdict
 
 __all__ = ["UNJUDGED", "Fitted", "JudgementOptions", "Named", "named_poses"]

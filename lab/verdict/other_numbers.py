@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations, fit
+from lab.calibration.guess import columns_of, initial_guess
 from lab.calibration.identification import PLAUSIBLE_SPREAD, spread
-from lab.calibration.initial_guess import columns_of, initial_guess
 from lab.core.checks import Check
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array

@@ -16,10 +16,11 @@ import numpy as np
 
 from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.fitter import MOST_CHOSEN_BY, Fitter, NominalRobot
+from lab.calibration.noise_search import outliers_among_held_out, tail_of
 from lab.calibration.observation import observation_of, only_positions
-from lab.calibration.outliers_and_noise import outliers_among_held_out, tail_of
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP
+from lab.calibration.row_groups import hold_out, hold_out_last, rows_in_time
 from lab.calibration.sensor import ArmSensor
 from lab.calibration.statistics.goodness_of_fit import (
     adequacy_of,
@@ -29,18 +30,7 @@ from lab.calibration.statistics.goodness_of_fit import (
     with_intervals_of_poses,
     with_own_intervals,
 )
-from lab.calibration.statistics.joint_lag import moves_before
 from lab.calibration.statistics.model_selection import Selection
-from lab.calibration.validation import (
-    Validation,
-    hold_out,
-    hold_out_last,
-    rows_in_time,
-    shared_rows,
-    validate_file,
-    validate_folds,
-    validate_rows,
-)
 from lab.calibration.weights import Noise, weigh
 from lab.core.checks import Check
 from lab.core.errors import LabError, error_context, option_name
@@ -52,6 +42,7 @@ from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC, describe_t
 from lab.prediction.extrapolation import measured_range
 from lab.prediction.regions import Region, measured_region, region_of_points, workspace_region
 from lab.prediction.residual_spread import for_later_rows
+from lab.prediction.validation import Validation, shared_rows, validate_file, validate_folds, validate_rows
 from lab.prediction.workspace_prediction import bounds_at, check_prediction, own_tolerance
 from lab.verdict.fit_checks import (
     check_approaches,
@@ -81,6 +72,7 @@ from lab.verdict.fit_checks import (
     points_in_another_scale,
 )
 from lab.verdict.fitted import UNJUDGED, Fitted, JudgementOptions, named_poses
+from lab.verdict.joint_lag import moves_before
 from lab.verdict.noise_findings import changes_in_time, finding, shared_error_findings
 from lab.verdict.verdict import verdict
 

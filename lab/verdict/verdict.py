@@ -20,13 +20,13 @@ from lab.calibration.identification import Identification
 from lab.calibration.observation import ROTATION_PARAMETERS, observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.goodness_of_fit import is_doubted, upper_tolerance_bound
-from lab.calibration.validation import MOST_OUTLIERS, Errors, Validation
 from lab.core.checks import Check
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import indices_of_groups
 from lab.prediction.extrapolation import MOST_UNCOVERED, MeasuredRange
 from lab.prediction.regions import Region, workspace_region
 from lab.prediction.residual_spread import ResidualSpread, residual_spread
+from lab.prediction.validation import MOST_OUTLIERS, Errors, Validation
 from lab.prediction.workspace_prediction import (
     Distance,
     RegionPrediction,

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.initial_guess import columns_of
-from lab.calibration.refit import dependent_columns
+from lab.calibration.guess import columns_of
 from lab.core import se3
 from lab.core.checks import Check, Outcome
 from lab.core.errors import LabError, counted
@@ -31,6 +30,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 from lab.kinematics.effects.arm_with_effects import Arm
+from lab.prediction.validation import dependent_columns
 from lab.verification.predicted_points import (
     DRAWS,
     FULL_RANK,

@@ -23,7 +23,7 @@ from scipy import integrate, stats
 from scipy.optimize import brentq
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.initial_guess import initial_guess
+from lab.calibration.guess import initial_guess
 from lab.calibration.observation import observation_of
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M

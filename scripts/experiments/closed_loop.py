@@ -14,7 +14,7 @@ import numpy as np
 from shared import Answer, Document, Flag, Paragraph, paragraphs, run_script
 
 import lab
-from lab.calibration.identification import most_likely_parameters
+from lab.calibration.most_likely import most_likely_parameters
 from lab.compensation.compensator import CLEAR_RAD, Compensator
 from lab.compensation.iso9283 import (
     CYCLES,

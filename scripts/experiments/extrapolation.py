@@ -16,7 +16,7 @@ from scipy import stats
 from shared import Answer, Document, Flag, Section, Table, run_script, short
 
 import lab
-from lab.calibration.validation import configurations, folds
+from lab.calibration.row_groups import configurations, folds
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements

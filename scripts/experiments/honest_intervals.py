@@ -15,13 +15,13 @@ from lab.calibration.identification import identify
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit, isotropy, sandwich
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
-from lab.calibration.validation import compare_with_truth, error_tangent
 from lab.calibration.weights import Noise, weigh
 from lab.core.random import rng_for
 from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import Instrument, instrument
 from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import VirtualCampaign
+from lab.prediction.validation import compare_with_truth, error_tangent
 from lab.robots.load_robot import load_robot
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track

@@ -11,7 +11,7 @@ import numpy as np
 from shared import Answer, Document, Flag, Section, Table, run_script, short
 
 import lab
-from lab.calibration.validation import configurations, split_by_label
+from lab.calibration.row_groups import configurations, split_by_label
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements

@@ -16,7 +16,7 @@ from scipy import stats
 from shared import Answer, Document, Flag, Section, named_values, paragraphs, run_script
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.outliers_and_noise import tail_dof
+from lab.calibration.noise_search import tail_dof
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import find_outliers

@@ -19,7 +19,6 @@ import numpy as np
 from shared import Answer, Document, Flag, Section, Table, paragraphs, run_script
 
 import lab
-from lab.calibration.validation import errors_at
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
@@ -27,6 +26,7 @@ from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 from lab.phrases.phrase import phrases
+from lab.prediction.validation import errors_at
 from lab.prediction.workspace_prediction import MEAN_OF_RMS
 from lab.robots.load_robot import load_robot
 from lab.robots.robot import Robot

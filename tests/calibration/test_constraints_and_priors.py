@@ -5,10 +5,11 @@ import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 from helpers.truths import truth_of
 
-from lab.calibration import identification as lift_module
+from lab.calibration import most_likely as lift_module
 from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.identifiability import condition_of, scaled_condition, weak_directions
-from lab.calibration.identification import identify, most_likely_parameters
+from lab.calibration.identification import identify
+from lab.calibration.most_likely import most_likely_parameters
 from lab.calibration.prior import Tolerance, alias_matrix, prior_of, standard_deviations
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError

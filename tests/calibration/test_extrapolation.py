@@ -10,7 +10,6 @@ from helpers.robots import IRB120
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identification import WEAK, Identification, identify
 from lab.calibration.statistics.candidate_models import TELLING, largest_useful_std
-from lab.calibration.validation import Errors, Validation
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.arm_with_effects import Arm
@@ -26,6 +25,7 @@ from lab.prediction.estimate_files import (
     write_cover,
 )
 from lab.prediction.extrapolation import MeasuredRange, PoseCover, distinct_poses, measured_range
+from lab.prediction.validation import Errors, Validation
 from lab.verdict.fit_checks import check_validation_poses
 from lab.verdict.verdict import verdict
 

@@ -7,14 +7,15 @@ from helpers.truths import truth_of
 from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.identification import _canonical, ellipsoids, identify, mapping_ellipsoids, position_covariance
-from lab.calibration.initial_guess import initial_guess
-from lab.calibration.validation import compare_with_truth, errors_at
+from lab.calibration.guess import initial_guess
+from lab.calibration.identification import _canonical, identify
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import measured
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import INSTRUMENTS
+from lab.prediction.ellipsoids import ellipsoids, mapping_ellipsoids, position_covariance
+from lab.prediction.validation import compare_with_truth, errors_at
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names

@@ -7,11 +7,11 @@ import pytest
 from helpers.mistakes import ARM, session_with_noise
 
 from lab.calibration.identification import Identification, identify
-from lab.calibration.validation import Errors, Validation, validate_folds, validate_rows
 from lab.calibration.weights import Noise
 from lab.core.checks import Check
 from lab.core.measurements import Measurements
 from lab.prediction.extrapolation import MeasuredRange
+from lab.prediction.validation import Errors, Validation, validate_folds, validate_rows
 from lab.prediction.workspace_prediction import check_prediction
 
 SIGMA_M = 20e-6

@@ -8,15 +8,15 @@ from helpers.robots import IRB120, perturbed, somewhere
 
 from lab.calibration.fit_options import FitOptions
 from lab.calibration.identification import identify
-from lab.calibration.outliers_and_noise import outliers_among_fitted
+from lab.calibration.noise_search import outliers_among_fitted
 from lab.calibration.prior import Prior, PriorDirections, directions_of
 from lab.calibration.statistics.linearized import NoiseDistribution
-from lab.calibration.validation import Errors, Validation
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.phrases.phrase import in_one_line
+from lab.prediction.validation import Errors, Validation
 from lab.verdict.verdict import verdict
 
 ARM = SerialArm(IRB120.chain)

@@ -9,11 +9,11 @@ from helpers.pose_data import measured_poses
 from helpers.robots import IRB120
 
 from lab.calibration.identification import identify
-from lab.calibration.validation import Errors, Validation
 from lab.calibration.weights import Noise
 from lab.core.measurements import measured
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.phrases.phrase import in_one_line
+from lab.prediction.validation import Errors, Validation
 from lab.sensors.cable import Cable
 from lab.sensors.fixtures import Fixtures
 from lab.sensors.full_pose import balanced

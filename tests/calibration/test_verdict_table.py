@@ -10,10 +10,10 @@ import pytest
 from helpers.judged import Case, campaign, errors
 
 from lab.calibration.fit_options import PLAIN
-from lab.calibration.validation import Validation
 from lab.core.checks import Check
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.phrases.phrase import in_one_line
+from lab.prediction.validation import Validation
 from lab.prediction.workspace_prediction import prediction_check
 from lab.robots.load_robot import load_robot
 from lab.verdict.noise_findings import finding

@@ -9,9 +9,8 @@ import pytest
 from helpers.campaigns import session
 
 import lab
+from lab.calibration.guess import few_points_of_a_station
 from lab.calibration.identification import identify
-from lab.calibration.stations import few_points_of_a_station
-from lab.calibration.validation import compare_with_truth
 from lab.calibration.weights import Noise
 from lab.cli.main import main
 from lab.core import se3
@@ -22,6 +21,7 @@ from lab.kinematics.effects.effect import SessionInfo
 from lab.library.simulate import MeasurementSession
 from lab.library.virtual_arm import truth_of
 from lab.noise.instruments import INSTRUMENTS
+from lab.prediction.validation import compare_with_truth
 from lab.robots.load_robot import load_virtual
 from lab.simulation.effects import true_parameters
 

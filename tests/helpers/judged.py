@@ -12,7 +12,6 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identification import Identification, identify
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
-from lab.calibration.validation import Errors, Validation, errors_at
 from lab.calibration.weights import Noise, weigh
 from lab.core.checks import Check
 from lab.core.measurements import measured
@@ -20,6 +19,7 @@ from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.prediction.regions import Region, measured_region
+from lab.prediction.validation import Errors, Validation, errors_at
 
 ARM = SerialArm(IRB120.chain)
 SIGMA_M = 10e-6

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, VERSATRAN
 
-from lab.calibration.initial_guess import columns_of
+from lab.calibration.guess import columns_of
 from lab.calibration.prior import Tolerance, standard_deviations
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.effect_registry import GROUPS, effect

@@ -9,7 +9,7 @@ from helpers.robots import ROOT
 
 import lab
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.initial_guess import initial_guess
+from lab.calibration.guess import initial_guess
 from lab.cli.main import main
 from lab.core.errors import LabError
 from lab.core.limits import checked_target

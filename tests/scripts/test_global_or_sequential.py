@@ -6,16 +6,16 @@ import global_or_sequential as script
 import numpy as np
 import pytest
 
-from lab.calibration.batch import StackedPoseArm
 from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.identification import identify
-from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.measurements import measured
 from lab.kinematics.gauge import base_set
 from lab.robots.load_robot import load_robot
 from lab.sensors.full_pose import QUATERNION, Poses
+from lab.sensors.sequential_fit import fit_sequentially
+from lab.studies.batched_fits import StackedPoseArm
 
 ARM = load_robot("rx130").arm(("p1",))
 FEW = script.Options(robots=24, fresh=100, seed=1)

@@ -14,7 +14,7 @@ import pytest
 from shared import run_script
 
 import lab
-from lab.calibration.validation import configurations
+from lab.calibration.row_groups import configurations
 
 SETS = board.data_sets()
 DIGESTS = {  # of the held-out rows: a split never changes

@@ -8,8 +8,9 @@ from helpers.observed_files import cable_file
 
 from lab.calibration.fit_options import FitOptions
 from lab.calibration.identification import identify
+from lab.calibration.row_groups import configurations, split_by_label
 from lab.calibration.statistics.joint_rounding import rounding
-from lab.calibration.validation import configurations, errors_of, split_by_label
+from lab.prediction.validation import errors_of
 from lab.sensors.cable import Cable, CableSensor, with_sessions
 
 

@@ -7,7 +7,6 @@ from helpers.observed_files import HEADER, read
 from helpers.robots import IRB120, assert_derivatives
 
 from lab.calibration.identification import identify
-from lab.calibration.validation import errors_of
 from lab.core.errors import LabError
 from lab.core.measurements import FIXTURE
 from lab.kinematics.gauge import base_set
@@ -16,6 +15,7 @@ from lab.library.identify import identify as identify_file
 from lab.options.measured_campaign import MeasuredCampaign
 from lab.options.option_groups import Fitting
 from lab.phrases.phrase import in_one_line
+from lab.prediction.validation import errors_of
 from lab.sensors.cable import Cable
 from lab.sensors.fixtures import Fixtures
 from lab.sensors.plane import Planes

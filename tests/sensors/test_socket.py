@@ -8,11 +8,12 @@ from helpers.fixture_data import many, measured_fixtures
 from helpers.robots import IRB120, data_file
 
 from lab.calibration.identification import identify
-from lab.calibration.validation import cv_groups_of, errors_of
+from lab.calibration.row_groups import cv_groups_of
 from lab.calibration.weights import Noise
 from lab.core.measurements import FIXTURE, Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.serial.serial_arm import SerialArm
+from lab.prediction.validation import errors_of
 from lab.robots.load_robot import load_robot
 from lab.sensors.sensor_registry import sensor_named
 from lab.sensors.socket import Sockets, SocketSensor

@@ -30,8 +30,8 @@ from lab.calibration.residual.process import (
     scaled_by,
     unit_covariances,
 )
+from lab.calibration.row_groups import configurations
 from lab.calibration.statistics.joint_rounding import by_joint_positions
-from lab.calibration.validation import configurations
 from lab.core.errors import LabError, option_name
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, evenly, thinned

@@ -28,9 +28,9 @@ from lab.calibration.gauss_newton import RANK_TOLERANCE, ExtraResiduals, Observa
 from lab.calibration.identification import WEAK, Identification, identify
 from lab.calibration.observation import Observation, observation_of
 from lab.calibration.prior import prior_of
+from lab.calibration.row_groups import configurations, cv_groups_of, folds
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import ClusteredRows, ClusterTest, cluster_sums, clusters_first, jackknifed
-from lab.calibration.validation import configurations, cv_groups_of, folds
 from lab.calibration.weights import Noise, joined, weigh, weighted_constraints
 from lab.core.errors import LabError, option_name
 from lab.core.linear_model import least_squares, p_value_of_squares, unit_columns

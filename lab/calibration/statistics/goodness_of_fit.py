@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
 from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of, only_positions
-from lab.calibration.rigid_distances import goodness_by_distances, instrument_noise
+from lab.calibration.row_groups import configurations
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
-from lab.calibration.validation import configurations
 from lab.calibration.weights import Noise, weigh
 from lab.core.checks import Check, Outcome
 from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares
@@ -30,6 +29,7 @@ from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING, VARIANCE_COM
 from lab.kinematics.model import Model
 from lab.noise.error_model import ErrorModel
 from lab.noise.instruments import is_isotropic
+from lab.noise.rigid_distances import goodness_by_distances, instrument_noise
 
 __all__ = [
     "adequacy_of",

@@ -22,6 +22,7 @@ import numpy as np
 from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of
+from lab.calibration.row_groups import ROWS_PER_PARAMETER, configurations
 from lab.calibration.statistics.candidate_models import (
     LEAST_SIGMA_M,
     TELLING,
@@ -37,7 +38,6 @@ from lab.calibration.statistics.candidate_models import (
     TermTable,
 )
 from lab.calibration.statistics.linearized import ClusterTest
-from lab.calibration.validation import ROWS_PER_PARAMETER, configurations
 from lab.calibration.weights import Noise, weigh
 from lab.core.errors import IncompleteColumnError
 from lab.core.measurements import Measurements

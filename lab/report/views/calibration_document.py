@@ -10,7 +10,6 @@ from lab.calibration.identifiability import Direction
 from lab.calibration.observation import observation_of
 from lab.calibration.prior import ActingPrior
 from lab.calibration.statistics.model_selection import GroupTrial
-from lab.calibration.statistics.remaining_error import ExplainedError
 from lab.core.checks import Check
 from lab.core.errors import counted
 from lab.core.limits import called
@@ -37,6 +36,7 @@ from lab.report.views.calibration_figures import (
     where_figures,
 )
 from lab.report.views.calibration_scene import page_scene
+from lab.verdict.remaining_error import ExplainedError
 from lab.verdict.verdict import Answer, rotation_noise_rad
 
 __all__ = ["document_of", "parameters_table"]

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lab.calibration.guess import in_first_frame
 from lab.calibration.observation import observation_of
-from lab.calibration.stations import in_first_frame
-from lab.calibration.validation import Errors, JudgedBy, configurations, errors_of
+from lab.calibration.row_groups import configurations
 from lab.core.errors import LabError
 from lab.core.linear_model import half_width_95
 from lab.core.measurements import Measurements, rows_called, seen_mask
@@ -23,6 +23,7 @@ from lab.core.units import MM, Unit
 from lab.kinematics.parameter import Parameter
 from lab.library.calibration_result import CalibrationResult
 from lab.prediction.estimate import EstimatedParameter
+from lab.prediction.validation import Errors, JudgedBy, errors_of
 from lab.prediction.workspace_prediction import predicted_errors
 from lab.report.charts.chart import axes_picture, cube, name_points, shades
 from lab.report.charts.marks import Axes

@@ -8,15 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identification import Identification, ellipsoids, mapping_ellipsoids, position_covariance
+from lab.calibration.guess import in_first_frame, station_poses
+from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of
-from lab.calibration.stations import in_first_frame, station_poses
 from lab.core.measurements import rows_called, seen_mask
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.effects.sessions import at_first_station
 from lab.kinematics.model import RigidArm
 from lab.library.calibration_result import CalibrationResult
+from lab.prediction.ellipsoids import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.report.page_scene import ArmScene, Arrows, posed_arm
 from lab.report.scene import (
     Legs,

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from lab.calibration.identification import ellipsoids
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.number_text import capital, fixed, short
@@ -14,6 +13,7 @@ from lab.formats.programs.languages import path_file, refusal
 from lab.library.compensation_result import CompensationResult
 from lab.library.corrected_program import stated_positions_note
 from lab.library.run_folder import VIA
+from lab.prediction.ellipsoids import ellipsoids
 from lab.report import document as doc
 from lab.report.blocks import joint_cells, joint_headings
 from lab.report.page_scene import ArmScene, Arrows, posed_arm

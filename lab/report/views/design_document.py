@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identification import ellipsoids
 from lab.core.number_text import fixed, sentence, short
 from lab.core.se3 import Array
 from lab.core.units import MICRONS
@@ -21,6 +20,7 @@ from lab.library.session_duration import SessionDuration
 from lab.planning.design_search import DesignStep
 from lab.pose_selection.exchange import information
 from lab.pose_selection.tour import rated, tour_trajectory
+from lab.prediction.ellipsoids import ellipsoids
 from lab.prediction.task_region import task_region
 from lab.report import document as doc
 from lab.report.charts.chart import axes_picture, log_ticks, shades

@@ -8,8 +8,7 @@ import pytest
 import lab
 from lab.calibration.gauss_newton import Status
 from lab.calibration.identification import Identification, identify
-from lab.calibration.noise_search import search_noise
-from lab.calibration.outliers_and_noise import noise_of
+from lab.calibration.noise_search import noise_of, search_noise
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.calibration.outliers_and_noise import tail_dof
+from lab.calibration.noise_search import tail_dof
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution
 from lab.core.significance import VERIFICATION
 from lab.verification.predicted_points import CalibrationPrediction

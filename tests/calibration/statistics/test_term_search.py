@@ -9,9 +9,9 @@ from helpers.robots import IRB120
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identification import WEAK, Identification, identify
+from lab.calibration.row_groups import configurations
 from lab.calibration.statistics.candidate_models import TermSearch, TermTable
 from lab.calibration.statistics.model_selection import Selection, select
-from lab.calibration.validation import configurations
 from lab.core.measurements import Measurements, measured
 from lab.core.significance import TERM_SEARCH
 from lab.kinematics.effects.arm_with_effects import ArmWithEffects

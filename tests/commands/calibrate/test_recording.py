@@ -7,10 +7,11 @@ from helpers.recordings import FLOAT32, column, in_world, needs_vulkan, rrd, sta
 from helpers.robots import ROOT
 
 import lab
-from lab.calibration.identification import ellipsoids, identify, mapping_ellipsoids, position_covariance
+from lab.calibration.identification import identify
 from lab.core import se3
 from lab.core.number_text import format_magnification
 from lab.kinematics.serial.serial_arm import SerialArm
+from lab.prediction.ellipsoids import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.report.scene import MOST_POSES, drawn_rows, magnification
 from lab.report.views.calibration_recording import record
 from lab.report.views.calibration_scene import scene

@@ -5,7 +5,7 @@ import pytest
 from helpers.robots import IRB120
 from scipy import stats
 
-from lab.calibration.rigid_distances import CoordinateNoise, goodness_by_distances, instrument_noise
+from lab.noise.rigid_distances import CoordinateNoise, goodness_by_distances, instrument_noise
 
 SIGMA, POSES, THREE = 8e-6, 40, ("p1", "p2", "p3")
 ARM = IRB120.arm(THREE)

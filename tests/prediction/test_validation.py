@@ -7,21 +7,14 @@ import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 
 from lab.calibration.identification import Identification, identify
-from lab.calibration.validation import (
-    configurations,
-    folds,
-    hold_out_last,
-    rows_in_time,
-    split_by_label,
-    validate_file,
-    validate_folds,
-)
+from lab.calibration.row_groups import configurations, folds, hold_out_last, rows_in_time, split_by_label
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.arm_with_effects import affected
 from lab.kinematics.effects.backlash import backlash
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.phrases.phrase import phrases
+from lab.prediction.validation import validate_file, validate_folds
 from lab.verdict.verdict import verdict
 
 ARM = SerialArm(IRB120.chain)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Fit, Observations
+from lab.calibration.row_groups import configurations
 from lab.calibration.statistics.linearized import FULL_RANK, ClusteredRows, linearized
-from lab.calibration.validation import configurations
 from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import Measurements, setups
 from lab.core.probability import t_sf

@@ -16,7 +16,7 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
-from lab.calibration.validation import configurations
+from lab.calibration.row_groups import configurations
 from lab.core.errors import option_name
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, evenly, seen_mask, thinned

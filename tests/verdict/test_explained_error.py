@@ -5,10 +5,10 @@ import pytest
 from helpers.robots import IRB120, somewhere
 
 from lab.calibration.identification import identify
-from lab.calibration.statistics.remaining_error import ExplainedError, explained_errors
 from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.model import Model
+from lab.verdict.remaining_error import ExplainedError, explained_errors
 
 GROUPS = ("harmonics", "gear")
 SIZES = {"joint2.sin1": 3e-4, "joint4.cos1": 2e-4, "joint1.gear": 1e-4}

@@ -10,7 +10,6 @@ from helpers.robots import IRB120, perturbed, somewhere
 from lab.calibration.fit_options import PLAIN
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.candidate_models import SelectionTask
-from lab.calibration.statistics.joint_lag import JointLag, lagging, moves_before
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError
@@ -18,6 +17,7 @@ from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect_registry import CANDIDATES
 from lab.kinematics.model import Model
+from lab.verdict.joint_lag import JointLag, lagging, moves_before
 
 SIGMA, SPRING = 5e-6, 1 / 15_000
 TARGETS = ("p1", "p2", "p3")

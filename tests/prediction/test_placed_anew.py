@@ -5,14 +5,13 @@ import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 
 from lab.calibration.identification import identify
-from lab.calibration.refit import DETERMINED, dependent_columns, placed_anew
-from lab.calibration.validation import validate_file
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.phrases.phrase import phrases
+from lab.prediction.validation import DETERMINED, dependent_columns, placed_anew, validate_file
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names

@@ -10,13 +10,13 @@ from helpers.robots import IRB120, RX130
 from lab.calibration.fit_options import FitOptions
 from lab.calibration.gauss_newton import Fit, fit
 from lab.calibration.identification import identify
-from lab.calibration.sequential import fit_sequentially, split_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.full_pose import Poses
+from lab.sensors.sequential_fit import fit_sequentially, split_of
 
 ARM = SerialArm(RX130)
 SIGMA = 1e-4

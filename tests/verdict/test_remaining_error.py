@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.calibration.statistics.remaining_error import RemainingError, remaining_error
 from lab.core.se3 import Array
 from lab.noise.error_model import ErrorModel
+from lab.verdict.remaining_error import RemainingError, remaining_error
 
 POSES = 150
 

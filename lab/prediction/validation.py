@@ -1,6 +1,11 @@
 """Validation of a calibration: errors on validation poses, which were not fitted, and against a truth.
 
 *Before* is the nominal model with base and targets fitted to the same measurements as *after*, the estimated one.
+
+Reference rows of another session place base and tool anew. Poses along a line or on a plane, with one orientation, do
+not separate a target's place on the flange from the base's. Undetermined parameters are fixed: columns of the Jacobian
+are taken one after the other, the base's first, and one that the columns before it explain belongs to a fixed
+parameter. Predictions at poses of the same kind do not depend on it.
 """
 
 from collections.abc import Callable, Sequence
@@ -8,57 +13,48 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
+from lab.calibration.gauss_newton import Fit, Observations, fit
+from lab.calibration.guess import columns_of, few_points_of_a_station, initial_guess
+from lab.calibration.identifiability import scaled_condition
 from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of
-from lab.calibration.refit import placed_anew
-from lab.calibration.stations import few_points_of_a_station
+from lab.calibration.row_groups import FOLDS, ROWS_PER_PARAMETER, cv_groups_of, folds
 from lab.core import se3
 from lab.core.checks import Check
-from lab.core.errors import LabError, be, counted, option_name
+from lab.core.errors import LabError, option_name
+from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, setups
 from lab.core.progress import Progress, no_progress
-from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import frame_rotations, targets_of
 from lab.kinematics.serial.axes_to_dh import Truth
 
 __all__ = [
-    "FOLDS",
+    "DETERMINED",
     "MOST_OUTLIERS",
-    "ROWS_PER_PARAMETER",
-    "SAME_CONFIGURATION",
     "Errors",
     "JudgedBy",
     "TruthComparison",
     "Validation",
     "compare_with_truth",
-    "configurations",
-    "cv_groups_of",
+    "dependent_columns",
     "error_tangent",
     "errors_at",
     "errors_of",
-    "folds",
-    "hold_out",
-    "hold_out_last",
+    "placed_anew",
     "poses_to_validate",
-    "rows_in_time",
     "shared_rows",
-    "split_by_label",
     "validate_file",
     "validate_folds",
     "validate_rows",
 ]
 
-SAME_CONFIGURATION = 0.01  # rad (m for a slide): joint positions this near are repeats of one configuration
-_MANY_ROWS, _CELLS = 20_000, 8  # more rows are looked at by cells, so many to the width of a configuration
 _UNIDENTIFIED = Check("validation.unidentified", "not tested")
-FOLDS, _LEAST_FOLDS = 5, 3
+_LEAST_FOLDS = 3
 MOST_OUTLIERS = 0.05  # of the validation poses, without a doubt about all of them
-ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
 _REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not mark them
 
 _Rows = NDArray[np.int_]
@@ -157,109 +153,6 @@ def errors_of(identification: Identification, test: Measurements) -> Errors:
     return Errors(
         observation.errors(test, identification.nominal_aligned), observation.errors(test, identification.values)
     )
-
-
-def configurations(joints: Array) -> _Rows:
-    """Label joint positions ``(n, joints)``: rows within 0.01 rad (m) in every joint share a label ``(n,)``.
-
-    Of very many rows those in one cell of an eighth of that stand for each other, or their pairs would be too many.
-    """
-    if len(joints) > _MANY_ROWS:
-        corners = np.floor(joints * (_CELLS / SAME_CONFIGURATION))
-        _, one, cell = np.unique(_row_numbers(corners), return_index=True, return_inverse=True)
-        if len(one) < len(joints):
-            return configurations((corners[one] + 0.5) * (SAME_CONFIGURATION / _CELLS))[cell]
-    _, first, same = np.unique(joints, axis=0, return_index=True, return_inverse=True)
-    if len(first) < len(joints):  # the pairs of many visits of one pose would be too many
-        order = np.argsort(first)
-        return configurations(joints[first[order]])[np.argsort(order)[same]]
-    pairs = scipy.spatial.cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
-    if not len(pairs):
-        return np.arange(len(joints))
-    links = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
-    labels: _Rows = scipy.sparse.csgraph.connected_components(links, directed=False)[1].astype(np.int_)
-    return labels
-
-
-def _row_numbers(rows: Array) -> NDArray[np.uint64]:
-    """Return a number ``(n,)`` for each of rows ``(n, c)`` of whole numbers, unique among a million."""
-    factors = rng_for(0, "split").integers(1 << 63, size=rows.shape[1], dtype=np.uint64) | np.uint64(1)
-    return np.asarray((rows.astype(np.int64).view(np.uint64) * factors).sum(axis=1, dtype=np.uint64))
-
-
-def cv_groups_of(model: Model, data: Measurements) -> _Rows:
-    """Label rows ``(n,)`` that are fitted or held out together: at a fixture, or repeats of a configuration."""
-    labels = observation_of(model).cv_groups(data)
-    return configurations(data.joints) if labels is None else labels
-
-
-def split_by_label(labels: _Rows, share: float, seed: int) -> tuple[_Rows, _Rows]:
-    """Split rows into those to fit and those to hold out: whole labels at random, until the share is reached."""
-    order = rng_for(seed, "split").permutation(labels.max() + 1)
-    sizes = np.bincount(labels)[order]
-    left_out = order[np.cumsum(sizes) - sizes < share * len(labels) - 0.5]
-    test = np.isin(labels, left_out)
-    return np.flatnonzero(~test), np.flatnonzero(test)
-
-
-def folds(labels: _Rows, seed: int) -> _Rows:
-    """Assign each row ``(n,)`` to a fold, five or as many as there are labels: whole labels, at random."""
-    order = rng_for(seed, "split").permutation(labels.max() + 1)
-    fold_of = np.empty(len(order), dtype=np.int_)
-    fold_of[order] = np.arange(len(order)) % FOLDS
-    return np.asarray(fold_of[labels])
-
-
-def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple[Measurements, Measurements]:
-    """Split the rows into those to fit and the hold-out set.
-
-    Raises:
-        LabError: the share is not between 0 and 1, or leaves nothing to fit or to validate on.
-    """
-    if not 0 < share < 1:
-        raise LabError(f"{option_name('holdout')} {share:g}: give a share between 0 and 1, e.g. 0.3")
-    fitted, held_out = split_by_label(cv_groups_of(model, data), share, seed)
-    if not len(held_out) or not len(fitted):
-        raise LabError(
-            f"{option_name('holdout')} {share:g}: {len(data)} poses leave too few to fit or to validate; change "
-            f"the share"
-        )
-    return data[fitted], data[held_out]
-
-
-def rows_in_time(data: Measurements) -> _Rows:
-    """Return the rows in the order in which they were measured: by ``time_s`` where every row has it, else as given."""
-    seconds = data.conditions.get("time_s", np.full(len(data), np.nan))
-    return np.argsort(seconds, kind="stable") if np.isfinite(seconds).all() else np.arange(len(data))
-
-
-def hold_out_last(model: Model, data: Measurements, share: float) -> tuple[Measurements, Measurements]:
-    """Split off the last rows as the hold-out set: by ``time_s`` where every row has it, else by their order.
-
-    Later rows whose configuration (or fixture) was measured before them are in neither set: the hold-out set is new in
-    time and in joint space.
-
-    Raises:
-        LabError: the share is not between 0 and 1, or leaves nothing to fit or to validate on.
-    """
-    if not 0 < share < 1:
-        raise LabError(f"{option_name('holdout_last')} {share:g}: give a share between 0 and 1, e.g. 0.3")
-    order, cut = rows_in_time(data), len(data) - round(share * len(data))
-    first, last = np.sort(order[:cut]), np.sort(order[cut:])
-    if not len(first) or not len(last):
-        raise LabError(
-            f"{option_name('holdout_last')} {share:g}: {len(data)} poses leave too few to fit or to validate; "
-            f"change the share"
-        )
-    labels = cv_groups_of(model, data)
-    new = last[~np.isin(labels[last], labels[first])]
-    if not len(new):
-        raise LabError(
-            f"{option_name('holdout_last')} {share:g}: the last {counted(len(last), 'row')} {be(len(last))} of "
-            f"configurations or "
-            f"fixtures that were measured before; change the share, or give {option_name('holdout')}"
-        )
-    return data[first], data[new]
 
 
 def shared_rows(test: Measurements, fitted: Measurements) -> float:
@@ -453,3 +346,101 @@ def _setup_name(setup: tuple[str, str]) -> str:
 def _transfer(source: Model, target: Model, values: Array) -> Array:
     known = dict(zip(source.names, values, strict=True))
     return np.array([known.get(name, 0.0) for name in target.names])
+
+
+DETERMINED = 1e-6  # of a column's length that those before it leave unexplained: less, and it is not determined
+_SHARES = ((1e-3, 0.03), (DETERMINED, 1e-4))  # undetermined by less, and what validated poses may feel of that
+_CLEAR = 1e3  # condition number from which on a guess of all at once may lead astray
+_STEPS = 40  # of a fit that may be ill-conditioned
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Base and tool as some poses place them.
+
+    Attributes:
+        fixed: names of the parameters that those poses do not determine, and that stay as they were.
+    """
+
+    values: Array
+    fixed: tuple[str, ...]
+
+
+def placed_anew(
+    model: Model, reference: Measurements, test: Measurements, values: Array, refit: Sequence[str], where: str
+) -> _Placed:
+    """Place base, tool or both by the reference rows.
+
+    Args:
+        reference: the rows that place them.
+        test: rows of the same session on which is validated.
+        values: ``(p,)`` of the arm, whose links stay.
+
+    Raises:
+        LabError: the rows determine too little: predictions at ``test`` depend on what stays undetermined.
+    """
+    ones = np.ones(reference.points.shape[:2])
+    observed = Observations(reference.inputs(model.conditions), reference.points, ones)
+    free, linear = columns_of(model, refit), "base" not in refit
+    start = values if linear else initial_guess(model, observed, values, ("base",))
+    slopes = observed.apply(model.observe(observed.inputs, start)[1])
+    if scaled_condition(slopes[:, free]) < _CLEAR or linear:
+        found = fit(model, observed, free, initial_guess(model, observed, values, refit))
+        if _is_determined(found, len(free), reference, linear=linear):
+            return _Placed(found.values, ())
+    best: tuple[float, _Placed] | None = None
+    for share, largest_effect in _SHARES:  # the fewest parameters first: from there the others are near
+        fixed = tuple(free[j] for j in dependent_columns(slopes[:, free], share))
+        retained = tuple(column for column in free if column not in fixed)
+        found = fit(model, observed, retained, start if best is None else best[1].values, most_steps=_STEPS)
+        slopes = observed.apply(model.observe(observed.inputs, found.values)[1])
+        there = model.observe(test.inputs(model.conditions), found.values)[1].reshape(-1, len(values))
+        sure = _is_determined(found, len(retained), reference, linear=False) and _unfelt(
+            slopes, there, retained, fixed, largest_effect
+        )
+        if sure and (best is None or found.cost_trace[-1] < best[0]):
+            best = found.cost_trace[-1], _Placed(found.values, tuple(model.names[i] for i in fixed))
+    if best is None:
+        raise _too_few(where, reference, refit, found.rank, len(free))
+    return best[1]
+
+
+def _too_few(where: str, reference: Measurements, refit: Sequence[str], rank: int, count: int) -> LabError:
+    return LabError(
+        f"{where}: {len(reference)} reference rows cannot place {', '.join(refit)} ({rank} of {count} parameters); "
+        "mark more rows as reference"
+    )
+
+
+def _is_determined(found: Fit, count: int, reference: Measurements, *, linear: bool) -> bool:
+    """Decide whether a fit determined all parameters; a tool alone needs no more equations than coordinates."""
+    equations = 3 * int(reference.seen.sum())
+    enough = equations >= count if linear else equations > count
+    return found.rank == count and found.status == "converged" and enough
+
+
+def dependent_columns(columns: Array, tolerance: float) -> tuple[int, ...]:
+    """Return the columns ``(N, h)`` that earlier ones explain, up to a share of their length."""
+    unit, scale = unit_columns(columns)
+    basis = np.zeros((len(columns), 0))
+    found = []
+    for j in range(columns.shape[1]):
+        rest = unit[:, j] - basis @ (basis.T @ unit[:, j])
+        rest -= basis @ (basis.T @ rest)  # twice, for rounding
+        size = float(np.linalg.norm(rest))
+        if size <= tolerance or scale[j] == 0.0 or basis.shape[1] == len(columns):
+            found.append(j)
+        else:
+            basis = np.column_stack([basis, rest / size])
+    return tuple(found)
+
+
+def _unfelt(slopes: Array, there: Array, retained: Sequence[int], fixed: Sequence[int], largest_effect: float) -> bool:
+    """Check whether predictions hardly change with a fixed parameter when the others are refitted."""
+    if not fixed:
+        return True
+    known = ~np.isnan(there).any(axis=1)
+    make_up = np.linalg.lstsq(slopes[:, list(retained)], slopes[:, list(fixed)], rcond=1e-12)[0]
+    alone = there[known][:, list(fixed)]
+    left = alone - there[known][:, list(retained)] @ make_up
+    return bool((np.linalg.norm(left, axis=0) <= largest_effect * np.linalg.norm(alone, axis=0)).all())
