@@ -75,18 +75,18 @@ class NextPoseResult(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the reader."""
-        noise, found = self.proposal.noise, list(self.planner.problem.warnings)
+        noise, warnings = self.proposal.noise, list(self.planner.problem.warnings)
         if self.proposal.from_home:
-            found.append(
+            warnings.append(
                 "no free way leads on from the last pose, as the nominal model has it: move the arm home first; the "
                 "way there is not checked"
             )
         if noise is not None and noise.larger:
-            found.append(
+            warnings.append(
                 f"the residuals are {noise.ratio:.2g} times the stated noise: check the instrument and its setup; "
                 "predicted errors count with the larger noise"
             )
-        return tuple(found)
+        return tuple(warnings)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm, angles in degrees."""
@@ -115,7 +115,7 @@ class NextPoseResult(Result):
         }
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
-        """A row for each proposal: poses measured, predicted errors (mm), and joint positions of the next pose."""
+        """Return a row for each proposal: poses measured, predicted errors (mm), joint positions of the next pose."""
         size = self.planner.problem.robot.chain.size
         joints = [np.full(size, np.nan) if each.joints is None else each.joints for each in self.proposals]
         return {
@@ -167,58 +167,72 @@ def next_pose(
         >>> lab.next_pose(plan, candidates=100).joints.shape
         (6,)
     """
-    given = measurements if isinstance(measurements, Measurements) else None
+    in_memory = measurements if isinstance(measurements, Measurements) else None
     if isinstance(plan, NextOptions):
-        asked = plan
+        requested = plan
     else:
-        file = None if given is not None else measurements
+        file = None if in_memory is not None else measurements
         folder = "plan in memory" if isinstance(plan, DesignResult) else plan
-        asked = options_of("lab.next_pose", NextOptions, {"plan": folder, "file": file, **options})
-    asked.check()
+        requested = options_of("lab.next_pose", NextOptions, {"plan": folder, "file": file, **options})
+    requested.check()
     with stages("next pose") as stage:
-        requested, file = _planned(asked, given, plan.options if isinstance(plan, DesignResult) else None)
-        planner = PosePlanner(**requested, progress=partial(stage, "candidates"))
-        chain = planner.problem.robot.chain
+        plan_options = plan.options if isinstance(plan, DesignResult) else None
+        arguments, file = _planner_arguments(requested, in_memory, plan_options)
+        planner = PosePlanner(**arguments, progress=partial(stage, "candidates"))
         stage("proposal")
-        found = list[tuple[Measurements, Proposal]]()
-        for data in (given,) if given is not None else _growing(asked, file, planner):
-            _refuse_other_robot(data, planner.problem.robot)
-            _refuse_other_targets(file or "measurements", data, planner.options.targets)
-            seen = data.with_points()
-            found.append((data, planner.propose(seen.only("calibrate"), at=seen.joints[-1] if len(seen) else None)))
-            if asked.follow:
-                keep_line("next pose", proposal_text(chain, found[-1][1]))
-            if found[-1][1].reached:
+        proposals = list[Proposal]()
+        for data in (in_memory,) if in_memory is not None else _growing(requested, file, planner):
+            proposals.append(_proposed(planner, data, file))
+            if requested.follow:
+                keep_line("next pose", proposal_text(planner.problem.robot.chain, proposals[-1]))
+            if proposals[-1].reached:
                 break
-    return NextPoseResult(asked, planner, found[-1][0], tuple(proposal for _, proposal in found))
+    return NextPoseResult(requested, planner, data, tuple(proposals))
 
 
-def _planned(
-    asked: NextOptions, given: Measurements | None, plan: DesignOptions | None
+def _proposed(planner: PosePlanner, data: Measurements, file: Path | None) -> Proposal:
+    """Return the proposal after these measurements, which are of the planner's robot and targets."""
+    _refuse_other_robot(data, planner.problem.robot)
+    _refuse_other_targets(file or "measurements", data, planner.options.targets)
+    seen = data.with_points()
+    return planner.propose(seen.only("calibrate"), at=seen.joints[-1] if len(seen) else None)
+
+
+def _planner_arguments(
+    requested: NextOptions, in_memory: Measurements | None, plan: DesignOptions | None
 ) -> tuple[dict[str, Any], Path | None]:
-    """The arguments of a planner, by a run or a plan in memory, and the measurement file."""
-    folder, file = asked.plan, asked.file
+    """Return the arguments of a planner, by a run or a plan in memory, and the measurement file."""
+    folder, file = requested.plan, requested.file
     config = RunConfig({}, "design", schema=SCHEMA) if plan is not None else read_config(folder, _MEND)
     if config.command == "design":
-        plan = plan or read_options(folder / CONFIG_FILE, "design", DesignOptions)
-        if plan.observe != "points":
-            raise LabError(f"{folder}: is a plan for {plan.observe}; lab next is for measured points alone; measure it")
-        if plan.payload_kg or plan.model != "geometric":
-            raise LabError(f"{folder}: is a plan for model {plan.model}; lab next is for geometry alone; measure it")
-        known = {name: getattr(plan, name) for name in _OF_PLAN}
+        arguments = _of_plan(folder, plan or read_options(folder / CONFIG_FILE, "design", DesignOptions))
     elif config.command in CALIBRATIONS:
-        campaign = read_options(folder / CONFIG_FILE, config.command, CALIBRATIONS[config.command])
-        if campaign.instrument is None and asked.instrument is None:
-            raise LabError(f"{folder}: names no instrument; give {option_name('instrument')}")
-        file = asked.file or folder / MEASUREMENTS_FILE
-        chain = load_virtual(campaign.robot or "irb120", campaign.cell).chain
-        data = given if given is not None else _read(file, chain)
-        targets = () if data is None else data.targets
-        known = {name: getattr(campaign, name) for name in ("robot", "cell", "instrument")} | {"targets": targets}
+        file = requested.file or folder / MEASUREMENTS_FILE
+        arguments = _of_calibration(requested, config.command, in_memory, file)
     else:
         raise LabError(f"{folder}: is a run of lab {config.command}; {_MEND}")
-    changed = {name: value for name in ("accuracy_mm", "instrument") if (value := getattr(asked, name)) is not None}
-    return known | changed | {name: getattr(asked, name) for name in ("criterion", "candidates", "seed")}, file
+    for name in ("accuracy_mm", "instrument"):
+        if (value := getattr(requested, name)) is not None:
+            arguments[name] = value
+    return arguments | {name: getattr(requested, name) for name in ("criterion", "candidates", "seed")}, file
+
+
+def _of_plan(folder: Path, plan: DesignOptions) -> dict[str, Any]:
+    if plan.observe != "points":
+        raise LabError(f"{folder}: is a plan for {plan.observe}; lab next is for measured points alone; measure it")
+    if plan.payload_kg or plan.model != "geometric":
+        raise LabError(f"{folder}: is a plan for model {plan.model}; lab next is for geometry alone; measure it")
+    return {name: getattr(plan, name) for name in _OF_PLAN}
+
+
+def _of_calibration(requested: NextOptions, command: str, in_memory: Measurements | None, file: Path) -> dict[str, Any]:
+    campaign = read_options(requested.plan / CONFIG_FILE, command, CALIBRATIONS[command])
+    if campaign.instrument is None and requested.instrument is None:
+        raise LabError(f"{requested.plan}: names no instrument; give {option_name('instrument')}")
+    chain = load_virtual(campaign.robot or "irb120", campaign.cell).chain
+    data = in_memory if in_memory is not None else _read(file, chain)
+    targets = () if data is None else data.targets
+    return {name: getattr(campaign, name) for name in ("robot", "cell", "instrument")} | {"targets": targets}
 
 
 def _refuse_other_robot(data: Measurements, planned: Robot) -> None:
@@ -237,22 +251,33 @@ def _refuse_other_targets(what: str | Path, data: Measurements, planned: tuple[s
 
 
 def _read(file: Path, chain: JointSpec) -> Measurements | None:
-    """The rows of a file; None where a session has not begun, and the file has a header alone."""
+    """Return the rows of a file; None where a session has not begun, and the file has a header alone."""
     if file.is_file() and len(read_text(file, TABLE_BYTES).strip().splitlines()) < 2:
         return None
     return read_measurements(file, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
 
 
-def _growing(asked: NextOptions, file: Path | None, planner: PosePlanner) -> Iterator[Measurements]:
-    """The measurements of a file, and again after each change of what is measured where the file is followed."""
-    chain = planner.problem.robot.chain
+def _growing(requested: NextOptions, file: Path | None, planner: PosePlanner) -> Iterator[Measurements]:
+    """Yield the measurements of a file, and again after each change of what is measured where it is followed."""
     if file is None:
         yield planner.nothing_measured
         return
-    state, since, unreadable = _state(file), time.monotonic(), None
+    chain, state = planner.problem.robot.chain, _state(file)
     data = _read(file, chain) or planner.nothing_measured
     yield data
-    while asked.follow and time.monotonic() - since < asked.patience_s:
+    for rows in _followed(file, chain, state, requested.patience_s) if requested.follow else ():
+        latest = rows or planner.nothing_measured
+        if latest.seen.sum() != data.seen.sum():
+            data = latest
+            yield data
+
+
+def _followed(
+    file: Path, chain: JointSpec, state: tuple[int, int] | None, patience_s: float
+) -> Iterator[Measurements | None]:
+    """Yield the rows of a file after each change of its state, until it stays as it is for so long."""
+    since, unreadable = time.monotonic(), None
+    while time.monotonic() - since < patience_s:
         try:
             time.sleep(_POLL_S)
         except KeyboardInterrupt:  # the user has seen enough: the run is written with what there is
@@ -260,25 +285,23 @@ def _growing(asked: NextOptions, file: Path | None, planner: PosePlanner) -> Ite
         if (latest := _state(file)) == state:
             continue
         try:
-            found = _read(file, chain) or planner.nothing_measured
+            rows = _read(file, chain)
         except LabError:  # a row is being written
             unreadable = unreadable or time.monotonic()
             if time.monotonic() - unreadable > _UNREADABLE_S:
                 raise
             continue
         state, since, unreadable = latest, time.monotonic(), None
-        if found.seen.sum() != data.seen.sum():
-            data = found
-            yield data
+        yield rows
 
 
 def _state(file: Path) -> tuple[int, int] | None:
-    """Size and time of the last change; None while the file is being replaced."""
+    """Return the size and the time of the last change; None while the file is being replaced."""
     try:
-        found = file.stat()
+        status = file.stat()
     except OSError:
         return None
-    return found.st_size, found.st_mtime_ns
+    return status.st_size, status.st_mtime_ns
 
 
 def proposal_text(chain: JointSpec, proposal: Proposal) -> str:

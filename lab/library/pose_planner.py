@@ -167,11 +167,9 @@ class PosePlanner:
         Raises:
             LabError: no candidate can be reached from where the arm is.
         """
-        problem = self.problem
-        if data is None:
-            data = self.nothing_measured
+        problem, data = self.problem, self.nothing_measured if data is None else data
         joints = data.joints[data.seen.all(axis=1)]
-        start = at if at is not None else data.joints[-1] if len(data) else problem.access.hubs[0]
+        # The information so far: in the units of the criterion, and in those of the noise.
         scaled = information(problem.sensitivity(joints)) if len(joints) else np.zeros_like(self._prior)
         own = information(problem.whitened(joints)) if len(joints) else np.zeros_like(self._prior)
         noise = self._noise(data)
@@ -180,7 +178,8 @@ class PosePlanner:
         accurate = now is not None and now <= (self.accuracy_m or 0.0)
         if accurate and len(joints) >= self.fewest:
             return Proposal(len(joints), None, None, now, None, noise, 0, True)
-        row, way, from_home = self._nearest(scaled + self._prior, start)
+        # The pose, the way to it, and the accuracy after it.
+        row, way, from_home = self._nearest(scaled + self._prior, self._place(data, at))
         with_it = own + information(self._per_candidate[row : row + 1])
         # The ratio of the predicted radius to the mean error hardly changes from one pose to the next.
         after = self._accuracy(with_it, factor) if now is None else now * self._mean(with_it) / self._mean(own)
@@ -188,12 +187,19 @@ class PosePlanner:
         pose = problem.inputs[row, : self._chain.size]
         return Proposal(len(joints), pose, way, now, after, noise, remaining, False, from_home, accurate)
 
+    def _place(self, data: Measurements, at: Array | None) -> Array:
+        """Return where the arm is: as stated, at the last row, or at home."""
+        if at is not None:
+            return at
+        last: Array = data.joints[-1] if len(data) else self.problem.access.hubs[0]
+        return last
+
     def _nearest(self, total: Array, start: Array) -> tuple[int, Array, bool]:
-        """The candidate that is reached soonest of those that add nearly the most, a free way, and if from home."""
+        """Return the candidate that is reached soonest of those that add nearly the most, the way, and if from home."""
         home = self.problem.access.hubs[0]
         for begin in (start, home):
-            if (found := self._nearest_from(total, begin)) is not None:
-                row, way = found
+            if (nearest := self._nearest_from(total, begin)) is not None:
+                row, way = nearest
                 return row, way if begin is start else np.concatenate([start[None], way]), begin is not start
         raise LabError(
             "no free way leads to any pose worth measuring, from where the arm is or from home; check the cell"
@@ -222,7 +228,7 @@ class PosePlanner:
         return predict(own, self.problem.test, rng_for(self.options.seed, "promise"))
 
     def _remaining(self, measured: int, scaled: Array, own: Array, now: float | None) -> int | None:
-        """Number of poses that a greedy plan takes to the wanted accuracy, by the mean error alone."""
+        """Return the number of poses that a greedy plan takes to the wanted accuracy, by the mean error alone."""
         if self.accuracy_m is None:
             return None
         goal, total = self.problem.goal, scaled + self._prior
@@ -251,12 +257,12 @@ class PosePlanner:
         return float(np.sqrt(np.sum(self._spread * np.linalg.inv(own))))
 
     def _noise(self, data: Measurements) -> NoiseCheck | None:
-        """Fit what there is, and compare its residuals with the stated noise."""
+        """Fit the measurements so far, and compare its residuals with the stated noise."""
         try:
-            found = identify(self.problem.arm, data.with_points(), self.problem.values, Noise(self._device))
+            fit = identify(self.problem.arm, data.with_points(), self.problem.values, Noise(self._device))
         except LabError:  # there are fewer poses than the parameters need
             return None
-        if found.dof < 1 or not np.isfinite(found.residual_sigma_m):
+        if fit.dof < 1 or not np.isfinite(fit.residual_sigma_m):
             return None
-        look = -(-found.dof // (3 * len(self.problem.arm.targets)))  # one after each pose that adds residuals
-        return noise_check(found.residual_sigma_m / found.sigma_m, found.dof, look)
+        look = -(-fit.dof // (3 * len(self.problem.arm.targets)))  # one after each pose that adds residuals
+        return noise_check(fit.residual_sigma_m / fit.sigma_m, fit.dof, look)
