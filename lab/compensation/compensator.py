@@ -134,10 +134,13 @@ class _Attempts:
             near = f"within 1° of a singularity: {near}"
         if self.arrived[i]:
             return f"{near}, where the schemes of compensation do not meet"
+        short_m, missed = self._missed(i)
+        return f"out of reach by {missed}" + (f", {near}" if distance < NEAR_RAD and short_m < _EDGE_M else "")
+
+    def _missed(self, i: int) -> tuple[float, str]:
+        """Return by how much a place is missed (m), and the text of that, or of the rotation where the place is met."""
         short, turned = (float(np.linalg.norm(part)) for part in (self.errors[i, :3], self.errors[i, 3:]))
-        missed = MM.text(short) if short > AGREED_M else DEGREES.text(turned)
-        edge = f", {near}" if distance < NEAR_RAD and short < _EDGE_M else ""
-        return f"out of reach by {missed}{edge}"
+        return short, MM.text(short) if short > AGREED_M else DEGREES.text(turned)
 
 
 @dataclass(frozen=True)
@@ -249,38 +252,40 @@ class Compensator:
         chain, requested = self.nominal.arm.chain, wanted
         if chain.size < PLACES:
             wanted = PoseTarget(requested.positions, np.full_like(requested.rotations, np.nan))
-        found, last = self._first_that_fits(wanted, conditions, reference, before)
-        fits = np.flatnonzero(found.fits)
-        given = conditions[fits]
-        some = self._on_surface(wanted.take(fits), found.joints[fits], given)
-        schemes = [self._differential(some, given, found.start[fits])]
-        whole = self._as_poses(some, found.joints[fits], given)
-        aimed, by_space = self._cartesian(whole, given, found.start[fits], found.branch[fits])
+        # Scheme (a), which decides what is reached.
+        attempts, last = self._first_that_fits(wanted, conditions, reference, before)
+        fits = np.flatnonzero(attempts.fits)
+        joints, start, there = attempts.joints[fits], attempts.start[fits], conditions[fits]
+        # Schemes (b) and (c) for these, and how far apart the three end.
+        some = self._on_surface(wanted.take(fits), joints, there)
+        schemes = [self._differential(some, there, start)]
+        aimed, by_space = self._cartesian(self._as_poses(some, joints, there), there, start, attempts.branch[fits])
         schemes.append(by_space)
-        differential, cartesian = (_spread(part, fits, found.joints.shape) for part in schemes)
+        differential, cartesian = (_spread(part, fits, attempts.joints.shape) for part in schemes)
         positions = _spread(aimed.positions, fits, wanted.positions.shape)
         rotations = _spread(aimed.rotations, fits, wanted.rotations.shape)
-        apart = self._apart(given, some.turned, found.joints[fits], *schemes)
+        apart = self._apart(there, some.turned, joints, *schemes)
         apart[chain.beyond_limits(by_space, _LIMIT_SLACK).any(axis=1)] = np.nan  # the controller would refuse it
         apart = _spread(apart, fits, (len(wanted),))
-        unplaced, unturned = self._left_out(requested, found.joints, conditions)
+        # What fewer than six joints leave out, and how near a singularity is.
+        unplaced, unturned = self._left_out(requested, attempts.joints, conditions)
         rigid = self.arm.rigid
-        distance, joint = rigid.singular_distance(found.joints, self.values[: len(rigid.names)], self.nominal.target)
+        distance, joint = rigid.singular_distance(attempts.joints, self.values[: len(rigid.names)], self.nominal.target)
         done = Compensation(
-            found.joints,
-            found.start,
+            attempts.joints,
+            attempts.start,
             positions,
             rotations,
-            tuple(found.reason(i, chain, (distance[i], joint[i]), apart[i]) for i in range(len(wanted))),
+            tuple(attempts.reason(i, chain, (distance[i], joint[i]), apart[i]) for i in range(len(wanted))),
             differential,
             cartesian,
             apart,
             distance,
             joint,
-            found.steps,
-            np.where(found.fits & (chain.size < FREEDOMS), unturned, 0.0),
-            np.where(found.fits & (chain.size < PLACES), unplaced, 0.0),
-            tuple(found.passed_over),
+            attempts.steps,
+            np.where(attempts.fits & (chain.size < FREEDOMS), unturned, 0.0),
+            np.where(attempts.fits & (chain.size < PLACES), unplaced, 0.0),
+            tuple(attempts.passed_over),
         )
         return done, last
 
@@ -289,20 +294,20 @@ class Compensator:
     ) -> tuple[_Attempts, Array]:
         """Return the identified arm's inverse, by the nominal model's first solution within limits, else the best."""
         chain = self.nominal.arm.chain
-        ways = self.nominal.solutions(wanted, reference)
-        starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways), before)
+        solutions = self.nominal.solutions(wanted, reference)
+        starts, order = ordered(chain, solutions, reference, self._near_singular(wanted, solutions), before)
         order[~wanted.turned] = -1  # found by search: of no branch
         free = np.asarray(~np.isfinite(reference).all(axis=1))
-        found = self._tried(wanted, conditions, starts[:, 0], order[:, 0])
+        attempts = self._tried(wanted, conditions, starts[:, 0], order[:, 0])
         for rank in range(1, order.shape[1]):
-            rows = np.flatnonzero(free & ~found.fits)
+            rows = np.flatnonzero(free & ~attempts.fits)
             if not rows.size:
                 break
             other = self._tried(wanted.take(rows), conditions[rows], starts[rows, rank], order[rows, rank])
-            found.take_better(rows, other, chain)
-        for i in np.flatnonzero(found.possible & ~found.fits).tolist():
-            found.refusals[i] += _NO_OTHER if free[i] else f"; {self.bound}"
-        return found, starts[-1, 0] if len(starts) else before
+            attempts.take_better(rows, other, chain)
+        for i in np.flatnonzero(attempts.possible & ~attempts.fits).tolist():
+            attempts.refusals[i] += _NO_OTHER if free[i] else f"; {self.bound}"
+        return attempts, starts[-1, 0] if len(starts) else before
 
     def _on_surface(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
         """Project targets of arms with fewer than three joints onto the reachable set; return others unchanged."""
@@ -338,12 +343,12 @@ class Compensator:
         turned = nearest_whole_turns(chain, ended.joints, start)
         arrived = ended.arrived & (np.linalg.norm(ended.errors[:, :3], axis=1) < _MOST_LEFT_OUT_M)
         start = nearest_whole_turns(chain, start, turned)  # the other schemes end where this one does
-        found = _Attempts(start, branch, turned, ended.errors, arrived, chain.excess(turned),
-                         aimings + ended.steps, _no_texts(len(turned)), _no_texts(len(turned)))  # fmt: skip
+        attempts = _Attempts(start, branch, turned, ended.errors, arrived, chain.excess(turned),
+                             aimings + ended.steps, _no_texts(len(turned)), _no_texts(len(turned)))  # fmt: skip
         if self.refusals is not None:
-            rows = np.flatnonzero(found.possible)
-            found.refusals[rows] = self.refusals(turned[rows])
-        return found
+            rows = np.flatnonzero(attempts.possible)
+            attempts.refusals[rows] = self.refusals(turned[rows])
+        return attempts
 
     def _differential(self, wanted: PoseTarget, conditions: Array, start: Array) -> Array:
         def moved(rows: NDArray[np.int_], joints: Array, missing: Array) -> Array:

@@ -52,7 +52,7 @@ class Flange:
 
 
 def point_rows(points: Array) -> Array:
-    """Derivatives ``(..., 3, 6)`` of points ``(..., 3)`` of a body by its small motion (m, rad): [1, -[p]x]."""
+    """Return derivatives ``(..., 3, 6)`` of points ``(..., 3)`` of a body by its small motion (m, rad): [1, -[p]x]."""
     one = np.broadcast_to(np.eye(3), (*points.shape, 3))
     return np.concatenate([one, -se3.skew(points)], axis=-1)
 
@@ -69,6 +69,7 @@ def located_flange(
         prior: ``(6, 6)`` covariance (m, rad) that tolerances give the flange's motion.
         posed: whether the points stand for a measured pose: distances between them then show nothing.
     """
+    # The motion's measurements, d = motion of the face, against its prior by the last link's tolerances.
     count = 3 * len(stated)
     deviation = (measured - stated).ravel()
     distances = np.asarray(np.linalg.norm(measured - stated, axis=1))
@@ -82,12 +83,13 @@ def located_flange(
     whole = rows @ prior @ rows.T + covariance + variance * np.eye(count)
     if _is_elsewhere(whole, rows, deviation):
         return nothing
+    # The posterior mean and covariance of the linear least-squares problem.
     gain = np.asarray(np.linalg.solve(whole, rows @ prior).T)
     motion, left = gain @ deviation, np.eye(6) - gain @ rows
-    found = left @ prior @ left.T + variance * gain @ gain.T
-    turned = bool(np.linalg.eigvalsh(found[3:, 3:]).max() < _DETERMINED**2 * _least(prior[3:, 3:]))
+    posterior = left @ prior @ left.T + variance * gain @ gain.T
+    turned = bool(np.linalg.eigvalsh(posterior[3:, 3:]).max() < _DETERMINED**2 * _least(prior[3:, 3:]))
     T = se3.pose(se3.exp(motion[3:]), motion[:3])
-    return Flange(T, gain, np.asarray(found), shape_dof if turned else dof, True, turned, distances)
+    return Flange(T, gain, np.asarray(posterior), shape_dof if turned else dof, True, turned, distances)
 
 
 def _is_elsewhere(whole: Array, rows: Array, deviation: Array) -> bool:

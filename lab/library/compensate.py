@@ -150,13 +150,7 @@ def _corrected(
 ) -> CompensationResult:
     """Correct targets for the arm of a run."""
     source = str(options.source)
-    run.refuse_unplaced("targets")
-    _refuse_beyond_limits(run, targets, source)
-    if targets.tool not in run.estimate.arm.targets:
-        raise LabError(
-            f"{source}: tool {targets.tool} was not identified in {run.folder}, which has "
-            f"{', '.join(run.estimate.arm.targets)}; rename the columns, or measure that point"
-        )
+    _refuse_impossible(run, targets, source)
     conditions, warnings = _conditions(run, targets, source)
     target = run.estimate.arm.targets.index(targets.tool)
     wanted = PoseTarget(targets.positions, targets.rotations @ run.estimate.R_last_tool.T)
@@ -188,14 +182,19 @@ def _corrected(
     done = CompensationResult(
         options, run, targets, wanted, found, inputs, without, waypoints, checked, messages, corrected
     )
-    if run.load is not None and found.converged.any():
-        size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))
-        text = f"of the error to expect, {MICRONS.text(size, 2)} (1σ, root mean square) is the load's uncertainty"
-        if not size:
-            why = "the run has no compliance, or no target carries them"
-            text = f"{run.load.mass_kg:.4g} kg at the flange make no difference: {why}"
-        return replace(done, notes=(*messages, text))
-    return done
+    return replace(done, notes=(*messages, *_of_load(done)))
+
+
+def _of_load(done: CompensationResult) -> tuple[str, ...]:
+    """Describe the share of an identified payload in the expected error; nothing without one."""
+    load, reached = done.run.load, done.found.converged
+    if load is None or not reached.any():
+        return ()
+    size = float(np.sqrt((done.load_m[reached] ** 2).mean()))
+    if not size:
+        why = "the run has no compliance, or no target carries them"
+        return (f"{load.mass_kg:.4g} kg at the flange make no difference: {why}",)
+    return (f"of the error to expect, {MICRONS.text(size, 2)} (1σ, root mean square) is the load's uncertainty",)
 
 
 def _left_out(run: CalibrationRun, targets: Targets, found: Compensation) -> list[str]:
@@ -231,12 +230,19 @@ def _is_checked(options: CompensateOptions, run: CalibrationRun) -> bool:
     return not (options.no_check or run.robot.model.missing)
 
 
-def _refuse_beyond_limits(run: CalibrationRun, targets: Targets, source: str) -> None:
+def _refuse_impossible(run: CalibrationRun, targets: Targets, source: str) -> None:
+    """Refuse targets without a frame, beyond the limits, or of a tool that was not identified, with a LabError."""
+    run.refuse_unplaced("targets")
     outside = run.robot.chain.beyond_limits(targets.joints, 1e-9)
     if outside.any():
         row, joint = np.argwhere(outside)[0].tolist()
         message = run.robot.chain.limit_note(joint, targets.joints[row, joint])
         raise LabError(f"{source}: line {targets.lines[row]}, {message}; mend it, or leave the row's joints empty")
+    if targets.tool not in run.estimate.arm.targets:
+        raise LabError(
+            f"{source}: tool {targets.tool} was not identified in {run.folder}, which has "
+            f"{', '.join(run.estimate.arm.targets)}; rename the columns, or measure that point"
+        )
 
 
 def _in_their_order(

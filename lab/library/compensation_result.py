@@ -234,7 +234,9 @@ class CompensationResult(Result):
     def _tolerance_m(self) -> Array:
         """``(n,)`` how far the tolerances of the links let each target be missed (m, RMS)."""
         fitting = self.run.options.fitting
-        tolerance = Tolerance(MM.to_si(fitting.tolerance_mm), MRAD.to_si(fitting.tolerance_mrad))
+        return self._missed_by(Tolerance(MM.to_si(fitting.tolerance_mm), MRAD.to_si(fitting.tolerance_mrad)))
+
+    def _missed_by(self, tolerance: Tolerance) -> Array:
         parts = [tolerance_rms(self.run.estimate.arm, jacobian, tolerance) for jacobian in self._sensitivities()]
         return np.concatenate(parts)
 
@@ -246,10 +248,7 @@ class CompensationResult(Result):
         the same to both.
         """
         assert self.reference is not None
-        tolerance = Tolerance(self.reference.sigma[0], self.reference.sigma[3])
-        usual = np.concatenate(
-            [tolerance_rms(self.run.estimate.arm, each, tolerance) for each in self._sensitivities()]
-        )
+        usual = self._missed_by(Tolerance(self.reference.sigma[0], self.reference.sigma[3]))
         return {
             i: (
                 f"{self.targets.ids[i]}: the expected error is {MM.text(self._model_m[i])} with the correction and "
@@ -277,10 +276,10 @@ class CompensationResult(Result):
                 [names.index(f"tool.{self.run.estimate.arm.targets[k]}.{axis}") for axis in "xyz"] for k in at.tolist()
             ]
             by_tool = np.take_along_axis(jacobian, np.array(places)[:, None], axis=2)
-            found = jacobian[..., columns]
+            by_identified = jacobian[..., columns]
             if reference is not None:
-                found = found + by_tool @ point_rows(reference.offsets(at)) @ reference.gain
-            yield found, by_tool
+                by_identified = by_identified + by_tool @ point_rows(reference.offsets(at)) @ reference.gain
+            yield by_identified, by_tool
 
     def _blocks(self) -> Iterator[tuple[Array, NDArray[np.int_]]]:
         aimed = np.full(len(self.arm_inputs), self.target) if self.points is None else self.points
@@ -349,9 +348,11 @@ class CompensationResult(Result):
         marks = ["yes" if extrapolated else "no" for extrapolated in self.extrapolated[rows]]
         conditions: dict[str, Any] = {name: column[rows] for name, column in self.targets.conditions.items()}
         conditions |= {"extrapolated": marks} if self.extrapolated.any() else {}
+        # The corrected targets: joint positions of all waypoints, and poses of the targets.
         _write_csv(folder / _JOINTS, self, {**self.waypoints.columns(chain), **_waypoint_conditions(self)})
         at_targets = {**_cartesian_columns(self, rows), **joint_columns(chain, self.found.joints[rows])}
         _write_csv(folder / _CARTESIAN, self, {**ids, **at_targets, **conditions})
+        # The controller's arm, and the calibrated one in every format.
         nominal_inverse = run.estimate.nominal_inverse(self.target)  # what the corrected targets are for
         exact = run.robot.description_files[-1]
         nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
@@ -359,11 +360,17 @@ class CompensationResult(Result):
         for name, text in self._geometry_files.texts.items():
             (folder / name).write_text(text, encoding="utf-8")
         (folder / MODULE_FILE).write_text(self._module[0], encoding="utf-8")
+        for name, content in self._programs().items():
+            (folder / name).write_bytes(content)
+
+    def _programs(self) -> Mapping[str, bytes]:
+        """Return the corrected program, or those that move to the corrected targets, by their names."""
         if self.program is not None:
-            (folder / self.program.name).write_bytes(self.program.content)
-        elif len(rows) and refusal(chain, self.options.controller, len(self.targets)) is None:
-            for name, content in target_files(run.robot.chain, self.options.controller, _target_moves(self)).items():
-                (folder / name).write_bytes(content)
+            return {self.program.name: self.program.content}
+        chain, controller = self.run.robot.chain, self.options.controller
+        if not len(self.reached) or refusal(chain, controller, len(self.targets)) is not None:
+            return {}
+        return target_files(chain, controller, _target_moves(self))
 
     def saved_dict(self) -> dict[str, Any]:
         """Return the values of ``result.json`` with the waypoints one by one: a list of a million takes 1 GB."""
@@ -493,12 +500,12 @@ class CompensationResult(Result):
     def _mean_squares(self) -> dict[str, Array]:
         """Mean squares ``(n,)`` (m^2) of the predicted error of the aimed points, by cause."""
         estimate, causes = self.run.estimate, ("identified", "discrepancy", "extrapolation", "visit")
-        found: dict[str, list[Array]] = {name: [] for name in causes}
+        squares: dict[str, list[Array]] = {name: [] for name in causes}
         for inputs, at in self._blocks():
             predicted = estimate.predict(inputs, at)
             for name in causes:
-                found[name].append(np.trace(getattr(predicted, name)[:, 0], axis1=1, axis2=2))
-        return {name: np.concatenate(parts) for name, parts in found.items()}
+                squares[name].append(np.trace(getattr(predicted, name)[:, 0], axis1=1, axis2=2))
+        return {name: np.concatenate(parts) for name, parts in squares.items()}
 
     @cached_property
     def _independent_m(self) -> Array:

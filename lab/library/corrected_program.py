@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +35,6 @@ from lab.library.program_reference import (
     requested_solutions,
 )
 from lab.options.compensation import CompensateOptions
-
-if TYPE_CHECKING:
-    from lab.library.program_reference import ProgramReference
 
 __all__ = [
     "CorrectedProgram", "OpenProgram", "UsedTool", "flange_note", "flange_values", "open_program",
@@ -182,14 +179,10 @@ class OpenProgram:
         """
         correction = _apart(self._pose(target, target.values), exact)
         enough, places, parts = np.clip(_SHARE * correction, _FINE, _COARSE), dict(places), _parts(target)
-        of_length, of_angle = (0, 0) if target.whole else self.language.most_digits
-        most = {part: max(of_length if part == "place" else of_angle, places[part]) for part, _ in parts}
+        most = self._most_digits(target, places)
+        # One digit more of each kind of number, until rounding takes a small share of the correction.
         while True:
-            texts = [
-                written(number, value, places[part])
-                for part, at in parts
-                for number, value in zip(target.numbers[at], values[at].tolist(), strict=True)
-            ]
+            texts = _texts(target, values, places)
             lost = _apart(self._pose(target, np.array([float(each) for each in texts])), exact)
             coarse = {"place": lost[0] > enough[0], "rotation": lost[1] > enough[1]}
             wider = [part for part, _ in parts if coarse.get(part, any(coarse.values())) and places[part] < most[part]]
@@ -198,6 +191,11 @@ class OpenProgram:
             places |= {part: places[part] + 1 for part in wider}
         kept = lost <= np.maximum(_SHARE * correction, _COARSE)
         return texts, lost, "" if kept.all() else _lost_in_rounding(target, correction, lost)
+
+    def _most_digits(self, target: TargetText, places: Mapping[str, int]) -> dict[str, int]:
+        """Return the most places behind the point of each kind of a target's numbers."""
+        of_length, of_angle = (0, 0) if target.whole else self.language.most_digits
+        return {part: max(of_length if part == "place" else of_angle, places[part]) for part, _ in _parts(target)}
 
     def _pose(self, target: TargetText, values: Array) -> Array:
         """The pose ``(4, 4)`` (m) of the tool of the controller's arm for numbers of a target.
@@ -221,34 +219,43 @@ class OpenProgram:
 
         A quaternion's numbers are exact and written without zeros at their end, so its digits are not known from them.
         """
-        found = dict.fromkeys(("place", "rotation", "joints", "pulses"), 0)
-        found["rotation"] = _QUATERNION_DIGITS if self.language.spelling.parts == 4 else 0
+        most = dict.fromkeys(("place", "rotation", "joints", "pulses"), 0)
+        most["rotation"] = _QUATERNION_DIGITS if self.language.spelling.parts == 4 else 0
         for target in self.read.targets:
             for part, at in _parts(target):
-                found[part] = max(found[part], *(each.digits for each in target.numbers[at]))
-        return {part: most if part == "pulses" else max(most, least or 0) for part, most in found.items()}
+                most[part] = max(most[part], *(each.digits for each in target.numbers[at]))
+        return {part: digits if part == "pulses" else max(digits, least or 0) for part, digits in most.items()}
 
 
 def _outside_of(options: CompensateOptions) -> Outside:
     """Read the values that the options give beside the program's text."""
     frames: dict[str, tuple[float, ...] | str] = {}
-    for given in filter(None, (each.strip() for each in options.frames.split(";"))):
-        name, equals, value = (part.strip() for part in given.partition("="))
-        if not (name and equals and value):
-            raise LabError(f"--frames: '{given}' is no NAME=numbers; part several by ;")
+    for text in filter(None, (each.strip() for each in options.frames.split(";"))):
+        name, value = _frame_in(text)
         if name in frames:
             raise LabError(f"--frames: {name} is given twice")
-        numbers = value.split(",")
-        try:
-            frames[name] = tuple(float(each) for each in numbers) if len(numbers) > 1 else value
-        except ValueError as error:
-            raise LabError(f"--frames: {name} has a value that is not a number: '{value}'") from error
-        if not isinstance(frames[name], str) and not np.isfinite(np.array(frames[name], dtype=float)).all():
-            raise LabError(f"--frames: {name} has a number that is not finite: '{value}'")
+        frames[name] = value
     pulses = options.pulses_per_deg
     if pulses and (len(pulses) != 6 or not all(np.isfinite(pulses)) or not all(pulses)):
         raise LabError("--pulses-per-deg takes six numbers that are not zero, of the joints S, L, U, R, B and T")
     return Outside(frames, pulses)
+
+
+def _frame_in(text: str) -> tuple[str, tuple[float, ...] | str]:
+    """Return name and value of a frame in ``--frames``: numbers, or the name of another."""
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not (name and equals and value):
+        raise LabError(f"--frames: '{text}' is no NAME=numbers; part several by ;")
+    numbers = value.split(",")
+    if len(numbers) == 1:
+        return name, value
+    try:
+        frame = tuple(float(each) for each in numbers)
+    except ValueError as error:
+        raise LabError(f"--frames: {name} has a value that is not a number: '{value}'") from error
+    if not np.isfinite(frame).all():
+        raise LabError(f"--frames: {name} has a number that is not finite: '{value}'")
+    return name, frame
 
 
 def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram:
@@ -259,28 +266,21 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
     """
     path = options.program
     assert path is not None
-    content = read_bytes(path, PROGRAM_BYTES)
-    if b"\0" in content:
-        raise LabError(f"{path}: is not a text file; save the program as text, not in UTF-16")
-    text, outside = content.decode(_BYTES), _outside_of(options)
-    language, read = read_program(path, text, run.robot.chain, options.controller, outside)
-    if options.pulses_per_deg and language.name != "JBI":
-        raise LabError(f"--pulses-per-deg is for JBI; {path} is in {language.name}")
+    text, language, read = _read(options, path, run)
     reference = program_reference(run, read)
     nominal = reference.nominal
-    given = np.array([each.joints for each in read.targets])
-    beyond = np.asarray(run.robot.chain.beyond_limits(given, 1e-9).any(axis=1))
-    left = [
-        Uncorrected(each.line, f"{each.name}: its joint positions are beyond the limits of the robot's model")
-        for each, out in zip(read.targets, beyond, strict=True)
-        if out
-    ]
-    rows = np.flatnonzero(~beyond)
+    # Targets beyond the limits stay as they are.
+    joints = np.array([each.joints for each in read.targets])
+    within = ~run.robot.chain.beyond_limits(joints, 1e-9).any(axis=1)
+    message = "its joint positions are beyond the limits of the robot's model"
+    left = [_left(read.targets[i], message) for i in np.flatnonzero(~within)]
+    # The others, as poses of the flange, with the requested solutions of the controller's arm.
+    rows = np.flatnonzero(within)
     Ts = np.array([_T_instrument_last(nominal, read, read.targets[i]) for i in rows]).reshape(-1, 4, 4)
     wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
     joints, refused = requested_solutions(nominal, wanted, [read.targets[i] for i in rows])
     left += [Uncorrected(read.targets[rows[i]].line, reason) for i, reason in refused.items()]
-    retained = np.array([i for i in range(len(rows)) if i not in refused], dtype=np.int_)
+    retained = np.setdiff1d(np.arange(len(rows)), list(refused)).astype(np.int_)
     if not len(retained):
         raise LabError(f"{path}: no target can be corrected; line {left[0].line}: {left[0].reason}")
     targets = Targets(
@@ -292,6 +292,21 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
         lines=tuple(read.targets[i].line for i in rows[retained]),
     )
     return OpenProgram(path, text, language, read, reference, rows[retained], targets, tuple(left))
+
+
+def _left(target: TargetText, reason: str) -> Uncorrected:
+    return Uncorrected(target.line, f"{target.name}: {reason}")
+
+
+def _read(options: CompensateOptions, path: Path, run: CalibrationRun) -> tuple[str, Language, ProgramText]:
+    content = read_bytes(path, PROGRAM_BYTES)
+    if b"\0" in content:
+        raise LabError(f"{path}: is not a text file; save the program as text, not in UTF-16")
+    text = content.decode(_BYTES)
+    language, read = read_program(path, text, run.robot.chain, options.controller, _outside_of(options))
+    if options.pulses_per_deg and language.name != "JBI":
+        raise LabError(f"--pulses-per-deg is for JBI; {path} is in {language.name}")
+    return text, language, read
 
 
 def _unique_names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, ...]:
@@ -322,6 +337,15 @@ def _parts(target: TargetText) -> tuple[tuple[str, slice], ...]:
     if target.spelling is None:
         return (("pulses" if target.whole else "joints", slice(0, 6)),)
     return ("place", slice(0, 3)), ("rotation", slice(3, 3 + target.spelling.parts))
+
+
+def _texts(target: TargetText, values: Array, places: Mapping[str, int]) -> list[str]:
+    """Return the texts of a target's numbers, with so many places of each kind behind the point."""
+    return [
+        written(number, value, places[part])
+        for part, at in _parts(target)
+        for number, value in zip(target.numbers[at], values[at].tolist(), strict=True)
+    ]
 
 
 def _apart(T_a: Array, T_b: Array) -> Array:
@@ -383,7 +407,7 @@ class UsedTool:
         return bool(self.point) and self.distance_m > _AGREES_M
 
 
-def used_tools(reference: "ProgramReference", points: NDArray[np.int_]) -> tuple[UsedTool, ...]:
+def used_tools(reference: ProgramReference, points: NDArray[np.int_]) -> tuple[UsedTool, ...]:
     """Return the tools of a program's corrected targets, and which measured point each is near.
 
     Args:
@@ -391,7 +415,7 @@ def used_tools(reference: "ProgramReference", points: NDArray[np.int_]) -> tuple
     """
     counts, names = Counter(points.tolist()), {k: name for name, k in reference.points.items()}
     measured = reference.nominal.tools[: reference.target]
-    found = []
+    tools = []
     for k in sorted(counts):
         place = reference.nominal.tools[k]
         tool = UsedTool(names[k], counts[k], tuple(place.tolist()))
@@ -399,11 +423,11 @@ def used_tools(reference: "ProgramReference", points: NDArray[np.int_]) -> tuple
         if names[k] and apart.min() < _SAME_M:
             nearest, names_of = int(apart.argmin()), reference.run.estimate.arm.targets
             tool = UsedTool(tool.name, tool.targets, tool.position_m, names_of[nearest], float(apart[nearest]))
-        found.append(tool)
-    return tuple(found)
+        tools.append(tool)
+    return tuple(tools)
 
 
-def flange_note(reference: "ProgramReference", flange_95_m: Array) -> str:
+def flange_note(reference: ProgramReference, flange_95_m: Array) -> str:
     """Explain why the flange's orientation is unknown and the resulting tool error; "" where it is identified.
 
     Args:
@@ -418,7 +442,7 @@ def flange_note(reference: "ProgramReference", flange_95_m: Array) -> str:
     )
 
 
-def stated_positions_note(reference: "ProgramReference") -> str:
+def stated_positions_note(reference: ProgramReference) -> str:
     """Describe how far the measured points are from their stated positions in the flange, and the consequence."""
     off = [short(MM.of(each)) for each in reference.flange.deviation_m.tolist()]
     if not reference.stated:
@@ -432,7 +456,7 @@ def stated_positions_note(reference: "ProgramReference") -> str:
     )
 
 
-def _why(reference: "ProgramReference") -> str:
+def _why(reference: ProgramReference) -> str:
     measured = reference.measured_targets
     if not reference.flange.uses_stated and reference.run.options.observe == "pose":
         return ", since the measured pose of the tool is not the one that is stated"
@@ -448,7 +472,7 @@ def _why(reference: "ProgramReference") -> str:
     return ", since no places of the measured points in the flange are stated"
 
 
-def flange_values(reference: "ProgramReference") -> Mapping[str, Any]:
+def flange_values(reference: ProgramReference) -> Mapping[str, Any]:
     """Return the values that ``result.json`` holds of the flange."""
     flange = reference.flange
     return {

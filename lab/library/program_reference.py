@@ -297,7 +297,7 @@ class ProgramErrors:
 
 
 def program_errors(
-    reference: "ProgramReference",
+    reference: ProgramReference,
     positions: Array,
     offsets: Array,
     by_tool: Array,
