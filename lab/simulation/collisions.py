@@ -30,6 +30,7 @@ __all__ = [
     "kinematics_at",
     "most_frequent",
     "random_poses",
+    "touching_bodies",
     "unchecked",
 ]
 
@@ -66,6 +67,13 @@ def contacts_at(model: mujoco.MjModel, qpos: Array, data: mujoco.MjData | None =
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
         yield data
+
+
+def touching_bodies(model: mujoco.MjModel, qpos: Array) -> Iterator[set[tuple[int, int]]]:
+    """Yield the pairs of bodies in contact at each configuration ``(n, nq)``, the lower number of a pair first."""
+    for data in contacts_at(model, qpos):
+        pairs = np.sort(model.geom_bodyid[data.contact.geom[: data.ncon]], axis=1)
+        yield {(int(a), int(b)) for a, b in pairs}
 
 
 def _contacts(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None) -> Iterator[mujoco.MjData | None]:

@@ -41,7 +41,7 @@ from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import DEFAULT_TOOL, SerialArm
 from lab.kinematics.tree import TreeArm, tip_of, tree_chain
 from lab.simulation.build_serial import add_rods
-from lab.simulation.collisions import contacts_at
+from lab.simulation.collisions import touching_bodies
 from lab.simulation.robot_model import (
     FLANGE,
     TRACKER,
@@ -248,6 +248,7 @@ def _urdf_limits(path: Path, names: Sequence[str], key: str) -> Array:
 
 
 _LISTED = 12  # bodies in a message
+_CHAIN_JOINTS = {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)}
 _POSES = 200  # at which overlaps by construction are searched
 
 
@@ -272,35 +273,22 @@ def load_model(path: Path, tips: Sequence[str] = (), base: str = "") -> SerialMo
     refuse_unbounded_model(path)
     urdf = read_urdf(path, gripper=not tips) if is_urdf(path) else None
     spec, model, missing = _built(path, urdf)
-    named = tips or tuple(
-        site.name.removesuffix(f".{FLANGE}") for site in spec.sites if site.name.endswith(f".{FLANGE}")
-    )
+    named = tips or _flange_sites(spec)
     held = () if urdf is None else urdf.fixed_joints
     if tips or base:
         held, model = _hold(path, spec, model, named, base)
     _refuse_unserial(path, model)
-    if len(named) > 1:
-        ends = [_named_end(path, model, name) for name in named]
-    else:
-        ends = [_named_end(path, model, named[0]) if named else _only_end(path, model)]
-    data, name = at_zero(model), _robot_name(path)
-    chains, frames = list[Chain](), list[Array]()
-    for end in ends:
-        names = [str(joint_of(model, body).name) for body in end.bodies]
-        chain, T_world_frame0 = chain_from_axes(
-            name,
-            tuple(names),
-            tuple(bool(joint_of(model, body).type[0] == mujoco.mjtJoint.mjJNT_SLIDE) for body in end.bodies),
-            joint_axes(model, data, names, ()),
-            _base_pose(model, data, end.bodies),
-            end.T_world_flange,
-            _joint_limits(path, model, names),
-        )
-        chains.append(chain)
-        frames.append(T_world_frame0)
-    if len(ends) == 1:
-        return _serial_model(path, spec, ends[0], chains[0], frames[0], missing, held)
-    return _tree_model(path, spec, named, ends, chains, frames, missing, held)
+    ends = [_named_end(path, model, name) for name in named] if named else [_only_end(path, model)]
+    branches = [_branch(path, model, end) for end in ends]
+    if len(branches) == 1:
+        return _serial_model(path, spec, branches[0], missing, held)
+    return _tree_model(path, spec, named, branches, missing, held)
+
+
+def _flange_sites(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Return the tips that sites ``<tip>.flange`` name."""
+    suffix = f".{FLANGE}"
+    return tuple(site.name.removesuffix(suffix) for site in spec.sites if site.name.endswith(suffix))
 
 
 def _robot_name(path: Path) -> str:
@@ -324,6 +312,36 @@ class _End:
     name: str
 
 
+@dataclass(frozen=True, eq=False)
+class _Branch:
+    """A chain to an end of a model; its frame 0 is at ``T_world_frame0`` ``(4, 4)`` (m)."""
+
+    end: _End
+    chain: Chain
+    T_world_frame0: Array
+
+    @property
+    def T_world_last(self) -> Array:
+        """Pose ``(4, 4)`` (m) of the last frame, joint positions zero."""
+        return last_frame(self.chain, self.T_world_frame0)
+
+
+def _branch(path: Path, model: mujoco.MjModel, end: _End) -> _Branch:
+    """Return the chain to an end of a model, by the axes of its joints."""
+    data, joints = at_zero(model), [joint_of(model, body) for body in end.bodies]
+    names = [str(joint.name) for joint in joints]
+    chain, T_world_frame0 = chain_from_axes(
+        _robot_name(path),
+        tuple(names),
+        tuple(bool(joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE) for joint in joints),
+        joint_axes(model, data, names, ()),
+        _base_pose(model, data, end.bodies),
+        end.T_world_flange,
+        _joint_limits(path, model, names),
+    )
+    return _Branch(end, chain, T_world_frame0)
+
+
 def _only_end(path: Path, model: mujoco.MjModel) -> _End:
     bodies = _serial_bodies(path, model)
     return _End(bodies, flange_body(model, bodies), _flange_pose(model, at_zero(model), bodies), "")
@@ -335,37 +353,29 @@ def _named_end(path: Path, model: mujoco.MjModel, name: str) -> _End:
     Raises:
         LabError: there is none, or no joint moves it.
     """
-    sites = {model.site(i).name: i for i in range(model.nsite)}
+    sites = [model.site(i).name for i in range(model.nsite)]
     bodies = {model.body(i).name: i for i in range(1, model.nbody)}
-    data = at_zero(model)
-    if (site := sites.get(f"{name}.{FLANGE}", sites.get(name))) is not None and (
-        f"{name}.{FLANGE}" in sites or name not in bodies
-    ):
-        body, T = int(model.site_bodyid[site]), site_pose(model, data, model.site(site).name)
+    data, flange = at_zero(model), f"{name}.{FLANGE}"
+    if flange in sites or (name in sites and name not in bodies):
+        site = flange if flange in sites else name
+        body, T = int(model.site(site).bodyid[0]), site_pose(model, data, site)
     elif name in bodies:
         body, T = bodies[name], body_pose(data, bodies[name])
     else:
-        there = ", ".join(list(bodies)[-_LISTED:])
-        raise LabError(f"{path}: tip '{name}' is no body, link or site of it; the last of its bodies are {there}")
-    moving = [b for b in reversed(_ancestors(model, body)) if model.body_jntnum[b] > 0]
+        last = ", ".join(list(bodies)[-_LISTED:])
+        raise LabError(f"{path}: tip '{name}' is no body, link or site of it; the last of its bodies are {last}")
+    jointed = _jointed(model)
+    moving = tuple(model.body(b).name for b in reversed(_ancestors(model, body)) if b in jointed)
     if not moving:
         raise LabError(f"{path}: no joint moves tip '{name}'; name a body beyond a joint")
-    return _End(tuple(model.body(b).name for b in moving), str(model.body(body).name), T, name)
+    return _End(moving, str(model.body(body).name), T, name)
 
 
 def _hold(
     path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel, tips: Sequence[str], base: str
 ) -> tuple[tuple[str, ...], mujoco.MjModel]:
     """Hold the joints at zero that move the base, or no tip; return their names, and the model without them."""
-    names = {model.body(i).name: i for i in range(1, model.nbody)}
-    if base and base not in names:
-        raise LabError(f"{path}: base '{base}' is no body or link of it; it has {', '.join(list(names)[:_LISTED])}")
-    below = set(_ancestors(model, names[base])) if base else set[int]()
-    used = {names[body] for tip in tips for body in _named_end(path, model, tip).bodies}
-    if base and (beside := [tip for tip in tips if not _is_beyond(model, names, tip, names[base], path)]):
-        raise LabError(f"{path}: base '{base}' does not carry tip '{beside[0]}'; name a body below it")
-    kept = (used if tips else set(names.values())) - below
-    held = [joint for joint in spec.joints if model.joint(joint.name).bodyid[0] not in kept] if model.njnt else []
+    held = _held_joints(path, spec, model, tips, base)
     gone = {joint.name for joint in held}
     for equality in [each for each in spec.equalities if {each.name1, each.name2} & gone]:
         spec.delete(equality)
@@ -374,8 +384,28 @@ def _hold(
     return tuple(sorted(gone)), compiled(path, spec) if gone else model
 
 
-def _is_beyond(model: mujoco.MjModel, names: Mapping[str, int], tip: str, base: int, path: Path) -> bool:
-    return base in _ancestors(model, names[_named_end(path, model, tip).carrier])
+def _held_joints(
+    path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel, tips: Sequence[str], base: str
+) -> list[mujoco.MjsJoint]:
+    """Return the joints that move the base, or no tip."""
+    names = {model.body(i).name: i for i in range(1, model.nbody)}
+    if base and base not in names:
+        raise LabError(f"{path}: base '{base}' is no body or link of it; it has {', '.join(list(names)[:_LISTED])}")
+    ends = [_named_end(path, model, tip) for tip in tips]
+    # Joints stay that move a tip, and not the base.
+    kept = set[str]().union(*(end.bodies for end in ends)) if tips else set(names)
+    if base:
+        _refuse_beside(path, model, base, ends)
+        kept -= {str(model.body(b).name) for b in _ancestors(model, names[base])}
+    joints = spec.joints if model.njnt else []
+    return [joint for joint in joints if model.body(model.joint(joint.name).bodyid[0]).name not in kept]
+
+
+def _refuse_beside(path: Path, model: mujoco.MjModel, base: str, ends: Sequence[_End]) -> None:
+    """Refuse tips that the base does not carry, with a LabError."""
+    for end in ends:
+        if model.body(base).id not in _ancestors(model, model.body(end.carrier).id):
+            raise LabError(f"{path}: base '{base}' does not carry tip '{end.name}'; name a body below it")
 
 
 def _base_pose(model: mujoco.MjModel, data: mujoco.MjData, bodies: Sequence[str]) -> Array:
@@ -383,39 +413,21 @@ def _base_pose(model: mujoco.MjModel, data: mujoco.MjData, bodies: Sequence[str]
     return body_pose(data, parent) if parent else np.eye(4)
 
 
-def _serial_model(
-    path: Path,
-    spec: mujoco.MjSpec,
-    end: _End,
-    chain: Chain,
-    T_world_frame0: Array,
-    missing: str,
-    held: tuple[str, ...],
-) -> SerialModel:
-    model = compiled(path, spec)
-    data = at_zero(model)
-    parent = int(model.body(end.bodies[0]).parentid[0])
-    base_body = str(model.body(parent).name) if parent else ""
-    T_world_last = last_frame(chain, T_world_frame0)
+def _serial_model(path: Path, spec: mujoco.MjSpec, branch: _Branch, missing: str, held: tuple[str, ...]) -> SerialModel:
+    """Build the model of a serial arm."""
+    end, model = branch.end, compiled(path, spec)
     _rename_targets(spec, model, end)
     model = compiled(path, spec)
-    tool = _own_targets(model, data, end.bodies, T_world_last)
+    tool = _own_targets(model, at_zero(model), end.bodies, branch.T_world_last)
     sites = {model.site(site).name for site in range(model.nsite)}
     spare = {name: np.array(place) for name, place in DEFAULT_TOOL.items() if name not in sites}
-    carrier = model.body(end.carrier)
-    add_targets(spec.body(carrier.name), se3.inverse(body_pose(data, carrier.id)) @ T_world_last, spare)
-    if TRACKER not in sites:
-        add_tracker(spec)
-    solid = model.geom_bodyid[(model.geom_contype | model.geom_conaffinity) != 0]
-    shapeless = not missing and not np.isin(solid, _beyond(model, end.bodies[0])).any()
-    weighted = shapeless and add_rods(path, spec, chain, T_world_frame0, end.bodies, tool | spare)
-    model = compiled(path, spec)
-    overlapping = _exclude_overlaps(spec, model, chain, {(base_body, end.bodies[0])})
-    model = compiled(path, spec) if overlapping else model
+    _add_spare_targets(spec, model, branch, spare)
+    made = _completed(path, spec, model, branch.chain, {branch: tool | spare}, missing)
     return SerialModel(
-        path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=end.bodies,
-        base_body=base_body, tool=tool | spare, shapes_assumed=shapeless, masses_assumed=weighted, missing=missing,
-        overlapping=overlapping, fixed_joints=held, named_carrier=end.carrier if end.name else "",
+        path=path, spec=spec, model=made.model, chain=branch.chain, T_world_frame0=branch.T_world_frame0,
+        bodies=end.bodies, base_body=made.base_body, tool=tool | spare, shapes_assumed=made.shapeless,
+        masses_assumed=made.weighted, missing=missing, overlapping=made.overlapping, fixed_joints=held,
+        named_carrier=end.carrier if end.name else "",
     )  # fmt: skip
 
 
@@ -433,61 +445,133 @@ def _tree_model(
     path: Path,
     spec: mujoco.MjSpec,
     tips: Sequence[str],
-    ends: Sequence[_End],
-    chains: Sequence[Chain],
-    frames: Sequence[Array],
+    branches: Sequence[_Branch],
     missing: str,
     held: tuple[str, ...],
 ) -> TreeModel:
     """Build the model of a robot with several tips, whose targets are ``<tip>.<point>``."""
     model = compiled(path, spec)
-    data, tool = at_zero(model), dict[str, Array]()
+    chains, frames = [each.chain for each in branches], [each.T_world_frame0 for each in branches]
     tree = tree_chain(_robot_name(path), tips, chains, frames)
-    for tip, end, chain, T_world_frame0 in zip(tips, ends, chains, frames, strict=True):
-        T_world_last = last_frame(chain, T_world_frame0)
-        shared = sum(each.bodies[-1] == end.bodies[-1] for each in ends) > 1
-        moved = _moving_with(model, end.bodies[-1])
-        for site in range(model.nsite):
-            name = str(model.site(site).name)
-            owned = name.startswith(f"{tip}.")
-            if int(model.site_bodyid[site]) not in moved or name.rpartition(".")[2] in (FLANGE, TRACKER):
-                continue
-            if not owned and (shared or name in tips):
-                continue
-            target = name if owned else f"{tip}.{name.rpartition('.')[2]}"
-            if target in tool:
-                continue
+    tool = _tree_targets(spec, model, tips, branches)
+    tools = {
+        branch: {name: place for name, place in tool.items() if tip_of(name) == tip}
+        for tip, branch in zip(tips, branches, strict=True)
+    }
+    made = _completed(path, spec, model, tree, tools, missing)
+    return TreeModel(
+        path=path, spec=spec, model=made.model, chain=tree, T_world_frame0=frames[0],
+        bodies=tuple(dict.fromkeys(body for each in branches for body in each.end.bodies)), base_body=made.base_body,
+        tool=tool, shapes_assumed=made.shapeless, masses_assumed=made.weighted, missing=missing,
+        overlapping=made.overlapping, fixed_joints=held, tip_carriers=tuple(each.end.carrier for each in branches),
+    )  # fmt: skip
+
+
+def _tree_targets(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, tips: Sequence[str], branches: Sequence[_Branch]
+) -> dict[str, Array]:
+    """Name the targets of all tips; add the default tool's where a tip has none. Return their places (m)."""
+    tool, last_bodies = dict[str, Array](), [each.end.bodies[-1] for each in branches]
+    for tip, branch in zip(tips, branches, strict=True):
+        others = () if last_bodies.count(branch.end.bodies[-1]) > 1 else tips
+        tool |= _tip_targets(spec, model, tip, branch, others, tool)
+        if not any(name.startswith(f"{tip}.") for name in tool):
+            spare = {f"{tip}.{name}": np.array(place) for name, place in DEFAULT_TOOL.items()}
+            _add_spare_targets(spec, model, branch, spare)
+            tool |= spare
+    return tool
+
+
+def _tip_targets(
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    tip: str,
+    branch: _Branch,
+    tips: Sequence[str],
+    taken: Mapping[str, Array],
+) -> dict[str, Array]:
+    """Name the sites that a tip's last joint moves after the tip; return their places ``(3,)`` m in its last frame.
+
+    Args:
+        tips: of the robot; none where several share that joint, so that only sites of this tip's name are its own.
+        taken: targets of the tips before.
+    """
+    data, T_last_world = at_zero(model), se3.inverse(branch.T_world_last)
+    moved, targets = _moving_with(model, branch.end.bodies[-1]), dict[str, Array]()
+    for site in range(model.nsite):
+        name = str(model.site(site).name)
+        target = _target_name(name, tip, tips)
+        if target and target not in {*taken, *targets} and int(model.site_bodyid[site]) in moved:
             spec.site(name).name = target
-            tool[target] = se3.transform(se3.inverse(T_world_last), data.site_xpos[site : site + 1])[0]
-        spare = {
-            f"{tip}.{name}": np.array(place)
-            for name, place in DEFAULT_TOOL.items()
-            if not any(each.startswith(f"{tip}.") for each in tool)
-        }
-        carrier = model.body(end.carrier)
-        add_targets(spec.body(carrier.name), se3.inverse(body_pose(data, carrier.id)) @ T_world_last, spare)
-        tool |= spare
+            targets[target] = se3.transform(T_last_world, data.site_xpos[site : site + 1])[0]
+    return targets
+
+
+def _target_name(site: str, tip: str, tips: Sequence[str]) -> str:
+    """Return the name of a site as a target of a tip, ``<tip>.<point>``; "" if it is none."""
+    point = site.rpartition(".")[2]
+    if point in (FLANGE, TRACKER):
+        return ""
+    if site.startswith(f"{tip}."):
+        return site
+    return f"{tip}.{point}" if tips and site not in tips else ""
+
+
+def _add_spare_targets(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, branch: _Branch, targets: Mapping[str, Array]
+) -> None:
+    carrier = model.body(branch.end.carrier)
+    T_body_last = se3.inverse(body_pose(at_zero(model), carrier.id)) @ branch.T_world_last
+    add_targets(spec.body(carrier.name), T_body_last, targets)
+
+
+@dataclass(frozen=True)
+class _Completed:
+    """A model with what its file lacks, and what that is, as in ``RobotModel``."""
+
+    model: mujoco.MjModel
+    base_body: str
+    shapeless: bool
+    weighted: bool
+    overlapping: tuple[tuple[str, str], ...]
+
+
+def _completed(
+    path: Path,
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    chain: JointSpec,
+    tools: Mapping[_Branch, Mapping[str, Array]],
+    missing: str,
+) -> _Completed:
+    """Add a tracker, rods where there are no shapes, and exclusions of contacts by construction.
+
+    Args:
+        model: the spec compiled before this.
+        tools: places (m) of each branch's targets.
+        missing: why shapes were left out; rods do not stand for those.
+    """
     if TRACKER not in {site.name for site in spec.sites}:
         add_tracker(spec)
+    # Rods for links.
     solid = model.geom_bodyid[(model.geom_contype | model.geom_conaffinity) != 0]
-    moving = [body for end in ends for body in _beyond(model, end.bodies[0])]
+    moving = [body for branch in tools for body in _beyond(model, branch.end.bodies[0])]
     shapeless, weighted = not missing and not np.isin(solid, moving).any(), False
-    for tip, end, chain, T_world_frame0 in zip(tips, ends, chains, frames, strict=True):
-        own = {name: place for name, place in tool.items() if tip_of(name) == tip}
-        weighted |= shapeless and add_rods(path, spec, chain, T_world_frame0, end.bodies, own)
+    for branch, tool in tools.items() if shapeless else ():
+        weighted |= add_rods(path, spec, branch.chain, branch.T_world_frame0, branch.end.bodies, tool)
+    # The first links and what carries them.
     model = compiled(path, spec)
-    bodies = {body: None for end in ends for body in end.bodies}
-    first = {end.bodies[0]: int(model.body(end.bodies[0]).parentid[0]) for end in ends}
-    pairs = {(str(model.body(parent).name) if parent else "", body) for body, parent in first.items()}
-    overlapping = _exclude_overlaps(spec, model, tree, pairs)
-    model = compiled(path, spec) if overlapping else model
-    parents = set(first.values())
-    base_body = str(model.body(parents.pop()).name) if len(parents) == 1 and parents != {0} else ""
-    return TreeModel(
-        path=path, spec=spec, model=model, chain=tree, T_world_frame0=frames[0], bodies=tuple(bodies),
-        base_body=base_body, tool=tool, shapes_assumed=shapeless, masses_assumed=weighted, missing=missing,
-        overlapping=overlapping, fixed_joints=held, tip_carriers=tuple(end.carrier for end in ends),
-    )  # fmt: skip
+    pairs = {(_carrier_of(model, branch.end.bodies[0]), branch.end.bodies[0]) for branch in tools}
+    overlapping = _exclude_overlaps(spec, model, chain, pairs)
+    carriers = {carrier for carrier, _ in pairs}
+    base = carriers.pop() if len(carriers) == 1 else ""
+    return _Completed(compiled(path, spec) if overlapping else model, base, shapeless, weighted, overlapping)
+
+
+def _carrier_of(model: mujoco.MjModel, body: str) -> str:
+    """Return the name of the body that carries another; "" for the world."""
+    parent = int(model.body(body).parentid[0])
+    return str(model.body(parent).name) if parent else ""
 
 
 def _moving_with(model: mujoco.MjModel, body: str) -> set[int]:
@@ -505,12 +589,12 @@ def _exclude_overlaps(
     Contacts of the tracker's own body are kept: a tracker in the arm's way is an error of the scene.
     """
     stand = str(model.body(model.site(TRACKER).bodyid[0]).name)
-    always, sometimes = set[tuple[str, str]](), set[tuple[str, str]]()
     joints = chain.random_joints(_POSES, rng_for(0, "structure"))
-    for i, data in enumerate(contacts_at(model, coordinates(model, chain.joint_names, joints))):
-        pairs = {(int(min(pair)), int(max(pair))) for pair in model.geom_bodyid[data.contact.geom]}
-        touching = {(str(model.body(a).name), str(model.body(b).name)) for a, b in pairs if a}  # a = 0: the world
-        always, sometimes = touching if i == 0 else always & touching, sometimes | touching
+    touching = [
+        {(str(model.body(a).name), str(model.body(b).name)) for a, b in pairs if a}  # a = 0: the world
+        for pairs in touching_bodies(model, coordinates(model, chain.joint_names, joints))
+    ]
+    always, sometimes = set.intersection(*touching), set.union(*touching)
     stands = {body for base in bases for body in base}
     names = sorted(pair for pair in always | (bases & sometimes) if stand in stands or stand not in pair)
     for first, second in names:
@@ -560,12 +644,17 @@ def _read(path: Path, urdf: UrdfSource | None) -> mujoco.MjSpec:
         allow_massless(spec)  # until it gets rods
     for site in [site for site in spec.sites if not site.name]:
         spec.delete(site)
+    _name_bodies(spec)
+    return spec
+
+
+def _name_bodies(spec: mujoco.MjSpec) -> None:
+    """Name bodies without joints that have no name."""
     names = {body.name for body in spec.bodies}
     for i, body in enumerate(spec.bodies):
         if not body.name and not body.joints:
             body.name = next(name for n in itertools.count(i) if (name := f"body{n}") not in names)
             names.add(body.name)
-    return spec
 
 
 def _refuse_unserial(path: Path, model: mujoco.MjModel) -> None:
@@ -573,20 +662,26 @@ def _refuse_unserial(path: Path, model: mujoco.MjModel) -> None:
     jointed = _jointed(model)
     if not jointed:
         raise LabError(f"{path}: no joints, so no chain; give a model with hinge or slide joints")
-    for b in jointed:
-        names = [model.joint(int(model.body_jntadr[b]) + i).name or "(unnamed)" for i in range(model.body_jntnum[b])]
-        kinds = {int(model.jnt_type[int(model.body_jntadr[b]) + i]) for i in range(model.body_jntnum[b])}
-        if kinds - {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)}:
-            raise LabError(f"{path}: joint {names[0]} is a ball or free joint; a chain has hinges and slides only")
-        if len(names) > 1:
-            raise LabError(f"{path}: body {model.body(b).name} has joints {', '.join(names)}; give each its own body")
-        if not model.body(b).name or not names[0].strip("()") or names[0] == "(unnamed)":
-            raise LabError(f"{path}: a jointed body or its joint has no name (body {b}); name both")
+    for body in jointed:
+        _refuse_joints(path, model, body)
     if model.neq:
         raise LabError(
             f"{path}: it has {model.neq} equality constraints (loops or mimic joints); remove "
             "them, or describe its loops in a mechanism's TOML"
         )
+
+
+def _refuse_joints(path: Path, model: mujoco.MjModel, body: int) -> None:
+    """Refuse a body with joints that no chain has, or without names."""
+    first = int(model.body_jntadr[body])
+    joints = [model.joint(i) for i in range(first, first + int(model.body_jntnum[body]))]
+    names = [joint.name or "(unnamed)" for joint in joints]
+    if {int(joint.type[0]) for joint in joints} - _CHAIN_JOINTS:
+        raise LabError(f"{path}: joint {names[0]} is a ball or free joint; a chain has hinges and slides only")
+    if len(names) > 1:
+        raise LabError(f"{path}: body {model.body(body).name} has joints {', '.join(names)}; give each its own body")
+    if not (model.body(body).name and joints[0].name.strip("()")):
+        raise LabError(f"{path}: a jointed body or its joint has no name (body {body}); name both")
 
 
 def _jointed(model: mujoco.MjModel) -> list[int]:
@@ -595,11 +690,7 @@ def _jointed(model: mujoco.MjModel) -> list[int]:
 
 def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
     """Return the jointed bodies of the only chain, base outward."""
-    jointed, chains = _jointed(model), []
-    for tip in jointed:
-        path_up = _ancestors(model, tip)
-        if not any(tip in _ancestors(model, b)[1:] for b in jointed):
-            chains.append([b for b in reversed(path_up) if b in jointed])
+    chains = _chains(model)
     if len(chains) > 1:
         listed = "; ".join(", ".join(str(joint_of(model, model.body(b).name).name) for b in chain) for chain in chains)
         ends = [f"{option_name('tip')} {model.body(chain[-1]).name}" for chain in chains]
@@ -607,6 +698,14 @@ def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
             f"{path}: {len(chains)} candidate chains ({listed}); keep one ({ends[0]}), or name all ({' '.join(ends)})"
         )
     return tuple(model.body(b).name for b in chains[0])
+
+
+def _chains(model: mujoco.MjModel) -> list[list[int]]:
+    """Return the jointed bodies of each chain, base outward: to each one that carries no other."""
+    jointed = _jointed(model)
+    above = {b: _ancestors(model, b) for b in jointed}
+    tips = [tip for tip in jointed if not any(tip in line[1:] for line in above.values())]
+    return [[b for b in reversed(above[tip]) if b in jointed] for tip in tips]
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
@@ -654,26 +753,30 @@ def calibrated_mjcf(robot: OpenModel, arm: SerialArm | TreeArm, values: Array) -
     MuJoCo writes six digits, so every number of the kinematics is written here, in full.
     """
     spec = _without_shells(robot)
+    # Sites of the measured points, by names that no other site has.
     others = {FLANGE, TRACKER, *(site.name for site in spec.sites if site.name not in robot.tool)}
     taken = [name for name in arm.targets if name in others]  # a measured point may be called so
     placed = replace(arm, targets=tuple(f"{name} as measured" if name in taken else name for name in arm.targets))
-    for target in placed.targets:
-        if target not in robot.tool:
-            spec.body(robot.carrier_of(target)).add_site(name=target)
-    if isinstance(robot, TreeModel):
-        _add_flanges(spec, robot)
+    for target in [name for name in placed.targets if name not in robot.tool]:
+        spec.body(robot.carrier_of(target)).add_site(name=target)
+    _add_flanges(spec, robot)
+    # The identified dimensions.
     model = compiled(robot.path, spec)
     robot.place_bodies(model, placed, values)
     robot.place_tracker(model, robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values)))
+    # The file, with all digits and the names of the targets.
     root = ET.fromstring(spec.to_xml())
     write_in_full(root, model)
     names = {name: free_name(name, arm.targets) for name in taken}
-    names |= dict(zip(placed.targets, arm.targets, strict=True))
-    for site in root.iter("site"):
-        if (name := site.get("name")) in names:
-            site.set("name", names[name])
+    _rename_sites(root, names | dict(zip(placed.targets, arm.targets, strict=True)))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _rename_sites(root: ET.Element, names: Mapping[str, str]) -> None:
+    for site in root.iter("site"):
+        if (name := site.get("name", "")) in names:
+            site.set("name", names[name])
 
 
 MJCF: DescriptionFormat[SerialArm, SerialModel] = DescriptionFormat(
@@ -686,12 +789,14 @@ TREE_MJCF: DescriptionFormat[TreeArm, TreeModel] = DescriptionFormat(
 )
 
 
-def _add_flanges(spec: mujoco.MjSpec, robot: TreeModel) -> None:
-    """Add the sites that name the tips of a robot, where they have other names."""
-    there = {site.name for site in spec.sites}
+def _add_flanges(spec: mujoco.MjSpec, robot: OpenModel) -> None:
+    """Add the sites that name the tips of a robot with several, where they have other names."""
+    if not isinstance(robot, TreeModel):
+        return
+    present = {site.name for site in spec.sites}
     data = at_zero(robot.model)
     for tip, T_world_last, carrier in zip(robot.chain.tips, robot.last_frames, robot.carriers, strict=True):
-        if f"{tip}.{FLANGE}" not in there:
+        if f"{tip}.{FLANGE}" not in present:
             T = se3.inverse(body_pose(data, robot.model.body(carrier).id)) @ T_world_last
             quat = se3.quaternion_from_rotation(T[:3, :3])
             spec.body(carrier).add_site(name=f"{tip}.{FLANGE}", pos=T[:3, 3], quat=quat)
@@ -754,12 +859,12 @@ def _origins(identified: IdentifiedRobot[SerialArm, SerialModel]) -> dict[str, A
     identified_at, nominal_at = (last_axis_frame(arm, values) for values in (identified.values, arm.nominal()))
     T_frame0_world = identified_at @ se3.inverse(model.T_world_frame0 @ nominal_at)
     moved[last] = model.T_world_frame0 @ T_frame0_world @ body_pose(at_zero(model.model), last)
-    found = {}
+    origins = {}
     for name in model.bodies:
         body = model.model.body(name).id
         parent = int(model.model.body_parentid[body])
-        found[str(joint_of(model.model, name).name)] = se3.inverse(moved[parent]) @ moved[body]
-    return found
+        origins[str(joint_of(model.model, name).name)] = se3.inverse(moved[parent]) @ moved[body]
+    return origins
 
 
 def _urdf(identified: IdentifiedRobot[SerialArm, SerialModel]) -> str:
@@ -803,25 +908,25 @@ def link_inertias(robot: SerialModel) -> Array:
     """Return Phi ``(J, 10)`` of each joint's link (as ``rigid_body.LOAD``), in Khalil's frames (``khalil_chain``)."""
     model, chain = robot.model, khalil_chain(robot.chain)
     data, arm, zero = at_zero(model), SerialArm(chain), np.zeros((1, chain.size))
-    found = np.zeros((chain.size, 10))
+    inertias = np.zeros((chain.size, 10))
     for link, bodies in enumerate(bodies_of_links(robot)):
         T_world_link = robot.T_world_frame0 @ arm.frame(zero, arm.nominal(), link + 1)[0]
         for body in bodies:
             T_world_centre = se3.pose(data.ximat[body].reshape(3, 3), data.xipos[body])
             about_centre = load_of(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body]))
-            found[link] += load_in_frame(se3.inverse(T_world_link) @ T_world_centre) @ about_centre
-    return found
+            inertias[link] += load_in_frame(se3.inverse(T_world_link) @ T_world_centre) @ about_centre
+    return inertias
 
 
 def bodies_of_links(robot: SerialModel) -> list[list[int]]:
     """List the bodies that turn with each joint and with no later one: its own first, then those welded to it."""
     model = robot.model
     jointed = [int(model.body(name).id) for name in robot.bodies]
-    found: list[list[int]] = [[] for _ in jointed]
+    links: list[list[int]] = [[] for _ in jointed]
     for body in range(1, model.nbody):
         carrier = body
         while carrier and carrier not in jointed:
             carrier = int(model.body_parentid[carrier])
         if carrier:
-            found[jointed.index(carrier)].append(body)
-    return found
+            links[jointed.index(carrier)].append(body)
+    return links
