@@ -7,6 +7,7 @@ rods do not show whether they collide. So may the bodies on a slide's own line a
 drawn back into the arm with the hand that turns about it.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ from lab.formats.link_tree import link_tree
 from lab.formats.robot_toml import RobotTable
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import DEFAULT_TOOL, SerialArm
-from lab.simulation.collisions import contacts_at
+from lab.simulation.collisions import touching_bodies
 from lab.simulation.robot_model import (
     FLANGE,
     TRACKER,
@@ -56,29 +57,22 @@ def table_model(path: Path, table: RobotTable) -> SerialModel:
     named = {name: place for name, place in table.tool.items() if name not in (FLANGE, TRACKER)}
     tool = named or {name: np.array(place) for name, place in DEFAULT_TOOL.items()}
     arm = SerialArm(chain, tuple(tool))
-    tree = link_tree(arm, arm.nominal(tool))
+    tree, reach = link_tree(arm, arm.nominal(tool)), reach_of(chain)
     spec = mujoco.MjSpec()
     spec.compiler.autolimits, spec.compiler.degree = True, False
     T_world_frame0 = table.T_world_frame0
     if T_world_frame0 is None:
         T_world_frame0 = se3.pose(np.eye(3), np.array([0.0, 0.0, table.height_m or 0.0]))
-    reach = reach_of(chain)
+    # The base, a body for each joint, and the hand with flange and targets.
     body = base = _add_body(spec.worldbody, tree.base.name, T_world_frame0)
     if table.height_m is not None:
         _add_pedestal(spec, base, table.height_m, _PEDESTAL * reach)
     bodies = []
     for link in tree.moving:
         assert link.joint is not None
-        i, slides = link.joint, chain.prismatic[link.joint]
         body = _add_body(body, link.name, link.T_parent_link)
         bodies.append(link.name)
-        body.add_joint(
-            name=chain.joint_names[i],
-            type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
-            axis=[0.0, 0.0, link.sign],
-            range=[chain.lower[i], chain.upper[i]],
-            **({} if np.isnan(table.torque[i]) else {"actfrcrange": [-table.torque[i], table.torque[i]]}),
-        )
+        _add_joint(body, chain, link.joint, link.sign, float(table.torque[link.joint]))
     hand = _add_body(body, tree.flange.name, tree.flange.T_parent_link)
     hand.add_site(name=FLANGE)
     add_targets(hand, np.eye(4), tool)
@@ -90,6 +84,17 @@ def table_model(path: Path, table: RobotTable) -> SerialModel:
         base_body=tree.base.name, tool=tool, shapes_assumed=True, masses_assumed=weighted,
         links=table.links,
     )  # fmt: skip
+
+
+def _add_joint(body: mujoco.MjsBody, chain: Chain, i: int, sign: float, torque: float) -> None:
+    """Give a body its joint about or along z; without a limit of its torque (Nm, N) where that is NaN."""
+    body.add_joint(
+        name=chain.joint_names[i],
+        type=mujoco.mjtJoint.mjJNT_SLIDE if chain.prismatic[i] else mujoco.mjtJoint.mjJNT_HINGE,
+        axis=[0.0, 0.0, sign],
+        range=[chain.lower[i], chain.upper[i]],
+        **({} if np.isnan(torque) else {"actfrcrange": [-torque, torque]}),
+    )
 
 
 def _add_body(parent: mujoco.MjsBody, name: str, T_parent_body: Array) -> mujoco.MjsBody:
@@ -137,30 +142,43 @@ def link_rods(chain: Chain) -> list[_Rod]:
     radii = _THICK * max(reach_of(chain), 0.1) * (1 - _TAPER * np.arange(n) / max(n - 1, 1))
     rods = []
     for i in range(n):
-        here, z = frames_at[i][:3, 3], frames_at[i][:3, 2]
-        stretches = [(here, ends[i + 1])]
+        origin, along = frames_at[i][:3, 3], frames_at[i][:3, 2]
+        stretches = [(origin, ends[i + 1])]
         if not chain.prismatic[i]:
-            stretches.append((ends[i], here))
+            stretches.append((ends[i], origin))
         elif i + 1 < n and chain.prismatic[i + 1]:
             low, high = np.sort(chain.sign[i] * np.array([min(chain.lower[i], 0.0), max(chain.upper[i], 0.0)]))
-            rods.append(_Rod(i - 1, here + low * z, here + high * z, radii[i]))
+            rods.append(_Rod(i - 1, origin + low * along, origin + high * along, radii[i]))
         else:
-            stretches.append((here - chain.sign[i] * _stroke(chain.lower[i], chain.upper[i]) * z, here))
-        long = [pair for pair in stretches if np.linalg.norm(pair[1] - pair[0]) > _SHORT_M]
-        if i == n - 1:
-            long = [(start, _short_of(last[:3, 3], start, end, radii[i])) for start, end in long]
-        rods += [_Rod(i, start, end, radii[i]) for start, end in long or [(here, here)]]
+            stroke = _stroke(chain.lower[i], chain.upper[i])
+            stretches.append((origin - chain.sign[i] * stroke * along, origin))
+        flange = last[:3, 3] if i == n - 1 else None
+        rods += _link_of_stretches(i, stretches, radii[i], flange)
     return rods
+
+
+def _link_of_stretches(
+    joint: int, stretches: Sequence[tuple[Array, Array]], radius: float, flange: Array | None
+) -> list[_Rod]:
+    """Return the rods of a link's stretches; a ball at its origin, the first start, where all are short.
+
+    Args:
+        flange: where the last link's rods end; None for other links.
+    """
+    long = [pair for pair in stretches if np.linalg.norm(pair[1] - pair[0]) > _SHORT_M]
+    if flange is not None:
+        long = [(start, _short_of(flange, start, end, radius)) for start, end in long]
+    return [_Rod(joint, start, end, radius) for start, end in long or [(stretches[0][0], stretches[0][0])]]
 
 
 def _frames(chain: Chain) -> tuple[list[Array], Array]:
     """Return each joint's link frame ``(4, 4)`` in frame 0, and the last frame, joint positions zero."""
     arm = SerialArm(chain)
-    tree, frame, found = link_tree(arm, arm.nominal()), np.eye(4), list[Array]()
+    tree, frame, frames = link_tree(arm, arm.nominal()), np.eye(4), list[Array]()
     for link in tree.moving:
         frame = frame @ link.T_parent_link
-        found.append(frame)
-    return found, frame @ tree.moving[-1].T_link_frame
+        frames.append(frame)
+    return frames, frame @ tree.moving[-1].T_link_frame
 
 
 def _drawn_in(chain: Chain) -> list[tuple[int, int]]:
@@ -169,7 +187,7 @@ def _drawn_in(chain: Chain) -> list[tuple[int, int]]:
     The link turns about the line or slides along it, or is the flange (``chain.size``).
     """
     frames, last = _frames(chain)
-    found = list[tuple[int, int]]()
+    pairs = list[tuple[int, int]]()
     for i in [joint for joint, slides in enumerate(chain.prismatic) if slides]:
         origin, along = frames[i][:3, 3], frames[i][:3, 2]
         for k, frame in enumerate([*frames, last][i + 1 :], start=i + 1):
@@ -177,8 +195,8 @@ def _drawn_in(chain: Chain) -> list[tuple[int, int]]:
             across = np.cross(frame[:3, 2], along) if k < chain.size else np.zeros(3)
             if np.linalg.norm(off) > _SHORT_M or np.linalg.norm(across) > _SAME_RAD:
                 break
-            found.append((i - 1, k))
-    return found
+            pairs.append((i - 1, k))
+    return pairs
 
 
 def _stroke(lower: float, upper: float) -> float:
@@ -216,30 +234,45 @@ def add_rods(
     allow_massless(bare)
     model = compiled(path, bare)
     data = at_zero(model)
-    rods, owners = link_rods(chain), np.full(chain.size, np.nan) if mass_kg is None else mass_kg
-    volume = np.zeros(chain.size)
-    for rod in rods:
-        if rod.joint >= 0:
-            volume[rod.joint] += _volume(rod)
-    density = np.where(np.isnan(owners), DENSITY, owners / volume)
+    # Masses: of the file, of the table, or of rods of usual density.
+    rods, stated = link_rods(chain), np.full(chain.size, np.nan) if mass_kg is None else mass_kg
     heavy = model.body_mass[[model.body(name).id for name in bodies]] > _MASSLESS_KG
-    density[heavy] = 0.0
+    density = np.where(heavy, 0.0, np.where(np.isnan(stated), DENSITY, stated / _volumes(rods, chain.size)))
+    # Rods of the links, each on the body of its joint.
     base = model.body(int(model.body(bodies[0]).parentid[0])).name
     for rod in rods:
         name = bodies[rod.joint] if rod.joint >= 0 else base
         T_body_frame0 = se3.inverse(body_pose(data, model.body(name).id)) @ T_world_frame0
         _add(spec.body(name), rod, T_body_frame0, density[rod.joint] if rod.joint >= 0 else 0.0)
-    T_frame0_last = SerialArm(chain).flange(np.zeros((1, chain.size)), SerialArm(chain).nominal())[0]
+    # Spokes to the targets.
     hand = flange_body(model, bodies)
     T_body_frame0 = se3.inverse(body_pose(data, model.body(hand).id)) @ T_world_frame0
+    for spoke in _spokes(chain, tool):
+        _add(spec.body(hand), spoke, T_body_frame0, 0.0)
+    named = [*bodies, hand, base]  # -1 is the base
+    _let_touch(path, spec, chain, {(named[guide], named[carried]) for guide, carried in _drawn_in(chain)})
+    return bool((np.isnan(stated) & ~heavy).any())
+
+
+def _volumes(rods: Sequence[_Rod], links: int) -> Array:
+    """Return the volume (m^3) of each link's rods, ``(links,)``."""
+    volume = np.zeros(links)
+    for rod in rods:
+        if rod.joint >= 0:
+            volume[rod.joint] += _volume(rod)
+    return volume
+
+
+def _spokes(chain: Chain, tool: Mapping[str, Array]) -> list[_Rod]:
+    """Return thin rods from the last frame to the targets that are not near it."""
+    T_frame0_last = SerialArm(chain).flange(np.zeros((1, chain.size)), SerialArm(chain).nominal())[0]
+    spokes = []
     for place in tool.values():
         length = np.linalg.norm(place)
         if length > 2 * _BALL_M:
             tip = se3.transform(T_frame0_last, (place * (1 - _BALL_M / length))[None])[0]
-            _add(spec.body(hand), _Rod(chain.size, T_frame0_last[:3, 3], tip, _SPOKE_M), T_body_frame0, 0.0)
-    named = [*bodies, hand, base]  # -1 is the base
-    _let_touch(path, spec, chain, {(named[guide], named[carried]) for guide, carried in _drawn_in(chain)})
-    return bool((np.isnan(owners) & ~heavy).any())
+            spokes.append(_Rod(chain.size, T_frame0_last[:3, 3], tip, _SPOKE_M))
+    return spokes
 
 
 def _volume(rod: _Rod) -> float:
@@ -263,15 +296,12 @@ def _add(body: mujoco.MjsBody, rod: _Rod, T_body_frame0: Array, density: float) 
 def _let_touch(path: Path, spec: mujoco.MjSpec, chain: Chain, drawn_in: Set[tuple[str, str]]) -> None:
     """Exclude contacts between bodies that touch in most poses, and between these pairs."""
     model = compiled(path, spec)
-    counts: dict[tuple[int, int], int] = {}
     joints = chain.random_joints(_POSES, rng_for(0, "structure"))
-    for data in contacts_at(model, coordinates(model, chain.joint_names, joints)):
-        pairs = np.sort(model.geom_bodyid[data.contact.geom[: data.ncon]], axis=1)
-        for a, b in {(int(a), int(b)) for a, b in pairs}:
-            counts[a, b] = counts.get((a, b), 0) + 1
-    named = [
-        tuple(model.body(body).name for body in pair) for pair, count in counts.items() if count > _MAX_SHARE * _POSES
-    ]
+    counts = Counter(
+        pair for pairs in touching_bodies(model, coordinates(model, chain.joint_names, joints)) for pair in pairs
+    )
+    often = [pair for pair, count in counts.items() if count > _MAX_SHARE * _POSES]
+    named = [(str(model.body(a).name), str(model.body(b).name)) for a, b in often]
     for first, second in named:
         spec.add_exclude(bodyname1=first, bodyname2=second)
     for first, second in sorted(drawn_in):

@@ -269,8 +269,19 @@ def _tracker_body(robot: RobotModel, station: int = 0) -> int:
 
 def _refuse_station_in_arm(robot: RobotModel, station: int) -> None:
     """Refuse a tracker whose stand or head is in the arm in more than half of the poses."""
-    model, body = robot.model, _tracker_body(robot, station)
-    head, up = robot.Ts_world_station[station, :3, 3].copy(), np.array([0.0, 0.0, 1.0])
+    body, head = _tracker_body(robot, station), robot.Ts_world_station[station, :3, 3].copy()
+    share = _share_of_hits(robot, body, head)
+    if share > 0.5 or _touches_base(robot, body):
+        where = "in its base" if share <= 0.5 else f"in the way in {share:.0%} of its poses"
+        place = ", ".join(f"{x:.3g}" for x in head)
+        mend = "move it away" if body else "move it away, or draw its shapes in a body of its own"
+        named = f" at station '{robot.stations[station]}'" if robot.stations else ""
+        raise LabError(f"{robot.path}: the tracker{named}, head at ({place}) m, stands inside the arm, {where}; {mend}")
+
+
+def _share_of_hits(robot: RobotModel, body: int, head: Array) -> float:
+    """Return the share of random poses in which the arm touches the tracker's body, or its head ``(3,)`` m is in it."""
+    model, up = robot.model, np.array([0.0, 0.0, 1.0])
     joints, data = robot.chain.random_joints(256, np.random.default_rng(0)), mujoco.MjData(model)
     hits = 0
     for _ in collision_flags(robot, joints, data):
@@ -278,12 +289,7 @@ def _refuse_station_in_arm(robot: RobotModel, station: int) -> None:
         normal = np.zeros(3)  # outward: along the ray where it leaves a shape that it began in
         mujoco.mj_ray(model, data, head, up, None, True, body or -1, None, normal)
         hits += touches or bool(normal @ up > 0)
-    if 2 * hits > len(joints) or _touches_base(robot, body):
-        where = "in its base" if 2 * hits <= len(joints) else f"in the way in {hits / len(joints):.0%} of its poses"
-        place = ", ".join(f"{x:.3g}" for x in head)
-        mend = "move it away" if body else "move it away, or draw its shapes in a body of its own"
-        named = f" at station '{robot.stations[station]}'" if robot.stations else ""
-        raise LabError(f"{robot.path}: the tracker{named}, head at ({place}) m, stands inside the arm, {where}; {mend}")
+    return hits / len(joints)
 
 
 def _touches_base(robot: RobotModel, body: int) -> bool:

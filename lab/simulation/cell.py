@@ -75,11 +75,16 @@ def in_cell(robot: _Model, cell: Cell) -> _Model:
         obstacles=obstacles, plates=plates, origin=replace(robot.origin, cell=cell),
     )  # fmt: skip
     if home is not None:
-        if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
-            raise LabError(f"{cell.path}: [home]: {chain.limit_note(int(beyond[0]), home[beyond[0]])}; start within")
-        if touches := describe_collisions(placed, home[None])[0]:
-            raise LabError(f"{cell.path}: [home]: {touches} there; start elsewhere, or move that")
+        _refuse_home(placed, cell, home)
     return placed
+
+
+def _refuse_home(robot: RobotModel, cell: Cell, home: Array) -> None:
+    """Refuse a home ``(joints,)`` beyond the limits, or where the arm touches something, with a LabError."""
+    if (beyond := np.flatnonzero(robot.chain.beyond_limits(home[None], 1e-9)[0])).size:
+        raise LabError(f"{cell.path}: [home]: {robot.chain.limit_note(int(beyond[0]), home[beyond[0]])}; start within")
+    if touches := describe_collisions(robot, home[None])[0]:
+        raise LabError(f"{cell.path}: [home]: {touches} there; start elsewhere, or move that")
 
 
 def _carried(robot: RobotModel, shapes: "_Shapes", cell: Cell) -> tuple[dict[str, Array], tuple[str, ...]]:
@@ -101,6 +106,12 @@ def _carried(robot: RobotModel, shapes: "_Shapes", cell: Cell) -> tuple[dict[str
         return robot.tool, plates
     for site in [site for site in spec.sites if site.name in robot.tool]:
         spec.delete(site)
+    _add_points(spec, body, T_body_last, cell)
+    return {point.name: point.position for point in cell.tool}, plates
+
+
+def _add_points(spec: mujoco.MjSpec, body: mujoco.MjsBody, T_body_last: Array, cell: Cell) -> None:
+    """Add the cell's tool points to the body that carries the last frame."""
     taken = {site.name for site in spec.sites}
     for point in cell.tool:
         if point.name in taken:
@@ -108,7 +119,6 @@ def _carried(robot: RobotModel, shapes: "_Shapes", cell: Cell) -> tuple[dict[str
         T = T_body_last @ se3.pose(point.rotation, point.position)
         size = (_REFLECTOR_M, 0.0, 0.0)
         body.add_site(name=point.name, pos=T[:3, 3], quat=se3.quaternion_from_rotation(T[:3, :3]), size=size)
-    return {point.name: point.position for point in cell.tool}, plates
 
 
 class _Shapes:
@@ -250,11 +260,7 @@ def _check_sizes(robot: RobotModel, cell: Cell) -> Iterator[str]:
     for shape, name in zip((*cell.obstacle, *cell.plate), names, strict=True):
         extents = extents_mm(robot, shape, name)
         longest, what = float(extents.max()), f"{cell.path}: {shape.shape} '{shape.name}' is {edges_text(extents)}"
-        if shape.shape == "mesh":
-            other = "m" if shape.unit == "mm" else "mm"
-            mend = f'its unit is {shape.unit}; give unit = "{other}" if the file is in {other}'
-        else:
-            mend = "its lengths are in mm; give them so"
+        mend = _unit_note(shape)
         if not _REFUSED_MM[0] <= longest <= _REFUSED_MM[1]:
             raise LabError(f"{what}, no size of {'a plate' if shape in cell.plate else 'an obstacle'}; {mend}")
         if not _DOUBTED_MM[0] <= longest <= _DOUBTED_MM[1] and shape not in cell.plate:
@@ -262,6 +268,14 @@ def _check_sizes(robot: RobotModel, cell: Cell) -> Iterator[str]:
         stated = cell.clearance_mm if shape.clearance_mm is None else shape.clearance_mm
         if stated is not None and 0 < stated < _CLEARANCE_MM:
             yield f"{cell.path}: '{shape.name}' has a clearance of {stated:g} mm; give it in mm, not in metres"
+
+
+def _unit_note(shape: Obstacle) -> str:
+    """Return how to mend a shape's size."""
+    if shape.shape != "mesh":
+        return "its lengths are in mm; give them so"
+    other = "m" if shape.unit == "mm" else "mm"
+    return f'its unit is {shape.unit}; give unit = "{other}" if the file is in {other}'
 
 
 def _check_tools(cell: Cell, reach: float) -> Iterator[str]:
@@ -321,22 +335,11 @@ def _check_contacts(robot: RobotModel, cell: Cell, joints: Array) -> Iterator[st
 def _check_instruments(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:
     if not cell.instrument_places:
         return
-    model, data = robot.model, next(kinematics_at(robot, robot.chain.home[None]))
-    stands = {int(model.site(site).bodyid[0]) for site in robot.station_sites} - {0}
-    solid = [
-        geom
-        for geom in np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist()
-        if int(model.geom_bodyid[geom]) not in stands
-    ]
-    base = robot.T_world_frame0[:3, 3]
+    mend, base = "its head's position_mm is in mm, in the cell's frame; move it away", robot.T_world_frame0[:3, 3]
     for name, T in zip(robot.stations or ("",), robot.Ts_world_station, strict=True):
         head, who = T[:3, 3], f"{cell.path}: the instrument{f' at station {name!r}' if name else ''}"
-        mend = "its head's position_mm is in mm, in the cell's frame; move it away"
-        for geom in solid:
-            if _depth(model, data, geom, head) > 0:
-                body = int(model.geom_bodyid[geom])
-                inside = f"the arm, in {model.body(body).name}" if body else f"'{model.geom(geom).name}'"
-                raise LabError(f"{who} stands inside {inside}; {mend}")
+        if inside := _surrounding(robot, head):
+            raise LabError(f"{who} stands inside {inside}; {mend}")
         away = float(np.linalg.norm(head - base))
         if away < _AT_BASE_M:
             raise LabError(f"{who} is {MM.text(away)} from the robot's base; {mend}")
@@ -346,6 +349,17 @@ def _check_instruments(robot: RobotModel, cell: Cell, reach: float) -> Iterator[
             yield f"{who} is {MM.of(away):.0f} mm from the robot's base, in the arm's way; {mend}"
         elif away > _FAR_HEAD_M:
             yield f"{who} is {away:.3g} m from the robot's base; give position_mm in mm"
+
+
+def _surrounding(robot: RobotModel, head: Array) -> str:
+    """Return the solid shape in which an instrument's head ``(3,)`` m is, its own stand aside; "" for none."""
+    model, data = robot.model, next(kinematics_at(robot, robot.chain.home[None]))
+    stands = {int(model.site(site).bodyid[0]) for site in robot.station_sites} - {0}
+    for geom in np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist():
+        body = int(model.geom_bodyid[geom])
+        if body not in stands and _depth(model, data, geom, head) > 0:
+            return f"the arm, in {model.body(body).name}" if body else f"'{model.geom(geom).name}'"
+    return ""
 
 
 def _check_reach(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:

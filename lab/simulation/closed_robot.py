@@ -368,26 +368,35 @@ def _axis(mechanism: Mechanism, step: Step) -> Array:
 def _close(spec: mujoco.MjSpec, mechanism: Mechanism, dimensions: Dimensions, size: float) -> None:
     """Add rods and pins, between sites at the origins of the frames that they join, with balls there."""
     tree = mechanism.tree
-    ends = [end for pair in [*(rod.ends for rod in tree.rods), *(pin.ends for pin in tree.pins)] for end in pair]
-    sites = {tree.frames[end].name: f"{tree.frames[end].name}.origin" for end in ends}
-    for name, site in sites.items():
-        spec.body(name).add_site(name=site)
-        ball = mujoco.mjtGeom.mjGEOM_SPHERE
-        spec.body(name).add_geom(type=ball, size=[_BALL * size, 0, 0], rgba=_STEEL, contype=0, conaffinity=0)
+    sites = _add_ends(spec, mechanism, size)
+    # Rods are tendons, pins connect two sites.
     for rod in tree.rods:
         colour = _STEEL if rod.joint is None else _PAINT
         tendon = spec.add_tendon(name=rod.name, width=_ROD * size, rgba=colour)
         for end in rod.ends:
-            tendon.wrap_site(sites[tree.frames[end].name])
+            tendon.wrap_site(sites[end])
         spec.add_equality(name=rod.name, type=mujoco.mjtEq.mjEQ_TENDON, name1=rod.name)
     for pin in tree.pins:
-        first, second = (sites[tree.frames[end].name] for end in pin.ends)
+        first, second = (sites[end] for end in pin.ends)
         kind, joined = mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtObj.mjOBJ_SITE
         spec.add_equality(name=pin.name, type=kind, objtype=joined, name1=first, name2=second)
+    # The lengths of the rods, beside those of the tendons at rest.
     at_rest = compiled(Path(mechanism.name), spec).tendon_length0
     for rod, length, now in zip(tree.rods, dimensions.lengths, at_rest, strict=True):
         reading = 0.0 if rod.joint is None else dimensions.scale[rod.joint] * mechanism.home[rod.joint]
         spec.equality(rod.name).data[0] = length + reading - now
+
+
+def _add_ends(spec: mujoco.MjSpec, mechanism: Mechanism, size: float) -> dict[int, str]:
+    """Add sites and balls at the frames that rods and pins join; return the sites' names by frame."""
+    tree, sites = mechanism.tree, dict[int, str]()
+    joined = [*(rod.ends for rod in tree.rods), *(pin.ends for pin in tree.pins)]
+    for end in dict.fromkeys(end for ends in joined for end in ends):
+        name, ball = tree.frames[end].name, mujoco.mjtGeom.mjGEOM_SPHERE
+        sites[end] = f"{name}.origin"
+        spec.body(name).add_site(name=sites[end])
+        spec.body(name).add_geom(type=ball, size=[_BALL * size, 0, 0], rgba=_STEEL, contype=0, conaffinity=0)
+    return sites
 
 
 def _dress(spec: mujoco.MjSpec, mechanism: Mechanism, bodies: list[_Body], size: float) -> None:

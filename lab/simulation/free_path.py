@@ -188,21 +188,16 @@ def planning_model(robot: _Model, targets: Sequence[str], instrument: Instrument
     _mesh_boxes(spec)
     bare = compiled(robot.path, spec)
     shapes = _Shapes.of(bare, robot.base_body)
-    around_m, own_m = (_required_clearance(robot, each) for each in (clearances.surroundings_m, clearances.own_m))
     stated = [name for name, clearance_m in robot.obstacles.items() if clearance_m is not None]
+    # Surroundings keep their own clearance, or that of the plan.
+    around_m, own_m = (_required_clearance(robot, each) for each in (clearances.surroundings_m, clearances.own_m))
     for geom in shapes.around:
         name, margin = bare.geom(geom).name, _required_clearance(robot, float(bare.geom_margin[geom]))
         spec.geom(name).margin = margin if name in stated else max(margin, around_m)
+    # Pairs of links, and of the first link and its surroundings, keep no more than at the nominal poses.
     own, first = shapes.own_pairs(), shapes.first_link_pairs(stated)
-    wanted = np.array([own_m] * len(own) + [around_m] * len(first))
-    nearest = _least_distances(replace(robot, model=bare), [*own, *first], wanted)
-    for pair, least, margin in zip([*own, *first], nearest, wanted, strict=True):
-        if least <= 0 and shapes.reflectors & set(pair):
-            one, other = (bare.body(int(bare.geom_bodyid[each])).name for each in pair)
-            spec.add_exclude(bodyname1=one, bodyname2=other)  # a ball inside a link's assumed shape
-            continue
-        one, other = (bare.geom(each).name for each in pair)
-        spec.add_pair(geomname1=one, geomname2=other, margin=max(0.0, min(margin, least - _CLEARANCE_SLACK_M)))
+    _add_pairs(spec, robot, shapes, [*own, *first], np.array([own_m] * len(own) + [around_m] * len(first)))
+    # Reflectors take a smaller angle.
     acceptance = view_of(robot, instrument).acceptance_rad
     narrower = acceptance - min(INCIDENCE_MARGIN_RAD, _MARGIN_SHARE * acceptance)
     model = compiled(robot.path, spec)
@@ -213,6 +208,21 @@ def planning_model(robot: _Model, targets: Sequence[str], instrument: Instrument
         model=model,
         acceptance_rad=robot.acceptance_rad if acceptance >= np.pi else narrower,
     )
+
+
+def _add_pairs(
+    spec: mujoco.MjSpec, robot: RobotModel, shapes: "_Shapes", pairs: Sequence[tuple[int, int]], wanted: Array
+) -> None:
+    """Let pairs of shapes keep ``wanted`` clearances (m), or their least distance at the nominal poses."""
+    bare = shapes.model
+    nearest = _least_distances(replace(robot, model=bare), pairs, wanted)
+    for pair, least, margin in zip(pairs, nearest, wanted, strict=True):
+        if least <= 0 and shapes.reflectors & set(pair):
+            one, other = (bare.body(int(bare.geom_bodyid[each])).name for each in pair)
+            spec.add_exclude(bodyname1=one, bodyname2=other)  # a ball inside a link's assumed shape
+            continue
+        one, other = (bare.geom(each).name for each in pair)
+        spec.add_pair(geomname1=one, geomname2=other, margin=max(0.0, min(margin, least - _CLEARANCE_SLACK_M)))
 
 
 def _required_clearance(robot: RobotModel, clearance_m: float) -> float:

@@ -554,9 +554,7 @@ def _completed(
     if TRACKER not in {site.name for site in spec.sites}:
         add_tracker(spec)
     # Rods for links.
-    solid = model.geom_bodyid[(model.geom_contype | model.geom_conaffinity) != 0]
-    moving = [body for branch in tools for body in _beyond(model, branch.end.bodies[0])]
-    shapeless, weighted = not missing and not np.isin(solid, moving).any(), False
+    shapeless, weighted = not missing and not _have_shapes(model, [branch.end for branch in tools]), False
     for branch, tool in tools.items() if shapeless else ():
         weighted |= add_rods(path, spec, branch.chain, branch.T_world_frame0, branch.end.bodies, tool)
     # The first links and what carries them.
@@ -566,6 +564,12 @@ def _completed(
     carriers = {carrier for carrier, _ in pairs}
     base = carriers.pop() if len(carriers) == 1 else ""
     return _Completed(compiled(path, spec) if overlapping else model, base, shapeless, weighted, overlapping)
+
+
+def _have_shapes(model: mujoco.MjModel, ends: Sequence[_End]) -> bool:
+    """Decide whether a body of these chains has a solid shape."""
+    solid = model.geom_bodyid[(model.geom_contype | model.geom_conaffinity) != 0]
+    return any(bool(np.isin(solid, _beyond(model, end.bodies[0])).any()) for end in ends)
 
 
 def _carrier_of(model: mujoco.MjModel, body: str) -> str:
