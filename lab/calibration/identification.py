@@ -20,6 +20,7 @@ from lab.calibration.observation import Observation, UnscaledObservation, Unsize
 from lab.calibration.prior import (
     ActingPrior,
     Prior,
+    PriorDirections,
     directions_of,
     prior_of,
 )
@@ -192,67 +193,82 @@ def identify(
     Raises:
         LabError: there are fewer poses than the base set needs, or what is requested cannot be had.
     """
-    noise, observation = noise or Noise(), observation_of(arm).within(data)
+    # weigh the measurements
+    observation = observation_of(arm).within(data)
     model, nominal = observation.model, observation.nominal(nominal)
-    observed, sigma_given = weigh(observation, data, noise)
+    observed, sigma_given = weigh(observation, data, noise or Noise())
     _refuse_impossible_or_few(observation, data, observed, nominal)
+    constraints = weighted_constraints(observation, observed)
+    # place base and tool by the nominal links
     aligned = fit_base_and_tool(observation, observed.alike, nominal)
-    extra_residuals = weighted_constraints(observation, observed)
+    # find what is identifiable, by the structure of the arm and in these poses
     constraint_rows = observation.extra_residuals(model.rank_point(aligned))[1]
     structure = base_set(model, aligned, fix=options.fix, free=options.free, prior_rows=constraint_rows)
     free = _identifiable(model, observed, aligned, structure, constraint_rows)
-    own = options.estimator
-    if (options.prior != "on" or own is not None) and len(free) < len(structure.identifiable):
-        needed = poses_needed(model, aligned, structure)
-        if len(data) < needed:
-            raise LabError(
-                f"{len(data)} poses, but the {len(structure.identifiable)} identifiable parameters "
-                f"need at least {needed}: measure more"
-            )
+    _refuse_too_few_poses(model, data, aligned, structure, free, options)
+    # fit the identifiable parameters, the others at nominal
     start = aligned.copy()
     start[list(structure.fixed)] = nominal[list(structure.fixed)]
     start[list(free)] = [options.near.get(model.names[i], start[i]) for i in free]
-    if options.solve is None:
-        solution = fit(model, observed, free, start, extra_residuals=extra_residuals)
-        solution = settled(model, observed, solution, extra_residuals)
-    else:
-        solution = options.solve(observation, observed, free, start)
-    if own is not None:
-        solution = _estimated(own, observation, observed, structure, nominal, solution, start, options, sigma_given)
+    solution = _solved(observation, observed, free, start, options)
+    if options.estimator is not None:
+        solution = _estimated(
+            options.estimator, observation, observed, structure, nominal, solution, start, options, sigma_given
+        )
     solution = _canonical(model, solution)
-    residuals = data.points - model.points(observed.inputs, solution.values)
-    dof, estimated = _residual_sigma(observation, observed, solution, residuals)
-    acting = None
-    if options.prior != "off" and options.solve is None and own is None:
-        problem = _MAPProblem(observation, observed, structure, extra_residuals, start, sigma_given)
-        if options.prior == "auto":
-            prior = prior_of(model, structure, nominal, options.tolerance, links_alone=True)
-            found = problem.automatically(prior, solution, dof, estimated)
-        else:
-            found = problem.with_whole(prior_of(model, structure, nominal, options.tolerance), dof, estimated)
-        if found is not None:
-            acting, solution, dof, estimated = found.prior, found.fit, found.dof, found.sigma
-            extra_residuals = joined(extra_residuals, acting.rows(found.weight))
-            residuals = data.points - model.points(observed.inputs, solution.values)
+    dof, unit_sigma = _residual_sigma(observation, observed, solution)
+    # let tolerances of manufacture take part
+    problem = _MAPProblem(observation, observed, structure, constraints, start, sigma_given)
+    most_likely = problem.requested(options, nominal, solution, dof, unit_sigma)
+    if most_likely is not None:
+        solution, dof, unit_sigma = most_likely.fit, most_likely.dof, most_likely.sigma
+        constraints = joined(constraints, most_likely.prior.rows(most_likely.weight))
+    # the covariance, by the given noise or by the residuals
     given = root_mean_square_sigma(observed, observation.positions, observation.units) if sigma_given else 1.0
+    scale = 1.0 if sigma_given else unit_sigma
     identified = Identification(
         model,
         aligned,
         solution.values,
         base_set=structure,
         fit=solution,
-        sigma_m=given if sigma_given else estimated,
+        sigma_m=given * scale,
         sigma_given=sigma_given,
-        residual_sigma_m=given * estimated,
+        residual_sigma_m=given * unit_sigma,
         dof=dof,
-        covariance=solution.unit_covariance() * (1.0 if sigma_given else estimated**2),
-        residuals=residuals,
+        covariance=solution.unit_covariance() * scale**2,
+        residuals=data.points - model.points(observed.inputs, solution.values),
         spread=_relative_spread(observation, observed, aligned, nominal),
         checks=tuple(Check("note", "noted", data={"text": text}) for text in data.warnings),
-        extra_residuals=extra_residuals,
-        prior=acting,
+        extra_residuals=constraints,
+        prior=None if most_likely is None else most_likely.prior,
     )
     return replace(identified, checks=(*identified.checks, *_checks(identified)))
+
+
+def _solved(
+    observation: Observation, observed: Observations, free: Sequence[int], start: Array, options: FitOptions
+) -> Fit:
+    """Fit the free parameters by the requested method: by default by least squares of all at once."""
+    if options.solve is not None:
+        return options.solve(observation, observed, free, start)
+    constraints = weighted_constraints(observation, observed)
+    solution = fit(observation.model, observed, free, start, extra_residuals=constraints)
+    return settled(observation.model, observed, solution, constraints)
+
+
+def _refuse_too_few_poses(
+    model: Model, data: Measurements, aligned: Array, structure: BaseSet, free: Sequence[int], options: FitOptions
+) -> None:
+    """Refuse fewer poses than the whole base set needs, where some of it is not identifiable and no prior helps."""
+    helped = options.prior == "on" and options.estimator is None
+    if helped or len(free) == len(structure.identifiable):
+        return
+    if len(data) < (needed := poses_needed(model, aligned, structure)):
+        raise LabError(
+            f"{len(data)} poses, but the {len(structure.identifiable)} identifiable parameters "
+            f"need at least {needed}: measure more"
+        )
 
 
 def component_variances(
@@ -300,8 +316,7 @@ def _estimated(
     """
     model, sigma = observation.model, 1.0
     if not sigma_given:
-        residuals = observed.points - model.points(observed.inputs, plain.least_squares)
-        _, sigma = _residual_sigma(observation, observed, plain, residuals)
+        _, sigma = _residual_sigma(observation, observed, plain)
         if not sigma > _LEAST_SIGMA:
             raise LabError(
                 f"estimator '{estimator.name}': least squares leaves no residuals to estimate the noise; give "
@@ -343,6 +358,11 @@ class _MAPFit:
     sigma: float
     weight: float
 
+    def acts_like(self, other: "_MAPFit") -> bool:
+        """Check whether two priors act in as many directions, at nearly the same scale."""
+        same_scale = abs(other.prior.scale / self.prior.scale - 1) < _SETTLED_SCALE
+        return self.prior.acts_in == other.prior.acts_in and same_scale
+
 
 @dataclass(frozen=True)
 class _MAPProblem:
@@ -354,6 +374,18 @@ class _MAPProblem:
     constraints: ExtraResiduals
     start: Array
     sigma_given: bool
+
+    def requested(self, options: FitOptions, nominal: Array, plain: Fit, dof: int, sigma: float) -> _MAPFit | None:
+        """Return the fit with the prior that the options request; None where none takes part.
+
+        Args:
+            plain: least squares without a prior; ``dof`` and ``sigma`` are of its residuals.
+        """
+        if options.prior == "off" or options.solve is not None or options.estimator is not None:
+            return None
+        model, automatic = self.observation.model, options.prior == "auto"
+        prior = prior_of(model, self.structure, nominal, options.tolerance, links_alone=automatic)
+        return self.automatically(prior, plain, dof, sigma) if automatic else self.with_whole(prior, dof, sigma)
 
     def with_whole(self, prior: Prior, dof: int, sigma: float) -> _MAPFit:
         if not (self.sigma_given or np.isfinite(sigma)):
@@ -373,58 +405,73 @@ class _MAPProblem:
     def automatically(self, prior: Prior, plain: Fit, dof: int, sigma: float) -> _MAPFit | None:
         """Fit with the prior along weakly observable directions; None where there are none.
 
-        Directions, sigma and scale are taken at the fit that they lead to, and so found in a few rounds.
+        PriorDirections, sigma and scale are taken at the fit that they lead to, and so found in a few rounds.
 
         Args:
             dof, sigma: of its residuals; a sigma of NaN where nothing is left over.
         """
-        identifiable, usable = self.structure.identifiable, plain.status == "converged"
-        if not prior.of or not (self.sigma_given or sigma > 0):
+        usable = plain.status == "converged"
+        if self._needs_no(prior, plain, sigma):
             return None
-        if usable and set(plain.free) == set(identifiable):  # well measured in all directions, it stays as it is
-            weight = self._weight(sigma)
-            if condition_bound(plain.triangle) < WELL_CONDITIONED:
-                links = [plain.free.index(i) for i in prior.of]
-                covariance = weight**2 * plain.unit_covariance()[np.ix_(links, links)]
-                if prior.knows_less(covariance):
-                    return None
-            triangle = plain.triangle * plain.scale / weight
-            found = directions_of(prior, triangle, np.zeros(len(triangle)), plain.free, plain.values)
-            if not found.weak(found.scale()[0]).any():
-                return None
-        columns = tuple(i for i in identifiable if i in plain.free or i in prior.of)
+        columns = tuple(i for i in self.structure.identifiable if i in plain.free or i in prior.of)
         values, earlier = (plain.values, plain.cost_trace[:-1]) if usable else (self.start, ())
         best: _MAPFit | None = None
         for _ in range(_PRIOR_ROUNDS):
+            # the directions in which the measurements determine less than the prior, at its likeliest scale
             weight = self._weight(sigma)
-            triangle, right = self._linear(columns, values)
-            directions = directions_of(prior, triangle / weight, right / weight, columns, values)
-            scale, scale_from = directions.scale()
-            weak = directions.weak(scale)
-            if not weak.any():
+            acting, directions = self._acting(prior, columns, values, weight)
+            if not acting.acts_in:
                 return best
-            rows = directions.by_parameter[weak] / scale
-            condition = scaled_condition(triangle)
-            acting = ActingPrior(
-                self.observation.model.names, prior.mean, rows, scale, scale_from, len(weak), condition
-            )
+            # the fit with the prior along these
             solution = self._fitted(acting, weight, columns, values)
             solution = replace(solution, cost_trace=(*earlier, *solution.cost_trace))  # all steps that led there
             if solution.status != "converged" and (usable or best is not None):
                 return best
             if not usable:
-                left = directions.left_by_prior(scale)
-                residuals = self.observed.points - self.observation.model.points(self.observed.inputs, solution.values)
-                dof, sigma = _residual_sigma(self.observation, self.observed, solution, residuals, left)
+                left = directions.left_by_prior(acting.scale)
+                dof, sigma = _residual_sigma(self.observation, self.observed, solution, left)
             before, best = best, _MAPFit(acting, solution, dof, sigma, weight)
             values, earlier = solution.values, solution.cost_trace[:-1]
-            if (
-                before is not None
-                and before.prior.acts_in == acting.acts_in
-                and (abs(acting.scale / before.prior.scale - 1) < _SETTLED_SCALE)
-            ):
+            if before is not None and before.acts_like(best):
                 break
         return best
+
+    def _acting(
+        self, prior: Prior, columns: Sequence[int], values: Array, weight: float
+    ) -> tuple[ActingPrior, PriorDirections]:
+        """Return the prior along the directions that are weakly observable at some values, and all directions."""
+        triangle, right = self._linear(columns, values)
+        directions = directions_of(prior, triangle / weight, right / weight, columns, values)
+        scale, scale_from = directions.scale()
+        weak = directions.weak(scale)
+        acting = ActingPrior(
+            names=self.observation.model.names,
+            mean=prior.mean,
+            rows_by_parameter=directions.by_parameter[weak] / scale,
+            scale=scale,
+            scale_from=scale_from,
+            directions=len(weak),
+            plain_condition=scaled_condition(triangle),
+        )
+        return acting, directions
+
+    def _needs_no(self, prior: Prior, plain: Fit, sigma: float) -> bool:
+        """Check whether a fit stays as it is: nothing has a prior, or all directions are determined better than by it.
+
+        Where neither noise is given nor residuals are left, a prior has no weight.
+        """
+        if not prior.of or not (self.sigma_given or sigma > 0):
+            return True
+        if plain.status != "converged" or set(plain.free) != set(self.structure.identifiable):
+            return False
+        weight = self._weight(sigma)
+        if condition_bound(plain.triangle) < WELL_CONDITIONED:
+            links = [plain.free.index(i) for i in prior.of]
+            if prior.knows_less(weight**2 * plain.unit_covariance()[np.ix_(links, links)]):
+                return True
+        triangle = plain.triangle * plain.scale / weight
+        directions = directions_of(prior, triangle, np.zeros(len(triangle)), plain.free, plain.values)
+        return not directions.weak(directions.scale()[0]).any()
 
     def _weight(self, sigma: float) -> float:
         """Return the sigma by which a prior is weighted: where given, more if the residuals are."""
@@ -470,16 +517,14 @@ def _refuse_impossible_or_few(
 
 
 def _residual_sigma(
-    observation: Observation, observed: Observations, solution: Fit, residuals: Array, by_prior: float = 0.0
+    observation: Observation, observed: Observations, solution: Fit, by_prior: float = 0.0
 ) -> tuple[int, float]:
     """Return the residual degrees of freedom, and sigma by the least-squares residuals; NaN if none are left over.
 
     Args:
         by_prior: degrees of freedom of the parameters that a prior determines in the place of the measurements.
     """
-    if solution.other is not None:
-        residuals = observed.points - observation.model.points(observed.inputs, solution.least_squares)
-    white = observed.apply(residuals)
+    white = observed.apply(observed.points - observation.model.points(observed.inputs, solution.least_squares))
     dof = len(white) + len(observation.extra_residuals(solution.values)[0]) - len(solution.free)
     dof += int(by_prior)
     return dof, float(np.sqrt(white @ white / dof)) if dof > 0 else float("nan")
