@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import count, pairwise
+from itertools import chain, count, pairwise
 from pathlib import Path
 from typing import Any, TypeAlias, overload
 
@@ -22,7 +22,7 @@ __all__ = [
     "STATION",
     "Measurements",
     "Rows",
-    "asked",
+    "condition_column",
     "copied_rows",
     "describe_copies",
     "evenly",
@@ -152,8 +152,8 @@ class Measurements(Value):
         return len(self.joints)
 
     def _about(self) -> str:
-        of = f" of {self.robot}" if self.robot else ""
-        return f"{counted(len(self), 'pose')}{of}, targets {', '.join(self.targets)}"
+        robot = f" of {self.robot}" if self.robot else ""
+        return f"{counted(len(self), 'pose')}{robot}, targets {', '.join(self.targets)}"
 
     def __str__(self) -> str:
         """Return a table of the first rows: joint positions in rad or m, points in m."""
@@ -288,16 +288,24 @@ class Measurements(Value):
         return np.concatenate([self.joints, *columns], axis=1) if columns else self.joints
 
     def _condition(self, name: str) -> Array:
+        conditions: Mapping[str, Array] = self.conditions
+        if name not in conditions:
+            if (derived := self._derived(name)) is not None:
+                return derived
+            if name in self.other:  # of an effect of one's own: the reader kept its texts
+                conditions = {name: self._numbers(name)}
+        return condition_column(conditions, name, len(self), self.where)
+
+    def _derived(self, name: str) -> Array | None:
+        """Return a condition that follows from sessions, stations or the order of the rows; None for another."""
         for prefix, column in ((SESSION, self.sessions), (STATION, self.stations)):
-            if name not in self.conditions and name.startswith(prefix):
-                return np.array([each == name.removeprefix(prefix) for each in column], dtype=np.float64)
-        if name == PLACE and name not in self.conditions:
+            if name.startswith(prefix):
+                return np.array([cell == name.removeprefix(prefix) for cell in column], dtype=np.float64)
+        if name == PLACE:
             return self._visited.place
-        if name.startswith(LAST_MOVE) and name not in self.conditions:
+        if name.startswith(LAST_MOVE):
             return self._visited.last_move[:, self.joint_names.index(name.removeprefix(LAST_MOVE))]
-        if name not in self.conditions and name in self.other:  # of an effect of one's own: the reader kept its texts
-            return asked({name: self._numbers(name)}, name, len(self), self.where)
-        return asked(self.conditions, name, len(self), self.where)
+        return None
 
     def _numbers(self, column: str) -> Array:
         numbers = np.full(len(self), np.nan)
@@ -334,29 +342,46 @@ def joined(tables: Sequence[Measurements]) -> Measurements:
     """
     if not tables:
         raise LabError("measurements: none to join; give at least one table")
-    first = tables[0]
     for other in tables[1:]:
-        _refuse_another_kind(first, other)
-    conditions = dict.fromkeys(name for table in tables for name in table.conditions)
-    texts = dict.fromkeys(name for table in tables for name in table.other)
+        _refuse_another_kind(tables[0], other)
     whole = replace(
-        first,
+        tables[0],
         joints=np.concatenate([table.joints for table in tables]),
         points=np.concatenate([table.points for table in tables]),
-        ids=_numbered([name for table in tables for name in table.ids]),
-        use=tuple(use for table in tables for use in table.use),
-        sessions=tuple(session for table in tables for session in table.sessions),
+        ids=_numbered(_strung(tables, "ids")),
+        use=_strung(tables, "use"),
+        sessions=_strung(tables, "sessions"),
         sigma_m=np.concatenate([table.sigma_m for table in tables]),
-        conditions={name: np.concatenate([_condition_of(table, name) for table in tables]) for name in conditions},
-        other={name: tuple(c for t in tables for c in t.other.get(name, ("",) * len(t))) for name in texts},
+        conditions=_joined_conditions(tables),
+        other=_joined_texts(tables),
         marked=any(table.marked for table in tables),
-        warnings=tuple(dict.fromkeys(warning for table in tables for warning in table.warnings)),
-        lines=first.lines if len(tables) == 1 else (),
+        warnings=tuple(dict.fromkeys(_strung(tables, "warnings"))),
+        lines=tables[0].lines if len(tables) == 1 else (),
         visits=None,
-        robot=next((table.robot for table in tables if table.robot), ""),
+        robot=next(filter(None, (table.robot for table in tables)), ""),
     )
     visits = _Visits(_places(tables), np.concatenate([table._visited.last_move for table in tables]))
     return whole if visits == whole._visited else replace(whole, visits=visits)
+
+
+def _strung(tables: Sequence[Measurements], name: str) -> tuple[str, ...]:
+    """Return a field of texts of all tables."""
+    return tuple(chain.from_iterable(getattr(table, name) for table in tables))
+
+
+def _joined_conditions(tables: Sequence[Measurements]) -> dict[str, Array]:
+    names = dict.fromkeys(chain.from_iterable(table.conditions for table in tables))
+    return {name: np.concatenate([_condition_of(table, name) for table in tables]) for name in names}
+
+
+def _condition_of(table: Measurements, name: str) -> Array:
+    return table.conditions.get(name, np.full(len(table), 0.0 if name == "payload_kg" else np.nan))
+
+
+def _joined_texts(tables: Sequence[Measurements]) -> dict[str, tuple[str, ...]]:
+    names = dict.fromkeys(chain.from_iterable(table.other for table in tables))
+    cells = {name: [table.other.get(name, ("",) * len(table)) for table in tables] for name in names}
+    return {name: tuple(chain.from_iterable(columns)) for name, columns in cells.items()}
 
 
 def _refuse_another_kind(first: Measurements, other: Measurements) -> None:
@@ -386,10 +411,6 @@ def _numbered(ids: Sequence[str]) -> tuple[str, ...]:
     return tuple(numbered)
 
 
-def _condition_of(table: Measurements, name: str) -> Array:
-    return table.conditions.get(name, np.full(len(table), 0.0 if name == "payload_kg" else np.nan))
-
-
 def _places(tables: Sequence[Measurements]) -> Array:
     """Return the progress of the campaign: kept in parts of one campaign, else by the tables' numbers of rows."""
     own = [table._visited.place for table in tables if len(table)]
@@ -399,7 +420,7 @@ def _places(tables: Sequence[Measurements]) -> Array:
     return np.concatenate([(start + place * len(place)) / rows for start, place in zip(starts, own, strict=False)])
 
 
-def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable[[int], str]) -> Array:
+def condition_column(conditions: Mapping[str, Array], name: str, rows: int, where: Callable[[int], str]) -> Array:
     """Return the column of a condition that a model requires; a missing payload is zero.
 
     Args:

@@ -1,6 +1,7 @@
 """Base class of dataclasses that compare arrays by content, and print in one line."""
 
-from collections.abc import Callable, Mapping
+import operator
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from html import escape
@@ -90,26 +91,35 @@ def same(first: Any, second: Any) -> bool:
         return True
     if type(first) is not type(second):
         return False
-    if isinstance(first, partial):
-        return same((first.func, first.args, first.keywords), (second.func, second.args, second.keywords))
-    if isinstance(first, MethodType):
-        return first.__func__ is second.__func__ and same(first.__self__, second.__self__)
-    if isinstance(first, FunctionType | BuiltinFunctionType | type):
-        return bool(first == second)
-    if isinstance(first, np.ndarray):
-        return _same_arrays(first, second)
+    for kind, alike in _COMPARED:
+        if isinstance(first, kind):
+            return bool(alike(first, second))
     if is_dataclass(first):
         return _same_fields(first, second)
-    if isinstance(first, Mapping):
-        return first.keys() == second.keys() and all(same(value, second[key]) for key, value in first.items())
-    if isinstance(first, list | tuple):
-        return len(first) == len(second) and all(map(same, first, second))
-    if isinstance(first, float):
-        return first == second or (first != first and second != second)
     own: Any = type(first).__eq__
     if own is object.__eq__:
         return same(first.__reduce_ex__(4)[1:], second.__reduce_ex__(4)[1:])  # their state when pickled
     return bool(first == second)
+
+
+def _same_partials(first: partial[Any], second: partial[Any]) -> bool:
+    return same((first.func, first.args, first.keywords), (second.func, second.args, second.keywords))
+
+
+def _same_methods(first: MethodType, second: MethodType) -> bool:
+    return first.__func__ is second.__func__ and same(first.__self__, second.__self__)
+
+
+def _same_mappings(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> bool:
+    return first.keys() == second.keys() and all(same(value, second[key]) for key, value in first.items())
+
+
+def _same_sequences(first: Sequence[Any], second: Sequence[Any]) -> bool:
+    return len(first) == len(second) and all(map(same, first, second))
+
+
+def _same_floats(first: float, second: float) -> bool:
+    return first == second or (first != first and second != second)
 
 
 def data_frame(columns: Mapping[str, Any]) -> Any:
@@ -150,3 +160,14 @@ def _same_arrays(first: np.ndarray[Any, Any], second: np.ndarray[Any, Any]) -> b
 def _same_fields(first: Any, second: Any) -> bool:
     names = (each.name for each in fields(first) if each.compare)
     return all(same(getattr(first, name), getattr(second, name)) for name in names)
+
+
+_COMPARED: tuple[tuple[Any, Callable[[Any, Any], bool]], ...] = (
+    (partial, _same_partials),
+    (MethodType, _same_methods),
+    (FunctionType | BuiltinFunctionType | type, operator.eq),
+    (np.ndarray, _same_arrays),
+    (Mapping, _same_mappings),
+    (list | tuple, _same_sequences),
+    (float, _same_floats),
+)

@@ -237,8 +237,8 @@ def largest_difference(text: str, arm: Arm, values: Array, inputs: Array) -> flo
     module, size = loaded(text), arm.rigid.chain.size
     largest = 0.0
     for row, points in zip(inputs.tolist(), arm.points(inputs, values), strict=True):
-        given = dict(zip(arm.conditions, row[size:], strict=True))
-        _, found = module.forward(row[:size], **given)
+        conditions = dict(zip(arm.conditions, row[size:], strict=True))
+        _, found = module.forward(row[:size], **conditions)
         largest = max(largest, float(np.abs(points - np.array(list(found.values()))).max()))
     return largest
 

@@ -138,8 +138,8 @@ class CertificateDetails:
     @property
     def missing(self) -> tuple[str, ...]:
         """Details required for a traceable result that are not given, as ``section.name``."""
-        given = self.to_dict()
-        return tuple(f"{part}.{name}" for part, names in _NEEDED.items() for name in names if name not in given[part])
+        stated = self.to_dict()
+        return tuple(f"{part}.{name}" for part, names in _NEEDED.items() for name in names if name not in stated[part])
 
     @property
     def robot_temperature(self) -> tuple[Uncertain, float] | None:
@@ -178,9 +178,9 @@ def _section(path: Path, name: str, values: Any) -> Any:
     if not isinstance(values, dict):
         raise LabError(f"{where} is to be a section")
     plain = {key: value.isoformat() if isinstance(value, date) else value for key, value in values.items()}
-    found: Any = structured(where, _SECTIONS[name], plain)
+    section: Any = structured(where, _SECTIONS[name], plain)
     _check_texts(where, plain)
-    return found
+    return section
 
 
 def _check_texts(where: str, values: Mapping[str, Any]) -> None:

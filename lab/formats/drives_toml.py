@@ -88,17 +88,17 @@ def drives_in(path: Path, table: Mapping[str, Any], joints: int) -> Drives | Non
 
 
 def _drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
-    found = structured(path, _DrivesFile, sections)
-    if len(found.drive) != joints:
-        raise LabError(f"{path}: {len(found.drive)} [[drive]], but the robot has {joints} joints; give one for each")
-    gears = np.array([each.gear_ratio for each in found.drive])
-    for i, each in enumerate(found.drive, start=1):
+    file = structured(path, _DrivesFile, sections)
+    if len(file.drive) != joints:
+        raise LabError(f"{path}: {len(file.drive)} [[drive]], but the robot has {joints} joints; give one for each")
+    gears = np.array([each.gear_ratio for each in file.drive])
+    for i, each in enumerate(file.drive, start=1):
         _refuse_unlikely(f"{path}: [[drive]] {i}", each)
-    gains, counts = ([getattr(each, name) for each in found.drive] for name in ("torque_nm_per_a", "counts_per_turn"))
-    zeros = np.deg2rad([each.motor_zero_deg for each in found.drive])
+    gains, counts = ([getattr(each, name) for each in file.drive] for name in ("torque_nm_per_a", "counts_per_turn"))
+    zeros = np.deg2rad([each.motor_zero_deg for each in file.drive])
     return Drives(
         gears,
-        _couplings(path, found.coupling, gears),
+        _couplings(path, file.coupling, gears),
         _of_all(path, "torque_nm_per_a", gains),
         _of_all(path, "counts_per_turn", counts),
         zeros if zeros.any() else None,
@@ -117,10 +117,10 @@ def _refuse_unlikely(where: str, drive: _DriveSection) -> None:
 
 
 def _of_all(path: Path, name: str, values: list[float | None]) -> Array | None:
-    given = [value for value in values if value is not None]
-    if given and len(given) < len(values):
+    stated = [value for value in values if value is not None]
+    if stated and len(stated) < len(values):
         raise LabError(f"{path}: [[drive]] {values.index(None) + 1} has no {name}; give it for all drives or for none")
-    return np.array(given) if given else None
+    return np.array(stated) if stated else None
 
 
 def _couplings(path: Path, sections: tuple[_CouplingSection, ...], gears: Array) -> Array:

@@ -62,8 +62,8 @@ class FormulaProgram:
             return [about, f"def {self.name}({', '.join(arrays)}):", *(f"    {line}" for line in body)]
         if language == "c":
             body += [f"out[{i}] = {formula};" for i, formula in enumerate(self.outputs)]
-            given = ", ".join((*(f"const double *{array}" for array in arrays), "double *out"))
-            return [about, f"void {self.name}({given})", "{", *(f"    {line}" for line in body), "}"]
+            parameters = ", ".join((*(f"const double *{array}" for array in arrays), "double *out"))
+            return [about, f"void {self.name}({parameters})", "{", *(f"    {line}" for line in body), "}"]
         body.append(f"out = [{', '.join(self.outputs)}];")
         return [about, f"function out = {self.name}({', '.join(arrays)})", *(f"    {line}" for line in body), "end"]
 
@@ -90,5 +90,5 @@ def function_name(text: str) -> str:
         >>> function_name("RX 130")
         'rx_130'
     """
-    found = "".join(c if c.isascii() and c.isalnum() else "_" for c in text.lower())
-    return found if found[:1].isalpha() else f"robot_{found}"
+    name = "".join(c if c.isascii() and c.isalnum() else "_" for c in text.lower())
+    return name if name[:1].isalpha() else f"robot_{name}"

@@ -126,11 +126,11 @@ def _errors(path: Path, section: Any) -> TrackerErrors:
     if not isinstance(two_face, bool):
         raise LabError(f"{where} two_face is {two_face!r}; give true or false")
     terms = {term.key: term for term in SYSTEMATIC_ERRORS}
-    given = {key: value for key, value in section.items() if key != "two_face"}
-    if unknown := sorted(set(given) - set(terms)):
+    numbers = {key: value for key, value in section.items() if key != "two_face"}
+    if unknown := sorted(set(numbers) - set(terms)):
         raise LabError(f"{where} {unknown[0]}: unknown; there are two_face, {', '.join(terms)}")
     quantities = {}
-    for key, value in given.items():
+    for key, value in numbers.items():
         if not isinstance(value, dict):
             raise LabError(f"{where} {key} is {value!r}; give {{ standard = … }} or {{ limit = … }}")
         with error_context(f"{where} {key}"):

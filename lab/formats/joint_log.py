@@ -198,7 +198,7 @@ def _by_cells(
 ) -> list[int]:
     """Return the column of each joint, by the names in the cells of each column of positions."""
     keys = [heading_of(cell).key for cell in cells]
-    found = []
+    columns = []
     for j, name in enumerate(joint_names):
         same = next((keys.index(key) for key in _keys(j, name) if keys.count(key) == 1), None)
         if same is None:
@@ -206,8 +206,8 @@ def _by_cells(
                 f"{table.path}: no joint is {name} (the file names {', '.join(cells)}); give the right --robot, or "
                 f"name the joints' columns in the {option_name('columns')} file"
             )
-        found.append(positions[same])
-    return found
+        columns.append(positions[same])
+    return columns
 
 
 def _joint(table: LooseTable, j: int, name: str) -> int:

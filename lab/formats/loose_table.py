@@ -462,10 +462,12 @@ def read_column_map(path: Path | None) -> _ColumnMap:
     """Read a map of columns; an empty one without a file."""
     if path is None:
         return _ColumnMap()
-    found = structured(path, _ColumnMap, read_toml(path))
-    if len(found.points.sigma) not in (0, 1, 3):
-        raise LabError(f"{path}: points.sigma has {len(found.points.sigma)} columns; give those of x, y and z, or one")
-    given = [each for each in (found.points.x, found.points.y, found.points.z) if each]
-    if len(given) not in (0, 3):
+    columns = structured(path, _ColumnMap, read_toml(path))
+    if len(columns.points.sigma) not in (0, 1, 3):
+        raise LabError(
+            f"{path}: points.sigma has {len(columns.points.sigma)} columns; give those of x, y and z, or one"
+        )
+    coordinates = [each for each in (columns.points.x, columns.points.y, columns.points.z) if each]
+    if len(coordinates) not in (0, 3):
         raise LabError(f"{path}: points has some of x, y and z; give all three or none")
-    return found
+    return columns

@@ -420,18 +420,18 @@ class PoseReader(CsvTable):
 
     def _conditions(self) -> dict[str, Array]:
         """Return condition columns ``(n,)``; approach directions by the robot's joint names."""
-        found = {}
+        conditions = {}
         for column in list(self.unread):
             if column in (*_NUMBER_COLUMNS, *self.observed.numbers):
-                found[column] = self.numbers(column, empty=True)
+                conditions[column] = self.numbers(column, empty=True)
                 if column == "payload_kg":
-                    self._refuse_payloads(found[column])
+                    self._refuse_payloads(conditions[column])
             elif column.startswith("approach_"):
                 name, values = self._approach(column, column.removeprefix("approach_"))
-                if name in found:
+                if name in conditions:
                     raise self.wrong(f"columns {column} and {name} are the same; keep one")
-                found[name] = values
-        return found
+                conditions[name] = values
+        return conditions
 
     def _refuse_payloads(self, payloads: Array) -> None:
         if (bad := np.flatnonzero(PAYLOAD_KG.outside(payloads))).size:

@@ -131,11 +131,11 @@ def _robot_name(path: Path, document: dict[str, Any]) -> str:
 
 
 def _sections(path: Path, document: dict[str, Any], name: str, least: int = 1) -> list[Any]:
-    found = document.get(name, [])
-    if not isinstance(found, list) or len(found) < least:
+    contents = document.get(name, [])
+    if not isinstance(contents, list) or len(contents) < least:
         raise LabError(f"{path}: no {name}s; give each {name} a [[{name}]] section")
-    (JOINTS if name == "joint" else FRAMES)(path, found)
-    return found
+    (JOINTS if name == "joint" else FRAMES)(path, contents)
+    return contents
 
 
 class _Tree:
@@ -159,9 +159,9 @@ class _Tree:
             pins[name] = self._pin(section, name)
         platform = document.get("platform")
         if not isinstance(platform, str) or platform not in self.frames:
-            given = "missing" if platform is None else repr(platform)
+            stated = "missing" if platform is None else repr(platform)
             frames = ", ".join(self.frames)
-            raise LabError(f"{self.path}: platform is {given}; name the frame that carries the targets: {frames}")
+            raise LabError(f"{self.path}: platform is {stated}; name the frame that carries the targets: {frames}")
         return Tree(
             tuple(self.frames.values()), tuple(rods.values()), tuple(pins.values()), list(self.frames).index(platform)
         )
@@ -196,8 +196,8 @@ class _Tree:
         if name == _GROUND:
             return BASE
         if not isinstance(name, str) or name not in self.frames:
-            there = ", ".join((_GROUND, *self.frames))
-            raise LabError(f"{section.where}: there is no frame {name!r} before it; there are {there}")
+            known = ", ".join((_GROUND, *self.frames))
+            raise LabError(f"{section.where}: there is no frame {name!r} before it; there are {known}")
         return list(self.frames).index(name)
 
     def _ends(self, section: TrackedSection) -> tuple[int, int]:

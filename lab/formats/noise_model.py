@@ -86,10 +86,10 @@ class NoiseModel:
 
 def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | None:
     """Return the uncertainty of a noise model's variances, or None."""
-    found = None if content is None else content.component_errors
-    if found is None:
+    errors = None if content is None else content.component_errors
+    if errors is None:
         return None
-    return ComponentErrors(found.names, np.array(found.covariance), np.array(found.slopes))
+    return ComponentErrors(errors.names, np.array(errors.covariance), np.array(errors.slopes))
 
 
 def noise_model_from_dict(
@@ -103,13 +103,13 @@ def noise_model_from_dict(
     """
     if content is None:
         return None
-    found = structured("noise_model", NoiseModel, content, extra=True)
+    model = structured("noise_model", NoiseModel, content, extra=True)
     return ErrorModel(
-        sigma_m=MM.to_si(found.independent_mm) / np.sqrt(found.independent_share),
-        independent_share=found.independent_share,
-        sizes=found.sizes,
-        carry=found.wandering_correlation,
+        sigma_m=MM.to_si(model.independent_mm) / np.sqrt(model.independent_share),
+        independent_share=model.independent_share,
+        sizes=model.sizes,
+        carry=model.wandering_correlation,
         clock=None,
         values=values,
-        counts_rad=None if found.encoder_counts_rad is None else np.array(found.encoder_counts_rad),
+        counts_rad=None if model.encoder_counts_rad is None else np.array(model.encoder_counts_rad),
     )

@@ -21,15 +21,15 @@ ENDS = (*_QUATERNION, *_ANGLES)  # of the columns of an orientation
 
 def oriented_target(data: Measurements) -> str:
     """Return the one target with an orientation."""
-    found = [t for t in data.targets if any(f"{t}_{end}" in data.other for end in ENDS)]
-    if not found and len(data.targets) == 1 and set(ENDS) & set(data.other):
-        found = [data.targets[0]]
-    if not found:
+    oriented = [t for t in data.targets if any(f"{t}_{end}" in data.other for end in ENDS)]
+    if not oriented and len(data.targets) == 1 and set(ENDS) & set(data.other):
+        oriented = [data.targets[0]]
+    if not oriented:
         first = data.targets[0]
         raise LabError(f"no orientation to observe: give {first}_qw to {first}_qz, or {first}_rx_deg to {first}_rz_deg")
-    if len(found) > 1:
-        raise LabError(f"targets {' and '.join(found)} have orientations: keep those of one, as the tool is rigid")
-    return found[0]
+    if len(oriented) > 1:
+        raise LabError(f"targets {' and '.join(oriented)} have orientations: keep those of one, as the tool is rigid")
+    return oriented[0]
 
 
 def read_orientations(data: Measurements, target: str, meaning: AngleConvention | None = None) -> Array:
@@ -58,9 +58,9 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
     if meaning is None:
         known = f"{', '.join(ANGLE_CONVENTIONS[:-1])} or {ANGLE_CONVENTIONS[-1]}"
         raise LabError(f"columns {', '.join(columns)} are angles: give {option_name('orientation')} {known}")
-    given = ~empty.any(axis=1)
+    complete = ~empty.any(axis=1)
     quaternions = np.full((len(data), 4), np.nan)
-    quaternions[given] = se3.quaternion_from_rotation(rotation_from_angles(np.deg2rad(numbers[given]), meaning))
+    quaternions[complete] = se3.quaternion_from_rotation(rotation_from_angles(np.deg2rad(numbers[complete]), meaning))
     return quaternions
 
 
@@ -68,11 +68,11 @@ def _columns(data: Measurements, target: str, ends: tuple[str, ...]) -> list[str
     found, missing = [], []
     for end in ends:
         names = [f"{target}_{end}", *([end] if len(data.targets) == 1 else [])]
-        there = [name for name in names if name in data.other]
-        if len(there) > 1:
-            raise LabError(f"columns {' and '.join(there)} are the same: keep one")
-        found += there
-        missing += [] if there else names[:1]
+        present = [name for name in names if name in data.other]
+        if len(present) > 1:
+            raise LabError(f"columns {' and '.join(present)} are the same: keep one")
+        found += present
+        missing += [] if present else names[:1]
     if found and missing:
         raise LabError(f"column {missing[0]} is missing beside {found[0]}: an orientation takes all of them")
     return found

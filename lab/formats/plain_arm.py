@@ -161,10 +161,10 @@ def _displaced(frame: Any, at: list[float], end: list[float], torsor: list[float
     if torsor is None:
         return frame, at
     turn = _rotation(torsor[3:])
-    bent = [[sum(turn[k][j] * frame[k][i] for k in range(3)) for i in range(3)] for j in range(3)]
+    turned = [[sum(turn[k][j] * frame[k][i] for k in range(3)) for i in range(3)] for j in range(3)]
     lever = _less(at, end)
     local = [_dot(frame[k], lever) + torsor[k] for k in range(3)]
-    return bent, [end[i] + sum(local[k] * bent[k][i] for k in range(3)) for i in range(3)]
+    return turned, [end[i] + sum(local[k] * turned[k][i] for k in range(3)) for i in range(3)]
 
 
 def _effects(
@@ -224,7 +224,7 @@ def _nominal_frames(model: dict[str, Any], joints: list[float]) -> dict[str, Any
     """Compute the nominal links in frame 0: axes and anchors of joints, axes of links, centres of mass."""
     loads, distal = model["loads"], model["convention"] == "distal"
     frame, at = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 0.0]
-    found: dict[str, Any] = {"axes": [], "anchors": [], "frames": [], "centres": []}
+    placed: dict[str, Any] = {"axes": [], "anchors": [], "frames": [], "centres": []}
     for i, (theta, d, a, alpha, beta) in enumerate(loads["table"]):
         reading = model["sign"][i] * joints[i]
         angle, slide = (theta, d + reading) if model["prismatic"][i] else (theta + reading, d)
@@ -232,17 +232,17 @@ def _nominal_frames(model: dict[str, Any], joints: list[float]) -> dict[str, Any
             frame = _about(0, alpha, frame)
             at = _along(at, a, frame[0])
             frame = _about(1, beta, frame)
-        found["axes"].append([model["sign"][i] * c for c in frame[2]])
-        found["anchors"].append(at)
+        placed["axes"].append([model["sign"][i] * c for c in frame[2]])
+        placed["anchors"].append(at)
         at = _along(at, slide, frame[2])
         frame = _about(2, angle, frame)
-        found["frames"].append(frame)
+        placed["frames"].append(frame)
         if distal:
             at = _along(at, a, frame[0])
             frame = _about(1, beta, _about(0, alpha, frame))
-        found["centres"].append(_combined(at, loads["centre_m"][i], frame))
-    found["payload"], found["end"] = _combined(at, loads["payload_at_m"], frame), at
-    return found
+        placed["centres"].append(_combined(at, loads["centre_m"][i], frame))
+    placed["payload"], placed["end"] = _combined(at, loads["payload_at_m"], frame), at
+    return placed
 
 
 def _torques(model: dict[str, Any], joints: list[float], payload_kg: float) -> tuple[list[float], list[list[float]]]:
@@ -284,26 +284,26 @@ def _link_loads(model: dict[str, Any], joints: list[float], given: dict[str, flo
     loads, placed, n = model["loads"], _nominal_frames(model, joints), len(joints)
     gravity, payload = loads["gravity"], given.get("payload_kg", 0.0)
     force, moment, at = [payload * g for g in gravity], [0.0] * 3, placed["payload"]
-    found: list[list[float]] = []
+    loads_at_ends: list[list[float]] = []
     for j in reversed(range(n)):
         far = placed["end"] if j == n - 1 else placed["anchors"][j + 1]
         moment, at = _plus(moment, _cross(_less(at, far), force)), far
         axes = placed["frames"][j]
-        found.append([_dot(axis, vector) for vector in (force, moment, gravity) for axis in axes])
+        loads_at_ends.append([_dot(axis, vector) for vector in (force, moment, gravity) for axis in axes])
         weight = [loads["mass_kg"][j] * g for g in gravity]
         moment = _plus(moment, _cross(_less(placed["centres"][j], at), weight))
         force = _plus(force, weight)
-    return found[::-1]
+    return loads_at_ends[::-1]
 
 
 def _residual(term: dict[str, Any], joints: list[float]) -> list[float]:
     """Offsets by Gaussian processes: Matern's of each joint's own position, and of all positions."""
     own, every, smooth = term["own"], term["all"], term["smooth"]  # pairs of a length and a variance
     offsets = [0.0] * len(joints)
-    for there, weights in zip(term["poses"], term["weights"]):
+    for pose, weights in zip(term["poses"], term["weights"]):
         apart = [
             2 * math.sin((q - p) / 2) if turns else (q - p) / term["slide_m"]
-            for q, p, turns in zip(joints, there, term["turning"])
+            for q, p, turns in zip(joints, pose, term["turning"])
         ]
         whole = math.hypot(*apart)
         common = sum(size * math.exp(-whole / length) for length, size in every)
@@ -413,7 +413,7 @@ def _solved(rows: list[list[float]], right: list[float]) -> list[float]:
         for k in range(i + 1, n):
             share = work[k][i] / work[i][i]
             work[k] = [p - share * q for p, q in zip(work[k], work[i])]
-    found = [0.0] * n
+    solution = [0.0] * n
     for i in reversed(range(n)):
-        found[i] = (work[i][n] - sum(work[i][j] * found[j] for j in range(i + 1, n))) / work[i][i]
-    return found
+        solution[i] = (work[i][n] - sum(work[i][j] * solution[j] for j in range(i + 1, n))) / work[i][i]
+    return solution

@@ -85,17 +85,17 @@ class TrackedSection:
 
     def value(self, quantity: str, units: dict[str, float]) -> float:
         """Return a required number."""
-        found = self.optional(quantity, units)
-        if found is None:
+        number = self.optional(quantity, units)
+        if number is None:
             raise LabError(f"{self.where}: {quantity} is missing; give {quantity}_{' or _'.join(units)}")
-        return found
+        return number
 
     def positive(self, quantity: str, units: dict[str, float]) -> float:
         """Return a number above zero, or NaN."""
-        found = self.optional(quantity, units)
-        if found is not None and not found > 0:
-            raise LabError(f"{self.where}: {quantity} is {found:g}; give more than zero, or leave it out")
-        return np.nan if found is None else found
+        number = self.optional(quantity, units)
+        if number is not None and not number > 0:
+            raise LabError(f"{self.where}: {quantity} is {number:g}; give more than zero, or leave it out")
+        return np.nan if number is None else number
 
     def flag(self, key: str) -> bool:
         """Return a boolean; false if the key is absent."""
@@ -297,10 +297,10 @@ def links_of(path: Path, sections: Any, size: int) -> LinkSections:
 
 def _compliances(section: TrackedSection) -> Array:
     """Return ``(4,)``, from a tube or from stiffnesses."""
-    given = [section.positive(name, {unit: 1.0}) for name, unit in _STIFFNESSES]
-    both, y, z, twist, extension = given
+    stated = [section.positive(name, {unit: 1.0}) for name, unit in _STIFFNESSES]
+    both, y, z, twist, extension = stated
     if "tube_mm" in section.content:
-        if not np.isnan(given).all():
+        if not np.isnan(stated).all():
             raise LabError(f"{section.where}: tube_mm and stiffnesses are both given; keep one")
         return _tube(section)
     if "material" in section.content or {"young_gpa", "shear_gpa"} & section.unread:
@@ -448,8 +448,8 @@ def _corrected(path: Path, chain: Chain, file: Any) -> Chain:
     at, last = np.stack(frames[:-1]), frames[-1]
     axes = JointAxes(at[:, :3, 3], at[:, :3, 2] * chain.sign[:, None], np.zeros((0, 3)))
     limits = (chain.lower, chain.upper, chain.speed, chain.acceleration)
-    found, _ = chain_from_axes(chain.name, chain.joint_names, chain.prismatic, axes, np.eye(4), last, limits)
-    return found
+    corrected, _ = chain_from_axes(chain.name, chain.joint_names, chain.prismatic, axes, np.eye(4), last, limits)
+    return corrected
 
 
 def _place(path: Path, document: Mapping[str, Any]) -> Array | None:

@@ -47,11 +47,11 @@ def read_bytes(path: Path, most: Limit, mend: str = "check the path") -> bytes:
         mend: advice for the end of the message.
     """
     try:
-        found = path.stat()
-        if not stat.S_ISREG(found.st_mode):
-            kind = "a directory" if stat.S_ISDIR(found.st_mode) else "no regular file"
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            kind = "a directory" if stat.S_ISDIR(status.st_mode) else "no regular file"
             raise LabError(f"{path}: cannot be read (it is {kind}); {mend}")
-        most(path, found.st_size)
+        most(path, status.st_size)
         with open(path, "rb", opener=_without_waiting) as file:
             content = file.read(most.most + 1) or b""
     except OSError as error:
@@ -240,17 +240,17 @@ def _tuple_hook(kind: Any, converter: "Converter") -> Any:
         valid = f"a list, each {_PLAIN.get(part, 'of its type')}"
         if not isinstance(value, Sequence) or isinstance(value, str):
             raise _InvalidError(value, valid)
-        found = list[Any]()
+        parts = list[Any]()
         for i, each in enumerate(value):
             try:
-                found.append(converter.structure(each, part))
+                parts.append(converter.structure(each, part))
             except _InvalidError as error:
                 raise _InvalidError(value, valid) from error
             except BaseValidationError as error:
                 if not converter.forbid_extra_keys:
                     error.add_note(AttributeValidationNote(f"in {i}", str(i), part))
                 raise
-        return tuple(found)
+        return tuple(parts)
 
     return hook
 
@@ -263,14 +263,14 @@ def _mapping_hook(kind: Any, converter: "Converter") -> Any:
     def hook(value: object, _: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping):
             raise _InvalidError(value, "a group of named values")
-        found = {}
+        parts = {}
         for name, each in value.items():
             try:
-                found[name] = converter.structure(each, part)
+                parts[name] = converter.structure(each, part)
             except (BaseValidationError, ValueError) as error:
                 error.add_note(AttributeValidationNote(f"in {name}", name, part))
                 raise
-        return found
+        return parts
 
     return hook
 

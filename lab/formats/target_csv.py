@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.errors import LabError, counted, error_context, option_name
 from lab.core.limits import ROWS, Limit
-from lab.core.measurements import measured
+from lab.core.measurements import Measurements, measured
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
 from lab.core.values import Value
@@ -93,8 +93,8 @@ class _TargetReader(PoseReader):
         names = self._targets()
         self._refuse_unknown_axes(names)
         if len(names) != 1:
-            found = f"targets of {', '.join(names)}: give those of one point" if names else "no target"
-            raise self.wrong(f"{found}, in columns like x_mm, y_mm, z_mm")
+            problem = f"targets of {', '.join(names)}: give those of one point" if names else "no target"
+            raise self.wrong(f"{problem}, in columns like x_mm, y_mm, z_mm")
         positions = np.stack([self._coordinate(names[0], axis) for axis in "xyz"], axis=1)
         self._refuse_half_seen(names[0], positions)
         if np.isnan(positions).any():
@@ -118,8 +118,8 @@ class _TargetReader(PoseReader):
 
     def _joints(self) -> Array:
         stems = {*self.joint_names, *(f"q{j + 1}" for j in range(len(self.joint_names)))}
-        given = [column for column in self.header if column.rsplit("_", 1)[0] in stems or column in stems]
-        if not given:
+        columns = [column for column in self.header if column.rsplit("_", 1)[0] in stems or column in stems]
+        if not columns:
             return np.full((len(self), len(self.joint_names)), np.nan)
         joints = np.stack([self._joint(j, empty=True) for j in range(len(self.joint_names))], axis=1)
         empty = np.isnan(joints)
@@ -145,24 +145,9 @@ class _TargetReader(PoseReader):
         data = measured((), np.empty((len(positions), 0)), (name,), positions[:, None])
         with error_context(self.path):
             quaternions = read_orientations(replace(data, other=rest, lines=tuple(self.lines)), name, meaning)
-        given = np.isfinite(quaternions).all(axis=1)
-        rotations[given] = se3.rotation_from_quaternion(quaternions[given])
+        oriented = np.isfinite(quaternions).all(axis=1)
+        rotations[oriented] = se3.rotation_from_quaternion(quaternions[oriented])
         return rotations
-
-
-@dataclass(frozen=True)
-class _JointRows:
-    """Joint positions of a file.
-
-    Attributes:
-        ids: of the rows.
-        joints: ``(n, joints)`` rad or m.
-        warnings: messages for the user.
-    """
-
-    ids: tuple[str, ...]
-    joints: Array
-    warnings: tuple[str, ...] = ()
 
 
 def holds_targets(path: Path, most: Limit = ROWS) -> bool:
@@ -175,8 +160,7 @@ def holds_targets(path: Path, most: Limit = ROWS) -> bool:
     return any(cell for name in columns for cell in table.texts(name) or ())
 
 
-def read_joints(path: Path, joint_names: Sequence[str], prismatic: Sequence[bool]) -> _JointRows:
-    """Read a file of joint positions; it may call the joints q1 ... qn."""
-    data = read_measurements(path, joint_names, prismatic, points=False, columns=ObservedColumns())
-    kept = np.array([i for i, use in enumerate(data.use) if use != "skip"], dtype=np.int_)
-    return _JointRows(tuple(data.ids[i] for i in kept), data.joints[kept], data.warnings)
+def read_joints(path: Path, joint_names: Sequence[str], prismatic: Sequence[bool]) -> Measurements:
+    """Read a file of joint positions, without the rows of use ``skip``; it may call the joints q1 ... qn."""
+    rows = read_measurements(path, joint_names, prismatic, points=False, columns=ObservedColumns())
+    return rows[[use != "skip" for use in rows.use]]

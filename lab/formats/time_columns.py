@@ -102,16 +102,16 @@ def _since(seconds: Array, columns: str) -> ColumnTimes:
 
 def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -> tuple[Array, Clock]:
     rows = [i for i, cell in enumerate(cells) if cell.strip()]
-    given = [(i, cells[i].strip()) for i in rows]
+    filled = [(i, cells[i].strip()) for i in rows]
     seconds = np.full(len(cells), np.nan)
-    if not given:
+    if not filled:
         return seconds, "seconds"
-    if all(_SECONDS.fullmatch(cell) for _, cell in given):
-        numbers = _as_numbers([cell for _, cell in given])
+    if all(_SECONDS.fullmatch(cell) for _, cell in filled):
+        numbers = _as_numbers([cell for _, cell in filled])
         numbers = 1e-9 * numbers if numbers.min() > _NANOSECONDS else numbers
         seconds[rows] = numbers
         return seconds, "date" if numbers.min() > _SINCE_1970 else "seconds"
-    seconds[rows], clock = _clock_times(given, where, dates)
+    seconds[rows], clock = _clock_times(filled, where, dates)
     return seconds, clock
 
 

@@ -158,10 +158,10 @@ class _PointReader:
         return None if column is None else self._take(column, what)
 
     def _coordinate(self, axis: str) -> int:
-        given = getattr(self.given, axis)
-        if not given and self.table.headings is None:
+        wanted = getattr(self.given, axis)
+        if not wanted and self.table.headings is None:
             return self._take(self._first_coordinate() + "xyz".index(axis), axis)
-        column = self._named(axis, given, tuple(form.format(axis) for form in _MEASURED))
+        column = self._named(axis, wanted, tuple(form.format(axis) for form in _MEASURED))
         if column is None:
             raise self.table.missing(axis)
         return column
@@ -204,19 +204,19 @@ class _PointReader:
         return stated
 
     def _name(self, at: list[int]) -> int | None:
-        found = self._named("name", self.given.name, _NAMES)
-        if found is not None or self.table.headings is not None:
-            return found
+        column = self._named("name", self.given.name, _NAMES)
+        if column is not None or self.table.headings is not None:
+            return column
         before = [c for c in range(min(at)) if c not in self.used and not self.table.is_blank(c)]
         return self._take(before[-1], "name") if before else None
 
     def _sigma(self, scale: float) -> Array:
         """Return the standard uncertainties ``(n,)`` m of a coordinate, NaN without a column."""
-        given = self.given.sigma
-        if len(given) == 1:
-            return self._total(self.table.column(given[0]), scale)
-        if given:
-            pairs = zip(given, "xyz", strict=True)
+        wanted = self.given.sigma
+        if len(wanted) == 1:
+            return self._total(self.table.column(wanted[0]), scale)
+        if wanted:
+            pairs = zip(wanted, "xyz", strict=True)
             parts = [self._take(self.table.column(each), f"uncertainty of {axis}") for each, axis in pairs]
         else:
             parts = self._known_sigmas()

@@ -92,11 +92,11 @@ def read_corrections(path: Path) -> Array:
     if not parser.has_section("mounting"):
         raise LabError(f"{path}: has no section [mounting]; give the controller's calibration.conf")
     columns = [_list(path, key, parser.get("mounting", key, fallback="")) for key in _KEYS]
-    found = np.stack(columns, axis=1)
-    for key, column, sizes in zip(_KEYS, found.T, _RANGES, strict=True):
+    corrections = np.stack(columns, axis=1)
+    for key, column, sizes in zip(_KEYS, corrections.T, _RANGES, strict=True):
         if (largest := np.abs(column).max()) not in sizes:
             raise LabError(f"{path}: {key} reaches {largest:.3g} {sizes.unit}; give the controller's own file")
-    return found
+    return corrections
 
 
 def _list(path: Path, key: str, text: str) -> Array:
@@ -114,13 +114,13 @@ def _list(path: Path, key: str, text: str) -> Array:
 
 def _kinematics(identified: IdentifiedRobot[SerialArm, object]) -> str:
     """Return the YAML of an identified arm; "" for another maker."""
-    found = ur_frames(identified.arm, identified.values)
-    if found is None:
+    identified_frames = ur_frames(identified.arm, identified.values)
+    if identified_frames is None:
         return ""
-    places = _places(identified.arm.targets, found, "base_link_inertia")
+    places = _places(identified.arm.targets, identified_frames, "base_link_inertia")
     lines = [_YAML_HEAD.format(name=" ".join(identified.name.split()), places=places).rstrip(), "kinematics:"]
     before = np.eye(4)
-    for name, frame in zip(_LINKS, found.joints, strict=True):
+    for name, frame in zip(_LINKS, identified_frames.joints, strict=True):
         values = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), _six(se3.inverse(before) @ frame), strict=True))
         lines.append(f"  {name}:")
         lines += [f"    {key}: {value!r}" for key, value in values.items()]
@@ -130,8 +130,8 @@ def _kinematics(identified: IdentifiedRobot[SerialArm, object]) -> str:
 
 def _corrections(identified: IdentifiedRobot[SerialArm, object]) -> str:
     """Return the controller's lists of an identified arm; "" for an unknown table."""
-    found, nominal = (ur_frames(identified.arm, v) for v in (identified.values, identified.arm.nominal()))
-    if found is None or nominal is None:
+    identified_frames, nominal = (ur_frames(identified.arm, v) for v in (identified.values, identified.arm.nominal()))
+    if identified_frames is None or nominal is None:
         return ""
     lengths = _lengths(nominal.joints)
     apart = {model: np.abs(lengths - np.array(own)).max() for model, own in _LENGTHS.items()}
@@ -139,8 +139,8 @@ def _corrections(identified: IdentifiedRobot[SerialArm, object]) -> str:
         return ""
     d1, a2, a3, d4, d5, d6 = _LENGTHS[model]
     table = np.array([np.zeros(6), [d1, 0, 0, d4, d5, d6], [0, a2, a3, 0, 0, 0], _ALPHAS]).T
-    delta = _distal_table(found.joints) - table
-    places = _places(identified.arm.targets, found, "the controller's base")
+    delta = _distal_table(identified_frames.joints) - table
+    places = _places(identified.arm.targets, identified_frames, "the controller's base")
     lines = [_CONF_HEAD.format(name=" ".join(identified.name.split()), model=model, places=places).rstrip()]
     lines.append("[mounting]")
     lines += [
@@ -189,8 +189,8 @@ def ur_frames(arm: SerialArm, values: Array) -> _UrFrames | None:
         return None
     last_tool0 = se3.inverse(turn @ nominal[-1]) @ placed[-1]  # mostly one
     frames = [turn @ T for T in _axis_frames(arm, values)]
-    found = _placed(tuple(frames))
-    if found is None:
+    identified = _placed(tuple(frames))
+    if identified is None:
         apart = _shoulder_apart(frames)
         raise LabError(
             f"the identified axes of joints 1 and 2 are {MM.text(apart, 2)} apart, but the format is of arms whose "
@@ -204,7 +204,7 @@ def ur_frames(arm: SerialArm, values: Array) -> _UrFrames | None:
     else:
         after = after @ _across(table[-1])
     points = se3.transform(se3.inverse(last_tool0) @ after, points)
-    return _UrFrames(arm.T_tracker_frame0(values) @ before @ turn, (*found[:-1], tool0), points)
+    return _UrFrames(arm.T_tracker_frame0(values) @ before @ turn, (*identified[:-1], tool0), points)
 
 
 def _across(row: Array) -> Array:
@@ -218,12 +218,12 @@ def _axis_frames(arm: SerialArm, values: Array) -> list[Array]:
     tree = link_tree(arm, values)
     _, table, _ = arm.split(values)
     pose = se3.inverse(_across(table[0])) if arm.chain.convention == "craig" else np.eye(4)
-    found = []
+    frames = []
     for link in tree.moving:
         pose = pose @ link.T_parent_link
         flip = np.diag([1.0, link.sign, link.sign, 1.0])
-        found.append(pose @ flip)
-    return found
+        frames.append(pose @ flip)
+    return frames
 
 
 def _placed(frames: tuple[Array, ...]) -> tuple[Array, ...] | None:

@@ -77,13 +77,13 @@ def _tool0(identified: IdentifiedRobot[SerialArm, object]) -> list[Link]:
     tree = link_tree(arm, values)
     name = free_name("tool0", [link.name for link in tree.links])
     try:
-        found = ur_frames(arm, values)
+        placed = ur_frames(arm, values)
     except LabError:  # the identified arm has no such frame; its own links are written all the same
         return []
-    if found is None:
+    if placed is None:
         return []
     T_instrument_last = arm.T_tracker_frame0(values) @ last_axis_frame(arm, values)
-    T_last_tool0 = se3.inverse(T_instrument_last) @ found.T_instrument_base @ found.joints[-1]
+    T_last_tool0 = se3.inverse(T_instrument_last) @ placed.T_instrument_base @ placed.joints[-1]
     return [Link(name, tree.moving[-1].name, T_last_tool0, np.eye(4))]
 
 
@@ -141,17 +141,17 @@ _ORIGIN = re.compile(r"<origin\b[^>]*?(/>|>\s*</origin\s*>)", re.DOTALL)
 def with_origins(text: str, origins: Mapping[str, Array]) -> str:
     """Replace the origins of joints in a URDF by poses ``(4, 4)`` (m) in their parents' frames."""
     plain = _COMMENT.sub(lambda match: " " * len(match[0]), text)  # comments may hold joints too
-    found, parts, at = set[str](), list[str](), 0
+    placed, parts, at = set[str](), list[str](), 0
     for joint in _JOINT.finditer(plain):
-        if joint["name"] not in origins or joint["name"] in found or "<parent" not in joint["body"]:
+        if joint["name"] not in origins or joint["name"] in placed or "<parent" not in joint["body"]:
             continue
-        found.add(joint["name"])
+        placed.add(joint["name"])
         origin = _ORIGIN.search(plain, joint.start("body"), joint.end("body"))
         start, end = origin.span() if origin else (joint.start("body"), joint.start("body"))
         xyz, rpy = _origin(origins[joint["name"]])
         parts += [text[at:start], f'<origin xyz="{xyz}" rpy="{rpy}"/>']
         at = end
-    if missing := sorted(set(origins) - found):
+    if missing := sorted(set(origins) - placed):
         raise LabError(f"joint {missing[0]} is not in the URDF as a joint with an origin; its text cannot be patched")
     return "".join([*parts, text[at:]])
 
@@ -411,12 +411,12 @@ def stl_of_collada(path: Path, content: bytes) -> bytes:
     unit = root.find("asset/unit")
     scale = 1.0 if unit is None else float(unit.get("meter", "1"))
     try:
-        found = list(_scene_triangles(root))
+        triangles = list(_scene_triangles(root))
     except (ValueError, KeyError, IndexError, AttributeError) as error:
         raise LabError(f"{path}: its geometry cannot be read ({error!r}); export the mesh as STL") from error
-    if not found:
+    if not triangles:
         raise LabError(f"{path}: has no triangle; export the mesh as STL")
-    return _stl_of_triangles(scale * np.concatenate(found))
+    return _stl_of_triangles(scale * np.concatenate(triangles))
 
 
 def _scene_triangles(root: ET.Element) -> Iterator[Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from lab.compensation.compensator import REQUESTED_BRANCH, Compensation, Compensator
 from lab.core.errors import LabError, error_context
-from lab.core.measurements import LAST_MOVE, asked, last_moves
+from lab.core.measurements import LAST_MOVE, condition_column, last_moves
 from lab.core.progress import stages
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -270,7 +270,7 @@ def _conditions(run: CalibrationRun, targets: Targets, source: str) -> tuple[Arr
         columns = [
             np.zeros(len(targets))  # until it is known where the joints come from
             if name.startswith(LAST_MOVE)
-            else asked(given, name, len(targets), lambda row: f"line {targets.lines[row]}")
+            else condition_column(given, name, len(targets), lambda row: f"line {targets.lines[row]}")
             for name in conditions
         ]
     return np.stack(columns, axis=1) if columns else np.empty((len(targets), 0)), notes

@@ -280,37 +280,37 @@ def _numbers(argument: str, values: ArrayLike) -> Array:
 
 def _points(points: ArrayLike, n: int) -> Array:
     """Points as ``(n, targets, 3)``; one target may be ``(n, 3)``."""
-    found = _numbers("points", points)
-    found = found[:, None, :] if found.ndim == 2 else found
-    if found.ndim != 3 or found.shape[0] != n or found.shape[2] != 3:
+    coordinates = _numbers("points", points)
+    coordinates = coordinates[:, None, :] if coordinates.ndim == 2 else coordinates
+    if coordinates.ndim != 3 or coordinates.shape[0] != n or coordinates.shape[2] != 3:
         raise LabError(
             f"{_CALL}: points have shape {np.shape(points)}; give ({n}, 3) or ({n}, targets, 3): one row for each of "
             f"the {n} poses"
         )
-    if (infinite := np.isinf(found).any(axis=(1, 2))).any():
+    if (infinite := np.isinf(coordinates).any(axis=(1, 2))).any():
         raise LabError(f"{_CALL}: points[{infinite.argmax()}] is not finite; give NaN where a target was not seen")
-    return np.where(np.isnan(found).any(axis=2, keepdims=True), np.nan, found)
+    return np.where(np.isnan(coordinates).any(axis=2, keepdims=True), np.nan, coordinates)
 
 
 def _column(argument: str, values: ArrayLike, n: int) -> Array:
-    found = _numbers(argument, values)
-    if found.shape not in ((), (n,)):
-        raise LabError(f"{_CALL}: {argument} has shape {found.shape}; give one number, or {n}: one for each pose")
-    return np.broadcast_to(found, (n,)).copy()
+    column = _numbers(argument, values)
+    if column.shape not in ((), (n,)):
+        raise LabError(f"{_CALL}: {argument} has shape {column.shape}; give one number, or {n}: one for each pose")
+    return np.broadcast_to(column, (n,)).copy()
 
 
 def _texts(argument: str, values: Sequence[Any], n: int) -> tuple[str, ...]:
-    found = tuple(map(str, values))
-    if isinstance(values, str) or len(found) != n:
-        raise LabError(f"{_CALL}: {argument} has {len(found)} entries; give {n}: one for each pose")
-    return found
+    texts = tuple(map(str, values))
+    if isinstance(values, str) or len(texts) != n:
+        raise LabError(f"{_CALL}: {argument} has {len(texts)} entries; give {n}: one for each pose")
+    return texts
 
 
 def _uses(use: Sequence[str], n: int) -> tuple[str, ...]:
-    found = _texts("use", use, n)
-    if wrong := set(found) - set(USES):
+    uses = _texts("use", use, n)
+    if wrong := set(uses) - set(USES):
         raise LabError(f"{_CALL}: use '{min(wrong)}' is unknown; there are {', '.join(USES)}")
-    return found
+    return uses
 
 
 def _orientations(targets: tuple[str, ...], orientations: ArrayLike, n: int) -> dict[str, tuple[str, ...]]:
@@ -320,14 +320,14 @@ def _orientations(targets: tuple[str, ...], orientations: ArrayLike, n: int) -> 
             f"{_CALL}: orientations have shape {rotations.shape}; give ({n}, 3, 3), a rotation matrix for each pose, "
             "and points beside them"
         )
-    there = np.asarray(np.isfinite(rotations).all(axis=(1, 2)), dtype=np.bool_)
-    rotations = np.where(there[:, None, None], rotations, np.eye(3))
+    complete = np.asarray(np.isfinite(rotations).all(axis=(1, 2)), dtype=np.bool_)
+    rotations = np.where(complete[:, None, None], rotations, np.eye(3))
     off = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
     if (wrong := np.flatnonzero((off > _ROUNDING) | (np.linalg.det(rotations) < 0))).size:
         raise LabError(
             f"{_CALL}: orientations[{wrong[0]}] is no rotation matrix; give orthonormal ones of determinant 1"
         )
-    return orientation_texts(targets[0], rotations, there)
+    return orientation_texts(targets[0], rotations, complete)
 
 
 class WorldFrames(NamedTuple):

@@ -181,12 +181,12 @@ class TrueRobot(Value, ABC):
             scatter: ``(m, n)`` rad or m, random joint errors.
         """
         sites = [self.model.site(name).id for name in targets]
-        there = PoseConditions(conditions, len(joints), self.robot.chain.joint_names)
-        driven = self.effects.driven(joints, there) + scatter
-        world = self._site_positions(driven, sites, there.column(PAYLOAD))
-        world = self.effects.moved(world, self.robot.T_world_frame0[:3, 3], there)
+        pose_conditions = PoseConditions(conditions, len(joints), self.robot.chain.joint_names)
+        driven = self.effects.driven(joints, pose_conditions) + scatter
+        world = self._site_positions(driven, sites, pose_conditions.column(PAYLOAD))
+        world = self.effects.moved(world, self.robot.T_world_frame0[:3, 3], pose_conditions)
         first = se3.transform(se3.inverse(self.T_world_tracker), world.reshape(-1, 3)).reshape(world.shape)
-        return self.effects.seen_after(first, there)
+        return self.effects.seen_after(first, pose_conditions)
 
     @abstractmethod
     def truth(self, targets: tuple[str, ...]) -> Truth | None:

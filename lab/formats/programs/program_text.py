@@ -94,18 +94,18 @@ class PoseSpelling:
 
 
 def _quaternion_near(R: Array, was: Array) -> Array:
-    found = se3.quaternion_from_rotation(R)
-    return found if found @ was >= 0 else -found
+    quaternion = se3.quaternion_from_rotation(R)
+    return quaternion if quaternion @ was >= 0 else -quaternion
 
 
 def _vector_near(R: Array, was: Array) -> Array:
     """Return the rotation vector nearest to another one, by whole turns about its axis."""
-    found = se3.log(R)
-    angle = float(np.linalg.norm(found))
+    vector = se3.log(R)
+    angle = float(np.linalg.norm(vector))
     if angle < 1e-12:
         axis = was / np.linalg.norm(was) if np.linalg.norm(was) > np.pi else np.zeros(3)
-        return np.asarray(found + axis * 2 * np.pi * np.round(np.linalg.norm(was) / (2 * np.pi)))
-    axis = found / angle
+        return np.asarray(vector + axis * 2 * np.pi * np.round(np.linalg.norm(was) / (2 * np.pi)))
+    axis = vector / angle
     return np.asarray(axis * (angle + 2 * np.pi * np.round((axis @ was - angle) / (2 * np.pi))))
 
 
@@ -121,10 +121,10 @@ def _fixed_near(R: Array, was: Array) -> Array:
         back = se3.exp(np.array([0.0, 0.0, -last])) @ R
         pitch = np.arctan2(-back[2, 0], back[0, 0])
         first = np.arctan2(-back[1, 2], back[1, 1])
-        found = np.rad2deg([first, pitch, last])
+        angles = np.rad2deg([first, pitch, last])
     else:
-        found = np.rad2deg(se3.roll_pitch_yaw(R))
-    choices = [found, np.array([found[0] + _HALF, _HALF - found[1], found[2] + _HALF])]
+        angles = np.rad2deg(se3.roll_pitch_yaw(R))
+    choices = [angles, np.array([angles[0] + _HALF, _HALF - angles[1], angles[2] + _HALF])]
     near = [each + _TURN * np.round((was - each) / _TURN) for each in choices]
     best = np.asarray(min(near, key=lambda each: float(np.abs(each - was).sum())))
     usual = np.abs(was) <= _HALF  # numbers within half a turn stay so
@@ -222,7 +222,7 @@ def line_of(text: str, offset: int) -> int:
 
 @lru_cache(maxsize=4)
 def _ends_of_lines(text: str) -> list[int]:
-    return [found.end() for found in re.finditer(r"\r\n|\n|\r", text)]
+    return [end.end() for end in re.finditer(r"\r\n|\n|\r", text)]
 
 
 def masked(text: str, hidden: str, retained: str = '"[^"\r\n]*"') -> str:
@@ -307,11 +307,11 @@ class ArmShape:
 
     def _moved(self, point: Array, joints: Array, first: int, last: int) -> Array:
         """Move the point ``(3,)`` m given at zero by joints ``first`` up to before ``last``, to ``(n, 3)``."""
-        found = np.broadcast_to(point, (len(joints), 3))
+        moved = np.broadcast_to(point, (len(joints), 3))
         for i in reversed(range(first, last)):
             turns = se3.exp((self.chain.sign[i] * joints[:, i])[:, None] * self.directions[i])
-            found = self.origins[i] + np.einsum("nij,nj->ni", turns, found - self.origins[i])
-        return np.asarray(found)
+            moved = self.origins[i] + np.einsum("nij,nj->ni", turns, moved - self.origins[i])
+        return np.asarray(moved)
 
 
 @dataclass(frozen=True)
@@ -451,7 +451,7 @@ class Outside:
 
     def posed(self, spelling: PoseSpelling) -> dict[str, Array]:
         """Return poses ``(4, 4)`` (m) of the frames with numbers."""
-        found = {}
+        frames = {}
         for name, values in self.frames.items():
             if isinstance(values, str):
                 continue
@@ -465,8 +465,8 @@ class Outside:
                 raise LabError(
                     f"{option_name('frames')}: the quaternion of {name} has the length {np.linalg.norm(values[3:]):.3g}"
                 )
-            found[name] = spelling.pose(np.array(values))
-        return found
+            frames[name] = spelling.pose(np.array(values))
+        return frames
 
     def alias(self, name: str) -> str:
         """Return the frame of a name: another one if given, else itself."""
