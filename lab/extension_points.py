@@ -44,7 +44,7 @@ by its name from then on. What a part's methods raise and return is checked by i
 import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache, wraps
 from importlib import import_module
@@ -331,7 +331,8 @@ def load(group: str, name: str) -> Any:
         names = ", ".join(registered(group)) or "none"
         raise LabError(f"'{name}' is not registered as an entry point of {group}; there are {names}")
     try:
-        return entry.load()
+        with redirect_stdout(sys.stderr):  # standard output is for the result alone
+            return entry.load()
     except (Exception, SystemExit) as error:
         raise LabError(
             f"extension '{name}' ({entry.value}) cannot be loaded ({_cause(error)}); repair or uninstall its package"

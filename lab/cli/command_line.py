@@ -5,6 +5,7 @@ An error becomes one line: what is wrong, where, and where to read on. tyro prin
 alone; without it, or for an unknown event, tyro's box is shown.
 """
 
+import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -36,6 +37,8 @@ try:
     from tyro import _errors as events
 except ImportError:  # of a later tyro
     events = None  # type: ignore[assignment]
+
+os.environ.setdefault("TYPEGUARD_DISABLE_PLUGIN_AUTOLOAD", "1")  # else tyro has all packages' metadata read
 
 _NUMBER = re.compile(r"[+-]?[\d.]+,?")
 _OF_SEVERAL_TYPES = "no type matching"  # tyro's words of a value that may be left out, with types as it calls them

@@ -248,12 +248,14 @@ def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, 
     from threadpoolctl import threadpool_limits
 
     from lab.cli.process import output_may_close, say
+    from lab.core.errors import LabError
     from lab.core.gaps import attempted
     from lab.library.run_folder import complete, free_name, input_files, run_folder
     from lab.report.terminal import starting
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other
+        stack.enter_context(contextlib.redirect_stdout(sys.stderr))  # what parts of packages print is no result
         place = requested.out
         if place is None and (name := command.folder_name(requested.options)):
             place = free_name(Path("runs"), name)
@@ -264,7 +266,10 @@ def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, 
             )
         with starting(f"lab {command.name}"):  # its libraries take longer than its options
             run = command.load_run(requested.options)
-        result: Result = run(requested.options)
+        try:
+            result: Result = run(requested.options)
+        except SystemExit as stop:
+            raise LabError(f"lab {command.name}: {command.run} raises SystemExit: {stop}; return a result") from stop
         _refuse_incomplete(command, result)
         if place is not None:
             result = result.placed(place)

@@ -58,6 +58,13 @@ weigh = Weight
 VIEW = View("weighing:document_of")
 
 
+def leave(options):
+    raise SystemExit(0)
+
+
+LEAVE = Command("leaving", "Leave.", "weighing:Options", "weighing:leave")
+
+
 def document_of(weight):
     return Document("A weight", (Paragraph(f"It weighs {9.81 * weight.options.kg:.2f} N."),))
 
@@ -152,7 +159,20 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str, 
     site = weighing(tmp_path_factory.mktemp("site"))
     package(site, "broken", "[lab.commands]\nbroken = broken:BROKEN\n", "import a_module_that_is_not_there\n")
     package(site, "other", "[lab.commands]\nidentify = weighing:WEIGH\n")
-    lines = ("weigh 2 --json", "weigh -1", "weigh 2", "weigh --help", "broken", "--help", "design --help")
+    ends = "print('printed at import')\nraise SystemExit('no licence')\n"
+    package(site, "ending", "[lab.commands]\nending = ending:ENDING\nleaving = weighing:LEAVE\n", ends)
+    package(site, "corrupt", "[lab.commands]\nweigh\n")
+    lines = (
+        "weigh 2 --json",
+        "weigh -1",
+        "weigh 2",
+        "weigh --help",
+        "broken",
+        "ending",
+        "leaving 2",
+        "--help",
+        "design --help",
+    )
     return dict(zip(lines, lab(site, *lines, after=SPOKEN), strict=True))
 
 
@@ -170,7 +190,9 @@ assert refusal(load_robot("irb120").chain, "spoken") == "no spoken program for 6
 @pytest.mark.thorough
 def test_a_third_party_s_command_is_run_as_the_lab_s_own(said: dict[str, tuple[int, str, str]]) -> None:
     code, printed, warned = said["weigh 2 --json"]
-    assert (code, warned) == (0, "") and json.loads(printed) == {"newton": pytest.approx(19.62)}
+    assert (
+        code == 0 and "'corrupt' cannot be read" in warned and json.loads(printed) == {"newton": pytest.approx(19.62)}
+    )
     assert said["weigh -1"] == (2, "", "lab: give a mass above 0 kg\n")
     assert "It weighs 19.62 N." in said["weigh 2"][1] and "Its mass." in said["weigh --help"][1]
 
@@ -186,7 +208,16 @@ def test_what_cannot_be_imported_is_reported_in_a_line_and_breaks_nothing(
     code, listed, warned = said["--help"]
     assert code == 0 and listed.count("  identify ") == 1 and listed.count("Weigh a robot.") == 1
     line = "extension 'broken' (broken:BROKEN) cannot be loaded (ModuleNotFoundError: No module named"
-    assert warned.startswith(f"lab: warning: {line}") and warned.count("\n") == 1
+    assert warned.count(f"lab: warning: {line}") == 1 and warned.count("Traceback") == 0
+    assert "printed at import" not in listed, listed[-300:]
+    assert "Leave." in listed
+    for text in (
+        "extension 'ending' (ending:ENDING) cannot be loaded (SystemExit: no licence)",
+        "entry points of package 'corrupt' cannot be read",
+    ):
+        assert text in "".join(shown for _, _, shown in said.values())
+    assert said["ending"][0] == 2 and "\nlab: extension 'ending'" in said["ending"][2]
+    assert said["leaving 2"][:2] == (2, "") and "weighing:leave raises SystemExit: 0" in said["leaving 2"][2]
     assert said["broken"][0] == 2 and said["broken"][2].startswith(f"lab: {line}")
     assert said["broken"][2].count("\n") == 1
 
