@@ -76,7 +76,8 @@ class PoseProblem:
         test: ``(t, 3, f)`` m, Jacobians of the targets at the poses where the error is predicted.
         already: ``(n0, joints + stations - 1 + payload)``, poses measured before.
         planned: what a sensor reads, whose readings come and go with the poses; None for measured points.
-        access: the collision-free paths between the poses; None after pickling or copying, because it is too large.
+        access: the collision-free paths between the poses; None after pickling or copying, because it is too large;
+            ``pool`` is then computed again.
     """
 
     robot: Robot
@@ -101,7 +102,10 @@ class PoseProblem:
     planned: PlannedReadings | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "access": None}
+        return {**self.__dict__, "access": None, "pool": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, pool=state["sensitivity"](state["inputs"]))
 
     @property
     def measured(self) -> Array | None:

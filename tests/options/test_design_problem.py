@@ -1,5 +1,6 @@
 """A design's problem: candidates and sensitivities, and the search among them."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,10 @@ def test_a_pose_carries_one_of_the_payloads_and_its_sensitivity_is_the_loaded_ar
     assert (heavier > lighter).mean() > 0.9
     between = problem.inputs[:1] + np.array([0, 0, 0, 0.7])  # a step of the ascent: the nearest payload counts
     np.testing.assert_array_equal(problem.whitened(between), problem.whitened(problem.inputs[:1]))
+    kept = pickle.dumps(problem)
+    again = pickle.loads(kept)
+    np.testing.assert_array_equal(again.pool, problem.pool)
+    assert len(pickle.dumps(replace(problem, pool=np.zeros(10**6)))) == len(kept), "the pool is not pickled"
 
 
 def test_a_design_for_compliance_loads_poses_and_one_for_geometry_has_no_reason_to(tmp_path: Path) -> None:
