@@ -62,28 +62,34 @@ def residual_spread(
             which the fit weighs already; None where they share none.
     """
     if not observation_of(found.model).positions:
-        exceeded = found.sigma_given and lack_of_fit and found.dof_each is None and found.sigma_m > 0
-        widened = max(found.residual_sigma_m / found.sigma_m, 1.0) ** 2 if exceeded else 1.0
-        dof = None if found.sigma_given and not lack_of_fit else max(found.dof, 1)
-        return ResidualSpread(float("nan"), float("nan"), widened, dof)
-    noise_m = found.sigma_m if independent_m is None else independent_m
+        return _spread_of_readings(found, lack_of_fit=lack_of_fit)
     if found.process is not None:
         return ResidualSpread(float(np.fmax(found.residual_sigma_m, found.sigma_m)), 0.0, dof=max(found.dof, 1))
-    parts = _Parts.of(found, labels)
-    total_m, dof, widened = float(np.sqrt(parts.of_one_reading)), max(parts.dof, 1), 1.0
-    if found.sigma_given:
-        total_m = float(np.fmax(total_m, found.sigma_m))
-    trusted = found.dof_each is not None or independent_m is not None  # the covariance has its own clusters
-    if not trusted and found.sigma_given and lack_of_fit and found.sigma_m > 0:
-        widened = max(parts.of_means / found.sigma_m**2, 1.0)
-    elif not trusted and not found.sigma_given and parts.is_shared:
-        widened = max(parts.of_means / parts.pooled, 1.0)
+    # one reading at a new configuration
+    variances = _Variances.of(found, labels)
+    total_m, dof = float(np.sqrt(variances.of_one_reading)), max(variances.dof, 1)
+    own_clusters = found.dof_each is not None or independent_m is not None  # of the covariance: nothing widens it
     if not found.sigma_given:
+        shared = not own_clusters and variances.is_shared
+        widened = max(variances.of_means / variances.pooled, 1.0) if shared else 1.0
         return ResidualSpread(total_m, total_m, widened, dof)
+    # beside a given noise
+    total_m = float(np.fmax(total_m, found.sigma_m))
     if not lack_of_fit and independent_m is None:
         return ResidualSpread(total_m, 0.0)
+    exceeded = not own_clusters and lack_of_fit and found.sigma_m > 0
+    widened = max(variances.of_means / found.sigma_m**2, 1.0) if exceeded else 1.0
+    noise_m = found.sigma_m if independent_m is None else independent_m
     of_arm_m = float(np.sqrt(max(total_m**2 - noise_m**2, 0.0)))
     return ResidualSpread(total_m, of_arm_m, widened, dof if lack_of_fit else None)
+
+
+def _spread_of_readings(found: Identification, *, lack_of_fit: bool) -> ResidualSpread:
+    """Return the spread where no positions were observed: only how much the covariance is widened."""
+    exceeded = found.sigma_given and lack_of_fit and found.dof_each is None and found.sigma_m > 0
+    widened = max(found.residual_sigma_m / found.sigma_m, 1.0) ** 2 if exceeded else 1.0
+    dof = None if found.sigma_given and not lack_of_fit else max(found.dof, 1)
+    return ResidualSpread(float("nan"), float("nan"), widened, dof)
 
 
 def for_later_rows(
@@ -101,6 +107,7 @@ def for_later_rows(
     """
     if len(order) < _FEWEST_POSES or found.process is not None or not observation_of(found.model).positions:
         return left
+    # the linear problem, its unit variance, and its information
     observed = observed.take(order).thinned(_MAX_POSES)
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals)
     rows, size = linear.jacobian.reshape(-1, len(linear.scale)), linear.mask.shape[1]
@@ -109,20 +116,22 @@ def for_later_rows(
     variance = float(residual @ residual) / max(int(linear.mask.sum()) - rows.shape[1], 1)
     if found.sigma_given:
         variance = max(variance, 1.0)
+    # each block predicted by the others: its squared errors, and those expected of noise and parameters
     squares, expected, numbers = np.zeros((3, _BLOCKS))
     for i, block in enumerate(np.array_split(np.arange(linear.poses), _BLOCKS)):
-        there = slice(block[0] * size, (block[-1] + 1) * size)
-        own, here = rows[there], residual[there]
-        inverse = np.linalg.inv(information - own.T @ own)
-        error = here + own @ (inverse @ (own.T @ here))
+        of_block = slice(block[0] * size, (block[-1] + 1) * size)
+        block_rows, block_residual = rows[of_block], residual[of_block]
+        inverse = np.linalg.inv(information - block_rows.T @ block_rows)
+        error = block_residual + block_rows @ (inverse @ (block_rows.T @ block_residual))
         squares[i], numbers[i] = error @ error, linear.mask[block].sum()
-        expected[i] = variance * (numbers[i] + float(np.einsum("nf,fg,ng->", own, inverse, own)))
+        expected[i] = variance * (numbers[i] + float(np.einsum("nf,fg,ng->", block_rows, inverse, block_rows)))
 
     def excess(more: float) -> float:
         return float((squares / (expected + more * numbers)).sum()) - _BLOCKS
 
     if excess(0.0) <= 0:
         return left
+    # the variance between blocks, as a further block draws it
     more = float(scipy.optimize.brentq(excess, 0.0, float((squares / numbers).sum())))
     unit_m = found.sigma_m if found.sigma_given else found.residual_sigma_m / np.sqrt(variance)
     added = min(more * _BLOCKS / (_BLOCKS - 2) * unit_m**2, most_m**2)
@@ -131,7 +140,7 @@ def for_later_rows(
 
 
 @dataclass(frozen=True)
-class _Parts:
+class _Variances:
     """Variances of a coordinate's residual (m^2), between configurations and within them.
 
     Attributes:
@@ -150,7 +159,7 @@ class _Parts:
     dof_pooled: int
 
     @classmethod
-    def of(cls, found: Identification, labels: NDArray[np.int_] | None) -> "_Parts":
+    def of(cls, found: Identification, labels: NDArray[np.int_] | None) -> "_Variances":
         positions = observation_of(found.model).positions
         residuals, count = found.residuals[:, :positions], found.residuals.shape[1]
         labels = np.arange(len(residuals)) if labels is None else np.unique(labels, return_inverse=True)[1]

@@ -12,7 +12,7 @@ and for an arm that grows steadily as it warms up.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,29 +80,58 @@ def shared_error_findings(
     if found.residual_sigma_m < _FLOOR_M:
         return []
     repeated = adequacy.name == "lack_of_fit.repeats" and adequacy.outcome == "passed"
-    revisited = repeated and _revisited(rows, labels)
-    stated = found.sigma_given and adequacy.outcome != "failed"
-    findings = []  # scatter that the stated noise covers is the instrument's; correlated errors are not, as it is white
+    findings = list[Check]()
     if shared is not None:
         findings += [finding("step", move.size_m, between=(move.before, move.after)) for move in shared.moves]
-        if shared.drift_m:
-            fine = revisited and shared.drift_m < _COMMON_DRIFT_M
-            whole_m = 2 * float(np.sqrt(3)) * shared.drift_m  # from its beginning to its end, of all three axes
-            findings.append(finding("drift", whole_m, supported=fine))
-        if shared.autocorrelated_m:
-            fine = revisited and shared.autocorrelated_m < _COMMON_DRIFT_M
-            findings.append(finding("correlated", shared.autocorrelated_m, supported=fine, correlation=shared.carry))
-        if shared.scatter_rad:
-            slopes = by_joint_positions(
-                found.model, rows.inputs(found.model.conditions), found.values, rows.joints.shape[1]
-            )
-            made = shared.scatter_rad * float(np.sqrt(np.nanmean((slopes**2).sum(axis=(2, 3)))))
-            fine = (repeated or stated) and made < COMMON_SCATTER_M
-            findings.append(finding("scatter", made, supported=fine, scatter_rad=shared.scatter_rad))
+        findings += _findings_over_time(shared, revisited=repeated and _revisited(rows, labels))
+        if shared.scatter_rad:  # what the stated noise covers is the instrument's
+            stated = found.sigma_given and adequacy.outcome != "failed"
+            findings.append(_scatter(found, rows, shared.scatter_rad, covered=repeated or stated))
     sigma = found.sigma_m if shared is None else shared.independent_m
     if not found.sigma_given and sigma > COMMON_NOISE_M and not repeated:
         findings.append(finding("noise", sigma))
     return findings
+
+
+def _findings_over_time(shared: ErrorModel, *, revisited: bool) -> list[Check]:
+    """Findings of drift and of correlated errors; the white noise that was stated covers neither.
+
+    Args:
+        revisited: whether repeats show what time does, and passed the test of lack of fit.
+    """
+    findings = list[Check]()
+    if shared.drift_m:
+        fine = revisited and shared.drift_m < _COMMON_DRIFT_M
+        whole_m = 2 * float(np.sqrt(3)) * shared.drift_m  # from its beginning to its end, of all three axes
+        findings.append(finding("drift", whole_m, supported=fine))
+    if shared.autocorrelated_m:
+        fine = revisited and shared.autocorrelated_m < _COMMON_DRIFT_M
+        findings.append(finding("correlated", shared.autocorrelated_m, supported=fine, correlation=shared.carry))
+    return findings
+
+
+def _scatter(found: Identification, rows: Measurements, scatter_rad: float, *, covered: bool) -> Check:
+    """Finding of joint scatter, with the error that it makes of a point (m, root mean square)."""
+    inputs = rows.inputs(found.model.conditions)
+    slopes = by_joint_positions(found.model, inputs, found.values, rows.joints.shape[1])
+    size_m = scatter_rad * float(np.sqrt(np.nanmean((slopes**2).sum(axis=(2, 3)))))
+    return finding("scatter", size_m, supported=covered and size_m < COMMON_SCATTER_M, scatter_rad=scatter_rad)
+
+
+class _LikeliestChange(NamedTuple):
+    """The likeliest of the changes that were scanned.
+
+    Attributes:
+        what: the names of what moves.
+        p: the chance of as large a change at any row, where nothing changed.
+        time: when it happened, between two rows.
+        columns: ``(n, m, c)`` whitened derivatives by what moves.
+    """
+
+    what: tuple[str, ...]
+    p: float
+    time: float
+    columns: Array
 
 
 def changes_in_time(found: Identification, observed: Observations, rows: Measurements) -> list[Check]:
@@ -118,33 +147,46 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
     times = row_times(rows)
     if (some := evenly(len(rows), _MAX_SCANNED_POSES)) is not None:
         observed, rows, times = observed.take(some), rows[some], times[some]
+    # the linear problem, and the columns of what may change in it
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals)
     white = np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2)[: linear.poses]
     within, changing = linear.everywhere(), _changing(found, linear, observed, rows)
-    grows = next(what for what in changing if "size" in what)  # a joint that moves points alike is named beside it
-    tried, best = 2, None
-    for what, columns in changing.items():
-        scan = likeliest_change(white, columns, times)
-        if scan is None:
-            continue
-        tried += 1
-        if best is None or scan.p < best[1].p:
-            best = what, scan, columns
-    size, growth = _change_of_size(within, times), _steady_growth(within, changing[grows], times)
-    first = min((each.p for each in (size, best and best[1]) if each is not None), default=1.0)
-    if growth is not None and tried * growth[0] < CHANGE_IN_TIME and growth[0] <= first:
+    # the likeliest step, change of the errors' size, and steady growth
+    step, scanned = _likeliest_step(white, changing, times)
+    size = _change_of_size(within, times)
+    what_grows = next(what for what in changing if "size" in what)  # a joint that moves points alike is named beside it
+    growth = _steady_growth(within, changing[what_grows], times)
+    # the most significant of them
+    level, step_p = CHANGE_IN_TIME / (2 + scanned), 1.0 if step is None else step.p
+    size_p = 1.0 if size is None else size.p
+    if growth is not None and growth[0] < level and growth[0] <= min(step_p, size_p):
         ends = (rows.ids[i] for i in (int(np.argmin(times)), int(np.argmax(times))))
-        return [finding("change", growth[1] / observed.typical_weight, between=tuple(ends), what=grows)]
-    if best is not None and tried * best[1].p < CHANGE_IN_TIME and (size is None or best[1].p <= size.p):
-        what, scan, columns = best
-        before, after = (rows.ids[i] for i in rows_around(times, scan.change.time))
-        moved_m = _size_of(found, linear, observed, white, columns, times, scan.change.time)
-        return [finding("change", moved_m, between=(before, after), what=what)]
-    if size is not None and tried * size.p < CHANGE_IN_TIME:
+        return [finding("change", growth[1] / observed.typical_weight, between=tuple(ends), what=what_grows)]
+    if step is not None and step_p < level and step_p <= size_p:
+        before, after = (rows.ids[i] for i in rows_around(times, step.time))
+        moved_m = _size_of(found, linear, observed, white, step.columns, times, step.time)
+        return [finding("change", moved_m, between=(before, after), what=step.what)]
+    if size is not None and size_p < level:
         before, after = (rows.ids[i] for i in rows_around(times, size.time))
         size_m = size.ratio * found.residual_sigma_m
         return [finding("change", size_m, between=(before, after), ratio=size.ratio, grows=size.grows)]
     return []
+
+
+def _likeliest_step(
+    white: Array, changing: Mapping[tuple[str, ...], Array], times: Array
+) -> tuple[_LikeliestChange | None, int]:
+    """Return the likeliest step of anything that may change, and how many such things were scanned.
+
+    Args:
+        white: ``(n, m, f + 1)`` whitened derivatives by the fitted parameters and, last, residuals.
+    """
+    steps = [
+        _LikeliestChange(what, scan.p, scan.change.time, columns)
+        for what, columns in changing.items()
+        if (scan := likeliest_change(white, columns, times)) is not None
+    ]
+    return min(steps, key=lambda step: step.p, default=None), len(steps)
 
 
 def _revisited(rows: Measurements, labels: NDArray[np.int_]) -> bool:
@@ -167,25 +209,33 @@ def _changing(
     model, joints = found.model, rows.joints.shape[1]
     points, jacobian = model.observe(observed.inputs, found.values)
     middle = np.nanmean(points, axis=(0, 1))
-    moved = np.broadcast_to(np.eye(3), (*points.shape[:2], 3, 3))
-    turned = np.stack([np.cross(axis, points - middle) for axis in np.eye(3)], axis=-1)
-    columns: dict[tuple[str, ...], Array] = {("base",): linear.rows_of(observed, np.concatenate([moved, turned], -1))}
+    # the base moves and turns
+    shifts = np.broadcast_to(np.eye(3), (*points.shape[:2], 3, 3))
+    turns = np.stack([np.cross(axis, points - middle) for axis in np.eye(3)], axis=-1)
+    columns: dict[tuple[str, ...], Array] = {("base",): linear.rows_of(observed, np.concatenate([shifts, turns], -1))}
+    # the arm grows about its base
     base = [model.names.index(f"base.{axis}") for axis in "xyz" if f"base.{axis}" in model.names]
-    grown = points - (found.values[base] if len(base) == 3 else middle)
-    columns["size",] = linear.rows_of(observed, grown[..., None])
+    growth = points - (found.values[base] if len(base) == 3 else middle)
+    columns["size",] = linear.rows_of(observed, growth[..., None])
+    # a tool point moves
     for target in targets_of(model.parameters):
-        own = [i for i, name in enumerate(model.names) if name.startswith(f"tool.{target}.")]
-        if len(own) == 3:
-            columns[f"tool.{target}",] = linear.rows_of(observed, jacobian[..., own])
+        of_target = [i for i, name in enumerate(model.names) if name.startswith(f"tool.{target}.")]
+        if len(of_target) == 3:
+            columns[f"tool.{target}",] = linear.rows_of(observed, jacobian[..., of_target])
+    # a joint's zero moves: that of the first is a turn of the base, that of the last a move of a tool point
     slopes = linear.rows_of(observed, by_joint_positions(model, observed.inputs, found.values, joints))
     for joint, name in enumerate(rows.joint_names):
-        column = slopes[..., [joint]]
-        same = next((what for what, others in columns.items() if _spans(others, column)), None)
-        if same is None:
-            columns[f"joint.{name}",] = column
-        else:  # the first joint's zero is a turn of the base, the last one's a move of a tool point
-            columns[*same, f"joint.{name}"] = columns.pop(same)
+        _add_joint(columns, f"joint.{name}", slopes[..., [joint]])
     return columns
+
+
+def _add_joint(columns: dict[tuple[str, ...], Array], name: str, column: Array) -> None:
+    """Add a joint's zero, beside what moves the points alike if there is such a thing."""
+    same = next((what for what, others in columns.items() if _spans(others, column)), None)
+    if same is None:
+        columns[name,] = column
+    else:
+        columns[*same, name] = columns.pop(same)
 
 
 def _steady_growth(within: SubsetFit, columns: Array, times: Array) -> tuple[float, float] | None:
@@ -197,22 +247,26 @@ def _steady_growth(within: SubsetFit, columns: Array, times: Array) -> tuple[flo
     Args:
         columns: ``(poses, m, 1)`` whitened derivatives by the relative size of the arm.
     """
+    # time within each session, about its mean
     session, since = session_of(times), np.zeros(len(times))
     for each in np.unique(session):
-        here = session == each
-        since[here] = times[here] - times[here].mean()
+        rows = session == each
+        since[rows] = times[rows] - times[rows].mean()
+    # the column of the growth rate, beside the fitted parameters
     linear, span = within.linear, float(np.ptp(since))
     column = np.zeros_like(linear.residual)
     column[: linear.poses] = since[:, None] * columns[..., 0]
-    own = within.residuals(column)
-    dof, left = within.dof - 1, float((own**2).sum())
-    if dof < 1 or left <= _SPANNED * float((column**2).sum()):
+    beside_fit = within.residuals(column)
+    dof, column_squares = within.dof - 1, float((beside_fit**2).sum())
+    if dof < 1 or column_squares <= _SPANNED * float((column**2).sum()):
         return None
-    pull, squares = float((own * linear.residual).sum()), float((linear.residual**2).sum())
-    explained = pull**2 / left
+    # F test of what it explains
+    product, squares = float((beside_fit * linear.residual).sum()), float((linear.residual**2).sum())
+    explained = product**2 / column_squares
     p = f_sf(explained / (max(squares - explained, 1e-300) / dof), 1, dof)
+    # the whitened move from the first row to the last
     count = max(int(linear.mask[: linear.poses].sum()), 1)
-    return float(p), abs(pull / left) * span * float(np.sqrt(3 * (columns**2).sum() / count))
+    return float(p), abs(product / column_squares) * span * float(np.sqrt(3 * (columns**2).sum() / count))
 
 
 def _spans(columns: Array, own: Array) -> bool:
@@ -245,6 +299,7 @@ def _change_of_size(within: SubsetFit, times: Array) -> _ChangeOfSize | None:
     Squares of a pose, over what the fit leaves of it, before against after: F with as many degrees of freedom as both
     have, of the larger over the smaller, times two and times the candidates.
     """
+    # squares and their degrees of freedom, summed in the order of time
     linear = within.linear
     left, squares = within.left()[: linear.poses], linear.residual[: linear.poses] ** 2
     mask = linear.mask[: linear.poses]
@@ -252,10 +307,12 @@ def _change_of_size(within: SubsetFit, times: Array) -> _ChangeOfSize | None:
     order = np.argsort(times, kind="stable")
     sums, dofs = np.cumsum(total[order]), np.cumsum(freedom[order])
     ordered, count = times[order], len(order)
+    # the first rows after a change that leave enough on both sides
     starts = np.arange(_MIN_ROWS_EACH_SIDE, count - _MIN_ROWS_EACH_SIDE + 1)
     starts = starts[ordered[starts] > ordered[starts - 1]] if len(starts) else starts
     if not len(starts) or dofs[-1] < 2 * _MIN_ROWS_EACH_SIDE:
         return None
+    # F tests of the larger over the smaller mean square, and the likeliest change
     before, after = sums[starts - 1], sums[-1] - sums[starts - 1]
     dof = dofs[starts - 1], dofs[-1] - dofs[starts - 1]
     ratio = np.maximum(after / dof[1], 1e-300) / np.maximum(before / dof[0], 1e-300)
