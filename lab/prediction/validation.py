@@ -55,6 +55,10 @@ __all__ = [
 _UNIDENTIFIED = Check("validation.unidentified", "not tested")
 _LEAST_FOLDS = 3
 MOST_OUTLIERS = 0.05  # of the validation poses, without a doubt about all of them
+DETERMINED = 1e-6  # of a column's length that those before it leave unexplained: less, and it is not determined
+_SHARES = ((1e-3, 0.03), (DETERMINED, 1e-4))  # undetermined by less, and what validated poses may feel of that
+_CLEAR = 1e3  # condition number from which on a guess of all at once may lead astray
+_STEPS = 40  # of a fit that may be ill-conditioned
 _REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not mark them
 
 _Rows = NDArray[np.int_]
@@ -73,6 +77,11 @@ class Errors:
 
     before: Array
     after: Array
+
+    @staticmethod
+    def joined(parts: "Sequence[Errors]") -> "Errors":
+        """Return the errors of several sets of poses, one below the other."""
+        return Errors(np.concatenate([each.before for each in parts]), np.concatenate([each.after for each in parts]))
 
 
 @dataclass(frozen=True)
@@ -142,17 +151,20 @@ def errors_at(identification: Identification, inputs: Array, points: Array) -> E
         inputs: ``(n, joints + conditions)``.
         points: ``(n, k, 3)`` m, the targets in the instrument's frame.
     """
-    model, both = identification.model, (identification.nominal_aligned, identification.values)
-    before, after = (np.linalg.norm(model.points(inputs, v) - points, axis=2) for v in both)
-    return Errors(before, after)
+    model = identification.model
+    lengths = (np.linalg.norm(model.points(inputs, v) - points, axis=2) for v in _both_arms(identification))
+    return Errors(*lengths)
+
+
+def _both_arms(identification: Identification) -> tuple[Array, Array]:
+    """Return the parameters of the nominal arm and of the estimated one."""
+    return identification.nominal_aligned, identification.values
 
 
 def errors_of(identification: Identification, test: Measurements) -> Errors:
     """Return errors at rows that were not fitted, as their observation counts them."""
     observation = observation_of(identification.model)
-    return Errors(
-        observation.errors(test, identification.nominal_aligned), observation.errors(test, identification.values)
-    )
+    return Errors(*(observation.errors(test, values) for values in _both_arms(identification)))
 
 
 def shared_rows(test: Measurements, fitted: Measurements) -> float:
@@ -186,41 +198,60 @@ def validate_folds(
     Args:
         data: the rows ``(n,)``.
     """
-    labels, numbers = cv_groups_of(identification.model, data), data.points.shape[2]
-    rows = folds(labels, seed)
+    rows = folds(cv_groups_of(identification.model, data), seed)
     count = int(rows.max()) + 1
-    identifiable, points = len(identification.base_set.identifiable), data.seen.sum(axis=1)
-    enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * identifiable for fold in range(count))
-    for fold in range(count):
-        if why := few_points_of_a_station(identification.model, data[rows != fold]):
-            return Validation(None, None, (_not_without_a_fold(why),))
-    if count < _LEAST_FOLDS or not enough:
-        wanted = poses_to_validate(identifiable, numbers * float(points.mean()))
-        return Validation(None, None, (Check("validation.poses", "not tested", data={"wanted": wanted}),))
+    if (missing := _missing_for_folds(identification, data, rows, count)) is not None:
+        return Validation(None, None, (missing,))
     shape = errors_of(identification, data).after.shape
     before, after = np.full(shape, np.nan), np.full(shape, np.nan)
-    stuck = 0
+    unconverged = 0
     for fold in range(count):
-        test = np.flatnonzero(rows == fold)
         try:
             part = identify(data[rows != fold])
         except LabError as error:  # the other poses are too few for what all of them are enough for
             return Validation(None, None, (_not_without_a_fold(str(error)),))
-        stuck += part.status != "converged"
-        unobservable = {part.model.names[i] for i in part.unobservable}
-        only_here = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]
-        if len(unobservable) > 3 * len(only_here):
+        unconverged += part.status != "converged"
+        errors = _errors_of_fold(part, data, np.flatnonzero(rows == fold))
+        if errors is None:
             return Validation(None, None, (_UNIDENTIFIED,))
-        errors = errors_of(part, data[test])
-        errors.before[:, only_here] = errors.after[:, only_here] = (
-            np.nan
-        )  # targets that only this fold's poses measured
-        before[test], after[test] = errors.before, errors.after
+        before[rows == fold], after[rows == fold] = errors.before, errors.after
         progress(fold + 1, count)
     if np.isnan(after).all():
         return Validation(None, None, (_UNIDENTIFIED,))
-    checks = (Check("validation.convergence", "failed", data={"stuck": stuck, "count": count}),) if stuck else ()
-    return Validation("cross-validation", Errors(before, after), checks, rows=data)
+    stuck = Check("validation.convergence", "failed", data={"stuck": unconverged, "count": count})
+    return Validation("cross-validation", Errors(before, after), (stuck,) if unconverged else (), rows=data)
+
+
+def _missing_for_folds(identification: Identification, data: Measurements, rows: _Rows, count: int) -> Check | None:
+    """Return what a cross-validation lacks; None where each fold leaves enough to fit.
+
+    Args:
+        rows: ``(n,)`` the fold of each row, of so many folds.
+    """
+    for fold in range(count):
+        if why := few_points_of_a_station(identification.model, data[rows != fold]):
+            return _not_without_a_fold(why)
+    numbers, points = data.points.shape[2], data.seen.sum(axis=1)
+    identifiable = len(identification.base_set.identifiable)
+    fewest = min(numbers * int(points[rows != fold].sum()) for fold in range(count))
+    if count >= _LEAST_FOLDS and fewest >= ROWS_PER_PARAMETER * identifiable:
+        return None
+    wanted = poses_to_validate(identifiable, numbers * float(points.mean()))
+    return Check("validation.poses", "not tested", data={"wanted": wanted})
+
+
+def _errors_of_fold(part: Identification, data: Measurements, test: _Rows) -> Errors | None:
+    """Return the errors at a fold's rows by the fit of the others; None where these leave parameters open.
+
+    Targets that only this fold's poses measured have no errors.
+    """
+    unobservable = {part.model.names[i] for i in part.unobservable}
+    only_here = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]
+    if len(unobservable) > 3 * len(only_here):
+        return None
+    errors = errors_of(part, data[test])
+    errors.before[:, only_here] = errors.after[:, only_here] = np.nan
+    return errors
 
 
 def _not_without_a_fold(why: str) -> Check:
@@ -244,37 +275,42 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
     checks = [Check("note", "noted", data={"text": text}) for text in data.warnings]
     if not refit and data.marked and "reference" in data.use:
         checks.append(Check("validation.references", "noted"))
-    before: list[Array] = []
-    after: list[Array] = []
-    held_out: dict[str, tuple[str, ...]] = {}
-    order: list[int] = []
+    errors, undetermined, order = list[Errors](), dict[str, tuple[str, ...]](), list[int]()
     together = setups(data) if refit else tuple((name, "") for name in data.sessions)  # stations known, or placed anew
     for setup in dict.fromkeys(together):
-        own = [i for i, each in enumerate(together) if each == setup]
-        part = data[own]
+        of_setup = [i for i, each in enumerate(together) if each == setup]
+        part, where = data[of_setup], _setup_name(setup) or "the validation file"
         reference, test = _reference_and_test(part, refit)
-        order += [own[i] for i in test]
-        inputs, points = part.inputs(model.conditions)[test], part.points[test]
-        for values, errors in ((identification.nominal_aligned, before), (identification.values, after)):
-            moved = _transfer(identification.model, model, values)
-            if refit:
-                where = _setup_name(setup) or "the validation file"
-                found = placed_anew(model, part[reference], part[test], moved, refit, where)
-                moved = found.values
-                if found.fixed:
-                    held_out[where] = found.fixed
-            errors.append(np.linalg.norm(model.points(inputs, moved) - points, axis=2))
+        order += [of_setup[i] for i in test]
+        own_errors, fixed = _errors_of_setup(identification, model, part[reference], part[test], refit, where)
+        errors.append(own_errors)
+        if fixed:
+            undetermined[where] = fixed
     checks += [
         Check("validation.placement", "noted", data={"where": where, "parameters": names})
-        for where, names in held_out.items()
+        for where, names in undetermined.items()
     ]
     comparable = not refit and model.names == identification.model.names
-    return Validation(
-        "file",
-        Errors(np.concatenate(before), np.concatenate(after)),
-        tuple(checks),
-        data[order] if comparable else None,
-    )
+    return Validation("file", Errors.joined(errors), tuple(checks), data[order] if comparable else None)
+
+
+def _errors_of_setup(
+    identification: Identification,
+    model: Model,
+    reference: Measurements,
+    test: Measurements,
+    refit: Sequence[str],
+    where: str,
+) -> tuple[Errors, tuple[str, ...]]:
+    """Return the errors at the test rows of one setup, and the parameters that its reference rows do not place."""
+    both, fixed = [_transfer(identification.model, model, values) for values in _both_arms(identification)], ()
+    if refit:
+        placed = [placed_anew(model, reference, test, values, refit, where) for values in both]
+        both = [arm.values for arm in placed]
+        fixed = placed[1].fixed or placed[0].fixed
+    inputs = test.inputs(model.conditions)
+    lengths = (np.linalg.norm(model.points(inputs, values) - test.points, axis=2) for values in both)
+    return Errors(*lengths), fixed
 
 
 def compare_with_truth(identification: Identification, truth: Truth) -> TruthComparison:
@@ -321,13 +357,15 @@ def _refuse_unknown_targets(identification: Identification, model: Model, refit:
 
 
 def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[int], list[int]]:
+    """Split the rows of one setup into those that place what is refitted, and those to validate on.
+
+    Raises:
+        LabError: one of them would be empty.
+    """
     rows = [i for i, use in enumerate(part.use) if use != "skip"]
-    if part.marked:
-        reference = [i for i in rows if part.use[i] == "reference"]
-    else:
-        reference = rows[::_REFERENCE_EVERY] if refit else []
-    chosen = set(reference)
-    test = [i for i in rows if i not in chosen]
+    every = rows[::_REFERENCE_EVERY] if refit else []
+    reference = [i for i in rows if part.use[i] == "reference"] if part.marked else every
+    test = sorted(set(rows) - set(reference))
     setup = _setup_name(setups(part)[0] if refit else (part.sessions[0], ""))
     where = f"{setup} of the validation file" if setup else "the validation file"
     if refit and not reference:
@@ -346,12 +384,6 @@ def _setup_name(setup: tuple[str, str]) -> str:
 def _transfer(source: Model, target: Model, values: Array) -> Array:
     known = dict(zip(source.names, values, strict=True))
     return np.array([known.get(name, 0.0) for name in target.names])
-
-
-DETERMINED = 1e-6  # of a column's length that those before it leave unexplained: less, and it is not determined
-_SHARES = ((1e-3, 0.03), (DETERMINED, 1e-4))  # undetermined by less, and what validated poses may feel of that
-_CLEAR = 1e3  # condition number from which on a guess of all at once may lead astray
-_STEPS = 40  # of a fit that may be ill-conditioned
 
 
 @dataclass(frozen=True)
@@ -382,26 +414,28 @@ def placed_anew(
     ones = np.ones(reference.points.shape[:2])
     observed = Observations(reference.inputs(model.conditions), reference.points, ones)
     free, linear = columns_of(model, refit), "base" not in refit
+    # all parameters at once, where these poses determine them clearly
     start = values if linear else initial_guess(model, observed, values, ("base",))
     slopes = observed.apply(model.observe(observed.inputs, start)[1])
     if scaled_condition(slopes[:, free]) < _CLEAR or linear:
-        found = fit(model, observed, free, initial_guess(model, observed, values, refit))
-        if _is_determined(found, len(free), reference, linear=linear):
-            return _Placed(found.values, ())
+        whole = fit(model, observed, free, initial_guess(model, observed, values, refit))
+        if _is_determined(whole, len(free), reference, linear=linear):
+            return _Placed(whole.values, ())
+    # else the determined ones, the fewest first: from where they lead the others are near
     best: tuple[float, _Placed] | None = None
-    for share, largest_effect in _SHARES:  # the fewest parameters first: from there the others are near
+    for share, largest_effect in _SHARES:
         fixed = tuple(free[j] for j in dependent_columns(slopes[:, free], share))
         retained = tuple(column for column in free if column not in fixed)
-        found = fit(model, observed, retained, start if best is None else best[1].values, most_steps=_STEPS)
-        slopes = observed.apply(model.observe(observed.inputs, found.values)[1])
-        there = model.observe(test.inputs(model.conditions), found.values)[1].reshape(-1, len(values))
-        sure = _is_determined(found, len(retained), reference, linear=False) and _unfelt(
-            slopes, there, retained, fixed, largest_effect
-        )
-        if sure and (best is None or found.cost_trace[-1] < best[0]):
-            best = found.cost_trace[-1], _Placed(found.values, tuple(model.names[i] for i in fixed))
+        part = fit(model, observed, retained, start if best is None else best[1].values, most_steps=_STEPS)
+        slopes = observed.apply(model.observe(observed.inputs, part.values)[1])
+        of_test = model.observe(test.inputs(model.conditions), part.values)[1].reshape(-1, len(values))
+        determined = _is_determined(part, len(retained), reference, linear=False)
+        if not (determined and _unfelt(slopes, of_test, retained, fixed, largest_effect)):
+            continue
+        if best is None or part.cost_trace[-1] < best[0]:
+            best = part.cost_trace[-1], _Placed(part.values, tuple(model.names[i] for i in fixed))
     if best is None:
-        raise _too_few(where, reference, refit, found.rank, len(free))
+        raise _too_few(where, reference, refit, part.rank, len(free))
     return best[1]
 
 

@@ -10,8 +10,9 @@ Beside the shared errors that ``noise.search`` estimates, the residuals are scan
 and for an arm that grows steadily as it warms up.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -156,21 +157,43 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
     size = _change_of_size(within, times)
     what_grows = next(what for what in changing if "size" in what)  # a joint that moves points alike is named beside it
     growth = _steady_growth(within, changing[what_grows], times)
-    # the most significant of them
-    level, step_p = CHANGE_IN_TIME / (2 + scanned), 1.0 if step is None else step.p
-    size_p = 1.0 if size is None else size.p
-    if growth is not None and growth[0] < level and growth[0] <= min(step_p, size_p):
-        ends = (rows.ids[i] for i in (int(np.argmin(times)), int(np.argmax(times))))
-        return [finding("change", growth[1] / observed.typical_weight, between=tuple(ends), what=what_grows)]
-    if step is not None and step_p < level and step_p <= size_p:
-        before, after = (rows.ids[i] for i in rows_around(times, step.time))
-        moved_m = _size_of(found, linear, observed, white, step.columns, times, step.time)
-        return [finding("change", moved_m, between=(before, after), what=step.what)]
-    if size is not None and size_p < level:
-        before, after = (rows.ids[i] for i in rows_around(times, size.time))
-        size_m = size.ratio * found.residual_sigma_m
-        return [finding("change", size_m, between=(before, after), ratio=size.ratio, grows=size.grows)]
-    return []
+    # the most significant of them, at the level of the whole scan
+    candidates = list[tuple[float, Callable[[], Check]]]()
+    if growth is not None:
+        moved_m = growth[1] / observed.typical_weight
+        candidates.append((growth[0], partial(_change, rows, _ends(times), moved_m, what=what_grows)))
+    if step is not None:
+        candidates.append((step.p, partial(_step_finding, found, linear, observed, white, rows, times, step)))
+    if size is not None:
+        size_m, details = size.ratio * found.residual_sigma_m, {"ratio": size.ratio, "grows": size.grows}
+        candidates.append((size.p, partial(_change, rows, rows_around(times, size.time), size_m, **details)))
+    p, likeliest = min(candidates, key=lambda candidate: candidate[0], default=(1.0, None))
+    return [likeliest()] if likeliest is not None and p < CHANGE_IN_TIME / (2 + scanned) else []
+
+
+def _ends(times: Array) -> tuple[int, int]:
+    """Return the first and the last row in time."""
+    return int(np.argmin(times)), int(np.argmax(times))
+
+
+def _change(rows: Measurements, between: tuple[int, int], size_m: float, **data: Any) -> Check:
+    """Finding of a change between two rows."""
+    before, after = (rows.ids[i] for i in between)
+    return finding("change", size_m, between=(before, after), **data)
+
+
+def _step_finding(
+    found: Identification,
+    linear: LinearizedFit,
+    observed: Observations,
+    white: Array,
+    rows: Measurements,
+    times: Array,
+    step: _LikeliestChange,
+) -> Check:
+    """Finding of a step, with how far it moved the points."""
+    moved_m = _size_of(found, linear, observed, white, step.columns, times, step.time)
+    return _change(rows, rows_around(times, step.time), moved_m, what=step.what)
 
 
 def _likeliest_step(
