@@ -8,16 +8,17 @@ negated in turn, and the geometry identified again from the nominal one.
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from lab.calibration.fitter import Fitter, NominalRobot
+from lab.calibration.fitter import MOST_CHOSEN_BY, Fitter, NominalRobot
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION, condition_of
 from lab.calibration.identification import Identification, spread
 from lab.calibration.noise_search import NOTABLE
-from lab.calibration.observation import UnsizedObservation, observation_of
+from lab.calibration.observation import UnsizedObservation, observation_of, only_positions
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.sensor import ArmSensor
@@ -42,12 +43,13 @@ from lab.noise.instruments import Instrument, is_isotropic
 from lab.prediction.extrapolation import MOST_UNCOVERED, MeasuredRange
 from lab.prediction.validation import Validation
 from lab.prediction.workspace_prediction import distances_from_nominal
-from lab.verdict.fitted import Named
-from lab.verdict.joint_lag import lagging
+from lab.verdict.fitted import Fitted, Named
+from lab.verdict.joint_lag import lagging, moves_before
 from lab.verdict.other_numbers import PLACED, in_other_numbers, trimmed_error
 from lab.verdict.verdict import CONSTANT_SPREAD, Answer, Verdict
 
 __all__ = [
+    "FIT_CHECKS",
     "changes",
     "check_alternatives",
     "check_approaches",
@@ -583,3 +585,66 @@ def _explains(found: Identification, given: Identification | None, tolerance: To
 
 def _tolerances(found: Identification, tolerance: Tolerance) -> float:
     return max((each.tolerances for each in distances_from_nominal(found, tolerance)), default=0.0)
+
+
+def _outlier_checks(state: Fitted) -> list[Check]:
+    search = state.outlier_search
+    return check_held_out(state.outliers) + ([] if search is None else check_outlier_search(search))
+
+
+def _group_checks(state: Fitted) -> list[Check]:
+    fitter, options = state.fitter, state.fitter.options
+    checks = check_groups(state.groups, state.selection, fitter.data)
+    if options.search or "backlash" in options.groups:
+        checks += check_approaches(fitter.robot.chain, fitter.data, searched=options.search)
+    return checks
+
+
+def _search_checks(state: Fitted) -> list[Check]:
+    """Note the groups that the validation could not answer, and a search on some of the rows alone."""
+    fitter = state.fitter
+    if not fitter.options.search:
+        return []
+    refused = {name: fitter.unanswerable(name) for name in fitter.approached(fitter.options.candidates)}
+    checks = [
+        Check("group.not_in_validation", "noted", data={"group": name, "why": why})
+        for name, why in refused.items()
+        if why
+    ]
+    if (count := len(state.given)) > MOST_CHOSEN_BY:
+        checks.append(Check("selection.thinned", "noted", data={"used": MOST_CHOSEN_BY, "count": count}))
+    return checks
+
+
+def _value_checks(state: Fitted) -> list[Check]:
+    fit, options, nominal = state.weighted, state.fitter.options, state.fitter.nominal(state.weighted.model)
+    prior = check_prior(fit, nominal, options.tolerance) if options.prior == "on" else []
+    return prior + check_nominal(fit, nominal) + check_size(fit)
+
+
+def _point_checks(state: Fitted) -> list[Check]:
+    """Check what is measured, and with what, where points are measured."""
+    fitter, fit, inputs = state.fitter, state.weighted, state.observations.inputs
+    if not only_positions(observation_of(fit.model)):
+        return []
+    setup = check_setup(fitter.robot, fitter.kind, fitter.targets, state.groups, fit, inputs, fitter.session)
+    return check_instrument(fitter.noise.instrument, state.rows.points) + setup
+
+
+def _joint_checks(state: Fitted) -> list[Check]:
+    fitter, fit, chain = state.fitter, state.weighted, state.fitter.robot.chain
+    moves = moves_before(fitter.data, state.rows.ids, several_a_pose=fitter.kind.several_a_pose)
+    omitted = partial(fitter.derivatives_by_others, fit, state.groups)
+    joints = check_joints(fit, state.observations, state.rows, moves, chain.encoders, omitted)
+    return joints + check_twist(chain, fit)
+
+
+# What the step "check fit" of the pipeline tests, in this order: from the state of a fit to checks.
+FIT_CHECKS: tuple[Callable[[Fitted], list[Check]], ...] = (
+    _outlier_checks,
+    _group_checks,
+    _search_checks,
+    _value_checks,
+    _point_checks,
+    _joint_checks,
+)

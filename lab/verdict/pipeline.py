@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from lab.calibration.fit_options import PLAIN, FitOptions
-from lab.calibration.fitter import MOST_CHOSEN_BY, Fitter, NominalRobot
+from lab.calibration.fitter import Fitter, NominalRobot
 from lab.calibration.noise_search import outliers_among_held_out, tail_of
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.residual.estimation import with_residual
@@ -45,25 +45,15 @@ from lab.prediction.residual_spread import for_later_rows
 from lab.prediction.validation import Validation, shared_rows, validate_file, validate_folds, validate_rows
 from lab.prediction.workspace_prediction import bounds_at, check_prediction, own_tolerance
 from lab.verdict.fit_checks import (
-    check_approaches,
+    FIT_CHECKS,
     check_excluded,
     check_geometry_alone,
-    check_groups,
-    check_held_out,
     check_improvement,
-    check_instrument,
     check_joint_signs,
-    check_joints,
     check_limits,
-    check_nominal,
-    check_outlier_search,
     check_outliers,
-    check_prior,
     check_residual,
     check_sessions,
-    check_setup,
-    check_size,
-    check_twist,
     check_validation_poses,
     check_workspace,
     doubted,
@@ -72,7 +62,6 @@ from lab.verdict.fit_checks import (
     points_in_another_scale,
 )
 from lab.verdict.fitted import UNJUDGED, Fitted, JudgementOptions, named_poses
-from lab.verdict.joint_lag import moves_before
 from lab.verdict.noise_findings import changes_in_time, finding, shared_error_findings
 from lab.verdict.verdict import verdict
 
@@ -312,33 +301,7 @@ def _check_fit(state: Fitted) -> Fitted:
 
     Needs: ``weighted``, ``outliers``, ``selection``. Adds: ``checks``.
     """
-    fitter, found, robot = state.fitter, state.weighted, state.fitter.robot
-    options, nominal = fitter.options, state.fitter.nominal(state.weighted.model)
-    checks = check_held_out(state.outliers)
-    checks += [] if state.outlier_search is None else check_outlier_search(state.outlier_search)
-    checks += check_groups(state.groups, state.selection, fitter.data)
-    if options.search or "backlash" in options.groups:
-        checks += check_approaches(robot.chain, fitter.data, searched=options.search)
-    if options.search:
-        refused = {name: fitter.unanswerable(name) for name in fitter.approached(options.candidates)}
-        checks += [
-            Check("group.not_in_validation", "noted", data={"group": name, "why": why})
-            for name, why in refused.items()
-            if why
-        ]
-        if (count := len(state.given)) > MOST_CHOSEN_BY:
-            checks.append(Check("selection.thinned", "noted", data={"used": MOST_CHOSEN_BY, "count": count}))
-    if options.prior == "on":
-        checks += check_prior(found, nominal, fitter.options.tolerance)
-    checks += check_nominal(found, nominal) + check_size(found)
-    if only_positions(observation_of(found.model)):
-        checks += check_instrument(fitter.noise.instrument, state.rows.points)
-        inputs = state.observations.inputs
-        checks += check_setup(robot, fitter.kind, fitter.targets, state.groups, found, inputs, fitter.session)
-    moves = moves_before(fitter.data, state.rows.ids, several_a_pose=fitter.kind.several_a_pose)
-    omitted = partial(fitter.derivatives_by_others, found, state.groups)
-    checks += check_joints(found, state.observations, state.rows, moves, robot.chain.encoders, omitted)
-    return state.with_checks(checks + check_twist(robot.chain, found))
+    return state.with_checks([check for test in FIT_CHECKS for check in test(state)])
 
 
 def _measure_range(state: Fitted) -> Fitted:
