@@ -7,7 +7,6 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import lab
-from lab.calibration.identification import identify as identified
 from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import exchange
 
@@ -42,18 +41,14 @@ def study():
 
 
 def identify(given):
-    """The identification alone: placement of the base, choice of parameters, fit and covariance; then all of it."""
+    """The fit alone: placement of the base, choice of parameters, fit and covariance; then all of it."""
     robot, new = lab.load_robot(ROBOT), given["new_joints"]
-    rows = lab.measurements(given["joints"], given["points"], robot=ROBOT)
-    arm = robot.serial_arm(("p1",))
+    rows = lab.measurements(given["joints"], given["points"], robot=robot)
     return {
-        "identify": (
-            lambda: identified(arm, rows, arm.nominal(robot.tool)),
-            lambda found: arm.points(new, found.values)[:, 0],
-        ),
+        "identify": (lambda: lab.fit(rows, robot=robot), lambda estimate: estimate.points(new)[:, 0]),
         "identify, with verdict": (
-            lambda: lab.identify(rows, robot=ROBOT),
-            lambda found: found.estimate.points(new)[:, 0],
+            lambda: lab.identify(rows, robot=robot),
+            lambda result: result.estimate.points(new)[:, 0],
         ),
     }
 
