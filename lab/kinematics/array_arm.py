@@ -74,7 +74,7 @@ class ArrayArm:
                 f"{argument} have shape {shape}; give ({width},) or (..., {width}) finite numbers: "
                 f"{', '.join(self.inputs)}"
             )
-        return numbers.reshape(-1, *self._row), shape[:-1]
+        return numbers[None] if len(shape) == 1 else numbers.reshape(-1, *self._row), shape[:-1]
 
     def parameters(self, values: ArrayLike | None) -> Array:
         """Return parameters ``(p,)``: given ones, checked, or the arm's own.
@@ -201,13 +201,16 @@ def as_numbers(argument: str, values: ArrayLike) -> Array:
 
 def with_leading_axes(leading: tuple[int, ...], results: Array) -> Array:
     """Return results ``(n, ...)`` with the leading axes ``leading``, whose product is n."""
-    if len(leading) == 1:
-        return results
-    return results.reshape(*leading, *results.shape[1:]) if leading else results[0]
+    if not leading:
+        first: Array = results[0]
+        return first
+    return results if len(leading) == 1 else results.reshape(*leading, *results.shape[1:])
 
 
 def _finite(numbers: Array) -> bool:
     """Check that all numbers are finite: a few by their sum, unless it overflows, and many one by one."""
-    if numbers.size <= _FEW and math.isfinite(sum(numbers.ravel().tolist())):
-        return True
+    if numbers.size <= _FEW:
+        few = numbers if numbers.ndim == 1 else numbers.ravel()
+        if math.isfinite(sum(few.tolist())):
+            return True
     return bool(np.isfinite(numbers).all())

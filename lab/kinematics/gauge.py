@@ -134,15 +134,20 @@ def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[
         raise LabError(f"{option_name('fix')} leaves no parameter to identify: fix fewer")
     retained = independent_columns(upper, wished)
     if lost := [i for i in wished if i not in retained]:
-        alias = usual.alias[:, usual.fixed.index(lost[0])]
-        strong = np.abs(alias) > 1e-9 * max(np.abs(alias).max(), 1e-300)
-        into = [model.names[i] for i, big in zip(usual.identifiable, strong, strict=True) if big and i in left]
-        name = model.names[lost[0]]
-        why = f"it is hidden in {', '.join(into)}: fix one of these in its place" if into else "nothing shows it"
-        raise LabError(f"{option_name('free')} {name}: {name} is not identifiable; {why}")
-    found = _of_retained(upper, retained)
-    beyond = [i for i in found.fixed if len(independent_columns(upper, [*retained, i])) > len(retained)]
-    return replace(found, fixed_observable=tuple(beyond))
+        raise LabError(_hidden_note(model, usual, lost[0], left))
+    wished_set = _of_retained(upper, retained)
+    beyond = [i for i in wished_set.fixed if len(independent_columns(upper, [*retained, i])) > len(retained)]
+    return replace(wished_set, fixed_observable=tuple(beyond))
+
+
+def _hidden_note(model: Model, usual: BaseSet, lost: int, left: Sequence[int]) -> str:
+    """Describe why a parameter cannot be freed: which of those that are left (their indices) hide it."""
+    alias = usual.alias[:, usual.fixed.index(lost)]
+    strong = np.abs(alias) > 1e-9 * max(np.abs(alias).max(), 1e-300)
+    into = [model.names[i] for i, big in zip(usual.identifiable, strong, strict=True) if big and i in left]
+    name = model.names[lost]
+    why = f"it is hidden in {', '.join(into)}: fix one of these in its place" if into else "nothing shows it"
+    return f"{option_name('free')} {name}: {name} is not identifiable; {why}"
 
 
 def base_set_of(jacobian: Array, order: Sequence[int]) -> BaseSet:

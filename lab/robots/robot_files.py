@@ -4,7 +4,7 @@ import hashlib
 import io
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from difflib import get_close_matches
 from importlib import import_module
@@ -65,16 +65,17 @@ def own_models() -> dict[str, Path]:
     A folder's name is that of its description. Its other descriptions are ``<folder>/<file>``. Where there are no more
     than those, as in a maker's folder, each is also named by its file alone, unless another robot has that name.
     """
-    found, families = dict[str, Path](), list[Path]()
+    models, alone = dict[str, Path](), list[Path]()
     for folder in sorted(path for path in models_folder().iterdir() if (path / "README.md").is_file()):
-        files = [folder / name for name in _MAIN]
-        main = next((path for path in files if path.is_file()), None)
-        found |= {} if main is None else {folder.name: main}
-        others = [path for path in sorted(folder.glob("*.toml")) if path not in files and path.name != _DRIVES]
-        found |= {f"{folder.name}/{path.stem}": path for path in others}
-        families += others if main is None else []
-    doubled = Counter(path.stem for path in families)
-    return found | {path.stem: path for path in families if path.stem not in found and doubled[path.stem] == 1}
+        main = next((folder / name for name in _MAIN if (folder / name).is_file()), None)
+        others = [path for path in sorted(folder.glob("*.toml")) if path.name not in (*_MAIN, _DRIVES)]
+        if main is None:
+            alone += others
+        else:
+            models[folder.name] = main
+        models |= {f"{folder.name}/{path.stem}": path for path in others}
+    named = Counter(path.stem for path in alone)
+    return models | {path.stem: path for path in alone if path.stem not in models and named[path.stem] == 1}
 
 
 _SHOWN = 5  # names in a message
@@ -96,13 +97,18 @@ def description_of(robot: str) -> Path:
         raise LabError(f"robot '{robot}' is a xacro; expand it first (xacro {path} > {urdf}), and give {urdf}")
     if robot.endswith("_description") and robot.isidentifier() and not path.exists():
         return _downloaded(robot)
+    raise LabError(f"robot '{robot}': {_unknown_note(robot, path, models)}")
+
+
+def _unknown_note(robot: str, path: Path, models: Mapping[str, Path]) -> str:
+    """Describe what is wrong with the name or path of a robot, and which names are near."""
     why = "neither MJCF, URDF nor TOML" if path.exists() else "no such model or file"
     near = get_close_matches(robot.lower().replace("-", "_"), models, 1, cutoff=0.75)
     meant = f" (is {near[0]} meant?)" if near and not path.exists() else ""
     names = list({path: name for name, path in models.items()}.values())  # the shortest of each
     shown = list(dict.fromkeys([*get_close_matches(robot.lower(), names, _SHOWN, cutoff=0.5), *_USUAL]))[:_SHOWN]
-    raise LabError(
-        f"robot '{robot}': {why}{meant}; there are {', '.join(shown)} and {len(names) - len(shown)} others (the page "
+    return (
+        f"{why}{meant}; there are {', '.join(shown)} and {len(names) - len(shown)} others (the page "
         "Robots of the documentation lists them), or give a path to .xml, .urdf or .toml"
     )
 

@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from lab.kinematics.closed.loop_closure import BASE, Tree
+from lab.kinematics.closed.loop_closure import BASE, Frame, Tree
 from lab.kinematics.closed.mobility import is_planar
 
 __all__ = ["Layout", "LayoutJoint", "layout_of"]
@@ -76,33 +76,47 @@ def layout_of(tree: Tree) -> Layout:
     it, in place of parallelograms or of the plane of a point.
     """
     planar = is_planar(tree)
-    most, count, body_of, joints = 3 if planar else 6, 0, list[int](), list[LayoutJoint]()
-
-    def joined(kind: str, actuated: bool, to: int) -> int:
-        """Add a body after another one, and the joint between them."""
-        nonlocal count
-        count += 1
-        joints.append(LayoutJoint(kind, actuated, (to, count)))
-        return count
-
+    most, bodies = 3 if planar else 6, _Bodies([], [])
+    # frames: a body after each moving step
     for frame in tree.frames:
-        here = 0 if frame.on == BASE else body_of[frame.on]
-        moving = [step for step in frame.path if step.passive or step.joint is not None]
-        if frame.on == BASE and len(moving) == most and all(step.passive for step in moving):
-            count += 1
-            here = count
-        else:
-            for step in moving:
-                here = joined("R" if step.is_turn else "P", step.joint is not None, here)
-        body_of.append(here)
+        bodies.add_frame(frame, most)
+    # rods: a body between two balls, or two with a slide between them
     ball = "R" if planar else "S"
     for rod in tree.rods:
-        first, second = (body_of[end] for end in rod.ends)
-        here = joined(ball, False, second)
-        here = here if rod.joint is None else joined("P", True, here)
-        joints.append(LayoutJoint(ball, False, (here, first)))
+        first, second = (bodies.of_frame[end] for end in rod.ends)
+        body = bodies.joined(ball, False, second)
+        body = body if rod.joint is None else bodies.joined("P", True, body)
+        bodies.joints.append(LayoutJoint(ball, False, (body, first)))
+    # pins: a joint between two bodies
     for pin in tree.pins:
         freedoms = most - len(pin.axes)
         kind = _BY_FREEDOMS[planar].get(freedoms, str(freedoms))
-        joints.append(LayoutJoint(kind, False, (body_of[pin.ends[0]], body_of[pin.ends[1]])))
-    return Layout(tuple(joints), body_of[tree.platform])
+        bodies.joints.append(LayoutJoint(kind, False, (bodies.of_frame[pin.ends[0]], bodies.of_frame[pin.ends[1]])))
+    return Layout(tuple(bodies.joints), bodies.of_frame[tree.platform])
+
+
+@dataclass
+class _Bodies:
+    """The bodies of a mechanism as they are counted: that of each frame, and the joints between them."""
+
+    of_frame: list[int]
+    joints: list[LayoutJoint]
+    count: int = 0
+
+    def joined(self, kind: str, actuated: bool, to: int) -> int:
+        """Add a body after another one, and the joint between them."""
+        self.count += 1
+        self.joints.append(LayoutJoint(kind, actuated, (to, self.count)))
+        return self.count
+
+    def add_frame(self, frame: Frame, most: int) -> None:
+        """Add the bodies of a frame: one after each moving step, or a free one with all passive freedoms."""
+        body = 0 if frame.on == BASE else self.of_frame[frame.on]
+        moving = [step for step in frame.path if step.moves]
+        if frame.on == BASE and len(moving) == most and all(step.passive for step in moving):
+            self.count += 1
+            body = self.count
+        else:
+            for step in moving:
+                body = self.joined("R" if step.is_turn else "P", step.joint is not None, body)
+        self.of_frame.append(body)

@@ -75,6 +75,11 @@ class Step:
         return len(self.kind) == 2
 
     @property
+    def moves(self) -> bool:
+        """True if it is passive, or a joint moves it."""
+        return self.passive or self.joint is not None
+
+    @property
     def axis(self) -> int:
         """0, 1 or 2 for x, y or z."""
         return "xyz".index(self.kind[-1])

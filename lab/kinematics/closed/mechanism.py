@@ -21,8 +21,10 @@ from lab.kinematics.closed.loop_closure import (
     Closed,
     Configuration,
     Dimensions,
+    Frame,
     Rod,
     SolvedPoses,
+    Step,
     Tree,
 )
 from lab.kinematics.joints import JointSpec
@@ -58,22 +60,28 @@ def _refuse_misnamed(joints: JointSpec, tree: Tree) -> None:
 def _refuse_idle(joints: JointSpec, tree: Tree) -> None:
     """Refuse passive values that move no closure, and joints that move neither a closure nor the platform."""
     carrying = tree.ancestry(tree.platform)
-    ends = [end for rod in tree.rods for end in rod.ends] + [end for pin in tree.pins for end in pin.ends]
+    ends = [*(end for rod in tree.rods for end in rod.ends), *(end for pin in tree.pins for end in pin.ends)]
     closing = {step for end in ends for step in tree.ancestry(end)}
     for f, frame in enumerate(tree.frames):
         for s, step in enumerate(frame.path):
-            if step.passive and (f, s) not in closing:
-                raise LabError(
-                    f"robot '{joints.name}', frame {frame.name}: no rod or pin holds its passive {step.kind}; join one"
-                )
-            if step.joint is not None and (f, s) not in closing and (f, s) not in carrying:
-                raise LabError(
-                    f"robot '{joints.name}', joint {joints.joint_names[step.joint]}: moves frame {frame.name}, which "
-                    "neither closes a loop nor carries the platform; join a rod or a pin to it"
-                )
-    if not any(tree.step(*step).passive or tree.step(*step).joint is not None for step in carrying):
+            if (f, s) not in closing:
+                _refuse_loose(joints, frame, step, carries=(f, s) in carrying)
+    if not any(tree.step(*step).moves for step in carrying):
         name = tree.frames[tree.platform].name
         raise LabError(f"robot '{joints.name}': nothing moves {name}, its platform; name a frame that moves")
+
+
+def _refuse_loose(joints: JointSpec, frame: Frame, step: Step, *, carries: bool) -> None:
+    """Refuse a step that moves and is part of no loop, unless a joint moves it and it carries the platform."""
+    if step.passive:
+        raise LabError(
+            f"robot '{joints.name}', frame {frame.name}: no rod or pin holds its passive {step.kind}; join one"
+        )
+    if step.joint is not None and not carries:
+        raise LabError(
+            f"robot '{joints.name}', joint {joints.joint_names[step.joint]}: moves frame {frame.name}, which "
+            "neither closes a loop nor carries the platform; join a rod or a pin to it"
+        )
 
 
 def _refuse_short(joints: JointSpec, rod: Rod, joint: int) -> None:

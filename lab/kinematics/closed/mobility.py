@@ -13,7 +13,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.closed.loop_closure import BASE, Tree
+from lab.kinematics.closed.loop_closure import BASE, Step, Tree
 from lab.kinematics.differential import ROTATION_M
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
@@ -98,15 +98,15 @@ def body_count(tree: Tree) -> BodyCount:
 
 def is_planar(tree: Tree) -> bool:
     """Check by the axes of the steps whether all motions are in the plane of x and y."""
-    if any(2 in pin.axes for pin in tree.pins):
-        return False
-    for frame in tree.frames:
-        for step in frame.path:
-            tilts = step.is_turn and step.axis != 2 and (step.passive or step.joint is not None or step.value != 0.0)
-            rises = not step.is_turn and step.axis == 2 and (step.passive or step.joint is not None)
-            if tilts or rises:
-                return False
-    return True
+    pinned_in_plane = not any(2 in pin.axes for pin in tree.pins)
+    return pinned_in_plane and not any(_leaves_plane(step) for frame in tree.frames for step in frame.path)
+
+
+def _leaves_plane(step: Step) -> bool:
+    """Check whether a step tilts the plane of x and y, or moves out of it."""
+    if step.is_turn:
+        return step.axis != 2 and (step.moves or step.value != 0.0)
+    return step.axis == 2 and step.moves
 
 
 SINGULAR = 1e-3  # distance of a pose at a singularity

@@ -342,15 +342,18 @@ class LinkLoads:
 
 @recent(_KEPT)
 def _forces(loads: Loads, joints: Array, payload_kg: Array) -> tuple[Array, Array]:
+    # masses and first moments of each link, the last one's with the payload
     placed = loads.frames(joints)
     axes, slides = placed.axes, np.array(loads.chain.prismatic)
     masses = np.tile(loads.mass_kg, (len(joints), 1)).astype(np.result_type(payload_kg, float))
     moments = masses[:, :, None] * placed.centres
     moments[:, -1] += payload_kg[:, None] * placed.payload
     masses[:, -1] += payload_kg
+    # summed from the hand in: of all that a joint carries
     weight, moment = (np.cumsum(each[:, ::-1], axis=1)[:, ::-1] for each in (masses, moments))  # beyond each joint
     weight = weight[:, :, None]
     first_moments = np.where(slides[:, None], weight * axes, np.cross(axes, moment - weight * placed.anchors))
+    # torque z . (p x m g) = g . (z x m p), and its derivatives by the joints further in or out
     force = first_moments @ loads.gravity
     across = np.where(slides[:, None], 0.0, np.cross(loads.gravity, axes))  # g . (z x F) = (g x z) . F
     below = np.triu(across @ first_moments.swapaxes(1, 2))
@@ -371,20 +374,25 @@ def _at_rest(links: LinkLoads, joints: Array, payload_kg: Array) -> Array:
 @recent(_KEPT)
 def link_loads(loads: Loads) -> LinkLoads:
     """Return the links of an arm as beams."""
-    ends, chain, paths = link_ends(loads.chain), loads.chain, loads.link_paths
+    ends, paths = link_ends(loads.chain), loads.link_paths
     for link, path in paths.items():
-        if not 0 <= link < chain.size or np.abs(path[-1] - ends[link]).max() > 1e-6 or np.abs(path[0]).max() > 1e-9:
-            mm = np.round(MM.of(ends[link]), 6) + 0.0 if 0 <= link < chain.size else ()
-            at = f"it runs from 0, 0, 0 to {', '.join(f'{each:g}' for each in mm)} mm" if len(mm) else "no such link"
-            raise LabError(
-                f"robot {chain.name}: the path of link {link + 1}: {at} in the link's axes; let the path too"
-            )
+        _refuse_wrong_path(loads.chain, link, path, ends)
     beams = {}
     for link, end in enumerate(ends):
         line = paths.get(link, np.stack([np.zeros(3), end]))
         if link in paths or np.linalg.norm(end) > _SHORTEST_M:
             beams[link] = Beam(line, float(loads.mass_kg[link]), _centre(loads, link, end))
     return LinkLoads(loads, beams, ends)
+
+
+def _refuse_wrong_path(chain: Chain, link: int, path: Array, ends: Array) -> None:
+    """Refuse the path ``(c, 3)`` of a link that there is not, or that does not run from its origin to its end."""
+    start, remedy = f"robot {chain.name}: the path of link {link + 1}", "in the link's axes; let the path too"
+    if not 0 <= link < chain.size:
+        raise LabError(f"{start}: no such link {remedy}")
+    if np.abs(path[-1] - ends[link]).max() > 1e-6 or np.abs(path[0]).max() > 1e-9:
+        mm = np.round(MM.of(ends[link]), 6) + 0.0
+        raise LabError(f"{start}: it runs from 0, 0, 0 to {', '.join(f'{each:g}' for each in mm)} mm {remedy}")
 
 
 def refuse_without_length(loads: Loads, sections: LinkSections) -> None:

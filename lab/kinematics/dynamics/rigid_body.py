@@ -361,11 +361,14 @@ class ArmDynamics:
         """Names of the standard parameters: ten of each link, then those of drives and joints."""
         numbers = range(1, self.chain.size + 1)
         names = [f"{kind}{j}" for j in numbers for kind in _INERTIAL]
-        names += [f"Ia{j}" for j in numbers if self.motor_inertia]
+        if self.motor_inertia:
+            names += [f"Ia{j}" for j in numbers]
         if self.friction:
             names += [f"{kind}{j}" for kind in ("Fc", "Fv") for j in numbers]
             names += [f"{kind}{j + 1}" for kind in ("Fcm", "Fvm") for j in self.coupled]
-        return (*names, *(f"off{j}" for j in numbers if self.offsets))
+        if self.offsets:
+            names += [f"off{j}" for j in numbers]
+        return tuple(names)
 
     def units(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return the SI units of parameters."""

@@ -2,7 +2,7 @@
 
 import itertools
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, Literal
@@ -43,20 +43,24 @@ class ArmWithEffects:
     def __post_init__(self) -> None:
         parameters = (*self.arm.parameters, *itertools.chain.from_iterable(each.parameters for each in self.effects))
         names = names_of(parameters)
-        if twice := [name for name, count in Counter(names).items() if count > 1]:
-            groups = [effect.name for effect in self.effects if twice[0] in names_of(effect.parameters)]
-            raise LabError(f"{option_name('model')} {'+'.join(groups)}: both have {twice[0]}; choose one of them")
-        conditions = dict.fromkeys(name for effect in self.effects for name in effect.conditions)
-        links = [link for effect in self.effects for link in effect.links]
-        if links and not isinstance(self.arm, SerialArm):
-            raise LabError(
-                f"robot {self.arm.chain.name} has {self.arm.chain.beside_serial}, and its links do not bend here"
-            )
-        object.__setattr__(self, "links", tuple(sorted(set(links))))
+        conditions = dict.fromkeys(itertools.chain.from_iterable(effect.conditions for effect in self.effects))
+        links = set(itertools.chain.from_iterable(effect.links for effect in self.effects))
+        self._refuse_incompatible(names, links)
+        object.__setattr__(self, "links", tuple(sorted(links)))
         object.__setattr__(self, "parameters", parameters)
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "targets", self.arm.targets)
         object.__setattr__(self, "conditions", tuple(conditions))
+
+    def _refuse_incompatible(self, names: Sequence[str], links: Collection[int]) -> None:
+        """Refuse two effects with one parameter, and bending links of a robot that is no serial arm."""
+        if twice := [name for name, count in Counter(names).items() if count > 1]:
+            groups = [effect.name for effect in self.effects if twice[0] in names_of(effect.parameters)]
+            raise LabError(f"{option_name('model')} {'+'.join(groups)}: both have {twice[0]}; choose one of them")
+        if links and not isinstance(self.arm, SerialArm):
+            raise LabError(
+                f"robot {self.arm.chain.name} has {self.arm.chain.beside_serial}, and its links do not bend here"
+            )
 
     @property
     def rigid(self) -> RigidArm:
@@ -177,14 +181,13 @@ class ArmWithEffects:
         joints, conditions = inputs[:, :size], inputs[:, size:]
         kind = np.result_type(inputs, values)
         total = 0 if alone else len(self.names) - first
-        sizes: dict[Moves, int] = {"joints": size, "frame": 7, "links": 6 * len(self.links), "size": 1, "station": 7}
-        needed = {"joints", *(effect.moves for effect in self.effects)}
-        found: _Moved = {
-            what: (np.zeros((len(joints), count), dtype=kind), np.zeros((len(joints), count, total), dtype=kind))
-            for what, count in sizes.items()
-            if what in needed
+        # nothing has moved yet: the joints are where they are read
+        sums: _Moved = {
+            moves: (np.zeros((len(joints), count), dtype=kind), np.zeros((len(joints), count, total), dtype=kind))
+            for moves, count in self._moved_sizes.items()
         }
-        found["joints"][0][:] = joints
+        sums["joints"][0][:] = joints
+        # each effect adds its offsets, and its columns of the derivatives
         at = 0
         for effect in self.effects:
             part = slice(at, at + len(effect.parameters))
@@ -193,12 +196,24 @@ class ArmWithEffects:
                 continue
             own_conditions = conditions[:, [self.conditions.index(name) for name in effect.conditions]]
             moved, derivative = effect.offsets(joints, own_conditions, values[first:][part])
-            sum_of, by_effects = found[effect.moves]
-            own = [6 * self.links.index(link) + i for link in effect.links for i in range(6)] or slice(None)
+            sum_of, by_effects = sums[effect.moves]
+            own = self._columns_of(effect)
             sum_of[:, own] += moved
             if not alone:
                 by_effects[:, own, part] = derivative
-        return found
+        return sums
+
+    def _columns_of(self, effect: Effect) -> list[int] | slice:
+        """Return which of the numbers of its kind of motion an effect changes: six of each of its links, or all."""
+        return [6 * self.links.index(link) + i for link in effect.links for i in range(6)] or slice(None)
+
+    @cached_property
+    def _moved_sizes(self) -> "dict[Moves, int]":
+        """How many numbers each kind of motion has, of the kinds that there are."""
+        size = self.arm.chain.size
+        sizes: dict[Moves, int] = {"joints": size, "frame": 7, "links": 6 * len(self.links), "size": 1, "station": 7}
+        needed = {"joints", *(effect.moves for effect in self.effects)}
+        return {moves: count for moves, count in sizes.items() if moves in needed}
 
 
 _Moved = dict[Moves, tuple[Array, Array]]

@@ -48,16 +48,19 @@ def _elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Eff
     own = [(link, symbol) for link in links.beams for symbol in _FITTED[group]]
     parameters = tuple(section_parameter(group, link, symbol) for link, symbol in own)
     used = 18 if moving else 9  # at rest gravity is the same everywhere
+    # displacement of the far end by each load, for a compliance of one
     by_loads = [
         np.tensordot(links.beams[link].by_loads[:used], _FITTED[group][symbol], axes=(1, 0)) for link, symbol in own
     ]
     chain = links.loads.chain
 
-    def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
+    def loads_at(joints: Array, conditions: Array) -> Array:
         if moving:
-            loads = links.moving(joints, *rates_in(conditions, chain.size), conditions[:, 0])
-        else:
-            loads = links.at_rest(joints, conditions[:, 0])[..., :used]
+            return links.moving(joints, *rates_in(conditions, chain.size), conditions[:, 0])
+        return links.at_rest(joints, conditions[:, 0])[..., :used]
+
+    def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
+        loads = loads_at(joints, conditions)
         derivative = np.zeros((len(joints), len(links.beams), 6, len(own)), dtype=loads.dtype)
         place = {link: at for at, link in enumerate(links.beams)}
         for k, (link, _) in enumerate(own):

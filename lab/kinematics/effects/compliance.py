@@ -121,43 +121,77 @@ def _compliance(loads: Loads, payload: bool = False, *, moving: bool = False) ->
     With ``payload``, a mass at the last frame's origin is fitted, beside the rows' ``payload_kg``. With ``moving``,
     inertia is a load, too.
     """
-    links = link_loads(loads) if moving else None
-    bearing = loads.bearing(rng_for(0, "structure"))
-    group, slides = "payload" if payload else "compliance", loads.chain.prismatic
-    slide = Unit("m/N", "µm/N", 1e6)
-    parameters = tuple(
-        joint_parameter(group, i, "compliance", "compliance", unit=slide if slides[i] else None) for i in bearing
+    group = "payload" if payload else "compliance"
+    springs = _FittedSprings(loads, loads.bearing(rng_for(0, "structure")), payload, moving)
+    return Effect(
+        group,
+        springs.parameters(group),
+        springs.offsets,
+        (PAYLOAD, *rates_of(loads.chain.joint_names)) if moving else (PAYLOAD,),
+        typical=(*[_TYPICAL_COMPLIANCE] * len(springs.bearing), 0.0) if payload else (),
+        terms=None if moving else springs.terms,
+        stacks=not (payload or moving),
     )
-    if payload:
-        parameters += (Parameter("payload", "mass", group, "mass", Unit("kg", "kg", 1.0), _MASS_SCALE_KG),)
 
-    def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
-        soft: Array = np.zeros((*values.shape[:-1], loads.chain.size), dtype=np.result_type(values, float))
-        soft[..., list(bearing)] = values[..., : len(bearing)]
-        mass = conditions[:, 0] + (values[-1] if payload else 0.0)
-        inertia = None if links is None else links.inertia(joints, *rates_in(conditions, loads.chain.size), mass)
-        rest = loads.equilibrium(joints, soft, mass, NEWTON_STEPS, inertia)
-        pushed = np.zeros((*rest.force.shape, len(parameters)), dtype=soft.dtype)
-        for k, i in enumerate(bearing):
-            pushed[..., i, k] = rest.force[..., i]
-        if payload:
-            heavier = loads.forces(joints + rest.offset, mass + 1.0)[0]
-            if links is not None:
-                heavier = heavier + links.inertia(joints, *rates_in(conditions, loads.chain.size), mass + 1.0)
-            pushed[..., -1] = soft * (heavier - rest.force)
-        moving_joints = slice(None) if values.ndim == 1 else np.array(bearing)
-        rate_of: Array = np.asarray(solved_by(rest.equations, pushed, moving_joints), dtype=soft.dtype)
-        return rest.offset, rate_of
 
-    def terms(values: Array) -> list[dict[str, Any]]:
-        found = dict(zip(bearing, values.tolist(), strict=False))
-        soft = [found.get(i, 0.0) for i in range(loads.chain.size)]
-        return [{"springs": soft, "payload_kg": float(values[-1]) if payload else 0.0}]
+@dataclass(frozen=True)
+class _FittedSprings:
+    """Springs in the joints that bear the arm's weight, as functions of their compliances.
 
-    typical = (*[_TYPICAL_COMPLIANCE] * len(bearing), 0.0) if payload else ()
-    required = (PAYLOAD, *rates_of(loads.chain.joint_names)) if moving else (PAYLOAD,)
-    stacks = not (payload or moving)
-    return Effect(group, parameters, offsets, required, typical=typical, terms=None if moving else terms, stacks=stacks)
+    Attributes:
+        loads: the arm's masses.
+        bearing: the joints that bear it.
+        payload: whether a mass at the last frame's origin is fitted behind the compliances.
+        moving: whether inertia is a load, too.
+    """
+
+    loads: Loads
+    bearing: tuple[int, ...]
+    payload: bool
+    moving: bool
+
+    def parameters(self, group: str) -> tuple[Parameter, ...]:
+        """Return the compliances, and the mass."""
+        slide, slides = Unit("m/N", "µm/N", 1e6), self.loads.chain.prismatic
+        compliances = tuple(
+            joint_parameter(group, i, "compliance", "compliance", unit=slide if slides[i] else None)
+            for i in self.bearing
+        )
+        mass = Parameter("payload", "mass", group, "mass", Unit("kg", "kg", 1.0), _MASS_SCALE_KG)
+        return (*compliances, mass) if self.payload else compliances
+
+    def offsets(self, joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
+        """Return the sag x of the joints, x = c F(q + x), and its derivatives."""
+        # compliances c of all joints, and the mass at the hand
+        c: Array = np.zeros((*values.shape[:-1], self.loads.chain.size), dtype=np.result_type(values, float))
+        c[..., list(self.bearing)] = values[..., : len(self.bearing)]
+        mass = conditions[:, 0] + (values[-1] if self.payload else 0.0)
+        # the equilibrium, with the forces F there
+        rest = self.loads.equilibrium(joints, c, mass, NEWTON_STEPS, self._inertia(joints, conditions, mass))
+        # (1 - c F') dx = F dc + c dF
+        right = np.zeros((*rest.force.shape, len(self.bearing) + self.payload), dtype=c.dtype)
+        for k, i in enumerate(self.bearing):
+            right[..., i, k] = rest.force[..., i]
+        if self.payload:
+            heavier = self.loads.forces(joints + rest.offset, mass + 1.0)[0]
+            inertia = self._inertia(joints, conditions, mass + 1.0)
+            heavier = heavier if inertia is None else heavier + inertia
+            right[..., -1] = c * (heavier - rest.force)
+        moving_joints = slice(None) if values.ndim == 1 else np.array(self.bearing)
+        derivative: Array = np.asarray(solved_by(rest.equations, right, moving_joints), dtype=c.dtype)
+        return rest.offset, derivative
+
+    def _inertia(self, joints: Array, conditions: Array, mass: Array) -> Array | None:
+        """Return the forces of inertia by the rates among the conditions; None at rest."""
+        if not self.moving:
+            return None
+        return link_loads(self.loads).inertia(joints, *rates_in(conditions, self.loads.chain.size), mass)
+
+    def terms(self, values: Array) -> list[dict[str, Any]]:
+        """Return ``Effect.terms``."""
+        by_joint = dict(zip(self.bearing, values.tolist(), strict=False))
+        compliances = [by_joint.get(i, 0.0) for i in range(self.loads.chain.size)]
+        return [{"springs": compliances, "payload_kg": float(values[-1]) if self.payload else 0.0}]
 
 
 def _fitted(name: str, arm: ArmFacts) -> Effect:

@@ -220,18 +220,23 @@ def own_group(name: str) -> FittedGroup:
             f"{option_name('model')} {name}: no such group; there are geometric, auto, "
             f"{', '.join((*GROUPS, *names))}, and {terms}{hint}"
         )
+    groups = _groups_of(name)
+    if name not in groups:
+        raise LabError(
+            f"{option_name('model')} {name}: its group is named {' and '.join(groups)}; name the entry so, or the "
+            f"group {name}"
+        )
+    return groups[name]
+
+
+def _groups_of(name: str) -> dict[str, FittedGroup]:
+    """Return the groups of a package's effect by name, at least one."""
     groups = own_effect(name).groups
     if not isinstance(groups, tuple) or not all(isinstance(each, FittedGroup) for each in groups):
         raise LabError(f"effect '{name}': groups is {groups!r}; give a tuple of FittedGroup, e.g. (FittedGroup(...),)")
-    for group in groups:
-        if group.name == name:
-            return group
-    if groups:
-        others = " and ".join(each.name for each in groups)
-        raise LabError(
-            f"{option_name('model')} {name}: its group is named {others}; name the entry so, or the group {name}"
-        )
-    raise LabError(f"{option_name('model')} {name}: this effect is simulated alone; it has no group of its name")
+    if not groups:
+        raise LabError(f"{option_name('model')} {name}: this effect is simulated alone; it has no group of its name")
+    return {group.name: group for group in groups}
 
 
 def own_columns(groups: Iterable[str], chain: JointSpec, loads: Loads | None) -> tuple[str, ...]:

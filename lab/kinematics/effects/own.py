@@ -74,6 +74,11 @@ def _refuse_malformed(name: str, made: object, chain: JointSpec) -> None:
         raise LabError(f"{start} parameters that are none; make them by joint_parameter or Parameter")
     if not isinstance(made.conditions, tuple) or not all(isinstance(each, str) for each in made.conditions):
         raise LabError(f"{start} conditions {made.conditions!r}; return a tuple of names of columns")
+    _refuse_wrong_motion(start, made, chain)
+
+
+def _refuse_wrong_motion(start: str, made: Effect, chain: JointSpec) -> None:
+    """Refuse what an effect moves that is nothing of the kind, links that the arm does not have, and typical values."""
     if made.moves not in get_args(Moves):
         raise LabError(f"{start} moves '{made.moves}'; give one of {', '.join(get_args(Moves))}")
     if (made.moves == "links") != bool(made.links) or not all(0 <= link < chain.size for link in made.links):
@@ -127,17 +132,14 @@ def _refuse_wrong_derivative(effect: Effect, chain: JointSpec) -> None:
         conditions = np.stack(columns, axis=1) if columns else np.empty((_POSES, 0))
         values = scale * rng.standard_normal(len(scale))
         moved, derivative = effect.offsets(joints, conditions, values)
-        largest = max(float(np.abs(moved).max()), 1.0)
         for i, step in enumerate(_STEP * scale):
             aside = step * (np.arange(len(scale)) == i)
             after, before = (effect.offsets(joints, conditions, values + side)[0] for side in (aside, -aside))
-            slope, own = (after - before) / (2 * step), derivative[..., i]
-            rounding = 100 * np.finfo(np.float64).eps * largest / step
-            apart, size = np.abs(own - slope), max(float(np.abs(slope).max()), float(np.abs(own).max()))
-            if apart.max() > _TOLERANCE * size + rounding:
+            slope = (after - before) / (2 * step)
+            rounding = 100 * np.finfo(np.float64).eps * max(float(np.abs(moved).max()), 1.0) / step
+            if message := _slope_error(derivative[..., i], slope, rounding):
                 wrong[i] += 1
-                at = np.unravel_index(int(apart.argmax()), apart.shape)
-                messages[i] = f"{own[at]:.6g}, but by differences it is {slope[at]:.6g}"
+                messages[i] = message
         if effect.stacks:
             _refuse_wrong_stack(effect, joints, conditions, values, moved)
     if bad := [i for i in messages if wrong[i] > 1]:
@@ -145,6 +147,15 @@ def _refuse_wrong_derivative(effect: Effect, chain: JointSpec) -> None:
         raise LabError(
             f"effect '{effect.name}': offsets returns a wrong derivative by {name}: {messages[bad[0]]}{more}; repair it"
         )
+
+
+def _slope_error(own: Array, slope: Array, rounding: float) -> str:
+    """Describe a derivative that is not that of differences, where it is farthest off; empty if they agree."""
+    apart, size = np.abs(own - slope), max(float(np.abs(slope).max()), float(np.abs(own).max()))
+    if apart.max() <= _TOLERANCE * size + rounding:
+        return ""
+    at = np.unravel_index(int(apart.argmax()), apart.shape)
+    return f"{own[at]:.6g}, but by differences it is {slope[at]:.6g}"
 
 
 def _refuse_wrong_stack(effect: Effect, joints: Array, conditions: Array, values: Array, moved: Array) -> None:

@@ -112,12 +112,13 @@ def along(
     motions: list[ElementaryMotion] = []
     column = len(BASE_PARAMETERS)
     for i, (theta, d, a, alpha, beta) in enumerate(table):
+        # the reading adds to theta of a hinge, to d of a slide
         slides, parallel = chain.prismatic[i], chain.parallel[i]
         reading = chain.sign[i] * joints[i]
         angle, slide = (theta, d + reading) if slides else (theta + reading, d)
         at = column
         column += 5 if parallel else 4
-        if chain.convention == "distal":
+        if chain.convention == "distal":  # theta and d about z, then a and alpha about x, and beta about y
             motions.append(ElementaryMotion(at, z, origin, None if slides else i))
             motions.append(ElementaryMotion(at + 1, z, None, i if slides else None))
             x, y = turned(x, y, angle)
@@ -129,7 +130,7 @@ def along(
             if parallel:
                 motions.append(ElementaryMotion(at + 4, y, origin))
                 z, x = turned(z, x, beta)
-        else:
+        else:  # a and alpha about x, and beta about y, then theta and d about z
             motions.append(ElementaryMotion(at + 2, x, None))
             if i:
                 (x, y, z), origin = flexible.end(i - 1, motions, (x, y, z), origin + a * x, origin)
