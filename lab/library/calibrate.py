@@ -31,7 +31,7 @@ from lab.verdict.fit_checks import note
 from lab.verdict.fitted import Fitted
 from lab.verdict.pipeline import STEPS, Step, chosen_steps, judged, run_steps, start
 
-__all__ = ["calibrate"]
+__all__ = ["Assessment", "calibrate"]
 
 
 @takes(VirtualCampaign)
@@ -91,22 +91,24 @@ def _identified(
     source = options.plan or f"{option_name('poses')} {options.poses}"
     state = replace(state, source=str(source), checks=tuple(map(note, robot.warnings)))
     started = time.perf_counter()
-    state = judged(run_steps(state, _Assessment(session, placed).in_place_of_validation(steps), stage))
+    state = judged(run_steps(state, Assessment(session, placed).in_place_of_validation(steps), stage))
     seconds = time.perf_counter() - started
     truth = SimulatedTruth(session.true_robot, session.outliers, state.comparison)
     return CalibrationResult(options, robot, state, seconds, truth)
 
 
 @dataclass(frozen=True)
-class _Assessment:
+class Assessment:
     """Steps that know the truth of a simulated session.
 
     Attributes:
         placed: what is identified beside the arm (``SimulatedReadings.placed``).
+        fresh: exact points at poses that were not measured; those of the session, if not given.
     """
 
     session: MeasurementSession
     placed: Mapping[str, Array]
+    fresh: Measurements | None = None
 
     def in_place_of_validation(self, steps: Mapping[str, Step]) -> Mapping[str, Step]:
         """Return steps with a validation on new poses instead of the lab's; a virtual robot's joints need no check."""
@@ -125,7 +127,7 @@ class _Assessment:
         The base of an arm at fixtures is fitted first, with the tool where no reading shows it.
         """
         session, identification, fitter = self.session, state.identification, state.fitter
-        fresh = session.validation
+        fresh = session.validation if self.fresh is None else self.fresh
         checks = _unreached("validation poses", fresh)
         if fitter.kind.in_instrument_frame:
             if not (session.options.occlusion or isinstance(session.true_robot, TrueOpenRobot)):  # it reaches all poses

@@ -31,7 +31,7 @@ from lab.robots.robot import Robot
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
 
-__all__ = ["MeasurementSession", "SimulatedTruth", "measurement_session", "simulate"]
+__all__ = ["MeasurementSession", "SimulatedTruth", "measured_session", "measurement_session", "simulate"]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -136,9 +136,14 @@ def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[Measure
     noise = rng_for(options.seed, "noise")
     planned = options.plan is not None
     poses = VirtualMeasurement(real, joints, options.targets, device, noise, options.readings, conditions, planned)
-    found = sensor.simulate(poses, options)
-    named = frozenset(np.array(found.measurements.ids)[found.bad].tolist())
-    session = MeasurementSession(
-        options, robot, replace(found.measurements, warnings=notes, robot=robot.source), real, named
-    )
-    return session, found.placed
+    return measured_session(options, robot, poses, notes)
+
+
+def measured_session(
+    options: VirtualCampaign, robot: Robot, poses: VirtualMeasurement, notes: tuple[str, ...] = ()
+) -> tuple[MeasurementSession, Mapping[str, Array]]:
+    """The session in which the sensor of the options measures a virtual arm, and what is identified beside the arm."""
+    simulated = options.kind().simulate(poses, options)
+    outliers = frozenset(np.array(simulated.measurements.ids)[simulated.bad].tolist())
+    data = replace(simulated.measurements, warnings=notes, robot=robot.source)
+    return MeasurementSession(options, robot, data, poses.robot, outliers), simulated.placed

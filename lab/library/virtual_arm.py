@@ -165,9 +165,15 @@ def draw_conditions(
     return random_conditions(chain, real.effects, poses, rng, loads, hours * HOUR_S, requested)
 
 
-def fresh_poses(real: TrueRobot, options: VirtualCampaign, requested: Sequence[str]) -> Measurements:
-    """Simulate the real arm's targets at poses that were never measured, with conditions of their own."""
+def fresh_poses(
+    real: TrueRobot, options: VirtualCampaign, requested: Sequence[str], joints: Array | None = None
+) -> Measurements:
+    """Simulate the real arm's targets at poses that were never measured, with conditions of their own.
+
+    Args:
+        joints: ``(n, joints)`` of these poses; random ones, if not given.
+    """
     rng = rng_for(options.seed, "fresh")
-    poses = random_poses(real.robot, FRESH_POSES, rng)
+    poses = random_poses(real.robot, FRESH_POSES, rng) if joints is None else joints
     conditions = draw_conditions(real, options, len(poses), rng, requested)
     return recorded(real, poses, options.targets, real.points(poses, options.targets, conditions), conditions)

@@ -1,33 +1,28 @@
-"""Identify single campaigns of a study as `lab calibrate` does: simulate, fit by every step of the pipeline, validate.
+"""Identify single campaigns of a study as `lab calibrate` does, by its steps: simulate, fit, validate, compare.
 
 A campaign that cannot be identified is a row, too: of no numbers, with the reason.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from lab.calibration.fitter import Fitter
-from lab.calibration.identification import Identification
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
-from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.parameter import Parameter
-from lab.library.virtual_arm import draw_conditions, perturbed_arm, requested_conditions, truth_of
+from lab.library.calibrate import Assessment
+from lab.library.simulate import measured_session
+from lab.library.virtual_arm import draw_conditions, fresh_poses, perturbed_arm, requested_conditions
 from lab.noise.instruments import Instrument
 from lab.options.virtual_campaign import VirtualCampaign
-from lab.prediction.validation import TruthComparison, compare_with_truth, errors_of, validate_file
 from lab.robots.robot import Robot
-from lab.simulation.effects import true_parameters
-from lab.simulation.tracking import VirtualMeasurement, recorded
-from lab.simulation.true_robot import TrueRobot
+from lab.simulation.tracking import VirtualMeasurement
 from lab.verdict.fitted import Fitted
-from lab.verdict.pipeline import FITTING, run_steps
+from lab.verdict.pipeline import FITTING, run_steps, start
 
 __all__ = ["NOT_CONVERGED", "RANK_DEFICIENT", "identified_campaigns", "parameter_errors"]
 
@@ -78,7 +73,7 @@ def identified_campaigns(
         fresh: ``(m, joints)`` of the validation poses.
         set_there: conditions ``(n,)`` that a plan sets at the measured poses.
     """
-    campaigns = _Campaigns(robot, options, device, perturbed_arm(robot, options), joints, fresh, set_there)
+    campaigns = _Campaigns(robot, options, device, joints, fresh, set_there)
     rows = [campaigns.row(draw) for draw in range(draws)]
     kinds = {"converged": bool, "steps": np.int32, "lost": np.int32, "failure": object}
     return {name: np.array([row[name] for row in rows], dtype=kinds.get(name, np.float64)) for name in rows[0]}
@@ -92,99 +87,65 @@ class _Campaigns:
         robot: Robot,
         options: VirtualCampaign,
         device: Instrument,
-        real: TrueRobot,
         joints: Array,
         fresh: Array,
         set_there: Mapping[str, Array],
     ) -> None:
-        self._robot, self._options, self._device, self._real, self._joints = robot, options, device, real, joints
-        requested = requested_conditions(robot, options)
-        rngs = rng_for(options.seed, "conditions"), rng_for(options.seed, "fresh")
-        self._conditions, later = (
-            draw_conditions(real, options, len(poses), rng, requested)
-            for poses, rng in zip((joints, fresh), rngs, strict=True)
-        )
-        self._conditions |= set_there
-        there = real.points(fresh, options.targets, later)
-        met = np.isfinite(there).all(axis=(1, 2))
-        self._fresh = recorded(
-            real, fresh[met], options.targets, there[met], {name: column[met] for name, column in later.items()}
-        )
-        self._unmet = int((~met).sum())
+        self._robot, self._options, self._device, self._joints = robot, options, device, joints
+        self._real, requested = perturbed_arm(robot, options), requested_conditions(robot, options)
+        drawn = draw_conditions(self._real, options, len(joints), rng_for(options.seed, "conditions"), requested)
+        self._conditions = drawn | set_there
+        reached = fresh_poses(self._real, options, requested, fresh)
+        met = np.isfinite(reached.points).all(axis=(1, 2))
+        self._fresh, self._unmet = reached[met], int((~met).sum())
 
     def row(self, draw: int) -> dict[str, Any]:
         """Return the row of one campaign."""
         empty = {"converged": False, "steps": 0, **dict.fromkeys(_NUMBERS, _NONE), "lost": self._unmet}
         try:
-            state, placed = self._fitted(draw)
+            state = self._assessed(draw)
             lost = self._unmet + len(self._joints) - len(state.given)
-            return empty | self._measures(state, placed) | {"lost": lost}
+            return empty | _measures(state) | {"lost": lost}
         except LabError as error:
             return empty | {"failure": f"refused: {error}"}
 
-    def _fitted(self, draw: int) -> tuple[Fitted, Mapping[str, Array]]:
-        options, sensor = self._options, self._options.kind()
-        noise = rng_for(options.seed, "noise", draw)
-        poses = VirtualMeasurement(
-            self._real, self._joints, options.targets, self._device, noise, options.readings, self._conditions
-        )
-        found = sensor.simulate(poses, options)
-        data = found.measurements
-        kind = sensor.weighted_by(self._device, data)
-        fitter = Fitter(
+    def _assessed(self, draw: int) -> Fitted:
+        """Simulate one campaign, fit it, and compare it with exact points and the truth."""
+        options, noise = self._options, rng_for(self._options.seed, "noise", draw)
+        session, placed = measured_session(
+            options,
             self._robot,
-            kind.targets(data),
-            data,
-            kind,
-            kind.noise(Noise(self._device)),
-            options.fitting.to_si(),
-            options.seed,
+            VirtualMeasurement(
+                self._real, self._joints, options.targets, self._device, noise, options.readings, self._conditions
+            ),
         )
-        return run_steps(Fitted(fitter, fitter.observed().with_points()), FITTING), found.placed
+        fit = options.fitting.to_si()
+        state = start(self._robot, session.measurements, options.kind(), Noise(self._device), fit, seed=options.seed)
+        assessment = Assessment(session, placed, self._fresh)
+        judged = {"validate": assessment.validate, "compare with the truth": assessment.compare}
+        return run_steps(state, {**FITTING, **judged})
 
-    def _measures(self, state: Fitted, placed: Mapping[str, Array]) -> dict[str, Any]:
-        found = state.identification
-        before, after = (MM.of(each) for each in self._errors(state))
-        failure = "" if found.status == "converged" else NOT_CONVERGED
-        hidden = state.unshown and not state.fitter.options.search  # parameters of groups that were requested
-        if hidden or found.unobservable:
-            failure = RANK_DEFICIENT
-        measures = {
-            "converged": not failure,
-            "steps": found.fit.iterations,
-            "failure": failure,
-            "fresh_mean_mm": after.mean(),
-            "fresh_p95_mm": np.quantile(after, 0.95),
-            "fresh_worst_mm": after.max(),
-            "before_mm": before.mean(),
-        }
-        comparison = self._compared(found, placed)
-        if comparison is None:
-            return measures
-        parameters = [found.model.parameters[i] for i in found.fit.free]
-        sizes = {name: size[0] for name, size in parameter_errors(comparison.error[None], parameters).items()}
-        return measures | sizes | {"nees": comparison.nees_per_parameter}
 
-    def _errors(self, state: Fitted) -> tuple[Array, Array]:
-        """Return the errors (m) of all validation points before and after; the base of an arm at fixtures is fitted."""
-        found, fresh, fitter = state.identification, self._fresh, state.fitter
-        if fitter.kind.in_instrument_frame:
-            errors = errors_of(found, fresh)
-            both = errors.before, errors.after
-        else:
-            groups = [group for group in state.groups if group not in CAMPAIGN_SPECIFIC]
-            arm = self._robot.arm_with(fresh.targets, groups)
-            model = arm if state.process is None else state.process.added_to(arm)
-            validation = validate_file(found, model, fresh, found.unplaced)
-            assert validation.errors is not None
-            both = validation.errors.before, validation.errors.after
-        before, after = (each[np.isfinite(each)] for each in both)
-        return before, after
-
-    def _compared(self, found: Identification, placed: Mapping[str, Array]) -> TruthComparison | None:
-        """Compare the parameters with the truth; None where it is not single."""
-        truth = truth_of(self._real, self._robot.arm(self._options.targets))
-        if truth is not None:
-            truth = replace(truth, effects=true_parameters(self._real.effects))
-            truth = self._options.kind().observed_truth(truth, found, self._real, placed)
-        return None if truth is None else compare_with_truth(found, truth)
+def _measures(state: Fitted) -> dict[str, Any]:
+    """Return the metrics of a campaign; without those of the parameters where the truth is not single."""
+    identification, errors = state.identification, state.validation.errors
+    assert errors is not None
+    before, after = (MM.of(each[np.isfinite(each)]) for each in (errors.before, errors.after))
+    failure = "" if identification.status == "converged" else NOT_CONVERGED
+    hidden = state.unshown and not state.fitter.options.search  # parameters of groups that were requested
+    if hidden or identification.unobservable:
+        failure = RANK_DEFICIENT
+    measures = {
+        "converged": not failure,
+        "steps": identification.fit.iterations,
+        "failure": failure,
+        "fresh_mean_mm": after.mean(),
+        "fresh_p95_mm": np.quantile(after, 0.95),
+        "fresh_worst_mm": after.max(),
+        "before_mm": before.mean(),
+    }
+    if (comparison := state.comparison) is None:
+        return measures
+    parameters = [identification.model.parameters[i] for i in identification.fit.free]
+    sizes = {name: size[0] for name, size in parameter_errors(comparison.error[None], parameters).items()}
+    return measures | sizes | {"nees": comparison.nees_per_parameter}
