@@ -33,6 +33,7 @@ An extension may use the public interface ``lab``, this module, and the toolbox,
   ``lab.pose_selection``: criteria, exchange, durations of moves.
 - ``lab.library``: a call's result, its run's folder, values for ``--json``;
   ``lab.report``: documents, charts, recordings.
+- ``lab.sensors``: what a sensor is and takes; a sensor is a part of the fit, and may use ``lab.calibration``.
 
 The lab's own extensions (``lab.extensions``) are registered in the same way. An entry is imported at its first use. One
 that cannot be imported is left out, with a line on the standard error.
