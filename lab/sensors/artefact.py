@@ -31,9 +31,9 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, placed_parameters
 from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, PredictedReadings, labels_by_location
-from lab.sensors.sensor_options import ArtefactOptions, FitInputs
+from lab.sensors.sensor_options import ArtefactOptions, FitInputs, VirtualSetup
 
-__all__ = ["FEATURE", "Artefact", "ArtefactSensor", "placed_truth", "true_scale"]
+__all__ = ["FEATURE", "Artefact", "ArtefactSensor"]
 
 FEATURE = f"{FIXTURE}'s feature"  # condition: number of the touched feature, in ``Artefact.features``
 _EXACT_M = 1e-9  # residuals below this are those of the arithmetic
@@ -202,7 +202,6 @@ class ArtefactSensor(FixtureSensor):
 
     flags: ClassVar[type[ArtefactOptions]] = ArtefactOptions
     setup: ClassVar[tuple[str, ...]] = ("fixtures", "artefact_mm")
-    finds_poses: ClassVar[bool] = True
 
     u_m: float | None = None
     tip_m: float = 0.0
@@ -303,14 +302,24 @@ class ArtefactSensor(FixtureSensor):
             )
         return replace(model, prior_m=sigma_m * model.size_m / self.u_m)
 
+    def true_scale(self, arm: FixtureSimulation, size_m: float) -> float:
+        """Draw the true factor of the dimensions of a simulated artefact of this size, less one."""
+        return 0.0 if self.u_m is None else float(arm.rng.standard_normal()) * self.u_m / size_m
 
-def true_scale(arm: FixtureSimulation, u_m: float | None, size_m: float) -> float:
-    """Draw the true factor of the dimensions of a simulated artefact, less one."""
-    return 0.0 if u_m is None else float(arm.rng.standard_normal()) * u_m / size_m
+    def on_a_table(
+        self, arm: FixtureSimulation, setup: VirtualSetup, corners: Array, features: int
+    ) -> tuple[Array, Array, NDArray[np.int_], NDArray[np.int_]]:
+        """Place artefacts on a table where the arm reaches all corners ``(c, 3)``, to touch each feature in turn.
 
+        Returns:
+            Poses ``(k, 4, 4)`` m in the instrument's frame, joint positions ``(k, joints)`` near them, and the
+            artefact and the feature ``(n,)`` of each row.
+        """
+        frames, near = arm.frames_within_reach(setup.fixtures, corners, upright=True)
+        row = np.arange(len(arm.bad))
+        return frames, near, row % setup.fixtures, row // setup.fixtures % features
 
-def placed_truth(group: str, labels: Sequence[str], poses: Array, scale: float) -> Mapping[str, Array]:
-    """Return the true poses of simulated artefacts and the factor of their dimensions, by owner."""
-    vectors = np.concatenate([poses[:, :3, 3], log(poses[:, :3, :3])], axis=1)
-    owners = [f"{group}.{label}" for label in labels]
-    return {**dict(zip(owners, vectors, strict=True)), group: np.array([scale])}
+    def placed_artefacts(self, frames: Array, scale: float) -> Mapping[str, Array]:
+        """Return the true poses of simulated artefacts and the factor of their dimensions, by owner."""
+        vectors, group = np.concatenate([frames[:, :3, 3], log(frames[:, :3, :3])], axis=1), self.model.group
+        return {f"{group}.{1 + i}": vector for i, vector in enumerate(vectors)} | {group: np.array([scale])}

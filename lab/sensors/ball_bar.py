@@ -12,13 +12,11 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
-from lab.sensors.artefact import Artefact, ArtefactSensor, true_scale
+from lab.sensors.artefact import Artefact, ArtefactSensor
 from lab.sensors.cable import trilaterated
-from lab.sensors.contact import FixtureSimulation
+from lab.sensors.contact import DrawnContacts, FixtureSimulation
 from lab.sensors.fixtures import NONE, Fixtures, known_lengths
 from lab.sensors.sensor_options import VirtualSetup
-from lab.sensors.virtual_sensor import SimulatedReadings
-from lab.simulation.tracking import VirtualMeasurement
 
 __all__ = ["BallBar", "BallBarSensor"]
 
@@ -94,19 +92,16 @@ class BallBarSensor(ArtefactSensor):
         """Return nothing: one bar places its socket."""
         return ""
 
-    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
-        """Swing the bar about one socket after the other, in as many poses as are given, which are new ones."""
-        arm = FixtureSimulation.of_one_point("ball-bar", poses, 1)
+    def drawn(self, arm: FixtureSimulation, setup: VirtualSetup) -> DrawnContacts:
+        """Draw sockets within reach, about each of which the bar swings."""
         sockets, near = arm.reachable_points(setup.fixtures)
-        length_m, count = MM.to_si(setup.artefact_mm), len(poses.joints)
-        scale, number = true_scale(arm, self.u_m, length_m), np.arange(count) % setup.fixtures
+        length_m, count = MM.to_si(setup.artefact_mm), len(arm.bad)
+        scale, number = self.true_scale(arm, length_m), np.arange(count) % setup.fixtures
 
         def gap(points: Array, rows: NDArray[np.int_]) -> Array:
             away = np.linalg.norm(points[:, 0] - arm.displaced[rows] - sockets[number[rows]], axis=1)
             return np.asarray(away - (1 + scale) * length_m - arm.noise[rows, 0])[:, None]
 
-        touching = arm.joints_in_contact(gap, near[number])
         texts = {"location": tuple(str(1 + i) for i in number.tolist())}
-        data = arm.measurements(touching, texts, {"bar_mm": np.full(count, setup.artefact_mm)})
-        placed = {f"bar.{1 + i}": socket for i, socket in enumerate(sockets)}
-        return SimulatedReadings(data, arm.bad, {**placed, "bar": np.array([scale])})
+        placed = {f"bar.{1 + i}": socket for i, socket in enumerate(sockets)} | {"bar": np.array([scale])}
+        return DrawnContacts(near[number], gap, placed, texts, {"bar_mm": np.full(count, setup.artefact_mm)})

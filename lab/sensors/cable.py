@@ -19,18 +19,16 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identification import fit_base_and_tool
 from lab.calibration.observation import Points
 from lab.calibration.sensor import SensorTerms
-from lab.core.errors import LabError, option_name
+from lab.core.errors import LabError
 from lab.core.measurements import FIXTURE, Measurements, rows_called
 from lab.core.se3 import Array, inverse, transform
 from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, placed_parameters
-from lab.sensors.contact import FixtureSimulation
+from lab.sensors.contact import DrawnContacts, FixtureSimulation
 from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, PredictedReadings, refuse_blank
 from lab.sensors.sensor_options import VirtualSetup
-from lab.sensors.virtual_sensor import SimulatedReadings
-from lab.simulation.tracking import VirtualMeasurement
 
 __all__ = ["Cable", "CableSensor", "found_sessions", "trilaterated", "with_sessions"]
 
@@ -102,10 +100,8 @@ class CableSensor(FixtureSensor):
     )
     columns: ClassVar[ObservedColumns] = ObservedColumns(positions=False, numbers=("cable_mm",), observed="cable")
     model: ClassVar[type[Fixtures]] = Cable
-
-    def rows(self, data: Measurements) -> NDArray[np.bool_]:
-        """Return the rows ``(n,)`` with a length."""
-        return np.isfinite(data.conditions.get("cable_mm", np.full(len(data), np.nan)))
+    reading: ClassVar[str] = "cable_mm"
+    finds_poses: ClassVar[bool] = False
 
     def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
         """Return the measurements with a session for each anchor found in the lengths, if the file names none."""
@@ -129,15 +125,13 @@ class CableSensor(FixtureSensor):
         Raises:
             LabError: the lengths are missing, one is not above zero, or a row does not name its session.
         """
-        if "cable_mm" not in data.conditions:
-            raise LabError(f"column cable_mm is missing: {option_name('observe')} cable needs the wire's length")
-        lengths = MM.to_si(data.conditions["cable_mm"])
-        if (bad := np.flatnonzero(lengths <= 0)).size:
+        lengths = self.readings(data)
+        if (bad := np.flatnonzero(lengths[:, 0] <= 0)).size:
             where = f"{data.where(bad[0])}, column cable_mm"
             raise LabError(f"{where}: a wire's length is above zero; mend it, or leave the cell empty")
         if any(data.sessions):
-            refuse_blank(data, "session", data.sessions, Cable.group, np.isfinite(lengths))
-        return data.sessions, lengths[:, None]
+            refuse_blank(data, "session", data.sessions, Cable.group, self.rows(data))
+        return data.sessions, lengths
 
     def contradictions(self, arm: Model, data: Measurements, nominal: Array) -> tuple[str, ...]:
         """Return warnings of rows whose point, beside the length, is not where their joints put it, farthest first.
@@ -158,21 +152,16 @@ class CableSensor(FixtureSensor):
             for row in rows[np.argsort(-distance[rows], kind="stable")].tolist()
         )
 
-    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
-        """Measure lengths to one anchor after the other, in as many poses each as can be; the cable stays straight."""
-        arm = FixtureSimulation.of_one_point("cable", poses, 1)
-        points = arm.points(poses.joints)
+    def drawn(self, arm: FixtureSimulation, setup: VirtualSetup) -> DrawnContacts:
+        """Draw anchors about the arm, to which the cable stays straight; a row is at its anchor's session."""
+        points = arm.points(arm.joints)
         anchors = _anchors(arm, points, setup.fixtures)
         offset_m = _OFFSET_M * float(arm.rng.standard_normal())
         number = np.arange(len(points)) * setup.fixtures // len(points)
         lengths = np.linalg.norm(points - anchors[number], axis=1) + offset_m + arm.noise[:, 0]
-        data = replace(
-            arm.measurements(poses.joints),
-            conditions={**arm.conditions, "cable_mm": MM.of(lengths)},
-            sessions=tuple(str(1 + i) for i in number.tolist()),
-        )
-        placed = {f"anchor.{1 + i}": anchor for i, anchor in enumerate(anchors)}
-        return SimulatedReadings(data, arm.bad, {**placed, "cable": np.array([offset_m])})
+        placed = {f"anchor.{1 + i}": anchor for i, anchor in enumerate(anchors)} | {"cable": np.array([offset_m])}
+        sessions = tuple(str(1 + i) for i in number.tolist())
+        return DrawnContacts(arm.joints, None, placed, numbers={"cable_mm": MM.of(lengths)}, sessions=sessions)
 
 
 def _anchors(arm: FixtureSimulation, points: Array, count: int) -> Array:

@@ -1,24 +1,24 @@
-"""Simulate readings in contact: random errors of each row, and joint positions in contact, by Newton's method."""
+"""Simulate readings at fixtures: random errors of each row, and joint positions in contact, by Newton's method."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError, option_name
-from lab.core.measurements import Measurements, measured
+from lab.core.measurements import measured
 from lab.core.newton import newton
 from lab.core.se3 import Array, exp, inverse, transform
 from lab.kinematics.effects.effect import BUMPED, ShapesNoise, TrackerMotion
 from lab.kinematics.tree import point_of
+from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueOpenRobot
 
-__all__ = ["POINT", "TOUCHING", "FixtureSimulation", "without_gaps"]
+__all__ = ["POINT", "TOUCHING", "DrawnContacts", "FixtureSimulation", "without_gaps"]
 
 POINT = "p1"  # of a tool, that touches or is tied
 TOUCHING = "target"  # column of that point, of a robot with several tips
@@ -34,12 +34,46 @@ _PLACES, _PLACING_ROUNDS = 6, 12  # candidates for each frame, and how often eac
 
 
 @dataclass(frozen=True)
+class DrawnContacts:
+    """Fixtures placed at random about a virtual arm, and the contacts that it is to make, a row each.
+
+    Attributes:
+        near: ``(n, joints)`` joint positions that lead near each row's fixture.
+        gap: distances ``(m, d)`` m of points ``(m, k, 3)`` of some rows ``(m,)`` from their fixtures: zero in contact;
+            None where the arm stays where it is near.
+        placed: true values of the fixtures, as in ``SimulatedReadings``.
+        texts, numbers: columns of the file, ``(n,)`` each.
+        sessions: ``(n,)``, where a fixture is one.
+    """
+
+    near: Array
+    gap: Callable[[Array, NDArray[np.int_]], Array] | None
+    placed: Mapping[str, Array]
+    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    numbers: Mapping[str, Array] = field(default_factory=dict)
+    sessions: tuple[str, ...] = ()
+
+    @classmethod
+    def at(
+        cls,
+        places: Array,
+        near: Array,
+        placed: Mapping[str, Array],
+        texts: Mapping[str, tuple[str, ...]],
+        numbers: Mapping[str, Array],
+    ) -> Self:
+        """Return contacts in which the point is at places ``(n, 3)`` m."""
+        return cls(near, lambda points, rows: np.asarray(points[:, 0] - places[rows]), placed, texts, numbers)
+
+
+@dataclass(frozen=True)
 class FixtureSimulation:
     """A virtual arm at fixtures, with the random errors of its readings.
 
     Attributes:
         robot: the arm.
         targets: that touch or are tied.
+        joints: ``(n, joints)``, the requested ones.
         conditions: set at each row, ``(n,)`` each, without sessions: there is no tracker to be bumped.
         noise: ``(n, d)`` m, the instrument's.
         displaced: ``(n, 3)`` m, displacement of the point of an outlier.
@@ -50,6 +84,7 @@ class FixtureSimulation:
 
     robot: TrueOpenRobot
     targets: tuple[str, ...]
+    joints: Array
     conditions: Mapping[str, Array]
     noise: Array
     displaced: Array
@@ -88,7 +123,7 @@ class FixtureSimulation:
         noise = poses.instrument.sample(np.zeros((count, 1, numbers)), rng, poses.readings)
         noise = effects.shaped_noise(noise, shaping)[:, 0]
         conditions = {name: column for name, column in poses.conditions.items() if name != BUMPED}
-        return cls(robot, poses.targets, conditions, noise, displaced, bad, scatter, rng.spawn(1)[0])
+        return cls(robot, poses.targets, poses.joints, conditions, noise, displaced, bad, scatter, rng.spawn(1)[0])
 
     def points(self, joints: Array) -> Array:
         """Return places ``(n, 3)`` m of the point at the joint positions of all rows, displaced if an outlier."""
@@ -215,18 +250,21 @@ class FixtureSimulation:
             )
         return poses[reached], near[reached]
 
-    def measurements(
-        self,
-        joints: Array,
-        texts: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
-        numbers: Mapping[str, Array] = MappingProxyType({}),
-    ) -> Measurements:
-        """Return measurements without points: joint positions, conditions, and the columns of the fixtures."""
-        names = self.robot.robot.chain.joint_names
-        data = measured(names, self.robot.effects.shown(joints), (), np.empty((len(joints), 0, 3)))
+    def readings(self, contacts: DrawnContacts) -> SimulatedReadings:
+        """Return the readings of contacts, at joint positions that are searched where there is a gap to be closed.
+
+        Raises:
+            LabError: the arm cannot touch some fixture in other poses.
+        """
+        joints = contacts.near if contacts.gap is None else self.joints_in_contact(contacts.gap, contacts.near)
+        names, texts = self.robot.robot.chain.joint_names, dict(contacts.texts)
         if len(self.targets) == 1 and self.targets != (POINT,):
-            texts = {**texts, TOUCHING: self.targets * len(joints)}
-        return replace(data, conditions={**self.conditions, **numbers}, other=dict(texts))
+            texts[TOUCHING] = self.targets * len(joints)
+        data = measured(names, self.robot.effects.shown(joints), (), np.empty((len(joints), 0, 3)))
+        data = replace(data, conditions={**self.conditions, **contacts.numbers}, other=texts)
+        if contacts.sessions:
+            data = replace(data, sessions=contacts.sessions)
+        return SimulatedReadings(data, self.bad, contacts.placed)
 
 
 def _unit(vectors: Array) -> Array:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.calibration.sensor import SensorTerms
 from lab.core.errors import LabError, option_name
@@ -13,12 +12,10 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array, transform
 from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
-from lab.sensors.artefact import Artefact, ArtefactSensor, placed_truth, true_scale
-from lab.sensors.contact import FixtureSimulation
+from lab.sensors.artefact import Artefact, ArtefactSensor
+from lab.sensors.contact import DrawnContacts, FixtureSimulation
 from lab.sensors.fixtures import Fixtures, known_lengths
 from lab.sensors.sensor_options import ProbeOptions, VirtualSetup
-from lab.sensors.virtual_sensor import SimulatedReadings
-from lab.simulation.tracking import VirtualMeasurement
 
 __all__ = ["Cube", "CubeSensor"]
 
@@ -96,24 +93,15 @@ class CubeSensor(ArtefactSensor):
         axes = [axis for axis, touched in zip("xyz", along, strict=True) if not touched]
         return f"no face along {' or '.join(axes)} was touched, so its pose is unknown; touch all three" if axes else ""
 
-    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
-        """Touch the five free faces of cubes on a table, in as many poses as are given, which are new ones."""
-        arm = FixtureSimulation.of_one_point("cube", poses, 1)
-        edge_m, count = MM.to_si(setup.artefact_mm), len(poses.joints)
-        placed, near = arm.frames_within_reach(setup.fixtures, edge_m / 2 * _VERTICES, upright=True)
-        scale = true_scale(arm, self.u_m, edge_m)
-        cube = np.arange(count) % setup.fixtures
-        face = np.arange(count) // setup.fixtures % len(_ON_A_TABLE)
+    def drawn(self, arm: FixtureSimulation, setup: VirtualSetup) -> DrawnContacts:
+        """Touch the five free faces of cubes on a table."""
+        edge_m = MM.to_si(setup.artefact_mm)
+        frames, near, cube, face = self.on_a_table(arm, setup, edge_m / 2 * _VERTICES, len(_ON_A_TABLE))
+        scale = self.true_scale(arm, edge_m)
         normals = np.array([_FACES[name] for name in _ON_A_TABLE])[face]
-        aside = _WITHIN * edge_m / 2 * arm.rng.uniform(-1, 1, (count, 3)) * (normals == 0)
+        aside = _WITHIN * edge_m / 2 * arm.rng.uniform(-1, 1, (len(face), 3)) * (normals == 0)
         on = aside + normals * ((1 + scale) * edge_m / 2 + self.tip_m + arm.noise)
-        there = transform(placed[cube], on[:, None])[:, 0] + arm.displaced
-
-        def gap(points: Array, rows: NDArray[np.int_]) -> Array:
-            return np.asarray(points[:, 0] - there[rows])
-
-        touching = arm.joints_in_contact(gap, near[cube])
-        labels = [str(1 + i) for i in range(setup.fixtures)]
-        texts = {"location": tuple(labels[i] for i in cube), "face": tuple(_ON_A_TABLE[i] for i in face)}
-        data = arm.measurements(touching, texts, {"edge_mm": np.full(count, setup.artefact_mm)})
-        return SimulatedReadings(data, arm.bad, placed_truth("cube", labels, placed, scale))
+        places = transform(frames[cube], on[:, None])[:, 0] + arm.displaced
+        texts = {"location": tuple(str(1 + i) for i in cube), "face": tuple(_ON_A_TABLE[i] for i in face)}
+        numbers = {"edge_mm": np.full(len(face), setup.artefact_mm)}
+        return DrawnContacts.at(places, near[cube], self.placed_artefacts(frames, scale), texts, numbers)

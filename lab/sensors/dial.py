@@ -8,21 +8,17 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.calibration.sensor import SensorTerms
-from lab.core.errors import LabError, option_name
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.se3 import Array, transform
 from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
-from lab.sensors.contact import FixtureSimulation
-from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, labels_by_location
+from lab.sensors.contact import DrawnContacts, FixtureSimulation
+from lab.sensors.fixtures import NONE, Fixtures, FixtureSensor
 from lab.sensors.plane import Planes, plane_through
 from lab.sensors.sensor_options import VirtualSetup
-from lab.sensors.virtual_sensor import SimulatedReadings
-from lab.simulation.tracking import VirtualMeasurement
 
 __all__ = ["DialSensor", "Dials"]
 
@@ -78,22 +74,7 @@ class DialSensor(FixtureSensor):
         positions=False, numbers=("dial_mm",), texts=("location",), observed="dial"
     )
     model: ClassVar[type[Fixtures]] = Dials
-    finds_poses: ClassVar[bool] = True
-
-    def rows(self, data: Measurements) -> NDArray[np.bool_]:
-        """Return the rows ``(n,)`` with a reading."""
-        return np.isfinite(data.conditions.get("dial_mm", np.full(len(data), np.nan)))
-
-    def fixture_rows(self, data: Measurements) -> FixtureRows:
-        """Return the indicators by location, else by session, and the readings.
-
-        Raises:
-            LabError: the readings are missing, or a row does not name its indicator where another one does.
-        """
-        if "dial_mm" not in data.conditions:
-            raise LabError(f"column dial_mm is missing: {option_name('observe')} dial needs the indicator's reading")
-        labels = labels_by_location(data, Dials.group, self.rows(data))
-        return labels, MM.to_si(data.conditions["dial_mm"])[:, None]
+    reading: ClassVar[str] = "dial_mm"
 
     def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
         """Return the indicators and their readings, each counted towards the upper half of the base's frame.
@@ -109,28 +90,22 @@ class DialSensor(FixtureSensor):
         signs = np.where(np.isin(number, lower), -1.0, 1.0)[:, None, None]
         return replace(model, reversed=frozenset(lower)), replace(seen, points=signs * seen.points)
 
-    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
-        """Read one indicator after the other, within its stroke and on its anvil, in new poses."""
-        arm = FixtureSimulation.of_one_point("dial", poses, 1)
+    def drawn(self, arm: FixtureSimulation, setup: VirtualSetup) -> DrawnContacts:
+        """Place indicators at random; each is read within its stroke and on its anvil."""
         frames, near = arm.frames_within_reach(setup.fixtures, _ANVIL_M * _RIM, upright=False)
         zeros, normals = frames[:, :3, 3], frames[:, :3, 2]
-        count = len(poses.joints)
+        count = len(arm.bad)
         number = np.arange(count) % setup.fixtures
+        # on the anvil, which is flat across the direction
         aside = _ANVIL_M / np.sqrt(2) * arm.rng.uniform(-1, 1, (count, 3))
         along = normals[number]
         aside -= along * (aside * along).sum(axis=1, keepdims=True)
         readings = arm.rng.uniform(0, _STROKE_M, count)
-        there = zeros[number] + aside + along * readings[:, None] + arm.displaced
-
-        def gap(points: Array, rows: NDArray[np.int_]) -> Array:
-            return np.asarray(points[:, 0] - there[rows])
-
-        touching = arm.joints_in_contact(gap, near[number])
-        texts = {"location": tuple(str(1 + i) for i in number.tolist())}
+        places = zeros[number] + aside + along * readings[:, None] + arm.displaced
         shown = readings + (arm.displaced * along).sum(axis=1) + arm.noise[:, 0]
-        data = arm.measurements(touching, texts, {"dial_mm": MM.of(shown)})
         heights = (normals * zeros).sum(axis=1)
         placed = {
             f"dial.{1 + i}": np.append(normal, z) for i, (normal, z) in enumerate(zip(normals, heights, strict=True))
         }
-        return SimulatedReadings(data, arm.bad, placed)
+        texts = {"location": tuple(str(1 + i) for i in number.tolist())}
+        return DrawnContacts.at(places, near[number], placed, texts, {"dial_mm": MM.of(shown)})

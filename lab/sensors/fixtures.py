@@ -4,8 +4,9 @@ Each fixture adds a few parameters, and has the role of a base: the base stays a
 where the arm touches its fixture is zero too when arm and fixture shrink together; which parameters are identifiable
 is therefore decided at poses in contact, and the longest link is the scale unless a length is known.
 
-A ``FixtureSensor`` finds in a file the fixture of each row and the reading there; its ``Fixtures`` predict that
-reading. The sensors of this family are ``cable``, ``socket``, ``plane``, ``dial`` and those of ``artefact``.
+``Fixtures`` are the geometry: they predict the reading at a fixture, and place it by readings. A ``FixtureSensor`` has
+the columns of the file, and draws fixtures about a virtual arm; reading, fitting and simulation are here. The sensors
+of this family are ``cable``, ``socket``, ``plane``, ``dial`` and those of ``artefact``.
 """
 
 from abc import ABC, abstractmethod
@@ -31,9 +32,10 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.sensors.contact import POINT, TOUCHING
-from lab.sensors.sensor_options import FitInputs, SensorOptions
-from lab.sensors.virtual_sensor import VirtualSensor
+from lab.sensors.contact import POINT, TOUCHING, DrawnContacts, FixtureSimulation
+from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
+from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
+from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = [
@@ -356,16 +358,49 @@ class FixtureSensor(VirtualSensor, ABC):
     """A sensor at fixtures: of one target, and of nothing in an instrument's frame."""
 
     model: ClassVar[type[Fixtures]]
+    reading: ClassVar[str] = ""  # column of the reading (mm); "" where a row is a contact
+    numbers: ClassVar[int] = 1  # that a simulated row is, each with a random error
     in_instrument_frame: ClassVar[bool] = False
     setup: ClassVar[tuple[str, ...]] = ("fixtures",)
+    finds_poses: ClassVar[bool] = True
 
     @abstractmethod
+    def drawn(self, arm: FixtureSimulation, setup: VirtualSetup) -> DrawnContacts:
+        """Place fixtures about a virtual arm, and choose where it touches or reads them."""
+
+    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
+        """Measure at one fixture after the other, in as many poses as are given: new ones, where it is touched."""
+        arm = FixtureSimulation.of_one_point(self.name, poses, self.numbers)
+        return arm.readings(self.drawn(arm, setup))
+
+    def rows(self, data: Measurements) -> NDArray[np.bool_]:
+        """Return the rows ``(n,)`` with a reading; all, where a contact needs no column of its own."""
+        if not self.reading:
+            return np.ones(len(data), dtype=np.bool_)
+        return np.isfinite(data.conditions.get(self.reading, np.full(len(data), np.nan)))
+
     def fixture_rows(self, data: Measurements) -> FixtureRows:
-        """Read the fixtures that the file names.
+        """Read the fixtures that the file names, by location, else by session; gaps of zero where a row is a contact.
 
         Raises:
             LabError: a column is missing, or a cell has an impossible value.
         """
+        readings = self.readings(data)
+        return labels_by_location(data, self.model.group, self.rows(data)), readings
+
+    def readings(self, data: Measurements) -> Array:
+        """Return the readings ``(n, 1)`` m.
+
+        Raises:
+            LabError: their column is missing.
+        """
+        if not self.reading:
+            return np.zeros((len(data), 1))
+        if self.reading not in data.conditions:
+            raise LabError(
+                f"column {self.reading} is missing: {option_name('observe')} {self.name} needs the {self.terms.reading}"
+            )
+        return MM.to_si(data.conditions[self.reading])[:, None]
 
     def contradictions(self, arm: Model, data: Measurements, nominal: Array) -> tuple[str, ...]:
         """Return warnings of rows whose other readings contradict their joint positions: here, none."""

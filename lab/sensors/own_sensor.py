@@ -38,7 +38,7 @@ from lab.kinematics.parameter import (
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.tree import TreeArm
-from lab.sensors.contact import POINT, FixtureSimulation
+from lab.sensors.contact import POINT, DrawnContacts, FixtureSimulation
 from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
 from lab.sensors.tip import tip_rates, tip_rotations
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
@@ -202,7 +202,7 @@ class Sensor(VirtualSensor):
         units = (_UNITS[column.rpartition("_")[2]] for column in self.columns_read)
         numbers = zip(self.columns_read, units, (exact + noise).T, strict=True)
         columns = {column: np.asarray(unit.of(readings)) for column, unit, readings in numbers}
-        return SimulatedReadings(arm.measurements(poses.joints, numbers=columns), arm.bad, {self.name: values})
+        return arm.readings(DrawnContacts(poses.joints, None, {self.name: values}, numbers=columns))
 
     def observed_truth(
         self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]

@@ -7,14 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.sensor import SensorTerms
-from lab.core.measurements import Measurements
 from lab.core.se3 import Array, exp, left_jacobian, transform
 from lab.formats.measurement_csv import ObservedColumns
-from lab.sensors.contact import FixtureSimulation
-from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, PredictedReadings, labels_by_location
+from lab.sensors.contact import DrawnContacts, FixtureSimulation
+from lab.sensors.fixtures import NONE, Fixtures, FixtureSensor, PredictedReadings
 from lab.sensors.sensor_options import VirtualSetup
-from lab.sensors.virtual_sensor import SimulatedReadings
-from lab.simulation.tracking import VirtualMeasurement
 
 __all__ = ["PlaneSensor", "Planes", "plane_through"]
 
@@ -74,40 +71,23 @@ class PlaneSensor(FixtureSensor):
     )
     columns: ClassVar[ObservedColumns] = ObservedColumns(positions=False, texts=("location",), observed="plane")
     model: ClassVar[type[Fixtures]] = Planes
-    finds_poses: ClassVar[bool] = True
 
-    def rows(self, data: Measurements) -> NDArray[np.bool_]:
-        """Return all rows ``(n,)``, as a contact needs no column of its own."""
-        return np.ones(len(data), dtype=np.bool_)
-
-    def fixture_rows(self, data: Measurements) -> FixtureRows:
-        """Return the planes by location, else by session; one plane where nothing names any.
-
-        Raises:
-            LabError: some rows name their plane, and another does not.
-        """
-        return labels_by_location(data, Planes.group), np.zeros((len(data), 1))
-
-    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
-        """Touch one plane after the other, in as many poses as are given, which are new ones."""
-        arm = FixtureSimulation.of_one_point("plane", poses, 1)
+    def drawn(self, arm: FixtureSimulation, setup: VirtualSetup) -> DrawnContacts:
+        """Draw planes of any direction through places within reach."""
         on, near = arm.reachable_points(setup.fixtures)
         normals = arm.rng.standard_normal(on.shape)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        heights, number = (normals * on).sum(axis=1), np.arange(len(poses.joints)) % len(on)
+        heights, number = (normals * on).sum(axis=1), np.arange(len(arm.bad)) % len(on)
 
         def gap(points: Array, rows: NDArray[np.int_]) -> Array:
             plane = number[rows]
             along = (normals[plane] * (points[:, 0] - arm.displaced[rows])).sum(axis=1)
             return np.asarray(along - heights[plane] - arm.noise[rows, 0])[:, None]
 
-        touching = arm.joints_in_contact(gap, near[number])
-        locations = tuple(str(1 + i) for i in number.tolist())
-        data = arm.measurements(touching, {"location": locations})
         placed = {
             f"plane.{1 + i}": np.append(normal, z) for i, (normal, z) in enumerate(zip(normals, heights, strict=True))
         }
-        return SimulatedReadings(data, arm.bad, placed)
+        return DrawnContacts(near[number], gap, placed, {"location": tuple(str(1 + i) for i in number.tolist())})
 
 
 def plane_through(normal: Array, point: Array) -> Array:

@@ -14,11 +14,9 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
-from lab.sensors.contact import FixtureSimulation
+from lab.sensors.contact import DrawnContacts, FixtureSimulation
 from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, PredictedReadings, refuse_blank
 from lab.sensors.sensor_options import FitInputs, SocketOptions, VirtualSetup
-from lab.sensors.virtual_sensor import SimulatedReadings
-from lab.simulation.tracking import VirtualMeasurement
 
 __all__ = ["SocketSensor", "Sockets"]
 
@@ -102,7 +100,7 @@ class SocketSensor(FixtureSensor):
     columns: ClassVar[ObservedColumns] = ObservedColumns(positions=False, texts=_COLUMNS, observed="socket")
     flags: ClassVar[type[Any] | None] = SocketOptions
     model: ClassVar[type[Fixtures]] = Sockets
-    finds_poses: ClassVar[bool] = True
+    numbers: ClassVar[int] = 3
 
     distance_m: float | None = None
 
@@ -162,23 +160,20 @@ class SocketSensor(FixtureSensor):
                 )
         return replace(sockets, distance_m=self.distance_m)
 
-    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
-        """Put the ball into one socket after the other, in as many poses as are given, which are new ones."""
-        arm = FixtureSimulation.of_one_point("socket", poses, 3)
+    def drawn(self, arm: FixtureSimulation, setup: VirtualSetup) -> DrawnContacts:
+        """Draw locations within reach, with two sockets each: the second is around the base's axis from the first."""
         apart_m = _APART_M if self.distance_m is None else self.distance_m
         first, near = arm.reachable_points(setup.fixtures)
-        around = np.cross(arm.T_tracker_base[:3, 2], first - arm.T_tracker_base[:3, 3])  # the base's axis: within reach
+        around = np.cross(arm.T_tracker_base[:3, 2], first - arm.T_tracker_base[:3, 3])
         around /= np.linalg.norm(around, axis=1, keepdims=True)
         second = first + apart_m * around * arm.rng.choice([-1.0, 1.0], (len(first), 1))
         centres = np.stack([first, second], axis=1).reshape(-1, 3)
-        number = np.arange(len(poses.joints)) % len(centres)
+        number = np.arange(len(arm.bad)) % len(centres)
 
         def gap(points: Array, rows: NDArray[np.int_]) -> Array:
             return np.asarray(points[:, 0] - centres[number[rows]] - arm.noise[rows] - arm.displaced[rows])
 
-        touching = arm.joints_in_contact(gap, near[number // 2])
         names = [(f"l{1 + i // 2}", _NAMES[i % 2]) for i in number.tolist()]
         locations, sockets = zip(*names, strict=True)
-        data = arm.measurements(touching, {"location": locations, "socket": sockets})
         placed = {f"socket.l{1 + i // 2}.{_NAMES[i % 2]}": centre for i, centre in enumerate(centres)}
-        return SimulatedReadings(data, arm.bad, placed)
+        return DrawnContacts(near[number // 2], gap, placed, {"location": locations, "socket": sockets})

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.calibration.sensor import SensorTerms
 from lab.core.errors import LabError, option_name
@@ -13,12 +12,10 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array, transform
 from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
-from lab.sensors.artefact import Artefact, ArtefactSensor, placed_truth, true_scale
-from lab.sensors.contact import FixtureSimulation
+from lab.sensors.artefact import Artefact, ArtefactSensor
+from lab.sensors.contact import DrawnContacts, FixtureSimulation
 from lab.sensors.fixtures import Fixtures, known_lengths
 from lab.sensors.sensor_options import ProbeOptions, VirtualSetup
-from lab.sensors.virtual_sensor import SimulatedReadings
-from lab.simulation.tracking import VirtualMeasurement
 
 __all__ = ["SpherePlate", "SpherePlateSensor", "TouchedSpheres"]
 
@@ -84,6 +81,7 @@ class SpherePlateSensor(ArtefactSensor):
     )
     flags: ClassVar[type[ProbeOptions]] = ProbeOptions
     model: ClassVar[type[Fixtures]] = SpherePlate
+    numbers: ClassVar[int] = 3
 
     def model_of(self, data: Measurements) -> type[Fixtures]:
         """Return the model of touched surfaces where the file has a radius, else that of centres."""
@@ -122,21 +120,13 @@ class SpherePlateSensor(ArtefactSensor):
             return ""
         return "its touched spheres lie on a line, so its pose is unknown; touch three that do not"
 
-    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
-        """Centre on the spheres of plates on a table, four in a square and one in its middle, in new poses."""
-        arm = FixtureSimulation.of_one_point("sphere-plate", poses, 3)
-        centres, count = MM.to_si(setup.artefact_mm) * _CORNERS, len(poses.joints)
-        placed, near = arm.frames_within_reach(setup.fixtures, centres, upright=True)
-        scale = true_scale(arm, self.u_m, float(np.linalg.norm(centres[2] - centres[0])))
-        plate = np.arange(count) % setup.fixtures
-        sphere = np.arange(count) // setup.fixtures % len(centres)
-        there = transform(placed[plate], (1 + scale) * centres[sphere][:, None])[:, 0] + arm.noise + arm.displaced
-
-        def gap(points: Array, rows: NDArray[np.int_]) -> Array:
-            return np.asarray(points[:, 0] - there[rows])
-
-        touching = arm.joints_in_contact(gap, near[plate])
-        labels = [str(1 + i) for i in range(setup.fixtures)]
-        texts = {"location": tuple(labels[i] for i in plate), "sphere": tuple(str(1 + i) for i in sphere)}
-        data = arm.measurements(touching, texts, dict(zip(_AXES, MM.of(centres[sphere]).T, strict=True)))
-        return SimulatedReadings(data, arm.bad, placed_truth("plate", labels, placed, scale))
+    def drawn(self, arm: FixtureSimulation, setup: VirtualSetup) -> DrawnContacts:
+        """Centre on the spheres of plates on a table, four in a square and one in its middle."""
+        centres = MM.to_si(setup.artefact_mm) * _CORNERS
+        frames, near, plate, sphere = self.on_a_table(arm, setup, centres, len(centres))
+        scale = self.true_scale(arm, float(np.linalg.norm(centres[2] - centres[0])))
+        on = (1 + scale) * centres[sphere]
+        places = transform(frames[plate], on[:, None])[:, 0] + arm.noise + arm.displaced
+        texts = {"location": tuple(str(1 + i) for i in plate), "sphere": tuple(str(1 + i) for i in sphere)}
+        numbers = dict(zip(_AXES, MM.of(centres[sphere]).T, strict=True))
+        return DrawnContacts.at(places, near[plate], self.placed_artefacts(frames, scale), texts, numbers)
