@@ -13,7 +13,7 @@ from lab.calibration.guess import named_stations
 from lab.calibration.identification import Identification, identify
 from lab.calibration.noise_search import NoiseSearch, noise_of, outliers_among_fitted
 from lab.calibration.residual.estimation import with_residual
-from lab.calibration.residual.process import JointProcess
+from lab.calibration.residual.gaussian_process import JointProcess
 from lab.calibration.sensor import ArmSensor
 from lab.calibration.statistics.candidate_models import ModelWith, SelectionTask
 from lab.calibration.statistics.linearized import NoiseDistribution

@@ -12,7 +12,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import Direction, weak_directions
 from lab.calibration.identification import Identification
 from lab.calibration.most_likely import most_likely_parameters
-from lab.calibration.residual.process import GROUP
+from lab.calibration.residual.gaussian_process import GROUP
 from lab.calibration.sensor import ArmSensor
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.core.checks import Check, Outcome

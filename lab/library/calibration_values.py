@@ -8,7 +8,7 @@ import numpy as np
 
 from lab.calibration.identifiability import Direction
 from lab.calibration.residual.estimation import ExpectedGain
-from lab.calibration.residual.process import GROUP
+from lab.calibration.residual.gaussian_process import GROUP
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.core.checks import Check
 from lab.core.units import MM, MRAD

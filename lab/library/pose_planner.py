@@ -22,8 +22,8 @@ from lab.options.virtual_campaign import DesignOptions
 from lab.planning.design_problem import PoseProblem, pose_problem
 from lab.pose_selection.criteria import Criterion, is_singular
 from lab.pose_selection.exchange import information
-from lab.pose_selection.next_pose import NoiseCheck, best_candidates, noise_check
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict
+from lab.pose_selection.sequential_choice import NoiseCheck, best_candidates, noise_check
 from lab.pose_selection.tour import fastest_path, rated
 from lab.prediction.validation import poses_to_validate
 from lab.robots.load_robot import load_virtual

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lab.calibration.residual.process import JointProcess, PredictedBy
+from lab.calibration.residual.gaussian_process import JointProcess, PredictedBy
 from lab.core import se3
 from lab.core.checks import Check
 from lab.core.errors import LabError, counted

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lab.calibration.residual.process import COMPONENTS, GROUP, JointProcess
+from lab.calibration.residual.gaussian_process import COMPONENTS, GROUP, JointProcess
 from lab.core.errors import LabError, error_context
 from lab.core.limits import LENGTH_M, NUMBER_SIZE
 from lab.core.linear_model import refuse_impossible_covariance

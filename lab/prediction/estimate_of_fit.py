@@ -8,7 +8,7 @@ import numpy as np
 
 from lab.calibration.identifiability import aliases, column_scale
 from lab.calibration.identification import WEAK, Identification
-from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
+from lab.calibration.residual.gaussian_process import GROUP, JointProcess, PredictedBy
 from lab.core.se3 import Array
 from lab.core.values import Deferred
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC

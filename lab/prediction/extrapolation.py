@@ -203,7 +203,7 @@ class _LinearRows:
 
 
 @dataclass(frozen=True)
-class _LeftOut:
+class _LeftOutRegion:
     """Poses of one region that the others do not cover, as the others predict them.
 
     Attributes:
@@ -243,7 +243,9 @@ def _growth_beyond_cover(rows: _LinearRows, joints: Array, turning: NDArray[np.b
     return float(np.sqrt(_excess(parts) * len(parts) / (len(parts) - 2)))  # a new region is another draw: Student's t
 
 
-def _left_out(rows: _LinearRows, joints: Array, turning: NDArray[np.bool_], out: NDArray[np.bool_]) -> _LeftOut | None:
+def _left_out(
+    rows: _LinearRows, joints: Array, turning: NDArray[np.bool_], out: NDArray[np.bool_]
+) -> _LeftOutRegion | None:
     """Predict the uncovered poses of a region from the other poses; None where these cover them all."""
     away = PoseCover.of(joints[~out], turning).beyond(joints[out])
     far = np.flatnonzero(out)[away > 0]
@@ -263,7 +265,7 @@ def _left_out(rows: _LinearRows, joints: Array, turning: NDArray[np.bool_], out:
     error = rows.residual[far] - there @ moved
     numbers = int(rows.numbers[far].sum())
     p = _p_value(error / np.sqrt(variance), there, inverse, spread, (numbers, dof))
-    return _LeftOut(error, variance * spread, away[away > 0][:, None, None] * rows.by_joints[far], numbers, p)
+    return _LeftOutRegion(error, variance * spread, away[away > 0][:, None, None] * rows.by_joints[far], numbers, p)
 
 
 def _p_value(error: Array, columns: Array, inverse: Array, spread: Array, counts: tuple[int, int]) -> float:
@@ -285,7 +287,7 @@ def _p_value(error: Array, columns: Array, inverse: Array, spread: Array, counts
     return float(p_value_of_squares(squares, like, dof, numbers / like))
 
 
-def _excess(parts: list[_LeftOut]) -> float:
+def _excess(parts: list[_LeftOutRegion]) -> float:
     """Return the variance that makes the weighted squares of all errors as large as expected."""
 
     def excess(size: float) -> float:

@@ -187,7 +187,7 @@ def planning_model(robot: _Model, targets: Sequence[str], instrument: Instrument
     _name_shapes(spec)
     _mesh_boxes(spec)
     bare = compiled(robot.path, spec)
-    shapes = _Shapes.of(bare, robot.base_body)
+    shapes = _SolidShapes.of(bare, robot.base_body)
     stated = [name for name, clearance_m in robot.obstacles.items() if clearance_m is not None]
     # Surroundings keep their own clearance, or that of the plan.
     around_m, own_m = (_required_clearance(robot, each) for each in (clearances.surroundings_m, clearances.own_m))
@@ -211,7 +211,7 @@ def planning_model(robot: _Model, targets: Sequence[str], instrument: Instrument
 
 
 def _add_pairs(
-    spec: mujoco.MjSpec, robot: RobotModel, shapes: "_Shapes", pairs: Sequence[tuple[int, int]], wanted: Array
+    spec: mujoco.MjSpec, robot: RobotModel, shapes: "_SolidShapes", pairs: Sequence[tuple[int, int]], wanted: Array
 ) -> None:
     """Let pairs of shapes keep ``wanted`` clearances (m), or their least distance at the nominal poses."""
     bare = shapes.model
@@ -268,7 +268,7 @@ def _mesh_boxes(spec: mujoco.MjSpec) -> None:
 
 
 @dataclass(frozen=True)
-class _Shapes:
+class _SolidShapes:
     """The solid shapes of a model: those of the arm, those around it, and those of reflectors, by number."""
 
     model: mujoco.MjModel
@@ -277,7 +277,7 @@ class _Shapes:
     reflectors: frozenset[int]
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, base_body: str) -> "_Shapes":
+    def of(cls, model: mujoco.MjModel, base_body: str) -> "_SolidShapes":
         """Return the shapes of a model; the arm is all moving bodies, and its base with all on it."""
         base = model.body(base_body).id if base_body else -1
         on_base = np.zeros(model.nbody, dtype=bool)

@@ -313,7 +313,7 @@ class _End:
 
 
 @dataclass(frozen=True, eq=False)
-class _Branch:
+class _ModelBranch:
     """A chain to an end of a model; its frame 0 is at ``T_world_frame0`` ``(4, 4)`` (m)."""
 
     end: _End
@@ -326,7 +326,7 @@ class _Branch:
         return last_frame(self.chain, self.T_world_frame0)
 
 
-def _branch(path: Path, model: mujoco.MjModel, end: _End) -> _Branch:
+def _branch(path: Path, model: mujoco.MjModel, end: _End) -> _ModelBranch:
     """Return the chain to an end of a model, by the axes of its joints."""
     data, joints = at_zero(model), [joint_of(model, body) for body in end.bodies]
     names = [str(joint.name) for joint in joints]
@@ -339,7 +339,7 @@ def _branch(path: Path, model: mujoco.MjModel, end: _End) -> _Branch:
         end.T_world_flange,
         _joint_limits(path, model, names),
     )
-    return _Branch(end, chain, T_world_frame0)
+    return _ModelBranch(end, chain, T_world_frame0)
 
 
 def _only_end(path: Path, model: mujoco.MjModel) -> _End:
@@ -413,7 +413,9 @@ def _base_pose(model: mujoco.MjModel, data: mujoco.MjData, bodies: Sequence[str]
     return body_pose(data, parent) if parent else np.eye(4)
 
 
-def _serial_model(path: Path, spec: mujoco.MjSpec, branch: _Branch, missing: str, held: tuple[str, ...]) -> SerialModel:
+def _serial_model(
+    path: Path, spec: mujoco.MjSpec, branch: _ModelBranch, missing: str, held: tuple[str, ...]
+) -> SerialModel:
     """Build the model of a serial arm."""
     end, model = branch.end, compiled(path, spec)
     _rename_targets(spec, model, end)
@@ -445,7 +447,7 @@ def _tree_model(
     path: Path,
     spec: mujoco.MjSpec,
     tips: Sequence[str],
-    branches: Sequence[_Branch],
+    branches: Sequence[_ModelBranch],
     missing: str,
     held: tuple[str, ...],
 ) -> TreeModel:
@@ -468,7 +470,7 @@ def _tree_model(
 
 
 def _tree_targets(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, tips: Sequence[str], branches: Sequence[_Branch]
+    spec: mujoco.MjSpec, model: mujoco.MjModel, tips: Sequence[str], branches: Sequence[_ModelBranch]
 ) -> dict[str, Array]:
     """Name the targets of all tips; add the default tool's where a tip has none. Return their places (m)."""
     tool, last_bodies = dict[str, Array](), [each.end.bodies[-1] for each in branches]
@@ -486,7 +488,7 @@ def _tip_targets(
     spec: mujoco.MjSpec,
     model: mujoco.MjModel,
     tip: str,
-    branch: _Branch,
+    branch: _ModelBranch,
     tips: Sequence[str],
     taken: Mapping[str, Array],
 ) -> dict[str, Array]:
@@ -518,7 +520,7 @@ def _target_name(site: str, tip: str, tips: Sequence[str]) -> str:
 
 
 def _add_spare_targets(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, branch: _Branch, targets: Mapping[str, Array]
+    spec: mujoco.MjSpec, model: mujoco.MjModel, branch: _ModelBranch, targets: Mapping[str, Array]
 ) -> None:
     carrier = model.body(branch.end.carrier)
     T_body_last = se3.inverse(body_pose(at_zero(model), carrier.id)) @ branch.T_world_last
@@ -541,7 +543,7 @@ def _completed(
     spec: mujoco.MjSpec,
     model: mujoco.MjModel,
     chain: JointSpec,
-    tools: Mapping[_Branch, Mapping[str, Array]],
+    tools: Mapping[_ModelBranch, Mapping[str, Array]],
     missing: str,
 ) -> _Completed:
     """Add a tracker, rods where there are no shapes, and exclusions of contacts by construction.

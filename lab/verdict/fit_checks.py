@@ -20,7 +20,7 @@ from lab.calibration.identification import Identification, spread
 from lab.calibration.noise_search import NOTABLE
 from lab.calibration.observation import UnsizedObservation, observation_of, only_positions
 from lab.calibration.prior import Tolerance, prior_of
-from lab.calibration.residual.process import PredictedBy
+from lab.calibration.residual.gaussian_process import PredictedBy
 from lab.calibration.sensor import ArmSensor
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting, rounding
 from lab.calibration.statistics.model_selection import Selection

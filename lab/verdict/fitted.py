@@ -11,7 +11,7 @@ from lab.calibration.identification import Identification
 from lab.calibration.noise_search import NoiseSearch
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.residual.estimation import ExpectedGain, expected_gain
-from lab.calibration.residual.process import JointProcess, PredictedBy
+from lab.calibration.residual.gaussian_process import JointProcess, PredictedBy
 from lab.calibration.row_groups import configurations
 from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested
 from lab.calibration.statistics.joint_rounding import by_joint_positions

@@ -19,7 +19,7 @@ from lab.calibration.fitter import Fitter, NominalRobot
 from lab.calibration.noise_search import outliers_among_held_out, tail_of
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.residual.estimation import with_residual
-from lab.calibration.residual.process import GROUP
+from lab.calibration.residual.gaussian_process import GROUP
 from lab.calibration.row_groups import hold_out, hold_out_last, rows_in_time
 from lab.calibration.sensor import ArmSensor
 from lab.calibration.statistics.goodness_of_fit import (

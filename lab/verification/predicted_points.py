@@ -25,7 +25,7 @@ from scipy.optimize import brentq
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.guess import initial_guess
 from lab.calibration.observation import observation_of
-from lab.calibration.residual.process import PredictedBy
+from lab.calibration.residual.gaussian_process import PredictedBy
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weigh
 from lab.core.errors import LabError

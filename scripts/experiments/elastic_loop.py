@@ -24,7 +24,7 @@ from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.robotics.trajectory.cartesian import Feed, PathMove, arc, path_move
-from lab.extensions.robotics.trajectory.tracking import TrackedArm, tracking_along
+from lab.extensions.robotics.trajectory.path_errors import TrackedArm, tracking_along
 from lab.kinematics.effects.arm_with_effects import Arm, ArmWithEffects
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.inverse.branches import NominalInverse

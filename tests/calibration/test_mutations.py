@@ -45,8 +45,10 @@ MUTATIONS = [
         "kinematics.compiled.numpy_kernels:innovations", "gains[t] @ gains[t].T", "-gains[t] @ gains[t].T", CORRELATION
     ),
     Mutation("noise.correlation:Correlation._filter", "self.carry**gaps", "self.carry + 0 * gaps", CORRELATION),
-    Mutation("calibration.residual.process:PredictedBy.covariance", "half.T @ half", "-half.T @ half", PROCESS),
-    Mutation("calibration.residual.process:JointKernels.of_offsets", "1 + scaled", "1", PROCESS),
+    Mutation(
+        "calibration.residual.gaussian_process:PredictedBy.covariance", "half.T @ half", "-half.T @ half", PROCESS
+    ),
+    Mutation("calibration.residual.gaussian_process:JointKernels.of_offsets", "1 + scaled", "1", PROCESS),
     Mutation("calibration.extrapolation:MeasuredRange.beyond", "self.lower - joints", "joints - self.upper", BEYOND),
     Mutation("calibration.extrapolation:_left_out", "inverse @ -removed", "inverse @ removed", BEYOND),
 ]

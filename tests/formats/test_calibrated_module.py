@@ -12,7 +12,7 @@ import pytest
 from helpers.bare_python import bare_python
 from helpers.robots import perturbed, somewhere
 
-from lab.calibration.residual.process import COMPONENTS, JointProcess
+from lab.calibration.residual.gaussian_process import COMPONENTS, JointProcess
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array

@@ -19,7 +19,7 @@ import scipy  # its solvers are loaded at their first use
 from numpy.typing import NDArray
 
 from lab.calibration.identification import Identification
-from lab.calibration.residual.process import (
+from lab.calibration.residual.gaussian_process import (
     JointKernels,
     JointProcess,
     PoseNumbers,

@@ -144,12 +144,12 @@ class Pixels:
 
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """Return places of corners ``(n, 1, 2)`` and their derivatives ``(n, 1, 2, p)``."""
-        scene = _Scene.of(self, inputs, values, rates=True)
+        scene = _SeenCorners.of(self, inputs, values, rates=True)
         return scene.places[:, None], scene.derivatives(self, values)[:, None]
 
     def points(self, inputs: Array, values: Array) -> Array:
         """Return places of corners ``(n, 1, 2)``."""
-        return _Scene.of(self, inputs, values, rates=False).places[:, None]
+        return _SeenCorners.of(self, inputs, values, rates=False).places[:, None]
 
     def column_priority(self) -> tuple[int, ...]:
         """Return what is fixed in the world, then the arm's order with the tip's cameras and boards, then the base."""
@@ -219,7 +219,7 @@ class Pixels:
         known = np.flatnonzero(np.isin(camera, self.seen[0]) & np.isin(board, self.seen[1]))
         errors = np.full((len(data), 1), np.nan)
         part = data[known]
-        scene = _Scene.of(self, part.inputs(self.conditions), values, rates=False)
+        scene = _SeenCorners.of(self, part.inputs(self.conditions), values, rates=False)
         angle = (part.points[:, 0] - scene.places) / scene.intrinsics[:, :2]
         errors[known, 0] = np.linalg.norm(angle, axis=1) * np.abs(scene.in_camera[:, 2])
         return errors
@@ -252,7 +252,7 @@ def _pose_of(values: Array, part: _Part) -> tuple[Array, Array, Array]:
 
 
 @dataclass(frozen=True)
-class _Scene:
+class _SeenCorners:
     """Corners and cameras at the poses of some rows.
 
     Attributes:
@@ -286,7 +286,7 @@ class _Scene:
     rotations: tuple[Array, Array]  # (n, 3, 3) of cameras and boards in what carries them
 
     @staticmethod
-    def of(model: Pixels, inputs: Array, values: Array, *, rates: bool) -> "_Scene":
+    def of(model: Pixels, inputs: Array, values: Array, *, rates: bool) -> "_SeenCorners":
         """Place all at the rows' poses."""
         size = len(model.arm.names)
         index = model.rig.parts(inputs[:, -1].real.astype(np.int_))
@@ -319,7 +319,7 @@ class _Scene:
         in_camera = _turned(np.swapaxes(turn_camera, 1, 2), from_camera)
         intrinsics = np.stack([_intrinsics(part, values) for part in model.cameras])[camera]
         places, by_point, by_intrinsics = projected(in_camera, intrinsics)
-        return _Scene(
+        return _SeenCorners(
             camera, board, intrinsics, corner, on_board, at_board, world, at_camera, in_camera, places, by_point,
             by_intrinsics, poses, frames, (turn_camera, turn_board),
         )  # fmt: skip

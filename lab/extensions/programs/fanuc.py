@@ -64,7 +64,7 @@ _SLACK_RAD = np.deg2rad(0.05)
 
 
 @dataclass
-class _Reader(ProgramReader):
+class _FanucReader(ProgramReader):
     """Reader of a listing."""
 
     code: str
@@ -160,7 +160,7 @@ class FanucLs(SixAxisLanguage):
 
     def read(self, text: str, outside: Outside) -> ProgramText:
         """Read the targets and moves of a listing."""
-        return _Reader(text, outside, masked(text, r"(?<=[:\s])![^\r\n]*")).read()
+        return _FanucReader(text, outside, masked(text, r"(?<=[:\s])![^\r\n]*")).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write the program of the file's name: home, every pose with a wait, home."""

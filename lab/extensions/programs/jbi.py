@@ -66,7 +66,7 @@ _QUARTER = np.pi / 2
 
 
 @dataclass
-class _Reader(ProgramReader):
+class _JbiReader(ProgramReader):
     """Reader of a job, line by line."""
 
     positions: dict[str, TargetText] = field(default_factory=dict)
@@ -189,7 +189,7 @@ class Jbi(SixAxisLanguage):
 
     def read(self, text: str, outside: Outside) -> ProgramText:
         """Read the targets and moves of a job."""
-        return _Reader(text, outside).read()
+        return _JbiReader(text, outside).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write the job of the file's name: home, every pose with a wait, home; of the flange (tool 0)."""

@@ -90,7 +90,7 @@ class _Position:
 
 
 @dataclass
-class _Reader(ProgramReader):
+class _KrlReader(ProgramReader):
     """Reader of a module, line by line: KRL's statements end with the line."""
 
     code: str
@@ -282,7 +282,7 @@ class Krl(SixAxisLanguage):
 
     def read(self, text: str, outside: Outside) -> ProgramText:
         """Read the targets and moves of a module (.src) or a data list (.dat)."""
-        return _Reader(text, outside, masked(text, r"[;&][^\r\n]*")).read()
+        return _KrlReader(text, outside, masked(text, r"[;&][^\r\n]*")).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write the program of the file's name: home, every pose with a wait, home."""

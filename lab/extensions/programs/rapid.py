@@ -70,7 +70,7 @@ class _Declared:
 
 
 @dataclass
-class _Reader(ProgramReader):
+class _RapidReader(ProgramReader):
     """Reader of a module: its text without comments, and without strings too."""
 
     data: str
@@ -308,7 +308,7 @@ class Rapid(SixAxisLanguage):
     def read(self, text: str, outside: Outside) -> ProgramText:
         """Read the targets and moves of a module."""
         data = masked(text, r"![^\r\n]*")
-        return _Reader(text, outside, data, masked(data, '"[^"\r\n]*"', retained="$^")).read()
+        return _RapidReader(text, outside, data, masked(data, '"[^"\r\n]*"', retained="$^")).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write the procedure ``measure_poses_from_1`` (the first id): home, every pose with a wait, home."""

@@ -82,7 +82,7 @@ class _Named:
 
 
 @dataclass
-class _Reader(ProgramReader):
+class _UrScriptReader(ProgramReader):
     """Reader of a script."""
 
     code: str
@@ -209,7 +209,7 @@ class UrScript(SixAxisLanguage):
     def read(self, text: str, outside: Outside) -> ProgramText:
         """Read the targets and moves of a script."""
         code = masked(masked(text, r"#[^\r\n]*"), '"[^"\r\n]*"', retained="$^")
-        return _Reader(text, outside, code).read()
+        return _UrScriptReader(text, outside, code).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write ``measure_poses``: home, every pose with a wait, home."""

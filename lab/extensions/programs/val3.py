@@ -69,7 +69,7 @@ _SLACK_RAD = np.deg2rad(0.05)
 
 
 @dataclass
-class _Reader(ProgramReader):
+class _Val3Reader(ProgramReader):
     """Reader of an application's file."""
 
     code: str
@@ -207,7 +207,7 @@ class Val3(SixAxisLanguage):
     def read(self, text: str, outside: Outside) -> ProgramText:
         """Read the targets and moves of an application's file."""
         comments = masked(text, r"<!--[\s\S]*?(?:-->|\Z)|(?<!:)//[^\r\n]*", retained='"[^"\r\n]*"')
-        return _Reader(text, outside, comments, comments.replace("{", "[").replace("}", "]")).read()
+        return _Val3Reader(text, outside, comments, comments.replace("{", "[").replace("}", "]")).read()
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write the program of the file's name: home, every pose with a wait, home."""

@@ -12,7 +12,7 @@ from lab.extensions.reproduction.answer import ComparedValue, holds
 from lab.extensions.reproduction.item import Item, Missing, Source, with_exercises
 from lab.extensions.reproduction.source_models import SAMPLES, Sampled, link_matrices, matrix_formulas, sampled
 from lab.extensions.reproduction.thesis_model import printed_links
-from lab.extensions.robotics.trajectory.tracking import Correction, compensated, elastic_errors, greville
+from lab.extensions.robotics.trajectory.path_errors import Correction, compensated, elastic_errors, greville
 from lab.kinematics.dynamics.beam import COMPLIANCES, MATERIALS, Beam, loads_on, tube
 from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.gauge import base_set_of

@@ -26,7 +26,7 @@ from lab.extensions.reproduction.thesis_case import (
 )
 from lab.extensions.reproduction.thesis_model import MODEL_ITEMS, printed_links
 from lab.extensions.reproduction.thesis_statements import STATEMENT_ITEMS
-from lab.extensions.robotics.trajectory.tracking import greville
+from lab.extensions.robotics.trajectory.path_errors import greville
 from lab.kinematics.gauge import base_set_of
 from lab.pose_selection.criteria import indices
 from lab.report.charts.chart import axes_picture

@@ -105,13 +105,13 @@ def searched(name: str, seed: int, count: int, starts: int, *, limits: bool = Fa
     Args:
         limits: keep the joints within theirs; else they turn freely.
     """
-    search = _Search.of(name, seed, count, limits=limits)
+    search = _CandidateSearch.of(name, seed, count, limits=limits)
     return max((search.ascended(search.exchanged(poses)) for _ in range(starts)), key=lambda design: design.score)
 
 
 def converging(seed: int, count: int, starts: int, rounds: int) -> Array:
     """Return O1 ``(starts, rounds + 1)`` of 20 poses: after each start's exchange, and each round of its ascent."""
-    search = _Search.of("O1", seed, count, limits=False)
+    search = _CandidateSearch.of("O1", seed, count, limits=False)
     found = []
     for _ in range(starts):
         design = search.exchanged(_POSES)
@@ -123,7 +123,7 @@ def converging(seed: int, count: int, starts: int, rounds: int) -> Array:
 
 
 @dataclass(frozen=True)
-class _Search:
+class _CandidateSearch:
     """A search among random candidates; raw units, the arm alone."""
 
     goal: Criterion
@@ -132,7 +132,7 @@ class _Search:
     bounds: tuple[Array, Array]
 
     @classmethod
-    def of(cls, name: str, seed: int, count: int, *, limits: bool) -> "_Search":
+    def of(cls, name: str, seed: int, count: int, *, limits: bool) -> "_CandidateSearch":
         """Create the search of a seed."""
         rng, chain = rng_for(seed, "design"), thesis_case().arm.chain
         turn = np.full(chain.size, np.pi)

@@ -58,7 +58,7 @@ class Sheet:
         self.labels: list[_Draw] = []  # which may lie beyond the axes
         self.shown_legend: Legend | None = None
         self.title, self.equal, self.hidden = "", "", False
-        self.named: list[_Named] = []
+        self.named: list[_NamedSeries] = []
         self._insets: list[tuple[tuple[float, float, float, float], Sheet]] = []
         self._marks: list[tuple[float, _Draw]] = []
         self._entries: list[Entry] = []
@@ -174,7 +174,7 @@ class Sheet:
         return x, Scale(under, over, bottom, top, self.y.logarithmic)
 
 
-class _Named(NamedTuple):
+class _NamedSeries(NamedTuple):
     thing: str
     x: ArrayLike
     y: ArrayLike
@@ -191,7 +191,7 @@ def name_points(axes: Axes, thing: str, x: ArrayLike, y: ArrayLike, names: Seque
         texts: what is known of each, as ``0.031 mm``.
     """
     if isinstance(axes, Sheet):
-        axes.named.append(_Named(thing, x, y, names, texts))
+        axes.named.append(_NamedSeries(thing, x, y, names, texts))
 
 
 def place(at: Any, coordinates: _Coordinates, across: Scale, up: Scale) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from helpers.robots import IRB120
 from numpy.typing import NDArray
 
 from lab.calibration.residual.estimation import bound_factor, left_out
-from lab.calibration.residual.process import JointKernels, Reduction, Support, covariance
+from lab.calibration.residual.gaussian_process import JointKernels, Reduction, Support, covariance
 from lab.core.se3 import Array
 
 SIZES = 1e-10 * np.array([1.0, 0.3, 2.0, 4.0, 8.0, 1.0, 3.0, 5.0, 2.0, 6.0])

@@ -3,7 +3,7 @@
 import numpy as np
 from helpers.robots import IRB120
 
-from lab.extensions.robotics.trajectory.tracking import bent_links
+from lab.extensions.robotics.trajectory.path_errors import bent_links
 from lab.kinematics.dynamics.gravity import link_loads
 
 

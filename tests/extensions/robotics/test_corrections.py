@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import lab
 from lab.cli.main import main
 from lab.core.se3 import Array
-from lab.extensions.robotics.trajectory.tracking import compensated
+from lab.extensions.robotics.trajectory.path_errors import compensated
 from lab.extensions.robotics.trajectory.trajectory_result import TrajectoryResult
 from lab.kinematics.dynamics.gravity import LinkLoads, Loads, link_loads
 from lab.kinematics.serial.serial_arm import SerialArm

@@ -8,7 +8,7 @@ from beam_chain import BeamChain
 from helpers.robots import IRB120, chain_of
 
 from lab.core.se3 import Array
-from lab.extensions.robotics.trajectory.tracking import Correction, compensated, elastic_errors, greville
+from lab.extensions.robotics.trajectory.path_errors import Correction, compensated, elastic_errors, greville
 from lab.kinematics.dynamics.gravity import LinkLoads, Loads, link_loads
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.serial.walk import Torsors

@@ -5,7 +5,7 @@ from beam_chain import BeamChain
 from helpers.robots import IRB120
 
 from lab.core.se3 import Array
-from lab.extensions.robotics.trajectory.tracking import Tracking, tracking
+from lab.extensions.robotics.trajectory.path_errors import Tracking, tracking
 from lab.kinematics.dynamics.beam import COMPLIANCES
 from lab.kinematics.trajectory.trajectory import through
 from lab.simulation.elastic_links import AT_REST, JointMotion

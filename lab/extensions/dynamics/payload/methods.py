@@ -349,7 +349,7 @@ class _MountingEstimate:
 
 
 @dataclass(frozen=True)
-class _Readings:
+class _LoadReadings:
     """Wrist-sensor readings and their regressors, filtered and decimated if the run was a motion.
 
     Attributes:
@@ -434,21 +434,21 @@ def from_wrench(
     return estimate_of(kind, solution, nuisance, unidentified, check, reading, times)
 
 
-def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: Mounting) -> _Readings:
+def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: Mounting) -> _LoadReadings:
     loaded, unloaded = records.run(True), records.run(False)
     assert loaded.wrench is not None and unloaded.wrench is not None
     raw, still = mounting.sign * loaded.wrench, mounting.sign * unloaded.wrench
     if loaded.time_s is None:
         zero = np.zeros_like(loaded.joints)
         regressors = _regressors(hand_motion(arm, values, loaded.joints, zero, zero))
-        return _Readings(None, raw, still, *(np.array([part, 0 * part, 0 * part]) for part in regressors))
+        return _LoadReadings(None, raw, still, *(np.array([part, 0 * part, 0 * part]) for part in regressors))
     band = band_of(loaded.time_s, BAND_HZ)
     regressors = _regressors(hand_motion(arm, values, *band.motion(loaded.joints)))
     if len(unloaded) and unloaded.time_s is not None:
         _same_step(band, unloaded)
         still = band_of(unloaded.time_s, BAND_HZ).decimated(still)
     parts = (np.array([band.decimated(part, order=order) for order in range(3)]) for part in regressors)
-    return _Readings(band, band.trimmed(raw), still, *parts)
+    return _LoadReadings(band, band.trimmed(raw), still, *parts)
 
 
 def _regressors(motion: HandMotion) -> tuple[Array, Array]:
@@ -459,7 +459,7 @@ def _regressors(motion: HandMotion) -> tuple[Array, Array]:
 
 
 def _fitted_to_wrench(
-    readings: _Readings, labels: Sequence[str], mounting: Mounting
+    readings: _LoadReadings, labels: Sequence[str], mounting: Mounting
 ) -> tuple[ChannelSolution, _MountingEstimate]:
     """Iterate Gauss-Newton steps of the mounting and the delay; the other parameters are linear."""
     mounted = _MountingEstimate(mounting.gravity, mounting.rotation, np.zeros(2))
@@ -479,18 +479,18 @@ def _fitted_to_wrench(
     return solution, mounted
 
 
-def _loaded(readings: _Readings, mounted: _MountingEstimate, order: int = 0) -> Array:
+def _loaded(readings: _LoadReadings, mounted: _MountingEstimate, order: int = 0) -> Array:
     """Return the load's columns ``(k, 6, 10)`` in the sensor's axes."""
     return _turned(mounted, readings.at_rest[order] + readings.by_gravity[order] @ mounted.gravity)
 
 
-def _columns(readings: _Readings, mounted: _MountingEstimate) -> Array:
+def _columns(readings: _LoadReadings, mounted: _MountingEstimate) -> Array:
     """Return the regressor of the load and the offsets, ``(k + m, 6, 16)``."""
     columns = _padded(readings, _loaded(readings, mounted))
     return np.concatenate([columns, np.broadcast_to(np.eye(6), (len(columns), 6, 6))], axis=2)
 
 
-def _freed(readings: _Readings, mounted: _MountingEstimate, phi: Array) -> dict[str, Array]:
+def _freed(readings: _LoadReadings, mounted: _MountingEstimate, phi: Array) -> dict[str, Array]:
     """Return by name one column ``(k + m, 6, 1)`` of each iterated parameter, at a load ``phi``.
 
     Frame 0 tilted by d turns gravity in it by -d, and a sensor turned by d reads w - d x w.
@@ -517,7 +517,7 @@ def _stepped(mounted: _MountingEstimate, steps: dict[str, float]) -> _MountingEs
 
 
 def _candidates(
-    readings: _Readings, solution: ChannelSolution, mounted: _MountingEstimate, labels: Sequence[str]
+    readings: _LoadReadings, solution: ChannelSolution, mounted: _MountingEstimate, labels: Sequence[str]
 ) -> list[BiasCandidate]:
     phi = solution.values[:10]
     freed = _freed(readings, mounted, phi)
@@ -558,6 +558,6 @@ def _turned(mounted: _MountingEstimate, columns: Array) -> Array:
     return turned.reshape(columns.shape)
 
 
-def _padded(readings: _Readings, columns: Array) -> Array:
+def _padded(readings: _LoadReadings, columns: Array) -> Array:
     """Append rows of zeros for the unloaded run, in which nothing hangs from the sensor."""
     return np.concatenate([columns, np.zeros((len(readings.still), *columns.shape[1:]))])

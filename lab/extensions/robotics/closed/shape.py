@@ -41,7 +41,7 @@ def closed_form_shape(mechanism: Mechanism, joints: Array, passive: Array) -> Cl
     if classical is None:
         return None
     home = mechanism.assembled(mechanism.home[None], mechanism.nominal_values).configuration
-    search = _Search(mechanism, classical, joints, passive)
+    search = _ShapeSearch(mechanism, classical, joints, passive)
     modes = np.isfinite(classical.modes(mechanism.home[None])).all(axis=2).sum()
     solutions = classical.inverse_solutions(home.passive.T)[..., classical.order]
     return ClosedFormShape(
@@ -56,7 +56,7 @@ def closed_form_shape(mechanism: Mechanism, joints: Array, passive: Array) -> Cl
 
 
 @dataclass(frozen=True)
-class _Search:
+class _ShapeSearch:
     """Closed-form search, from joints ``(n, joints)`` and passive values ``(n, z)`` of some poses in the nominal mode.
 
     Poses on the other side of parallel singularities are of other modes.

@@ -7,7 +7,7 @@ from typing import Any
 from lab.core.errors import LabError
 from lab.core.limits import MOMENTS
 from lab.extensions.robotics.trajectory.motion import planned, read_path
-from lab.extensions.robotics.trajectory.tracking import tracked_arm, tracking_warnings
+from lab.extensions.robotics.trajectory.path_errors import tracked_arm, tracking_warnings
 from lab.extensions.robotics.trajectory.trajectory_options import TrajectoryOptions
 from lab.extensions.robotics.trajectory.trajectory_result import TrajectoryResult, refuse_collisions
 from lab.library.load_run import CalibrationRun, RunLike, calibrated_by, folder_of

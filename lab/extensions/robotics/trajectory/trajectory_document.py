@@ -8,7 +8,7 @@ from lab.core import se3
 from lab.core.number_text import fixed, sentence, short
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.robotics.trajectory.tracking import Tracking
+from lab.extensions.robotics.trajectory.path_errors import Tracking
 from lab.extensions.robotics.trajectory.trajectory_result import TrajectoryResult, angles_deg, lengths_mm, mean_and_max
 from lab.kinematics.effects.effect import AXES
 from lab.library.result import joint_values

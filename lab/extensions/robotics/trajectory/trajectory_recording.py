@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from lab.core.units import MM
-from lab.extensions.robotics.trajectory.tracking import Tracking, bent_links
+from lab.extensions.robotics.trajectory.path_errors import Tracking, bent_links
 from lab.extensions.robotics.trajectory.trajectory_result import TrajectoryResult
 from lab.kinematics.dynamics.gravity import link_loads
 from lab.library.result import joint_values

@@ -15,7 +15,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
 from lab.extensions.robotics.trajectory.motion import Leg, Motion
-from lab.extensions.robotics.trajectory.tracking import Correction, TrackedArm, Tracking, tracking_along
+from lab.extensions.robotics.trajectory.path_errors import Correction, TrackedArm, Tracking, tracking_along
 from lab.extensions.robotics.trajectory.trajectory_options import TrajectoryOptions
 from lab.formats.csv_table import write_columns
 from lab.formats.programs.languages import path_file, path_program, refusal

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from lab.pose_selection.criteria import criterion
-from lab.pose_selection.next_pose import best_candidates, noise_check
+from lab.pose_selection.sequential_choice import best_candidates, noise_check
 
 RNG = np.random.default_rng(3)
 POOL = RNG.standard_normal((300, 3, 8)) * np.geomspace(0.1, 3.0, 8)

@@ -13,7 +13,7 @@ from scipy import stats
 import lab
 from lab.calibration.identification import identify
 from lab.calibration.residual.estimation import with_residual
-from lab.calibration.residual.process import (
+from lab.calibration.residual.gaussian_process import (
     COMPONENTS,
     UPPER_QUARTILE,
     JointKernels,
