@@ -105,19 +105,19 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
         noise: of the instrument, and of whole counts where these are known; what was estimated of shared errors is left
             aside.
     """
-    observation = observation_of(found.model)
-    noise = noise.independent
+    observation, noise = observation_of(found.model), noise.independent
     given_errors = noise.shared
     nothing = NoiseSearch(given_errors, (), float("nan"))
     if not only_positions(observation) or len(data) < _LEAST_POSES or found.dof < _LEAST_DOF:
         return nothing
+    # the linear problem, whose residuals are tested
     model = observation.model
     observed, known = weigh(observation, data, noise)
     linear = linearized(model, observed, found.values, found.fit.free, found.extra_residuals)
-    if not linear.everywhere().full_rank:
+    exact = not known and float((linear.residual**2).sum()) < _FLOOR_M**2 * found.dof
+    if exact or not linear.everywhere().full_rank:
         return nothing
-    if not known and float((linear.residual**2).sum()) < _FLOOR_M**2 * found.dof:
-        return nothing
+    # the variance components of the likeliest kinds of shared errors
     clock = Clock.of(data)
     times = row_times(data, clock)
     shapes = error_shapes(model, observed, found.values, data.joints.shape[1], times, clock)
@@ -133,18 +133,37 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
         return NoiseSearch(given_errors, trials, estimate.deviance)
     if _varies_with_joints(linear, estimate, data):
         return NoiseSearch(given_errors, trials, problem.likelihood(Components()).deviance, undecided=True)
+    sigma_m = found.sigma_m if known else None
+    shared = _error_model(found, data, estimate, clock, times, sigma_m, given_errors)
+    return NoiseSearch(shared, trials, estimate.deviance, linear, estimate)
+
+
+def _error_model(
+    found: Identification,
+    data: Measurements,
+    estimate: VarianceEstimate,
+    clock: Clock | None,
+    times: Array,
+    sigma_m: float | None,
+    given_errors: ErrorModel | None,
+) -> ErrorModel:
+    """Return the error model of estimated variance components.
+
+    Args:
+        sigma_m: the noise that was given; None where it is estimated, too.
+        given_errors: whole counts of the encoders, where these are known.
+    """
     parts, scale = estimate.components, estimate.likelihood.scale
-    shared = ErrorModel(
-        sigma_m=found.sigma_m if known else float(np.sqrt(scale)),
-        independent_share=scale if known else 1.0,
+    return ErrorModel(
+        sigma_m=float(np.sqrt(scale)) if sigma_m is None else sigma_m,
+        independent_share=1.0 if sigma_m is None else scale,
         sizes={term.name: float(np.sqrt(parts[term.name] * scale)) for term in terms_with(parts.variances)},
         carry=parts.carry,
         clock=clock,
-        values=dict(zip(model.names, found.values.tolist(), strict=True)),
+        values=dict(zip(found.model.names, found.values.tolist(), strict=True)),
         counts_rad=None if given_errors is None else given_errors.counts_rad,
         moves=_moves(estimate, data, times),
     )
-    return NoiseSearch(shared, trials, estimate.deviance, linear, estimate)
 
 
 def _moves(estimate: VarianceEstimate, data: Measurements, times: Array) -> tuple[SuddenMove, ...]:

@@ -55,25 +55,25 @@ def weigh(observation: Observation, data: Measurements, noise: Noise) -> tuple[O
 
 def _by_instrument(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
     inputs, units = data.inputs(observation.model.conditions), observation.units
-    given = np.isfinite(data.sigma_m)
     instrument = noise.instrument if noise.instrument is not None and noise.instrument.kind != "exact" else None
     shape = data.points.shape[:2]
-    if noise.sigma_m is None and instrument is None:
-        if given.any() and not given.all():
+    # without any noise all weights are equal
+    given = np.isfinite(data.sigma_m)
+    if noise.sigma_m is None and instrument is None and not (len(given) and given.all()):
+        if given.any():
             raise LabError(
                 f"sigma_mm is empty in some rows; fill it in, or give {option_name('noise_mm')} or "
                 f"{option_name('instrument')} for those"
             )
-        if not given.any():
-            return Observations(inputs, data.points, np.broadcast_to(1 / units, shape)), False
+        return Observations(inputs, data.points, np.broadcast_to(1 / units, shape)), False
+    # an instrument's covariance, a row's own sigma before it
     rows = np.broadcast_to(data.sigma_m[:, None], shape)
     if instrument is not None and not is_isotropic(instrument):
         covariance = _instrument_covariance(observation, instrument, data.points, noise.readings)
         covariance = np.where(given[:, None, None, None], (rows * units)[..., None, None] ** 2 * np.eye(3), covariance)
         return Observations(inputs, data.points, whitening(covariance)), True
-    default = noise.sigma_m
-    if instrument is not None:
-        default = instrument.isotropic_sigma(noise.readings)
+    # one sigma, a row's own before it
+    default = noise.sigma_m if instrument is None else instrument.isotropic_sigma(noise.readings)
     sigma = rows if default is None else np.where(np.isnan(rows), default, rows)
     return Observations(inputs, data.points, 1 / (sigma * units)), True
 

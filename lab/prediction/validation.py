@@ -275,21 +275,18 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
     checks = [Check("note", "noted", data={"text": text}) for text in data.warnings]
     if not refit and data.marked and "reference" in data.use:
         checks.append(Check("validation.references", "noted"))
-    errors, undetermined, order = list[Errors](), dict[str, tuple[str, ...]](), list[int]()
-    together = setups(data) if refit else tuple((name, "") for name in data.sessions)  # stations known, or placed anew
-    for setup in dict.fromkeys(together):
-        of_setup = [i for i, each in enumerate(together) if each == setup]
-        part, where = data[of_setup], _setup_name(setup) or "the validation file"
-        reference, test = _reference_and_test(part, refit)
-        order += [of_setup[i] for i in test]
+    # the errors of each setup: stations are known, or placed anew
+    together = np.array([_setup_name(setup if refit else (setup[0], "")) for setup in setups(data)])
+    errors, order = list[Errors](), list[int]()
+    for setup in dict.fromkeys(together.tolist()):
+        of_setup = np.flatnonzero(together == setup)
+        part, where = data[of_setup], setup or "the validation file"
+        reference, test = _reference_and_test(part, refit, setup)
         own_errors, fixed = _errors_of_setup(identification, model, part[reference], part[test], refit, where)
         errors.append(own_errors)
+        order += of_setup[test].tolist()
         if fixed:
-            undetermined[where] = fixed
-    checks += [
-        Check("validation.placement", "noted", data={"where": where, "parameters": names})
-        for where, names in undetermined.items()
-    ]
+            checks.append(Check("validation.placement", "noted", data={"where": where, "parameters": fixed}))
     comparable = not refit and model.names == identification.model.names
     return Validation("file", Errors.joined(errors), tuple(checks), data[order] if comparable else None)
 
@@ -356,7 +353,7 @@ def _refuse_unknown_targets(identification: Identification, model: Model, refit:
         )
 
 
-def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[int], list[int]]:
+def _reference_and_test(part: Measurements, refit: Sequence[str], setup: str) -> tuple[list[int], list[int]]:
     """Split the rows of one setup into those that place what is refitted, and those to validate on.
 
     Raises:
@@ -366,7 +363,6 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
     every = rows[::_REFERENCE_EVERY] if refit else []
     reference = [i for i in rows if part.use[i] == "reference"] if part.marked else every
     test = sorted(set(rows) - set(reference))
-    setup = _setup_name(setups(part)[0] if refit else (part.sessions[0], ""))
     where = f"{setup} of the validation file" if setup else "the validation file"
     if refit and not reference:
         raise LabError(f"{where} has no row with use = reference to refit {', '.join(refit)}; mark one")
@@ -422,21 +418,20 @@ def placed_anew(
         if _is_determined(whole, len(free), reference, linear=linear):
             return _Placed(whole.values, ())
     # else the determined ones, the fewest first: from where they lead the others are near
-    best: tuple[float, _Placed] | None = None
+    costs, arms = list[float](), list[_Placed]()
     for share, largest_effect in _SHARES:
         fixed = tuple(free[j] for j in dependent_columns(slopes[:, free], share))
         retained = tuple(column for column in free if column not in fixed)
-        part = fit(model, observed, retained, start if best is None else best[1].values, most_steps=_STEPS)
+        part = fit(model, observed, retained, arms[int(np.argmin(costs))].values if arms else start, most_steps=_STEPS)
         slopes = observed.apply(model.observe(observed.inputs, part.values)[1])
         of_test = model.observe(test.inputs(model.conditions), part.values)[1].reshape(-1, len(values))
         determined = _is_determined(part, len(retained), reference, linear=False)
-        if not (determined and _unfelt(slopes, of_test, retained, fixed, largest_effect)):
-            continue
-        if best is None or part.cost_trace[-1] < best[0]:
-            best = part.cost_trace[-1], _Placed(part.values, tuple(model.names[i] for i in fixed))
-    if best is None:
+        if determined and _unfelt(slopes, of_test, retained, fixed, largest_effect):
+            costs.append(part.cost_trace[-1])
+            arms.append(_Placed(part.values, tuple(model.names[i] for i in fixed)))
+    if not arms:
         raise _too_few(where, reference, refit, part.rank, len(free))
-    return best[1]
+    return arms[int(np.argmin(costs))]
 
 
 def _too_few(where: str, reference: Measurements, refit: Sequence[str], rank: int, count: int) -> LabError:

@@ -187,27 +187,31 @@ def predict_over_workspace(
     model, nothing = identification.model, float("nan")
     if not observation_of(model).positions:
         return WorkspacePrediction(nothing, nothing, nothing, nothing)
+    # the nominal arm, by the tolerances of its manufacture
     inputs, jacobian = _target_jacobian(model, identification.values)
     placed = indices_of_groups(model.parameters, ("base", "tool"))
     of_tolerances = float(np.sqrt(np.mean(tolerance_rms(model, jacobian, tolerance, placed) ** 2)))
+    # the identified arm, by its covariance and by what may be lacking beyond the measured range
     squares = _stacked(model, position_covariances(identification, measured, inputs, 1 + max(first_targets(model))))
     if not np.isfinite(squares).all():
         return WorkspacePrediction(nothing, nothing, nothing, of_tolerances)
-    beyond = uncovered = 0.0
-    if measured is not None and (measured.is_worse_beyond or identification.process is not None):
-        joints = inputs[:, : len(measured.lower)]
-        beyond = float((measured.beyond(joints) > 0).any(axis=1).mean())
-        uncovered = float(measured.uncovered(joints).mean())
     rms = float(np.sqrt(np.trace(squares, axis1=1, axis2=2).mean()))
-    known = identification.sigma_given and not lack_of_fit
-    dof = None if known else max(identification.dof, 1)
-    larger = 1.0
-    if (
-        lack_of_fit and identification.sigma_given and identification.dof_each is None
-    ):  # else the poses' own intervals have it
-        larger = max(identification.residual_sigma_m / identification.sigma_m, 1.0)
-    mean, most = MEAN_OF_RMS * rms, length_not_exceeded(squares, dof)
-    return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances, beyond, uncovered)
+    dof = None if identification.sigma_given and not lack_of_fit else max(identification.dof, 1)
+    # residuals beyond the given noise make it larger, unless the poses' own intervals have them
+    by_noise = identification.sigma_given and identification.dof_each is None
+    exceeded = identification.residual_sigma_m / identification.sigma_m if lack_of_fit and by_noise else 1.0
+    mean, most = (max(exceeded, 1.0) * size for size in (MEAN_OF_RMS * rms, length_not_exceeded(squares, dof)))
+    return WorkspacePrediction(rms, mean, most, of_tolerances, *_shares_beyond(identification, measured, inputs))
+
+
+def _shares_beyond(
+    identification: Identification, measured: MeasuredRange | None, inputs: Array
+) -> tuple[float, float]:
+    """Return the shares of poses beyond a joint's measured range, and of those that no fitted pose is near."""
+    if measured is None or not (measured.is_worse_beyond or identification.process is not None):
+        return 0.0, 0.0
+    joints = inputs[:, : len(measured.lower)]
+    return float((measured.beyond(joints) > 0).any(axis=1).mean()), float(measured.uncovered(joints).mean())
 
 
 def predict_over_region(
@@ -236,6 +240,7 @@ def predict_over_region(
         inputs, jacobian, reached = _reached(model, identification.values, region.inputs)
     if not len(inputs):
         return unknown
+    # the nominal arm, and how much of the region is beyond the measured poses
     factors = None if region.factors is None else np.repeat(region.factors[reached], len(jacobian) // len(inputs))
     squares = tolerance_rms(model, jacobian, tolerance, indices_of_groups(model.parameters, ("base", "tool"))) ** 2
     known = replace(unknown, poses=len(inputs), uncalibrated_rms_m=float(np.sqrt(squares.mean())))
@@ -243,6 +248,7 @@ def predict_over_region(
         share = float(measured.uncovered(inputs[:, : len(measured.lower)]).mean())
         lacks = measured.is_worse_beyond or identification.process is not None
         known = replace(known, extrapolated_share=share, lacks=lacks)
+    # the model's errors, no larger than an arm's that was never calibrated
     if anew is None:
         of_model = _stacked(model, model_covariances(identification, measured, inputs, left))
     else:
@@ -253,6 +259,7 @@ def predict_over_region(
     if not np.isfinite(of_model).all():
         return known
     of_model = _at_most(of_model, squares)
+    # with what differs from the model
     whole = of_model + np.nan_to_num(left.of_arm_m) ** 2 * np.eye(3)  # no reading is a position: not known
     rms, everything = (float(np.sqrt(np.trace(each, axis1=1, axis2=2).mean())) for each in (of_model, whole))
     return replace(known, rms_m=rms, mean_m=MEAN_OF_RMS * everything, p95_m=length_not_exceeded(whole, left.dof))
@@ -567,15 +574,15 @@ def check_prediction(
     after = errors.after
     if after.shape != rows.points.shape[:2] or validation.fitted_share > 0:
         return None
-    inside, extrapolated = _rows_in_measured_region(measured, rows), 0
-    if inside is not None:
-        extrapolated = len(rows) - len(inside)
-        rows, after = rows[inside], after[inside]
-    if (some := evenly(len(rows), _MAX_COMPARED)) is not None:
-        rows, after = rows[some], after[some]
+    compared = _rows_in_measured_region(measured, rows)
+    extrapolated = len(rows) - len(compared)
+    if (some := evenly(len(compared), _MAX_COMPARED)) is not None:
+        compared = compared[some]
+    rows, after = rows[compared], after[compared]
     seen = np.isfinite(after)
     if not seen.any() or not np.isfinite(identification.covariance).all():
         return None
+    # draw the 95 % error of as many poses, by the covariance and the noise
     rng = rng_for(seed, "bootstrap")
     inflation = FOLDS / (FOLDS - 1) if validation.judged_by == "cross-validation" else 1.0
     scale = _sigma_ratio(identification, rng)
@@ -592,11 +599,13 @@ def check_prediction(
     )
 
 
-def _rows_in_measured_region(measured: MeasuredRange | None, rows: Measurements) -> NDArray[np.int_] | None:
+def _rows_in_measured_region(measured: MeasuredRange | None, rows: Measurements) -> NDArray[np.int_]:
+    """Return the rows in the measured region; all where the model is not worse beyond, or too few are in it."""
+    every = np.arange(len(rows))
     if measured is None or not measured.is_worse_beyond:
-        return None
+        return every
     inside = np.flatnonzero(~measured.outside(rows.joints))
-    return inside if _LEAST_POSES <= len(inside) < len(rows) else None
+    return inside if len(inside) >= _LEAST_POSES else every
 
 
 def _errors_of_parameters(

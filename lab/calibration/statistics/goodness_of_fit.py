@@ -510,23 +510,36 @@ def adequacy_of(
     """
     observation = observation_of(found.model)
     observations, sigma_given = weigh(observation, rows, noise)
-    shared = noise.shared if noise.shared is None or not noise.shared.is_given else None
-    labels = repeats(rows) if shared is not None or not sigma_given else None
-    unrepeated = labels is not None and len(np.unique(labels)) == len(labels)
-    if shared is not None and unrepeated:
-        alone = weigh(observation, rows, replace(noise, shared=None))[0]
-        instrument = (alone, shape) if sigma_given else None
-        return _beside_shared_errors(found, observations, rows, shared, instrument)
-    if unrepeated and (judged := _by_distances(found, observations, rows)) is not None:
-        return judged
+    estimated = None if noise.shared is None or noise.shared.is_given else noise.shared
+    # with an independent noise that is given, a chi squared test; else by the repeats of configurations, if there are
+    labels = repeats(rows) if estimated is not None or not sigma_given else None
+    if labels is not None and len(np.unique(labels)) == len(labels):
+        beside = _without_repeats(found, rows, observations, noise, shape, estimated)
+        if beside is not None:
+            return beside
     judging = held_out if held_out is not None and len(held_out) and observation.positions else None
     return goodness_of_fit(
         found.model,
         observations,
         found.fit,
-        sigma_given=sigma_given and shared is None,
+        sigma_given=sigma_given and estimated is None,
         shape=shape,
         labels=labels,
         held_out=None if judging is None else weigh(observation, judging, noise)[0],
         extra_residuals=found.extra_residuals,
     )
+
+
+def _without_repeats(
+    found: Identification,
+    rows: Measurements,
+    observations: Observations,
+    noise: Noise,
+    shape: NoiseDistribution,
+    estimated: ErrorModel | None,
+) -> Check | None:
+    """Test without repeats: beside estimated shared errors, else by distances between targets; None without either."""
+    if estimated is None:
+        return _by_distances(found, observations, rows)
+    alone, sigma_given = weigh(observation_of(found.model), rows, replace(noise, shared=None))
+    return _beside_shared_errors(found, observations, rows, estimated, (alone, shape) if sigma_given else None)

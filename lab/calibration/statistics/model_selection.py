@@ -172,22 +172,29 @@ def select(
     """
     task = SelectionTask(model_with, nominal, data, noise or Noise(), options)
     task.refuse_unknown_wishes(candidates)
-    alone = alone or task.identified(())
-    refused = {
-        name: replace(_refused(name, str(why)), incomplete_data=isinstance(why, IncompleteColumnError))
-        for name in candidates
-        if (why := task.refusal(name)) is not None
-    }
-    growth = _Growth(task, tuple(name for name in candidates if name not in refused), alone, seed, enough)
+    # grow the model from geometry alone, by groups and then by single joints' terms
+    refused = _refusals(task, candidates)
+    possible = tuple(name for name in candidates if name not in refused)
+    growth = _Growth(task, possible, alone or task.identified(()), seed, enough)
     growth.grow()
     if terms:
         growth.search(terms, expected)
+    # the table: geometry, what was chosen, all others
     rows = growth.rows | refused
     chosen = [replace(rows[name], chosen=True) for name in growth.taken]
     others = (rows[name] for name in candidates if name not in growth.taken)
-    fixed = [parameter for name in rows for parameter in rows[name].fixed]
-    same = () if enough else _alternatives(task, growth.taken, growth.found, growth.candidates, fixed)
+    same = () if enough else _alternatives(growth)
     return Selection(growth.taken, growth.found, (rows[_GEOMETRY], *chosen, *others), same)
+
+
+def _refusals(task: SelectionTask, candidates: Sequence[str]) -> dict[str, GroupTrial]:
+    """Return the rows of the groups that cannot be tried, with the reason."""
+    refused = {}
+    for name in candidates:
+        if (why := task.refusal(name)) is not None:
+            lacks_column = isinstance(why, IncompleteColumnError)
+            refused[name] = replace(_refused(name, str(why)), incomplete_data=lacks_column)
+    return refused
 
 
 def follow(
@@ -464,20 +471,25 @@ def _refused(name: str, why: str) -> GroupTrial:
     return GroupTrial(name, 0, np.nan, np.nan, np.nan, False, why)
 
 
-def _alternatives(
-    task: SelectionTask, taken: Sequence[str], found: Identification, candidates: Sequence[str], fixed: Sequence[str]
-) -> tuple[_Alternative, ...]:
+def _alternatives(growth: _Growth) -> tuple[_Alternative, ...]:
     """Return, for each chosen group that bears loads, the others that fit as well in its place."""
-    messages = []
-    for chosen in (name for name in taken if name in _LOADED_GROUPS):
-        for other in (name for name in _LOADED_GROUPS if name in candidates and name not in taken):
-            groups = [other if name == chosen else name for name in taken]
-            known = set(task.parameters(other)) | set(found.model.names)
-            swapped = task.identified(groups, [name for name in fixed if name in known - task.parameters(chosen)])
-            rise = _misfit(swapped) - _misfit(found)
-            if swapped.status == "converged" and rise < _STRONG_EVIDENCE:
-                messages.append(_compared(chosen, other, rise, found, swapped))
-    return tuple(messages)
+    others = [name for name in _LOADED_GROUPS if name in growth.candidates and name not in growth.taken]
+    pairs = [(chosen, other) for chosen in growth.taken if chosen in _LOADED_GROUPS for other in others]
+    found = (_alternative(growth, chosen, other) for chosen, other in pairs)
+    return tuple(each for each in found if each is not None)
+
+
+def _alternative(growth: _Growth, chosen: str, other: str) -> _Alternative | None:
+    """Identify with another group in the place of a chosen one; None where that does not fit as well."""
+    task, found = growth.task, growth.found
+    groups = [other if name == chosen else name for name in growth.taken]
+    known = (set(task.parameters(other)) | set(found.model.names)) - task.parameters(chosen)
+    fixed = [name for row in growth.rows.values() for name in row.fixed if name in known]
+    swapped = task.identified(groups, fixed)
+    rise = _misfit(swapped) - _misfit(found)
+    if swapped.status != "converged" or rise >= _STRONG_EVIDENCE:
+        return None
+    return _compared(chosen, other, rise, found, swapped)
 
 
 def _misfit(found: Identification) -> float:
