@@ -132,7 +132,7 @@ def interval_chart(
             for which, colour, width, size in ((~each.distinct, MUTED, 1.2, 13), (each.distinct, OUTLIER, 2.0, 26)):
                 if which.any():
                     ends = each.values[which] - each.halves[which], each.values[which] + each.halves[which]
-                    axes.hlines(at[which] + offset, *ends, colors=colour, linewidth=width)
+                    axes.hlines(at[which] + offset, *ends, color=colour, linewidth=width)
                     axes.scatter(each.values[which], at[which] + offset, c=colour, s=size, marker=mark)
 
     return rows_picture(name, label, rows, draw, axis, step=0.2 if len(sets) < 3 else 0.3)

@@ -264,9 +264,7 @@ def _size_map(axes: Axes, shown: SizeMap, plane: tuple[int, int]) -> None:
     tints = _colours(shown, MM.of(shown.sizes))
     far = np.zeros(len(points), bool) if shown.extrapolated is None else shown.extrapolated
     near = ~far
-    axes.scatter(
-        points[near, 0], points[near, 1], c=tints[near], s=14, edgecolors=MARK_EDGE, linewidths=0.25, rasterized=True
-    )
+    axes.scatter(points[near, 0], points[near, 1], c=tints[near], s=14, edgecolors=MARK_EDGE, linewidths=0.25)
     if far.any():
         axes.scatter(points[far, 0], points[far, 1], c=tints[far], s=20, marker="x", linewidths=1.2)
     if len(crosses):
@@ -290,7 +288,7 @@ def _colour_bar(axes: Axes, shown: SizeMap) -> None:
     bar = axes.inset_axes((0.0, -0.36, 1.0, 0.06))
     ends = _ends(shown)
     edges = np.geomspace(*ends, 49)
-    bar.pcolormesh(edges, [0, 1], _colours(shown, np.sqrt(edges[1:] * edges[:-1]))[None], rasterized=True)
+    bar.pcolormesh(edges, [0, 1], _colours(shown, np.sqrt(edges[1:] * edges[:-1]))[None])
     log_ticks(bar, "x", *ends)
     means = shown.size_means if len(shown.size_means) <= _BAR_LETTERS else " ".join(shown.size_means.split()[-2:])
     bar.set(xlim=ends, ylim=(0, 1), yticks=[], xlabel=f"{means}, mm")
@@ -434,7 +432,7 @@ def _trend(name: str, shown: Trend, reach: float, band_mm: float, level: float, 
         if np.isfinite(band_mm):
             axes.axhspan(-band_mm, band_mm, color=PREDICTED, alpha=0.13, linewidth=0)
         axes.axhline(0, color=INK, linewidth=0.6)
-        axes.scatter(x, np.clip(y, -reach, reach), s=5, c=ARM, linewidths=0, rasterized=True)
+        axes.scatter(x, np.clip(y, -reach, reach), s=5, c=ARM, linewidths=0)
         if found is not None:
             tint = AFTER if sure else MUTED
             low, high = (np.clip(found.mean + side * found.half, -reach, reach) for side in (-1, 1))

@@ -10,13 +10,13 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 __all__ = [
-    "AFTER", "ARM", "ARROW_AFTER", "AXIS", "BEFORE", "BETTER", "BOUND", "COLOUR_SCALE", "DARK_CHARTS", "EQUAL_CONTRAST",
+    "AFTER", "ARM", "ARROW_AFTER", "AXIS", "BEFORE", "BOUND", "COLOUR_SCALE", "DARK_CHARTS", "EQUAL_CONTRAST",
     "FIGURE_STYLE", "FONT_MONO", "FONT_SANS", "FRAME_AXES", "GATE", "GRID", "HATCH_AFTER", "HATCH_BEFORE",
     "HIGHLIGHT", "INDEX", "INK", "INSTRUMENT", "MARK_AFTER", "MARK_BEFORE", "MARK_EDGE", "MEASURED", "MUTED",
     "ORDER_SCALE", "OUTLIER", "PAGE_DARK", "PAGE_LIGHT", "PREDICTED", "REFERENCE", "RGB_AFTER", "RGB_ARROW",
     "RGB_AXES", "RGB_BACKDROP", "RGB_BEAM", "RGB_BEFORE", "RGB_CURRENT", "RGB_FIRST", "RGB_FLOOR", "RGB_LAST",
     "RGB_LEG", "RGB_LINKS", "RGB_MAPPING", "RGB_MEASURED", "RGB_MUTED", "RGB_OUTLIER", "RGB_PATH", "RGB_PAYLOAD",
-    "RGB_ROD", "RGB_TRACKER", "RGB_UNCERTAINTY", "RGB_WEIGHT", "RMS", "SCALINGS", "SERIES", "TICK", "WORST",
+    "RGB_ROD", "RGB_TRACKER", "RGB_UNCERTAINTY", "RMS", "SCALINGS", "SERIES", "TICK", "WORST",
     "explained", "luminance", "rgb",
 ]  # fmt: skip
 
@@ -45,7 +45,6 @@ GATE: Final = "#111827"  # the largest error that was asked for
 WORST: Final = "#c2410c"
 RMS: Final = "#3f8f4f"
 INDEX: Final = "#7c3aed"  # an observability index
-BETTER: Final = "#86c5a4"
 COLOUR_SCALE: Final = ("#fde68a", "#f97316", "#b91c1c", "#4c0519")  # of lengths, from small to large
 ORDER_SCALE: Final = (  # from the first pose of a tour to the last: viridis (Smith and van der Walt 2015)
     "#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725",
@@ -100,7 +99,6 @@ RGB_MUTED: Final[_Rgb] = (150, 155, 165)
 RGB_FIRST: Final[_Rgb] = (70, 110, 255)  # pose of a tour
 RGB_LAST: Final[_Rgb] = RGB_MEASURED
 RGB_PAYLOAD: Final[_Rgb] = (60, 205, 130)
-RGB_WEIGHT: Final[_Rgb] = RGB_BEAM
 
 # Pages.
 FONT_SANS: Final = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, "DejaVu Sans", sans-serif'

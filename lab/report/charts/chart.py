@@ -23,14 +23,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "Chart", "Sheet", "arrow", "axes_picture", "cube", "inline_svg", "log_ticks", "name_points",
-    "place", "save_figure", "shades", "view",
+    "Chart", "Sheet", "axes_picture", "cube", "inline_svg", "log_ticks", "name_points", "save_figure", "shades", "view",
 ]  # fmt: skip
 
 _POINTS = 72  # per inch
 _SPACE = 3 * svg.FONT_SIZE, 2 * svg.FONT_SIZE  # that a step along x, along y needs for its words
 _HATCH = 6.0  # points between the lines of a hatched area
-_HEAD = 7.0  # of an arrow, points
 _LEGEND = 5.0  # what is drawn later than others: as matplotlib's zorder
 _Draw = Callable[[Scale, Scale], str]
 _Coordinates = str | tuple[str, str]
@@ -57,7 +55,7 @@ class Sheet:
         self.points: list[tuple[Array, Array]] = []  # that a legend should not hide
         self.labels: list[_Draw] = []  # which may lie beyond the axes
         self.shown_legend: Legend | None = None
-        self.title, self.equal, self.hidden = "", "", False
+        self.title, self.equal, self.hidden = "", False, False
         self.named: list[_NamedSeries] = []
         self._insets: list[tuple[tuple[float, float, float, float], Sheet]] = []
         self._marks: list[tuple[float, _Draw]] = []
@@ -164,12 +162,8 @@ class Sheet:
             wide, tall = (right - left) / abs(high - low), (bottom - top) / abs(over - under)
             per = min(wide, tall)  # points per unit
             more = (right - left) / per - abs(high - low), (bottom - top) / per - abs(over - under)
-            if self.equal == "datalim":
-                low, high = low - more[0] / 2, high + more[0] / 2
-                under, over = under - more[1] / 2, over + more[1] / 2
-            else:
-                left, right = left + per * more[0] / 2, right - per * more[0] / 2
-                top, bottom = top + per * more[1] / 2, bottom - per * more[1] / 2
+            left, right = left + per * more[0] / 2, right - per * more[0] / 2
+            top, bottom = top + per * more[1] / 2, bottom - per * more[1] / 2
         x = Scale(low, high, left, right, self.x.logarithmic)
         return x, Scale(under, over, bottom, top, self.y.logarithmic)
 
@@ -194,7 +188,7 @@ def name_points(axes: Axes, thing: str, x: ArrayLike, y: ArrayLike, names: Seque
         axes.named.append(_NamedSeries(thing, x, y, names, texts))
 
 
-def place(at: Any, coordinates: _Coordinates, across: Scale, up: Scale) -> tuple[float, float]:
+def _place(at: Any, coordinates: _Coordinates, across: Scale, up: Scale) -> tuple[float, float]:
     """A place whose parts are values of the axes (``data``), or shares of them (``axes fraction``)."""
     kinds = (coordinates, coordinates) if isinstance(coordinates, str) else coordinates
     x, y = (
@@ -202,18 +196,6 @@ def place(at: Any, coordinates: _Coordinates, across: Scale, up: Scale) -> tuple
         for scale, value, kind in zip((across, up), at, kinds, strict=True)
     )
     return x, y
-
-
-def arrow(across: Scale, up: Scale, tail: Any, tip: Any, *, color: str, linewidth: float, arrowstyle: str) -> str:
-    """A line from one place to another with a filled head."""
-    ends = [np.array(place(at, "data", across, up)) for at in (tail, tip)]
-    along = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
-    base, aside = ends[1] - _HEAD * along, _HEAD / 2 * np.array([-along[1], along[0]])
-    tint = svg.colour(color)
-    points = [ends[1], base + aside, base - aside]
-    head = "M" + "L".join(f"{svg.shown_number(x)} {svg.shown_number(y)}" for x, y in points) + "z"
-    shaft = f"M{ends[0][0]:.2f} {ends[0][1]:.2f}L{base[0]:.2f} {base[1]:.2f}"
-    return svg.path(shaft, tint, linewidth) + svg.path(head, fill=tint)
 
 
 _MARKS = ".os^vDP|x"
@@ -227,7 +209,7 @@ class Chart(Sheet):
     def plot(
         self, x: ArrayLike, y: ArrayLike, fmt: str = "", *, color: str = _FIRST, linewidth: float = 1.5,
         linestyle: Any = None, marker: str = "", markersize: float = 6.0, alpha: float = 1.0, label: str = "",
-        zorder: float = 2.0, drawstyle: str = "default", solid_capstyle: str = "round", rasterized: bool = False,
+        zorder: float = 2.0, drawstyle: str = "default", solid_capstyle: str = "round",
     ) -> None:  # fmt: skip
         """Lines and marks through points ``(n,)``; NaN parts a line."""
         dash, mark = _dash_and_mark(fmt, linestyle, marker)
@@ -252,7 +234,7 @@ class Chart(Sheet):
 
     def scatter(
         self, x: ArrayLike, y: ArrayLike, s: float = 36.0, c: Any = None, *, color: Any = None, marker: str = "o",
-        edgecolors: str = "", linewidths: float = 0.0, label: str = "", zorder: float = 1.0, rasterized: bool = False,
+        edgecolors: str = "", linewidths: float = 0.0, label: str = "", zorder: float = 1.0,
     ) -> None:  # fmt: skip
         """A mark at each point ``(n,)``; ``c`` is one colour or one for each, ``s`` the square of the size."""
         given = c if c is not None else color if color is not None else _FIRST
@@ -290,46 +272,38 @@ class Chart(Sheet):
 
         self.add(1.0 if fill else 2.0, draw)
 
-    def barh(
-        self, y: ArrayLike, width: ArrayLike, *, height: float = 0.8, left: ArrayLike = 0.0, color: Any = _FIRST,
-        alpha: float = 1.0, hatch: str = "",
-    ) -> None:  # fmt: skip
-        """Bars that lie, at places ``(n,)``, from ``left`` on as long as they are wide."""
-        at, starts, lengths = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float)) for v in (y, left, width)))
-        tints = [svg.colour(color)] * len(at) if isinstance(color, str) else [svg.colour(each) for each in color]
-        self.reach(np.concatenate([starts, starts + lengths]), np.concatenate([at - height / 2, at + height / 2]))
-        self.x.bases |= set(starts.tolist())
+    def barh(self, y: ArrayLike, width: ArrayLike, *, height: float = 0.8, color: str = _FIRST) -> None:
+        """Bars that lie, at places ``(n,)``, from zero on as long as they are wide."""
+        at, lengths = (np.atleast_1d(np.asarray(values, float)) for values in (y, width))
+        self.reach(np.append(lengths, 0.0), np.concatenate([at - height / 2, at + height / 2]))
+        self.x.bases.add(0.0)
+        tint = svg.colour(color)
 
         def draw(across: Scale, up: Scale) -> str:
-            drawn = ""
-            for middle, start, length, tint in zip(at, starts, lengths, tints, strict=True):
-                ends = (
-                    across(np.array([start, start + length])),
-                    up(np.array([middle - height / 2, middle + height / 2])),
-                )
-                box = svg.rectangle(tuple(ends[0].tolist()), tuple(ends[1].tolist()))
-                drawn += svg.path(box, fill=tint, alpha=alpha) + self.hatched(box, hatch, "#000000", alpha)
-            return drawn
+            edges = zip(up(at - height / 2).tolist(), up(at + height / 2).tolist(), strict=True)
+            ends = zip(across(lengths).tolist(), edges, strict=True)
+            start = float(across(0.0))
+            return "".join(svg.path(svg.rectangle((start, end), both), fill=tint) for end, both in ends)
 
         self.add(1.0, draw)
 
     def hlines(
-        self, y: ArrayLike, xmin: ArrayLike, xmax: ArrayLike, *, colors: Any = _FIRST, color: Any = None,
+        self, y: ArrayLike, xmin: ArrayLike, xmax: ArrayLike, *, color: Any = _FIRST,
         linewidth: float = 1.5, alpha: float = 1.0,
     ) -> None:  # fmt: skip
         """Horizontal lines."""
         at, low, high = np.broadcast_arrays(*(np.asarray(v, float) for v in (y, xmin, xmax)))
         ends = np.stack([low, high], axis=-1), np.stack([at, at], axis=-1)
-        self._segments(*ends, colors if color is None else color, linewidth, alpha)
+        self._segments(*ends, color, linewidth, alpha)
 
     def vlines(
-        self, x: ArrayLike, ymin: ArrayLike, ymax: ArrayLike, *, colors: Any = _FIRST, color: Any = None,
+        self, x: ArrayLike, ymin: ArrayLike, ymax: ArrayLike, *, color: Any = _FIRST,
         linewidth: float = 1.5, alpha: float = 1.0,
     ) -> None:  # fmt: skip
         """Vertical lines."""
         at, low, high = np.broadcast_arrays(*(np.asarray(v, float) for v in (x, ymin, ymax)))
         ends = np.stack([at, at], axis=-1), np.stack([low, high], axis=-1)
-        self._segments(*ends, colors if color is None else color, linewidth, alpha)
+        self._segments(*ends, color, linewidth, alpha)
 
     def axhline(
         self, y: float, *, color: str = _FIRST, linewidth: float = 1.5, linestyle: Any = "-", zorder: float = 2.0
@@ -396,14 +370,7 @@ class Chart(Sheet):
 
         self.add(zorder, draw)
 
-    def imshow(self, colours: ArrayLike) -> None:
-        """A matrix of colours ``(m, n, 3)`` from 0 to 1, its first row on top, cells as wide as high."""
-        given = np.asarray(colours, float)
-        self.equal = "box"
-        self.x.limits, self.y.limits = (-0.5, given.shape[1] - 0.5), (given.shape[0] - 0.5, -0.5)
-        self._cells(np.arange(given.shape[1] + 1) - 0.5, np.arange(given.shape[0] + 1) - 0.5, given)
-
-    def pcolormesh(self, x: ArrayLike, y: ArrayLike, colours: ArrayLike, *, rasterized: bool = False) -> None:
+    def pcolormesh(self, x: ArrayLike, y: ArrayLike, colours: ArrayLike) -> None:
         """A matrix of colours ``(m, n, 3)`` from 0 to 1 between edges ``(n+1,)`` and ``(m+1,)``."""
         self.reach(x, y)
         self._cells(np.asarray(x, float), np.asarray(y, float), np.asarray(colours, float))
@@ -411,24 +378,18 @@ class Chart(Sheet):
     def annotate(
         self, text: str, xy: Any, xytext: Any = None, *, xycoords: _Coordinates = "data",
         textcoords: Literal["offset points"] | None = None, color: str = "#000000", fontsize: float = svg.FONT_SIZE,
-        fontweight: str = "", ha: str = "left", va: str = "baseline", arrowprops: Any = None, bbox: Any = None,
+        fontweight: str = "", ha: str = "left", va: str = "baseline", bbox: Any = None,
         zorder: float = 3.0,
     ) -> None:  # fmt: skip
-        """Words at a point, or so many points from it, on an area of their own with ``bbox``.
-
-        With ``arrowprops`` an arrow from ``xytext`` to the point.
-        """
+        """Words at a point, or so many points from it, on an area of their own with ``bbox``."""
         tint = svg.colour(color)
-        if arrowprops is not None:
-            self.add(zorder, lambda across, up: arrow(across, up, xytext, xy, **arrowprops))
-            return
         right, over = (0.0, 0.0) if textcoords is None else xytext
         behind_colour = _WHITE if bbox is None else svg.colour(bbox["facecolor"])
         if behind_colour != _WHITE:  # words on a coloured area are not read on the paper
             tint, behind_colour = _kept(tint), _kept(behind_colour)
 
         def draw(across: Scale, up: Scale) -> str:
-            x, y = place(xy, xycoords, across, up)
+            x, y = _place(xy, xycoords, across, up)
             at = x + right, y - over
             behind = "" if bbox is None else svg.backdrop(text, *at, fontsize, ha, va, behind_colour, bbox["boxstyle"])
             return behind + svg.words(text, *at, fontsize, tint, ha, va, bold=fontweight == "bold")
@@ -489,9 +450,9 @@ class Chart(Sheet):
         for axis, share in ((self.x, x), (self.y, y)):
             axis.margin = axis.margin if share is None else share
 
-    def set_aspect(self, aspect: Literal["equal"], *, adjustable: Literal["box", "datalim"] = "box") -> None:
-        """Set one scale for both axes: the axes become narrower, or their limits wider."""
-        self.equal = adjustable
+    def set_aspect(self, aspect: Literal["equal"]) -> None:
+        """Set one scale for both axes: the axes become narrower."""
+        self.equal = True
 
     def axis(self, which: Literal["off"]) -> None:
         """Hides the axes."""

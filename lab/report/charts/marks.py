@@ -482,7 +482,6 @@ class Axes(Protocol):
     def axvline(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
     def axhspan(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
     def fill_between(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
-    def imshow(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
     def pcolormesh(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
     def annotate(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102
     def legend(self, *args: Any, **keywords: Any) -> Any: ...  # noqa: D102

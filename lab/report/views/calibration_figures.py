@@ -241,8 +241,8 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, limit: float, n
     def draw(axes: Axes, at: Array) -> None:
         colours = [AFTER if sure else MUTED for sure in np.abs(offsets) > halves]
         inside, low, high = (np.clip(ends, -limit, limit) for ends in (offsets, offsets - halves, offsets + halves))
-        axes.hlines(at, 0, inside, colors=colours, alpha=0.35, linewidth=4)
-        axes.hlines(at, low, high, colors=colours, linewidth=1.2)
+        axes.hlines(at, 0, inside, color=colours, alpha=0.35, linewidth=4)
+        axes.hlines(at, low, high, color=colours, linewidth=1.2)
         for ends in (low, high):
             axes.scatter(ends, at, marker="|", c=colours, s=24, linewidths=1.2)
         axes.scatter(inside, at, c=colours, s=13)
@@ -344,7 +344,7 @@ def _quantiles(residuals: Array) -> Picture:
     def draw(axes: Axes) -> None:
         axes.fill_between(expected, low, high, color=PREDICTED, alpha=0.18, linewidth=0)
         axes.plot(expected, expected, color=INK, linewidth=0.8)
-        axes.plot(expected, found, "o", color=AFTER, markersize=3, rasterized=True)
+        axes.plot(expected, found, "o", color=AFTER, markersize=3)
         axes.set(xlabel="normal distribution, σ", title=f"Q-Q: {100 * outside:.0f} % outside")
         axes.locator_params(axis="x", nbins=4)
 
@@ -365,7 +365,10 @@ def correlation_picture(result: CalibrationResult) -> tuple[Picture, ...]:
     wide = min(max(2.4, _LINK * len(names)), WIDTH - 0.9)
 
     def draw(axes: Axes) -> None:
-        axes.imshow(shades((matrix + 1) / 2, _CORRELATION_SCALE))
+        edges = np.arange(len(names) + 1) - 0.5
+        axes.pcolormesh(edges, edges, shades((matrix + 1) / 2, _CORRELATION_SCALE))
+        axes.set(xlim=(-0.5, len(names) - 0.5), ylim=(len(names) - 0.5, -0.5))
+        axes.set_aspect("equal")
         _mark_links(axes, links, wide / len(names))
         axes.tick_params(length=0)
         axes.grid(visible=False)
@@ -408,7 +411,7 @@ def _name_strong(axes: Axes, names: Sequence[str], matrix: Array) -> None:
 def _correlation_bar(bar: Axes) -> None:
     values = np.linspace(-1, 1, 65)
     colours = shades(((values[1:] + values[:-1]) / 2 + 1) / 2, _CORRELATION_SCALE)
-    bar.pcolormesh(values, [0, 1], colours[None], rasterized=True)
+    bar.pcolormesh(values, [0, 1], colours[None])
     bar.set(xlim=(-1, 1), ylim=(0, 1), xticks=[-1, -0.5, 0, 0.5, 1], yticks=[], xlabel="correlation")
     bar.grid(visible=False)
 

@@ -178,7 +178,7 @@ def _errors_picture(result: Certificate) -> tuple[doc.Picture, ...]:
 
     def draw(axes: Axes, at: Array) -> None:
         for row, (_, mean, largest, colour) in zip(at, rows, strict=False):
-            axes.hlines([row], mean, largest, colors=colour, linewidth=3)
+            axes.hlines([row], mean, largest, color=colour, linewidth=3)
             axes.plot([mean], [row], "o", color=colour, markersize=7)
         axes.plot([expanded], [at[-1]], "D", color=INK, markersize=7)
         if tolerance is not None:

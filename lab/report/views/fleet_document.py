@@ -96,9 +96,9 @@ def _draw_error(axes: Axes, row: float, arm: ArmHistory) -> None:
     """Draw the error of an arm at its calibration, and now, and its gate, in its row."""
     then, now = arm.error_then_mm, arm.error_now_mm
     if arm.gate_mm:
-        axes.vlines([arm.gate_mm], row - 0.5, row + 0.5, colors=GATE, linewidth=1.6)
+        axes.vlines([arm.gate_mm], row - 0.5, row + 0.5, color=GATE, linewidth=1.6)
     if then and now:
-        axes.hlines([row], min(then, now), max(then, now), colors=MUTED, linewidth=1.2)
+        axes.hlines([row], min(then, now), max(then, now), color=MUTED, linewidth=1.2)
     if then:
         axes.plot([then], [row], "|", color=MUTED, markersize=10)
     colour, mark = _VERDICT_MARKS[arm.latest.verdict if arm.latest is not None else "not judged"]

@@ -264,7 +264,7 @@ def _over_time(changes: Changes, at: int, called: str) -> doc.Picture:
     def draw(axes: Axes) -> None:
         _mark_changes(axes, changes, low - room, high + room)
         axes.axhline(0, color=INK, linewidth=0.8)
-        axes.vlines(days, shifts - halves, shifts + halves, colors=INK, linewidth=1.6)
+        axes.vlines(days, shifts - halves, shifts + halves, color=INK, linewidth=1.6)
         axes.plot(days, shifts, "o", color=INK, markersize=5)
         axes.set(ylabel=f"{name}, {unit.name}", ylim=(low - room, high + room))
         date_axis(axes, dates[0], dates[-1])

@@ -219,7 +219,7 @@ def _rows_picture(cells: Sequence[GridCell], means: Mapping[int, Mean], metric: 
     known = np.isfinite(ends[:, 0])
 
     def draw(axes: Axes, at: Array) -> None:
-        axes.hlines(at[known], ends[known, 0], ends[known, 2], colors=PREDICTED, linewidth=2)
+        axes.hlines(at[known], ends[known, 0], ends[known, 2], color=PREDICTED, linewidth=2)
         axes.plot(ends[:, 1], at, "o", color=PREDICTED, markersize=6)
 
     limits = float(np.nanmin(ends)) / 1.2, float(np.nanmax(ends)) * 1.2

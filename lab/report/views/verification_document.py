@@ -105,7 +105,7 @@ def _causes_picture(result: VerificationResult) -> tuple[doc.Picture, ...]:
     def draw(axes: Axes, at: Array) -> None:
         axes.axvline(1, color=INK, linewidth=1.2, linestyle=":")
         for which, colour, mark in ((~explains, MUTED, "o"), (explains, PREDICTED, "D")):
-            axes.hlines(at[which], np.ones(which.sum()), sizes[which], colors=colour, linewidth=1.2)
+            axes.hlines(at[which], np.ones(which.sum()), sizes[which], color=colour, linewidth=1.2)
             axes.plot(sizes[which], at[which], mark, color=colour, markersize=7)
 
     best = ", ".join(name for name, each in zip(names, explains, strict=True) if each) or "no single change"

@@ -60,18 +60,16 @@ def _equal(axes: Axes) -> None:
     axes.set_aspect("equal")
 
 
-def _wider(axes: Axes) -> None:
-    axes.scatter([0, 10], [0, 1])
-    axes.set_aspect("equal", adjustable="datalim")
-
-
 def _matrix(axes: Axes) -> None:
-    axes.imshow(shades(np.eye(4), ("#000000", "#ffffff")))
+    edges = np.arange(5) - 0.5
+    axes.pcolormesh(edges, edges, shades(np.eye(4), ("#000000", "#ffffff")))
+    axes.set(xlim=(-0.5, 3.5), ylim=(3.5, -0.5))
+    axes.set_aspect("equal")
 
 
 CASES = [
     lambda axes: axes.plot(VALUES, VALUES**2, "s--"), _bars, _steps, _lines, _area, _logarithm, _equal,
-    _wider, _matrix,
+    _matrix,
 ]  # fmt: skip
 
 

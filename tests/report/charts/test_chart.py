@@ -50,7 +50,7 @@ def test_words_are_words_and_ids_the_picture_s_own() -> None:
         axes.set(title=hostile, xlabel=hostile, ylabel=hostile)
         axes.set_xticks([0], [hostile], rotation=90)
         axes.annotate(f"{hostile}\n{hostile}", (0, 0.5), xycoords=("data", "axes fraction"))
-        axes.barh([0], [1], hatch="////")
+        axes.stairs([1], [0, 1], fill=True, hatch="////")
         axes.plot([0], [0], label=hostile)
         axes.legend()
 

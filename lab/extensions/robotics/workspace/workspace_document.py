@@ -226,7 +226,7 @@ def _section(cut: PlaneSection, name: str) -> Picture:
     def draw(axes: Axes) -> None:
         shares = np.where(cut.reached, 0.0, np.nan) if cut.shares is None else cut.shares
         colours = shades(shares.T, COLOUR_SCALE)
-        axes.pcolormesh(_edges(MM.of(cut.right)), _edges(MM.of(cut.up)), colours, rasterized=True)
+        axes.pcolormesh(_edges(MM.of(cut.right)), _edges(MM.of(cut.up)), colours)
         ends = MM.of(cut.vertices[cut.segments])  # (s, 2, 2)
         lines = np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2)
         axes.plot(lines[:, 0], lines[:, 1], color=INK, linewidth=1.0)
