@@ -1,4 +1,4 @@
-"""Figures of a study: means, pairs and ranks of every factor that is compared, a panel a group of cells."""
+"""Figures of a study: means and pairs of every factor that is compared, a panel a group of cells."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -11,8 +11,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.number_text import capital
-from lab.core.se3 import Array
-from lab.report.charts.chart import axes_picture, log_ticks, save_figure, shades
+from lab.report.charts.chart import axes_picture, log_ticks, save_figure
 from lab.report.charts.marks import Axes, text_width
 from lab.report.document import Picture
 from lab.report.style import INK, MUTED, PREDICTED, REFERENCE, SERIES
@@ -26,24 +25,21 @@ __all__ = ["first_picture", "pictures_of", "study_pictures", "write_pictures"]
 _KINDS = {
     "means": "with 95 % intervals over the robots",
     "pairs": "each level against the best one, with 95 % intervals",
-    "ranks": "in how many of 100 resamples of the robots each level has each rank",
 }
 _FAR = 3.0  # a ratio from which the axis of ratios is logarithmic
-_GREYS = ("#ffffff", "#a3a3a3")  # on which figures can be read
-_SHOWN = 0.005  # of the resamples: less is not written
 _MOST_ACROSS = 3  # panels side by side
 _TITLE = 22  # letters in a line above a panel
 _LINE = 0.18  # inches: a line of a title
 _FOOT = 0.62  # inches below a panel: its ticks, and the axis's label
 _LEAST_REACH = 0.01  # of an axis of ratios beyond its ends: levels may be equal to rounding
 _APART = 0.035  # of the axis, between the lines' marks at one level
-_SMALL = 8.0  # points: letters beside rows and in cells
+_SMALL = 8.0  # points: letters beside rows
 
 _Shown = TypeVar("_Shown", CellGroup, Comparison)
 
 
 def study_pictures(analysis: Analysis, metric: str) -> dict[str, Picture]:
-    """A metric's means, pairs and ranks by every factor that is compared, by the names of their files."""
+    """A metric's means and pairs by every factor that is compared, by the names of their files."""
     by_factor: dict[tuple[str, ...], list[Comparison]] = {}
     for each in analysis.comparisons:
         if each.metric == metric and each.ranks:
@@ -54,8 +50,6 @@ def study_pictures(analysis: Analysis, metric: str) -> dict[str, Picture]:
             "means": partial(_means_picture, analysis, metric, free[0]),
             "pairs": partial(_pairs_picture, comparisons, analysis.cells),
         }
-        if any(rank.lowest < rank.highest for each in comparisons for rank in each.ranks):
-            kinds["ranks"] = partial(_ranks_picture, comparisons, analysis.cells)  # none where each rank is certain
         answers = capital(factor_sentence(comparisons, analysis.cells))
         for kind, picture in kinds.items():
             name = f"{metric}-{'-'.join(free)}-{kind}"
@@ -221,34 +215,6 @@ def _rows(axes: Axes, comparison: Comparison, cells: Sequence[GridCell]) -> None
 
 def _most_rows(comparisons: Sequence[Comparison]) -> int:
     return max(len(each.ranks) for each in comparisons)
-
-
-def _ranks_picture(comparisons: Sequence[Comparison], cells: Sequence[GridCell], name: str, label: str) -> Picture:
-    """The share of resamples in which each cell has each rank, its 95 % set framed, a panel a group."""
-
-    def draw(axes: Axes, each: Comparison) -> None:
-        chances = np.array([rank.chances for rank in each.ranks])
-        edges = np.arange(len(chances) + 1) - 0.5
-        axes.grid(visible=False)
-        axes.pcolormesh(edges, edges, shades(chances, _GREYS))
-        for (row, column), chance in np.ndenumerate(chances):
-            if chance >= _SHOWN:
-                axes.annotate(f"{100 * chance:.0f}", (column, row), ha="center", va="center", fontsize=_SMALL)
-        for row, rank in enumerate(each.ranks):
-            axes.plot(*_frame(rank.lowest - 1.45, rank.highest - 0.55, row), color=REFERENCE, linewidth=1.6)
-        axes.set_xticks(range(len(chances)), [str(1 + k) for k in range(len(chances))])
-        axes.set(xlim=(-0.5, len(chances) - 0.5), xlabel="rank, % of resamples; framed: 95 % set")
-        _rows(axes, each, cells)
-
-    rows = _most_rows(comparisons)
-    size = (max(2.2, 0.45 * rows), 0.33 * rows)
-    return _panels(name, label, comparisons, draw, size, (_names_width(comparisons, cells), 0.15))
-
-
-def _frame(left: float, right: float, row: int) -> tuple[Array, Array]:
-    """Return the corners of a frame round cells of a row."""
-    x, y = np.array([left, right, right, left, left]), row + np.array([-0.43, -0.43, 0.43, 0.43, -0.43])
-    return x, y
 
 
 def _panels(
