@@ -35,22 +35,26 @@ def options_of(call: str, kind: type[_Options], given: Mapping[str, Any], unused
         LabError: there is no such option, one is missing, or a value is not of its type.
     """
     groups, nested = dict(_options(cast(Any, kind))), dict[str, Any]()
-    shown = dict.fromkeys(
-        group if group in _WHOLE else name for name, (group, _, _) in groups.items() if name not in unused
-    )
+    shown = [group if group in _WHOLE else name for name, (group, _, _) in groups.items() if name not in unused]
+    _refuse_beside_whole(call, groups, given)
+    for name, value in given.items():
+        if name in groups:
+            group, _, hint = groups[name]
+            (nested.setdefault(group, {}) if group else nested)[name] = _plain_value(value, hint)
+        elif name in shown:
+            nested[name] = _plain(call, name, value) | nested.get(name, {})
+        else:
+            names = list(dict.fromkeys(shown))
+            meant = "".join(f": is {each} meant? There" for each in get_close_matches(name, names, 1))
+            raise LabError(f"{call}: '{name}' is no option{meant or '; there'} are {', '.join(names)}")
+    return structured(call, kind, nested)
+
+
+def _refuse_beside_whole(call: str, groups: Mapping[str, tuple[str, Any, Any]], given: Mapping[str, Any]) -> None:
+    """Refuse an option that is given beside the object of its group."""
     for whole in (name for name in _WHOLE if given.get(name) is not None):
         if twice := [name for name in given if groups.get(name, ("",))[0] == whole]:
             raise LabError(f"{call}: {twice[0]} is given beside {whole}, which has it too; give it in one of them")
-    for name, value in given.items():
-        if name in shown and name not in groups:
-            nested[name] = _plain(call, name, value) | nested.get(name, {})
-            continue
-        if name not in groups:
-            meant = "".join(f": is {each} meant? There" for each in get_close_matches(name, shown, 1))
-            raise LabError(f"{call}: '{name}' is no option{meant or '; there'} are {', '.join(shown)}")
-        group, _, hint = groups[name]
-        (nested.setdefault(group, {}) if group else nested)[name] = _plain_value(value, hint)
-    return structured(call, kind, nested)
 
 
 def _plain_value(value: Any, hint: Any) -> Any:

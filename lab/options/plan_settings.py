@@ -14,7 +14,8 @@ from lab.robots.robot_files import parted
 __all__ = ["PlanSettings", "filled_in", "settings_of_plan"]
 
 _Options = TypeVar("_Options")
-_SETTINGS = ("robot", "cell", "targets", "instrument")
+_OF_MEASUREMENTS = ("robot", "cell", "instrument")
+_SETTINGS = (*_OF_MEASUREMENTS, "targets")
 _OF_PICTURES = ("observe", "cameras")  # of a plan for pictures
 _CLEARANCES = ("clearance_mm", "self_clearance_mm")
 _USUAL_ROBOT = "irb120"  # of every command
@@ -45,6 +46,11 @@ class PlanSettings:
     def without(self, *names: str) -> "PlanSettings":
         """Return the settings but those of these names."""
         return self.only([name for name in self.values if name not in names])
+
+    @property
+    def has_own_instrument(self) -> bool:
+        """True where the plan was made with another instrument than the usual one."""
+        return self.values.get("instrument") not in (None, _USUAL_INSTRUMENT)
 
     def taken_note(self, options: object, default: object) -> str:
         """Describe in one line what options took from the plan that is not their default; "" for nothing."""
@@ -125,26 +131,32 @@ def filled_in(options: _Options, file: Path) -> tuple[_Options, tuple[str, ...]]
     Returns:
         The options, and lines on what was taken, and on what is given and differs.
     """
-    found = settings_of_plan(file)
-    if found is None:
+    settings = settings_of_plan(file)
+    if settings is None:
         return options, ()
-    given = {name: getattr(options, name) for name in ("robot", "cell", "instrument")}
-    usual = found.values.get("instrument") in (None, _USUAL_INSTRUMENT)
-    compared = [name for name, value in given.items() if value is not None and not (usual and name == "instrument")]
-    warnings = tuple(f"warning: {each}" for each in found.only(compared).differences(options))
-    if given["robot"] is not None and found.only(["robot"]).differences(options):
+    given = {name: value for name in _OF_MEASUREMENTS if (value := getattr(options, name, None)) is not None}
+    compared = [name for name in given if name != "instrument" or settings.has_own_instrument]
+    warnings = tuple(f"warning: {each}" for each in settings.only(compared).differences(options))
+    if "robot" in given and settings.only(["robot"]).differences(options):
         return options, warnings  # of another robot nothing is taken
+    taken = _taken(settings, options, given)
+    filled = replace(options, **taken)  # type: ignore[type-var]
+    note = settings.only(taken).taken_note(filled, options)
+    return filled, (*((note,) if note else ()), *warnings)
+
+
+def _taken(settings: PlanSettings, options: object, given: Collection[str]) -> dict[str, Any]:
+    """Return what options that are not given take from the plan: its robot, its cell, and its instrument."""
     taken: dict[str, Any] = {}
-    if given["robot"] is None and found.values["robot"] != _USUAL_ROBOT:
-        taken["robot"] = found.values["robot"]
-    if given["cell"] is None and (cell := found.values.get("cell")) is not None:
+    if "robot" not in given and settings.values["robot"] != _USUAL_ROBOT:
+        taken["robot"] = settings.values["robot"]
+    if "cell" not in given and (cell := settings.values.get("cell")) is not None:
         taken["cell"] = Path(cell)
-    same_kind = found.observe == getattr(options, "observe", "points") == "points"
-    if same_kind and not usual and given["instrument"] is None and getattr(options, "noise_mm", None) is None:
-        taken["instrument"] = found.values["instrument"]
-    made = replace(options, **taken)  # type: ignore[type-var]
-    note = found.only(taken).taken_note(made, options)
-    return made, (*((note,) if note else ()), *warnings)
+    of_points = settings.observe == getattr(options, "observe", "points") == "points"
+    noise_given = "instrument" in given or getattr(options, "noise_mm", None) is not None
+    if of_points and settings.has_own_instrument and not noise_given:
+        taken["instrument"] = settings.values["instrument"]
+    return taken
 
 
 def _flag(name: str) -> str:

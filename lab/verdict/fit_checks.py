@@ -320,13 +320,7 @@ def check_joints(
     """
     if (some := evenly(len(rows), _MOST_POSES)) is not None:  # more change nothing
         seen, rows, moves = seen.take(some), rows[some], moves[some]
-    model, checks = found.model, list[Check]()
-    if encoders is not None:
-        made_m = counting(model, rows, found.values, encoders, observation_of(model).positions or None)
-        if made_m > NOTABLE * found.sigma_m:
-            checks.append(_noted("joints.counts", rms_m=made_m))
-    elif (coarse := rounding(model, rows, found.values, observation_of(model).positions or None)) is not None:
-        checks.append(_failed("joints.rounded", step_rad=coarse.step_rad, rms_m=coarse.rms_m))
+    model, checks = found.model, _check_resolution(found, rows, encoders)
     derivative = by_joint_positions(model, seen.inputs, found.values, moves.shape[1])
     for lag in lagging(model, seen, found.fit, moves, derivative, rows.sessions, lambda: omitted(rows)):
         here = np.array([session == lag.session for session in rows.sessions])
@@ -342,6 +336,17 @@ def check_joints(
         data = {"session": lag.session, "behind": behind, "shares": shares}
         checks.append(Check("joints.lag", "failed", p=lag.p, data=data))
     return checks
+
+
+def _check_resolution(found: Identification, rows: Measurements, encoders: Encoders | None) -> list[Check]:
+    """Check the error that counted or rounded joint positions make."""
+    model, positions = found.model, observation_of(found.model).positions or None
+    if encoders is not None:
+        made_m = counting(model, rows, found.values, encoders, positions)
+        return [_noted("joints.counts", rms_m=made_m)] if made_m > NOTABLE * found.sigma_m else []
+    if (coarse := rounding(model, rows, found.values, positions)) is not None:
+        return [_failed("joints.rounded", step_rad=coarse.step_rad, rms_m=coarse.rms_m)]
+    return []
 
 
 def check_groups(groups: tuple[str, ...], selection: Selection | None, data: Measurements) -> list[Check]:

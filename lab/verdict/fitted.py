@@ -194,12 +194,6 @@ class Fitted:
         found, rows = self.identification, self.rows
         if not only_positions(observation_of(found.model)) or found.process is not None:
             return None
-        instrument_m = found.sigma_m if found.sigma_given else float("nan")
-        if not found.sigma_given and self.instrument is not None and self.instrument.is_rigid:
-            instrument_m = self.instrument.sigma_m
-        shared = self.noise.shared
-        if shared is not None and found.sigma_given:
-            instrument_m = shared.independent_m
         groups = () if self.selection is None else self.selection.groups
         size = rows.joints.shape[1]
         return remaining_error(
@@ -207,12 +201,21 @@ class Fitted:
             rows.joints,
             row_times(rows),
             found.dof,
-            instrument_m=instrument_m,
-            shared=shared,
+            instrument_m=self._instrument_m,
+            shared=self.noise.shared,
             scatter_slopes=by_joint_positions(found.model, rows.inputs(found.model.conditions), found.values, size),
             nearly=tuple(group.name for group in groups if not group.chosen and group.f_p < NEARLY),
             searched=self.selection is not None and self.selection.searched,
         )
+
+    @property
+    def _instrument_m(self) -> float:
+        """The instrument's noise of a coordinate (m): given, else by distances between targets; NaN where unknown."""
+        if self.identification.sigma_given:
+            shared = self.noise.shared
+            return self.identification.sigma_m if shared is None else shared.independent_m
+        distances = self.instrument
+        return distances.sigma_m if distances is not None and distances.is_rigid else float("nan")
 
     @cached_property
     def gain(self) -> ExpectedGain | None:

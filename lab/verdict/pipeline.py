@@ -7,7 +7,7 @@ one of her own under its name, or runs a part of them and looks at the state::
     run_steps(start(robot, data, sensor), FITTING)
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -352,9 +352,15 @@ def _check_noise(state: Fitted) -> Fitted:
         fullest = found if beside is None else beside.identification  # what an effect explains did not change
         observed, _ = weigh(observation_of(fullest.model), rows, fitter.noise.independent)
         findings += changes_in_time(fullest, observed, rows)
-    first = [each for each in findings if "between" in each.data] + ([] if beside is None else [_missing(beside)])
-    first.sort(key=lambda each: -each.data["size_m"])
-    return replace(state, findings=(*first, *(each for each in findings if "between" not in each.data)))
+    return replace(state, findings=_largest_first([*findings, *([] if beside is None else [_missing(beside)])]))
+
+
+def _largest_first(findings: Sequence[Check]) -> tuple[Check, ...]:
+    """Return changes between rows and missing effects by their size, then the other findings."""
+    sized = ["between" in each.data or each.name == "finding.missing" for each in findings]
+    first = [each for each, has_size in zip(findings, sized, strict=True) if has_size]
+    others = [each for each, has_size in zip(findings, sized, strict=True) if not has_size]
+    return (*sorted(first, key=lambda each: -each.data["size_m"]), *others)
 
 
 def _missing(beside: Selection) -> Check:

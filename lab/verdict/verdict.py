@@ -12,6 +12,7 @@ prediction.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -221,21 +222,27 @@ def _below_gate(checks: Sequence[Check]) -> bool:
     return any(each.name == "accuracy.tolerance_bound" and each.outcome == "passed" for each in checks)
 
 
+_UNDETERMINED = ("links.far", "determination.limit", "links.tolerances")  # in the order of their weight
+
+
 def _determination(checks: Sequence[Check], gate_m: float | None) -> tuple[Answer, list[Check]]:
-    error, far = _one(checks, "determination.error"), _failed(checks, "links")
-    if other := [each for each in far if each.name == "links.other_robot"]:
+    failed = [each for each in checks if each.outcome == "failed"]
+    if other := _called(failed, "links.other_robot"):
         return Answer("bad", (other[0],)), other
-    reasons = [each for each in far if each.name == "links.far"]
-    reasons += [each for each in checks if each.name == "determination.limit" and each.outcome == "failed"]
-    reasons += [each for each in far if each.name == "links.tolerances"]
-    uncovered = [each for each in checks if each.name == "determination.cover" and each.outcome == "failed"]
+    error, uncovered = _one(checks, "determination.error"), _called(failed, "determination.cover")
+    reasons = [each for name in _UNDETERMINED for each in _called(failed, name)]
     region = error.data["region"]  # with the base placed anew it bounds no error that a gate limits
-    if reasons and not uncovered and gate_m is not None and not region.anew and region.p95_m <= gate_m:
+    accurate = gate_m is not None and not region.anew and region.p95_m <= gate_m
+    if reasons and not uncovered and accurate:
         return Answer("does not matter", (error, reasons[0])), []
     reasons += uncovered
     if error.outcome == "failed" and gate_m is None:  # a gate is judged by the errors of the validation
         reasons.append(error)
     return Answer("doubtful" if reasons else "holds", (error,)), reasons
+
+
+def _called(checks: Sequence[Check], name: str) -> list[Check]:
+    return [each for each in checks if each.name == name]
 
 
 def verdict(
@@ -347,20 +354,24 @@ class _Calibration:
         if validation.fitted_share > _MOST_FITTED:
             return [Check("accuracy.validation", "failed", data={"fitted_share": validation.fitted_share})]
         before, after = float(np.nanmean(errors.before)), float(np.nanmean(errors.after))
-        data = {"before_m": before, "after_m": after}
-        if prediction is not None and validation.judged_by != "file":  # whose noise may be another
-            data |= {name: prediction.data[name] for name in _COMPARED}
-        if self.gate_m is not None and after > self.gate_m:
-            data["without_noise_m"] = after * self._shares_without_noise()[0]
         gate = self._gate(after)
         return [
-            Check("accuracy.validation", "passed", data=data),
+            Check("accuracy.validation", "passed", data=self._mean_errors(before, after, prediction)),
             gate,
             *([] if gate.outcome == "failed" else self._gain(errors, before, after)),
             *self._validation_poses(),
             *([] if prediction is None else [prediction]),
             self._tolerance_bound(),
         ]
+
+    def _mean_errors(self, before_m: float, after_m: float, prediction: Check | None) -> dict[str, Any]:
+        """Return the mean errors (m), with the predicted ones, and without noise where they are above the gate."""
+        data = {"before_m": before_m, "after_m": after_m}
+        if prediction is not None and self.validation.judged_by != "file":  # whose noise may be another
+            data |= {name: prediction.data[name] for name in _COMPARED}
+        if self.gate_m is not None and after_m > self.gate_m:
+            data["without_noise_m"] = after_m * self._shares_without_noise()[0]
+        return data
 
     def _gate(self, after_m: float) -> Check:
         """Check the mean error against the gate; without one against what an arm within tolerances has uncalibrated.
@@ -457,25 +468,38 @@ class _Calibration:
             "condition": self.identification.fit.condition,
         }
         if self.identification.lacks_size:
-            checks = [Check("determination.error", "failed", 1.0, data=data)]
+            error = Check("determination.error", "failed", 1.0, data=data)
         else:
-            checks = [Check("determination.error", "noted", data=data)]
-        far = [each for each in self.distances if each.size > self._largest(each)]
-        surely = [each for each in far if each.sure > self._largest(each) and self._is_felt(each)]
-        if surely and observation_of(self.identification.model).positions:
-            times = surely[0].size / self._largest(surely[0])
-            checks.append(Check("links.other_robot", "failed", times, data={"distance": surely[0]}))
-        if far:
-            times = far[0].size / self._largest(far[0])
-            checks.append(Check("links.far", "failed", times, data={"distance": far[0]}))
-        checks += self._limit(data)
-        off = [each for each in self.distances if each.sure_tolerances > MOST_TOLERANCES]
-        if off and not far:
-            times = off[0].tolerances / MOST_TOLERANCES
-            checks.append(Check("links.tolerances", "failed", times, data={"distance": off[0]}))
+            error = Check("determination.error", "noted", data=data)
+        checks = [error, *self._far_links(), *self._limit(data), *self._links_beyond_tolerances()]
         if region.lacks and (alone := region.extrapolated_share) > MOST_UNCOVERED:
             checks.append(Check("determination.cover", "failed", alone / MOST_UNCOVERED, data={"region": region}))
         return checks
+
+    @cached_property
+    def _far(self) -> tuple[Distance, ...]:
+        """The links whose distance from nominal is another robot's, the farthest first."""
+        return tuple(each for each in self.distances if each.size > self._largest(each))
+
+    def _far_links(self) -> list[Check]:
+        """Check whether links are those of another robot: surely, or by what they were estimated."""
+        checks = list[Check]()
+        surely = [each for each in self._far if each.sure > self._largest(each) and self._is_felt(each)]
+        if surely and observation_of(self.identification.model).positions:
+            times = surely[0].size / self._largest(surely[0])
+            checks.append(Check("links.other_robot", "failed", times, data={"distance": surely[0]}))
+        if self._far:
+            times = self._far[0].size / self._largest(self._far[0])
+            checks.append(Check("links.far", "failed", times, data={"distance": self._far[0]}))
+        return checks
+
+    def _links_beyond_tolerances(self) -> list[Check]:
+        """Check whether a link is farther from nominal than tolerances explain, where none is another robot's."""
+        beyond = [each for each in self.distances if each.sure_tolerances > MOST_TOLERANCES]
+        if self._far or not beyond:
+            return []
+        times = beyond[0].tolerances / MOST_TOLERANCES
+        return [Check("links.tolerances", "failed", times, data={"distance": beyond[0]})]
 
     def _is_felt(self, of: Distance) -> bool:
         """Decide whether positions show that a link is another one, by more than the tolerances explain.

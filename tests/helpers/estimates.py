@@ -19,8 +19,10 @@ def with_values(estimate: Estimate, values: Array) -> Estimate:
 
 def nominal_estimate(robot: NominalArm, targets: tuple[str, ...], groups: tuple[str, ...]) -> Estimate:
     """Return an estimate with effects of zero size, of which nothing was identified."""
-    nothing = np.zeros((0, 0))
-    empty = Estimate(robot.arm(targets), robot.loads, groups, (), (), (), nothing, 0.0, 0.0, True, 0, None)
+    empty = Estimate(
+        rigid=robot.arm(targets), loads=robot.loads, effects=groups, left_out=(), rows=(), identified=(),
+        covariance=np.zeros((0, 0)), noise_m=0.0, residual_m=0.0, noise_known=True, dof=0, adequate=None,
+    )  # fmt: skip
     values = empty.arm.nominal(None).tolist()
     rows = (
         EstimatedParameter(name=name, nominal=value, estimate=value, exported=value)
