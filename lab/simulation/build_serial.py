@@ -21,23 +21,24 @@ from lab.core.se3 import Array
 from lab.formats.link_tree import link_tree
 from lab.formats.robot_toml import RobotTable
 from lab.kinematics.serial.chain import Chain
-from lab.kinematics.serial.serial_arm import DEFAULT_TOOL, SerialArm
+from lab.kinematics.serial.serial_arm import SerialArm
 from lab.simulation.collisions import touching_bodies
 from lab.simulation.robot_model import (
     FLANGE,
-    TRACKER,
     SerialModel,
     add_targets,
     add_tracker,
     allow_massless,
+    at_pose,
     at_zero,
     body_pose,
     compiled,
     coordinates,
     flange_body,
+    named_tool,
 )
 
-__all__ = ["DENSITY", "add_rods", "link_rods", "reach_of", "table_model"]
+__all__ = ["DENSITY", "PAINT", "STEEL", "add_rods", "link_rods", "reach_of", "table_model"]
 
 _SMALL_M = 1.0  # reach of an arm with the tracker at its default distance
 _PEDESTAL = 0.1  # radius of a floor-standing arm's column, as a share of its reach
@@ -48,14 +49,13 @@ _MASSLESS_KG = 1e-6  # a body with less has no mass of its own
 _SHORT_M = 1e-3  # a shorter stretch is drawn as a ball
 _SAME_RAD = 1e-3  # axes that differ by less are one
 _POSES, _MAX_SHARE = 200, 0.5  # checked poses; links whose rods touch in a larger share of them may touch
-_PAINT, _STEEL = (0.95, 0.38, 0.06, 1.0), (0.58, 0.60, 0.64, 1.0)
+PAINT, STEEL = (0.95, 0.38, 0.06, 1.0), (0.58, 0.60, 0.64, 1.0)
 
 
 def table_model(path: Path, table: RobotTable) -> SerialModel:
     """Return the arm of a table, on the floor if the table gives a height; else in the air."""
     chain = table.chain
-    named = {name: place for name, place in table.tool.items() if name not in (FLANGE, TRACKER)}
-    tool = named or {name: np.array(place) for name, place in DEFAULT_TOOL.items()}
+    tool = named_tool(table.tool)
     arm = SerialArm(chain, tuple(tool))
     tree, reach = link_tree(arm, arm.nominal(tool)), reach_of(chain)
     spec = mujoco.MjSpec()
@@ -98,20 +98,14 @@ def _add_joint(body: mujoco.MjsBody, chain: Chain, i: int, sign: float, torque: 
 
 
 def _add_body(parent: mujoco.MjsBody, name: str, T_parent_body: Array) -> mujoco.MjsBody:
-    quat = se3.quaternion_from_rotation(T_parent_body[:3, :3])
-    return parent.add_body(name=name, pos=T_parent_body[:3, 3], quat=quat)
+    return parent.add_body(name=name, **at_pose(T_parent_body))
 
 
 def _add_pedestal(spec: mujoco.MjSpec, base: mujoco.MjsBody, height_m: float, radius_m: float) -> None:
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     if height_m > 0:
-        base.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            size=[radius_m, height_m / 2, 0],
-            pos=[0, 0, -height_m / 2],
-            rgba=[0.58, 0.60, 0.64, 1],
-            mass=0,
-        )
+        size, at = [radius_m, height_m / 2, 0], [0, 0, -height_m / 2]
+        base.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=size, pos=at, rgba=STEEL, mass=0)
 
 
 @dataclass(frozen=True)
@@ -282,15 +276,12 @@ def _volume(rod: _Rod) -> float:
 
 def _add(body: mujoco.MjsBody, rod: _Rod, T_body_frame0: Array, density: float) -> None:
     ends = se3.transform(T_body_frame0, np.array([rod.start, rod.end]))
-    colour = _PAINT if rod.joint % 2 == 0 else _STEEL
+    colour = PAINT if rod.joint % 2 == 0 else STEEL
     if np.linalg.norm(ends[1] - ends[0]) <= _SHORT_M:
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[rod.radius, 0, 0], pos=ends[0], density=density, rgba=colour
-        )
-        return
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[rod.radius, 0, 0], fromto=ends.ravel(), density=density, rgba=colour
-    )
+        kind, place = mujoco.mjtGeom.mjGEOM_SPHERE, {"pos": ends[0]}
+    else:
+        kind, place = mujoco.mjtGeom.mjGEOM_CAPSULE, {"fromto": ends.ravel()}
+    body.add_geom(type=kind, size=[rod.radius, 0, 0], density=density, rgba=colour, **place)
 
 
 def _let_touch(path: Path, spec: mujoco.MjSpec, chain: Chain, drawn_in: Set[tuple[str, str]]) -> None:

@@ -25,7 +25,9 @@ from lab.simulation.collisions import LOWER_CLEARANCE, collision_flags, keeps_cl
 from lab.simulation.robot_model import RobotModel
 
 __all__ = [
+    "LARGE_REFLECTOR_M",
     "MARGIN",
+    "SMALL_REFLECTOR_M",
     "Candidates",
     "draw_candidates",
     "feasibility",
@@ -44,7 +46,8 @@ _Feasible = Callable[[Array], NDArray[np.bool_]]
 _REASONS = ("limits", "singularity", "collision", "visibility")
 _BLOCK = 1024  # a power of two keeps Sobol's points even
 _PATIENCE, _MIN_SHARE = 16 * _BLOCK, 1 / 200  # draws without any candidate; least share of candidates
-_HALF_INCH_BALL_M, _LARGEST_BALL_M, _RIM_M = 0.00635, 0.01905, 0.001  # half-inch and 1.5-inch reflectors
+SMALL_REFLECTOR_M, LARGE_REFLECTOR_M = 0.00635, 0.01905  # radius of a half-inch and of a 1.5-inch one
+_RIM_M = 0.001
 _MIN_SEEN = 1 / 2000  # least share of candidates where few poses are in sight
 _MAX_DESCRIBED = 500  # colliding draws whose contacts a refusal counts
 _SAME_NOISE = 6  # decimals to which variances are compared
@@ -211,7 +214,7 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
     refuse_unknown_targets(robot, targets)
     model, data = robot.model, mujoco.MjData(robot.model)
     sites = [model.site(name).id for name in targets]
-    ball = np.clip(model.site_size[sites, 0], _HALF_INCH_BALL_M, _LARGEST_BALL_M) + _RIM_M
+    ball = np.clip(model.site_size[sites, 0], SMALL_REFLECTOR_M, LARGE_REFLECTOR_M) + _RIM_M
     T_world_tracker = robot.Ts_world_station[station]
     head, turn = T_world_tracker[:3, 3].copy(), T_world_tracker[:3, :3]
     view = view_of(robot, instrument)

@@ -20,17 +20,20 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.cell_toml import Cell, Obstacle
 from lab.formats.link_tree import free_name
+from lab.simulation.candidate_poses import LARGE_REFLECTOR_M
 from lab.simulation.collisions import contacts_at, describe_collisions, kinematics_at
 from lab.simulation.meshes import VISUAL_GROUP
 from lab.simulation.robot_model import (
     TRACKER,
     RobotModel,
     SerialModel,
+    at_pose,
     at_zero,
     body_pose,
     compiled,
     flange_body,
     last_frame,
+    move_to,
     station_suffixed,
 )
 
@@ -38,7 +41,6 @@ __all__ = ["edges_text", "extents_mm", "implausible", "in_cell"]
 
 _Model = TypeVar("_Model", bound=RobotModel)
 _OBSTACLE_RGBA, _PLATE_RGBA = (0.45, 0.55, 0.65, 1.0), (0.58, 0.60, 0.64, 1.0)
-_REFLECTOR_M = 0.01905  # radius of a 1.5-inch reflector
 _MESHES = (".stl", ".obj")
 
 
@@ -117,8 +119,8 @@ def _add_points(spec: mujoco.MjSpec, body: mujoco.MjsBody, T_body_last: Array, c
         if point.name in taken:
             raise LabError(f"{cell.path}: tool point '{point.name}': the model has a site of that name; rename it")
         T = T_body_last @ se3.pose(point.rotation, point.position)
-        size = (_REFLECTOR_M, 0.0, 0.0)
-        body.add_site(name=point.name, pos=T[:3, 3], quat=se3.quaternion_from_rotation(T[:3, :3]), size=size)
+        size = (LARGE_REFLECTOR_M, 0.0, 0.0)
+        body.add_site(name=point.name, size=size, **at_pose(T))
 
 
 class _Shapes:
@@ -142,8 +144,8 @@ class _Shapes:
         name = free_name(shape.name, self._taken)
         self._taken.add(name)
         body.add_geom(
-            name=name, type=kind, size=size, pos=T[:3, 3], quat=se3.quaternion_from_rotation(T[:3, :3]), rgba=rgba,
-            margin=clearance_m, contype=1, conaffinity=1, group=self._group, mass=0.0, **mesh,
+            name=name, type=kind, size=size, rgba=rgba, margin=clearance_m, contype=1, conaffinity=1,
+            group=self._group, mass=0.0, **at_pose(T), **mesh,
         )  # fmt: skip
         return name
 
@@ -163,23 +165,21 @@ def _place_tracker(robot: RobotModel, spec: mujoco.MjSpec, T_world_tracker: Arra
     site = spec.site(TRACKER)
     stand, own = site.parent, robot.model.site(TRACKER)
     if int(own.bodyid[0]) == 0:
-        site.pos, site.quat = T_world_tracker[:3, 3], se3.quaternion_from_rotation(T_world_tracker[:3, :3])
+        move_to(site, T_world_tracker)
         return
-    T = _body_pose_of_tracker(robot, T_world_tracker)
-    stand.pos, stand.quat = T[:3, 3], se3.quaternion_from_rotation(T[:3, :3])
+    move_to(stand, _body_pose_of_tracker(robot, T_world_tracker))
 
 
 def _add_station(robot: RobotModel, spec: mujoco.MjSpec, name: str, T_world_station: Array) -> None:
     """Copy the body that carries the tracker's head to a further station; the head alone without a body."""
     if int(robot.model.site(TRACKER).bodyid[0]) == 0:
-        quat = se3.quaternion_from_rotation(T_world_station[:3, :3])
-        spec.worldbody.add_site(name=station_suffixed(TRACKER, name), pos=T_world_station[:3, 3], quat=quat)
+        spec.worldbody.add_site(name=station_suffixed(TRACKER, name), **at_pose(T_world_station))
         return
-    T, spec.copy_during_attach = _body_pose_of_tracker(robot, T_world_station), True
+    spec.copy_during_attach = True
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # MuJoCo's is about names without a prefix: these have a suffix
         stand = spec.worldbody.add_frame().attach_body(spec.site(TRACKER).parent, "", station_suffixed("", name))
-    stand.pos, stand.quat = T[:3, 3], se3.quaternion_from_rotation(T[:3, :3])
+    move_to(stand, _body_pose_of_tracker(robot, T_world_station))
 
 
 def _body_pose_of_tracker(robot: RobotModel, T_world_head: Array) -> Array:

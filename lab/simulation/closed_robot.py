@@ -42,19 +42,19 @@ from lab.kinematics.closed.loop_closure import (
     Step,
 )
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.serial.serial_arm import DEFAULT_TOOL
-from lab.simulation.build_serial import DENSITY
+from lab.simulation.build_serial import DENSITY, PAINT, STEEL
 from lab.simulation.effects import TrueEffects
 from lab.simulation.load_model import set_vectors, write_in_full
 from lab.simulation.robot_model import (
-    FLANGE,
     TRACKER,
     RobotModel,
     add_targets,
     add_tracker,
     allow_massless,
+    at_pose,
     compiled,
     coordinates,
+    named_tool,
     update_constants,
 )
 from lab.simulation.sampler import NORMAL, Sampler
@@ -76,7 +76,6 @@ _BASE_BODY = "base"
 _SAMPLES = 1000  # random poses
 _ARM, _PLATE, _BALL, _ROD, _SPOKE = 0.02, 0.012, 0.014, 0.007, 0.004  # radii beside the mechanism's size
 _SHORT_M = 1e-3  # a shorter stretch is not drawn
-_PAINT, _STEEL = (0.95, 0.38, 0.06, 1.0), (0.58, 0.60, 0.64, 1.0)
 _SETTLED_M = 1e-9  # after a correction of less, the next would be below rounding, as they shrink quadratically
 _FAR_RAD = 0.5  # a correction of an angle by more may wind up, or reach another mode
 _ADDS_ROWS = mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
@@ -123,8 +122,7 @@ class ClosedModel(RobotModel):
 def closed_model(path: Path, described: MechanismFile) -> ClosedModel:
     """Build the model of a described mechanism."""
     mechanism = described.mechanism
-    named = {name: place for name, place in described.tool.items() if name not in (FLANGE, TRACKER)}
-    tool = named or {name: np.array(place) for name, place in DEFAULT_TOOL.items()}
+    tool = named_tool(described.tool)
     spec = closed_spec(mechanism, mechanism.nominal_values, tool, described.height_m)
     return ClosedModel(
         path=path,
@@ -191,11 +189,11 @@ class TrueMechanism(TrueRobot):
         """Solve MuJoCo's constraints from nominal passive values; a jump to another mode is NaN."""
         chain = self.robot.chain
         start = chain.assembled(driven, chain.nominal_values).configuration.passive
-        found = np.full((len(driven), self.model.nq), np.nan)
+        coordinates_of = np.full((len(driven), self.model.nq), np.nan)
         near = np.isfinite(start).all(axis=0)
         qpos, jumped = closed_qpos(self.model, chain, self.values, driven[near], start[:, near])
-        found[near] = np.where(jumped[:, None], np.nan, qpos)
-        return found
+        coordinates_of[near] = np.where(jumped[:, None], np.nan, qpos)
+        return coordinates_of
 
 
 def true_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) -> TrueMechanism:
@@ -349,8 +347,7 @@ def _elementary(step: Step, value: float) -> Array:
 
 
 def _add_body(spec: mujoco.MjSpec, mechanism: Mechanism, body: _Body) -> None:
-    quat = se3.quaternion_from_rotation(body.T_on_body[:3, :3])
-    added = spec.body(body.on).add_body(name=body.name, pos=body.T_on_body[:3, 3], quat=quat)
+    added = spec.body(body.on).add_body(name=body.name, **at_pose(body.T_on_body))
     if body.moved is None:
         return
     kind = mujoco.mjtJoint.mjJNT_HINGE if body.moved.is_turn else mujoco.mjtJoint.mjJNT_SLIDE
@@ -371,7 +368,7 @@ def _close(spec: mujoco.MjSpec, mechanism: Mechanism, dimensions: Dimensions, si
     sites = _add_ends(spec, mechanism, size)
     # Rods are tendons, pins connect two sites.
     for rod in tree.rods:
-        colour = _STEEL if rod.joint is None else _PAINT
+        colour = STEEL if rod.joint is None else PAINT
         tendon = spec.add_tendon(name=rod.name, width=_ROD * size, rgba=colour)
         for end in rod.ends:
             tendon.wrap_site(sites[end])
@@ -395,7 +392,7 @@ def _add_ends(spec: mujoco.MjSpec, mechanism: Mechanism, size: float) -> dict[in
         name, ball = tree.frames[end].name, mujoco.mjtGeom.mjGEOM_SPHERE
         sites[end] = f"{name}.origin"
         spec.body(name).add_site(name=sites[end])
-        spec.body(name).add_geom(type=ball, size=[_BALL * size, 0, 0], rgba=_STEEL, contype=0, conaffinity=0)
+        spec.body(name).add_geom(type=ball, size=[_BALL * size, 0, 0], rgba=STEEL, contype=0, conaffinity=0)
     return sites
 
 
@@ -439,7 +436,7 @@ def _add_stretch(
             size=[radius, 0, 0],
             fromto=np.append(start, end),
             density=DENSITY,
-            rgba=_PAINT if driven % 2 else _STEEL,
+            rgba=PAINT if driven % 2 else STEEL,
             contype=0,
             conaffinity=0,
         )
@@ -465,8 +462,8 @@ def closed_qpos(
     qpos = np.full((len(joints), model.nq), np.nan)
     with np.errstate(all="ignore"):  # a diverging iteration may overflow
         for i, (row, start) in enumerate(zip(joints, passive.T, strict=True)):
-            if (found := loops.settled(row, start)) is not None:
-                qpos[i] = found
+            if (settled := loops.settled(row, start)) is not None:
+                qpos[i] = settled
     return qpos, np.asarray(np.isnan(qpos).any(axis=1))
 
 

@@ -20,7 +20,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.link_tree import free_name
 from lab.noise.instruments import Instrument
-from lab.simulation.candidate_poses import view_of
+from lab.simulation.candidate_poses import LARGE_REFLECTOR_M, SMALL_REFLECTOR_M, view_of
 from lab.simulation.collisions import REFLECTOR, contacts_at
 from lab.simulation.robot_model import RobotModel, compiled
 
@@ -139,7 +139,6 @@ _Model = TypeVar("_Model", bound=RobotModel)
 CLEARANCE_MM = 20.0  # default, from surroundings, and of links that are not neighbours
 INCIDENCE_MARGIN_RAD = np.deg2rad(3.0)  # kept from the largest angle that a reflector takes
 _MARGIN_SHARE = 0.1  # of that angle: a reflector that takes a few degrees keeps most of them
-_HALF_INCH_M, _LARGEST_M = 0.00635, 0.01905  # radius of a half-inch and of a 1.5-inch reflector
 _NEST = 4 / 3  # of the ball's radius: from its centre to the base of its nest
 _CLEARANCE_SLACK_M = 1e-5  # of a computed distance
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box of two metres
@@ -165,9 +164,9 @@ def reflector_radii(robot: RobotModel, targets: Sequence[str], instrument: Instr
     A site smaller than a half-inch reflector states nothing. Trackers measure 1.5-inch reflectors unless the robot or
     its cell states others; targets of cameras and of ideal instruments are taken for half an inch.
     """
-    usual = _LARGEST_M if instrument.kind == "spherical" else _HALF_INCH_M
+    usual = LARGE_REFLECTOR_M if instrument.kind == "spherical" else SMALL_REFLECTOR_M
     stated = np.array([float(robot.model.site(name).size[0]) for name in targets])
-    return np.where(stated < _HALF_INCH_M - 1e-9, usual, np.minimum(stated, _LARGEST_M))
+    return np.where(stated < SMALL_REFLECTOR_M - 1e-9, usual, np.minimum(stated, LARGE_REFLECTOR_M))
 
 
 def planning_model(robot: _Model, targets: Sequence[str], instrument: Instrument, clearances: Clearances) -> _Model:

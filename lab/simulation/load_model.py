@@ -51,6 +51,7 @@ from lab.simulation.robot_model import (
     add_targets,
     add_tracker,
     allow_massless,
+    at_pose,
     at_zero,
     body_pose,
     compiled,
@@ -804,8 +805,7 @@ def _add_flanges(spec: mujoco.MjSpec, robot: OpenModel) -> None:
     for tip, T_world_last, carrier in zip(robot.chain.tips, robot.last_frames, robot.carriers, strict=True):
         if f"{tip}.{FLANGE}" not in present:
             T = se3.inverse(body_pose(data, robot.model.body(carrier).id)) @ T_world_last
-            quat = se3.quaternion_from_rotation(T[:3, :3])
-            spec.body(carrier).add_site(name=f"{tip}.{FLANGE}", pos=T[:3, 3], quat=quat)
+            spec.body(carrier).add_site(name=f"{tip}.{FLANGE}", **at_pose(T))
 
 
 def _without_shells(robot: OpenModel) -> mujoco.MjSpec:

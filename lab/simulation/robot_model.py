@@ -22,7 +22,7 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.axes_to_dh import JointAxes
 from lab.kinematics.serial.chain import Chain
-from lab.kinematics.serial.serial_arm import SerialArm
+from lab.kinematics.serial.serial_arm import DEFAULT_TOOL, SerialArm
 from lab.kinematics.tree import TreeArm, TreeChain, tip_of
 
 __all__ = [
@@ -36,6 +36,7 @@ __all__ = [
     "add_targets",
     "add_tracker",
     "allow_massless",
+    "at_pose",
     "at_zero",
     "body_pose",
     "compiled",
@@ -44,6 +45,8 @@ __all__ = [
     "joint_axes",
     "joint_of",
     "last_frame",
+    "move_to",
+    "named_tool",
     "site_pose",
     "station_suffixed",
     "update_constants",
@@ -206,9 +209,24 @@ def station_suffixed(name: str, station: str) -> str:
 
 def add_targets(body: mujoco.MjsBody, T_body_last: Array, tool: Mapping[str, Array]) -> None:
     """Give a body a site for each target (m, in the last frame), which faces along that frame's z."""
-    quat = se3.quaternion_from_rotation(T_body_last[:3, :3])
     for name, place in tool.items():
-        body.add_site(name=name, pos=se3.transform(T_body_last, place[None])[0], quat=quat)
+        body.add_site(name=name, **at_pose(T_body_last @ se3.pose(np.eye(3), place)))
+
+
+def at_pose(T: Array) -> dict[str, Array]:
+    """Return a pose ``(4, 4)`` (m) as MuJoCo's ``pos`` and ``quat``."""
+    return {"pos": T[:3, 3], "quat": se3.quaternion_from_rotation(T[:3, :3])}
+
+
+def move_to(element: mujoco.MjsBody | mujoco.MjsSite, T: Array) -> None:
+    """Give a body or a site of a spec this pose ``(4, 4)`` (m) in its parent."""
+    element.pos, element.quat = at_pose(T).values()
+
+
+def named_tool(tool: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the targets (m) of a description; those of the default tool if it names none."""
+    named = {name: place for name, place in tool.items() if name not in (FLANGE, TRACKER)}
+    return named or {name: np.array(place) for name, place in DEFAULT_TOOL.items()}
 
 
 def add_tracker(spec: mujoco.MjSpec, away: float = 1.0) -> None:
@@ -327,6 +345,16 @@ class OpenModel(RobotModel):
         """Return the body that carries a target."""
 
     @abstractmethod
+    def _arm(self, targets: tuple[str, ...]) -> RigidArm:
+        """Return the arm with these targets."""
+
+    def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
+        """Return a copy with its bodies moved onto the joint axes of the parameters, and its coordinates."""
+        model = copy.deepcopy(self.model)
+        self.place_bodies(model, self._arm(targets), values)
+        return model, self.qpos(joints)
+
+    @abstractmethod
     def _axes(self, arm: RigidArm, values: Array) -> Mapping[str, tuple[Array, Array | None]]:
         """Return direction and point ``(3,)`` (m; None of a slide) of each body's joint axis, in the world."""
 
@@ -440,11 +468,8 @@ class SerialModel(OpenModel):
         """Return the body that carries the last frame."""
         return self.carrier
 
-    def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
-        """Return a copy with its bodies moved onto the joint axes of the parameters, and its coordinates."""
-        model = copy.deepcopy(self.model)
-        self.place_bodies(model, SerialArm(self.chain, targets), values)
-        return model, self.qpos(joints)
+    def _arm(self, targets: tuple[str, ...]) -> SerialArm:
+        return SerialArm(self.chain, targets)
 
     def _axes(self, arm: RigidArm, values: Array) -> Mapping[str, tuple[Array, Array | None]]:
         assert isinstance(arm, SerialArm)
@@ -483,23 +508,20 @@ class TreeModel(OpenModel):
         arm = TreeArm(self.chain, (f"{self.chain.tips[0]}.p1",))
         return [tip.T_world_last for tip in self._tips(arm, arm.nominal())]
 
-    def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
-        """Return a copy with its bodies moved onto the joint axes of the parameters, and its coordinates."""
-        model = copy.deepcopy(self.model)
-        self.place_bodies(model, TreeArm(self.chain, targets), values)
-        return model, self.qpos(joints)
+    def _arm(self, targets: tuple[str, ...]) -> TreeArm:
+        return TreeArm(self.chain, targets)
 
     def _axes(self, arm: RigidArm, values: Array) -> Mapping[str, tuple[Array, Array | None]]:
         assert isinstance(arm, TreeArm)
-        found: dict[str, tuple[Array, Array | None]] = {}
+        axes: dict[str, tuple[Array, Array | None]] = {}
         for branch in arm.tips:
             bodies = [self.bodies[joint] for joint in branch.joints]
-            found |= world_axes(branch.arm, arm.serial_values(branch, values), self.T_world_frame0, bodies)
-        return found
+            axes |= world_axes(branch.arm, arm.serial_values(branch, values), self.T_world_frame0, bodies)
+        return axes
 
     def _tips(self, arm: RigidArm, values: Array) -> list[_Tip]:
         assert isinstance(arm, TreeArm)
-        nominal, found = arm.nominal(), list[_Tip]()
+        nominal, tips = arm.nominal(), list[_Tip]()
         points = dict(zip(arm.targets, values[len(values) - 3 * len(arm.targets) :].reshape(-1, 3), strict=True))
         for tip, branch, carrier in zip(self.chain.tips, arm.tips, self.tip_carriers, strict=True):
             still = np.zeros((1, branch.arm.chain.size))
@@ -508,8 +530,8 @@ class TreeModel(OpenModel):
                 for each in (values, nominal)
             )
             own = {target: point for target, point in points.items() if tip_of(target) == tip}
-            found.append(_Tip(carrier, now, before, own))
-        return found
+            tips.append(_Tip(carrier, now, before, own))
+        return tips
 
 
 def world_axes(
@@ -521,14 +543,14 @@ def world_axes(
         T_world: pose ``(4, 4)`` of the frame of ``values`` in the world.
         bodies: of the joints.
     """
-    found: dict[str, tuple[Array, Array | None]] = {}
+    axes: dict[str, tuple[Array, Array | None]] = {}
     for motion in arm.motions(values):
         if motion.joint is None:
             continue
         axis = T_world[:3, :3] @ motion.axis[:3, 0] * arm.chain.sign[motion.joint]
         origin = None if motion.origin is None else se3.transform(T_world, motion.origin[:3].T)[0]
-        found[bodies[motion.joint]] = axis, origin
-    return found
+        axes[bodies[motion.joint]] = axis, origin
+    return axes
 
 
 def _without_base(values: Array) -> Array:
