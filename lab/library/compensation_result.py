@@ -205,8 +205,8 @@ class CompensationResult(Result):
     @property
     def passed_over(self) -> tuple[tuple[str, str], ...]:
         """The targets that are reached by another solution of the inverse than the nearest: id, and why."""
-        found = zip(self.targets.ids, self.found.passed_over, self.found.converged, strict=True)
-        return tuple((name, reason) for name, reason, reached in found if reason and reached)
+        rows = zip(self.targets.ids, self.found.passed_over, self.found.converged, strict=True)
+        return tuple((name, reason) for name, reason, reached in rows if reason and reached)
 
     @property
     def reasons(self) -> tuple[str, ...]:

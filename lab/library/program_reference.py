@@ -268,16 +268,16 @@ def _points_by_name(names: Sequence[str], places: Array) -> dict[str, float]:
 
 
 def _named(taken: Sequence[str], wished: Sequence[str]) -> list[str]:
-    found = list[str]()
+    names = list[str]()
     for name in wished:
         plain = (
             "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name).strip("_") or "tool"
         )
         plain = f"tool_{plain}" if plain.lower() in ("flange", "tracker") or plain[0].isdigit() else plain
-        while plain in (*taken, *found):
+        while plain in (*taken, *names):
             plain += "_"
-        found.append(plain)
-    return found
+        names.append(plain)
+    return names
 
 
 _SHARE = 0.05  # of the errors that are larger than the expected ones
@@ -340,9 +340,9 @@ def _shape_95(positions: Array, parts: Sequence[Array], rest: Array, dofs: Seque
     squares = []
     for each in parts:
         flat = each.reshape(3 * count, -1)
-        bent = (flat - rigid @ (rigid.T @ flat)).reshape(each.shape)
-        square = square + bent @ bent.swapaxes(1, 2)
-        squares.append(_sizes(bent) ** 2)
+        deformed = (flat - rigid @ (rigid.T @ flat)).reshape(each.shape)
+        square = square + deformed @ deformed.swapaxes(1, 2)
+        squares.append(_sizes(deformed) ** 2)
     return _length_95(square, squares, dofs)
 
 
@@ -385,16 +385,16 @@ def requested_solutions(
         ``(n, 6)`` rad, NaN where no solution reaches the target; and why some have none, by row.
     """
     chain = nominal.arm.chain
-    found, refused = np.full((len(targets), chain.size), np.nan), dict[int, str]()
+    joints, refused = np.full((len(targets), chain.size), np.nan), dict[int, str]()
     if not targets:
-        return found, refused
+        return joints, refused
     nominal_chain = nominal.arm.dh_chain(nominal.values)
     assert nominal_chain is not None
     shape, last = ArmShape.of(nominal_chain), chain.home
-    solutions = nominal.solutions(wanted, np.broadcast_to(chain.home, found.shape))
+    solutions = nominal.solutions(wanted, np.broadcast_to(chain.home, joints.shape))
     for i, target in enumerate(targets):
         if target.spelling is None:
-            found[i] = last = target.joints
+            joints[i] = last = target.joints
             continue
         some = solutions.joints[i][solutions.gap_m[i] < _REACHED_M]
         if target.allowed is None:
@@ -410,8 +410,8 @@ def requested_solutions(
                 "compare joint zeros and signs with the controller"
             )
             continue
-        found[i] = last = fits[np.abs(fits - last).max(axis=1).argmin()]
-    return found, refused
+        joints[i] = last = fits[np.abs(fits - last).max(axis=1).argmin()]
+    return joints, refused
 
 
 def _from(nominal: NominalInverse, wanted: PoseTarget, start: Array) -> Array:
@@ -446,7 +446,7 @@ def paths_touched(
         names: of the targets.
         progress: receives the number of checked paths.
     """
-    free, pairs, found = path_check(model), list(pairwise(moves)), list[tuple[int, str]]()
+    free, pairs, touched = path_check(model), list(pairwise(moves)), list[tuple[int, str]]()
 
     for done, (before, move) in enumerate(pairs):
         progress(done, len(pairs))
@@ -456,8 +456,8 @@ def paths_touched(
         line = move.motion == "line"
         message = _on_line(model, nominal, start, end) if line else _of_joints(model, free, start, end)
         if message:
-            found.append((move.line, f"on the way from {names[before.target]} to {names[move.target]}, {message}"))
-    return tuple(found)
+            touched.append((move.line, f"on the way from {names[before.target]} to {names[move.target]}, {message}"))
+    return tuple(touched)
 
 
 def _of_joints(model: RobotModel, free: FreePath, start: Array, end: Array) -> str:
@@ -489,14 +489,14 @@ def _line_of_tool(nominal: NominalInverse, start: Array, end: Array) -> Array:
     steps = max(np.linalg.norm(along) / _STEP_M, np.linalg.norm(turn) / _STEP_RAD, 1.0)
     shares = np.linspace(0, 1, min(int(np.ceil(steps)), _MAX_CHECKS) + 1)
     wanted = PoseTarget(T_start[:3, 3] + shares[:, None] * along, T_start[:3, :3] @ se3.exp(shares[:, None] * turn))
-    found = start + shares[:, None] * (end - start)
+    joints = start + shares[:, None] * (end - start)
     if nominal.closed_form is None:
-        return nominal.again(wanted, found, np.full(len(found), -1))[0]
-    solutions = nominal.solutions(wanted, found)
+        return nominal.again(wanted, joints, np.full(len(joints), -1))[0]
+    solutions = nominal.solutions(wanted, joints)
     last = start
     for i, some in enumerate(solutions.joints):
         turned = nearest_whole_turns(nominal.arm.chain, some[solutions.gap_m[i] < _REACHED_M], last)
-        found[i] = last = (
+        joints[i] = last = (
             turned[np.abs(turned - last).max(axis=1).argmin()] if len(turned) else np.full_like(start, np.nan)
         )
-    return found
+    return joints

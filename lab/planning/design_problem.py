@@ -366,11 +366,11 @@ def _home(
     return home, (f"robot {chain.name} at home: {touches}; the tour starts from a pose near it",)
 
 
-def _home_option(given: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:
-    text = f"--home {','.join(f'{number:g}' for number in given)}"
-    if len(given) != chain.size or not np.isfinite(given).all():
+def _home_option(requested: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:
+    text = f"--home {','.join(f'{number:g}' for number in requested)}"
+    if len(requested) != chain.size or not np.isfinite(requested).all():
         raise LabError(f"{text}: give one finite number for each of {', '.join(chain.joint_names)}")
-    home = joints_to_si(np.array(given), chain.prismatic)
+    home = joints_to_si(np.array(requested), chain.prismatic)
     if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
         raise LabError(f"{text}: {chain.limit_note(int(beyond[0]), home[beyond[0]])}; start within")
     if why := chain.infeasibility_reason(home):

@@ -55,17 +55,17 @@ def reachability(
         allowed: test of inputs ``(n, joints + further)``: allowed for the arm, and measurable.
     """
     free = path_check(model)
-    found = [home]
+    reached = [home]
     for pose in candidates[:most]:
-        if any(free(hub, pose) for hub in found):
-            found.append(pose)
+        if any(free(hub, pose) for hub in reached):
+            reached.append(pose)
 
     stored: dict[bytes, bool] = {}  # designs of other sizes test the same candidates again
 
     def leads_to(pose: Array) -> bool:
         key = pose.tobytes()
         if key not in stored:
-            stored[key] = any(free(hub, pose) for hub in found)
+            stored[key] = any(free(hub, pose) for hub in reached)
         return stored[key]
 
     def reachable(joints: Array) -> NDArray[np.bool_]:
@@ -76,7 +76,7 @@ def reachability(
         fine[fine] = reachable(joints[fine])
         return fine
 
-    return ReachabilityGraph(np.array(found), free, reachable, feasible)
+    return ReachabilityGraph(np.array(reached), free, reachable, feasible)
 
 
 def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[Array], list[str]]:

@@ -138,7 +138,7 @@ class _ContinuousDesign:
         value = float(np.asarray(self.goal.score(total)) / self.growth)
         values, gains = self.values(total), self.gains(total, slice(None))
         offset, n = values - gains @ weights, len(self.parts)
-        found = scipy.optimize.linprog(
+        solved = scipy.optimize.linprog(
             np.append(offset, 1.0),
             A_ub=np.column_stack([gains.T, np.full(len(self.pool), -1.0)]),
             b_ub=np.zeros(len(self.pool)),
@@ -147,7 +147,7 @@ class _ContinuousDesign:
             bounds=[*[(0.0, None)] * n, (None, None)],
             method="highs",
         )
-        by_part = np.zeros(n) if found.x is None else np.maximum(found.x[:n], 0.0)
+        by_part = np.zeros(n) if solved.x is None else np.maximum(solved.x[:n], 0.0)
         by_part = by_part / by_part.sum() if by_part.sum() > 0 else np.full(n, 1 / n)
         mixed = by_part @ gains
         # Without earlier poses, exp(value) is homogeneous: its tangent is the tighter bound.
@@ -169,7 +169,7 @@ class _ContinuousDesign:
             return seen[key]
 
         try:
-            found = scipy.optimize.minimize(
+            solved = scipy.optimize.minimize(
                 lambda x: -x[k],
                 np.append(start, self.values(self.total(start, support)).min()),
                 jac=lambda x: np.append(np.zeros(k), -1.0),
@@ -189,7 +189,7 @@ class _ContinuousDesign:
                 method="SLSQP",
                 options={"maxiter": 60, "ftol": 1e-5},
             )
-            shares = np.maximum(found.x[:k], 0.0)
+            shares = np.maximum(solved.x[:k], 0.0)
         except (np.linalg.LinAlgError, ValueError):  # a step to a design without information
             shares = start
         out = np.zeros(len(self.pool))

@@ -27,7 +27,6 @@ __all__ = [
     "Feasible",
     "OneCriterion",
     "Sensitivity",
-    "ascend",
     "certify",
     "climb",
     "exchange",
@@ -365,28 +364,6 @@ def _with_steps(sensitivity: Sensitivity, inputs: Array) -> Array:
     offsets = np.concatenate([np.zeros((1, size)), _STEP_RAD * np.eye(size), -_STEP_RAD * np.eye(size)])
     flat = sensitivity((inputs[:, None] + offsets).reshape(-1, size))
     return flat.reshape(n, 1 + 2 * size, *flat.shape[1:])
-
-
-def ascend(
-    design: Design,
-    sensitivity: Sensitivity,
-    goal: Criterion,
-    feasible: Feasible,
-    lower: Array,
-    upper: Array,
-    *,
-    rounds: int = 4,
-    measured: Array | None = None,
-) -> Design:
-    """Move all joint angles uphill by a criterion, as ``climb``.
-
-    Args:
-        sensitivity: from joint positions to Jacobians in the design's scaling.
-        feasible: joint positions ``(n, joints)`` to ``(n,)``.
-        lower, upper: limits ``(joints,)``; infinite where there are none.
-    """
-    aim = OneCriterion(sensitivity, goal, 0.0 if measured is None else measured)
-    return climb(design, aim, feasible, lower, upper, rounds=rounds)
 
 
 def climb(

@@ -378,10 +378,10 @@ def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: 
             waypoints.append(tour.waypoints[here + 1 : end])
             measured += tour.measured[here + 1 : end].tolist()
             continue
-        there = fastest_path(tour.waypoints[here], reference, safe, chain, free)[1:]
+        to_reference = fastest_path(tour.waypoints[here], reference, safe, chain, free)[1:]
         back = fastest_path(reference, tour.waypoints[end], safe, chain, free)[1:-1]
-        waypoints += [there, back]
-        measured += [-1] * (len(there) - 1) + [int(tour.order[0])] + [-1] * len(back)
+        waypoints += [to_reference, back]
+        measured += [-1] * (len(to_reference) - 1) + [int(tour.order[0])] + [-1] * len(back)
     waypoints.append(tour.waypoints[-1:])
     all_waypoints = np.concatenate(waypoints)
     seconds = rest_to_rest_seconds(np.diff(all_waypoints, axis=0), chain.speed, chain.acceleration).sum()

@@ -102,8 +102,8 @@ def draw_candidates(
         first_reason = _judge(robot, sees, seen_first=True)
     sobol = ScrambledSobol(robot.chain.size, rng)
     draws, reasons = np.empty((0, robot.chain.size)), np.empty(0, dtype=int)
-    while (found := int(np.count_nonzero(reasons < 0))) < count:
-        progress(found, count)
+    while (accepted := int(np.count_nonzero(reasons < 0))) < count:
+        progress(accepted, count)
         if sees is None:
             _refuse_hopeless(robot, targets, draws, reasons, count)
         else:
@@ -189,8 +189,8 @@ def _noise_and_angle(
     angle = np.empty_like(noise)
     for i, T in enumerate(Ts_world_station):
         if instrument.kind != "exact":
-            there = se3.transform(se3.inverse(T), points.reshape(-1, 3)).reshape(points.shape)
-            noise[:, i] = np.trace(instrument.covariance(there), axis1=2, axis2=3).sum(axis=1)
+            seen = se3.transform(se3.inverse(T), points.reshape(-1, 3)).reshape(points.shape)
+            noise[:, i] = np.trace(instrument.covariance(seen), axis1=2, axis2=3).sum(axis=1)
         angle[:, i] = incidence(robot, targets, joints, np.full(len(joints), i)).max(axis=1)
     return noise, angle
 
@@ -223,8 +223,8 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
     def reached(stand: mujoco.MjData) -> bool:
         for site, radius in zip(sites, ball, strict=True):
             line = stand.site_xpos[site] - head
-            met = mujoco.mj_ray(model, stand, head, line, None, True, own, None)
-            if 0 <= met < 1 - radius / np.linalg.norm(line):
+            reached_share = mujoco.mj_ray(model, stand, head, line, None, True, own, None)
+            if 0 <= reached_share < 1 - radius / np.linalg.norm(line):
                 return False
         return True
 

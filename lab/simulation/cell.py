@@ -393,13 +393,13 @@ def _depth(model: mujoco.MjModel, data: mujoco.MjData, geom: int, point: Array) 
         return 0.0
     for direction in np.concatenate([np.eye(3), -np.eye(3)]):
         if kind == mujoco.mjtGeom.mjGEOM_MESH:
-            met = mujoco.mj_rayMesh(model, data, geom, point, direction, None)
+            distance = mujoco.mj_rayMesh(model, data, geom, point, direction, None)
         else:
             rotation = data.geom_xmat[geom]
-            met = mujoco.mju_rayGeom(
+            distance = mujoco.mju_rayGeom(
                 data.geom_xpos[geom], rotation, model.geom_size[geom], point, direction, kind, None
             )
-        if met < 0:
+        if distance < 0:
             return 0.0
-        depth = min(depth, float(met))
+        depth = min(depth, float(distance))
     return depth

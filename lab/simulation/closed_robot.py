@@ -555,9 +555,9 @@ class _Loops:
         gaps = self._closures(start)[0]
         passive, left, step = start, 1.0, FIRST_STEP
         while left > 0:
-            found = self._corrected(passive, max(left - step, 0.0) * gaps)
-            if found is not None:
-                passive, left, step = found, max(left - step, 0.0), 2 * step
+            corrected = self._corrected(passive, max(left - step, 0.0) * gaps)
+            if corrected is not None:
+                passive, left, step = corrected, max(left - step, 0.0), 2 * step
             elif (step := step / 2) < LEAST_STEP:
                 return None
         return passive

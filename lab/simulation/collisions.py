@@ -126,11 +126,11 @@ def colliding_pairs(robot: RobotModel, joints: Array) -> dict[tuple[str, str], i
 
     The first name of each pair is the moving shape's.
     """
-    found: Counter[tuple[str, str]] = Counter()
+    counts: Counter[tuple[str, str]] = Counter()
     for contacts in _contacts(robot, joints):
         if contacts is not None:
-            found.update({_pair(robot.model, pair) for pair in contacts.contact.geom})
-    return dict(found.most_common())
+            counts.update({_pair(robot.model, pair) for pair in contacts.contact.geom})
+    return dict(counts.most_common())
 
 
 def most_frequent(robot: RobotModel, joints: Array) -> str:
@@ -173,15 +173,15 @@ def random_poses(robot: RobotModel, count: int, rng: np.random.Generator) -> Arr
     Raises:
         LabError: hardly any pose is free of collisions.
     """
-    found: list[Array] = []
+    free_poses: list[Array] = []
     have = 0
     for blocks in range(1, _MAX_BLOCKS + 1):
         block = robot.chain.random_joints(_BLOCK, rng)
         free = block[~collides(robot, block)]
-        found.append(free)
+        free_poses.append(free)
         have += len(free)
         if have >= count:
-            return np.concatenate(found)[:count]
+            return np.concatenate(free_poses)[:count]
         if blocks >= _PATIENCE and 2 * have * _MAX_BLOCKS < count * blocks:
             break  # at this rate, half of them will not be found
     raise LabError(

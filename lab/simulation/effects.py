@@ -104,12 +104,12 @@ class TrueEffects:
 
         Points and joint positions of poses that cannot be assembled are not finite, nor is what comes of them.
         """
-        found: Array = self.call(part, function, *arguments)
+        returned: Array = self.call(part, function, *arguments)
         if type(part) in self.own and all(
             np.isfinite(each).all() for each in arguments if isinstance(each, np.ndarray)
         ):
-            return numbers(f"effect '{self._name(part)}': {type(part).__name__}.{function}", found, shape)
-        return found
+            return numbers(f"effect '{self._name(part)}': {type(part).__name__}.{function}", returned, shape)
+        return returned
 
     @classmethod
     def none(cls, joints: int) -> "TrueEffects":
@@ -151,7 +151,7 @@ class TrueEffects:
         Raises:
             LabError: an effect depends on such a column, and does not draw it.
         """
-        found = dict[str, Array]()
+        checked = dict[str, Array]()
         for part in self.parts:
             if type(part) not in self.own:
                 continue
@@ -169,8 +169,8 @@ class TrueEffects:
                         f"effect '{name}': the lab makes no column {column}, which its conditions name; return it from "
                         f"{function}"
                     )
-                found[column] = numbers(where, drawn[column], (poses,), f"a column {column}")
-        return found
+                checked[column] = numbers(where, drawn[column], (poses,), f"a column {column}")
+        return checked
 
     def refuse_unfit(self, chain: JointSpec) -> None:
         """Refuse an arm with these joints that cannot have them, with a LabError."""
@@ -229,22 +229,24 @@ class TrueEffects:
         total: Array = np.zeros((poses, 3))
         bad = np.zeros(poses, dtype=bool)
         for part, own in zip(parts, _streams(rng, len(parts)), strict=True):
-            found = self.call(part, "displacements", poses, own)
+            returned = self.call(part, "displacements", poses, own)
             if type(part) in self.own:
-                found = self._checked_displacements(part, found, poses)
-            displaced, which = found
+                returned = self._checked_displacements(part, returned, poses)
+            displaced, which = returned
             total, bad = total + displaced, bad | which
         return total, bad
 
-    def _checked_displacements(self, part: SimulatedEffect, found: Any, poses: int) -> tuple[Array, NDArray[np.bool_]]:
+    def _checked_displacements(
+        self, part: SimulatedEffect, returned: Any, poses: int
+    ) -> tuple[Array, NDArray[np.bool_]]:
         where = f"effect '{self._name(part)}': {type(part).__name__}.displacements"
-        if not isinstance(found, tuple) or len(found) != 2:
+        if not isinstance(returned, tuple) or len(returned) != 2:
             raise LabError(
-                f"{where} returns {type(found).__name__}; return the displacements {(poses, 3)} "
+                f"{where} returns {type(returned).__name__}; return the displacements {(poses, 3)} "
                 f"and which poses are displaced {(poses,)}"
             )
-        displaced = numbers(where, found[0], (poses, 3), "displacements")
-        return displaced, numbers(where, found[1], (poses,), "flags").astype(bool)
+        displaced = numbers(where, returned[0], (poses, 3), "displacements")
+        return displaced, numbers(where, returned[1], (poses,), "flags").astype(bool)
 
 
 def _streams(rng: np.random.Generator, count: int) -> list[np.random.Generator]:

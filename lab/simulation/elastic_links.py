@@ -114,10 +114,10 @@ class FlexibleArm:
             torques, loads = self.loads(deflected, payload_kg, motion)
             sag, torsors = compliance * torques + cubic * torques**3, self._links.torsors(loads)
             deflected = _Deflection(driven - sag, torsors)
-            given = np.concatenate([sag[..., None], torsors], axis=2)
-            if np.abs(given - last).max(initial=0.0) <= _STILL:
+            flexed = np.concatenate([sag[..., None], torsors], axis=2)
+            if np.abs(flexed - last).max(initial=0.0) <= _STILL:
                 return deflected
-            last = given
+            last = flexed
         raise LabError(
             f"no equilibrium under the load in {_MAX_STEPS} steps: the arm is too soft; lower its compliances"
         )
@@ -214,13 +214,13 @@ class _Links:
     @classmethod
     def of(cls, model: mujoco.MjModel, robot: SerialModel, bodies: list[int], sections: Array) -> "_Links":
         """Return the nominal links between the bodies of a model."""
-        found, size = link_loads(loads_of(robot)), robot.chain.size
+        arm_loads, size = link_loads(loads_of(robot)), robot.chain.size
         elastic = [int(link) for link in np.flatnonzero(sections.any(axis=1))]
-        if missing := [link for link in elastic if link not in found.beams]:
+        if missing := [link for link in elastic if link not in arm_loads.beams]:
             raise LabError(
                 f"robot {robot.chain.name}: link {missing[0] + 1} has no length, so it is stiff; set it stiff"
             )
-        data, placed = at_zero(robot.model), found.loads.frames(np.zeros((1, size)))
+        data, placed = at_zero(robot.model), arm_loads.loads.frames(np.zeros((1, size)))
         carriers = [int(model.body_parentid[body]) for body in bodies[1:]] + [bodies[-1]]
         ends, nexts = np.tile(np.eye(4), (size, 1, 1)), np.tile(np.eye(4), (size, 1, 1))
         for link in elastic:
@@ -231,14 +231,14 @@ class _Links:
                 body = bodies[link + 1]
                 turned = se3.rotation_from_quaternion(model.body_quat[body])
                 nexts[link] = se3.inverse(ends[link]) @ se3.pose(turned, model.body_pos[body])
-        return cls({link: found.beams[link] for link in elastic}, sections, found.ends, carriers, ends, nexts)
+        return cls({link: arm_loads.beams[link] for link in elastic}, sections, arm_loads.ends, carriers, ends, nexts)
 
     def torsors(self, loads: Array) -> Array:
         """Return torsors ``(m, n, 6)`` under loads ``(m, n, 18)``."""
-        found = np.zeros((*loads.shape[:2], 6))
+        deformations = np.zeros((*loads.shape[:2], 6))
         for link, beam in self.beams.items():
-            found[:, link] = beam.torsor(loads[:, link], self.sections[link])
-        return found
+            deformations[:, link] = beam.torsor(loads[:, link], self.sections[link])
+        return deformations
 
     def placed(self, torsors: Array) -> Array:
         """Return poses ``(m, n, 4, 4)`` of the next jointed bodies in those that carry them."""

@@ -17,7 +17,7 @@ from lab.library.virtual_arm import perturbed_arm
 from lab.noise.instruments import instrument
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
 from lab.pose_selection.criteria import CRITERIA, Scaling, criterion
-from lab.pose_selection.exchange import ascend, certify, exchange, information
+from lab.pose_selection.exchange import OneCriterion, certify, climb, exchange, information
 from lab.pose_selection.predicted_accuracy import predict, smallest_count
 from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collides, random_poses
@@ -52,7 +52,7 @@ def test_the_ascent_never_falls_and_stays_feasible(name: str) -> None:
     allowed = half(joints)
     rng = np.random.default_rng(2)
     start = exchange(joints[allowed], jacobian[allowed], 12, goal, rng, starts=1)
-    end = ascend(start, sensitivity, goal, half, CHAIN.lower, CHAIN.upper, rounds=1)
+    end = climb(start, OneCriterion(sensitivity, goal), half, CHAIN.lower, CHAIN.upper, rounds=1)
     assert end.score > start.score
     assert half(end.joints).all()
     assert ((end.joints >= CHAIN.lower - 1e-12) & (end.joints <= CHAIN.upper + 1e-12)).all()

@@ -19,7 +19,7 @@ from lab.kinematics.parameter import Parameter
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.instruments import instrument
 from lab.pose_selection.criteria import Criterion, Scaling, criterion, indices
-from lab.pose_selection.exchange import Design, ascend, exchange
+from lab.pose_selection.exchange import Design, OneCriterion, climb, exchange
 
 __all__ = [
     "CRITERIA",
@@ -146,7 +146,7 @@ class _CandidateSearch:
 
     def ascended(self, design: Design, rounds: int = 4) -> Design:
         """Return the design after a local ascent in all angles."""
-        return ascend(design, _sensitivity, self.goal, _anywhere, *self.bounds, rounds=rounds)
+        return climb(design, OneCriterion(_sensitivity, self.goal), _anywhere, *self.bounds, rounds=rounds)
 
 
 def _sensitivity(joints: Array) -> Array:

@@ -18,7 +18,7 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.rigid_body import Dynamics
 from lab.kinematics.serial.chain import Chain
 from lab.pose_selection.criteria import Criterion, criterion
-from lab.pose_selection.exchange import Feasible, ascend, exchange, information
+from lab.pose_selection.exchange import Feasible, OneCriterion, climb, exchange, information
 from lab.pose_selection.tour import rated
 
 __all__ = [
@@ -428,7 +428,7 @@ def design_poses(
     jacobian = rows(candidates)
     goal = criterion("O1", jacobian.shape[2])
     chosen = exchange(candidates, jacobian, count, goal, rng)
-    best = ascend(chosen, rows, goal, may, limits.lower, limits.upper)
+    best = climb(chosen, OneCriterion(rows, goal), may, limits.lower, limits.upper)
     _refuse_unshown(information(best.jacobian))
     return np.asarray(best.joints)
 
