@@ -461,7 +461,7 @@ def tail_dof(linear: LinearizedFit) -> float:
         return float("inf")
     inside = numbers * (_MEDIAN / middle)
     inside, count = _binned(inside[inside < _WITHIN])
-    heights = np.array([max(_height(inside, count, _WITHIN, dof, scale) for scale in _SCALES) for dof in _DOFS])
+    heights = np.array([_heights(inside, count, _WITHIN, dof, _SCALES).max() for dof in _DOFS])
     if heights.max() - heights[-1] < _CAUTION:
         return float("inf")
     return float(_DOFS[np.flatnonzero(heights > heights.max() - _CAUTION)[0]])
@@ -475,12 +475,19 @@ def _binned(sizes: Array) -> tuple[Array, Array]:
     return (edges[:-1] + edges[1:]) / 2, count.astype(np.float64)
 
 
-def _height(numbers: Array, count: Array, bound: float, dof: float, scale: float) -> float:
+def _heights(numbers: Array, count: Array, bound: float, dof: float, scales: Array) -> Array:
+    """Return the log-likelihood ``(s,)`` of numbers ``(n,)`` below a bound by Student's t of each scale.
+
+    Args:
+        count: ``(n,)`` how many there are of each number.
+        dof: its degrees of freedom; infinite for the normal distribution.
+    """
     if np.isinf(dof):
-        below = scipy.special.ndtr(bound / scale)
-        logs = -0.5 * (numbers / scale) ** 2 - 0.5 * np.log(2 * np.pi)
-        return float((logs @ count) - count.sum() * np.log(scale * (2 * below - 1)))
-    constant = scipy.special.gammaln((dof + 1) / 2) - scipy.special.gammaln(dof / 2) - 0.5 * np.log(dof * np.pi)
-    logs = constant - (dof + 1) / 2 * np.log1p((numbers / scale) ** 2 / dof)
-    below = scipy.special.stdtr(dof, bound / scale)
-    return float((logs @ count) - count.sum() * np.log(scale * (2 * below - 1)))
+        below = scipy.special.ndtr(bound / scales)
+        constant = -0.5 * np.log(2 * np.pi)
+    else:
+        below = scipy.special.stdtr(dof, bound / scales)
+        constant = scipy.special.gammaln((dof + 1) / 2) - scipy.special.gammaln(dof / 2) - 0.5 * np.log(dof * np.pi)
+    squares = (numbers / scales[:, None]) ** 2
+    logs = -0.5 * squares if np.isinf(dof) else -(dof + 1) / 2 * np.log1p(squares / dof)
+    return np.asarray((constant + logs) @ count - count.sum() * np.log(scales * (2 * below - 1)))

@@ -74,9 +74,13 @@ class PoseCover:
     turning: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, joints: Array, turning: NDArray[np.bool_]) -> "PoseCover":
-        """Build the cover of measured positions ``(n, joints)``: distinct ones, of many a subset, evenly spaced."""
-        distinct = joints[distinct_poses(joints, turning)[0]]
+    def of(cls, joints: Array, turning: NDArray[np.bool_], *, repeated: bool = True) -> "PoseCover":
+        """Build the cover of measured positions ``(n, joints)``: distinct ones, of many a subset, evenly spaced.
+
+        Args:
+            repeated: whether some may be repeats of others.
+        """
+        distinct = joints[distinct_poses(joints, turning)[0]] if repeated else joints
         some = evenly(len(distinct), _MAX_COVER_POSES)
         return cls(distinct if some is None else distinct[some], turning)
 
@@ -228,12 +232,14 @@ def _growth_beyond_cover(rows: _LinearRows, joints: Array, turning: NDArray[np.b
         joints: ``(n, joints)`` the positions of the poses.
         turning: ``(joints,)`` which joints turn.
     """
-    if len(PoseCover.of(joints, turning).poses) < _MIN_REGION_POSES:
+    distinct = len(distinct_poses(joints, turning)[0])
+    if distinct < _MIN_REGION_POSES:
         return 0.0
     columns, scale = unit_columns(rows.columns.reshape(-1, rows.columns.shape[2]))
     scaled = replace(rows, columns=columns.reshape(rows.columns.shape), prior_rows=rows.prior_rows / scale)
     labels = joint_regions(joints, turning, _REGIONS, 0)
-    tried = [_left_out(scaled, joints, turning, labels == region) for region in range(_REGIONS)]
+    repeated = distinct < len(joints)
+    tried = [_left_out(scaled, joints, turning, labels == region, repeated=repeated) for region in range(_REGIONS)]
     parts = [part for part in tried if part is not None]
     if len(parts) < _LEAST_FAR:
         return 0.0
@@ -244,27 +250,29 @@ def _growth_beyond_cover(rows: _LinearRows, joints: Array, turning: NDArray[np.b
 
 
 def _left_out(
-    rows: _LinearRows, joints: Array, turning: NDArray[np.bool_], out: NDArray[np.bool_]
+    rows: _LinearRows, joints: Array, turning: NDArray[np.bool_], out: NDArray[np.bool_], *, repeated: bool
 ) -> _LeftOutRegion | None:
     """Predict the uncovered poses of a region from the other poses; None where these cover them all."""
-    away = PoseCover.of(joints[~out], turning).beyond(joints[out])
+    away = PoseCover.of(joints[~out], turning, repeated=repeated).beyond(joints[out])
     far = np.flatnonzero(out)[away > 0]
     size = rows.columns.shape[2]
     dof = int(rows.numbers[~out].sum()) - size
     if not len(far) or dof < 1:
         return None
+    # the fit of the other poses: a step from that of all, where the scores of all rows add up to nothing
     rest, left = rows.columns[~out].reshape(-1, size), rows.residual[~out].ravel()
     information = rest.T @ rest + rows.prior_rows.T @ rows.prior_rows + _RIDGE * np.eye(size)
-    removed = rows.columns[out].reshape(-1, size).T @ rows.residual[out].ravel()
+    score_left_out = rows.columns[out].reshape(-1, size).T @ rows.residual[out].ravel()
     inverse: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    moved = inverse @ -removed  # at the whole fit the scores of all rows add up to nothing
-    variance = float(((left - rest @ moved) ** 2).sum()) / dof
+    step = inverse @ -score_left_out
+    variance = float(((left - rest @ step) ** 2).sum()) / dof
     variance = max(variance, 1.0) if rows.sigma_given else variance
-    there = rows.columns[far]
-    spread: Array = np.eye(there.shape[1]) + there @ inverse @ np.swapaxes(there, 1, 2)
-    error = rows.residual[far] - there @ moved
+    # its errors at the uncovered poses, and their covariance
+    far_columns = rows.columns[far]
+    spread: Array = np.eye(far_columns.shape[1]) + far_columns @ inverse @ np.swapaxes(far_columns, 1, 2)
+    error = rows.residual[far] - far_columns @ step
     numbers = int(rows.numbers[far].sum())
-    p = _p_value(error / np.sqrt(variance), there, inverse, spread, (numbers, dof))
+    p = _p_value(error / np.sqrt(variance), far_columns, inverse, spread, (numbers, dof))
     return _LeftOutRegion(error, variance * spread, away[away > 0][:, None, None] * rows.by_joints[far], numbers, p)
 
 
@@ -451,6 +459,7 @@ def _linear_rows(
 def _slopes(found: Identification, model: Model, observed: Observations, joints: Array) -> Array:
     """Estimate each joint's standard deviation of slopes beyond the edges; zeros where noise explains them."""
     edges, nothing = _edges(joints), np.zeros(joints.shape[1])
+    # what the fit leaves of the residuals, and of the slopes at each edge
     predicted, jacobian = model.observe(observed.inputs, found.values)
     known, slopes = found.extra_residuals(found.values)
     free = list(found.fit.free)
@@ -468,6 +477,7 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
     significant = weights > _MIN_SHARE * (whole**2).sum(axis=0)
     if significant.sum() < _LEAST_SLOPES:
         return nothing
+    # each edge's slope with its error, and the variance that all share
     estimates = (left.T @ residual)[significant] / weights[significant]
     variance = max(float(residual @ residual) / dof, 1.0 if found.sigma_given else 0.0)
     errors = variance / weights[significant]
@@ -482,21 +492,27 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
 
 def _edges(joints: Array) -> list[tuple[int, Array]]:
     """Return joint and distance ``(n,)`` of each pose within its outer tenth; edges of too few poses are left out."""
-    found = []
+    edges = []
+    repeated = len(np.unique(configurations(joints))) < len(joints)
     for joint, positions in enumerate(joints.T):
         if np.ptp(positions) < _LEAST_RANGE:
             continue
         low, high = np.quantile(positions, [_EDGE, 1 - _EDGE])
         both = np.maximum(low - positions, 0.0), np.maximum(positions - high, 0.0)
-        found += [(joint, beyond) for beyond in both if _is_enough(joints[beyond > 0])]
-    return found
+        edges += [(joint, beyond) for beyond in both if _is_enough(joints[beyond > 0], repeated=repeated)]
+    return edges
 
 
-def _is_enough(joints: Array) -> bool:
-    """Check whether the poses, repeats aside, suffice to estimate a slope."""
+def _is_enough(joints: Array, *, repeated: bool) -> bool:
+    """Check whether the poses, repeats aside, suffice to estimate a slope.
+
+    Args:
+        repeated: whether some of them may be repeats.
+    """
     few = evenly(len(joints), _FEW_POSES)
     joints = joints if few is None else joints[few]
-    return len(joints) >= _MIN_EDGE_POSES and len(np.unique(configurations(joints))) >= _MIN_EDGE_POSES
+    distinct = len(np.unique(configurations(joints))) if repeated and len(joints) >= _MIN_EDGE_POSES else len(joints)
+    return distinct >= _MIN_EDGE_POSES
 
 
 def _shared_variance(estimates: Array, variances: Array, dof: int) -> float:
