@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 CORRELATION = "tests/noise/test_variance_components.py"
 ESTIMATED = "tests/verification/test_new_measurements.py"
-PROCESS = "tests/calibration/residual/test_process.py"
+PROCESS = "tests/calibration/residual/test_gaussian_process.py"
 BEYOND = "tests/calibration/test_extrapolation.py"
 
 
@@ -31,9 +31,11 @@ class Mutation:
 
 
 MUTATIONS = [
-    Mutation("verification.prediction:with_estimated_noise", "change + rows @ known @ rows.T", "change", ESTIMATED),
-    Mutation("verification.prediction:_matched", "1 - second / q", "1 + second / q", ESTIMATED),
-    Mutation("verification.prediction:_matched", "4 + (q + 2) / excess", "4 + q / excess", ESTIMATED),
+    Mutation(
+        "verification.predicted_points:with_estimated_noise", "change + rows @ known @ rows.T", "change", ESTIMATED
+    ),
+    Mutation("verification.predicted_points:_matched", "1 - second / q", "1 + second / q", ESTIMATED),
+    Mutation("verification.predicted_points:_matched", "4 + (q + 2) / excess", "4 + q / excess", ESTIMATED),
     Mutation(
         "noise.variance_components:small_sample",
         "slopes / np.diag(middle.covariance) / 2",
@@ -49,8 +51,8 @@ MUTATIONS = [
         "calibration.residual.gaussian_process:PredictedBy.covariance", "half.T @ half", "-half.T @ half", PROCESS
     ),
     Mutation("calibration.residual.gaussian_process:JointKernels.of_offsets", "1 + scaled", "1", PROCESS),
-    Mutation("calibration.extrapolation:MeasuredRange.beyond", "self.lower - joints", "joints - self.upper", BEYOND),
-    Mutation("calibration.extrapolation:_left_out", "inverse @ -removed", "inverse @ removed", BEYOND),
+    Mutation("prediction.extrapolation:MeasuredRange.beyond", "self.lower - joints", "joints - self.upper", BEYOND),
+    Mutation("prediction.extrapolation:_left_out", "inverse @ -removed", "inverse @ removed", BEYOND),
 ]
 
 
