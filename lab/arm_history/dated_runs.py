@@ -103,6 +103,10 @@ class _Summary:
         """The verdict in a word, also of a run that says only whether the arm is good; None without any."""
         return self.verdict or {None: None, True: "good", False: "bad"}[self.good]
 
+    def errors_mm(self, *, calibrates: bool) -> Mapping[str, float]:
+        """Return the errors that a calibration leaves, or a verification finds; empty where the run has none."""
+        return (self.after_mm if calibrates else self.observed_mm) or {}
+
 
 def is_run(place: object) -> bool:
     """Check whether this is a run rather than a folder of runs: a result in memory, or the folder of a run."""
@@ -206,15 +210,16 @@ def _run_at(folder: Path, *, accept_edited: bool) -> DatedRun | None:
     config = read_config(folder, _MEND)
     options: Mapping[str, Any] = config.options
     calibrates = config.command in CALIBRATIONS
-    if not calibrates and (config.command != "verify" or options.get("plan") is not None):
+    verifies = config.command == "verify" and options.get("plan") is None
+    if not calibrates and not verifies:
         return None
     check_edits(folder, READ_FILES, accept=accept_edited)
     summary = read_structured(folder / _RESULT, _Summary, _MEND)
     if summary.word is None:
         raise LabError(f"{folder}: {_RESULT} has no verdict; {_MEND}")
-    if summary.word == "not judged" and not calibrates:
+    if verifies and summary.word == "not judged":
         return None
-    errors: Mapping[str, float] = (summary.after_mm if calibrates else summary.observed_mm) or {}
+    errors = summary.errors_mm(calibrates=calibrates)
     measured_on = options.get("date") or summary.last
     return DatedRun(
         folder,

@@ -70,21 +70,24 @@ def _history(options: HistoryOptions, places: Sequence[Any]) -> HistoryResult:
     with stages("reading the runs") as stage:
         runs, left_out = _read(options, places, by_runs=by_runs)
         if not runs and not left_out:
-            of = "" if options.serial is None else f" of the arm {options.serial}"
-            raise LabError(
-                f"{options.runs[0]}: contains no run of lab calibrate, lab identify or lab verify{of}; give a run, or "
-                "a folder that contains runs"
-            )
+            raise _no_runs(options)
         arms, groups = list[ArmHistory](), _by_arm(runs)
-        for i, own in enumerate(groups):
+        latest = date.max if by_runs and options.on is None else on
+        for i, group in enumerate(groups):
             stage("comparing the calibrations", i, len(groups))
-            if not by_runs or options.on is not None:
-                own = [each for each in own if each.on is None or each.on <= on]
-            if own:
+            if own := [run for run in group if run.on is None or run.on <= latest]:
                 changes = _changes(options, own) if by_runs else _where_possible(options, own, left_out)
                 arms.append(ArmHistory(own[0].robot, own[0].serial, tuple(own), on, options.every_days, changes))
-    arms.sort(key=lambda each: (-STATES.index(each.state), each.due or date.min))
+    arms.sort(key=lambda arm: (-STATES.index(arm.state), arm.due or date.min))
     return HistoryResult(options, on, tuple(arms), tuple(dict.fromkeys(left_out)), by_runs)
+
+
+def _no_runs(options: HistoryOptions) -> LabError:
+    of = "" if options.serial is None else f" of the arm {options.serial}"
+    return LabError(
+        f"{options.runs[0]}: contains no run of lab calibrate, lab identify or lab verify{of}; give a run, or "
+        "a folder that contains runs"
+    )
 
 
 def _read(

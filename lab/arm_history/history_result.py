@@ -64,20 +64,29 @@ class ArmHistory:
         """The last calibration of a known day."""
         return next((each for each in reversed(self.checks) if each.calibrates and each.on is not None), None)
 
+    @property
+    def calibrated_on(self) -> date | None:
+        """The day of the last calibration; None where none has a day."""
+        return None if self.calibration is None else self.calibration.on
+
     @cached_property
     def verifications(self) -> tuple[DatedRun, ...]:
         """The verifications of the last calibration, in order: by its digest, else those of later days."""
-        last = self.calibration
-        if last is None or last.on is None:
+        last, day = self.calibration, self.calibrated_on
+        if last is None or day is None:
             return ()
-        calibrations, day = {each.of for each in self.checks if each.calibrates}, last.on
-        dated = [(each, each.on) for each in self.checks if not each.calibrates and each.on is not None]
-        return tuple(each for each, on in dated if each.of == last.of or (each.of not in calibrations and on > day))
+        others = {check.of for check in self.checks if check.calibrates} - {last.of}
+        dated = [(check, check.on) for check in self._dated_verifications if check.of not in others]
+        return tuple(check for check, on in dated if check.of == last.of or (on is not None and on > day))
+
+    @property
+    def _dated_verifications(self) -> list[DatedRun]:
+        return [check for check in self.checks if not check.calibrates and check.on is not None]
 
     @property
     def verification(self) -> DatedRun | None:
         """The last verification of any calibration."""
-        return next((each for each in reversed(self.checks) if not each.calibrates and each.on is not None), None)
+        return (self._dated_verifications or [None])[-1]
 
     @property
     def latest(self) -> DatedRun | None:
@@ -139,7 +148,7 @@ class ArmHistory:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values of the arm: days as YYYY-MM-DD, errors in mm, parameters in SI units."""
-        slope, changes = self.slope, self.changes
+        slope = self.slope
         return {
             "serial": self.serial,
             "robot": self.robot,
@@ -154,14 +163,23 @@ class ArmHistory:
             "calibrations": sum(each.calibrates for each in self.checks),
             "verifications": sum(not each.calibrates for each in self.checks),
             "next_due": None if self.due is None else self.due.isoformat(),
-            "compared": None if changes is None else [_check_to_dict(each) for each in changes.dated],
-            "changes": None if changes is None else [_change_to_dict(changes, each) for each in changes.found],
-            "parameters": None if changes is None else _parameters(changes),
-            "minimum_detectable_change": None if changes is None else {
-                f"joint{i + 1}_{unit.key}": number(MM.of(size))
-                for i, (size, unit) in enumerate(zip(changes.detectable, changes.joint_units, strict=True))
-            },
+            **_changes_to_dict(self.changes),
         }  # fmt: skip
+
+
+def _changes_to_dict(changes: Changes | None) -> dict[str, Any]:
+    """Return what moved between the calibrations of an arm; None of each value where none are compared."""
+    if changes is None:
+        return dict.fromkeys(("compared", "changes", "parameters", "minimum_detectable_change"))
+    return {
+        "compared": [_check_to_dict(run) for run in changes.dated],
+        "changes": [_change_to_dict(changes, change) for change in changes.found],
+        "parameters": _parameters(changes),
+        "minimum_detectable_change": {
+            f"joint{i + 1}_{unit.key}": number(MM.of(size))
+            for i, (size, unit) in enumerate(zip(changes.detectable, changes.joint_units, strict=True))
+        },
+    }
 
 
 def _slope(points: Sequence[tuple[float, float]]) -> _Slope | None:
@@ -316,15 +334,15 @@ def _exposition(arms: Sequence[ArmHistory], left_out: int) -> str:
         (
             "lab_arm_last_calibration_timestamp_seconds",
             "Date of the last calibration.",
-            [None if each.calibration is None else _seconds(each.calibration.on) for each in arms],
+            [_seconds(arm.calibrated_on) for arm in arms],
         ),
         ("lab_arm_due_timestamp_seconds", "Latest date of the next check.", [_seconds(each.due) for each in arms]),
     )
     lines = list[str]()
+    labels = [_labels(arm) for arm in arms]
     for name, text, values in families:
         lines += [f"# HELP {name} {text}", f"# TYPE {name} gauge"]
-        known = [(arm, value) for arm, value in zip(arms, values, strict=True) if value is not None]
-        lines += [f"{name}{{{_labels(arm)}}} {value!r}" for arm, value in known]
+        lines += [f"{name}{{{arm}}} {value!r}" for arm, value in zip(labels, values, strict=True) if value is not None]
     name, text = "lab_history_left_out_runs", "Runs that could not be read."
     lines += [f"# HELP {name} {text}", f"# TYPE {name} gauge", f"{name} {left_out}"]
     return "\n".join(lines) + "\n"

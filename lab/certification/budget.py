@@ -212,15 +212,16 @@ def propagated(
         quantities: those that matter; at least one has an uncertainty above zero.
         positions: ``(w, 3)`` m.
     """
-    retained = [each for each in quantities if each.uncertainty.standard and each.columns.any()]
-    columns = [each.columns for each in retained]
+    retained = [quantity for quantity in quantities if quantity.uncertainty.standard and quantity.columns.any()]
+    columns = [quantity.columns for quantity in retained]
     if measurand == "distance":
         columns = _of_distances(retained, positions, rng)
-    squares = [
-        each.uncertainty.standard**2 * c @ np.swapaxes(c, 1, 2) for each, c in zip(retained, columns, strict=True)
-    ]
+    # u_i^2 c_i c_i' of each quantity, and its mean over the positions
+    stds = np.array([quantity.uncertainty.standard for quantity in retained])
+    squares = [std**2 * c @ np.swapaxes(c, 1, 2) for std, c in zip(stds.tolist(), columns, strict=True)]
     variances = np.array([np.trace(square, axis1=1, axis2=2).mean() for square in squares])
-    freedoms = np.array([each.uncertainty.dof for each in retained])
+    # Welch and Satterthwaite's degrees of freedom
+    freedoms = np.array([quantity.uncertainty.dof for quantity in retained])
     spread = float((variances**2 / freedoms).sum())  # an infinite one adds nothing
     dof = float(variances.sum() ** 2 / spread) if spread else np.inf
     expanded = length_not_exceeded(np.sum(squares, axis=0), None if np.isinf(dof) else dof)
@@ -504,30 +505,36 @@ def quantities_of(
     """Return all input quantities but the robot's temperature."""
     placed = [] if chance.placement == "in the residuals" else list(_placements(propagation, errors, source))
     systematic = [_systematic(propagation, errors, source, term) for term in errors.lasting]
-    found = [*systematic, *(quantity for quantity, _ in placed)]
+    quantities = [*systematic, *(quantity for quantity, _ in placed)]
     covariance = chance.covariance
     if chance.placement == "in the noise" and placed:  # it has a line of its own
         covariance = covariance - np.sum([part for _, part in placed], axis=0)
     sigma = chance.noise.uncertainty
     messages = "parameters", "identified parameters", chance.noise.source, MICRONS, sigma
     shifts = covariance_root(covariance) / sigma.standard
-    found.append(_fitted(propagation, shifts, *messages, detail="random errors of the measurements"))
-    each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    if (robot := chance.repeatability) is not None:
-        messages = "repeatability", "repeatability of the robot", robot.source, MICRONS, robot.uncertainty
-        found.append(InputQuantity(*messages, each, anew=True))
-        if not chance.scatter_counted:
-            alike = np.broadcast_to(np.eye(3), (*propagation.observed.points.shape, 3))
-            shifts = covariance_root(propagation.covariance_of(alike))
-            messages = "repeatability", "repeatability in the measurements", *messages[2:]
-            found.append(_fitted(propagation, shifts, *messages))
+    quantities.append(_fitted(propagation, shifts, *messages, detail="random errors of the measurements"))
+    quantities += _of_repeatability(propagation, chance)
+    one = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     if (lack := chance.model) is not None:
         messages = "model", "model", lack.source, MICRONS, lack.uncertainty
-        found.append(InputQuantity(*messages, each, anew=True, detail="errors of the robot that it leaves"))
+        quantities.append(InputQuantity(*messages, one, anew=True, detail="errors of the robot that it leaves"))
     if (slow := chance.in_time) is not None:
         messages = "stability", "stability", slow.source, MICRONS, slow.uncertainty
-        found.append(InputQuantity(*messages, each, anew=True, detail="errors that come and go over the poses"))
-    return tuple(found)
+        quantities.append(InputQuantity(*messages, one, anew=True, detail="errors that come and go over the poses"))
+    return tuple(quantities)
+
+
+def _of_repeatability(propagation: Propagation, chance: RandomErrors) -> Iterator[InputQuantity]:
+    """Return the robot's repeatability at a position, and that in the measurements where these do not show it."""
+    if (robot := chance.repeatability) is None:
+        return
+    messages = robot.source, MICRONS, robot.uncertainty
+    one = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
+    yield InputQuantity("repeatability", "repeatability of the robot", *messages, one, anew=True)
+    if not chance.scatter_counted:
+        alike = np.broadcast_to(np.eye(3), (*propagation.observed.points.shape, 3))
+        shifts = covariance_root(propagation.covariance_of(alike))
+        yield _fitted(propagation, shifts, "repeatability", "repeatability in the measurements", *messages)
 
 
 def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:

@@ -63,14 +63,16 @@ def implausibilities(details: CertificateDetails, facts: CampaignFacts) -> tuple
 
 
 def _of_dates(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Check]:
-    stated, issued = _day(details.certificate.measured_on or facts.measured_on), _day(details.certificate.date)
-    if details.certificate.measured_on and facts.measured_on and facts.measured_on != details.certificate.measured_on:
-        days = {"stated": details.certificate.measured_on, "of_run": facts.measured_on}
+    measured_on = details.certificate.measured_on
+    stated, issued = _day(measured_on or facts.measured_on), _day(details.certificate.date)
+    if measured_on and facts.measured_on not in ("", measured_on):
+        days = {"stated": measured_on, "of_run": facts.measured_on}
         yield _found("other_day", "certificate.measured_on", impossible=True, **days)
-    if stated and issued and stated > issued:
+    days_to_issue = (issued - stated).days if stated and issued else 0
+    if days_to_issue < 0:
         yield _found("issued_before", "certificate.date", impossible=True, measured_on=stated, issued=issued)
-    if stated and issued and (issued - stated).days > _LONGEST_DAYS_TO_ISSUE:
-        late = {"measured_on": stated, "issued": issued, "days": (issued - stated).days}
+    if days_to_issue > _LONGEST_DAYS_TO_ISSUE:
+        late = {"measured_on": stated, "issued": issued, "days": days_to_issue}
         yield _found("issued_late", "certificate.date", impossible=False, **late)
     for name, gauge in (("instrument", details.instrument), ("reflector", details.reflector)):
         yield from _of_certificate(name, _day(gauge.certificate_date), _day(gauge.valid_until), stated, issued)
@@ -82,10 +84,10 @@ def _of_certificate(
     """Check the certificate of an instrument or a reflector: it has to hold on the date of the measurements."""
     where, end = f"{name}.certificate_date", f"{name}.valid_until"
     dates: dict[str, Any] = {"gauge": name, "checked": checked, "until": until, "issued": issued}
-    if checked and until and until < checked:
+    if _later(checked, until):
         yield _found("ends_before_begin", end, impossible=True, **dates)
         return
-    if checked and issued and checked > issued:
+    if _later(checked, issued):
         yield _found("later_than_issue", where, impossible=True, **dates)
     on = measured or issued
     if on is None:
@@ -93,12 +95,18 @@ def _of_certificate(
             yield _found("no_day", where, impossible=True, **dates)
         return
     dates |= {"on": on, "measured": measured is not None}
-    if checked and measured and checked > measured:
+    if _later(checked, measured):
         yield _found("later_than_measured", where, impossible=True, **dates)
-    if until and until < on:
+    if _later(on, until):
         yield _found("ended", end, impossible=True, **dates)
-    if checked and not until and (on - checked).days > _LONGEST_YEARS * _YEAR:
-        yield _found("old", where, impossible=True, years=(on - checked).days / _YEAR, **dates)
+    years = (on - checked).days / _YEAR if checked and not until else 0.0
+    if years > _LONGEST_YEARS:
+        yield _found("old", where, impossible=True, years=years, **dates)
+
+
+def _later(day: date | None, other: date | None) -> bool:
+    """Decide whether a date is after another one; not, where one is not known."""
+    return day is not None and other is not None and day > other
 
 
 def _of_robot(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Check]:
@@ -121,14 +129,8 @@ def _of_instrument(details: CertificateDetails, facts: CampaignFacts) -> Iterato
 
 
 def _of_surroundings(details: CertificateDetails) -> Iterator[Check]:
-    room, low, high = details.environment, details.instrument.lowest_c, details.instrument.highest_c
-    if (at := room.temperature_c) is not None:
-        unfit = not low <= at <= high
-        if unfit or not _USUAL_C[0] <= at <= _USUAL_C[1]:
-            least, most = (low, high) if unfit else _USUAL_C
-            temperature = {"at_c": at, "least_c": least, "most_c": most}
-            name = "unfit_temperature" if unfit else "unusual_temperature"
-            yield _found(name, "environment.temperature_c", impossible=unfit, **temperature)
+    room = details.environment
+    yield from _of_temperature(details)
     if (known := details.robot_temperature) is not None:
         spread = min(known[0].limit, 2 * known[0].standard)
         if spread > _MOST_ROBOT_KELVIN:
@@ -143,6 +145,18 @@ def _of_surroundings(details: CertificateDetails) -> Iterator[Check]:
         if value is not None and not least <= value <= most:
             sizes = {"value": value, "least": least, "most": most}
             yield _found("unusual_number", f"environment.{name}", impossible=False, name=name, unit=unit, **sizes)
+
+
+def _of_temperature(details: CertificateDetails) -> Iterator[Check]:
+    at, low, high = details.environment.temperature_c, details.instrument.lowest_c, details.instrument.highest_c
+    if at is None:
+        return
+    unfit = not low <= at <= high
+    if unfit or not _USUAL_C[0] <= at <= _USUAL_C[1]:
+        least, most = (low, high) if unfit else _USUAL_C
+        name = "unfit_temperature" if unfit else "unusual_temperature"
+        temperature = {"at_c": at, "least_c": least, "most_c": most}
+        yield _found(name, "environment.temperature_c", impossible=unfit, **temperature)
 
 
 def _of_repeatability(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Check]:

@@ -343,24 +343,16 @@ def verify(
         LabError: the measurements are too few for what is to be fitted anew.
     """
     arm, problem = prediction.arm, VerificationProblem(prediction, observed, progress)
-    anew = refitted(arm, refit)
-    fit = problem.placed(prediction.values, anew, refit)
-    requested = _structural_rank(prediction, anew) if refit else 0
-    whitened = dependent_columns(fit.there.jacobian @ anew, FULL_RANK) if refit and fit.rank < requested else ()
-    if whitened:  # what these poses do not determine stays as the run has it, and nothing here depends on it
-        fit = problem.placed(prediction.values, np.delete(anew, whitened, axis=1), refit)
-    if refit and (fit.dof < 1 or fit.numbers <= requested):
-        count = counted(len(observed.points), "pose")
-        raise LabError(
-            f"{count} cannot place {' and '.join(refit)} anew and also test the arm: measure more, or refit less"
-        )
+    # place base and tool anew, then test what is left
+    fit, undetermined = _refit(problem, refit)
     test = change_test(prediction, fit)
     expected = problem.expected_m(fit)
-    found = _hypotheses(problem, fit, refit, poses) if test.changed else []
-    alike = _equivalent(found, fit.numbers)
-    explained_small = any(each.kind in ("joint", "reading") for each in alike)
-    cause = situation(prediction, observed, fit.values, expected, refit) if found and not explained_small else None
-    predicted = (arm.points(each.inputs, fit.values) for each in observed.blocks())
+    # where it rejects: the changes that explain it, alike where no reading tells them apart, or a mistake
+    explaining = _hypotheses(problem, fit, refit, poses) if test.changed else []
+    alike = _equivalent(explaining, fit.numbers)
+    small = any(hypothesis.kind in ("joint", "reading") for hypothesis in alike)
+    cause = situation(prediction, observed, fit.values, expected, refit) if explaining and not small else None
+    predicted = (arm.points(block.inputs, fit.values) for block in observed.blocks())
     errors = np.linalg.norm(observed.points - np.concatenate(list(predicted)), axis=2)
     data = {
         "rms_m": float(np.sqrt(np.nanmean(errors**2))),
@@ -384,14 +376,37 @@ def verify(
         values=fit.values,
         errors=errors,
         expected_m=expected,
-        hypotheses=tuple(found),
+        hypotheses=tuple(explaining),
         moved=tuple(dict.fromkeys(each.kind for each in alike)),
         refit=_placed_anew(prediction, fit, refit),
-        undetermined=tuple(arm.names[int(np.argmax(anew[:, j]))] for j in whitened),
+        undetermined=undetermined,
         would_notice=_would_notice(prediction, fit, test, refit),
         situation=cause,
         check=Check("verification", outcome, fit.square, test.p, VERIFICATION, data),
     )
+
+
+def _refit(problem: VerificationProblem, refit: Sequence[str]) -> tuple[RefitSolution, tuple[str, ...]]:
+    """Place base, tool or both anew; return the names of their parameters that these poses do not determine.
+
+    Raises:
+        LabError: the measurements are too few.
+    """
+    prediction, observed = problem.prediction, problem.observed
+    anew = refitted(prediction.arm, refit)
+    fit = problem.placed(prediction.values, anew, refit)
+    if not refit:
+        return fit, ()
+    requested = _structural_rank(prediction, anew)
+    dependent = dependent_columns(fit.there.jacobian @ anew, FULL_RANK) if fit.rank < requested else ()
+    if dependent:  # these stay as the run has them, and nothing here depends on them
+        fit = problem.placed(prediction.values, np.delete(anew, dependent, axis=1), refit)
+    if fit.dof < 1 or fit.numbers <= requested:
+        count = counted(len(observed.points), "pose")
+        raise LabError(
+            f"{count} cannot place {' and '.join(refit)} anew and also test the arm: measure more, or refit less"
+        )
+    return fit, tuple(prediction.arm.names[int(np.argmax(anew[:, j]))] for j in dependent)
 
 
 def _structural_rank(prediction: CalibrationPrediction, directions: Array) -> int:
@@ -566,20 +581,26 @@ def _would_notice(
     arm = prediction.arm
     tried = [] if "base" in refit else [("base", _of_base(arm)[0])]
     if "tool" not in refit:
-        tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, _of_targets(arm), strict=True)]
-    tried += [(f"joint{k + 1}", each) for k, each in enumerate(_of_joints(arm))]
+        tried += [(f"tool.{target}", moved) for target, moved in zip(arm.targets, _of_targets(arm), strict=True)]
+    tried += [(f"joint{k + 1}", moved) for k, moved in enumerate(_of_joints(arm))]
     along = _freed(fit, prediction.free).model
+    # the length of a whitened change that each part of the test detects
     bounds = [
         np.sqrt(prediction.noticeable(part.numbers, test.level)) if part.numbers > 0 else np.inf
         for part in (test.along, test.rest)
     ]
-    found = []
-    for name, each in tried:
-        whole = np.linalg.norm(fit.there.white(fit.there.jacobian @ each.directions))
-        columns = fit.beyond(each.directions)
-        sizes = []
-        for bound, part in zip(bounds, (along.coordinates(columns), along.residual(columns)), strict=True):
-            least = np.linalg.svd(part, compute_uv=False).min(initial=np.inf) if len(part) >= part.shape[1] else 0.0
-            sizes.append(float(bound / least) if least > FULL_RANK * whole else float("inf"))
-        found.append((name, min(sizes)))
-    return tuple(found)
+    noticed = []
+    for name, movement in tried:
+        whole = np.linalg.norm(fit.there.white(fit.there.jacobian @ movement.directions))
+        columns = fit.beyond(movement.directions)
+        parts = zip(bounds, (along.coordinates(columns), along.residual(columns)), strict=True)
+        noticed.append((name, min(_noticed(bound, part, FULL_RANK * whole) for bound, part in parts)))
+    return tuple(noticed)
+
+
+def _noticed(bound: float, columns: Array, rounding: float) -> float:
+    """Return the size of movements along ``columns`` whose least visible one has this length; infinite if invisible."""
+    if len(columns) < columns.shape[1]:
+        return float("inf")
+    least = np.linalg.svd(columns, compute_uv=False).min(initial=np.inf)
+    return float(bound / least) if least > rounding else float("inf")

@@ -186,21 +186,22 @@ class CalibrationSeries:
     def _described(self, first: int, alarm: tuple[int, int, float], end: int) -> ParameterChange:
         """Estimate the change after calibration ``after`` from all calibrations from ``first`` to ``end``."""
         after, found_at, p = alarm
+        # the difference d of the means before and after, with its information
         before, later = self._pooled(first, after), self._pooled(after + 1, end)
         information, d = _of_difference(before.information, later.information), later.mean - before.mean
+        # how much of d' I d each direction explains
         squares = (self._columns.T @ information @ d) ** 2 / np.einsum(
             "ic,ij,jc->c", self._columns, information, self._columns
         )
         freedom = min(self._freedom[first : end + 1])
         best, dof = float(squares.max()), None if np.isinf(freedom) else int(freedom)
         left = float(d @ information @ d) - best
+        # more than one direction where the best leaves more than chance; the first directions are the parameters
         several = len(d) > 1 and float(p_value_of_squares(left, len(d) - 1, dof)) < _MORE
         level, std = self._levels[found_at], np.sqrt(np.diag(np.linalg.inv(information)))
-        if several:  # the first directions are the parameters
-            chance = 2 * t_sf(np.abs(d) / std, freedom) * len(d)
-            retained = [i for i in np.argsort(chance, kind="stable").tolist() if chance[i] < level]
-        else:
-            retained = [i for i in np.argsort(-squares, kind="stable").tolist() if best - squares[i] < _APART]
+        chance = 2 * t_sf(np.abs(d) / std, freedom) * len(d)
+        below, limit = (chance, level) if several else (best - squares, _APART)
+        retained = [i for i in np.argsort(below, kind="stable").tolist() if below[i] < limit]
         sizes, halves = self._sizes(d, half_width_95(freedom) * std)
         return ParameterChange(
             after,

@@ -371,18 +371,11 @@ def predict_measurements(
         noise: of the new measurements, with the errors that the estimate found beside the instrument's.
         given: whether the instrument's noise is given, so that its variance is no estimate.
     """
-    arm = estimate.with_targets(rows.targets)
-    strange = tuple(target for target in rows.targets if target not in estimate.arm.targets)
-    named = dict(zip(estimate.arm.names, estimate.values, strict=True))
-    values = np.array([named.get(name, 0.0) for name in arm.names])
-    retained = [i for i, name in enumerate(estimate.identified) if name in arm.names]
-    free = tuple(arm.names.index(estimate.identified[i]) for i in retained)
-    covariance = estimate.covariance[np.ix_(retained, retained)]
-    observations, _ = weigh(observation_of(arm), rows, noise)
+    observations, _ = weigh(observation_of(estimate.with_targets(rows.targets)), rows, noise)
     discrepancy, inflation, dof = estimate.discrepancy(root_mean_square_sigma(observations, 0))
-    prediction = CalibrationPrediction(arm, values, free, inflation * covariance, dof, strange, estimate.tail_dof)
+    prediction, retained = _at_targets(estimate, rows.targets, inflation, dof)
     if (by := estimate.predicted_by) is not None:
-        prediction = replace(prediction, covariance=0.0 * covariance)
+        prediction = replace(prediction, covariance=0.0 * prediction.covariance)
         beside = _beside_process(_widened(observations, discrepancy), by, rows.targets)
         return _beyond_range(beside, prediction, estimate.measured), prediction
     errors = estimate.component_errors
@@ -391,6 +384,25 @@ def predict_measurements(
     if given or estimate.noise_m < LEAST_SIGMA_M:
         errors = errors.without("scale")
     return _of_estimated_noise(estimate, rows, noise, prediction, errors.of(retained))
+
+
+def _at_targets(
+    estimate: Estimate, targets: Sequence[str], inflation: float, dof: float
+) -> tuple[CalibrationPrediction, list[int]]:
+    """Return the prediction of an arm with these targets, and which identified parameters it has.
+
+    Args:
+        inflation: factor of the parameters' covariance.
+        dof: of the noise.
+    """
+    arm = estimate.with_targets(targets)
+    strange = tuple(target for target in targets if target not in estimate.arm.targets)
+    named = dict(zip(estimate.arm.names, estimate.values, strict=True))
+    values = np.array([named.get(name, 0.0) for name in arm.names])
+    retained = [i for i, name in enumerate(estimate.identified) if name in arm.names]
+    free = tuple(arm.names.index(estimate.identified[i]) for i in retained)
+    covariance = inflation * estimate.covariance[np.ix_(retained, retained)]
+    return CalibrationPrediction(arm, values, free, covariance, dof, strange, estimate.tail_dof), retained
 
 
 def _of_estimated_noise(

@@ -46,12 +46,15 @@ def situation(
 
     if left(()) <= max(_LARGE_M, _LARGE * expected_m):
         return None
-    for kind, groups in (("setup", ("base",)), ("tool", ("tool",)), ("setup_and_tool", PLACED)):
-        named = tuple(group for group in PLACED if group in groups or group in refit)
-        if set(named) != set(refit) and (left_m := left(named)) <= _NORMAL * expected_m:
+    # another base, another tool, or both
+    for kind, groups in (("setup", {"base"}), ("tool", {"tool"}), ("setup_and_tool", set(PLACED))):
+        placed = groups | set(refit)
+        named = tuple(group for group in PLACED if group in placed)
+        if placed != set(refit) and (left_m := left(named)) <= _NORMAL * expected_m:
             return Check(f"situation.{kind}", "failed", data={"refit": named, "left_m": left_m})
-    if found := in_other_numbers(arm, arm.rigid.chain.prismatic, some.inputs, some.points, values):
-        return found
+    # another unit, or another arm
+    if check := in_other_numbers(arm, arm.rigid.chain.prismatic, some.inputs, some.points, values):
+        return check
     left_m = left(PLACED)
     by_nominal = left(PLACED, arm.nominal({target: np.zeros(3) for target in arm.targets}))
     if not np.isfinite(left_m) or left_m < max(_ALIEN * expected_m, _LIKE_NOMINAL * by_nominal):

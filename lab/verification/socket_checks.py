@@ -194,32 +194,33 @@ def best_configurations(
         Their indices, and the share of the least distinct cause's pattern that no other cause explains.
     """
     labels = list(sockets) or [""] * len(points)
-    each = [np.flatnonzero([label == name for label in labels]) for name in dict.fromkeys(labels)]
+    of_sockets = [np.flatnonzero([label == name for label in labels]) for name in dict.fromkeys(labels)]
 
     def drawn() -> list[int]:
-        parts = [rng.permutation(rows)[: (count + i) // len(each)] for i, rows in enumerate(each)]
+        parts = [rng.permutation(rows)[: (count + i) // len(of_sockets)] for i, rows in enumerate(of_sockets)]
         return list(np.sort(np.concatenate(parts)).tolist())
 
-    def distinct(rows: Sequence[int]) -> Array:
-        """Share ``(pairs,)`` of each cause's pattern that each other cause leaves unexplained."""
-        at = list(rows)
-        causes = causes_of(joints, by_joint[at], by_tool[at], points[at], [labels[i] for i in at])
-        columns = [cause.columns for cause in causes if cause.kind != "touch"]
-        sizes = [np.linalg.norm(each) for each in columns]
-        return np.array(
-            [
-                np.linalg.norm(one - _projected(other, one)) / size if i != j else 1.0
-                for i, (one, size) in enumerate(zip(columns, sizes, strict=True))
-                for j, other in enumerate(columns)
-            ]
-        )
+    def distinct(rows: list[int]) -> Array:
+        causes = causes_of(joints, by_joint[rows], by_tool[rows], points[rows], [labels[i] for i in rows])
+        return _unexplained([cause.columns for cause in causes if cause.kind != "touch"])
 
-    every = range(len(points))
-    counted = distinct(every) > _RANK
+    # pairs that no configurations tell apart do not count
+    counted = distinct(list(range(len(points)))) > _RANK
     tried = [drawn() for _ in range(_SEARCHED)]
     shares = [float(distinct(rows)[counted].min()) for rows in tried]
     best = int(np.argmax(shares))
     return tried[best], shares[best]
+
+
+def _unexplained(patterns: Sequence[Array]) -> Array:
+    """Return the share ``(pairs,)`` of each pattern that each other one leaves; one of a pattern beside itself."""
+    return np.array(
+        [
+            np.linalg.norm(one - _projected(other, one)) / np.linalg.norm(one) if i != j else 1.0
+            for i, one in enumerate(patterns)
+            for j, other in enumerate(patterns)
+        ]
+    )
 
 
 class _Noise(NamedTuple):

@@ -377,7 +377,7 @@ BAD = [
     ("known good.csv --noise-mm 0", "--noise-mm 0: give a number above zero"),
     ("known good.csv --noise-mm 1 --instrument uniform-8um", "both set the noise"),
     ("known good.csv --instrument exact", "without noise there is nothing to test by"),
-    ("known good.csv --instrument ruler", "instrument 'ruler' is unknown"),
+    ("known good.csv --instrument ruler", "--instrument ruler: unknown"),
     ("known ball.csv", "ball.csv: target ball was not identified (those of the run are p1)"),
     ("known all.csv", "all.csv: no row to be used has a measured point"),
     (
