@@ -212,15 +212,9 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
     """
     files = _read_estimate_files(folder)
     rows = tuple(row for row in files.rows if row.status != _CONVERTED)
-    found, names = files.content, [row.name for row in rows]
-    targets = tuple(
-        name.removeprefix("tool.").removesuffix(".x")
-        for name in names
-        if name.startswith("tool.") and name.endswith(".x")
-    )
-    if not targets:
-        raise LabError(f"{folder}/{PARAMETERS_FILE}: has no tool (tool.p1.x…); identify again")
-    groups = [name for name in found.model.split("+") if name != "geometric"]
+    saved, names = files.content, [row.name for row in rows]
+    targets = _targets(folder, names)
+    groups = [name for name in saved.model.split("+") if name != "geometric"]
     estimate = Estimate(
         rigid=robot.arm(targets),
         loads=robot.loads,
@@ -229,27 +223,40 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
         rows=rows,
         identified=files.identified,
         covariance=files.covariance,
-        noise_m=MM.to_si(found.noise_mm or 0.0),
-        residual_m=MM.to_si(found.residual_mm or 0.0),
-        noise_known=found.noise_known,
-        dof=found.freedom,
-        adequate=found.adequate,
-        cluster_robust=found.cluster_robust,
-        tail_dof=found.noise_tail_freedom,
+        noise_m=MM.to_si(saved.noise_mm or 0.0),
+        residual_m=MM.to_si(saved.residual_mm or 0.0),
+        noise_known=saved.noise_known,
+        dof=saved.freedom,
+        adequate=saved.adequate,
+        cluster_robust=saved.cluster_robust,
+        tail_dof=saved.noise_tail_freedom,
         load=load,
-        prior_acts_in=None if found.prior is None else found.prior.acts_in,
+        prior_acts_in=None if saved.prior is None else saved.prior.acts_in,
     )
     if GROUP in groups:
-        process = read_residual(folder, found.residual, robot.chain, estimate.arm.conditions, targets)
+        process = read_residual(folder, saved.residual, robot.chain, estimate.arm.conditions, targets)
         estimate = replace(estimate, process=process)
     if missing := [name for name in estimate.arm.names if name not in names]:
         raise LabError(f"{folder}/{PARAMETERS_FILE}: has no {missing[0]}: it is of another robot, or was cut short")
-    cover = read_cover(folder, robot.chain)
+    return _with_saved_errors(estimate, saved, folder, robot.chain)
+
+
+def _targets(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the targets that parameters of these names locate, at least one."""
+    coordinates = [name for name in names if name.startswith("tool.") and name.endswith(".x")]
+    if not coordinates:
+        raise LabError(f"{folder}/{PARAMETERS_FILE}: has no tool (tool.p1.x…); identify again")
+    return tuple(name.removeprefix("tool.").removesuffix(".x") for name in coordinates)
+
+
+def _with_saved_errors(estimate: Estimate, saved: _SavedEstimate, folder: Path, chain: JointSpec) -> Estimate:
+    """Return an estimate with its measured range, its noise model and how well that is known."""
+    cover = read_cover(folder, chain)
     with error_context(folder / RESULT_FILE):
-        measured = measured_range_from_dict(found.measured_range, found.extrapolation, robot.chain, cover)
-        shared = noise_model_from_dict(found.noise_model, {})
-        errors = component_errors_from_dict(found.noise_model)
-    estimate = replace(estimate, measured=measured, component_errors=errors)
+        measured = measured_range_from_dict(saved.measured_range, saved.extrapolation, chain, cover)
+        shared = noise_model_from_dict(saved.noise_model, {})
+        component_errors = component_errors_from_dict(saved.noise_model)
+    estimate = replace(estimate, measured=measured, component_errors=component_errors)
     return estimate if shared is None else replace(estimate, shared=in_another_session(shared, estimate))
 
 
