@@ -252,15 +252,15 @@ def numbers(
     """
     import numpy as np  # not every command needs it
 
-    wanted = f"({', '.join('any' if size is None else str(size) for size in shape)}{',' * (len(shape) == 1)})"
     try:
         array = np.asarray(returned)
     except ValueError:  # a ragged sequence
         array = np.empty(0, dtype=object)
+    wanted = _shape_text(shape)
     if array.dtype.kind not in kinds:
         kind = "complex numbers" if array.dtype.kind == "c" else type(returned).__name__
         raise LabError(f"{where} returns {kind}; return {what} of shape {wanted}")
-    if array.ndim != len(shape) or any(size not in (None, n) for size, n in zip(shape, array.shape, strict=True)):
+    if len(array.shape) != len(shape) or any(map(_differ, shape, array.shape)):
         raise LabError(f"{where} returns {what} of shape {array.shape}; return shape {wanted}")
     array = array if array.dtype.kind == "c" else array.astype(np.float64)
     with np.errstate(invalid="ignore"):
@@ -269,6 +269,15 @@ def numbers(
         at = tuple(np.argwhere(~usable)[0].tolist())
         raise LabError(f"{where} returns {what} with {array[at]:g} at {at}; return finite ones below {_LARGEST:g}")
     return array
+
+
+def _differ(wanted: int | None, size: int) -> bool:
+    return wanted is not None and wanted != size
+
+
+def _shape_text(shape: tuple[int | None, ...]) -> str:
+    sizes = ["any" if size is None else str(size) for size in shape]
+    return f"({', '.join(sizes)}{',' * (len(sizes) == 1)})"
 
 
 def texts(where: str, returned: object) -> tuple[str, ...]:
@@ -398,9 +407,18 @@ def named_parts(option: str, value: Any) -> Any:
         return {key: named_parts(key, each) for key, each in value.items()}
     if option not in _OPTIONS or value is None or isinstance(value, str):
         return value
-    if isinstance(value, Iterable) and not _is_part(value):
-        names = [named_parts(option, each) for each in value]
-        return "+".join(names) if option in _JOINED and all(isinstance(name, str) for name in names) else tuple(names)
+    if not isinstance(value, Iterable) or _is_part(value):
+        return _named_part(option, value)
+    names = [named_parts(option, each) for each in value]
+    return "+".join(names) if option in _JOINED else tuple(names)
+
+
+def _named_part(option: str, value: Any) -> str:
+    """Return the name of an option's part, or of the part that a function is, which this program knows then.
+
+    Raises:
+        LabError: it is none of the option's kind, or cannot be added.
+    """
     kind = _kinds.get(_OPTIONS[option])
     wanted = "a part" if kind is None else f"a {_public(kind.base)}"
     if kind is not None and callable(value) and not _is_part(value):

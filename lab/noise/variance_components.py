@@ -18,7 +18,7 @@ the degrees of freedom of a parameter's interval are those of a chi squared with
 1946). An autoregressive correlation is too far from a normal distribution for the first: C is not corrected.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -363,27 +363,35 @@ def best_components(problem: RestrictedProblem, kinds: tuple[str, ...], hopeless
     def deviance(point: Array) -> float:
         return problem.likelihood(components(point)).deviance
 
-    starts = [np.full(len(kinds), np.log(size)) for size in _START_VARIANCES]
-    if in_time:
-        at = [(carry - _CARRIES[0]) / (_CARRIES[1] - carry) for carry in _START_CARRIES]
-        starts = [np.append(start, np.log(odds)) for start in starts for odds in at]
+    starts = _starts(len(kinds), in_time=in_time)
     heights = [deviance(start) for start in starts]
-    start = starts[int(np.argmin(heights))]
-    if min(heights) > hopeless:
-        found = components(start)
-        return VarianceEstimate(kinds, found, problem.likelihood(found), problem)
+    point = starts[int(np.argmin(heights))]
+    if min(heights) <= hopeless:
+        point = _minimized(deviance, point)
+    best = components(point)
+    return VarianceEstimate(kinds, best, problem.likelihood(best), problem)
+
+
+def _starts(count: int, *, in_time: bool) -> list[Array]:
+    """Return points to start from: logarithms of variances and, in time, of the odds of the correlation."""
+    starts = [np.full(count, np.log(size)) for size in _START_VARIANCES]
+    if not in_time:
+        return starts
+    at = [(carry - _CARRIES[0]) / (_CARRIES[1] - carry) for carry in _START_CARRIES]
+    return [np.append(start, np.log(odds)) for start in starts for odds in at]
+
+
+def _minimized(deviance: Callable[[Array], float], start: Array) -> Array:
+    """Return the point of the least deviance near a start: by bounded search of one variance, else by a simplex."""
     if len(start) == 1:
         inside = (max(start[0] - 3.5, np.log(_VARIANCES[0])), min(start[0] + 7.0, np.log(_VARIANCES[1])))
         best = scipy.optimize.minimize_scalar(
             lambda size: deviance(np.array([size])), bounds=inside, method="bounded", options={"xatol": 1e-3}
         )
-        point = np.array([float(best.x)])
-    else:
-        simplex = start + np.concatenate([np.zeros((1, len(start))), 0.7 * np.eye(len(start))])
-        options = {"initial_simplex": simplex, "xatol": 5e-3, "fatol": 1e-3, "maxfev": 80 * len(start)}
-        point = scipy.optimize.minimize(deviance, start, method="Nelder-Mead", options=options).x
-    found = components(point)
-    return VarianceEstimate(kinds, found, problem.likelihood(found), problem)
+        return np.array([float(best.x)])
+    simplex = start + np.concatenate([np.zeros((1, len(start))), 0.7 * np.eye(len(start))])
+    options = {"initial_simplex": simplex, "xatol": 5e-3, "fatol": 1e-3, "maxfev": 80 * len(start)}
+    return np.asarray(scipy.optimize.minimize(deviance, start, method="Nelder-Mead", options=options).x)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ mean of positive numbers has its interval on the log scale where the symmetric o
 """
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, Literal
@@ -147,14 +147,18 @@ def groups(cells: Sequence[GridCell], free: Collection[str]) -> tuple[CellGroup,
     Subsets of another group are left out.
     """
     rest = [name for name in FACTORS if name not in free]
-    varying = [name for name in rest if len(_levels(cells, name)) > 1]
-    found: dict[tuple[int, ...], CellGroup] = {}
+    varying = _varying(cells, rest)
+    by_members: dict[tuple[int, ...], CellGroup] = {}
     for key in dict.fromkeys(tuple(getattr(cell, name) for name in rest) for cell in cells):
         wanted = dict(zip(rest, key, strict=True))
         members = tuple(i for i, cell in enumerate(cells) if _agrees(cell, wanted))
         shared = {name: wanted[name] for name in varying}
-        found.setdefault(members, CellGroup(tuple(free), shared, members))
-    return tuple(each for each in found.values() if not any(set(each.cells) < set(other) for other in found))
+        by_members.setdefault(members, CellGroup(tuple(free), shared, members))
+    return tuple(group for members, group in by_members.items() if not _is_within_another(members, by_members))
+
+
+def _is_within_another(members: Collection[int], groups: Iterable[Collection[int]]) -> bool:
+    return any(set(members) < set(other) for other in groups)
 
 
 def _agrees(cell: GridCell, wanted: Mapping[str, Any]) -> bool:
@@ -502,13 +506,18 @@ def analysed(
         factors: all that vary if not given.
     """
     campaigns = CampaignArray.of(columns, cells, seed)
-    chosen = factors or [name for name in FACTORS if len(_levels(cells, name)) > 1]
-    found = [group for factor in chosen for group in groups(cells, [factor]) if len(group.cells) > 1]
+    chosen = factors or _varying(cells, FACTORS)
+    several = [group for factor in chosen for group in groups(cells, [factor]) if len(group.cells) > 1]
+    measured = [name for name in columns if name not in (*_KEYS, _FAILURE)]
     return Analysis(
         tuple(cells),
-        tuple(mean for name in columns if name not in (*_KEYS, _FAILURE) for mean in means(campaigns, name)),
-        tuple(compared(campaigns, group, metric) for metric in metrics for group in found),
+        tuple(mean for name in measured for mean in means(campaigns, name)),
+        tuple(compared(campaigns, group, metric) for metric in metrics for group in several),
     )
+
+
+def _varying(cells: Sequence[GridCell], factors: Iterable[str]) -> list[str]:
+    return [name for name in factors if len(_levels(cells, name)) > 1]
 
 
 def _levels(cells: Sequence[GridCell], factor: str) -> set[Any]:

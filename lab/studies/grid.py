@@ -184,13 +184,7 @@ class Study:
         TARGETS("targets", self.targets)
         if self.metric not in RANKED:
             raise LabError(f"metric '{self.metric}' is none of which less is better: give one of {', '.join(RANKED)}")
-        for kind, values in self.factors.items():
-            if kind not in FACTORS:
-                raise LabError(f"factor '{kind}' is unknown; there are {', '.join(FACTORS)}")
-            if not values or len({_same(kind, each) for each in values}) < len(values):
-                raise LabError(f"factor {kind}: give at least one value, and each once")
-        if unknown := [each for each in self.factors.get("scaling", ()) if each not in _SCALINGS]:
-            raise LabError(f"factor scaling: '{unknown[0]}' is unknown; there are {', '.join(_SCALINGS)}")
+        self._refuse_wrong_factors()
         for kind, sets in (("parameters", self.parameters), ("effects", self.effects)):
             for name, each in sets.items():
                 try:
@@ -200,14 +194,28 @@ class Study:
         self._refuse_large()
         for cell in self.cells:
             cell.refuse_nonsense()
-            if cell.parameters != USUAL and cell.parameters not in self.parameters:
-                raise LabError(
-                    f"factor parameters: '{cell.parameters}' is not defined; add [parameters.{cell.parameters}]"
-                )
-            if cell.effects != NONE and cell.effects not in self.effects:
-                raise LabError(f"factor effects: '{cell.effects}' is not defined; add [effects.{cell.effects}]")
-            if cell.payload_kg and self.effects_of(cell, alone=True).payload_kg != Effects().payload_kg:
-                raise LabError(f"factor payload_kg: [effects.{cell.effects}] has payload_kg, too; keep one")
+            self._refuse_undefined_sets(cell)
+
+    def _refuse_wrong_factors(self) -> None:
+        """Refuse factors that there are not, and levels that are given twice, with a LabError."""
+        for kind, values in self.factors.items():
+            if kind not in FACTORS:
+                raise LabError(f"factor '{kind}' is unknown; there are {', '.join(FACTORS)}")
+            if not values or len({_same(kind, each) for each in values}) < len(values):
+                raise LabError(f"factor {kind}: give at least one value, and each once")
+        if unknown := [each for each in self.factors.get("scaling", ()) if each not in _SCALINGS]:
+            raise LabError(f"factor scaling: '{unknown[0]}' is unknown; there are {', '.join(_SCALINGS)}")
+
+    def _refuse_undefined_sets(self, cell: GridCell) -> None:
+        """Refuse sets of parameters and effects that the study does not define, and payloads of both."""
+        for kind, name, usual, sets in (
+            ("parameters", cell.parameters, USUAL, self.parameters),
+            ("effects", cell.effects, NONE, self.effects),
+        ):
+            if name not in (usual, *sets):
+                raise LabError(f"factor {kind}: '{name}' is not defined; add [{kind}.{name}]")
+        if cell.payload_kg and self.effects_of(cell, alone=True).payload_kg != Effects().payload_kg:
+            raise LabError(f"factor payload_kg: [effects.{cell.effects}] has payload_kg, too; keep one")
 
     def effects_of(self, cell: GridCell, *, alone: bool = False) -> Effects:
         """Return the effects of a cell's arms, with its payloads.
@@ -317,7 +325,8 @@ def _as_mapping(given: Any) -> Any:
 
 def _levels(factor: str, given: Any) -> tuple[Any, ...]:
     given = given if isinstance(given, list) else [given]
-    levels = [named_parts(factor, level) for level in given]
+    with error_context("factors"):
+        levels = [named_parts(factor, level) for level in given]
     if len(set(map(id, given))) == len(given) > len(set(map(repr, levels))) and levels != given:
         raise LabError(f"factor {factor}: two parts have one name ({', '.join(map(str, levels))}); name each otherwise")
     if factor not in FACTORS:

@@ -94,7 +94,7 @@ class _Campaigns:
         self._robot, self._options, self._device, self._joints = robot, options, device, joints
         self._real, requested = perturbed_arm(robot, options), requested_conditions(robot, options)
         drawn = draw_conditions(self._real, options, len(joints), rng_for(options.seed, "conditions"), requested)
-        self._conditions = drawn | set_there
+        self._conditions = {**drawn, **set_there}
         reached = fresh_poses(self._real, options, requested, fresh)
         met = np.isfinite(reached.points).all(axis=(1, 2))
         self._fresh, self._unmet = reached[met], int((~met).sum())

@@ -198,21 +198,7 @@ def _resume(folder: Path, study: Study) -> _Store:
     Raises:
         LabError: it holds another study, or was begun with another version or other files of the robot.
     """
-    there, here = read_structured(folder / _CONFIG, _Begun, _MEND), _described(study)
-    old, new = there.options, _plain(here[_CONFIG])["options"]
-    what = other_version(there.versions, here[_CONFIG]["versions"])
-    told = [name for name in new if name != "metric"]  # which changes the page alone
-    if what is None and (other := next((name for name in told if old.get(name) != new[name]), None)):
-        raise LabError(
-            f"{folder}: holds another study ({other} is {old.get(other)} there, {new[other]} here); "
-            "give the folder of this one, or begin it in a folder of its own"
-        )
-    if what is None and there.model_sha256 != here[_CONFIG]["model_sha256"]:
-        what = "other files of the robot"
-    if what is None and read_json(folder / _MANIFEST, _MEND) != _plain(here[_MANIFEST]):
-        what = "another manifest.json"
-    if what is not None:
-        raise LabError(f"{folder}: was begun with {what}; go on with that, or begin again in another folder")
+    _refuse_another_study(folder, _described(study))
     try:
         with held(folder):
             for part in (folder, folder / _POSES, folder / _CAMPAIGNS):
@@ -224,6 +210,37 @@ def _resume(folder: Path, study: Study) -> _Store:
             f"{folder}: cannot be written ({error.strerror}); mend that, then {option_name('resume')}"
         ) from error
     return store
+
+
+def _refuse_another_study(folder: Path, here: Mapping[str, dict[str, Any]]) -> None:
+    """Refuse the folder of a study that is not this one.
+
+    Args:
+        here: what the files of this study would say.
+
+    Raises:
+        LabError: it has other options, or was begun with another version or other files of the robot.
+    """
+    there = read_structured(folder / _CONFIG, _Begun, _MEND)
+    old, new = there.options, _plain(here[_CONFIG])["options"]
+    what = other_version(there.versions, here[_CONFIG]["versions"])
+    compared = [name for name in new if name != "metric"]  # which changes the page alone
+    if what is None and (other := next((name for name in compared if old.get(name) != new[name]), None)):
+        raise LabError(
+            f"{folder}: holds another study ({other} is {old.get(other)} there, {new[other]} here); "
+            "give the folder of this one, or begin it in a folder of its own"
+        )
+    if what is None:
+        what = _other_files(folder, there, here)
+    if what is not None:
+        raise LabError(f"{folder}: was begun with {what}; go on with that, or begin again in another folder")
+
+
+def _other_files(folder: Path, there: _Begun, here: Mapping[str, dict[str, Any]]) -> str | None:
+    """Describe files of the robot or of the study's folder that are others than this study's; None if none are."""
+    if there.model_sha256 != here[_CONFIG]["model_sha256"]:
+        return "other files of the robot"
+    return None if read_json(folder / _MANIFEST, _MEND) == _plain(here[_MANIFEST]) else "another manifest.json"
 
 
 def read_store(folder: Path) -> _Store:

@@ -120,7 +120,7 @@ def test_no_preset_knows_a_range_far_better_than_a_nest_holds_a_reflector(name: 
 
 
 def test_an_unknown_instrument_lists_those_there_are() -> None:
-    with pytest.raises(LabError, match=r"'ruler' is unknown: .*leica-at960"):
+    with pytest.raises(LabError, match=r"instrument ruler: unknown; give one of .*leica-at960"):
         instrument("ruler")
 
 

@@ -15,7 +15,7 @@ from lab.studies.grid import ANY, FACTORS, OF_PLAN, GridCell, Study, is_any, rea
         ({"colour": ["red"]}, "factor 'colour' is unknown; there are criterion, "),
         ({"model": ["rust"]}, "--model rust: no such group; there are geometric, auto, compliance"),
         ({"model": ["compliance+compliance"]}, r"factors: --model compliance\+compliance: give geometric, auto, or"),
-        ({"model": [3]}, "factors: 3 is not a value of option 'model'; give a text"),
+        ({"model": [3]}, "factors: 'model' is 3; give a name, or a lab"),
         ({"robust": ["yes"]}, "factors: 'yes' is not a value of option 'robust'; give true or false"),
         ({"prior": ["maybe"]}, "factors: 'maybe' is not a value of option 'prior'; give one of auto, on, off"),
         ({"observe": ["colour"]}, "factors: --observe colour: unknown; give one of points, pose"),
