@@ -17,7 +17,7 @@ from lab.kinematics.compiled.kernels import CompiledChain, compiled
 from lab.kinematics.effects.arm_with_effects import Arm
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns
 from lab.kinematics.inverse.closed_form import ClosedForm
-from lab.kinematics.inverse.newton_inverse import PoseTarget, reach
+from lab.kinematics.inverse.newton_inverse import FREEDOMS, PoseTarget, reach
 from lab.kinematics.serial.serial_arm import SerialArm
 
 __all__ = ["ArrayArm", "as_numbers", "with_leading_axes"]
@@ -152,9 +152,9 @@ class ArrayArm:
         return None if np.array_equal(T, np.eye(4)) else se3.inverse(T)
 
     @cached_property
-    def _target(self) -> Array:
-        """Position ``(3,)`` of the first target in the last frame."""
-        return np.asarray(self._nominal_inverse.tools[0])
+    def _T_target_last(self) -> Array:
+        """Pose of the last frame in the first target, which has its orientation."""
+        return se3.pose(np.eye(3), -self._nominal_inverse.tools[0])
 
     def _solutions(self, Ts: Array, reference: Array | float) -> Array:
         """Return all solutions ``(n, k, joints)`` in closed form, NaN where there are fewer."""
@@ -162,13 +162,15 @@ class ArrayArm:
         if form is None:
             raise LabError("the inverse of this arm has no closed form; give near=, joint positions to start from")
         # from the target to the last frame, and from the frame of the points to frame 0
-        last = Ts.copy()
-        last[:, :3, 3] -= Ts[:, :3, :3] @ self._target
+        last = Ts @ self._T_target_last
         if self._T_frame0_world is not None:
             last = self._T_frame0_world @ last
-        # what misses the position or the rotation is no solution
+        # what misses the position, or the rotation with fewer than six joints, is no solution
         solved = form.solve(last, reference)
-        solved.joints[(solved.gap_m > 0) | (solved.tilt_rad > _TURNED_RAD)] = np.nan
+        missed = solved.gap_m > 0
+        if self.arm.rigid.chain.size < FREEDOMS:
+            missed |= solved.tilt_rad > _TURNED_RAD
+        solved.joints[missed] = np.nan
         return solved.joints
 
     def _nearest(self, Ts: Array, near: Array) -> Array:
