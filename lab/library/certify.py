@@ -104,11 +104,7 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     if not options.force:
         calibrated.refuse_unfit("a certificate")
     details = details.of_arm(calibrated.serial, str(options.details), str(options.run))
-    if not np.isfinite(calibrated.estimate.free_covariance).all():
-        raise LabError(
-            f"{options.run}: its covariance is unknown, because it has too few poses to estimate the noise; identify "
-            "again with more poses, or with --noise-mm"
-        )
+    _refuse_unknown_covariance(calibrated)
     fitted = fitted_rows(calibrated)
     stage("2 of 3, evaluating the robot's performance and the quantities of the budget")
     device = fitted.instrument if options.instrument is None else named_instrument(options.instrument)
@@ -124,18 +120,14 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     if validation is not None and validation.sigma_m:
         where = f"validation on {validation.poses:,} poses, {calibrated.result.judged_by}"
         quantities.append(lack_of_fit_of(propagation, validation.sigma_m, validation.dof, where))
-    budgets = []
-    for i, each in enumerate(MEASURANDS):
-        stage("3 of 3, propagating the budgets", i, len(MEASURANDS))
-        budgets.append(budget_of(each, quantities, propagation.positions, propagation.moved, rng_for(0, "null", i)))
+    budgets = _budgets(quantities, propagation, stage)
     unseen = tuple(_unseen(device, details, propagation, chance, robot.repeats))
     totals = _with_unseen(quantities, unseen, propagation, budgets)
     facts = _facts(calibrated, source, robot)
     implausible = implausibilities(details, facts)
     issued = not any(each.outcome == "failed" for each in implausible)
-    statement = None
-    if issued:
-        statement = _conformity(options, calibrated, totals[0] if device is None else budgets[0].expanded_m)
+    expanded_m = totals[0] if device is None else budgets[0].expanded_m
+    statement = _conformity(options, calibrated, expanded_m) if issued else None
     warnings = [*phrases(implausible), *_warnings(calibrated, device, details, chance, robot, validation)]
     return Certificate(
         options,
@@ -153,6 +145,24 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
         totals,
         digests_of(options.run),
     )
+
+
+def _refuse_unknown_covariance(calibrated: CalibrationRun) -> None:
+    if not np.isfinite(calibrated.estimate.free_covariance).all():
+        raise LabError(
+            f"{calibrated.folder}: its covariance is unknown, because it has too few poses to estimate the noise; "
+            "identify again with more poses, or with --noise-mm"
+        )
+
+
+def _budgets(quantities: Sequence[InputQuantity], propagation: Propagation, stage: Stage) -> list[Budget]:
+    """Propagate the quantities into the budget of each measurand."""
+    budgets = list[Budget]()
+    for i, measurand in enumerate(MEASURANDS):
+        stage("3 of 3, propagating the budgets", i, len(MEASURANDS))
+        rng = rng_for(0, "null", i)
+        budgets.append(budget_of(measurand, quantities, propagation.positions, propagation.moved, rng))
+    return budgets
 
 
 def _propagation(calibrated: CalibrationRun, fitted: FittedRows) -> Propagation:

@@ -22,7 +22,8 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.cell_toml import Cell
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.gauge import base_set, named
+from lab.kinematics.effects.arm_with_effects import Arm
+from lab.kinematics.gauge import BaseSet, base_set, named
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
 from lab.kinematics.serial.chain import Chain
@@ -169,56 +170,79 @@ def inspect(robot: str | Path | Robot | InspectOptions = "irb120", **options: An
 
 
 def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
-    groups, options = options.groups, replace(options, targets=robot.on_tips(options.targets))
+    options = replace(options, targets=robot.on_tips(options.targets))
     nominal = nominal_values(options, robot)
-    arm = robot.arm_with(options.targets, groups)
+    arm = robot.arm_with(options.targets, options.groups)
+    # The structure's rank, and the identifiable columns of the Jacobian at poses that no parameter is blind to.
     structure = base_set(arm, nominal, fix=options.fix, free=options.free)
-    hidden = aliases(arm, structure, column_scale(arm, nominal))
     inputs = arm.structure_joints(_POSES, rng_for(0, "structure"))
-    jacobian = arm.observe(inputs, arm.rank_point(nominal))[1].reshape(-1, len(arm.names))[
-        :, list(structure.identifiable)
-    ]
-    names = [arm.names[i] for i in structure.identifiable]
-    condition, usual = scaled_condition(jacobian), not (options.fix or options.free)
-    requested = named(arm.names, "--fix", options.fix)
-    fixed_names = [arm.names[i] for i in structure.fixed_observable]
+    everything = arm.observe(inputs, arm.rank_point(nominal))[1].reshape(-1, len(arm.names))
+    jacobian = everything[:, list(structure.identifiable)]
     nominal_model, shape = _described(robot.chain)
     if isinstance(robot.chain, Mechanism):
-        shape["not_fixed"] = len(arm.names) - len(requested)
+        shape["not_fixed"] = len(arm.names) - len(named(arm.names, "--fix", options.fix))
     values = {
         "robot": robot.name,
         **nominal_model,
-        "targets": list(options.targets),
-        "parameters": len(arm.names),
-        "rank": len(structure.identifiable),
-        "identifiable": names,
-        "held": [arm.names[i] for i in structure.fixed_observable if i in requested],
-        "told_apart": [arm.names[i] for i in structure.fixed_observable if i not in requested],
-        "aliases": {alias.name: dict(alias.into) for alias in hidden if alias.name not in fixed_names},
-        "condition": number(condition),
-        "weak_directions": [direction_to_dict(each) for each in weak_directions(names, jacobian)],
-        "changes": {
-            change.change: number(change.condition)
-            for change in (
-                changes(robot, sensor_named("points")(), options.targets, groups, nominal, inputs)
-                if usual and condition > WEAK_CONDITION
-                else ()
-            )
-            if change.condition < condition
-        },
-        "poses_needed": poses_needed(arm, nominal, structure),
+        **_identifiability(options, arm, nominal, structure),
+        **_conditioning(options, robot, arm, nominal, structure, jacobian, inputs),
         **shape,
+        **_tool_and_resolution(options, robot, arm, nominal),
     }
-    if isinstance(robot.chain, Chain):
-        tool = {target: nominal[[arm.names.index(f"tool.{target}.{axis}") for axis in "xyz"]] for target in arm.targets}
-        values |= serial_frames(robot.T_world_frame0, tool)
-    encoders = encoders_of(robot.chain, options.joint_steps)
-    rigid = robot.arm(options.targets)
-    values["resolution"] = None if encoders is None else resolution(rigid, nominal[: len(rigid.names)], encoders)
     if robot.cell is not None:
         values["cell"] = _cell_values(robot, robot.cell, options.targets)
     unit = jacobian / np.linalg.norm(jacobian, axis=0)
     return Inspection(options, robot, values, arm.parameters, np.linalg.svd(unit, compute_uv=False))
+
+
+def _identifiability(options: InspectOptions, arm: Arm, nominal: Array, structure: BaseSet) -> dict[str, Any]:
+    """Return which parameters the structure identifies, and where errors of the others go."""
+    held = named(arm.names, "--fix", options.fix)
+    fixed = {i: arm.names[i] for i in structure.fixed_observable}
+    hidden = aliases(arm, structure, column_scale(arm, nominal))
+    return {
+        "targets": list(options.targets),
+        "parameters": len(arm.names),
+        "rank": len(structure.identifiable),
+        "identifiable": [arm.names[i] for i in structure.identifiable],
+        "held": [name for i, name in fixed.items() if i in held],
+        "told_apart": [name for i, name in fixed.items() if i not in held],
+        "aliases": {alias.name: dict(alias.into) for alias in hidden if alias.name not in fixed.values()},
+    }
+
+
+def _conditioning(
+    options: InspectOptions,
+    robot: Robot,
+    arm: Arm,
+    nominal: Array,
+    structure: BaseSet,
+    jacobian: Array,
+    inputs: Array,
+) -> dict[str, Any]:
+    """Return the condition of the identifiable columns, its weak directions, and what would improve it."""
+    condition, names = scaled_condition(jacobian), [arm.names[i] for i in structure.identifiable]
+    better = dict[str, float | None]()
+    if condition > WEAK_CONDITION and not (options.fix or options.free):
+        tried = changes(robot, sensor_named("points")(), options.targets, options.groups, nominal, inputs)
+        better = {change.change: number(change.condition) for change in tried if change.condition < condition}
+    return {
+        "condition": number(condition),
+        "weak_directions": [direction_to_dict(each) for each in weak_directions(names, jacobian)],
+        "changes": better,
+        "poses_needed": poses_needed(arm, nominal, structure),
+    }
+
+
+def _tool_and_resolution(options: InspectOptions, robot: Robot, arm: Arm, nominal: Array) -> dict[str, Any]:
+    """Return the frames of a serial arm with its tool, and the resolution that its encoders give."""
+    values = dict[str, Any]()
+    if isinstance(robot.chain, Chain):
+        tool = {target: nominal[[arm.names.index(f"tool.{target}.{axis}") for axis in "xyz"]] for target in arm.targets}
+        values |= serial_frames(robot.T_world_frame0, tool)
+    encoders, rigid = encoders_of(robot.chain, options.joint_steps), robot.arm(options.targets)
+    values["resolution"] = None if encoders is None else resolution(rigid, nominal[: len(rigid.names)], encoders)
+    return values
 
 
 def nominal_values(options: InspectOptions, robot: Robot) -> Array:

@@ -286,24 +286,34 @@ def load_run(
     folder = Path(folder)
     config, verdict, options = read_header(folder)
     inputs = RunInputs(folder, config)
-    if cell is None and options.cell is not None:
-        cell = inputs.path(options.cell)
-    try:
-        load_it = load_virtual if isinstance(options, VirtualCampaign) else load_robot
-        robot = load_it(inputs.copy(options.robot) or options.robot or "irb120", cell)
-    except LabError as error:
-        raise LabError(f"{folder}: the robot it is of cannot be loaded from here: {error}") from error
-    if config.model_sha256 != robot.sha256:
-        raise LabError(
-            f"{folder}: is a run of another robot: the files of '{options.robot}' are not those that it was made with; "
-            "identify again"
-        )
+    robot = _robot_of_run(inputs, options, cell)
     payload_of = load or (folder if (folder / LOAD_FILE).is_file() else None)
     robot, payload = carrying(robot, payload_of, accept_edited=accept_edited)
     estimate = read_estimate(folder, robot, payload)
     names = dict.fromkeys((*READ_FILES, *input_names(folder), *(listed_files(folder) if whole else ())))
     edits = check_edits(folder, tuple(names), accept=accept_edited)
     return CalibrationRun(folder, robot, estimate, verdict, options, payload, inputs, edits)
+
+
+def _robot_of_run(inputs: RunInputs, options: _Campaign, cell: Path | None) -> Robot:
+    """Load the robot of a run, in the cell of the run unless one is given.
+
+    Raises:
+        LabError: it cannot be loaded here, or is another one than the run's.
+    """
+    if cell is None and options.cell is not None:
+        cell = inputs.path(options.cell)
+    try:
+        load_it = load_virtual if isinstance(options, VirtualCampaign) else load_robot
+        robot = load_it(inputs.copy(options.robot) or options.robot or "irb120", cell)
+    except LabError as error:
+        raise LabError(f"{inputs.folder}: the robot it is of cannot be loaded from here: {error}") from error
+    if inputs.config.model_sha256 != robot.sha256:
+        raise LabError(
+            f"{inputs.folder}: is a run of another robot: the files of '{options.robot}' are not those that it was "
+            "made with; identify again"
+        )
+    return robot
 
 
 def read_header(folder: Path) -> tuple[RunConfig, RunVerdict, _Campaign]:

@@ -176,24 +176,30 @@ class PredictionResult(Result):
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """A row a pose: joints and conditions; then points, orientation, and how sure each point is."""
         chain = self.run.robot.chain
-        found: dict[str, Sequence[Any] | Array] = {"id": list(self.rows.ids), **joint_columns(chain, self.rows.joints)}
-        found |= {
+        columns: dict[str, Sequence[Any] | Array] = {"id": list(self.rows.ids)}
+        columns |= joint_columns(chain, self.rows.joints)
+        columns |= {
             name: self.rows.conditions[name]
             for name in self.run.estimate.arm.conditions
             if name in self.rows.conditions
         }
         for name, R in zip(("", "base_"), self._both_rotations, strict=True):
             parts = zip("wxyz", se3.quaternion_from_rotation(R).T, strict=True)
-            found |= {f"{name}q{part}": values for part, values in parts}
-        covariances = 1e6 * self.predicted.covariance
+            columns |= {f"{name}q{part}": values for part, values in parts}
         for k, target in enumerate(self.run.estimate.arm.targets):
-            for places, end in ((self.points, "mm"), (self.points_in_base, "base_mm")):
-                found |= {f"{target}_{axis}_{end}": MM.of(places[:, k, i]) for i, axis in enumerate("xyz")}
-            for name, lengths in self.radii_95.items():
-                cause = "" if name == "together" else f"_{name}"
-                found[f"{target}_radius_95{cause}_mm"] = MM.of(lengths[:, k])
-            found |= {f"{target}_cov_{pair}_mm2": covariances[:, k, i, j] for i, j, pair in _PAIRS}
-        return {**found, "extrapolated": self.extrapolated.tolist()}
+            columns |= self._columns_of(k, target)
+        return {**columns, "extrapolated": self.extrapolated.tolist()}
+
+    def _columns_of(self, k: int, target: str) -> dict[str, Array]:
+        """Return a target's positions in both frames (mm), its 95 % radii by cause (mm), and its covariance (mm²)."""
+        columns = dict[str, Array]()
+        for places, end in ((self.points, "mm"), (self.points_in_base, "base_mm")):
+            columns |= {f"{target}_{axis}_{end}": MM.of(places[:, k, i]) for i, axis in enumerate("xyz")}
+        for name, lengths in self.radii_95.items():
+            cause = "" if name == "together" else f"_{name}"
+            columns[f"{target}_radius_95{cause}_mm"] = MM.of(lengths[:, k])
+        covariance_mm2 = 1e6 * self.predicted.covariance[:, k]
+        return columns | {f"{target}_cov_{pair}_mm2": covariance_mm2[:, i, j] for i, j, pair in _PAIRS}
 
 
 @takes(PredictOptions, file="joints")

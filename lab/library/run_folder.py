@@ -62,11 +62,18 @@ _OUTPUT = "out"
 def input_files(options: Any) -> tuple[Path, ...]:
     """The files and folders that options name, which a run of them never replaces."""
     values = [getattr(options, field.name) for field in fields(options) if field.name != _OUTPUT]
-    listed = [each for value in values for each in (value if isinstance(value, tuple) else (value,))]
-    own = [each for each in listed if isinstance(each, Path)]
-    named = [Path(parted(value)[0]) for value in values if isinstance(value, str)]
-    own += [path for path in named if path.suffix and path.is_file()]
-    return tuple(own) + tuple(path for value in values if is_dataclass(value) for path in input_files(value))
+    files = [each for value in values for each in (value if isinstance(value, tuple) else (value,))]
+    paths = [each for each in files if isinstance(each, Path)]
+    paths += [path for value in values if isinstance(value, str) and (path := _named_file(value)) is not None]
+    for group in filter(is_dataclass, values):
+        paths += input_files(group)
+    return tuple(paths)
+
+
+def _named_file(value: str) -> Path | None:
+    """Return the file that an option names as a text; None where it names none."""
+    path = Path(parted(value)[0])
+    return path if path.suffix and path.is_file() else None
 
 
 def _copy_inputs(folder: Path, options: Any) -> dict[str, str]:
