@@ -42,13 +42,13 @@ from lab.planning.design_search import (
     designs_of_any_size,
     predicted_accuracy,
 )
-from lab.pose_selection.certificate import CriterionCertificate
+from lab.pose_selection.certificate import DesignCertificate, certify, d_value
 from lab.pose_selection.criteria import (
     DesignTask,
     Indices,
     indices,
 )
-from lab.pose_selection.exchange import Design, DesignCertificate, certify, information
+from lab.pose_selection.exchange import Design, information
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy
 from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
 from lab.robots.load_robot import load_virtual
@@ -122,7 +122,7 @@ class DesignResult(Result):
     payloads: Array
     certificate: DesignCertificate
     d_efficiency: float
-    own_certificate: CriterionCertificate | None
+    own_certificate: DesignCertificate | None
     efficiency: float | None
     indices: Indices
     prediction: PredictedAccuracy
@@ -416,7 +416,7 @@ def _planned(options: DesignOptions, problem: PoseProblem, started: float, progr
         payloads=problem.payload(design.joints)[list(tour.order)],
         design=design,
         certificate=certificate,
-        d_efficiency=certificate.efficiency(everything),
+        d_efficiency=certificate.efficiency(d_value(everything), len(everything)),
         own_certificate=own,
         efficiency=efficiency,
         indices=indices(everything),

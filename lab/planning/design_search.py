@@ -12,9 +12,9 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.options.virtual_campaign import DesignOptions
 from lab.planning.design_problem import PoseProblem
-from lab.pose_selection.certificate import CriterionCertificate, certify_criterion
+from lab.pose_selection.certificate import DesignCertificate, certify_criterion
 from lab.pose_selection.criteria import indices, is_singular
-from lab.pose_selection.exchange import Design, DesignCertificate, OneCriterion, climb, exchange, information
+from lab.pose_selection.exchange import Design, OneCriterion, climb, exchange, information
 from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
 from lab.simulation.candidate_poses import MARGIN
 
@@ -63,7 +63,7 @@ def predicted_accuracy(problem: PoseProblem, inputs: Array, seed: int) -> Predic
 
 def certified(
     problem: PoseProblem, design: Design, certificate: DesignCertificate
-) -> tuple[CriterionCertificate | None, float | None]:
+) -> tuple[DesignCertificate | None, float | None]:
     """Return the certificate of the criterion and the efficiency by it, if it is not O1.
 
     Args:

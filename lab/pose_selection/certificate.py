@@ -1,12 +1,13 @@
 """Bound a criterion over all designs from the candidates, by the best continuous design.
 
-A design's value is the logarithm of its criterion's score, per e-fold of information: for A, G and I of the inverse
-predicted variance. Over weights on the candidates a value is concave. Its tangent therefore bounds the value of every
-design. For G, the smallest of several values, a linear programme finds the weights on these with the least bound
-(Dette 1997; Wong 1992).
+A design's value is the logarithm of its criterion's score, per e-fold of information: for O1 log det M / p, for A, G
+and I of the inverse predicted variance. Over weights on the candidates a value is concave. Its tangent therefore bounds
+the value of every design (Kiefer & Wolfowitz 1960). For G, the smallest of several values, a linear programme finds the
+weights on these with the least bound (Dette 1997; Wong 1992).
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy  # its parts are loaded at their first use
@@ -16,7 +17,7 @@ from lab.core.se3 import Array
 from lab.pose_selection.criteria import Criterion, worst_tests
 from lab.pose_selection.exchange import information
 
-__all__ = ["CriterionCertificate", "certify_criterion"]
+__all__ = ["DesignCertificate", "certify", "certify_criterion", "d_value"]
 
 _ROUNDS = 12  # of the continuous design and its bound
 _SUPPORT = 120  # candidates with weight, at most, in one continuous design
@@ -26,8 +27,8 @@ _VANISHED, _LEAST_START = 1e-7, 1e-4  # weights that count as none; of equal one
 
 
 @dataclass(frozen=True)
-class CriterionCertificate:
-    """The best continuous design by a criterion, over a pool.
+class DesignCertificate:
+    """The best continuous design by a criterion, over a pool of candidates.
 
     Attributes:
         weights: ``(m,)`` of the candidates, summing to one.
@@ -57,7 +58,7 @@ def certify_criterion(
     start: Array | None = None,
     gap: float = 2e-3,
     share: float = 1.0,
-) -> CriterionCertificate | None:
+) -> DesignCertificate | None:
     """Compute the best continuous design by a criterion, with a bound of all designs.
 
     Sequential quadratic programming finds the weights of some candidates; a linear programme over all candidates finds
@@ -79,17 +80,16 @@ def certify_criterion(
     weights = np.full(len(pool), 1 / len(pool)) if start is None else start / start.sum()
     best = None
     for _ in range(_ROUNDS):
-        support = np.flatnonzero(weights > _VANISHED)
-        if len(support) > _SUPPORT and best is not None:
-            support = np.sort(np.argsort(-weights, kind="stable")[:_SUPPORT])
+        # The value and the least bound at these weights; the best of both so far.
         search.see(weights)
         value, bound, gains = search.bound(weights)
         if best is None or value > best.value:
-            best = CriterionCertificate(weights, value, bound if best is None else min(bound, best.bound))
+            best = DesignCertificate(weights, value, bound if best is None else min(bound, best.bound))
         elif bound < best.bound:
-            best = CriterionCertificate(best.weights, best.value, bound)
+            best = DesignCertificate(best.weights, best.value, bound)
         if best.gap <= gap:
             break
+        # Better weights of the candidates that have any, and of those with the largest gains.
         some = np.sort(np.argsort(-weights, kind="stable")[:_SUPPORT])
         support = np.union1d(some[weights[some] > _VANISHED], np.argsort(-gains, kind="stable")[:_MORE])
         weights = search.improved(weights, support)
@@ -202,3 +202,95 @@ def _gains(pool: Array, slope: Array) -> Array:
     m, rows, p = pool.shape
     flat = pool.reshape(m * rows, p)
     return np.asarray(np.einsum("ij,ij->i", flat @ slope, flat).reshape(m, rows).sum(axis=1))
+
+
+_MAX_ROUNDS, _UPDATES = 400, 50  # checks of all candidates, and updates of those with weight in between
+_NO_WEIGHT = 1e-9  # a smaller weight counts as zero
+_BLOCK = 500  # candidates whose whole matrices are in memory at a time
+
+
+def d_value(jacobian: Array) -> float:
+    """Return the value log det(M) / p of a design ``(n, r, p)`` by O1; minus infinity where M is singular."""
+    sign, log_det = np.linalg.slogdet(information(jacobian))
+    return float(log_det) / jacobian.shape[-1] if sign > 0 else -np.inf
+
+
+def certify(
+    jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None, share: float = 1.0
+) -> DesignCertificate:
+    """Compute the continuous D-optimal design over candidates ``(m, r, p)``, by multiplicative updates.
+
+    Candidates whose weight vanishes are set aside and checked again; the bound is over all of them.
+
+    Args:
+        gap: stop at this gap of the D-efficiency.
+        measured: information ``(p, p)`` per pose of poses measured before, with weight 1 - share.
+        share: share of all poses that are still to be chosen.
+    """
+    m, _, p = jacobian.shape
+    earlier = np.zeros((p, p)) if measured is None else (1 - share) * measured
+    each, weights, bound = _rows_of(jacobian), np.full(m, 1 / m), np.inf
+    for _ in range(_MAX_ROUNDS):
+        total = earlier + share * _weighted(each, weights, p)
+        gains = _gains_of(each, total)
+        value = float(np.linalg.slogdet(total)[1]) / p
+        bound = min(bound, _bound(value, gains / p, weights, share, measured is None))
+        if -np.expm1(value - bound) <= gap:
+            break
+        keep = (weights > _NO_WEIGHT) | (gains > (1 - 0.2 * gap) * gains[weights > _NO_WEIGHT].max())
+        weights = np.where(keep, np.maximum(weights, _NO_WEIGHT), 0.0) / np.maximum(weights, _NO_WEIGHT)[keep].sum()
+        weights[keep] = _multiplied(each if keep.all() else each[keep], weights[keep], earlier, share)
+    return DesignCertificate(weights, value, bound)
+
+
+def _multiplied(each: Array, weights: Array, earlier: Array, share: float) -> Array:
+    """Update weights by ``w <- w d / sum(w d)`` (Titterington 1976), which raises the log det."""
+    for _ in range(_UPDATES):
+        gains = _gains_of(each, earlier + share * _weighted(each, weights, len(earlier)))
+        weights = weights * gains / (weights @ gains)
+    return weights
+
+
+def _rows_of(jacobian: Array) -> Array:
+    """Return J'J of each candidate ``(m, r, p)``, its upper half row by row, ``(m, p (p + 1) / 2)``.
+
+    Every update needs weighted sums of these matrices and their inner products with one other: with each stored as a
+    row, both are a product of a matrix with a vector.
+    """
+    m, _, p = jacobian.shape
+    rows, columns = _upper(p)
+    each = np.empty((m, len(rows)))
+    for first in range(0, m, _BLOCK):
+        part = jacobian[first : first + _BLOCK]
+        each[first : first + _BLOCK] = (part.swapaxes(1, 2) @ part)[:, rows, columns]
+    return each
+
+
+def _weighted(each: Array, weights: Array, p: int) -> Array:
+    """Return the sum of w J'J over candidates, ``(p, p)``."""
+    total = np.empty((p, p))
+    rows, columns = _upper(p)
+    total[rows, columns] = total[columns, rows] = weights @ each
+    return total
+
+
+@lru_cache(maxsize=8)
+def _upper(p: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    rows, columns = np.triu_indices(p)
+    return rows, columns
+
+
+def _gains_of(each: Array, information: Array) -> Array:
+    """Return d = tr(J M^-1 J') of each candidate, the inner product of J'J and M^-1, ``(m,)``."""
+    inverse = np.linalg.inv(information)
+    both = inverse + inverse.T
+    np.fill_diagonal(both, np.diag(inverse))
+    gains: Array = each @ both[_upper(len(both))]
+    return gains
+
+
+def _bound(value: float, gains: Array, weights: Array, share: float, alone: bool) -> float:
+    """Return the tangent's largest value; without earlier poses, the tighter one of the logarithm."""
+    if alone:
+        return value + float(np.log(gains.max()))
+    return value + share * float(gains.max() - weights @ gains)

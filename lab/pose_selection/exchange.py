@@ -2,15 +2,10 @@
 
 The arm is one function from joint positions ``(n, joints)`` to scaled (and mostly whitened) Jacobians ``(n, r, p)``,
 for any base set, with or without effects, and any instrument.
-
-The continuous D-optimal design bounds the efficiency of all designs: over weights w on the candidates, log det M(w)
-is concave, so its tangent bounds it everywhere, also for every exact design from these candidates (Kiefer & Wolfowitz
-1960).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import scipy  # its parts are loaded at their first use
@@ -23,11 +18,9 @@ from lab.pose_selection.own_criterion import PreparedCriterion
 
 __all__ = [
     "Design",
-    "DesignCertificate",
     "Feasible",
     "OneCriterion",
     "Sensitivity",
-    "certify",
     "climb",
     "exchange",
     "information",
@@ -417,117 +410,3 @@ def _proposed(joints: Array, aim: OneCriterion, lower: Array, upper: Array, tole
     )
     proposal: Array = solved.x.reshape(n, size)
     return proposal
-
-
-_MAX_ROUNDS, _UPDATES = 400, 50  # checks of all candidates, and updates of those with weight in between
-_VANISHED = 1e-9  # a smaller weight counts as zero
-_BLOCK = 500  # candidates whose whole matrices are in memory at a time
-
-
-@dataclass(frozen=True)
-class DesignCertificate:
-    """The best continuous design over a pool.
-
-    Attributes:
-        weights: ``(m,)``, summing to one.
-        log_det: of the information per pose at these weights.
-        bound: no design from the pool has a larger log det per pose.
-        parameters: p.
-    """
-
-    weights: Array
-    log_det: float
-    bound: float
-    parameters: int
-
-    @property
-    def gap(self) -> float:
-        """Bound of the loss of D-efficiency at these weights: 1 - exp(-(bound - log_det)/p)."""
-        return float(-np.expm1(-(self.bound - self.log_det) / self.parameters))
-
-    def efficiency(self, jacobian: Array) -> float:
-        """Return the certified D-efficiency of a design ``(n, r, p)``: (det(M/n) / bound)^(1/p), at most 1."""
-        flat = jacobian.reshape(-1, self.parameters)
-        sign, log_det = np.linalg.slogdet(flat.T @ flat / len(jacobian))
-        return float(np.exp((log_det - self.bound) / self.parameters)) if sign > 0 else 0.0
-
-
-def certify(
-    jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None, share: float = 1.0
-) -> DesignCertificate:
-    """Compute the continuous D-optimal design over candidates ``(m, r, p)``, by multiplicative updates.
-
-    Candidates whose weight vanishes are set aside and checked again; the bound is over all of them.
-
-    Args:
-        gap: stop at this gap of the D-efficiency.
-        measured: information ``(p, p)`` per pose of poses measured before, with weight 1 - share.
-        share: share of all poses that are still to be chosen.
-    """
-    m, _, p = jacobian.shape
-    earlier = np.zeros((p, p)) if measured is None else (1 - share) * measured
-    each, weights, bound = _information(jacobian), np.full(m, 1 / m), np.inf
-    for _ in range(_MAX_ROUNDS):
-        total = earlier + share * _weighted(each, weights, p)
-        gains = _gains(each, total)
-        log_det = float(np.linalg.slogdet(total)[1])
-        bound = min(bound, _bound(log_det, gains, weights, p, share, measured is None))
-        if -np.expm1(-(bound - log_det) / p) <= gap:
-            break
-        keep = (weights > _VANISHED) | (gains > (1 - 0.2 * gap) * gains[weights > _VANISHED].max())
-        weights = np.where(keep, np.maximum(weights, _VANISHED), 0.0) / np.maximum(weights, _VANISHED)[keep].sum()
-        weights[keep] = _multiplied(each if keep.all() else each[keep], weights[keep], earlier, share)
-    return DesignCertificate(weights, log_det, bound, p)
-
-
-def _multiplied(each: Array, weights: Array, earlier: Array, share: float) -> Array:
-    """Update weights by ``w <- w d / sum(w d)`` (Titterington 1976), which raises the log det."""
-    for _ in range(_UPDATES):
-        gains = _gains(each, earlier + share * _weighted(each, weights, len(earlier)))
-        weights = weights * gains / (weights @ gains)
-    return weights
-
-
-def _information(jacobian: Array) -> Array:
-    """Return J'J of each candidate ``(m, r, p)``, its upper half row by row, ``(m, p (p + 1) / 2)``.
-
-    Every update needs weighted sums of these matrices and their inner products with one other: with each stored as a
-    row, both are a product of a matrix with a vector.
-    """
-    m, _, p = jacobian.shape
-    rows, columns = _upper(p)
-    each = np.empty((m, len(rows)))
-    for first in range(0, m, _BLOCK):
-        part = jacobian[first : first + _BLOCK]
-        each[first : first + _BLOCK] = (part.swapaxes(1, 2) @ part)[:, rows, columns]
-    return each
-
-
-def _weighted(each: Array, weights: Array, p: int) -> Array:
-    """Return the sum of w J'J over candidates, ``(p, p)``."""
-    total = np.empty((p, p))
-    rows, columns = _upper(p)
-    total[rows, columns] = total[columns, rows] = weights @ each
-    return total
-
-
-@lru_cache(maxsize=8)
-def _upper(p: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    rows, columns = np.triu_indices(p)
-    return rows, columns
-
-
-def _gains(each: Array, information: Array) -> Array:
-    """Return d = tr(J M^-1 J') of each candidate, the inner product of J'J and M^-1, ``(m,)``."""
-    inverse = np.linalg.inv(information)
-    both = inverse + inverse.T
-    np.fill_diagonal(both, np.diag(inverse))
-    gains: Array = each @ both[_upper(len(both))]
-    return gains
-
-
-def _bound(log_det: float, gains: Array, weights: Array, p: int, share: float, alone: bool) -> float:
-    """Return the tangent's largest value; without earlier poses, the tighter one of the logarithm."""
-    if alone:
-        return log_det + p * float(np.log(gains.max() / p))
-    return log_det + share * float(gains.max() - weights @ gains)

@@ -56,7 +56,7 @@ from lab.options.option_groups import Effects
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
 from lab.planning.design_problem import pose_problem
 from lab.planning.design_search import best_design
-from lab.pose_selection.exchange import certify
+from lab.pose_selection.certificate import certify
 from lab.robots.load_robot import load_robot, load_virtual
 from lab.sensors.points import PointSensor
 from lab.simulation.candidate_poses import draw_candidates

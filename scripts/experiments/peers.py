@@ -31,7 +31,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.pose_selection.exchange import DesignCertificate, certify
+from lab.pose_selection.certificate import DesignCertificate, certify, d_value
 
 ROOT = Path(__file__).parents[2]
 FOLDER = Path(__file__).with_name("peers")
@@ -359,7 +359,10 @@ def judged(problems: Problems, topic: str, measure: str, answer: Array, of_the_l
     if topic == "select":
         rows = answer.astype(int)
         whole = len(set(rows.tolist())) == len(rows) == COUNT and set(rows.tolist()) <= set(range(POOL))
-        found = {"of_bound": problems.bound.efficiency(given["pool"][rows]) if whole else 0.0, "agrees": whole}
+        found = {
+            "of_bound": problems.bound.efficiency(d_value(given["pool"][rows]), len(rows)) if whole else 0.0,
+            "agrees": whole,
+        }
         if of_the_lab is not None:
             found["in_common"] = len(set(rows.tolist()) & set(of_the_lab.astype(int).tolist()))
         return found
