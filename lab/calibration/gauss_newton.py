@@ -31,7 +31,7 @@ _FIRST_POSES = 4_000  # of more than a block, on which a fit begins
 _SETTLED_BELOW = 100.0  # a condition up to which a converged fit takes no further steps
 _MAX_SETTLING = 8  # steps after convergence of a worse conditioned fit
 _PROBE = 0.1  # of a step, at which its curvature is looked for
-_MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order is not reliable
+_LARGEST_ACCELERATION = 0.75  # of a step's length, twice its acceleration: beyond, the second order is not reliable
 RANK_TOLERANCE = 1e-10  # of the largest singular value of the column-scaled Jacobian
 _ILL_CONDITIONED = 1e3  # a condition above which parameters are weakly observable
 
@@ -257,6 +257,7 @@ def fit(
     trace, damped, crawled = [here.cost], False, 0
     status: Status = "not converged"
     while True:
+        # the Gauss-Newton step, which ends the iteration where it moves the predicted points by less than the tolerance
         step = pseudo_inverse(here.triangle, RANK_TOLERANCE) @ here.right
         moved = float(np.linalg.norm(here.triangle @ step)) / metre
         values = here.moved(index, step)
@@ -266,15 +267,16 @@ def fit(
         if len(trace) > most_steps:
             values = here.values
             break
-        there = problem.lower(here, values) if damped else problem.at(values)
-        if damped := there is None or not there.cost < here.cost:
-            there, damping = _damped(problem, here, damping)
-        if there is None:  # nothing lowers it: rounding, if what is left to move is
+        # take it where it lowers the cost, else a damped one
+        ahead = problem.lower(here, values) if damped else problem.at(values)
+        if damped := ahead is None or not ahead.cost < here.cost:
+            ahead, damping = _damped(problem, here, damping)
+        if ahead is None:  # nothing lowers it: rounding, if what is left to move is
             values = here.values
             status = "converged" if moved < 1e3 * tolerance_m else "not converged"
             break
-        crawled = crawled + 1 if damped and here.cost - there.cost < _CRAWLED * here.cost else 0
-        here = there
+        crawled = crawled + 1 if damped and here.cost - ahead.cost < _CRAWLED * here.cost else 0
+        here = ahead
         trace.append(here.cost)
         if crawled == _STALLED:
             values, status = here.values, "in a valley"
@@ -414,12 +416,12 @@ def _damped(problem: _Problem, here: _State, damping: float) -> tuple[_State | N
     while damping <= _LARGEST_DAMPING:
         weight = 1 / (sizes**2 + damping * max(float(sizes[0]), 1e-300) ** 2)
         step = vt.T @ (weight * downhill)
-        ahead = problem.residual(here.moved(problem.index, _PROBE * step))
-        bend = -vt.T @ (weight * (vt @ problem.pull(here, step, ahead)))
-        if 2 * np.linalg.norm(bend) <= _MOST_BENT * np.linalg.norm(step):
-            there = problem.lower(here, here.moved(problem.index, step + bend / 2))
-            if there is not None:
-                return there, max(damping / 10, _LEAST_DAMPING)
+        probed = problem.residual(here.moved(problem.index, _PROBE * step))
+        acceleration = -vt.T @ (weight * (vt @ problem.pull(here, step, probed)))
+        if 2 * np.linalg.norm(acceleration) <= _LARGEST_ACCELERATION * np.linalg.norm(step):
+            ahead = problem.lower(here, here.moved(problem.index, step + acceleration / 2))
+            if ahead is not None:
+                return ahead, max(damping / 10, _LEAST_DAMPING)
         damping *= 10
     return None, _LEAST_DAMPING
 

@@ -322,6 +322,7 @@ def _estimated(
                 f"estimator '{estimator.name}': least squares leaves no residuals to estimate the noise; give "
                 f"{option_name('noise_mm')}"
             )
+    # the prior of the parameters, and the measurements in standard deviations of the noise
     free, information = list(plain.free), np.zeros((len(start), len(start)))
     if options.prior != "off":
         prior = prior_of(model, structure, nominal, options.tolerance, links_alone=options.prior == "auto")
@@ -539,10 +540,10 @@ def _identifiable(
     for some in (few, observed):
         parts = (model.observe(each.inputs, at)[1][each.seen].reshape(-1, len(model.names)) for each in some.blocks())
         rows = np.concatenate([next(parts) if some.in_one_block else triangle_of(parts), prior_rows])
-        found = independent_columns(rows, order)
-        if some is observed or len(found) == len(identifiable):
+        columns = independent_columns(rows, order)
+        if some is observed or len(columns) == len(identifiable):
             break
-    return found
+    return columns
 
 
 def _canonical(model: Model, solution: Fit) -> Fit:

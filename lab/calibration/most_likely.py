@@ -41,16 +41,19 @@ def most_likely_parameters(identification: Identification, nominal: Array, toler
     links = list(indices_of_groups(model.parameters, ["link"]))
     if set(structure.fixed_observable) & set(links):
         return identification.values
+    # the predictions to keep
     inputs = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
     wanted = model.points(inputs, identification.values)
     answered = np.isfinite(wanted).all(axis=(1, 2))
     inputs, wanted = inputs[answered], wanted[answered]
+    # the directions S B' in which they change, by the prior's covariance S
     sigma = standard_deviations(model, tolerance)
     sigma[[i for i in range(len(sigma)) if i not in links and np.isfinite(sigma[i])]] = 0.0
     sigma[np.isinf(sigma)] = _ANYWHERE
     directions = sigma[:, None] ** 2 * alias_matrix(structure, len(model.names)).T
     directions = directions[:, directions.any(axis=0)]
     directions /= np.linalg.norm(directions / np.where(sigma > 0, sigma, 1.0)[:, None], axis=0)
+    # Gauss-Newton on the predictions, from the nominal links
     values = identification.values.copy()
     values[links] = nominal[links]
 

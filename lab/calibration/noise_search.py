@@ -263,6 +263,7 @@ def outliers_among_fitted(
     Args:
         shape: of the noise, where it has no heavy tails.
     """
+    # a search that weighs each pose alone
     observation = observation_of(start.model)
     observations, sigma_given = weigh(observation, rows, noise)
     alone, extra = observations.pose_by_pose(), start.extra_residuals
@@ -281,6 +282,7 @@ def outliers_among_fitted(
             unweighted = joined(beside, start.prior.rows(LEAST_SIGMA_M))
             sigma = _sigma_without(searched(extra_residuals=unweighted, rng=rng_for(seed, "null"), shape=shape), alone)
         extra = joined(beside, start.prior.rows(sigma))
+    # with the tails that the noise has without them, where these are heavy
     search = partial(searched, extra_residuals=extra)
     found = search(rng=rng_for(seed, "null"), shape=shape)
     if not len(found.rows):

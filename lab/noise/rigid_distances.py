@@ -70,6 +70,7 @@ def instrument_noise(points: Array) -> CoordinateNoise | None:
     n, k = whole.shape[:2]
     if k < _LEAST_TARGETS or n < _LEAST_POSES:
         return None
+    # the distances d of pairs that determine all others, and their derivatives G by the errors
     pairs = [(0, 1), (0, 2), (1, 2), *((a, b) for b in range(3, k) for a in range(3))]
     apart = np.stack([whole[:, b] - whole[:, a] for a, b in pairs], axis=1)
     lengths = np.linalg.norm(apart, axis=2)
@@ -83,8 +84,10 @@ def instrument_noise(points: Array) -> CoordinateNoise | None:
     sizes = np.linalg.svd(slopes, compute_uv=False)
     if (sizes[:, -1] < _FLAT * sizes[:, 0]).any():
         return None
+    # whitened: d = c + G e of all poses, with constants c
     white = np.linalg.inv(np.linalg.cholesky(slopes @ np.swapaxes(slopes, 1, 2)))  # of rows: one unit of sigma
     numbers = (white @ lengths[..., None]).ravel()
+    # F test of constants that creep, and of targets that shift against each other
     along = np.linspace(-1, 1, n)[:, None, None]
     shifted = white @ slopes[..., 3:]  # all targets against the first, as by two instruments with frames of their own
     creeping = np.concatenate([along * white, shifted, along * shifted], axis=2)
@@ -92,6 +95,7 @@ def instrument_noise(points: Array) -> CoordinateNoise | None:
     squares, dof = _left(constant, numbers), len(numbers) - len(pairs)
     less, fewer = _left(np.concatenate([constant, moving], axis=1), numbers), dof - moving.shape[1]
     p = p_value_of_squares(max(squares - less, 0.0), moving.shape[1], fewer, max(less, 1e-300) / fewer)
+    # the noise, and its interval by chi squared
     high, low = np.sqrt(squares / chi2_ppf([0.025, 0.975], dof))
     return CoordinateNoise(float(np.sqrt(squares / dof)), float(low), float(high), dof, float(p))
 

@@ -147,6 +147,7 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
     Args:
         turning: ``(joints,)`` which joints are hinges.
     """
+    # some of the distinct poses
     observed, size = observed.thinned(_MAX_POSES), len(turning)
     labels = configurations(observed.inputs[:, :size])
     first = np.unique(labels, return_index=True)[1]
@@ -155,6 +156,7 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
         return Region("measured", _between_neighbours(observed.inputs[first], turning, rng))
     some = np.sort(rng.permutation(len(first))[:_REGION_POSES])
     inputs = observed.inputs[first[some]]
+    # derivatives of the first target by the fitted parameters
     anew = slopes_placed_anew(found, inputs)
     if not observation_of(found.model).positions:
         if anew is None or not anew.reached.all():
@@ -162,16 +164,16 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
         slopes = anew.by_free
     else:
         slopes = of_first_targets(found.model, found.model.observe(inputs, found.values)[1])[..., list(found.fit.free)]
+    # the rows Q_i of each pose in an orthonormal basis of the fit, and its target's P_i
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals).by_cluster(labels)
     whole = linear.everywhere()
-    own = linear.jacobian[some] @ whole.directions  # (n, m, rank) Q_i
-    slopes = slopes.reshape(len(inputs), -1, slopes.shape[-1])
-    there = slopes / linear.scale @ whole.directions
-    left = np.eye(own.shape[1]) - own @ np.swapaxes(own, 1, 2)
-    spread, axes = np.linalg.eigh(left)
-    turned = np.swapaxes(axes, 1, 2) @ own @ np.swapaxes(there, 1, 2)  # its own leverage
-    more = ((turned**2).sum(axis=2) / np.maximum(spread, _LEAST_LEFT)).sum(axis=1)
-    return Region("measured", inputs, np.asarray(1 + more / np.maximum((there**2).sum(axis=(1, 2)), 1e-300)))
+    Q = linear.jacobian[some] @ whole.directions  # (n, m, rank)
+    P = slopes.reshape(len(inputs), -1, slopes.shape[-1]) / linear.scale @ whole.directions  # (n, 3, rank)
+    # without the pose the variance P_i P_i' grows by P_i Q_i' (I - Q_i Q_i')^-1 Q_i P_i'
+    left_over, axes = np.linalg.eigh(np.eye(Q.shape[1]) - Q @ np.swapaxes(Q, 1, 2))
+    turned = np.swapaxes(axes, 1, 2) @ Q @ np.swapaxes(P, 1, 2)
+    growth = ((turned**2).sum(axis=2) / np.maximum(left_over, _LEAST_LEFT)).sum(axis=1)
+    return Region("measured", inputs, np.asarray(1 + growth / np.maximum((P**2).sum(axis=(1, 2)), 1e-300)))
 
 
 def _between_neighbours(inputs: Array, turning: NDArray[np.bool_], rng: np.random.Generator) -> Array:
@@ -244,24 +246,27 @@ def region_of_points(
         inputs = inputs[some]
     (arm, width), size = _points_of(model, inputs.shape[1]), joints.size
     values = values[: len(arm.names)]
-    there = arm.points(inputs[:, :width], values)[:, 0]
-    inputs, there = inputs[np.isfinite(there).all(axis=1)], there[np.isfinite(there).all(axis=1)]
-    nearest = ((points[:, None] - there) ** 2).sum(axis=2).argmin(axis=1)
-    found = inputs[nearest].copy()
-    distance = points - arm.points(found[:, :width], values)[:, 0]
+    # begin at the measured pose whose target is nearest
+    measured = arm.points(inputs[:, :width], values)[:, 0]
+    possible = np.isfinite(measured).all(axis=1)
+    inputs, measured = inputs[possible], measured[possible]
+    nearest = ((points[:, None] - measured) ** 2).sum(axis=2).argmin(axis=1)
+    poses = inputs[nearest].copy()
+    distance = points - arm.points(poses[:, :width], values)[:, 0]
+    # damped Newton steps of the joints, of bounded length
     for _ in range(_STEPS):
-        slopes = by_joint_positions(arm, found[:, :width], values, size)[:, 0]
+        slopes = by_joint_positions(arm, poses[:, :width], values, size)[:, 0]
         square = slopes @ np.swapaxes(slopes, 1, 2)
         damping = _DAMPING * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
         step = (np.swapaxes(slopes, 1, 2) @ np.linalg.solve(square + damping, distance[..., None]))[..., 0]
         longest = np.abs(step).max(axis=1, keepdims=True)
-        found[:, :size] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-300))
-        distance = points - arm.points(found[:, :width], values)[:, 0]
+        poses[:, :size] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-300))
+        distance = points - arm.points(poses[:, :width], values)[:, 0]
         if np.nanmax(np.abs(distance), initial=0.0) < _REACHED:
             break
-    reached = (np.abs(distance) < _REACHED).all(axis=1) & ~joints.beyond_limits(found[:, :size], _REACHED).any(axis=1)
+    reached = (np.abs(distance) < _REACHED).all(axis=1) & ~joints.beyond_limits(poses[:, :size], _REACHED).any(axis=1)
     if not reached.any():
         raise LabError(
             f"{name}: the arm reaches none of its {len(points)} points near the measured poses; name another"
         )
-    return Region(kind, found[reached], reached=np.asarray(reached))
+    return Region(kind, poses[reached], reached=np.asarray(reached))

@@ -500,12 +500,14 @@ def bounds_at(
         inputs = rows.inputs(found.model.conditions)
     except LabError:  # exact points of a virtual arm have no measured orientation
         return None
+    # the errors beside the predicted ones
     lengths = errors.after[:, :positions]
     noise = validation.judged_by != "fresh"
     predicted = predicted_errors_at(found, left, inputs, measured, noise=noise, tolerance=tolerance)
     both = np.isfinite(lengths) & np.isfinite(predicted.lengths_95)
     if not both.any():
         return None
+    # the share inside, with its interval by poses (Clopper & Pearson 1934)
     inside = (lengths <= predicted.lengths_95)[both]
     clusters = len(np.unique(configurations(rows.joints[both.any(axis=1)])))
     share = float(inside.mean())

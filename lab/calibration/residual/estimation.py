@@ -304,6 +304,7 @@ def with_residual(found: Identification, data: Measurements, estimated: JointPro
     if 3 * int(_seen_at_poses(data_used).sum()) - len(found.fit.free) < _LEAST_SPARE:
         count = len(_seen_at_poses(data))
         raise LabError(f"{count} distinct poses are too few for the group residual; measure more, or leave it out")
+    # the variances of noise and offsets
     rows = _Rows.of(found, data_used)
     if estimated is None:
         known = found.sigma_m**2 if found.sigma_given else None
@@ -311,6 +312,7 @@ def with_residual(found: Identification, data: Measurements, estimated: JointPro
         variances, errors, p = _variances((rows if some is None else rows.take(some)).reduced(), known)
     else:
         variances, errors, p = estimated.variances, estimated.errors, estimated.p
+    # the parameters beside the process, and the process beside them
     values, covariance, weights, poses = _beside(found, data_used, rows, variances)
     factor = _factor(rows, variances, poses) if estimated is None else estimated.factor
     inputs = data_used.inputs(model.conditions)
@@ -415,20 +417,23 @@ def _likeliest(numbers: _Numbers, known: float | None, count: int) -> tuple[Arra
     def settled(first: Array, second: Array) -> bool:
         return bool(np.abs(np.sqrt(first * mean) - np.sqrt(second * mean)).max() < _SETTLED * np.sqrt(whole))
 
+    # begin with equal shares of the residuals
     sizes = whole / (count * mean)
     if known is not None:
         sizes[0] = known
     for _ in range(_CYCLES):
+        # two fixed-point steps
         first, deviance = step(sizes)
         if settled(first, sizes):
             return sizes, deviance
         second, deviance_first = step(first)
         if settled(second, first):
             return first, deviance_first
-        change, bend = np.log(first / sizes), np.log(second / first) - np.log(first / sizes)
-        ratio = float(np.linalg.norm(change)) / max(float(np.linalg.norm(bend)), 1e-300)
+        # their extrapolation, taken where it is likelier
+        change, second_change = np.log(first / sizes), np.log(second / first) - np.log(first / sizes)
+        ratio = float(np.linalg.norm(change)) / max(float(np.linalg.norm(second_change)), 1e-300)
         length = min(max(ratio, 1.0), _LONGEST)
-        far = np.clip(sizes * np.exp(2 * length * change + length**2 * bend), least, whole / mean)
+        far = np.clip(sizes * np.exp(2 * length * change + length**2 * second_change), least, whole / mean)
         if known is not None:
             far[0] = known
         again, deviance_far = step(far)

@@ -361,16 +361,20 @@ class FullModel:
     @classmethod
     def of(cls, task: SelectionTask, groups: Sequence[str], alone: Identification, seed: int) -> "FullModel":
         """Build the full model, linearized with the base and the tool of geometry alone."""
+        # the model with all groups, and its measurements
         made = task.model_with(groups)
         observation = observation_of(made).within(task.data)
         model, start = observation.model, observation.nominal(task.nominal_of(made))
         observed, known = weigh(observation, task.data, task.noise)
+        # its Jacobian at the nominal arm, anywhere and at the measured poses
         at = model.rank_point(_filled(start, model, alone.model, alone.nominal_aligned))
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
         structure, measured = (model.observe(inputs, at)[1] for inputs in (anywhere, observed.inputs))
         extra_residuals = observation.extra_residuals(at)[1]
+        # the parameters of each group
         fixed = named(model.names, option_name("fix"), task.options.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
+        # what is known beside the measurements
         clusters, sigma = cv_groups_of(made, task.data), 1.0 if known else alone.sigma_m
         prior = weighted_constraints(observation, observed)
         if task.options.prior == "on":
@@ -411,12 +415,14 @@ class FullModel:
 
     def around(self, found: Identification) -> NestedModels:
         """Return all nested models near an identified one."""
+        # the parameters that some nested model fits, and where the others are fixed
         observation, observed = self.observation, self.observed
         values = _filled(self.start, observation.model, found.model, found.values)
         effects = [i for group in self.groups.values() for i in group]
         columns = sorted({*self.fitted(found), *effects})
         nominal = np.array([self.start[i] if i in effects else values[i] for i in columns])
         count = int(self.folds.max()) + 1
+        # whitened derivatives and, last, residuals, in unit columns
         predicted, jacobian = observation.model.observe(observed.inputs, values)
         both = np.concatenate([jacobian[..., columns], (observed.points - predicted)[..., None]], axis=3)
         rows, mask = observed.apply(both), observed.seen
@@ -424,6 +430,7 @@ class FullModel:
         scale[scale == 0] = 1.0
         residual, slopes = self.extra_residuals(values)
         beside = np.column_stack([slopes[:, columns], residual]) / scale
+        # triangles of each fold's rows, and the rows themselves in m, which the other folds predict
         fold = np.repeat(self.folds[np.nonzero(mask)[0]], observed.points.shape[2])
         parts = [_triangle([rows[fold == f] / scale]) for f in range(count)]
         in_m = (both / observation.units[:, None, None])[:, : observation.positions or None]

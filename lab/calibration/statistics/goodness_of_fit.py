@@ -239,11 +239,13 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Check:
     degrees of freedom are those of an F with that variance (Satterthwaite 1946).
     """
     linear = linearized(model, observed, fit.values, fit.free)
+    # A r: residuals along the line of sight
     within = linear.everywhere()
     shape = observed.points.shape
     distance = np.linalg.norm(observed.points, axis=2, keepdims=True)
     sight = np.nan_to_num(observed.points / np.maximum(distance, 1e-300))  # a point at the head has no line
     along = (linear.residual.reshape(shape) * sight).sum(axis=2)
+    # tr AM and tr (I - A) M
     rank = within.directions.shape[1]
     taken = np.zeros((rank, rank))
     for part, basis in within.basis():
@@ -254,10 +256,11 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Check:
     second = within.dof - first
     if min(first, second) < 1:
         return Check("isotropy", "not tested", level=UNSOLICITED_WARNING)
-    own = count - 2 * float(np.trace(taken)) + float((taken**2).sum())  # tr (AM)^2
-    shared = first - own
-    other = within.dof - own - 2 * shared
-    variance = own / first**2 + other / second**2 - 2 * shared / (first * second)
+    # the variance of the log of their quotient, and the F with that variance
+    along_square = count - 2 * float(np.trace(taken)) + float((taken**2).sum())  # tr (AM)^2
+    mixed = first - along_square
+    across_square = within.dof - along_square - 2 * mixed
+    variance = along_square / first**2 + across_square / second**2 - 2 * mixed / (first * second)
     gain = (1 / first + 1 / second) / variance
     inner, total = float((along**2).sum()), float((linear.residual**2).sum())
     square = (total - inner) / second / max(inner / first, 1e-300)
@@ -291,11 +294,11 @@ def sandwich(linear: LinearizedFit) -> _Sandwich:
     meat, inner, cross = np.zeros((rank, rank)), np.zeros((numbers, rank, rank)), np.zeros(numbers)
     sums = np.zeros((2, numbers))
     for part, basis in within.basis():
-        bent = within.root[part] @ basis  # (n, m, f) A_i Q_i
-        scores = np.einsum("nmf,nm->nf", bent, linear.residual[part])
+        adjusted = within.root[part] @ basis  # (n, m, f) A_i Q_i
+        scores = np.einsum("nmf,nm->nf", adjusted, linear.residual[part])
         meat += scores.T @ scores
         for j, row in enumerate(within.back):
-            pulls = bent @ row  # (n, m) u_i, of which tr and tr of the square of diag(u_i'u_i) - S S' are needed
+            pulls = adjusted @ row  # (n, m) u_i, of which tr and tr of the square of diag(u_i'u_i) - S S' are needed
             own, shared = (pulls**2).sum(axis=1), np.einsum("nmf,nm->nf", basis, pulls)
             inner[j] += shared.T @ shared
             cross[j] += own @ (shared**2).sum(axis=1)
@@ -440,6 +443,7 @@ def with_intervals_between_poses(
     count = int(labels.max(initial=-1)) + 1
     if len(labels) < _READINGS * count or found.sigma_m < LEAST_SIGMA_M:
         return found, []
+    # squares of the combinations of each pose's residuals that follow the parameters
     linear = linearized(found.model, observations, found.values, found.fit.free, found.extra_residuals)
     between, combinations = 0.0, 0
     order = np.argsort(labels, kind="stable")
@@ -449,6 +453,7 @@ def with_intervals_between_poses(
         basis = basis[:, sizes > _FOLLOWED * sizes[0]]
         between += float(((basis.T @ linear.residual[rows][seen]) ** 2).sum())
         combinations += basis.shape[1]
+    # F test of these against all others
     total, numbers = float((linear.residual[: linear.poses] ** 2).sum()), int(linear.mask[: linear.poses].sum())
     dof, within = combinations - len(found.fit.free), numbers - combinations
     if dof < _FEWEST or within < _FEWEST:
@@ -457,6 +462,7 @@ def with_intervals_between_poses(
     p = float(f_sf(ratio, dof, within))
     if p >= VARIANCE_COMPONENTS:
         return found, []
+    # intervals by poses, or by the variance between them where these are few
     clustered = count > len(found.fit.free)
     data = {"poses": count, "clustered": clustered}
     check = Check("intervals.between_poses", "failed", float(np.sqrt(ratio)), p, VARIANCE_COMPONENTS, data)

@@ -152,9 +152,11 @@ class LinearizedFit:
 
     def within(self, inside: Mask) -> "SubsetFit":
         """Least squares on the poses ``inside`` ``(n,)``."""
+        # the fit of the poses inside: its directions Q = J B
         rows = (np.where(inside[part, None, None], self.jacobian[part], 0.0) for part in self.blocks())
         triangle = triangle_of(each.reshape(-1, len(self.scale)) for each in rows)
         model = LinearModel.of(triangle, FULL_RANK, scaled=True)
+        # the roots (I -+ H_ii)^-1/2 of each pose, and how many of its numbers the others predict
         numbers = self.mask.shape[1]
         root, count = np.empty((len(inside), numbers, numbers)), self.mask.sum(axis=1)
         for part, basis in self.basis(model.back):
