@@ -215,7 +215,7 @@ def test_what_cannot_be_certified_is_refused_in_a_line(here: Path, capsys, tmp_p
         ("known", "--tolerance-mm", "0"): "--tolerance-mm 0: give a number above zero",
         ("known", "--details", "tracker.toml"): "unknown; valid are [certificate]",
         ("known", "--instrument", "details.toml"): "unknown; there are name, noise",
-        ("known", "--instrument", "ruler"): "instrument 'ruler' is unknown",
+        ("known", "--instrument", "ruler"): "--instrument ruler: unknown",
         ("known", "--out", "known"): "an input of this run",
     }
     for asked, said in cases.items():
