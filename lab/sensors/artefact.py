@@ -266,27 +266,34 @@ class ArtefactSensor(FixtureSensor):
         """
         names, known = self.known(data)
         labels = labels_by_location(data, self.model.group, self.rows(data))
+        rows = [tuple(row) for row in known.tolist()]
         stated: dict[tuple[str, str], tuple[float, ...]] = {}
-        for row, (label, name) in enumerate(zip(labels, names, strict=True)):
-            own = tuple(known[row].tolist())
-            if name and data.use[row] != "skip" and stated.setdefault((label, name), own) != own:
+        for row, feature in enumerate(zip(labels, names, strict=True)):
+            if not feature[1] or data.use[row] == "skip":
+                continue
+            if stated.setdefault(feature, rows[row]) != rows[row]:
                 raise LabError(
-                    f"{data.where(row)}: {self.model.group} {label} has other dimensions at {name} than in a row "
-                    "before; mend it, or name another location"
+                    f"{data.where(row)}: {self.model.group} {feature[0]} has other dimensions at {feature[1]} than in "
+                    "a row before; mend it, or name another location"
                 )
         features = tuple(dict.fromkeys(stated.values()))
-        number = np.array([features.index(f) if (f := tuple(row)) in features else 0 for row in known.tolist()], float)
+        index = {feature: float(i) for i, feature in enumerate(features)}
+        number = np.array([index.get(row, 0.0) for row in rows])
         data = replace(data, conditions={**data.conditions, FEATURE: number})
         model, seen = super().observation(arm, data, nominal)
         assert isinstance(model, Artefact)
         model = replace(model, features=features, touched=_pairs(seen))
-        for fixture, label in zip(model.numbers, model.labels, strict=True):
-            used = np.array([features[feature] for at, feature in model.touched if at == fixture])
-            if lacks := self.undetermined(used):
-                raise LabError(f"{self.model.group} {label or 'of the file'}: {lacks}")
+        self._refuse_undetermined(model)
         if self.u_m is not None:
             model = replace(model, prior_m=(self.noise_m or _EXACT_M) * model.size_m / self.u_m)
         return model, seen
+
+    def _refuse_undetermined(self, model: Artefact) -> None:
+        """Refuse an artefact whose pose the touched features do not determine."""
+        for fixture, label in zip(model.numbers, model.labels, strict=True):
+            used = np.array([model.features[feature] for at, feature in model.touched if at == fixture])
+            if lacks := self.undetermined(used):
+                raise LabError(f"{self.model.group} {label or 'of the file'}: {lacks}")
 
     def balanced(self, model: Model, data: Measurements, nominal: Array, options: FitOptions) -> Model:
         """Return the model with the artefact's uncertainty weighed against the residuals, where no noise was given."""

@@ -22,7 +22,7 @@ from lab.calibration.sensor import SensorTerms
 from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.errors import LabError, option_name
-from lab.core.measurements import FIXTURE, Measurements
+from lab.core.measurements import FIXTURE, Measurements, joined
 from lab.core.se3 import Array
 from lab.core.units import MM, Unit
 from lab.formats.measurement_csv import ObservedColumns
@@ -384,10 +384,10 @@ class CombinedSensor(VirtualSensor):
         of_points = [kind for kind in cls.combines if kind.in_instrument_frame]
         owner = of_points[0] if of_points else cls.combines[0]
         parts = tuple(kind.configured(options, fit if kind is owner else others) for kind in cls.combines)
-        sigmas = [_given_m(part, fit.noise_mm) for part in parts]
-        known = [sigma for sigma in sigmas if sigma is not None]
-        ratios = tuple(sigma / known[0] for sigma in known) if len(known) == len(parts) else None
-        return cls(parts, ratios, sigmas[0] if ratios is not None else None)
+        sigmas = [sigma for part in parts if (sigma := _given_m(part, fit.noise_mm)) is not None]
+        if len(sigmas) < len(parts):
+            return cls(parts)
+        return cls(parts, tuple(sigma / sigmas[0] for sigma in sigmas), sigmas[0])
 
     def targets(self, data: Measurements) -> tuple[str, ...]:
         """Return the targets that some sensor needs."""
@@ -588,25 +588,10 @@ def _rescaled(model: Combined, changes: Array, sigma: float) -> Combined:
 
 
 def _below(tables: list[Measurements]) -> Measurements:
-    """Return the rows of several tables below each other, each with its own columns."""
-    count = sum(map(len, tables))
+    """Return the rows of several tables below each other, measured one after the other."""
     targets = tuple(dict.fromkeys(target for table in tables for target in table.targets))
-    texts = dict.fromkeys(name for table in tables for name in table.other)
-    numbers = dict.fromkeys(name for table in tables for name in table.conditions)
-    return Measurements(
-        tables[0].joint_names,
-        np.concatenate([table.joints for table in tables]),
-        targets,
-        np.concatenate([_with_targets(table, targets).points for table in tables]),
-        tuple(map(str, range(count))),
-        tuple(use for table in tables for use in table.use),
-        tuple(name for table in tables for name in table.sessions),
-        np.concatenate([table.sigma_m for table in tables]),
-        {name: tuple(c for t in tables for c in t.other.get(name, ("",) * len(t))) for name in texts},
-        conditions={
-            name: np.concatenate([t.conditions.get(name, np.full(len(t), np.nan)) for t in tables]) for name in numbers
-        },
-    )
+    rows = joined([_with_targets(table, targets) for table in tables])
+    return replace(rows, ids=tuple(map(str, range(len(rows)))), visits=None)
 
 
 def combined_sensor(names: tuple[str, ...]) -> type[CombinedSensor]:
@@ -625,27 +610,13 @@ def _combined(names: tuple[str, ...], kinds: tuple[type[VirtualSensor], ...]) ->
     if {"points", "pose"} <= set(names):
         raise LabError(f"{option_name('observe')} {JOINED.join(names)}: poses hold the points too; leave points out")
     kinds = tuple(sorted(kinds, key=lambda kind: not kind.in_instrument_frame))
-    terms, columns = [kind.terms for kind in kinds], [kind.columns for kind in kinds]
     in_frame = any(kind.in_instrument_frame for kind in kinds)
     own = {
         "__module__": __name__,
         "name": JOINED.join(names),
         "combines": kinds,
-        "terms": SensorTerms(
-            measured=_listed([each.measured for each in terms]),
-            reading=" or ".join(each.reading for each in terms),
-            error="error",
-            placed=_listed(list(dict.fromkeys(each.placed for each in terms))),
-            names_targets=False,
-            unit=terms[0].unit,
-        ),
-        "columns": ObservedColumns(
-            positions=in_frame,
-            orientations=any(each.orientations for each in columns),
-            numbers=tuple(dict.fromkeys(name for each in columns for name in each.numbers)),
-            texts=tuple(dict.fromkeys(name for each in columns for name in each.texts)),
-            observed=JOINED.join(names),
-        ),
+        "terms": _joined_terms([kind.terms for kind in kinds]),
+        "columns": _joined_columns([kind.columns for kind in kinds], JOINED.join(names)),
         "in_instrument_frame": in_frame,
         "mistakes": ("unit", "signs") if in_frame else (),
         "read_by": kinds[0].read_by or kinds[0].name,
@@ -654,6 +625,27 @@ def _combined(names: tuple[str, ...], kinds: tuple[type[VirtualSensor], ...]) ->
         "finds_poses": any(kind.finds_poses for kind in kinds),
     }
     return type("CombinedSensor", (CombinedSensor,), own)
+
+
+def _joined_terms(terms: list[SensorTerms]) -> SensorTerms:
+    return SensorTerms(
+        measured=_listed([own.measured for own in terms]),
+        reading=" or ".join(own.reading for own in terms),
+        error="error",
+        placed=_listed(list(dict.fromkeys(own.placed for own in terms))),
+        names_targets=False,
+        unit=terms[0].unit,
+    )
+
+
+def _joined_columns(columns: list[ObservedColumns], observed: str) -> ObservedColumns:
+    return ObservedColumns(
+        positions=any(own.positions for own in columns),
+        orientations=any(own.orientations for own in columns),
+        numbers=tuple(dict.fromkeys(name for own in columns for name in own.numbers)),
+        texts=tuple(dict.fromkeys(name for own in columns for name in own.texts)),
+        observed=observed,
+    )
 
 
 def _listed(words: list[str]) -> str:

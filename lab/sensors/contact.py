@@ -112,8 +112,7 @@ class FixtureSimulation:
                 f"{option_name('observe')} points or pose"
             )
         effects = robot.effects
-        moving = any(isinstance(part, TrackerMotion) and part.motion.any() for part in effects.parts)
-        if moving or any(isinstance(part, ShapesNoise) and part.is_of_a_tracker for part in effects.parts):
+        if any(map(_is_of_a_tracker, effects.parts)):
             raise LabError(
                 "drift, bumps and steps are of a tracker, and this kind of observation has none: leave them out"
             )
@@ -265,6 +264,12 @@ class FixtureSimulation:
         if contacts.sessions:
             data = replace(data, sessions=contacts.sessions)
         return SimulatedReadings(data, self.bad, contacts.placed)
+
+
+def _is_of_a_tracker(effect: object) -> bool:
+    if isinstance(effect, TrackerMotion) and effect.motion.any():
+        return True
+    return isinstance(effect, ShapesNoise) and effect.is_of_a_tracker
 
 
 def _unit(vectors: Array) -> Array:

@@ -456,10 +456,12 @@ class FixtureSensor(VirtualSensor, ABC):
             )
         (names, observed), kind = self.fixture_rows(data), self.model_of(data)
         measured = np.asarray(np.isfinite(observed).all(axis=1))
-        labels = list(dict.fromkeys(name for name, there in zip(names, measured.tolist(), strict=True) if there))
-        number = np.array([labels.index(name) if name in labels else -1 for name in names])
-        counts = np.array([int((measured & (number == i)).sum()) for i in range(len(labels))])
-        few = [i for i in range(len(labels)) if counts[i] < kind.least_rows]
+        # number the fixtures with readings in the order of their first rows; the others are -1
+        labels = list(dict.fromkeys(names[row] for row in np.flatnonzero(measured)))
+        index = {label: i for i, label in enumerate(labels)}
+        number = np.array([index.get(name, -1) for name in names])
+        counts = np.bincount(number[measured], minlength=len(labels))
+        few = np.flatnonzero(counts < kind.least_rows).tolist()
         if len(few) == len(labels):
             most = int(counts.max(initial=0))
             raise LabError(
@@ -471,7 +473,7 @@ class FixtureSensor(VirtualSensor, ABC):
             "that say anything of the arm: left out"
             for i in few
         )
-        numbers = tuple(i for i in range(len(labels)) if i not in few)
+        numbers = tuple(np.flatnonzero(counts >= kind.least_rows).tolist())
         model = self.fixtures(kind, arm, np.asarray(nominal), numbers, tuple(labels[i] for i in numbers))
         full = replace(
             data,

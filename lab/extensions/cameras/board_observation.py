@@ -4,6 +4,7 @@ Each row is one corner as one camera sees it at one pose of the arm. Cameras and
 is the frame of the instrument beside measured points and that of the base without, or in the frame of a tip of the arm.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -232,6 +233,19 @@ class Pixels:
         return _Start(self, observed, values).found()
 
 
+def _frames_of_tips(model: Pixels, inputs: Array, values: Array, *, rates: bool) -> dict[int, tuple[Array, ...]]:
+    """Return the frames of the tips that carry cameras or boards, by the number of their target."""
+    mounts = {part.mount for part in (*model.cameras, *model.boards) if part.mount is not None}
+    own = values[: len(model.arm.names)]
+    return {mount: _frames(model.arm, inputs, own, mount, rates=rates) for mount in sorted(mounts)}
+
+
+def _placed(parts: Sequence[_Part], index: NDArray[np.int_], values: Array) -> tuple[Array, Array]:
+    """Return place ``(n, 3)`` and rotation ``(n, 3, 3)``, in what carries it, of each row's camera or board."""
+    poses = [_pose_of(values, part) for part in parts]
+    return np.stack([place for place, _, _ in poses])[index], np.stack([turn for _, turn, _ in poses])[index]
+
+
 def _further(part: Camera | Board) -> tuple[Parameter, ...]:
     """Return the parameters of a camera or a board beside its pose."""
     if isinstance(part, Board):
@@ -288,35 +302,30 @@ class _SeenCorners:
     @staticmethod
     def of(model: Pixels, inputs: Array, values: Array, *, rates: bool) -> "_SeenCorners":
         """Place all at the rows' poses."""
-        size = len(model.arm.names)
         index = model.rig.parts(inputs[:, -1].real.astype(np.int_))
-        camera, board = (_positions(own, each) for own, each in zip(model.seen, index[:2], strict=True))
+        camera, board = (_positions(own, numbers) for own, numbers in zip(model.seen, index[:2], strict=True))
         first, poses = _runs(inputs[:, :-1])
-        mounts = {part.mount for part in (*model.cameras, *model.boards)} - {None}
-        frames = {
-            mount: _frames(model.arm, inputs[first, :-1], values[:size], mount, rates=rates)
-            for mount in sorted(m for m in mounts if m is not None)
-        }
-        boards = [_pose_of(values, part) for part in model.boards]
+        frames = _frames_of_tips(model, inputs[first, :-1], values, rates=rates)
+        # corners in the frame of their board, and in what carries it
         scales = np.array([1.0 + values[part.rest].sum() for part in model.boards])
-        cameras = [_pose_of(values, part) for part in model.cameras]
         corners = np.concatenate([_corners(part) for part in model.boards])
         starts = np.cumsum([0, *(len(_corners(part)) for part in model.boards)])[:-1]
         corner = corners[starts[board] + index[2]] * scales[board, None]
-        turn_board = np.stack([rotation for _, rotation, _ in boards])[board]
+        place_board, turn_board = _placed(model.boards, board, values)
         on_board = _turned(turn_board, corner)
-        at_board = on_board + np.stack([place for place, _, _ in boards])[board]
+        at_board = on_board + place_board
+        # in the world
         world = at_board.copy()
         for rows, mount in _by_mount(model.boards, board):
-            origin, rotation = (each[poses[rows]] for each in frames[mount][:2])
+            origin, rotation = (part[poses[rows]] for part in frames[mount][:2])
             world[rows] = origin + _turned(rotation, at_board[rows])
+        # in what carries the camera, and in the camera
         at_camera = world.copy()
         for rows, mount in _by_mount(model.cameras, camera):
-            origin, rotation = (each[poses[rows]] for each in frames[mount][:2])
+            origin, rotation = (part[poses[rows]] for part in frames[mount][:2])
             at_camera[rows] = _turned(np.swapaxes(rotation, 1, 2), world[rows] - origin)
-        turn_camera = np.stack([rotation for _, rotation, _ in cameras])[camera]
-        from_camera = at_camera - np.stack([place for place, _, _ in cameras])[camera]
-        in_camera = _turned(np.swapaxes(turn_camera, 1, 2), from_camera)
+        place_camera, turn_camera = _placed(model.cameras, camera, values)
+        in_camera = _turned(np.swapaxes(turn_camera, 1, 2), at_camera - place_camera)
         intrinsics = np.stack([_intrinsics(part, values) for part in model.cameras])[camera]
         places, by_point, by_intrinsics = projected(in_camera, intrinsics)
         return _SeenCorners(

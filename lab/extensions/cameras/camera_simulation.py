@@ -278,6 +278,7 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     scattering, failing, shaping, placing, missing = rng.spawn(5)
     targets = tuple(dict.fromkeys((*poses.targets, *rig.targets)))
     nominal = CameraArm(real.robot, real.T_world_tracker, targets)
+    # cameras and boards that the nominal arm sees, and the true arm's pose at each picture
     placed = drawn_scene(rig, nominal, placing)
     for _ in range(_SCENES):
         if placed.shows(nominal):
@@ -288,26 +289,8 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     scatter = real.effects.scatter(len(joints), scattering)
     tips = _true_tips(real, joints, targets, conditions, scatter)
     there = replace(nominal, robot=replace(real.robot, model=real.model))
-    rows, cells, places, depth = list[NDArray[np.int_]](), list[NDArray[np.int_]](), list[Array](), list[Array]()
-    for camera in range(len(rig.cameras)):
-        for board, plate in enumerate(rig.boards):
-            exact, inside, corners, origins = placed.visible(camera, board, there, joints, tips)
-            inside &= missing.random(inside.shape) >= scene.missed
-            inside &= (inside.sum(axis=1) >= scene.corners)[:, None]
-            row, corner = np.nonzero(inside)
-            rows.append(row)
-            cells.append(np.column_stack([np.full_like(row, camera), np.full_like(row, board), corner]))
-            places.append(exact[row, corner])
-            depth.append(np.linalg.norm(corners[row, corner] - origins[row], axis=1))
-            assert len(plate) >= corner.max(initial=0)
-    row, cell = np.concatenate(rows), np.concatenate(cells)
-    if not len(row):
-        raise LabError(
-            f"{option_name('observe')} pixels: no camera sees {scene.corners} corners of a board in any pose"
-        )
-    order = np.lexsort((cell[:, 2], cell[:, 1], cell[:, 0], row))
-    row, cell = row[order], cell[order]
-    distance = np.concatenate(depth)[order]
+    row, cell, exact, distance = _seen_corners(placed, there, joints, tips, missing)
+    # noise, wrong corners, and what displaces the point of the tool
     noise = corner_noise_px(scene, distance)
     if poses.instrument.kind == "exact":
         noise = np.zeros_like(noise)
@@ -318,7 +301,7 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     displaced, bad = real.effects.displacements(len(row), failing)
     focal = np.array([PX.to_si(camera.focal_px[0]) for camera in rig.cameras])
     errors += displaced[:, :2] * (focal[cell[:, 0]] / distance)[:, None]
-    found = PX.of(np.concatenate(places)[order] + errors)
+    shown_px = PX.of(exact + errors)
     data = measured(real.robot.chain.joint_names, real.effects.shown(joints)[row], (), np.empty((len(row), 0, 3)))
     names = [[part.name for part in parts] for parts in (rig.cameras, rig.boards)]
     texts = {
@@ -327,8 +310,44 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
         "corner": tuple(map(str, cell[:, 2].tolist())),
     }
     numbers = {name: column[row] for name, column in conditions.items()}
-    numbers |= {"u_px": found[:, 0], "v_px": found[:, 1]}
+    numbers |= {"u_px": shown_px[:, 0], "v_px": shown_px[:, 1]}
     return SimulatedReadings(replace(data, other=texts, conditions=numbers), bad | wrong, placed.placed)
+
+
+def _seen_corners(
+    placed: CameraScene, arm: CameraArm, joints: Array, tips: Array, missing: np.random.Generator
+) -> tuple[NDArray[np.int_], NDArray[np.int_], Array, Array]:
+    """Return the corners in the pictures of all cameras, in the order of the poses.
+
+    Args:
+        arm: the true one, with the poses of its tips at ``joints`` ``(n, joints)``.
+        missing: random numbers, by which some corners are not found.
+
+    Returns:
+        The pose ``(m,)`` of each; camera, board and corner ``(m, 3)``; its exact place ``(m, 2)`` (thousands of pixels)
+        and distance ``(m,)`` m from the camera.
+
+    Raises:
+        LabError: there is none.
+    """
+    rig, scene = placed.rig, placed.rig.simulated
+    rows, cells, places, distances = list[NDArray[np.int_]](), list[NDArray[np.int_]](), list[Array](), list[Array]()
+    for camera, board in np.ndindex(len(rig.cameras), len(rig.boards)):
+        exact, inside, corners, origins = placed.visible(camera, board, arm, joints, tips)
+        inside &= missing.random(inside.shape) >= scene.missed
+        inside &= (inside.sum(axis=1) >= scene.corners)[:, None]
+        row, corner = np.nonzero(inside)
+        rows.append(row)
+        cells.append(np.column_stack([np.full_like(row, camera), np.full_like(row, board), corner]))
+        places.append(exact[row, corner])
+        distances.append(np.linalg.norm(corners[row, corner] - origins[row], axis=1))
+    row, cell = np.concatenate(rows), np.concatenate(cells)
+    if not len(row):
+        raise LabError(
+            f"{option_name('observe')} pixels: no camera sees {scene.corners} corners of a board in any pose"
+        )
+    order = np.lexsort((cell[:, 2], cell[:, 1], cell[:, 0], row))
+    return row[order], cell[order], np.concatenate(places)[order], np.concatenate(distances)[order]
 
 
 def corner_noise_px(scene: Simulated, distance_m: Array) -> Array:

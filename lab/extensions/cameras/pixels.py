@@ -1,6 +1,6 @@
 """Measure with cameras: places of corners of boards in pictures, taken by the arm or of it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -102,30 +102,30 @@ class PixelSensor(VirtualSensor):
             return data
         pictures = data.other["image"]
         wanted = [i for i, name in enumerate(pictures) if name and data.use[i] != "skip"]
-        rows, texts, places, lost = list[int](), list[tuple[str, str]](), list[Array](), list[int]()
-        for row in wanted:
-            picture, before = picture_of(folder / pictures[row]), len(rows)
-            for board in self.rig.boards:
-                numbers, found = detected(picture, board)
-                rows += [row] * len(numbers)
-                texts += [(board.name, str(number)) for number in numbers.tolist()]
-                places += list(found)
-            if len(rows) == before:
-                lost.append(row)
-        if not rows:
+        corners = [(row, *corner) for row in wanted for corner in self._corners_in(folder / pictures[row])]
+        if not corners:
             raise LabError(f"no board is found in any of {counted(len(wanted), 'picture')}: check the boards' kinds")
-        part, found = data[rows], np.array(places)
+        rows, boards, numbers, places = zip(*corners, strict=True)
+        part, found_px = data[list(rows)], np.array(places)
         warnings = part.warnings
-        if lost:
+        if lost := [row for row in wanted if row not in rows]:
             named = ", ".join(pictures[row] for row in lost[:_MOST_NAMED])
             warnings = (*warnings, f"no board is found in {len(lost)} of {len(wanted)} pictures ({named})")
         return replace(
             part,
-            ids=tuple(f"{name}:{board}:{corner}" for name, (board, corner) in zip(part.ids, texts, strict=True)),
-            other={**part.other, "board": tuple(b for b, _ in texts), "corner": tuple(c for _, c in texts)},
-            conditions={**part.conditions, "u_px": found[:, 0], "v_px": found[:, 1]},
+            ids=tuple(map(":".join, zip(part.ids, boards, numbers, strict=True))),
+            other={**part.other, "board": boards, "corner": numbers},
+            conditions={**part.conditions, "u_px": found_px[:, 0], "v_px": found_px[:, 1]},
             warnings=warnings,
         )
+
+    def _corners_in(self, file: Path) -> Iterator[tuple[str, str, Array]]:
+        """Return board, number and place ``(2,)`` px of the corners in a picture."""
+        picture = picture_of(file)
+        for board in self.rig.boards:
+            numbers, places = detected(picture, board)
+            for number, place in zip(numbers.tolist(), places, strict=True):
+                yield board.name, str(number), place
 
     def noise(self, given: Noise) -> Noise:
         """Return the noise of a corner: the given one, else none, so that it is estimated."""
