@@ -122,7 +122,7 @@ def _dates(text: str) -> Markup:
 
 def _chart_colours(body: str) -> list[str]:
     """The colours ``#rrggbb`` of a page's charts, which are variables of its style."""
-    return [f"#{found}" for found in sorted(set(re.findall(r"var\(--c-([0-9a-f]{6})\)", body)))]
+    return [f"#{colour}" for colour in sorted(set(re.findall(r"var\(--c-([0-9a-f]{6})\)", body)))]
 
 
 def _svg(picture: doc.Picture) -> Markup:

@@ -421,9 +421,9 @@ def trend_pictures(name: str, trends: Sequence[Trend], band_mm: float, thing: st
 
 
 def _trend(name: str, shown: Trend, reach: float, band_mm: float, level: float, thing: str) -> Picture:
-    found = smooth(shown.causes, shown.errors_mm)
-    sure = found is not None and found.p < level
-    size = 0.0 if found is None else float(np.ptp(found.mean)) / 2
+    trend = smooth(shown.causes, shown.errors_mm)
+    sure = trend is not None and trend.p < level
+    size = 0.0 if trend is None else float(np.ptp(trend.mean)) / 2
     title = f"{shown.title}: trend ± {short(size)} mm" if sure else f"{shown.title}: no trend"
     some = np.unique(np.round(np.linspace(0, len(shown.causes) - 1, MOST_POINTS)).astype(np.int_))
     x, y = shown.causes[some], shown.errors_mm[some]
@@ -433,11 +433,11 @@ def _trend(name: str, shown: Trend, reach: float, band_mm: float, level: float, 
             axes.axhspan(-band_mm, band_mm, color=PREDICTED, alpha=0.13, linewidth=0)
         axes.axhline(0, color=INK, linewidth=0.6)
         axes.scatter(x, np.clip(y, -reach, reach), s=5, c=ARM, linewidths=0)
-        if found is not None:
+        if trend is not None:
             tint = AFTER if sure else MUTED
-            low, high = (np.clip(found.mean + side * found.half, -reach, reach) for side in (-1, 1))
-            axes.fill_between(found.at, low, high, color=tint, alpha=0.25, linewidth=0)
-            axes.plot(found.at, found.mean, color=tint, linewidth=1.8)
+            low, high = (np.clip(trend.mean + side * trend.half, -reach, reach) for side in (-1, 1))
+            axes.fill_between(trend.at, low, high, color=tint, alpha=0.25, linewidth=0)
+            axes.plot(trend.at, trend.mean, color=tint, linewidth=1.8)
         axes.set(xlabel=shown.axis, ylim=(-reach, reach), title=title)
         axes.locator_params(axis="x", nbins=3)
         axes.locator_params(axis="y", nbins=5)

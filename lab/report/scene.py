@@ -95,8 +95,8 @@ def moved(T_a_b: Array, points: Array) -> Array:
 
 def world_legs(T_world_frame0: Array, arm: RigidArm, values: Array, joints: Array) -> Legs:
     """The legs of an arm, in the world."""
-    found = skeleton(arm, values, joints)
-    return Legs(moved(T_world_frame0, found.rods), found.measured)
+    lines = skeleton(arm, values, joints)
+    return Legs(moved(T_world_frame0, lines.rods), lines.measured)
 
 
 def reach_of(T_world_frame0: Array, points: Array, between: Legs) -> float:

@@ -126,8 +126,8 @@ def _overview(result: ReproductionResult) -> tuple[Block, ...]:
     )
     items: list[Row] = []
     for each in result.computed:
-        found = Counter(answer.state for answer in each.answers)
-        items.append((each.item.number, each.item.title, *(str(found[state] or "") for state in used)))
+        counts = Counter(answer.state for answer in each.answers)
+        items.append((each.item.number, each.item.title, *(str(counts[state] or "") for state in used)))
     heads = tuple(STATES[state] for state in used)
     return (
         Table(("", *heads), kinds),
@@ -146,12 +146,12 @@ def _reasons(result: ReproductionResult, state: State) -> tuple[Block, ...]:
     """List the reasons of answers in a state, each once; not of chosen items, which show their own."""
     if result.options.item:
         return ()
-    found: dict[str, None] = {}
+    reasons: dict[str, None] = {}
     for each in result.computed:
         for answer in each.answers:
             if answer.state == state:
-                found.setdefault(f"{each.item.number}: {answer.erratum or answer.conversion}")
-    return (Bullets(tuple(found)),)
+                reasons.setdefault(f"{each.item.number}: {answer.erratum or answer.conversion}")
+    return (Bullets(tuple(reasons)),)
 
 
 def _chapters(result: ReproductionResult) -> Iterator[Section]:

@@ -262,14 +262,15 @@ def _uncertainty(result: CalibrationResult) -> tuple[doc.Block, ...]:
 
 
 def _noise(result: CalibrationResult) -> str:
-    found = result.identification
-    sigma_m, rotation, region = found.sigma_m, rotation_noise_rad(found), result.verdict.region
+    identification = result.identification
+    sigma_m, rotation, region = identification.sigma_m, rotation_noise_rad(identification), result.verdict.region
     if not np.isfinite(sigma_m):
         return "The noise is unknown, so the parameters have no uncertainty."
     rotations = f" and {short(MRAD.of(rotation))} mrad" if np.isfinite(rotation) else ""
-    how = "given" if found.sigma_given else "estimated from the residuals"
+    how = "given" if identification.sigma_given else "estimated from the residuals"
     sizes = " and ".join(
-        f"{short(unit.of(size))} {unit.name}" for unit, size in result.kind.noises(found.model, sigma_m).items()
+        f"{short(unit.of(size))} {unit.name}"
+        for unit, size in result.kind.noises(identification.model, sigma_m).items()
     )
     text = f"The noise per axis is {sizes}{rotations} (1σ, {how})."
     if (shared := result.state.noise.shared) is not None:
@@ -332,9 +333,9 @@ def _group_row(result: CalibrationResult, group: GroupTrial) -> doc.Row:
     )
 
 
-def _explained(found: ExplainedError | None) -> tuple[str, str]:
+def _explained(explained: ExplainedError | None) -> tuple[str, str]:
     """Format the prediction error without a group (mm) and its share of the error of geometry alone (%)."""
-    return ("", "") if found is None else (short(MM.of(found.size_m)), f"{100 * found.share:.2g}")
+    return ("", "") if explained is None else (short(MM.of(explained.size_m)), f"{100 * explained.share:.2g}")
 
 
 @doc.guarded
@@ -415,9 +416,9 @@ def _status(row: EstimatedParameter) -> str:
 @doc.guarded
 def _identifiability(result: CalibrationResult) -> tuple[doc.Block, ...]:
     """Report which parameters robot structure and measured poses leave unidentifiable or weakly observable."""
-    found = result.identification
+    identification = result.identification
     directions, pairs = result.weak_directions, result.correlated_pairs
-    parameters = {each.name: each for each in found.model.parameters}
+    parameters = {each.name: each for each in identification.model.parameters}
     weak = tuple(
         (f"1/{1 / each.singular_value:,.0f}", _mixture(each, parameters), f"{short(MICRONS.of(each.moved))} µm")
         for each in directions
@@ -435,21 +436,23 @@ def _identifiability(result: CalibrationResult) -> tuple[doc.Block, ...]:
         doc.Table(
             ("strongly correlated parameters", "correlation"), correlated, most_rows=_MOST_LISTED, shown_in=doc.PAGE
         ),
-        doc.Figure("singular-values-figure", singular_value_picture(found.fit.singular_values), _SINGULAR_VALUES),
+        doc.Figure(
+            "singular-values-figure", singular_value_picture(identification.fit.singular_values), _SINGULAR_VALUES
+        ),
         doc.Figure("correlations-figure", correlation_picture(result), _CORRELATIONS),
     )
 
 
 def _identifiable(result: CalibrationResult) -> str:
-    found, condition = result.identification, result.identification.fit.condition
-    count, rank = len(found.base_set.identifiable), found.fit.rank
+    identification, condition = result.identification, result.identification.fit.condition
+    count, rank = len(identification.base_set.identifiable), identification.fit.rank
     which = "all of them" if count == rank else str(rank)
-    poorly = ", but some only weakly" if np.isfinite(condition) and found.fit.ill_conditioned else ""
+    poorly = ", but some only weakly" if np.isfinite(condition) and identification.fit.ill_conditioned else ""
     number = f" (condition number {short(condition)})" if np.isfinite(condition) else ""
-    with_prior = "" if found.prior is None else ", with the tolerances as a prior,"
+    with_prior = "" if identification.prior is None else ", with the tolerances as a prior,"
     return (
         f"Of {len(result.parameters)} parameters, {count} are identifiable on such a robot with such measurements; "
-        f"these poses{with_prior} identify {which}{poorly}{number}.{_of_prior(found.prior)}"
+        f"these poses{with_prior} identify {which}{poorly}{number}.{_of_prior(identification.prior)}"
     )
 
 

@@ -126,8 +126,8 @@ def error_vectors(result: CalibrationResult) -> ErrorVectors | None:
 
     None where no positions were measured in the instrument's frame.
     """
-    found, validation = result.identification, result.validation
-    model, positions = found.model, observation_of(found.model).positions
+    identification, validation = result.identification, result.validation
+    model, positions = identification.model, observation_of(identification.model).positions
     if not positions:
         return None
     data, which, thing = result.fitted, _FITTED, "pose"
@@ -139,10 +139,13 @@ def error_vectors(result: CalibrationResult) -> ErrorVectors | None:
     except LabError:  # a virtual arm is validated by positions alone, also where orientations are fitted
         data, which, thing = result.fitted, _FITTED, "pose"
         inputs = data.inputs(model.conditions)
-    predicted = (model.points(inputs, values)[:, :positions] for values in (found.nominal_aligned, found.values))
+    predicted = (
+        model.points(inputs, values)[:, :positions]
+        for values in (identification.nominal_aligned, identification.values)
+    )
     T_world_instrument = world_of(result)
     measured, before, after = (
-        moved(T_world_instrument, in_first_frame(model, found.values, inputs, each)).reshape(-1, 3)
+        moved(T_world_instrument, in_first_frame(model, identification.values, inputs, each)).reshape(-1, 3)
         for each in (data.points[:, :positions], *predicted)
     )
     known = np.flatnonzero(np.isfinite(measured - before + after).all(axis=1))
@@ -173,9 +176,9 @@ def _outliers(result: CalibrationResult) -> tuple[Array, tuple[str, ...]]:
     rows = rows_called(result.measurements, [pose.id for pose in result.state.outliers])
     if not rows:
         return np.empty((0, 3)), ()
-    found = _predicted(result, result.measurements[rows])
-    names = tuple(result.measurements.ids[row] for row in rows for _ in range(found.shape[1]))
-    return found.reshape(-1, 3), names
+    predicted = _predicted(result, result.measurements[rows])
+    names = tuple(result.measurements.ids[row] for row in rows for _ in range(predicted.shape[1]))
+    return predicted.reshape(-1, 3), names
 
 
 _WIDER = 1.15  # than the widest interval of a parameter that is well observed
@@ -183,8 +186,8 @@ _WIDER = 1.15  # than the widest interval of a parameter that is well observed
 
 def main_picture(result: CalibrationResult) -> Picture:
     """The errors before and after calibration, or the corrections where there was no validation."""
-    found = error_histograms(result, "error")
-    return found[0] if found else correction_pictures(result)[0]
+    pictures = error_histograms(result, "error")
+    return pictures[0] if pictures else correction_pictures(result)[0]
 
 
 def error_histograms(result: CalibrationResult, error: str) -> tuple[Picture, ...]:
@@ -273,16 +276,16 @@ _LEAST_LEVER = 1e-3  # of the largest: how far a joint must move the targets, to
 
 def residual_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
     """The residuals of the poses, mm: along each joint's motion, in time, and against a normal distribution."""
-    found, data = result.identification, result.fitted
-    positions = observation_of(found.model).positions
+    identification, data = result.identification, result.fitted
+    positions = observation_of(identification.model).positions
     if not positions:
         return ()
-    inputs = data.inputs(found.model.conditions)
-    residuals = data.points[:, :positions] - found.model.points(inputs, found.values)[:, :positions]
+    inputs = data.inputs(identification.model.conditions)
+    residuals = data.points[:, :positions] - identification.model.points(inputs, identification.values)[:, :positions]
     seen = MM.of(residuals[np.isfinite(residuals)])
     if len(seen) < _FEWEST:
         return ()
-    band = float(half_width_95(np.inf)) * MM.of(found.sigma_m)
+    band = float(half_width_95(np.inf)) * MM.of(identification.sigma_m)
     joints = trend_pictures("residuals-joint", _by_joint(result, inputs, residuals), band)
     return (*joints, *trend_pictures("residuals-time", _in_order(result, residuals), band), _quantiles(seen))
 
@@ -293,14 +296,16 @@ def _by_joint(result: CalibrationResult, inputs: Array, residuals: Array) -> lis
     The residual ``r`` of all targets of a pose, and their motion ``d`` by the joint, give ``r·d/|d|``, whose noise is
     that of a coordinate. Poses that repeat a configuration are one point, their mean.
     """
-    found, data, chain = result.identification, result.fitted, result.robot.chain
+    identification, data, chain = result.identification, result.fitted, result.robot.chain
     positions = residuals.shape[1]
     labels = configurations(data.joints)
     _, firsts, which = np.unique(labels, return_index=True, return_inverse=True)
     trends = []
     for joint, name in enumerate(chain.joint_names):
         step = _STEP * np.eye(inputs.shape[1])[joint]
-        ahead, back = (found.model.points(inputs + side * step, found.values)[:, :positions] for side in (1, -1))
+        ahead, back = (
+            identification.model.points(inputs + side * step, identification.values)[:, :positions] for side in (1, -1)
+        )
         motion = np.where(np.isfinite(residuals), (ahead - back) / (2 * _STEP), 0.0).reshape(len(data), -1)
         lever = np.linalg.norm(motion, axis=1)
         moves = lever > _LEAST_LEVER * lever.max()
@@ -336,15 +341,15 @@ def _quantiles(residuals: Array) -> Picture:
     """Ordered residuals over their RMS against a normal distribution, with the 95 % band of single quantiles."""
     size = float(np.sqrt(np.mean(residuals**2))) or 1.0
     share = (np.arange(1, min(len(residuals), _QUANTILES) + 1) - 0.5) / min(len(residuals), _QUANTILES)
-    expected, found = normal_ppf(share), np.quantile(residuals / size, share)
+    expected, quantiles = normal_ppf(share), np.quantile(residuals / size, share)
     ranks = share * len(residuals)
     low, high = (normal_ppf(beta_ppf(p, ranks + 0.5, len(residuals) - ranks + 0.5)) for p in (0.025, 0.975))
-    outside = float(np.mean((found < low) | (found > high)))
+    outside = float(np.mean((quantiles < low) | (quantiles > high)))
 
     def draw(axes: Axes) -> None:
         axes.fill_between(expected, low, high, color=PREDICTED, alpha=0.18, linewidth=0)
         axes.plot(expected, expected, color=INK, linewidth=0.8)
-        axes.plot(expected, found, "o", color=AFTER, markersize=3)
+        axes.plot(expected, quantiles, "o", color=AFTER, markersize=3)
         axes.set(xlabel="normal distribution, σ", title=f"Q-Q: {100 * outside:.0f} % outside")
         axes.locator_params(axis="x", nbins=4)
 
@@ -354,13 +359,13 @@ def _quantiles(residuals: Array) -> Picture:
 
 def correlation_picture(result: CalibrationResult) -> tuple[Picture, ...]:
     """Correlations of the identified parameters, a block for each link; nothing where they are not known."""
-    found, std = result.identification, result.identification.std
+    identification, std = result.identification, result.identification.std
     if len(std) < 2 or not (np.isfinite(std).all() and (std > 0).all()):
         return ()
-    names = [found.model.names[i] for i in found.fit.free]
+    names = [identification.model.names[i] for i in identification.fit.free]
     links = [name.split(".")[0] for name in names]
     order = sorted(range(len(names)), key=lambda i: links.index(links[i]))  # of each link or joint one block
-    matrix = (found.covariance / np.outer(std, std))[np.ix_(order, order)]
+    matrix = (identification.covariance / np.outer(std, std))[np.ix_(order, order)]
     names, links = [names[i] for i in order], [links[i] for i in order]
     wide = min(max(2.4, _LINK * len(names)), WIDTH - 0.9)
 
@@ -418,10 +423,10 @@ def _correlation_bar(bar: Axes) -> None:
 
 def uncertainty_map(result: CalibrationResult) -> SizeMap | None:
     """The predicted position error over random poses of the workspace; crosses: beyond the measured joints."""
-    found = predicted_errors(result.identification, result.state.measured)
-    if found is None:
+    prediction = predicted_errors(result.identification, result.state.measured)
+    if prediction is None:
         return None
-    inputs, sizes = found
+    inputs, sizes = prediction
     joints = inputs[:, : result.robot.chain.size]
     measured = result.fitted.joints
     beyond = ((joints < measured.min(axis=0)) | (joints > measured.max(axis=0))).any(axis=1)
@@ -434,37 +439,37 @@ def uncertainty_map(result: CalibrationResult) -> SizeMap | None:
 def where_figures(result: CalibrationResult) -> tuple[Block, ...]:
     """Errors before and after calibration where they are, and the predicted ones over the workspace."""
     arrows = error_vectors(result)
-    found = None if arrows is not None else error_maps(result, result.kind.terms.error)
+    maps = None if arrows is not None else error_maps(result, result.kind.terms.error)
     predicted = _predicted_map(result)
     if arrows is not None:
         return (_arrow_figure(result, arrows), *predicted)
-    if found is None:
+    if maps is None:
         return predicted
-    part = "" if found.all_shown else f"; {_SOME}"
-    before, after = found.sizes
-    caption = f"The maps show {found.which}{part}: first before calibration, then after it, by the same scale."
+    part = "" if maps.all_shown else f"; {_SOME}"
+    before, after = maps.sizes
+    caption = f"The maps show {maps.which}{part}: first before calibration, then after it, by the same scale."
     if len(after.crosses):
         caption += " Crosses mark the predicted positions of the outliers."
     return (Figure("where", (*size_maps(before), *size_maps(after)), caption), *predicted)
 
 
-def _arrow_figure(result: CalibrationResult, found: ErrorVectors) -> Figure:
+def _arrow_figure(result: CalibrationResult, errors: ErrorVectors) -> Figure:
     """Draw the errors before and after calibration at one magnification, and those after it at a larger one."""
-    rows = spread_by_size(np.linalg.norm(found.after, axis=1))
-    points, names = found.points[rows], [found.names[row] for row in rows.tolist()]
+    rows = spread_by_size(np.linalg.norm(errors.after, axis=1))
+    points, names = errors.points[rows], [errors.names[row] for row in rows.tolist()]
     edge = 2 * cube([points])[1]
     before, after = (
         min(magnification(float(np.linalg.norm(each, axis=1).mean()), _ARROW * edge), LARGEST_FACTOR)
-        for each in (found.before, found.after)
+        for each in (errors.before, errors.after)
     )
     crosses, cross_names = _outliers(result)
-    layers = ("before", BEFORE, found.before[rows]), ("after", AFTER, found.after[rows])
-    both = ArrowMap("before", points, result.kind.terms.error, layers, before, names, found.thing)
+    layers = ("before", BEFORE, errors.before[rows]), ("after", AFTER, errors.after[rows])
+    both = ArrowMap("before", points, result.kind.terms.error, layers, before, names, errors.thing)
     alone = replace(both, name="after", layers=layers[1:], factor=after)
     maps = [both, alone] if after > before else [both]
     maps[-1] = replace(maps[-1], crosses=crosses, cross_names=cross_names)
-    part = "" if len(rows) == len(found.names) else f"; {_SOME}"
-    caption = f"Arrows show the {result.kind.terms.error}, measured less predicted, at {found.which}{part}."
+    part = "" if len(rows) == len(errors.names) else f"; {_SOME}"
+    caption = f"Arrows show the {result.kind.terms.error}, measured less predicted, at {errors.which}{part}."
     if after > before:
         caption += " The second map of each view shows the errors after calibration alone, magnified more."
     caption += " Neighbouring arrows that point the same way show an error that the model lacks."
@@ -475,11 +480,11 @@ def _arrow_figure(result: CalibrationResult, found: ErrorVectors) -> Figure:
 
 @guarded
 def _predicted_map(result: CalibrationResult) -> tuple[Block, ...]:
-    found = uncertainty_map(result)
-    if found is None:
+    uncertainty = uncertainty_map(result)
+    if uncertainty is None:
         return ()
-    assert found.extrapolated is not None
-    share = float(found.extrapolated.mean())
+    assert uncertainty.extrapolated is not None
+    share = float(uncertainty.extrapolated.mean())
     caption = "The map shows the predicted error (RMS) at random poses of the workspace."
     if share:
         many = "All poses are" if share == 1 else f"Crosses ({100 * share:.0f} % of the poses) are"
@@ -487,7 +492,7 @@ def _predicted_map(result: CalibrationResult) -> tuple[Block, ...]:
             f" {many} outside the measured joint range: the model is extrapolated there, and its discrepancy may be "
             "larger."
         )
-    return (Figure("uncertainty", size_maps(found), caption),)
+    return (Figure("uncertainty", size_maps(uncertainty), caption),)
 
 
 @guarded
@@ -499,7 +504,7 @@ def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
     count = len(np.unique(configurations(result.fitted.joints))) if pictures else 0
     some = f" ({MOST_POINTS} of {count:,} are drawn)" if count > MOST_POINTS else ""
     common = "The line is their smooth mean with its 95 % band; green: 95 % of the noise."
-    found = f" Trends: {'; '.join(trends)}." if trends else " None has a trend (F tests, 1 % over all)."
+    summary = f" Trends: {'; '.join(trends)}." if trends else " None has a trend (F tests, 1 % over all)."
     by_joint = (
         f"Errors against each joint. A dot is a configuration{some}: its residual, mm, along the direction in which "
         f"that joint moves the tool. {common} A wave or a slope shows an effect of the joint that the model lacks."
@@ -509,6 +514,6 @@ def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
         "distribution: normal noise lies on the line, within its band."
     )
     return (
-        Figure("residuals", pictures[:joints], by_joint + found),
+        Figure("residuals", pictures[:joints], by_joint + summary),
         Figure("residuals-in-time", pictures[joints:], in_time),
     )

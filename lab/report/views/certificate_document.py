@@ -111,7 +111,7 @@ def _data(result: Certificate) -> tuple[doc.Block, ...]:
 
 @doc.guarded
 def _card(result: Certificate) -> doc.Card:
-    run, found = result.calibrated.result, result.conformity
+    run, conformity = result.calibrated.result, result.conformity
     position, distance = result.budgets
     numbers = [("U of a position", _expanded(position), ""), ("U of a distance", _expanded(distance), "")]
     if run.after_mm is not None:
@@ -120,10 +120,10 @@ def _card(result: Certificate) -> doc.Card:
     verdict: tuple[doc.Inline, ...]
     if not result.issued:
         verdict = (doc.Badge("not issued", "bad"), ": details that cannot be right")
-    elif found is None:
+    elif conformity is None:
         verdict = (doc.Badge("no statement"), " of conformity: nothing to compare with")
     else:
-        verdict = (_DECISIONS[found.decision], f" with the tolerance of {short(MM.of(found.tolerance_m))} mm")
+        verdict = (_DECISIONS[conformity.decision], f" with the tolerance of {short(MM.of(conformity.tolerance_m))} mm")
     if result.is_example:
         verdict = (doc.Badge("EXAMPLE", "doubtful"), " virtual robot, nothing was measured. Result: ", *verdict)
     about = (
@@ -135,16 +135,16 @@ def _card(result: Certificate) -> doc.Card:
 
 
 def _next_step(result: Certificate) -> str:
-    found = result.conformity
+    conformity = result.conformity
     if not result.issued:
         return "Correct the details named below, or measure again."
     if result.is_example:
         return "Measure the real arm, identify it with lab identify, and certify that run."
-    if found is None:
+    if conformity is None:
         return "Give --tolerance-mm for a statement of conformity."
-    if found.decision == "does not conform":
+    if conformity.decision == "does not conform":
         return "Calibrate again with more poses or another model, or give a larger tolerance."
-    if found.decision == "not decided":
+    if conformity.decision == "not decided":
         largest = _largest(result)
         return f"Reduce the uncertainty: {100 * largest.share:.0f} % of its variance is of {largest.quantity.label}."
     if result.details.missing:
@@ -162,12 +162,12 @@ def _errors_picture(result: Certificate) -> tuple[doc.Picture, ...]:
     """Draw the errors of the nominal and the calibrated model, U and the tolerance on one axis."""
     run = result.calibrated.result
     rows = [
-        (name, found["mean"], found["max"], colour)
-        for name, found, colour in (
+        (name, errors["mean"], errors["max"], colour)
+        for name, errors, colour in (
             ("nominal model", run.before_mm, MUTED),
             ("calibrated model", run.after_mm, AFTER),
         )
-        if found is not None and found["mean"] > 0
+        if errors is not None and errors["mean"] > 0
     ]
     if not rows:
         return ()
@@ -276,14 +276,14 @@ def _results(result: Certificate) -> tuple[doc.Block, ...]:
 
 @doc.guarded
 def _statement(result: Certificate) -> tuple[doc.Block, ...]:
-    found = result.conformity
+    conformity = result.conformity
     if not result.issued:
         return (doc.Paragraph("None: the certificate is not issued."),)
-    if found is None:
+    if conformity is None:
         why = "no tolerance was given" if result.calibrated.result.after_mm is not None else "nothing was validated"
         return (doc.Paragraph(f"None: {why}."),)
-    comparison = f" {_comparison(result, found)}"
-    rule = sentence(f"rule: {found.rule_text}")
+    comparison = f" {_comparison(result, conformity)}"
+    rule = sentence(f"rule: {conformity.rule_text}")
     note = ""
     if result.device is None and result.unseen:
         note = (
@@ -291,7 +291,7 @@ def _statement(result: Certificate) -> tuple[doc.Block, ...]:
             "effects that they cannot show."
         )
     return (
-        doc.Paragraph((_DECISIONS[found.decision], comparison)),
+        doc.Paragraph((_DECISIONS[conformity.decision], comparison)),
         doc.Paragraph(note, "note"),
         doc.Paragraph(rule, "note"),
     )
@@ -299,29 +299,30 @@ def _statement(result: Certificate) -> tuple[doc.Block, ...]:
 
 @doc.guarded
 def _validated(result: Certificate) -> tuple[doc.Block, ...]:
-    found = result.validation
-    assert found is not None
+    validation = result.validation
+    assert validation is not None
     rows: list[doc.Row] = [
-        ("root mean square", short(MM.of(found.observed_rms_m)), short(MM.of(found.expected_rms_m))),
-        ("95 %", short(MM.of(found.observed_95_m)), short(MM.of(found.expected_95_m))),
+        ("root mean square", short(MM.of(validation.observed_rms_m)), short(MM.of(validation.expected_rms_m))),
+        ("95 %", short(MM.of(validation.observed_95_m)), short(MM.of(validation.expected_95_m))),
     ]
-    poses = f"{found.poses:,} poses {_VALIDATED.get(result.calibrated.result.judged_by or '', '')}"
+    poses = f"{validation.poses:,} poses {_VALIDATED.get(result.calibrated.result.judged_by or '', '')}"
     text = (
         f"On {poses} the errors are as large as the budget predicts, with the noise of their measurements "
-        f"(p = {found.p:.2g})."
+        f"(p = {validation.p:.2g})."
     )
-    if _is_wide(found):
-        times = short(found.expected_rms_m / found.observed_rms_m)
+    if _is_wide(validation):
+        times = short(validation.expected_rms_m / validation.observed_rms_m)
         largest = _largest(result).quantity.label
-        chance = f"p = {1 - found.p:.2g}" if 1 - found.p >= _LEAST_P else f"p < {_LEAST_P:g}"
+        chance = f"p = {1 - validation.p:.2g}" if 1 - validation.p >= _LEAST_P else f"p < {_LEAST_P:g}"
         text = (
             f"On {poses} the errors are smaller than the budget predicts, {times} times ({chance}). U is on the safe "
             f"side there, and may be too wide: check the largest line, {largest}."
         )
-    if found.sigma_m:
+    if validation.sigma_m:
         text = (
-            f"On {poses} the errors are larger than the rest of the budget predicts (p = {found.p:.2g}). The budget "
-            f"has a line for this lack of fit: {short(MM.of(found.sigma_m))} mm in each coordinate."
+            f"On {poses} the errors are larger than the rest of the budget predicts (p = {validation.p:.2g}). The "
+            "budget "
+            f"has a line for this lack of fit: {short(MM.of(validation.sigma_m))} mm in each coordinate."
         )
     caption = "Errors, mm. Predicted by the budget without the line for lack of fit"
     return doc.Table(("error", "observed", "predicted"), tuple(rows), caption), doc.Paragraph(text)
@@ -332,9 +333,9 @@ def _largest(result: Certificate) -> BudgetLine:
     return max(result.budgets[0].lines, key=lambda line: line.share)
 
 
-def _is_wide(found: LackOfFit) -> bool:
+def _is_wide(lack_of_fit: LackOfFit) -> bool:
     """Decide whether validation errors are smaller than chance makes them, as where a budget is too wide."""
-    return not found.sigma_m and 1 - found.p < CERTIFICATE_VALIDATION
+    return not lack_of_fit.sigma_m and 1 - lack_of_fit.p < CERTIFICATE_VALIDATION
 
 
 @doc.guarded
@@ -348,8 +349,10 @@ def _unseen(result: Certificate) -> tuple[doc.Block, ...]:
     return doc.Table(("not contained in U", "remedy"), rows), doc.Paragraph(text)
 
 
-def _comparison(result: Certificate, found: Conformity) -> str:
-    value, tolerance, expanded = (short(MM.of(each)) for each in (found.value_m, found.tolerance_m, found.expanded_m))
+def _comparison(result: Certificate, conformity: Conformity) -> str:
+    value, tolerance, expanded = (
+        short(MM.of(each)) for each in (conformity.value_m, conformity.tolerance_m, conformity.expanded_m)
+    )
     return (
         f"The {_STATISTICS[result.options.statistic]} position error on validation poses is {value} mm, with an "
         f"expanded uncertainty of {expanded} mm; the tolerance is {tolerance} mm."
@@ -387,10 +390,11 @@ def _budget(budget: Budget) -> tuple[doc.Block, ...]:
 
 def _of_kinematics(budget: Budget) -> str:
     """Report whether the linear map of the parameters suffices."""
-    found, digits = budget.kinematics, digits_of(MM.of(budget.tolerance_m), _MOST_DIGITS)
-    full, linear = (fixed(MM.of(each), digits) for each in (found.full_m, found.linear_m))
+    kinematics, digits = budget.kinematics, digits_of(MM.of(budget.tolerance_m), _MOST_DIGITS)
+    full, linear = (fixed(MM.of(each), digits) for each in (kinematics.full_m, kinematics.linear_m))
     return (
-        f"Through the full kinematics {found.draws:,} drawn calibrations give {full} mm, with the linear map {linear} "
+        f"Through the full kinematics {kinematics.draws:,} drawn calibrations give {full} mm, with the linear "
+        f"map {linear} "
         "mm: " + ("the linear map suffices." if budget.is_linear else "U was multiplied by their ratio.")
     )
 
@@ -433,9 +437,9 @@ def _characteristics(result: Certificate) -> tuple[doc.Block, ...]:
         f"All values are of positions, in mm. Accuracy: {robot.before.poses} poses, {_visits(robot.before.cycles)} "
         f"each, from {of}. "
     )
-    if (found := robot.repeats) is not None:
+    if (repeats := robot.repeats) is not None:
         note += (
-            f"Repeatability: {found.poses} repeated poses, {_visits(found.cycles)} each, from "
+            f"Repeatability: {repeats.poses} repeated poses, {_visits(repeats.cycles)} each, from "
             f"{' and '.join(robot.repeated_in)}; the scatter within a pose does not depend on the fit. "
         )
     note += (
@@ -454,8 +458,8 @@ def _visits(cycles: tuple[int, int]) -> str:
     return f"{few} visit{'s' if few > 1 else ''}" if few == many else f"{few} to {many} visits"
 
 
-def _two(found: Accuracy) -> tuple[str, str]:
-    return short(MM.of(found.mean_m)), short(MM.of(found.largest_m))
+def _two(accuracy: Accuracy) -> tuple[str, str]:
+    return short(MM.of(accuracy.mean_m)), short(MM.of(accuracy.largest_m))
 
 
 def _dof_text(count: float) -> str:

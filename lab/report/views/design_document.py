@@ -461,12 +461,13 @@ def _checked(result: DesignResult) -> str:
 
 
 def _candidates(values: dict[str, Any]) -> str:
-    found, lost = values["candidates"], values["candidates"]["rejected"]
+    candidates, lost = values["candidates"], values["candidates"]["rejected"]
     singular = f"{lost['singularity']:,} near a parallel singularity, " if lost["singularity"] else ""
     collided = f"{lost['collision']:,} in collision, " if values["checked"] else ""
     unseen = "without enough corners in a picture" if values["corners"] else "not visible to the tracker"
     return (
-        f"{found['feasible']:,} feasible candidates of {found['drawn']:,} drawn; rejected: {lost['limits']:,} near a "
+        f"{candidates['feasible']:,} feasible candidates of {candidates['drawn']:,} drawn; rejected: "
+        f"{lost['limits']:,} near a "
         f"joint limit, {singular}{collided}{lost['visibility']:,} {unseen}."
     )
 
@@ -486,14 +487,15 @@ def _corners(result: DesignResult) -> tuple[doc.Block, ...]:
 
 @doc.guarded
 def _reflector(values: dict[str, Any]) -> tuple[doc.Block, ...]:
-    found = values["reflector"]
-    if found is None:
+    reflector = values["reflector"]
+    if reflector is None:
         return ()
     return (
         doc.Paragraph(
-            f"The reflector takes beams up to {found['acceptance_deg']:.0f}° off its axis. At these poses they are up "
-            f"to {found['largest_deg']:.0f}° off; {found['near']} of {values['poses']} poses are within "
-            f"{found['near_deg']:.0f}° of the limit."
+            f"The reflector takes beams up to {reflector['acceptance_deg']:.0f}° off its axis. At these poses "
+            "they are up "
+            f"to {reflector['largest_deg']:.0f}° off; {reflector['near']} of {values['poses']} poses are within "
+            f"{reflector['near_deg']:.0f}° of the limit."
         ),
     )
 
@@ -552,19 +554,20 @@ def _certificate(values: dict[str, Any]) -> str:
 @doc.guarded
 def _own_certificate(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     """The certificate of the criterion itself."""
-    found = values["certificate"]
-    if found is None:
+    certificate = values["certificate"]
+    if certificate is None:
         return ()
-    less = 100 * (1 - found["efficiency"] ** _ERROR_POWER.get(found["criterion"], 1.0))
+    less = 100 * (1 - certificate["efficiency"] ** _ERROR_POWER.get(certificate["criterion"], 1.0))
     quantity = {"A": "RMS parameter error", "G": "worst predicted RMS error", "I": "predicted RMS error"}
     least = (
-        f"no choice has a {quantity[found['criterion']]} more than {less:.1f} % smaller"
-        if found["criterion"] in quantity
+        f"no choice has a {quantity[certificate['criterion']]} more than {less:.1f} % smaller"
+        if certificate["criterion"] in quantity
         else "1 would be the best possible"
     )
     text = (
-        f"By the criterion {found['criterion']} itself, the certified efficiency is {found['efficiency']:.3f}: "
-        f"{least} (gap of the bound {100 * found['bound_gap']:.2f} %)."
+        f"By the criterion {certificate['criterion']} itself, the certified efficiency is "
+        f"{certificate['efficiency']:.3f}: "
+        f"{least} (gap of the bound {100 * certificate['bound_gap']:.2f} %)."
     )
     return (doc.Paragraph(text),)
 
@@ -572,13 +575,14 @@ def _own_certificate(values: dict[str, Any]) -> tuple[doc.Block, ...]:
 @doc.guarded
 def _indices(values: dict[str, Any]) -> tuple[doc.Block, ...]:
     """The observability indices, with what they are scaled by; in one line where there is little room."""
-    found = values["indices"]
+    indices = values["indices"]
     line = ", ".join(
-        f"{_INDICES[name].split(',')[0]} {_value(found[name])}" for name in ("o1", "o2", "o3", "o4", "o5", "condition")
+        f"{_INDICES[name].split(',')[0]} {_value(indices[name])}"
+        for name in ("o1", "o2", "o3", "o4", "o5", "condition")
     )
-    rows = tuple((_INDICES[name], _value(index), index["scaling"]) for name, index in found.items())
+    rows = tuple((_INDICES[name], _value(index), index["scaling"]) for name, index in indices.items())
     return (
-        doc.Paragraph(f"{line} ({found['o1']['scaling']}).", shown_in=doc.NARROW),
+        doc.Paragraph(f"{line} ({indices['o1']['scaling']}).", shown_in=doc.NARROW),
         doc.Table(("index", "value", "scaling"), rows, shown_in=doc.PAGE),
         doc.Paragraph("σ: the singular values of the scaled Jacobian of all poses.", "note", shown_in=doc.PAGE),
     )

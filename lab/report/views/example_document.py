@@ -20,16 +20,16 @@ def example_document(result: ExampleResult) -> Document:
             "Measurements of real robots that come with the lab",
             (Table(columns, rows), Section("Sources", (sources,)), Section("Write one here, and identify", steps)),
         )
-    (found,) = result.examples
+    (example,) = result.examples
     facts = (
-        f"Robot: {found.robot}", f"Measured: {found.measured}", f"Rows: {found.rows:,}",
-        f"Licence: {found.licence_name}", f"Source: {found.source}",
+        f"Robot: {example.robot}", f"Measured: {example.measured}", f"Rows: {example.rows:,}",
+        f"Licence: {example.licence_name}", f"Source: {example.source}",
     )  # fmt: skip
     if not result.files:
-        return Document(f"Example {found.name}", (Bullets(facts),))
+        return Document(f"Example {example.name}", (Bullets(facts),))
     written = Bullets(tuple((Code(str(file)),) for file in result.files))
-    command = CommandText(found.command(result.files[0].parent))
+    command = CommandText(example.command(result.files[0].parent))
     return Document(
-        f"Example {found.name}",
+        f"Example {example.name}",
         (Bullets(facts), Section("Written", (written,)), Section("Next", (Paragraph("Identify the robot:"), command))),
     )

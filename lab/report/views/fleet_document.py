@@ -234,7 +234,7 @@ def _changes(arm: ArmHistory) -> list[doc.Row]:
 
 def change_rows(changes: Changes, change: ParameterChange) -> list[doc.Row]:
     """Return the rows of a table for a change, one for each parameter: days, what changed, by how much; when found."""
-    before, after, found = (changes.dated[i] for i in (change.after, change.after + 1, change.found_at))
+    before, after, detected = (changes.dated[i] for i in (change.after, change.after + 1, change.found_at))
     named = list[tuple[str, str, str, str]]()
     for name, size, half in zip(change.named, change.changes, change.half_widths, strict=True):
         unit = changes.unit(name)
@@ -243,7 +243,7 @@ def change_rows(changes: Changes, change: ParameterChange) -> list[doc.Row]:
         named.append((parameter_text(name), by, plus_minus(unit.of(half), digits), unit.name))
     what, *more = named or [("the links; no single parameter", "", "", "")]
     joined = "and" if change.several else "or"
-    first = (_day(before), _day(after), *what, _day(found), chance_text(change.p))
+    first = (_day(before), _day(after), *what, _day(detected), chance_text(change.p))
     return [first, *(("", "", f"{joined} {name}", *by, "", "") for name, *by in more)]
 
 

@@ -259,8 +259,8 @@ def answers(analysis: Analysis, metric: str) -> list[str]:
     for each in analysis.comparisons:
         if each.metric == metric:
             by_factor.setdefault(each.group.free, []).append(each)
-    found = [factor_sentence(comparisons, analysis.cells) for comparisons in by_factor.values()]
-    return [*found, *_failures([mean for mean in analysis.means if mean.metric == metric], analysis.cells)]
+    sentences = [factor_sentence(comparisons, analysis.cells) for comparisons in by_factor.values()]
+    return [*sentences, *_failures([mean for mean in analysis.means if mean.metric == metric], analysis.cells)]
 
 
 def _means(analysis: Analysis, metrics: Sequence[str]) -> doc.Table:

@@ -33,8 +33,8 @@ _RATE = f"An unchanged arm fails the test in {100 * VERIFICATION:g} % of all cas
 
 def verification_document(result: VerificationResult) -> doc.Document:
     """The verdict and its test, the errors, what may have changed, and the minimum detectable change."""
-    found, robot = result.verified, result.calibrated.robot
-    within = "within the predicted error" if found.good else "beyond the predicted error"
+    verified, robot = result.verified, result.calibrated.robot
+    within = "within the predicted error" if verified.good else "beyond the predicted error"
     explained = doc.Figure("causes-figure", _causes_picture(result), _CAUSES)
     spread = doc.Figure("errors-figure", (errors_picture(result),), _SPREAD)
     first, *others = (explained, spread) if explained.pictures else (spread,)
@@ -46,11 +46,11 @@ def verification_document(result: VerificationResult) -> doc.Document:
             doc.Warnings(result.warnings),
             doc.Section(
                 "Errors, observed and predicted",
-                (arm, doc.Paragraph(sentence(phrase(found.check))), *_errors(result), *others),
+                (arm, doc.Paragraph(sentence(phrase(verified.check))), *_errors(result), *others),
             ),
             doc.Section("Single changes that would explain the errors", (_hypotheses(result),)),
             doc.Section("Refitted parts", (_refitted(result),)),
-            doc.Section("Minimum detectable change", (_detectable(result),) if found.good else ()),
+            doc.Section("Minimum detectable change", (_detectable(result),) if verified.good else ()),
         ),
     )
 
@@ -65,18 +65,18 @@ _ARM = "The arm at the new poses. Arrows lead from the predicted to the measured
 
 @doc.guarded
 def _card(result: VerificationResult, figure: doc.Figure) -> doc.Card:
-    found, measured = result.verified, result.measurements
+    verified, measured = result.verified, result.measurements
     observed_m = MM.to_si(float(result.observed_mm["rms"]))
     numbers = [
-        ("predicted error", short(MM.of(found.expected_m), "mm"), ""),
+        ("predicted error", short(MM.of(verified.expected_m), "mm"), ""),
         ("error now", short(result.observed_mm["rms"], "mm"), ""),
     ]
-    alike = found.check.data["alike"]
-    if found.situation is None and len(alike) == 1:
+    alike = verified.check.data["alike"]
+    if verified.situation is None and len(alike) == 1:
         numbers.append((change_text(alike[0]), extent_text(alike[0]), ""))
-    elif not found.good and found.expected_m > 0:
-        numbers.append(("larger by a factor of", short(observed_m / found.expected_m), ""))
-    within = "within" if found.good else "beyond"
+    elif not verified.good and verified.expected_m > 0:
+        numbers.append(("larger by a factor of", short(observed_m / verified.expected_m), ""))
+    within = "within" if verified.good else "beyond"
     date = result.calibrated.options.date
     calibration = f"the calibration{f' of {date}' if date else ''} ({result.calibrated.result.description})"
     about = (
@@ -87,18 +87,18 @@ def _card(result: VerificationResult, figure: doc.Figure) -> doc.Card:
         ("Verdict: ", verdict_badge(result.verdict), f" ({within} the predicted error)"),
         tuple(numbers),
         about,
-        next_step(found.check, result.verdict),
+        next_step(verified.check, result.verdict),
         (figure,),
     )
 
 
 def _causes_picture(result: VerificationResult) -> tuple[doc.Picture, ...]:
     """Draw how large the errors would be relative to the predicted ones if one thing has changed; none if good."""
-    found = result.verified
-    drawn = [each for each in found.hypotheses if each.chi2 > 0][:_MOST_DRAWN]
-    if not drawn or not found.numbers:
+    verified = result.verified
+    drawn = [each for each in verified.hypotheses if each.chi2 > 0][:_MOST_DRAWN]
+    if not drawn or not verified.numbers:
         return ()
-    sizes = np.sqrt([found.statistic, *(each.chi2 for each in drawn)]) / np.sqrt(found.numbers)
+    sizes = np.sqrt([verified.statistic, *(each.chi2 for each in drawn)]) / np.sqrt(verified.numbers)
     names = ["as measured", *(change_text(each.check) for each in drawn)]
     explains = np.array([False, *(each.explains for each in drawn)])
 
@@ -135,11 +135,11 @@ def _scene(result: VerificationResult) -> ArmScene:
 
 def errors_picture(result: VerificationResult) -> doc.Picture:
     """The observed errors as a histogram, with their root mean square and the predicted one."""
-    found = result.verified
+    verified = result.verified
     observed = MM.to_si(float(result.observed_mm["rms"]))
     spreads = [
-        Spread(found.errors, AFTER if found.good else BEFORE, ("observed: rms", observed)),
-        Spread(found.errors[:0], PREDICTED, ("predicted: rms", found.expected_m)),
+        Spread(verified.errors, AFTER if verified.good else BEFORE, ("observed: rms", observed)),
+        Spread(verified.errors[:0], PREDICTED, ("predicted: rms", verified.expected_m)),
     ]
     return histograms("errors", spreads, "position error")
 

@@ -31,27 +31,31 @@ _ROUNDING = 1e-12  # of true values, SI
 
 def main_picture(result: DynamicsResult) -> doc.Picture:
     """Return the torques of the first drive, or without measurements the singular values."""
-    found = result.estimate
-    return singular_value_picture(result.singular_values)[0] if found is None else _fits(result, found)[0].pictures[0]
+    estimate = result.estimate
+    return (
+        singular_value_picture(result.singular_values)[0]
+        if estimate is None
+        else _fits(result, estimate)[0].pictures[0]
+    )
 
 
 def dynamics_document(result: DynamicsResult) -> doc.Document:
     """Summarise an arm's dynamics: how well the parameters explain torques, their values, and how they are grouped."""
-    base, found = result.base, result.estimate
+    base, estimate = result.base, result.estimate
     grouping = (doc.Paragraph(_counts(result)), _formulas(result), doc.Paragraph(_without(result)))
     name = called(result.robot.name, result.options.serial)
-    only = doc.EVERYWHERE if found is None else doc.PAGE
-    fit = () if found is None else (FIT_BADGES[found.adequate], f" {sentence(phrase(found.verdict))}")
+    only = doc.EVERYWHERE if estimate is None else doc.PAGE
+    fit = () if estimate is None else (FIT_BADGES[estimate.adequate], f" {sentence(phrase(estimate.verdict))}")
     return doc.Document(
         f"{name}: {base.size} base parameters of {len(base.names)} standard ones",
         (
             _card(result),
             doc.Paragraph(fit, shown_in=doc.NARROW),
             doc.Warnings(result.warnings),
-            *(() if found is None else _identified(result, found)),
-            doc.Section("Base parameters", grouping, shown_in=only, folded=found is not None),
-            doc.Section("Inverse dynamics in letters", _letters(result), folded=found is not None),
-            *(() if found is None else (doc.Section("Conditioning", (_conditioning(result),), shown_in=doc.PAGE),)),
+            *(() if estimate is None else _identified(result, estimate)),
+            doc.Section("Base parameters", grouping, shown_in=only, folded=estimate is not None),
+            doc.Section("Inverse dynamics in letters", _letters(result), folded=estimate is not None),
+            *(() if estimate is None else (doc.Section("Conditioning", (_conditioning(result),), shown_in=doc.PAGE),)),
         ),
     )
 
@@ -59,9 +63,9 @@ def dynamics_document(result: DynamicsResult) -> doc.Document:
 @doc.guarded
 def _card(result: DynamicsResult) -> doc.Card:
     """Summarise the dynamics: whether the model explains the torques, how far, and what to do next."""
-    base, found = result.base, result.estimate
+    base, estimate = result.base, result.estimate
     condition = result.singular_values[0] / result.singular_values[-1]
-    if found is None:
+    if estimate is None:
         numbers = (
             ("base parameters", f"{base.size} of {len(base.names)}", ""),
             ("of links and motors", f"{base.inertial}", ""),
@@ -70,27 +74,29 @@ def _card(result: DynamicsResult) -> doc.Card:
         about = "Torques along a motion determine the base parameters alone: the other ones are grouped into them."
         step = "Record a motion with torques and give its file; or rehearse it with --simulate."
         return doc.Card(("Motion: ", doc.Badge("not measured")), numbers, about, step, (_conditioning(result),))
-    named = [("torques left unexplained", short(100 * found.relative_error, "%"), "after")]
-    named += [(f"error on {each.of}", short(100 * each.total_relative, "%"), "after") for each in found.predictions[:1]]
-    if (count := int(np.isfinite(found.values).sum())) < base.size or found.load is None:
+    named = [("torques left unexplained", short(100 * estimate.relative_error, "%"), "after")]
+    named += [
+        (f"error on {each.of}", short(100 * each.total_relative, "%"), "after") for each in estimate.predictions[:1]
+    ]
+    if (count := int(np.isfinite(estimate.values).sum())) < base.size or estimate.load is None:
         named.append(("base parameters", f"{count} of {base.size}", ""))
-    if found.load is not None and np.isfinite(found.load.mass_kg):
-        named.append(("payload", _interval_text(found.load.mass_kg, found.load.mass_half_width_kg) + " kg", ""))
-    about = f"{sentence(phrase(found.verdict))} {_noise(result, found)}"
-    figures = (share_figure(_drives(result), found.measured, found.residual, "torque"),)
-    badge = IMPLAUSIBLE if result.implausible else FIT_BADGES[found.adequate]
-    return doc.Card(("Fit: ", badge), tuple(named), about, _next(result, found), figures)
+    if estimate.load is not None and np.isfinite(estimate.load.mass_kg):
+        named.append(("payload", _interval_text(estimate.load.mass_kg, estimate.load.mass_half_width_kg) + " kg", ""))
+    about = f"{sentence(phrase(estimate.verdict))} {_noise(result, estimate)}"
+    figures = (share_figure(_drives(result), estimate.measured, estimate.residual, "torque"),)
+    badge = IMPLAUSIBLE if result.implausible else FIT_BADGES[estimate.adequate]
+    return doc.Card(("Fit: ", badge), tuple(named), about, _next(result, estimate), figures)
 
 
-def _next(result: DynamicsResult, found: DynamicsEstimate) -> str:
+def _next(result: DynamicsResult, estimate: DynamicsEstimate) -> str:
     """Return what to do with identified dynamics."""
     if result.implausible:
         return "Mend what the first warning names; then identify again."
-    if found.adequate is False:
+    if estimate.adequate is False:
         return "Find the cause that the fit names; then identify again."
-    if not np.isfinite(found.values).all():
+    if not np.isfinite(estimate.values).all():
         return "Record a motion that moves more joints at a time and faster; then identify again."
-    if not found.predictions:
+    if not estimate.predictions:
         return "Predict another motion with --validate, before the parameters are used."
     return "Use the parameters of result.json in the controller's or the simulation's model."
 
@@ -100,9 +106,9 @@ def _drives(result: DynamicsResult) -> list[tuple[str, str]]:
     return [(name, "N" if slides else "Nm") for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)]
 
 
-def _fits(result: DynamicsResult, found: DynamicsEstimate) -> tuple[doc.Figure, doc.Figure]:
+def _fits(result: DynamicsResult, estimate: DynamicsEstimate) -> tuple[doc.Figure, doc.Figure]:
     caption = "Torques of the drives: measured (dots), and predicted by the parameters (line)."
-    return fit_figures(_drives(result), found.time_s, found.measured, found.residual, "torque", caption)
+    return fit_figures(_drives(result), estimate.time_s, estimate.measured, estimate.residual, "torque", caption)
 
 
 def _page_scene(result: DynamicsResult) -> ArmScene:
@@ -119,47 +125,48 @@ def _page_scene(result: DynamicsResult) -> ArmScene:
 @doc.guarded
 def _letters(result: DynamicsResult) -> tuple[doc.Block, ...]:
     """Tabulate the steps of Newton and Euler's recursion."""
-    found = result.in_letters
-    if found is None:
+    in_letters = result.in_letters
+    if in_letters is None:
         return ()
-    letters = ", ".join(f"{name} = {value:.6g}" for name, value in found.letters.items()).replace("-", "−")
-    count = f"{found.multiplications} multiplications and {found.additions} additions"
+    letters = ", ".join(f"{name} = {value:.6g}" for name, value in in_letters.letters.items()).replace("-", "−")
+    count = f"{in_letters.multiplications} multiplications and {in_letters.additions} additions"
     units = "q1, qd1 and qdd1 are joint 1's position, speed and acceleration (SI, rad)"
-    torques = tuple((f"torque {j}", each) for j, each in enumerate(found.torques, 1))
+    torques = tuple((f"torque {j}", each) for j, each in enumerate(in_letters.torques, 1))
     return (
         doc.Paragraph(f"Newton and Euler's recursion with the base parameters: {count}. Here {units}. {letters}."),
-        doc.Table(("", ""), (*found.steps, *torques)),
+        doc.Table(("", ""), (*in_letters.steps, *torques)),
     )
 
 
 @doc.guarded
-def _identified(result: DynamicsResult, found: DynamicsEstimate) -> tuple[doc.Section, ...]:
+def _identified(result: DynamicsResult, estimate: DynamicsEstimate) -> tuple[doc.Section, ...]:
     return (
-        doc.Section("Measured and predicted", _fits(result, found), shown_in=doc.PAGE),
+        doc.Section("Measured and predicted", _fits(result, estimate), shown_in=doc.PAGE),
         doc.Section(
             "The motion and the predicted torques",
             (
                 doc.Scene("motion-scene", lambda: _page_scene(result), "The arm on the path of the first run."),
-                _predictions(result, found),
+                _predictions(result, estimate),
                 doc.Paragraph(_physical(result)),
             ),
             shown_in=doc.PAGE,
         ),
         doc.Section(
-            "Identified parameters", (_values(result, found), doc.Paragraph(_noise(result, found), shown_in=doc.NARROW))
+            "Identified parameters",
+            (_values(result, estimate), doc.Paragraph(_noise(result, estimate), shown_in=doc.NARROW)),
         ),
         doc.Section("Physical consistency", (doc.Paragraph(_physical(result)),), shown_in=doc.NARROW),
-        doc.Section("Predicted torques", (_predictions(result, found),), shown_in=doc.NARROW),
-        doc.Section("The load", _loads(result, found)),
+        doc.Section("Predicted torques", (_predictions(result, estimate),), shown_in=doc.NARROW),
+        doc.Section("The load", _loads(result, estimate)),
     )
 
 
-def _values(result: DynamicsResult, found: DynamicsEstimate) -> doc.Table:
+def _values(result: DynamicsResult, estimate: DynamicsEstimate) -> doc.Table:
     """Round values to the second digit of their half-widths."""
     units = result.arm.units([formula.name for formula in result.formulas])
     rows: list[tuple[str, ...]] = []
     for name, unit, value, half, relative in zip(
-        found.names, units, result.values, found.half_width, found.relative_sigma, strict=True
+        estimate.names, units, result.values, estimate.half_width, estimate.relative_sigma, strict=True
     ):
         if not np.isfinite(value):
             rows.append((name, "–", "–", "–", unit))
@@ -177,15 +184,15 @@ def _values(result: DynamicsResult, found: DynamicsEstimate) -> doc.Table:
     return doc.Table(columns, tuple(rows), caption)
 
 
-def _noise(result: DynamicsResult, found: DynamicsEstimate) -> str:
-    noise = ", ".join(short(sigma) for sigma in found.noise)
+def _noise(result: DynamicsResult, estimate: DynamicsEstimate) -> str:
+    noise = ", ".join(short(sigma) for sigma in estimate.noise)
     units = "Nm" if not any(result.robot.chain.prismatic) else "Nm (N of a slide)"
     late = ""
-    if found.delay is not None:
-        value, half = (short(1e3 * each) for each in (found.delay.value, found.delay.half_width))
+    if estimate.delay is not None:
+        value, half = (short(1e3 * each) for each in (estimate.delay.value, estimate.delay.half_width))
         late = f" The torques are {value} ± {half} ms later than the positions."
     return (
-        f"What is left of the torques is {short(100 * found.relative_error)} % of them. The noise of one reading is "
+        f"What is left of the torques is {short(100 * estimate.relative_error)} % of them. The noise of one reading is "
         f"{noise} {units} (1σ, estimated).{late}"
     )
 
@@ -205,10 +212,10 @@ def _physical(result: DynamicsResult) -> str:
     )
 
 
-def _predictions(result: DynamicsResult, found: DynamicsEstimate) -> doc.Table:
+def _predictions(result: DynamicsResult, estimate: DynamicsEstimate) -> doc.Table:
     """Return a row for each predicted path, and for each drive of it."""
     rows = []
-    for each in found.predictions:
+    for each in estimate.predictions:
         rows.append((each.of, "all", short(100 * each.total_relative, "%"), short(each.total_noise_ratio)))
         for name, relative, ratio in zip(result.robot.chain.joint_names, each.relative, each.noise_ratio, strict=True):
             rows.append(("", name, short(100 * relative, "%"), short(ratio)))
@@ -216,11 +223,11 @@ def _predictions(result: DynamicsResult, found: DynamicsEstimate) -> doc.Table:
 
 
 @doc.guarded
-def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[doc.Block, ...]:
+def _loads(result: DynamicsResult, estimate: DynamicsEstimate) -> tuple[doc.Block, ...]:
     """Compare the load by both methods."""
-    if found.load is None:
+    if estimate.load is None:
         return ()
-    first, *others = [parameter_rows(load) for load in (found.load, found.by_difference) if load is not None]
+    first, *others = [parameter_rows(load) for load in (estimate.load, estimate.by_difference) if load is not None]
     if not first:
         return (doc.Paragraph("The motion does not identify the load."),)
     by_difference = {row[0]: _interval_text(row[1], row[2]) for rows in others for row in rows}

@@ -54,22 +54,22 @@ def main_picture(result: PayloadResult) -> doc.Picture:
 
 
 def _fits(result: PayloadResult) -> tuple[doc.Figure, doc.Figure]:
-    found = result.estimate
-    return fit_figures(channels_of(result), found.time_s, found.measured, found.residual, "channel", _CAPTION)
+    estimate = result.estimate
+    return fit_figures(channels_of(result), estimate.time_s, estimate.measured, estimate.residual, "channel", _CAPTION)
 
 
 def payload_document(result: PayloadResult) -> doc.Document:
     """Summarise a payload: its parameters with their intervals, what they cost, and how well they explain the data."""
-    found = result.estimate
+    estimate = result.estimate
     mass = (
-        f"{found.mass_kg:.4g} kg at the flange"
-        if np.isfinite(found.mass_kg)
+        f"{estimate.mass_kg:.4g} kg at the flange"
+        if np.isfinite(estimate.mass_kg)
         else "a payload whose mass is not identifiable"
     )
-    shown = result.samples is not None and bool(np.isfinite(found.com_m).all())
+    shown = result.samples is not None and bool(np.isfinite(estimate.com_m).all())
     scene = (doc.Scene("payload-scene", lambda: _page_scene(result), _SCENE),) * shown
-    lead = f"{capital(found.method)}: {found.rank} of {found.columns} parameters identified."
-    fit = (FIT_BADGES[found.adequate], f" {sentence(phrase(found.verdict))}")
+    lead = f"{capital(estimate.method)}: {estimate.rank} of {estimate.columns} parameters identified."
+    fit = (FIT_BADGES[estimate.adequate], f" {sentence(phrase(estimate.verdict))}")
     return doc.Document(
         f"{called(result.robot.name, result.options.serial)}: {mass}",
         (
@@ -81,14 +81,14 @@ def payload_document(result: PayloadResult) -> doc.Document:
                 "The payload",
                 (
                     *scene,
-                    doc.Paragraph(f"{lead} {sentence(phrase(found.verdict))}", shown_in=doc.PAGE),
+                    doc.Paragraph(f"{lead} {sentence(phrase(estimate.verdict))}", shown_in=doc.PAGE),
                     *_payload(result),
                     *_intervals(result),
                 ),
             ),
             doc.Section("Error due to its uncertainty", (doc.Paragraph(_cost(result)),), shown_in=doc.NARROW),
-            doc.Section("Not identifiable", (doc.Bullets(tuple(map(sentence, found.unidentified))),)),
-            doc.Section("Parameters fitted with it", (_nuisance_table(found),)),
+            doc.Section("Not identifiable", (doc.Bullets(tuple(map(sentence, estimate.unidentified))),)),
+            doc.Section("Parameters fitted with it", (_nuisance_table(estimate),)),
             doc.Section("Measured and predicted", _fits(result)),
         ),
     )
@@ -97,35 +97,35 @@ def payload_document(result: PayloadResult) -> doc.Document:
 @doc.guarded
 def _card(result: PayloadResult) -> doc.Card:
     """Summarise the payload: whether it is to be trusted, its mass and centre, and what to do with it."""
-    found, numbers = result.estimate, list[tuple[str, str, str]]()
-    if np.isfinite(found.mass_kg):
-        numbers.append(("mass", f"{' ± '.join(_rounded(found.mass_kg, found.mass_half_width_kg))} kg", ""))
-    if np.isfinite(found.com_m).all():
-        widest = float(MM.of(found.com_half_width.max()))
-        centre = ", ".join(fixed(value, digits_of(widest, 3)) for value in MM.of(found.com_m))
+    estimate, numbers = result.estimate, list[tuple[str, str, str]]()
+    if np.isfinite(estimate.mass_kg):
+        numbers.append(("mass", f"{' ± '.join(_rounded(estimate.mass_kg, estimate.mass_half_width_kg))} kg", ""))
+    if np.isfinite(estimate.com_m).all():
+        widest = float(MM.of(estimate.com_half_width.max()))
+        centre = ", ".join(fixed(value, digits_of(widest, 3)) for value in MM.of(estimate.com_m))
         numbers.append((f"centre of mass (± {short(widest)}), mm", centre, ""))
     if not numbers:
-        numbers.append(("parameters identified", f"{found.rank} of {found.columns}", ""))
-    badge = FIT_BADGES[found.adequate]
+        numbers.append(("parameters identified", f"{estimate.rank} of {estimate.columns}", ""))
+    badge = FIT_BADGES[estimate.adequate]
     if result.implausible:
         badge = IMPLAUSIBLE
-    elif found.adequate is not False and not np.isfinite(found.com_m).all():
+    elif estimate.adequate is not False and not np.isfinite(estimate.com_m).all():
         badge = doc.Badge("incomplete", "doubtful")
-    about = f"With 95 % intervals, in the frame of the {found.frame}, by {found.method}. {_cost(result)}".rstrip()
-    share = share_figure(channels_of(result), found.measured, found.residual, "signal")
+    about = f"With 95 % intervals, in the frame of the {estimate.frame}, by {estimate.method}. {_cost(result)}".rstrip()
+    share = share_figure(channels_of(result), estimate.measured, estimate.residual, "signal")
     return doc.Card(("Fit: ", badge), tuple(numbers), about, _next(result), (share,))
 
 
 def _next(result: PayloadResult) -> str:
     """Return what to do with an identified payload."""
-    found = result.estimate
+    estimate = result.estimate
     if result.implausible:
         return "Mend what the first warning names; then identify again."
-    if wild_sample(found):
+    if wild_sample(estimate):
         return "Mend or leave out the sample that the warning names; then identify again."
-    if found.adequate is False:
+    if estimate.adequate is False:
         return "Find the cause that the fit names: --friction, --delay, --tilt or --turn also fit it."
-    if not np.isfinite(found.com_m).all():
+    if not np.isfinite(estimate.com_m).all():
         return "Measure more poses or another motion (see what is not identifiable); then identify again."
     return "Give this run to identify, calibrate or compensate with --load."
 
@@ -134,7 +134,7 @@ def _page_scene(result: PayloadResult) -> ArmScene:
     """The arm along the loaded run, with the payload as the solid ellipsoid of its mass and inertia."""
     import trimesh
 
-    found, samples, robot = result.estimate, result.samples, result.robot
+    estimate, samples, robot = result.estimate, result.samples, result.robot
     assert samples is not None
     run = samples.run(True)
     arm = robot.serial_arm(("p1",))
@@ -146,9 +146,9 @@ def _page_scene(result: PayloadResult) -> ArmScene:
     else:
         posed = moving_arm(robot.model, arm, values, run.joints[rows], run.time_s[rows], (0,), ("start",))
     T_world_flange = robot.model.T_world_frame0 @ arm.flange(run.joints[rows], values)
-    half, axes = equivalent_ellipsoid(found.mass_kg, found.inertia_com_kgm2)
+    half, axes = equivalent_ellipsoid(estimate.mass_kg, estimate.inertia_com_kgm2)
     ball = trimesh.creation.icosphere(3)
-    surface = (ball.vertices * half) @ axes.T + found.com_m
+    surface = (ball.vertices * half) @ axes.T + estimate.com_m
     tint = np.tile(np.array([*RGB_PAYLOAD, 255], np.uint8), (len(surface), 1))
     load = Shell(
         _LOAD, surface.astype(np.float32), np.asarray(ball.faces, np.uint32), np.zeros((0, 3), np.float32), tint
@@ -173,7 +173,7 @@ def _intervals(result: PayloadResult) -> tuple[doc.Figure, ...]:
     rows = parameter_rows(result.estimate)
     truth = {} if result.truth is None else true_values(result.truth)
     groups = [(title, [row for row in rows if row[0].startswith(start)]) for start, title in _GROUPS.items()]
-    pictures = tuple(_interval_picture(title, found, truth) for title, found in groups if found)
+    pictures = tuple(_interval_picture(title, part, truth) for title, part in groups if part)
     caption = "Estimates with 95 % intervals" + ("; crosses: the true values." if truth else ".")
     return (doc.Figure("intervals-figure", pictures, caption),) if pictures else ()
 
@@ -320,9 +320,9 @@ def _one_after_the_other(time_s: Array | None, count: int) -> tuple[Array, list[
 
 @doc.guarded
 def _payload(result: PayloadResult) -> tuple[doc.Block, ...]:
-    found = parameter_rows(result.estimate)
+    parameters = parameter_rows(result.estimate)
     rows: tuple[tuple[str, ...], ...] = tuple(
-        (name, *_rounded(value, width), unit) for name, value, width, unit in found
+        (name, *_rounded(value, width), unit) for name, value, width, unit in parameters
     )
     columns: tuple[str, ...] = ("", "value", "±", "unit")
     if result.truth is not None:
@@ -354,9 +354,9 @@ def _cost(result: PayloadResult) -> str:
     )
 
 
-def _nuisance_table(found: LoadEstimate) -> doc.Table:
+def _nuisance_table(estimate: LoadEstimate) -> doc.Table:
     rows = []
-    for each in found.nuisance:
+    for each in estimate.nuisance:
         scale, unit = _UNITS.get(each.unit, (1.0, each.unit))
         rows.append((each.name, short(scale * each.value), short(scale * each.half_width), unit))
     return doc.Table(("", "value", "±", "unit"), tuple(rows))

@@ -302,17 +302,17 @@ def _differential(result: KinematicsResult, first: Placement) -> tuple[Block, ..
 @guarded
 def _inverse(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
     """Tabulate the inverse of the Jacobian or its pseudo-inverse."""
-    found = first.inverse_jacobian
-    if found is None or not result.options.inverse_jacobian:
+    inverse_jacobian = first.inverse_jacobian
+    if inverse_jacobian is None or not result.options.inverse_jacobian:
         return ()
-    rows = zip(result.robot.chain.joint_names, _clean(found.matrix), strict=True)
+    rows = zip(result.robot.chain.joint_names, _clean(inverse_jacobian.matrix), strict=True)
     caption = {
         "blocks": "J⁻¹ by blocks, J = [A 0; C D]: A⁻¹, and below it −D⁻¹ C A⁻¹ and D⁻¹",
         "inverse": "J⁻¹",
         "left": "J⁺ = (JᵗJ)⁻¹Jᵗ: rates of the joints for a twist, by least squares",
         "right": "J⁺ = Jᵗ(JJᵗ)⁻¹: the smallest rates of the joints for a twist",
         "singular": "J⁺ by singular values, as the robot is singular here",
-    }[found.kind]
+    }[inverse_jacobian.kind]
     return (Table(("", *_TWIST), tuple((name, *(fixed(v, 4) for v in row)) for name, row in rows), caption),)
 
 

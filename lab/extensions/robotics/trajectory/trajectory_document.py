@@ -161,10 +161,10 @@ def page_scene(result: TrajectoryResult) -> ArmScene:
     share = (speeds - speeds.min()) / (float(np.ptp(speeds)) or 1.0)
     (path,) = moving.lines
     lines = [replace(path, rgb=np.round(255 * shades(share, COLOUR_SCALE)).astype(int))]
-    if (found := result.tracking) is not None and result.tracked is not None:
+    if (tracking := result.tracking) is not None and result.tracked is not None:
         tracked = result.tracked
         T = model.T_world_frame0 @ se3.inverse(tracked.arm.rigid.T_tracker_frame0(tracked.nominal))
-        missed = found.wanted[shown, :3, 3] + _error_factor(result) * found.total[shown, :3]
+        missed = tracking.wanted[shown, :3, 3] + _error_factor(result) * tracking.total[shown, :3]
         lines.append(Line(f"path with errors × {_error_factor(result):,g}", moved(T, missed), rgb(BEFORE)))
     return replace(moving, lines=lines, kind="point")
 
@@ -200,8 +200,12 @@ def _files(result: TrajectoryResult) -> str:
 def _errors(result: TrajectoryResult) -> tuple[doc.Section, ...]:
     if result.tracked is None or result.tracking is None:
         return ()
-    found, values = result.tracking, result.to_dict()["tracking"]
-    errors = {"in all": found.total, **found.parts, "left after the correction, by the model": found.corrected.left}
+    tracking, values = result.tracking, result.to_dict()["tracking"]
+    errors = {
+        "in all": tracking.total,
+        **tracking.parts,
+        "left after the correction, by the model": tracking.corrected.left,
+    }
     cells = tuple(
         (
             name,
@@ -219,7 +223,7 @@ def _errors(result: TrajectoryResult) -> tuple[doc.Section, ...]:
         f"With {values['payload_kg']:.4g} kg, under gravity and the inertia of the motion, at rest at each instant: "
         f"vibration is left out. Joint positions that make up for it are in corrected.csv: by up to {joints}."
     )
-    displacing, turning = found.corrected.directions
+    displacing, turning = tracking.corrected.directions
     if displacing + turning < len(AXES):
         text += (
             f" The joints correct the position in {displacing} of 3 directions and the rotation in {turning} of 3. "
@@ -228,7 +232,7 @@ def _errors(result: TrajectoryResult) -> tuple[doc.Section, ...]:
     if values["not_made_up_for"]:
         text += f" No joint moves the tool along {', '.join(values['not_made_up_for'])} at any time."
     figure = doc.Figure(
-        "errors", (_error_picture(result, found),), "What the tool misses its path by, in all and by part."
+        "errors", (_error_picture(result, tracking),), "What the tool misses its path by, in all and by part."
     )
     table = doc.Table(("part", "mean, µm", "max, µm", "mean, m°", "max, m°"), cells)
     return (doc.Section("Errors along the way", (doc.Paragraph(text), table, figure)),)
@@ -238,8 +242,8 @@ def _um(length_mm: float | None) -> str:
     return "–" if length_mm is None else f"{1e3 * length_mm:.3g}" if length_mm >= 1e-6 else "< 0.001"
 
 
-def _error_picture(result: TrajectoryResult, found: Tracking) -> doc.Picture:
-    curves = {"in all": found.total, **found.parts}
+def _error_picture(result: TrajectoryResult, tracking: Tracking) -> doc.Picture:
+    curves = {"in all": tracking.total, **tracking.parts}
 
     def draw(axes: Axes) -> None:
         for i, (name, error) in enumerate(curves.items()):

@@ -83,7 +83,7 @@ _SCENE = {  # of volumes and of areas
 @guarded
 def _card(each: RobotWorkspace) -> Card:
     """Summarise one robot's workspace: its size, how far it reaches, in how many orientations, and what to do."""
-    values, found = each.to_dict(), each.space.measured
+    values, measured = each.to_dict(), each.space.measured
     numbers = [("reaches", _size(each, each.size), "after")]
     if each.reach_m is not None:
         low, high = (printed(round(MM.of(end))) for end in each.reach_m)
@@ -91,8 +91,8 @@ def _card(each: RobotWorkspace) -> Card:
     if (turned := values["orientations"]) is not None:
         numbers.append(("orientations there, in the mean", f"{100 * turned['mean_share']:.0f} %", ""))
     badge = Badge("no enclosed void", "good")
-    if found.voids:
-        badge = Badge(counted(len(found.voids), "enclosed void"), "doubtful")
+    if measured.voids:
+        badge = Badge(counted(len(measured.voids), "enclosed void"), "doubtful")
     cell, step = values["cell"], "Give your cell with --cell to see what is left of it among its obstacles."
     if cell is not None:
         numbers.append((f"free in {cell['name']}", f"{100 * cell['free_share']:.0f} %", ""))
@@ -147,11 +147,11 @@ def _size(each: RobotWorkspace, value: float) -> str:
 def _comparison(result: WorkspaceResult) -> Section:
     rows = []
     for each in result.robots:
-        found, ends, share = each.space.measured, each.reach_m, each.to_dict()["orientations"]
+        measured, ends, share = each.space.measured, each.reach_m, each.to_dict()["orientations"]
         rows.append((
-            each.robot.name, _size(each, each.size), f"{_size(each, found.size)} ± {found.standard_error:.2g}",
+            each.robot.name, _size(each, each.size), f"{_size(each, measured.size)} ± {measured.standard_error:.2g}",
             "–" if ends is None else f"{printed(round(MM.of(ends[0])))} … {printed(round(MM.of(ends[1])))}",
-            str(len(found.voids)), "–" if share is None else f"{100 * share['mean_share']:.0f} %",
+            str(len(measured.voids)), "–" if share is None else f"{100 * share['mean_share']:.0f} %",
         ))  # fmt: skip
     columns = ("robot", "size", "by Monte Carlo", "from axis 1, mm", "voids", "orientations")
     return Section("Comparison", (Table(columns, tuple(rows)),))
@@ -166,12 +166,13 @@ def _size_picture(result: WorkspaceResult) -> Picture:
 
 
 def _lines(each: RobotWorkspace) -> tuple[str, ...]:
-    values, found, space = each.to_dict(), each.space.measured, each.space
+    values, measured, space = each.to_dict(), each.space.measured, each.space
     name = "area" if each.plane else "volume"
     by = "the closed form" if space.by_place.exact else "a search"
     carlo = (
-        f"{_size(each, found.size)} ± {found.standard_error:.2g} (1σ) by Monte Carlo: {len(found.reached):,} places "
-        f"in cells of {short(MM.of(found.cell_m))} mm, reached or not by {by}"
+        f"{_size(each, measured.size)} ± {measured.standard_error:.2g} (1σ) by Monte Carlo: "
+        f"{len(measured.reached):,} places "
+        f"in cells of {short(MM.of(measured.cell_m))} mm, reached or not by {by}"
     )
     first = f"{name} {carlo}" if space.by_sections is None else f"{name} {_size(each, each.size)} by sections; {carlo}"
     ends = ", ".join(
@@ -181,11 +182,11 @@ def _lines(each: RobotWorkspace) -> tuple[str, ...]:
     if each.reach_m is not None:
         low, high = (printed(round(MM.of(end), 1)) for end in each.reach_m)
         lines.append(f"reach from axis 1: {low} … {high} mm")
-    voids = ", ".join(_size(each, size) for size in found.voids)
+    voids = ", ".join(_size(each, size) for size in measured.voids)
     if voids:
-        lines.append(f"{counted(len(found.voids), 'enclosed void')} of about {voids}")
+        lines.append(f"{counted(len(measured.voids), 'enclosed void')} of about {voids}")
     else:
-        lines.append(f"no enclosed void wider than {short(3e3 * found.cell_m)} mm")
+        lines.append(f"no enclosed void wider than {short(3e3 * measured.cell_m)} mm")
     lines.append(_orientations(each, values["orientations"]))
     if (cell := values["cell"]) is not None:
         lines.append(
