@@ -31,7 +31,6 @@ __all__ = [
 ]
 
 _SEPARATORS = ("\t", ";", ",", " ")
-_NAMED = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}
 _COMMENT = re.compile(r"\s*(//+|#+|%+|!+|\*+)\s?")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
 _UNITS = {
@@ -80,7 +79,6 @@ class LooseTable:
         lines: of the rows in the file.
         titles: other lines above the block, with their numbers.
         left_out: lines outside the block.
-        separator: of the cells, in words.
     """
 
     path: Path
@@ -89,7 +87,6 @@ class LooseTable:
     lines: tuple[int, ...]
     titles: tuple[tuple[int, str], ...]
     left_out: tuple[LeftOut, ...]
-    separator: str
 
     @property
     def width(self) -> int:
@@ -263,7 +260,6 @@ def read_loose(path: Path, least: int) -> LooseTable:
         tuple(line.number for line in rows),
         tuple((line.number, _COMMENT.sub("", line.text, count=1).strip()) for line in titles),
         _left_out(path, [*titles, *below], width, rows[0]),
-        _NAMED[separator],
     )
 
 

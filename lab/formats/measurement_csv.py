@@ -167,7 +167,7 @@ def read_columns(
 ) -> Measurements:
     """Read columns in memory as those of a file; names may be those of ``Measurements.columns``, too.
 
-    Further columns of numbers become conditions.
+    Further columns stay with the rows: those of numbers as conditions.
 
     Args:
         source: name of the table in error messages.
@@ -176,8 +176,8 @@ def read_columns(
     named = _with_units(columns, joint_names, prismatic, units)
     further = (name for name in named if name not in _OTHER_RESERVED and not _POSE_COLUMN.fullmatch(name))
     numbers = tuple(name for name in further if np.asarray(named[name]).dtype.kind in "iuf")
-    table = ColumnsInMemory(source, named)
-    reader = PoseReader(table, list(joint_names), list(prismatic), ObservedColumns(numbers=numbers), ROWS)
+    kept = ObservedColumns(orientations=True, numbers=numbers, texts=tuple(named))
+    reader = PoseReader(ColumnsInMemory(source, named), list(joint_names), list(prismatic), kept)
     return reader.read(need_points=False)
 
 

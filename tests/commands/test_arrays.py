@@ -53,6 +53,7 @@ def test_other_observations_are_made_of_arrays(observe: str) -> None:
         given["orientations"] = lab.core.se3.rotation_from_quaternion(quaternions)
     else:
         given["columns"] = dict(day.other)
+    assert measurements(day, robot="irb120") == day, "as one table"
     own = measurements(day.joints, robot="irb120", conditions=day.conditions, sessions=day.sessions, **given)
     ours, theirs = (lab.identify(each, observe=observe).identification.values for each in (own, day))
     np.testing.assert_allclose(ours, theirs, atol=1e-8)
