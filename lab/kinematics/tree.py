@@ -368,19 +368,22 @@ class TreeArm:
 
         The links are those of chains with measured targets, the first of which places the joints that it shares.
         """
-        chain, order = self.chain, [*range(_BASE)]
-        order += [i for i, each in enumerate(self.names) if each.startswith("mount.")]
-        index = {name: i for i, name in enumerate(self.names)}
-        measured = [chain.tips.index(tip) for tip in dict.fromkeys(tip_of(target) for target in self.targets)]
-        placed = set[int]()
+        mounts = [i for i, each in enumerate(self.names) if each.startswith("mount.")]
+        tools = [i for i, each in enumerate(self.parameters) if each.group == "tool"]
+        return tuple(dict.fromkeys([*range(_BASE), *mounts, *self._link_priority(), *tools, *range(len(self.names))]))
+
+    def _link_priority(self) -> list[int]:
+        """Return the indices of the links' preferred parameters, of the chains with measured targets."""
+        chain, index = self.chain, {name: i for i, name in enumerate(self.names)}
+        measured = {chain.tips.index(tip_of(target)) for target in self.targets}
+        order, placed = list[int](), set[int]()
         for c in sorted(measured):
             branch = chain.chains[c]
             for row in range(branch.size):
                 cells = preferred_cells(branch, row, on_base=chain.roots[c] not in placed)
                 order += [index[f"{chain.owner(c, row, cell)}.{cell}"] for cell in cells]
             placed.add(chain.roots[c])
-        order += [i for i, each in enumerate(self.parameters) if each.group == "tool"]
-        return tuple(dict.fromkeys([*order, *range(len(self.names))]))
+        return order
 
     def rank_point(self, values: Array) -> Array:
         """Return ``values`` with nominally parallel axes exactly parallel, for decisions on rank."""

@@ -127,9 +127,7 @@ def _refuse_wrong_derivative(effect: Effect, chain: JointSpec) -> None:
     wrong = np.zeros(len(scale), dtype=np.int_)
     messages = dict[int, str]()
     for _ in range(_DRAWS):
-        joints = chain.random_joints(_POSES, rng)
-        columns = [structure_values(name, _POSES, rng) for name in effect.conditions]
-        conditions = np.stack(columns, axis=1) if columns else np.empty((_POSES, 0))
+        joints, conditions = _drawn_inputs(effect, chain, rng)
         values = scale * rng.standard_normal(len(scale))
         moved, derivative = effect.offsets(joints, conditions, values)
         for i, step in enumerate(_STEP * scale):
@@ -147,6 +145,13 @@ def _refuse_wrong_derivative(effect: Effect, chain: JointSpec) -> None:
         raise LabError(
             f"effect '{effect.name}': offsets returns a wrong derivative by {name}: {messages[bad[0]]}{more}; repair it"
         )
+
+
+def _drawn_inputs(effect: Effect, chain: JointSpec, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Draw joint positions and the effect's conditions at some poses."""
+    joints = chain.random_joints(_POSES, rng)
+    columns = [structure_values(name, _POSES, rng) for name in effect.conditions]
+    return joints, np.stack(columns, axis=1) if columns else np.empty((_POSES, 0))
 
 
 def _slope_error(own: Array, slope: Array, rounding: float) -> str:

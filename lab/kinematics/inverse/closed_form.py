@@ -58,13 +58,15 @@ class Term:
         """Return the formula without the coefficient's sign; empty for 1."""
         factors = [] if abs(self.size - 1) < _NONE and (self.function or self.slides) else [_number(self.size)]
         factors += [names[joint] for joint in self.slides]
-        if self.function:
-            parts = [("+" if sign > 0 else "-", "" if abs(sign) == 1 else f"{abs(sign):g} * ", names[joint])
-                     for joint, sign in self.angle]  # fmt: skip
-            angle = "".join(map("".join, parts)).removeprefix("+")
-            alone = len(self.angle) == 1 and abs(self.angle[0][1]) == 1
-            factors.append(f"{self.function} {angle}" if alone else f"{self.function}({angle})")
-        return " ".join(factors)
+        return " ".join([*factors, self._function_text(names)] if self.function else factors)
+
+    def _function_text(self, names: tuple[str, ...]) -> str:
+        """Return the function of the angle, like ``cos(q2 + q3)``; without brackets of a single joint's."""
+        parts = [("+" if sign > 0 else "-", "" if abs(sign) == 1 else f"{abs(sign):g} * ", names[joint])
+                 for joint, sign in self.angle]  # fmt: skip
+        angle = "".join(map("".join, parts)).removeprefix("+")
+        alone = len(self.angle) == 1 and abs(self.angle[0][1]) == 1
+        return f"{self.function} {angle}" if alone else f"{self.function}({angle})"
 
     @property
     def size(self) -> float:
