@@ -135,17 +135,23 @@ def _split(calibrated: CalibrationRun) -> tuple[Measurements, Measurements | Non
     if unknown := [name for name in calibrated.estimate.arm.targets if name not in read.targets]:
         raise LabError(f"{path}: has no target {unknown[0]}, which the run identified; make the run again")
     read = read.with_points()
+    rows, judged = _held_out(calibrated, read)
+    if result.outliers_left_out:
+        rows = rows.without([each.id for each in result.outliers if not each.held_out])
+    if not len(rows):
+        raise LabError(f"{path}: has no row that was fitted; make the run again")
+    return rows, judged if len(judged) else None
+
+
+def _held_out(calibrated: CalibrationRun, read: Measurements) -> tuple[Measurements, Measurements]:
+    """Return the rows to fit and those to judge by, as the run's options divide them."""
     rows, judged = read.only("calibrate"), read.only("test")
     if isinstance(options := calibrated.options, MeasuredCampaign):
         if options.holdout is not None:
             rows, judged = hold_out(calibrated.estimate.arm, rows, options.holdout, options.seed)
         if options.holdout_last is not None:
             rows, judged = hold_out_last(calibrated.estimate.arm, rows, options.holdout_last)
-    if result.outliers_left_out:
-        rows = rows.without([each.id for each in result.outliers if not each.held_out])
-    if not len(rows):
-        raise LabError(f"{path}: has no row that was fitted; make the run again")
-    return rows, judged if len(judged) else None
+    return rows, judged
 
 
 def _noise(calibrated: CalibrationRun, device: Instrument | None) -> Noise:
@@ -218,25 +224,37 @@ def validation_errors(
         quantities: of the budget.
         instrument_m: noise of one coordinate of a measured point, beside what the budget has of the robot.
     """
-    found, by = calibrated.result.after_mm, calibrated.result.judged_by
-    if found is None or not found["count"]:
+    after = calibrated.result.after_mm
+    if after is None or not after["count"]:
         return None
-    rms_m, p95_m = MM.to_si(found["rms"]), MM.to_si(found["p95"])
-    shown = [each for each in quantities if each.group in _SHOWN or each.placed]
-    dof, all_given = chance.noise.dof, chance.all_given
-    if by == "cross-validation":
+    shown = [quantity for quantity in quantities if quantity.group in _SHOWN or quantity.placed]
+    if calibrated.result.judged_by == "cross-validation":
         poses, own, shared = _by_folds(calibrated, fitted, shown, instrument_m)
-        return ValidationErrors(rms_m, p95_m, poses, own, shared, dof, all_given)
-    rows = {"holdout": fitted.judged, "file": fitted.validated or fitted.rows}.get(by or "")
-    if rows is None:  # exact points of a virtual robot
-        used = [each for each in shown if each.group != "repeatability" or each.shifts is not None]
+    elif (rows := _validating_rows(calibrated, fitted)) is None:  # exact points of a virtual robot
+        used = [quantity for quantity in shown if quantity.group != "repeatability" or quantity.shifts is not None]
         own, shared = _of_quantities(used, propagation.slopes, 0.0)
-        return ValidationErrors(rms_m, p95_m, int(found["count"]), own, shared, dof, all_given)
-    some = thinned(rows, _MOST_ROWS)
-    own, shared = _of_quantities(shown, _slopes(calibrated, some), instrument_m)
-    if by == "file" and isinstance(calibrated.options, MeasuredCampaign) and calibrated.options.refit:
-        shared = _placed_anew(calibrated, some, shared)
-    return ValidationErrors(rms_m, p95_m, _distinct(calibrated, rows), own, shared, dof, all_given)
+        poses = int(after["count"])
+    else:
+        some = thinned(rows, _MOST_ROWS)
+        own, shared = _of_quantities(shown, _slopes(calibrated, some), instrument_m)
+        if _places_anew(calibrated):
+            shared = _placed_anew(calibrated, some, shared)
+        poses = _distinct(calibrated, rows)
+    rms_m, p95_m = MM.to_si(after["rms"]), MM.to_si(after["p95"])
+    return ValidationErrors(rms_m, p95_m, poses, own, shared, chance.noise.dof, chance.all_given)
+
+
+def _validating_rows(calibrated: CalibrationRun, fitted: FittedRows) -> Measurements | None:
+    """Return the rows that judged a run; None where exact points of a virtual robot did."""
+    by = calibrated.result.judged_by
+    return {"holdout": fitted.judged, "file": fitted.validated or fitted.rows}.get(by or "")
+
+
+def _places_anew(calibrated: CalibrationRun) -> bool:
+    """Decide whether base or tool were fitted anew to the file that judged a run."""
+    options = calibrated.options
+    of_file = calibrated.result.judged_by == "file"
+    return of_file and isinstance(options, MeasuredCampaign) and bool(options.refit)
 
 
 def _distinct(calibrated: CalibrationRun, rows: Measurements) -> int:

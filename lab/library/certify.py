@@ -117,15 +117,13 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
         calibrated, fitted, propagation, quantities, chance, instrument_noise_m(calibrated, fitted, device)
     )
     validation = None if shown is None else lack_of_fit(shown)
-    if validation is not None and validation.sigma_m:
-        where = f"validation on {validation.poses:,} poses, {calibrated.result.judged_by}"
-        quantities.append(lack_of_fit_of(propagation, validation.sigma_m, validation.dof, where))
+    quantities += _lack_of_fit(calibrated, propagation, validation)
     budgets = _budgets(quantities, propagation, stage)
     unseen = tuple(_unseen(device, details, propagation, chance, robot.repeats))
     totals = _with_unseen(quantities, unseen, propagation, budgets)
     facts = _facts(calibrated, source, robot)
     implausible = implausibilities(details, facts)
-    issued = not any(each.outcome == "failed" for each in implausible)
+    issued = all(check.outcome != "failed" for check in implausible)
     expanded_m = totals[0] if device is None else budgets[0].expanded_m
     statement = _conformity(options, calibrated, expanded_m) if issued else None
     warnings = [*phrases(implausible), *_warnings(calibrated, device, details, chance, robot, validation)]
@@ -145,6 +143,16 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
         totals,
         digests_of(options.run),
     )
+
+
+def _lack_of_fit(
+    calibrated: CalibrationRun, propagation: Propagation, validation: LackOfFit | None
+) -> list[InputQuantity]:
+    """Return the errors on validation poses that the rest of the budget does not explain, where there are any."""
+    if validation is None or not validation.sigma_m:
+        return []
+    where = f"validation on {validation.poses:,} poses, {calibrated.result.judged_by}"
+    return [lack_of_fit_of(propagation, validation.sigma_m, validation.dof, where)]
 
 
 def _refuse_unknown_covariance(calibrated: CalibrationRun) -> None:
@@ -300,6 +308,15 @@ def _conformity(options: CertifyOptions, calibrated: CalibrationRun, expanded_m:
     return conformity_of(MM.to_si(value), MM.to_si(tolerance), expanded_m, options.decision_rule)
 
 
+def _no_repeatability(*, repeated: bool) -> str:
+    if repeated:
+        return "repeated poses scatter no more than the instrument's noise, so the budget has no repeatability term"
+    return (
+        "the robot's repeatability was neither measured nor stated, so the budget lacks it; measure poses several "
+        "times, or state repeatability_mm of [robot] in --details"
+    )
+
+
 def _warnings(
     calibrated: CalibrationRun,
     device: Instrument | None,
@@ -324,13 +341,8 @@ def _warnings(
     if device is None or not device.errors.lasting:
         name = "the instrument is not known" if device is None else f"no systematic errors are stated of {device.name}"
         yield f"{name}, so the budget lacks systematic errors; give --instrument with the TOML file of a tracker"
-    if chance.repeatability is None and robot.repeats is None:
-        yield (
-            "the robot's repeatability was neither measured nor stated, so the budget lacks it; measure poses several "
-            "times, or state repeatability_mm of [robot] in --details"
-        )
-    elif chance.repeatability is None:
-        yield "repeated poses scatter no more than the instrument's noise, so the budget has no repeatability term"
+    if chance.repeatability is None:
+        yield _no_repeatability(repeated=robot.repeats is not None)
     if details.robot_temperature is None:
         yield "the robot's temperature is not stated, so the budget lacks it; state it in [environment] of --details"
     if missing := details.missing:

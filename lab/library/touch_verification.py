@@ -279,20 +279,7 @@ def _by_configuration(
     near, table = np.where(slides, _NEAR_M, _NEAR_RAD), []
     for date in days:
         apart = (np.abs(rows.joints[on[date]][:, None] - rows.joints[first]) / near).max(axis=2)
-        order: dict[int, int] = {}
-        for row, distances in zip(on[date], apart, strict=True):
-            at = int(np.argmin(distances))
-            if distances[at] > 1.0:
-                raise LabError(
-                    f"{rows.where(row)}: no configuration of the first check ({days[0]}) is within 10° of it; touch "
-                    "the same ones, or mark the row use = skip"
-                )
-            if at in order:
-                raise LabError(
-                    f"{rows.where(row)}: touches the same configuration as {rows.where(order[at])} on {date}; keep one "
-                    "row of each"
-                )
-            order[at] = row
+        order = _matched_rows(rows, on[date], apart, days[0], date)
         if lacking := [at for at in range(len(first)) if at not in order]:
             raise LabError(
                 f"{options.file}: the check of {date} lacks configuration {lacking[0] + 1} of the first check; touch "
@@ -300,6 +287,33 @@ def _by_configuration(
             )
         table.append([order[at] for at in range(len(first))])
     return tuple(days), np.array(table)
+
+
+def _matched_rows(rows: Measurements, of_day: Sequence[int], apart: Array, first_day: str, date: str) -> dict[int, int]:
+    """Return a day's row of each configuration of the first check.
+
+    Args:
+        of_day: the day's rows.
+        apart: ``(rows of the day, configurations)`` distances, of which those up to one are near.
+
+    Raises:
+        LabError: a row is near no configuration, or two are at one.
+    """
+    order: dict[int, int] = {}
+    for row, distances in zip(of_day, apart, strict=True):
+        at = int(np.argmin(distances))
+        if distances[at] > 1.0:
+            raise LabError(
+                f"{rows.where(row)}: no configuration of the first check ({first_day}) is within 10° of it; touch "
+                "the same ones, or mark the row use = skip"
+            )
+        if at in order:
+            raise LabError(
+                f"{rows.where(row)}: touches the same configuration as {rows.where(order[at])} on {date}; keep one "
+                "row of each"
+            )
+        order[at] = row
+    return order
 
 
 def _errors(
