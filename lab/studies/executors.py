@@ -168,14 +168,15 @@ def _client(address: str) -> "Client":
     from distributed.security import Security
 
     async def answer() -> None:  # a client without a scheduler would not end quietly
-        comm = await connect(address, timeout=CONNECTING_S, **Security().get_connection_args("client"))
+        async with asyncio.timeout(CONNECTING_S):  # its own is not of one that accepts, and never answers
+            comm = await connect(address, timeout=CONNECTING_S, **Security().get_connection_args("client"))
         await comm.close()
 
     try:
         asyncio.run(answer())
         client = Client(address, timeout=CONNECTING_S, set_as_default=False)
     except (OSError, ValueError, TypeError, RuntimeError) as error:  # dask's errors of addresses and certificates
-        why = " ".join(str(error).split())
+        why = " ".join(str(error).split()) or f"nothing came within {CONNECTING_S:g} s"
         raise LabError(
             f"{option_name('scheduler')} {address}: does not answer ({why}); start dask scheduler there, "
             "mend the address, or give dask its certificates"

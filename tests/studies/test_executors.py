@@ -1,6 +1,7 @@
 """The processes that do the work of a study."""
 
 import signal
+import socket
 import subprocess
 import sys
 import textwrap
@@ -123,3 +124,18 @@ def test_processes_that_never_answer_are_ended() -> None:
     with pytest.raises(StoppedError, match="the workers finished nothing"), local_executor(2) as pool:
         list(run_jobs(pool, stuck, timeout_s=3.0))
     assert not active_children()
+
+
+@pytest.mark.thorough
+def test_a_scheduler_that_accepts_and_never_answers_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(executors, "CONNECTING_S", 0.5)
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen(5)
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with (
+            pytest.raises(LabError, match=r"does not answer \(nothing came within 0.5 s\); start dask scheduler there"),
+            executors.cluster_executor(address),
+        ):
+            pass
