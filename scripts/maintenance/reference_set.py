@@ -268,14 +268,25 @@ def _leaves(value: Any, place: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def numbers_of(file: Path) -> Any:
-    """Return what a file of a run holds: of JSON the values, of other text its numbers outside comments."""
+    """Return what a file holds: of JSON its values, of an exported arm where its points are, of text its numbers."""
     text = file.read_text(encoding="utf-8", errors="replace")
     if file.suffix == ".json":
         return json.loads(text)
+    if file.suffix == ".py" and "\nMODEL" in text:
+        return _points_of_arm(text)
     if file.suffix == ".py":
         found = tokenize.generate_tokens(io.StringIO(text).readline)
         return [float(each.string) for each in found if each.type == tokenize.NUMBER and "x" not in each.string]
     return [float(each) for each in _NUMBER.findall(_COMMENT.sub("", text))]
+
+
+def _points_of_arm(program: str) -> list[Any]:
+    """Run an exported arm: where its points are at five positions of its joints, all conditions at one."""
+    arm: dict[str, Any] = {}
+    exec(compile(program, "calibrated.py", "exec"), arm)
+    model = arm["MODEL"]
+    joints = [[0.1 * (k + 1) * (-1) ** j / (j + 1) for j in range(len(model["joint_names"]))] for k in range(5)]
+    return [arm["forward"](each, **dict.fromkeys(model["conditions"], 1.0)) for each in joints]
 
 
 def _run(root: Path, folder: Path, name: str, words: str) -> Mapping[str, Any]:

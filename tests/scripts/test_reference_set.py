@@ -66,6 +66,18 @@ def test_numbers_of_files_are_compared_and_their_comments_are_not(tmp_path: Path
     assert reference.numbers_of(tmp_path / "b.py") == [1.5, 2.0]
 
 
+def test_an_exported_arm_is_compared_by_where_its_points_are(tmp_path: Path) -> None:
+    model = '{"joint_names": ["q1"], "conditions": {"payload_kg": None}}'
+    arm = f"import math\nMODEL = {model}\n\n\ndef forward(joints, **conditions):\n"
+    texts = {"a": "2 * joints[0] * conditions['payload_kg']", "b": "joints[0] + joints[0]", "c": "3 * joints[0]"}
+    answers = {}
+    for name, text in texts.items():
+        (tmp_path / f"{name}.py").write_text(f"{arm}    return {{'p1': [{text}]}}\n")
+        answers[name] = made() | {"files": {"calibrated.py": reference.numbers_of(tmp_path / f"{name}.py")}}
+    assert reference.difference("identify", answers["a"], answers["b"]).same
+    assert not reference.difference("identify", answers["a"], answers["c"]).same
+
+
 def test_answers_that_are_there_are_compared_without_running_the_commands_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
