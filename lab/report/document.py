@@ -264,7 +264,7 @@ class Table(Block):
     def _reduced(self, medium: _Medium) -> Iterable[Block]:
         if not self.rows:
             return ()
-        retained = [i for i, each in enumerate(self.columns) if isinstance(each, str) or medium in each.shown_in]
+        retained = [i for i, each in enumerate(self.columns) if medium in getattr(each, "shown_in", EVERYWHERE)]
         count = len(self.rows) if self.most_rows is None else self.most_rows
         part = replace(
             self,

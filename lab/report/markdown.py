@@ -27,13 +27,17 @@ def _blocks(blocks: Iterable[doc.Block], level: int) -> Iterable[str]:
             case doc.CommandText():
                 yield f"    {block.text}"
             case doc.Bullets():
-                yield "\n".join(f"- {_to_inline(item)}" for item in block.items)
+                yield _list(map(_to_inline, block.items))
             case doc.Warnings():
-                yield "\n".join([f"**{block.title}**", "", *(f"- {_escaped(text)}" for text in block.texts)])
+                yield f"**{block.title}**\n\n{_list(map(_escaped, block.texts))}"
             case doc.Table():
                 yield from _table(block)
             case doc.Matrices():
                 yield from (text for matrix in block.matrices for text in _matrix(matrix))
+
+
+def _list(items: Iterable[str]) -> str:
+    return "\n".join(f"- {item}" for item in items)
 
 
 def _matrix(matrix: doc.Matrix) -> Iterable[str]:

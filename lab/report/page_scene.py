@@ -225,26 +225,11 @@ def scene_json(scene: ArmScene) -> Markup:
         "places": _floats(np.swapaxes(places, 2, 3)),
         "points": _floats(np.where(shown[:, None], scene.points, middle)),
         "legs": _floats(scene.legs.ends),
-        "lines": [
-            {
-                "name": each.name,
-                "points": _floats(each.points),
-                "rgb": np.broadcast_to(each.rgb, each.points.shape).tolist(),
-            }
-            for each in scene.lines
-        ],
+        "lines": [_line(each) for each in scene.lines],
         "surfaces": [_surface(each) for each in scene.surfaces],
         "opacity": _SEE_THROUGH,
         "colours": _colours(lengths[-1]) if lengths else [rgb(MUTED)] * len(scene.names),
-        "arrows": [
-            {
-                "name": each.label,
-                "vectors": _floats(np.nan_to_num(each.vectors)),
-                "factor": each.factor,
-                "rgb": each.rgb,
-            }
-            for each in scene.arrows
-        ],
+        "arrows": [_arrows(each) for each in scene.arrows],
         "axes": None if scene.ellipsoids is None else _half_axes(scene.ellipsoids),
     }
     return Markup(json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
@@ -287,6 +272,16 @@ def _half_axes(drawn: MagnifiedEllipsoids) -> dict[str, Any]:
         "lengths": [[f"{short(MM.of(size))} mm" for size in row] for row in drawn.half_sizes / drawn.factor],
         "rgb": rgb(INDEX),
     }
+
+
+def _line(line: Line) -> dict[str, Any]:
+    colours = np.broadcast_to(line.rgb, line.points.shape).tolist()
+    return {"name": line.name, "points": _floats(line.points), "rgb": colours}
+
+
+def _arrows(arrows: Arrows) -> dict[str, Any]:
+    vectors = _floats(np.nan_to_num(arrows.vectors))
+    return {"name": arrows.label, "vectors": vectors, "factor": arrows.factor, "rgb": arrows.rgb}
 
 
 def _surface(surface: Surface) -> dict[str, Any]:

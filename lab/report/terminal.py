@@ -64,11 +64,15 @@ def _print(console: Console, blocks: Iterable[doc.Block], warnings: bool) -> Non
                 console.print(RichText(block.text), soft_wrap=True)
             case doc.Bullets():
                 _print_bullets(console, block)
-            case doc.Warnings():
-                for text in block.texts if warnings else ():
-                    console.print(RichText("warning: ", style=f"bold {_AMBER}") + RichText(text))
+            case doc.Warnings() if warnings:
+                _print_warnings(console, block)
             case doc.Table():
                 _print_table(console, block)
+
+
+def _print_warnings(console: Console, block: doc.Warnings) -> None:
+    for text in block.texts:
+        console.print(RichText("warning: ", style=f"bold {_AMBER}") + RichText(text))
 
 
 def _print_bullets(console: Console, block: doc.Bullets) -> None:

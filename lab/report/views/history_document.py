@@ -28,6 +28,7 @@ from lab.report.comparison_plots import (
 )
 from lab.report.style import AFTER, ARROW_AFTER, GATE, INK, OUTLIER, WORST
 from lab.report.views.fleet_document import arms_document, change_rows, checks_picture, mark_verdicts
+from lab.verification.parameter_changes import ParameterChange
 
 __all__ = ["history_document", "main_picture"]
 
@@ -109,11 +110,7 @@ def _card(result: HistoryResult, arm: ArmHistory) -> doc.Card:
         badge = doc.Badge("changed", "bad") if changes.found else doc.Badge("unchanged", "good")
         lead += [*("; ",) * bool(lead), badge, f" {_when(changes)}"]
     if changes is not None and changes.found:
-        last = changes.found[-1]
-        if last.named:
-            size, half, unit = _size(changes.unit(last.named[0]), last.changes[0], last.half_widths[0])
-            numbers.append((parameter_text(last.named[0]), f"{size} {half} {unit}", ""))
-        numbers.append(("at the tool", short(MM.of(changes.at_tool_m(last)), "mm"), ""))
+        numbers += _numbers_of_change(changes, changes.found[-1])
     figure = doc.Figure("errors-over-time", _errors_picture(arm), _errors_caption(arm))
     return doc.Card(
         tuple(lead),
@@ -122,6 +119,15 @@ def _card(result: HistoryResult, arm: ArmHistory) -> doc.Card:
         _next_step(result, arm),
         (figure,),
     )
+
+
+def _numbers_of_change(changes: Changes, change: ParameterChange) -> list[tuple[str, str, str]]:
+    """Return the size of a change: of the first parameter that it names, and at the tool."""
+    numbers = [("at the tool", short(MM.of(changes.at_tool_m(change)), "mm"), "")]
+    if not change.named:
+        return numbers
+    size, half, unit = _size(changes.unit(change.named[0]), change.changes[0], change.half_widths[0])
+    return [(parameter_text(change.named[0]), f"{size} {half} {unit}", ""), *numbers]
 
 
 def _when(changes: Changes) -> str:
@@ -221,16 +227,8 @@ def _parameter_pictures(changes: Changes) -> tuple[doc.Picture, ...]:
     """Draw the differences from the first calibration: of one other in their units, of more as a map over time."""
     names, shifts, halves = changes.estimates[0].names, changes.shifts, changes.half_widths
     if len(shifts) == 2:
-        units = [each.unit_of_change for each in changes.parameters]
-        pictures = list[doc.Picture]()
-        for unit in dict.fromkeys(units):
-            rows = [i for i, each in enumerate(units) if each == unit]
-            moved = np.array([names[i] in _changed_names(changes) for i in rows])
-            drawn = Intervals("", np.asarray(unit.of(shifts[1, rows])), np.asarray(unit.of(halves[1, rows])), moved)
-            label = f"Differences of the second calibration from the first, {unit.name}, with 95 % intervals"
-            which = f"differences-{len(pictures) + 1}"
-            pictures.append(interval_chart(which, label, [names[i] for i in rows], [drawn], f"difference, {unit.name}"))
-        return tuple(pictures)
+        units = dict.fromkeys(each.unit_of_change for each in changes.parameters)
+        return tuple(_difference_picture(changes, unit, f"differences-{i}") for i, unit in enumerate(units, start=1))
     sizes: Array = np.divide(shifts, halves, out=np.zeros_like(shifts), where=halves > 0)
     columns = np.unique(np.round(np.linspace(0, len(sizes) - 1, min(len(sizes), _MOST_COLUMNS))).astype(int))
     most, step = max(float(np.abs(sizes).max()), 2.0), -(-len(columns) // 8)
@@ -242,6 +240,16 @@ def _parameter_pictures(changes: Changes) -> tuple[doc.Picture, ...]:
         heat_map("parameters", label, names, dates, signed_place(sizes[columns].T, most), scale, lines=lines,
                  height=_ROW),
     )  # fmt: skip
+
+
+def _difference_picture(changes: Changes, unit: Unit, called: str) -> doc.Picture:
+    """Draw the differences between two calibrations of the parameters of one unit, with 95 % intervals."""
+    rows = [i for i, each in enumerate(changes.parameters) if each.unit_of_change == unit]
+    names, changed = [changes.estimates[0].names[i] for i in rows], _changed_names(changes)
+    sizes, halves = (np.asarray(unit.of(values[1, rows])) for values in (changes.shifts, changes.half_widths))
+    drawn = Intervals("", sizes, halves, np.array([name in changed for name in names]))
+    label = f"Differences of the second calibration from the first, {unit.name}, with 95 % intervals"
+    return interval_chart(called, label, names, [drawn], f"difference, {unit.name}")
 
 
 def _over_time_pictures(changes: Changes) -> tuple[doc.Picture, ...]:

@@ -26,12 +26,16 @@ def layout_blocks(mechanism: Mechanism) -> tuple[Block, ...]:
     named = ", ".join(f"{count} × {text}" if count > 1 else text for text, count in legs.items())
     kinds = {joint.kind for joint in layout.joints}
     used = [text for kind, text in _KINDS.items() if kind in kinds]
-    guided = any(not any(layout.joints[i].actuated for i in leg) for leg in layout.legs)
-    guide = " Joints of a leg that has no actuated one stand for the platform's guide." if guided else ""
+    guide = " Joints of a leg that has no actuated one stand for the platform's guide." if _is_guided(layout) else ""
     return (
         Paragraph(f"Legs from the base to the platform: {named} ({', '.join(used)}; underlined: actuated).{guide}"),
         Figure("layout", (layout_picture(layout),), "Layout graph: a box a joint, filled where it is actuated."),
     )
+
+
+def _is_guided(layout: Layout) -> bool:
+    """Check whether a leg has no actuated joint."""
+    return any(not any(layout.joints[i].actuated for i in leg) for leg in layout.legs)
 
 
 def layout_picture(layout: Layout) -> Picture:
