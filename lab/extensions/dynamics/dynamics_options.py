@@ -1,5 +1,6 @@
 """Options of ``lab payload``, ``lab dynamics`` and their simulated measurement session."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -67,6 +68,18 @@ class SimulationOptions:
         whole("--seed", self.seed, 0, SEED)
         POSES("--seconds times --rate-hz", round(self.seconds * self.rate_hz))
         whole("--rounds", self.rounds, 0, ROUNDS)
+        self._check_errors()
+        if self.payload_kg is not None:
+            positive("--payload-kg", self.payload_kg)
+        _check_numbers("--payload-mm", self.payload_mm, 3)
+        _check_numbers("--base-tilt-deg", self.base_tilt_deg or (0.0, 0.0), 2)
+        usual = SimulationOptions()
+        given = [name for name, value in vars(self).items() if value != getattr(usual, name)]
+        if not self.simulate and given:
+            raise LabError(f"--{given[0].replace('_', '-')} needs --simulate: give it too, or leave this out")
+
+    def _check_errors(self) -> None:
+        """Refuse impossible sizes of simulated errors."""
         for flag in ("noise_percent", "friction_percent", "motor_inertia_kgm2", "lag_ms", "filter_hz"):
             if getattr(self, flag) not in SIMULATION_SIZE:
                 raise LabError(f"--{flag.replace('_', '-')} {getattr(self, flag):g}: give a number from 0 to 1000")
@@ -76,18 +89,16 @@ class SimulationOptions:
             raise LabError(
                 f"--filter-hz {self.filter_hz:g}: slower than --seconds {self.seconds:g} last; give 0 for none"
             )
-        if self.payload_kg is not None:
-            positive("--payload-kg", self.payload_kg)
-        for name, values, count in (
-            ("--payload-mm", self.payload_mm, 3),
-            ("--base-tilt-deg", self.base_tilt_deg or (0.0, 0.0), 2),
-        ):
-            if len(values) != count or not all(abs(each) in POSITION_MM for each in values):
-                raise LabError(f"{name}: give {count} numbers, separated by commas")
-        usual = SimulationOptions()
-        given = [name for name, value in vars(self).items() if value != getattr(usual, name)]
-        if not self.simulate and given:
-            raise LabError(f"--{given[0].replace('_', '-')} needs --simulate: give it too, or leave this out")
+
+
+def _check_numbers(flag: str, values: Sequence[float], count: int) -> None:
+    if len(values) != count or not all(abs(value) in POSITION_MM for value in values):
+        raise LabError(f"{flag}: give {count} numbers, separated by commas")
+
+
+def _first_given(options: Mapping[str, object]) -> str | None:
+    """Return the first option that is given, by its flag."""
+    return next((flag for flag, value in options.items() if value is not None), None)
 
 
 @dataclass(frozen=True)
@@ -134,10 +145,10 @@ class PayloadOptions:
         if self.rehearsal.simulate and (self.run is not None or self.sensor is not None):
             raise LabError("--simulate simulates its own torques or wrist sensor; leave --run, --sensor out")
         positive("--stiffness-nm-per-rad", self.stiffness_nm_per_rad)
-        given = {"--sensor": self.sensor, "--method": self.method}
+        given: dict[str, object] = {"--sensor": self.sensor, "--method": self.method}
         given |= {f"--{name}": getattr(self, name) or None for name in ("friction", "delay", "tilt", "turn")}
-        if self.run is not None and (both := [name for name, value in given.items() if value is not None]):
-            raise LabError(f"--run is of an arm that sags, {both[0]} of torques or a wrench; give one")
+        if self.run is not None and (other := _first_given(given)):
+            raise LabError(f"--run is of an arm that sags, {other} of torques or a wrench; give one")
 
 
 @dataclass(frozen=True)
@@ -185,11 +196,10 @@ class DynamicsOptions:
         if self.holdout not in HOLDOUT:
             raise LabError(f"--holdout {self.holdout:g}: give a share of the path from 0 to 0.8")
         if self.rehearsal.simulate:
-            both = {"FILE": self.file, "--validate": self.validate, "--sensor": self.sensor}
-            if stray := [name for name, value in both.items() if value is not None]:
-                raise LabError(f"--simulate makes the measurements itself: leave {stray[0]} out")
+            if stray := _first_given({"FILE": self.file, "--validate": self.validate, "--sensor": self.sensor}):
+                raise LabError(f"--simulate makes the measurements itself: leave {stray} out")
             return
         given: dict[str, object] = {"--load": self.load, "--validate": self.validate, "--sensor": self.sensor}
         given |= {"--holdout": self.holdout or None, "--delay": self.delay or None, "--physical": self.physical or None}
-        if self.file is None and (stray := [name for name, value in given.items() if value is not None]):
-            raise LabError(f"{stray[0]} is for measurements: give a FILE, or --simulate")
+        if self.file is None and (stray := _first_given(given)):
+            raise LabError(f"{stray} is for measurements: give a FILE, or --simulate")

@@ -6,7 +6,7 @@ The TOML of a mounting: ``[base]`` with ``tilt_x_deg``, ``tilt_y_deg`` (zero) an
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -293,21 +293,29 @@ class _LoadReader(PoseReader):
             factors["counts"] = 2 * np.pi / drives.counts_per_turn
         positions = np.empty((len(self), len(self.joint_names)))
         for j in range(len(self.joint_names)):
-            names = {f"motor{j + 1}_{unit}": factor for unit, factor in factors.items()}
-            found = [name for name in names if name in given]
-            if len(found) != 1:
-                what = f"{' and '.join(found)} are the same motor" if found else f"motor {j + 1} is missing"
-                counts = "" if "counts" in factors else " (_counts where the drives have counts_per_turn)"
-                raise self.wrong(f"{what}; give one of {', '.join(names)}{counts}")
-            factor = names[found[0]]
-            positions[:, j] = self.numbers(found[0]) * (factor if isinstance(factor, float) else factor[j])
-            given.remove(found[0])
+            column, factor = self._motor(j, factors)
+            positions[:, j] = self.numbers(column) * np.broadcast_to(factor, len(self.joint_names))[j]
+            given.remove(column)
         if given:
             raise self.wrong(f"column {given[0]} is no motor of the robot; remove it")
         if joints := [c for c in self.unread for n, name in enumerate(self.joint_names, 1)
                       if re.fullmatch(rf"({re.escape(name)}|q{n})_(rad|deg|mm|m)", c)]:  # fmt: skip
             raise self.wrong(f"{joints[0]}: the motors' positions say where the joints are; give one of both")
         return drives.joints(positions)
+
+    def _motor(self, j: int, factors: Mapping[str, Array | float]) -> tuple[str, Array | float]:
+        """Return the column of a motor, from 0, and the factor of its unit.
+
+        Raises:
+            LabError: there is none, or there are several.
+        """
+        names = {f"motor{j + 1}_{unit}": factor for unit, factor in factors.items()}
+        there = [name for name in names if name in self.header]
+        if len(there) != 1:
+            what = f"{' and '.join(there)} are the same motor" if there else f"motor {j + 1} is missing"
+            counts = "" if "counts" in factors else " (_counts where the drives have counts_per_turn)"
+            raise self.wrong(f"{what}; give one of {', '.join(names)}{counts}")
+        return there[0], names[there[0]]
 
     def _refuse_beyond(self, joints: Array, limits: _Limits | None) -> None:
         """Refuse joint positions that motors cannot have turned the joints to."""

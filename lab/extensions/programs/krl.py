@@ -147,26 +147,31 @@ class _KrlReader(ProgramReader):
 
     def _declare(self, given: "re.Match[str]", at: int) -> None:
         kind, name, source = (given[1] or "").upper(), given[2].upper(), given[3].rstrip()
+        if kind == "FDAT" or name in ("$TOOL", "$BASE", "$H_POS"):
+            return
         whole = source.startswith("{") and source.endswith("}")
-        parts = self._parts(source, at + given.start(3)) if whole else {}
-        if kind == "FDAT":
-            return
-        head = name.split(".")[0]
-        if name in ("$TOOL", "$BASE", "$H_POS"):
-            return
-        if whole and set(_PLACE) <= set(parts) and ("_DATA[" in name or kind == "FRAME" or name.startswith("$")):
+        position = _Position(
+            given[2], line_of(self.text, at), self._parts(source, at + given.start(3)) if whole else {}
+        )
+        # a tool or a base, which a FRAME may be besides a position
+        of_frame = kind == "FRAME" or "_DATA[" in name or name.startswith("$")
+        if position.is_pose and of_frame:
             if name not in self.frames:
-                self._describe(name, MOVING_ZYX.pose(values_of([parts[key] for key in _PLACE])))
+                self._describe(name, MOVING_ZYX.pose(values_of([position.parts[key] for key in _PLACE])))
             if kind != "FRAME":
                 return
-        if whole and (set(_PLACE) <= set(parts) or set(_AXES) <= set(parts)) and "." not in name:
-            line = line_of(self.text, at)
+        self._declare_position(name, position, at)
+
+    def _declare_position(self, name: str, position: _Position, at: int) -> None:
+        """Record a position; one that is declared twice, or of which a part is assigned, is computed."""
+        head = name.split(".")[0]
+        if name == head and (position.is_pose or position.is_axes):
             if name in self.positions:
                 self.assigned.add(name)
-            self.positions.setdefault(name, _Position(given[2], line, parts))
+            self.positions.setdefault(name, position)
         elif head in self.positions:
             self.assigned.add(head)
-            self._leave(at, f"{given[2]} is computed")
+            self._leave(at, f"{position.name} is computed")
 
     def _move(self, kind: str, source: str, at: int) -> None:
         if kind.endswith("_REL"):
@@ -183,8 +188,8 @@ class _KrlReader(ProgramReader):
         line = line_of(self.text, at)
         structure = re.match(r"\{[^{}]*\}", part)
         name = re.match(r"[\w$.]+(?:\[\d+\])?", part)
-        rest = part[structure.end() if structure else name.end() if name else 0 :]
-        if rest.lstrip().startswith(":"):
+        begins = structure or name
+        if begins and part[begins.end() :].lstrip().startswith(":"):
             self._leave(at, f"{part} is computed")
             return
         if structure:
@@ -215,29 +220,31 @@ class _KrlReader(ProgramReader):
     def _targets(self) -> ProgramText:
         for form in _FORM.finditer(self.code):
             self.forms.setdefault(form[1].upper(), form[2].upper())
-        for key, each in sorted(self.positions.items(), key=lambda item: item[1].line):
+        for key, position in sorted(self.positions.items(), key=lambda item: item[1].line):
             if key in self.assigned:
-                self.uncorrected.append(Uncorrected(each.line, f"{each.name} is computed"))
-                continue
-            if each.is_axes:
-                numbers = tuple(each.parts[axis] for axis in _AXES)
-                self._add(TargetText(each.name, each.line, numbers), [(line, "joints") for line, _ in each.moves])
-                continue
-            of_data = self._of_data(key)
-            frames = of_data or each.frames
-            if not frames and "S" in each.parts:
-                frames = {("$TOOL", "$BASE")}  # of a data list without inline forms
-            if len(frames) != 1:
-                reasons = [" and ".join(pair) for pair in sorted(frames)]
-                if reasons:
-                    text = f"{each.name} is moved to with {' as well as '.join(reasons)}"
-                    self.uncorrected.append(Uncorrected(each.line, text))
-                continue
-            ((tool, base),) = frames
-            numbers = tuple(each.parts[key] for key in _PLACE)
-            target = TargetText(each.name, each.line, numbers, MOVING_ZYX, tool, base, allowed=_allowed(each))
-            self._add(target, each.moves)
+                self.uncorrected.append(Uncorrected(position.line, f"{position.name} is computed"))
+            elif position.is_axes:
+                numbers = tuple(position.parts[axis] for axis in _AXES)
+                moves: list[tuple[int, Motion]] = [(line, "joints") for line, _ in position.moves]
+                self._add(TargetText(position.name, position.line, numbers), moves)
+            else:
+                self._add_pose(key, position)
         return self._read()
+
+    def _add_pose(self, key: str, position: _Position) -> None:
+        """Add a position as a target, where moves to it agree on tool and base."""
+        frames = self._of_data(key) or position.frames
+        if not frames and "S" in position.parts:
+            frames = {("$TOOL", "$BASE")}  # of a data list without inline forms
+        if len(frames) == 1:
+            ((tool, base),) = frames
+            numbers = tuple(position.parts[part] for part in _PLACE)
+            allowed = _allowed(position)
+            target = TargetText(position.name, position.line, numbers, MOVING_ZYX, tool, base, allowed=allowed)
+            self._add(target, position.moves)
+        elif frames:
+            reasons = " as well as ".join(" and ".join(pair) for pair in sorted(frames))
+            self.uncorrected.append(Uncorrected(position.line, f"{position.name} is moved to with {reasons}"))
 
 
 def _named(name: str) -> str:

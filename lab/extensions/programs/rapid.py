@@ -90,27 +90,31 @@ class _RapidReader(ProgramReader):
         return self._targets()
 
     def _declare(self, found: "re.Match[str]", assigned: bool) -> None:
-        kind, name = found[1].lower(), found[2]
+        kind, name, at = found[1].lower(), found[2], found.start(2)
+        is_target = kind in ("robtarget", "jointtarget")
         read = read_value(self.data, found.end()) if found[4] else None
-        if kind in ("tooldata", "wobjdata") and (assigned or read is None):
-            self.computed[name.lower()] = line_of(self.text, found.start(2))
-        if not found[4]:
-            if kind in ("robtarget", "jointtarget"):
-                self._leave(found.start(2), f"{name} has no value here: it is computed")
-            return
-        if assigned or read is None:
-            self._leave(found.start(2), f"{name} is computed{'' if read is None else ' by an assignment'}")
-            return
-        if kind in ("robtarget", "jointtarget"):
-            entries = _flat(read[0], (found[3] or "").count(",") + 1) if found[3] else [read[0]]
-            self.declared[name.lower()] = _Declared(name, kind, line_of(self.text, found.start(2)), entries)
+        if read is None or assigned:
+            how = "is computed" if read is None else "is computed by an assignment"
+            if not is_target:
+                self.computed[name.lower()] = line_of(self.text, at)
+            if found[4]:
+                self._leave(at, f"{name} {how}")
+            elif is_target:
+                self._leave(at, f"{name} has no value here: it is computed")
+        elif is_target:
+            entries = _flat(read[0], found[3].count(",") + 1) if found[3] else [read[0]]
+            self.declared[name.lower()] = _Declared(name, kind, line_of(self.text, at), entries)
         elif name.lower() not in self.frames:
-            posed = _tool(read[0]) if kind == "tooldata" else _work_object(read[0])
-            if posed is None:
-                what = "is not held by the robot" if kind == "tooldata" else "is moved by another unit"
-                self._leave(found.start(2), f"{name} {what}, or cannot be read: give it by --frames")
-            else:
-                self._describe(name.lower(), posed)
+            self._declare_frame(kind, name, read[0], at)
+
+    def _declare_frame(self, kind: str, name: str, value: Value, at: int) -> None:
+        """Record the pose of a tool or a work object."""
+        posed = _tool(value) if kind == "tooldata" else _work_object(value)
+        if posed is None:
+            what = "is not held by the robot" if kind == "tooldata" else "is moved by another unit"
+            self._leave(at, f"{name} {what}, or cannot be read: give it by --frames")
+        else:
+            self._describe(name.lower(), posed)
 
     def _move(self, found: "re.Match[str]") -> None:
         kind, parts = found[1].lower(), arguments(self.code, found.start(2), found.end(2))
@@ -194,12 +198,13 @@ class _RapidReader(ProgramReader):
         if each.kind == "jointtarget":
             joints = numbers_in(entry[0], 6) if len(entry) == 2 else None
             return None if joints is None else TargetText(name, line, joints)
-        if len(entry) != 4:
+        counts = (3, 4, 4, 6)
+        if len(entry) != len(counts):
             return None
-        parts = [numbers_in(part, count) for part, count in zip(entry, (3, 4, 4, 6), strict=True)]
+        parts = [numbers for part, count in zip(entry, counts, strict=True) if (numbers := numbers_in(part, count))]
+        if len(parts) < len(counts):
+            return None
         place, turn, configuration, others = parts
-        if place is None or turn is None or configuration is None or others is None:
-            return None
         if not 0.99 < np.linalg.norm(values_of(turn)) < 1.01:
             return None
         if (values_of(others) < _NO_AXIS).any():
