@@ -190,14 +190,21 @@ class CalibrationResult(Result):
         return weak_directions([model.names[i] for i in free], triangle, rows=rows)
 
     @property
-    def before(self) -> ErrorStatistics | None:
-        """Errors of the nominal model at the poses of the validation, base and tool fitted; None without one."""
-        return None if self.validation.errors is None else error_statistics(self.validation.errors.before)
+    def validated(self) -> bool:
+        """Check whether there are errors at poses that were not fitted."""
+        return self.validation.errors is not None
 
     @property
-    def after(self) -> ErrorStatistics | None:
-        """Errors of the calibrated model at the poses of the validation; None without one."""
-        return None if self.validation.errors is None else error_statistics(self.validation.errors.after)
+    def before(self) -> ErrorStatistics:
+        """Errors of the nominal model at the poses of the validation, base and tool fitted; of none without one."""
+        errors = self.validation.errors
+        return error_statistics(np.empty(0) if errors is None else errors.before)
+
+    @property
+    def after(self) -> ErrorStatistics:
+        """Errors of the calibrated model at the poses of the validation; of none without one."""
+        errors = self.validation.errors
+        return error_statistics(np.empty(0) if errors is None else errors.after)
 
     @property
     def after_without_outliers(self) -> ErrorStatistics | None:

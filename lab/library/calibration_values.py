@@ -80,8 +80,8 @@ def _verdict(result: "CalibrationResult") -> dict[str, Any]:
         "gate_mm": result.options.gate_mm,
         "answers": {name: _answer_to_dict(each) for name, each in verdict.answers.items()},
         "judged_by": result.validation.judged_by,
-        "before_mm": _optional(ErrorStatistics.to_dict, result.before),
-        "after_mm": _optional(ErrorStatistics.to_dict, result.after),
+        "before_mm": result.before.to_dict() if result.validated else None,
+        "after_mm": result.after.to_dict() if result.validated else None,
         "after_without_outliers_mm": _optional(ErrorStatistics.to_dict, result.after_without_outliers),
     }
 

@@ -208,8 +208,10 @@ class ErrorStatistics:
 
 
 def error_statistics(errors: Array) -> ErrorStatistics:
-    """Statistics of errors in m; NaN is left out."""
+    """Return the statistics of errors in m; NaN is left out. Those of no errors are NaN."""
     lengths = MM.of(errors[np.isfinite(errors)])
+    if not lengths.size:
+        return ErrorStatistics(float("nan"), float("nan"), float("nan"), float("nan"), 0)
     return ErrorStatistics(
         float(lengths.mean()),
         float(np.sqrt(np.mean(lengths**2))),

@@ -41,7 +41,7 @@ def test_least_squares_by_a_users_own_code_is_the_lab_s() -> None:
     own, known = (identified(each, instrument="uniform-8um") for each in (estimator, LEAST_SQUARES))
     np.testing.assert_allclose(own.identification.values, known.identification.values, atol=1e-8)
     np.testing.assert_allclose(own.identification.std, known.identification.std, rtol=1e-3)
-    assert own.after is not None and known.after is not None
+    assert own.validated and known.validated
     assert own.after.mean == pytest.approx(known.after.mean, rel=1e-4)
     assert own.to_dict()["estimator"] == "gauss-newton" and known.to_dict()["estimator"] == LEAST_SQUARES
     assert own.verdict.word == known.verdict.word and own.validation.judged_by == "cross-validation"

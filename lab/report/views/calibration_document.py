@@ -100,12 +100,12 @@ def document_of(result: CalibrationResult) -> doc.Document:
 def _title(result: CalibrationResult) -> str:
     """Robot, errors before and after, verdict."""
     name, before, after = called(result.robot.name, result.options.serial), result.before, _reached(result)
-    if before is None or after is None:
+    if not result.validated:
         return f"{name}: identified, {result.verdict.word}"
     return f"{name}: {short(before.mean)} → {short(after.mean)} mm, {result.verdict.word}"
 
 
-def _reached(result: CalibrationResult) -> ErrorStatistics | None:
+def _reached(result: CalibrationResult) -> ErrorStatistics:
     """Return the errors after calibration: of the poses that are no outliers, where some are."""
     return result.after_without_outliers or result.after
 
@@ -116,7 +116,7 @@ def _card(result: CalibrationResult) -> doc.Card:
     before, reached, verdict = result.before, _reached(result), result.verdict
     numbers: tuple[tuple[str, str, str], ...] = ()
     about = "The accuracy at other poses was not validated."
-    if before is not None and reached is not None:
+    if result.validated:
         caption = "after" if result.after_without_outliers is None else "after, without outliers"
         numbers = (("before", short(before.mean, "mm"), "before"), (caption, short(reached.mean, "mm"), "after"))
         if before.mean > reached.mean > 0:
@@ -149,7 +149,7 @@ def _lead(result: CalibrationResult) -> doc.Paragraph:
         f"From {terms.measured}{of} measured in {result.poses:,} poses, {fit.rank} of "
         f"{len(result.parameters)} parameters were identified ({how})."
     )
-    if before is None or after is None:
+    if not result.validated:
         return doc.Paragraph(f"{begun} The accuracy at other poses was not validated.", "lead")
     without = "" if result.after_without_outliers is None else ", without the outliers"
     text = (
@@ -167,7 +167,7 @@ def _judged_error(result: CalibrationResult) -> str:
 
 
 def _validated_on(result: CalibrationResult) -> str:
-    assert result.after is not None and result.validation.judged_by is not None
+    assert result.validation.judged_by is not None
     return _VALIDATED[result.validation.judged_by].format(count=f"{result.after.count:,}")
 
 
@@ -205,7 +205,7 @@ def _answer_text(answer: Answer, reasons: Sequence[Check]) -> str:
 @doc.guarded
 def _errors(result: CalibrationResult) -> doc.Section:
     title, before, after = "Before and after calibration", result.before, result.after
-    if before is None or after is None:
+    if not result.validated:
         return doc.Section(title, (doc.Paragraph("Too few poses for a hold-out set: the accuracy was not validated."),))
     robust = result.after_without_outliers
     stated = [("before", before), ("after", after), *([] if robust is None else [("after, without outliers", robust)])]

@@ -31,11 +31,17 @@ def test_values_are_in_the_order_of_the_estimates_parameters(measured: Calibrati
     assert np.abs(measured.values).max() > 0
 
 
+def test_without_poses_to_validate_on_the_errors_are_of_none(day: lab.MeasurementSession) -> None:
+    few = lab.identify(day.measurements[:8], instrument="uniform-8um")
+    assert not few.validated and few.verdict.word == "not judged" and few.to_dict()["after_mm"] is None
+    assert few.after.count == 0 and np.isnan(few.after.mean) and few.summary()
+
+
 def test_the_truth_is_of_a_virtual_arm_and_of_no_measured_one(
     day: lab.MeasurementSession, measured: CalibrationResult
 ) -> None:
     simulated = lab.calibrate("irb120", poses=40, seed=7, targets=("p1", "p2"))
-    assert measured.truth is None and "truth" not in measured.to_dict()
+    assert measured.validated and measured.after.count and measured.truth is None and "truth" not in measured.to_dict()
     np.testing.assert_allclose(simulated.values, measured.values, rtol=0, atol=1e-12)  # the same session, fitted alike
     assert simulated.truth is not None and simulated.truth.comparison is not None
     comparison = simulated.truth.comparison

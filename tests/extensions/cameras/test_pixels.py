@@ -75,7 +75,7 @@ def test_without_noise_everything_is_found(name: str, tmp_path: Path) -> None:
     )
     assert result.identification.status == "converged" and result.truth.comparison is not None
     assert np.abs(result.truth.comparison.error).max() < 1e-9
-    assert result.after is not None and result.after.max < 1e-6
+    assert result.validated and result.after.max < 1e-6
 
 
 @pytest.mark.thorough
