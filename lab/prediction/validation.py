@@ -300,7 +300,8 @@ def _errors_of_setup(
     where: str,
 ) -> tuple[Errors, tuple[str, ...]]:
     """Return the errors at the test rows of one setup, and the parameters that its reference rows do not place."""
-    both, fixed = [_transfer(identification.model, model, values) for values in _both_arms(identification)], ()
+    both = [_transfer(identification.model, model, values) for values in _both_arms(identification)]
+    fixed: tuple[str, ...] = ()
     if refit:
         placed = [placed_anew(model, reference, test, values, refit, where) for values in both]
         both = [arm.values for arm in placed]
