@@ -221,6 +221,7 @@ def _delta(
 ) -> ClassicalModel | None:
     """Recognize a Delta: hips on a circle, rod ends on another, and arms that turn about tangents of the first."""
     tree, lengths = mechanism.tree, [rod.length_m for rod in mechanism.tree.rods]
+    # arms of one length, which turn about axes in a plane
     movers = [leg.moves[0] for leg in legs if len(leg.moves) == 1 and tree.step(*leg.moves[0]).is_turn]
     if len(movers) < 3 or np.ptp(lengths) > _ALIKE:
         return None
@@ -237,14 +238,11 @@ def _delta(
     up = up / np.linalg.norm(up) * (-1.0 if (ends[0] + drawn @ directions - hips[0]) @ up > 0 else 1.0)
     if np.abs(axes @ up).max() > _ALIKE:
         return None
-    for signs in product((1.0, -1.0), repeat=3):
-        outward = np.array(signs)[:, None] * np.cross(axes, up)
-        centre, base_radius = _circle(hips, outward)
-        middle, platform_radius = _circle(ends, outward)
-        if base_radius >= 0 and platform_radius >= 0:
-            break
-    else:
+    circles = _circles(hips, ends, np.cross(axes, up))
+    if circles is None:
         return None
+    outward, (centre, base_radius), (middle, platform_radius) = circles
+    # azimuths, senses and zeros of the arms in a frame whose z leads away from the platform
     x = np.eye(3)[np.argmin(np.abs(up[:2]))]
     x = (x - (x @ up) * up) / np.linalg.norm(x - (x @ up) * up)
     y = np.cross(up, x)
@@ -255,6 +253,18 @@ def _delta(
     model = Delta(base_radius, platform_radius, float(sizes[0]), float(lengths[0]), azimuths)
     rows = np.stack([x, y, up]) @ directions.T
     return ClassicalModel(model, order, sense, zero, rows, -directions @ (middle - centre), *_ranges(mechanism))
+
+
+def _circles(
+    hips: Array, ends: Array, tangents: Array
+) -> tuple[Array, tuple[Array, float], tuple[Array, float]] | None:
+    """Fit circles to hips and rod ends ``(3, 3)``; return directions outward and each one's centre and radius."""
+    for signs in product((1.0, -1.0), repeat=3):
+        outward = np.array(signs)[:, None] * tangents
+        base, platform = _circle(hips, outward), _circle(ends, outward)
+        if base[1] >= 0 and platform[1] >= 0:
+            return outward, base, platform
+    return None
 
 
 def _circle(points: Array, outward: Array) -> tuple[Array, float]:

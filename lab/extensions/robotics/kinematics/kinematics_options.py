@@ -84,16 +84,19 @@ class KinematicsOptions:
             self._check_rotation()
         elif self.fixed or self.order != "zyx" or self.radians:
             raise LabError("--order, --fixed and --radians say what the angles of a rotation mean: give --angles")
-        if self.file is not None and self.pose:
-            raise LabError("--pose and --file both set the tool's pose; give one")
         if self.rates and self.twist:
             raise LabError("--rates and --twist are each other's answer; give one")
+        self._check_pose()
+        if self.frame not in ("base", "tool") and not (self.frame.isascii() and self.frame.isdigit()):
+            raise LabError(f"--frame {self.frame}: give base, tool, or a frame's number, 0 for the base's")
+
+    def _check_pose(self) -> None:
+        if self.file is not None and self.pose:
+            raise LabError("--pose and --file both set the tool's pose; give one")
         if self.coordinates != "cartesian" and not self.pose:
             raise LabError(f"--coordinates {self.coordinates} says what --pose means; give a --pose")
         if self.of and not (self.pose or self.file):
             raise LabError("--of chooses among solutions; give a --pose")
-        if self.frame not in ("base", "tool") and not (self.frame.isascii() and self.frame.isdigit()):
-            raise LabError(f"--frame {self.frame}: give base, tool, or a frame's number, 0 for the base's")
 
     @property
     def of_a_rotation(self) -> bool:

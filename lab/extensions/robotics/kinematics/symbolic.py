@@ -163,22 +163,35 @@ def program_formula(expression: Any) -> str:
     """Format an expression as a formula of ``lab.formats.formula_program``."""
     sympy = sympy_module()
     if expression.is_Add:
-        terms = [program_formula(term) for term in expression.as_ordered_terms()]
-        return terms[0] + "".join(f" - {term[1:]}" if term.startswith("-") else f" + {term}" for term in terms[1:])
+        return _summed([program_formula(term) for term in expression.as_ordered_terms()], "-")
     if expression.is_Mul:
-        number, rest = expression.as_coeff_Mul()
-        parts = rest.args if rest.is_Mul else (rest,)
-        under = [_program_factor(part.base) for part in parts if part.is_Pow and part.exp == -1]
-        factors = [_program_factor(part) for part in parts if not (part.is_Pow and part.exp == -1)]
-        numbers = [] if abs(number) == 1 and factors else [program_formula(abs(number))]
-        return ("-" if number < 0 else "") + "*".join((*numbers, *factors)) + "".join(f"/{each}" for each in under)
+        return _program_product(expression)
     if expression.is_Number:
         return repr(float(expression))
-    if expression.is_Pow and expression.exp == -1:
+    if _is_inverse(expression):
         return f"1.0/{_program_factor(expression.base)}"
     if expression.is_Pow and expression.exp == sympy.Rational(1, 2):
         return f"sqrt({program_formula(expression.base)})"
     return _program_factor(expression)
+
+
+def _summed(terms: Sequence[str], minus: str) -> str:
+    """Join terms by plus, or by the sign with which they begin."""
+    signed = (f" {minus} {term[1:]}" if term.startswith(minus) else f" + {term}" for term in terms[1:])
+    return terms[0] + "".join(signed)
+
+
+def _program_product(expression: Any) -> str:
+    number, rest = expression.as_coeff_Mul()
+    parts = rest.args if rest.is_Mul else (rest,)
+    under = [_program_factor(part.base) for part in parts if _is_inverse(part)]
+    factors = [_program_factor(part) for part in parts if not _is_inverse(part)]
+    numbers = [] if abs(number) == 1 and factors else [program_formula(abs(number))]
+    return ("-" if number < 0 else "") + "*".join((*numbers, *factors)) + "".join(f"/{part}" for part in under)
+
+
+def _is_inverse(factor: Any) -> bool:
+    return bool(factor.is_Pow and factor.exp == -1)
 
 
 def _program_factor(factor: Any) -> str:
@@ -197,19 +210,22 @@ def formula_text(expression: Any) -> str:
     """Format an expression as ``textbook`` does, as it is."""
     sympy = sympy_module()
     if expression.is_Add:
-        terms = sorted((formula_text(term) for term in expression.args), key=lambda term: (term.startswith("−"), term))
-        return terms[0] + "".join(f" − {term[1:]}" if term.startswith("−") else f" + {term}" for term in terms[1:])
+        terms = [formula_text(term) for term in expression.args]
+        return _summed(sorted(terms, key=lambda term: (term.startswith("−"), term)), "−")
     if expression.is_Mul:
-        number, rest = expression.as_coeff_Mul()
-        sign = "−" if number < 0 else ""
-        factors = rest.args if rest.is_Mul else (rest,)
-        under = [_factor(sympy, 1 / factor) for factor in factors if _divides(factor)]
-        words = sorted((_factor(sympy, factor) for factor in factors if not _divides(factor)), key=_order)
-        whole = " ".join([str(abs(number))] * (abs(number) != 1 or not words) + words)
-        return sign + whole + "".join(f" / {each}" for each in under)
+        return _product_text(sympy, expression)
     if _divides(expression):
         return f"1 / {_factor(sympy, 1 / expression)}"
     return _factor(sympy, expression)
+
+
+def _product_text(sympy: Any, expression: Any) -> str:
+    number, rest = expression.as_coeff_Mul()
+    factors = rest.args if rest.is_Mul else (rest,)
+    under = [_factor(sympy, 1 / factor) for factor in factors if _divides(factor)]
+    words = sorted((_factor(sympy, factor) for factor in factors if not _divides(factor)), key=_order)
+    whole = " ".join([str(abs(number))] * (abs(number) != 1 or not words) + words)
+    return ("−" if number < 0 else "") + whole + "".join(f" / {factor}" for factor in under)
 
 
 def _divides(factor: Any) -> bool:

@@ -12,9 +12,9 @@ equation of type 2. Types 4 and 5 do not arise, as across a slide there is an eq
 another one implies has coefficients that are zero at any pose of the arm; a pose drawn at random shows which.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -132,6 +132,10 @@ class _Linear(NamedTuple):
         return self.equation.where, self.equation.left, self.equation.right
 
 
+def _symbols_of(formulas: Iterable[Any]) -> set[str]:
+    return {str(symbol) for formula in formulas for symbol in formula.free_symbols}
+
+
 class _Solver:
     """The state of a search: equations, and the unknowns found so far."""
 
@@ -177,10 +181,10 @@ class _Solver:
         joints = tuple(
             self.joints[i] if i in self.slid else self._as_known(tuple(unit)) for i, unit in enumerate(units)
         )
-        made = {name for each in self.found for name, _ in each.steps}
-        used = {str(symbol) for each in self.found for _, formula in each.steps for symbol in formula.free_symbols}
-        undone = tuple(each for each in self.undone if each[0] in used)
-        used |= {str(symbol) for _, formula in undone for symbol in formula.free_symbols}
+        steps = [step for solution in self.found for step in solution.steps]
+        made, used = {name for name, _ in steps}, _symbols_of(formula for _, formula in steps)
+        undone = tuple(entry for entry in self.undone if entry[0] in used)
+        used |= _symbols_of(formula for _, formula in undone)
         names = (f"{column}{axis}" for axis in "xyz" for column in _COLUMNS)
         wanted = tuple(name for name in names if name in used - made)
         return SymbolicInverse(wanted, undone, tuple(self.found), joints, self.by_place)
@@ -231,25 +235,55 @@ class _Solver:
 
     def _linear(self, equation: _Equation, count: int) -> _Linear | None:
         """Return an equation by so many unknowns, in which it is linear; None if it is not."""
-        sympy, slides = self.sympy, equation.slides - self.slid
+        slides = equation.slides - self.slid
+        # angles as sums of angles that are found, or of an unknown one and found ones
+        known, unknown = self._angles_of(equation)
+        keys = sorted({key for _, key, _ in unknown.values()})
+        if len(keys) + len(slides) != count or (slides and count > 1):
+            return None
+        if terms_of(equation.left) + terms_of(equation.right) > _EXPANDED:
+            return None
+        # coefficients of the unknowns' cosines and sines, and of slides
+        pairs = {key: (self._symbol(f"C_{i}"), self._symbol(f"S_{i}")) for i, key in enumerate(keys)}
+        symbols = {*chain.from_iterable(pairs.values()), *(self.joints[i] for i in slides)}
+        difference = (equation.left - equation.right).xreplace(self._separated(equation, known, unknown, pairs))
+        sums = self._coefficients(difference, symbols)
+        if sums is None:
+            return None
+        angles = {form: (sums[c], sums[s]) for form, (c, s) in pairs.items()}
+        slid = {i: sums[self.joints[i]] for i in slides}
+        # at a random pose none of the unknowns is without effect
+        at = {form: (self._at_pose(c), self._at_pose(s)) for form, (c, s) in angles.items()}
+        effects = [*at.values(), *((self._at_pose(factor),) for factor in slid.values())]
+        if any(max(map(abs, effect)) < _ZERO for effect in effects):
+            return None
+        size = sum(int(self.sympy.count_ops(part)) for part in (*chain.from_iterable(angles.values()), sums[1]))
+        return _Linear(equation, angles, slid, sums[1], at, size)
+
+    def _angles_of(self, equation: _Equation) -> tuple[dict[_Form, Any], dict[_Form, tuple[int, _Form, Any]]]:
+        """Return the angles of an equation: those that are known, and the others with sign, unknown and known part."""
         known, unknown = dict[_Form, Any](), dict[_Form, tuple[int, _Form, Any]]()
         for form in {form for _, form, _ in equation.angles}:
             if (value := self._as_known(form)) is not None:
                 known[form] = value
                 continue
             units = [tuple(int(i == j) for j in range(len(form))) for i in range(len(form)) if form[i]]
-            given = {unit.index(1): self.known[unit] for unit in units if unit in self.known}
-            left_over = tuple(0 if i in given else factor for i, factor in enumerate(form))
-            sign = next(factor for factor in left_over if factor)
-            turned = sum((form[i] * symbol for i, symbol in given.items()), start=sympy.Integer(0))
+            solved = {unit.index(1): self.known[unit] for unit in units if unit in self.known}
+            left_over = tuple(0 if i in solved else factor for i, factor in enumerate(form))
+            sign = next(filter(None, left_over))
+            turned = sum((form[i] * symbol for i, symbol in solved.items()), start=self.sympy.Integer(0))
             unknown[form] = sign, tuple(sign * factor for factor in left_over), turned
-        keys = sorted({key for _, key, _ in unknown.values()})
-        if len(keys) + len(slides) != count or (slides and count > 1):
-            return None
-        if terms_of(equation.left) + terms_of(equation.right) > _EXPANDED:
-            return None
-        pairs = {key: (self._symbol(f"C_{i}"), self._symbol(f"S_{i}")) for i, key in enumerate(keys)}
-        parts = {}
+        return known, unknown
+
+    def _separated(
+        self,
+        equation: _Equation,
+        known: Mapping[_Form, Any],
+        unknown: Mapping[_Form, tuple[int, _Form, Any]],
+        pairs: Mapping[_Form, tuple[Any, Any]],
+    ) -> dict[Any, Any]:
+        """Return each cosine and sine by those of the unknown angles, ``pairs``: cos(a + b) = cos a cos b - ..."""
+        sympy, parts = self.sympy, dict[Any, Any]()
         for function, form, rest in equation.angles:
             if form in known:
                 parts[function] = function.func(known[form] + rest)
@@ -258,27 +292,19 @@ class _Solver:
             cosine, sine = pairs[key]
             c, s, sine = sympy.cos(turned + rest), sympy.sin(turned + rest), sign * sine
             parts[function] = cosine * c - sine * s if function.func is sympy.cos else sine * c + cosine * s
-        symbols = {*(each for pair in pairs.values() for each in pair), *(self.joints[i] for i in slides)}
+        return parts
+
+    def _coefficients(self, expression: Any, symbols: set[Any]) -> dict[Any, Any] | None:
+        """Return the coefficient of each symbol, and of 1; None where the expression is not linear in them."""
         factors: dict[Any, list[Any]] = {symbol: [] for symbol in (*symbols, 1)}
-        for term in sympy.Add.make_args(sympy.expand((equation.left - equation.right).xreplace(parts))):
+        for term in self.sympy.Add.make_args(self.sympy.expand(expression)):
             inside = term.free_symbols & symbols
             symbol = next(iter(inside), 1)
             factor = term / symbol
             if len(inside) > 1 or factor.free_symbols & symbols:
                 return None
             factors[symbol].append(factor)
-        sums = {symbol: sympy.Add(*terms) for symbol, terms in factors.items()}
-        found = {form: (sums[c], sums[s]) for form, (c, s) in pairs.items()}
-        slid = {i: sums[self.joints[i]] for i in slides}
-        at = {form: (self._at_pose(c), self._at_pose(s)) for form, (c, s) in found.items()}
-        if any(max(map(abs, pair)) < _ZERO for pair in at.values()):
-            return None
-        if any(abs(self._at_pose(each)) < _ZERO for each in slid.values()):
-            return None
-        size = sum(
-            int(sympy.count_ops(part)) for part in (*(part for pair in found.values() for part in pair), sums[1])
-        )
-        return _Linear(equation, found, slid, sums[1], at, size)
+        return {symbol: self.sympy.Add(*terms) for symbol, terms in factors.items()}
 
     def _angle_name(self, form: _Form) -> str:
         """Return the numbers of the joints in an angle, like 234."""
