@@ -301,21 +301,21 @@ class _Search:
 
     def along(self, kinds: Sequence[str]) -> tuple[VarianceEstimate, list[ComponentTrial]]:
         """Return the significant components of some kinds, and all tests."""
-        found, trials = self._alone, dict[str, ComponentTrial]()
+        best, trials = self._alone, dict[str, ComponentTrial]()
         while True:
             significant = []
             for kind in kinds:
                 scanned = term_called(kind).scanned
-                if kind in found.kinds and (not scanned or len(found.candidates) == _MAX_CHANGES):
+                if kind in best.kinds and (not scanned or len(best.candidates) == _MAX_CHANGES):
                     continue
-                each, trial = self._changed(found, kind) if scanned else self._extended(found, kind)
-                if kind not in found.kinds:
+                each, trial = self._changed(best, kind) if scanned else self._extended(best, kind)
+                if kind not in best.kinds:
                     trials[kind] = trial
                 if each is not None and trial.p < self._level:
                     significant.append((each, kind))
             if not significant:
-                return found, list(trials.values())
-            found, kind = min(significant, key=lambda pair: pair[0].deviance)
+                return best, list(trials.values())
+            best, kind = min(significant, key=lambda pair: pair[0].deviance)
             trials[kind] = replace(trials[kind], taken=True)
 
     def _extended(self, found: VarianceEstimate, kind: str) -> tuple[VarianceEstimate, ComponentTrial]:

@@ -387,17 +387,17 @@ def means(campaigns: CampaignArray, metric: str) -> tuple[Mean, ...]:
     )
 
 
-def _above_zero(found: _Resampled, by_robot: Array) -> tuple[Array, Array]:
+def _above_zero(by_resampling: _Resampled, by_robot: Array) -> tuple[Array, Array]:
     """Return the ends ``(cells,)`` of means' intervals, on the log scale where positive numbers' would reach zero.
 
     Args:
         by_robot: ``(cells, robots)``.
     """
-    positive = (np.where(np.isfinite(by_robot), by_robot, np.inf) > 0).all(axis=1) & np.isfinite(found.mean)
-    log = positive & (found.lower <= 0)
-    mean = np.where(log, found.mean, 1.0)
-    times = np.exp(np.where(log, (found.upper - found.mean) / mean, 0.0))
-    return np.where(log, mean / times, found.lower), np.where(log, mean * times, found.upper)
+    positive = (np.where(np.isfinite(by_robot), by_robot, np.inf) > 0).all(axis=1) & np.isfinite(by_resampling.mean)
+    log = positive & (by_resampling.lower <= 0)
+    mean = np.where(log, by_resampling.mean, 1.0)
+    times = np.exp(np.where(log, (by_resampling.upper - by_resampling.mean) / mean, 0.0))
+    return np.where(log, mean / times, by_resampling.lower), np.where(log, mean * times, by_resampling.upper)
 
 
 def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind = "ratio") -> Comparison:
@@ -435,7 +435,7 @@ def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind
     return Comparison(group, metric, kind, pairs, _ranks(group, numbers, found, pairs))
 
 
-def _by_student(found: _Resampled, by_robot: Array) -> _Resampled:
+def _by_student(by_resampling: _Resampled, by_robot: Array) -> _Resampled:
     """Return the means over robots with Student's intervals and p-values.
 
     Args:
@@ -444,12 +444,12 @@ def _by_student(found: _Resampled, by_robot: Array) -> _Resampled:
     finite = np.isfinite(by_robot)
     count = finite.sum(axis=0)
     dof = np.maximum(count - 1, 1)
-    left = np.where(finite, by_robot - found.mean, 0.0)
+    left = np.where(finite, by_robot - by_resampling.mean, 0.0)
     std = np.sqrt((left**2).sum(axis=0) / dof / np.maximum(count, 1))
     enough = count >= LEAST_ROBOTS
     far = np.where(enough, t_ppf(1 - STUDY_COMPARISON / 2, dof) * std, np.nan)
-    p = np.where(enough, 2 * t_sf(_quotient(np.abs(found.mean), std), dof), np.nan)
-    return replace(found, lower=found.mean - far, upper=found.mean + far, p=p)
+    p = np.where(enough, 2 * t_sf(_quotient(np.abs(by_resampling.mean), std), dof), np.nan)
+    return replace(by_resampling, lower=by_resampling.mean - far, upper=by_resampling.mean + far, p=p)
 
 
 def _ranks(

@@ -115,9 +115,9 @@ def _gauss_newton(
         information[going] = products[going]
         return scaled / scale, block.settled(scaled / scale, squares, _SETTLED)
 
-    found = newton(step, values[:, free], max_steps)
-    values[:, free] = found.values
-    return values, found.converged, found.iterations, information
+    solution = newton(step, values[:, free], max_steps)
+    values[:, free] = solution.values
+    return values, solution.converged, solution.iterations, information
 
 
 def _solved(matrices: Array, right: Array) -> Array:
@@ -147,9 +147,9 @@ def _chord(block: "PointBatch | _PoseBatch", values: Array, free: list[int], max
         change = block.residual(values) @ inverse.T
         return change, block.settled(change, ((change @ rows) ** 2).sum(axis=1), _CHORD_SETTLED)
 
-    found = newton(step, values[:, free], max_steps)
-    values[:, free] = found.values
-    return values, found.converged, found.iterations, np.tile(rows @ rows.T, (len(block), 1, 1))
+    solution = newton(step, values[:, free], max_steps)
+    values[:, free] = solution.values
+    return values, solution.converged, solution.iterations, np.tile(rows @ rows.T, (len(block), 1, 1))
 
 
 @dataclass(frozen=True)

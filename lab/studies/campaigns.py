@@ -126,9 +126,10 @@ def _refuse_idle_payloads(study: Study, fitted: "_Fitted", loads: Sequence[float
         return
     real = perturbed_arm(fitted.robot, options)
     joints = random_poses(real.robot, _TRIED, rng_for(study.seed, "poses"))
-    given = _conditions(real, options, joints, _AT_POSES, (PAYLOAD,))
+    conditions = _conditions(real, options, joints, _AT_POSES, (PAYLOAD,))
     without, loaded = (
-        real.points(joints, options.targets, given | {PAYLOAD: np.full(_TRIED, load)}) for load in (0.0, max(loads))
+        real.points(joints, options.targets, conditions | {PAYLOAD: np.full(_TRIED, load)})
+        for load in (0.0, max(loads))
     )
     if np.array_equal(without, loaded, equal_nan=True):
         named = f"[effects.{fitted.cell.effects}]" if fitted.cell.effects != NONE else "a rigid arm"
@@ -338,15 +339,15 @@ def _of_robot(
     exact = real.points(joints, fitted.targets, conditions)
     there = real.points(fresh, fitted.targets, later)
     measured = _measured(real, fitted.device, requested, joints, study.draws, exact, set_there)
-    taken, met = (np.isfinite(points).all(axis=(1, 2)) for points in (exact, there))
+    taken, reached = (np.isfinite(points).all(axis=(1, 2)) for points in (exact, there))
     shown = _inputs(fitted.model, real.effects.shown(joints), conditions)[taken]
-    inputs, new = _inputs(fitted.model, joints, conditions)[taken], _inputs(fitted.model, fresh, later)[met]
-    measured, exact, there = measured[:, taken], exact[taken], there[met]
+    inputs, new = _inputs(fitted.model, joints, conditions)[taken], _inputs(fitted.model, fresh, later)[reached]
+    measured, exact, there = measured[:, taken], exact[taken], there[reached]
     campaigns = _aligned(fitted, real, shown, measured)
-    found = fit_points(campaigns, fitted.nominal, fitted.free, frozen=study.frozen)
-    metrics = _metrics(fitted, real, found, campaigns, new, there)
+    fits = fit_points(campaigns, fitted.nominal, fitted.free, frozen=study.frozen)
+    metrics = _metrics(fitted, real, fits, campaigns, new, there)
     before = _before(fitted, inputs[:, : joints.shape[1]], exact, new[:, : joints.shape[1]], there)
-    lost = int((~taken).sum() + (~met).sum())
+    lost = int((~taken).sum() + (~reached).sum())
     return {**metrics, "before_mm": np.full(study.draws, before), "lost": np.full(study.draws, lost, dtype=np.int32)}
 
 
@@ -408,7 +409,7 @@ def _aligned(fitted: _Fitted, real: TrueRobot, shown: Array, measured: Array) ->
 
 
 def _metrics(
-    fitted: _Fitted, real: TrueRobot, found: BatchFits, campaigns: PointBatch, fresh: Array, exact: Array
+    fitted: _Fitted, real: TrueRobot, fits: BatchFits, campaigns: PointBatch, fresh: Array, exact: Array
 ) -> _Columns:
     """Evaluate the campaigns with one robot.
 
@@ -416,45 +417,47 @@ def _metrics(
         exact: ``(m, k, 3)`` m, its true targets at the validation poses.
     """
     Ts = campaigns.Ts_instrument_nominal
-    errors = _errors(fitted.stacked, fresh, found.values, in_nominal_frame(exact, Ts))
+    errors = _errors(fitted.stacked, fresh, fits.values, in_nominal_frame(exact, Ts))
     free = list(fitted.free)
-    off = (found.values - _true_values(fitted, real, Ts))[:, free]
+    off = (fits.values - _true_values(fitted, real, Ts))[:, free]
     device = fitted.device
     sigma = 1.0 if campaigns.whiten is not None else device.isotropic_sigma()
     weight = 1 / sigma**2 if sigma else np.nan
-    failure = _failures(found, fitted)
+    failure = _failures(fits, fitted)
     return {
         "converged": failure == "",
-        "steps": found.steps.astype(np.int32),
+        "steps": fits.steps.astype(np.int32),
         "fresh_mean_mm": errors.mean(axis=1),
         "fresh_p95_mm": np.quantile(errors, 0.95, axis=1),
         "fresh_worst_mm": errors.max(axis=1),
         **parameter_errors(off, [fitted.model.parameters[i] for i in free]),
-        "nees": weight * np.einsum("bf,bfg,bg->b", off, found.information, off) / len(free),
+        "nees": weight * np.einsum("bf,bfg,bg->b", off, fits.information, off) / len(free),
         "failure": failure,
     }
 
 
-def _failures(found: BatchFits, fitted: _Fitted) -> NDArray[np.object_]:
+def _failures(fits: BatchFits, fitted: _Fitted) -> NDArray[np.object_]:
     """Return why each fit failed, ``(b,)``; empty where it did not."""
-    failure = np.where(found.converged, "", NOT_CONVERGED).astype(object)
-    scale = np.sqrt(np.diagonal(found.information, axis1=1, axis2=2))
-    checked = np.isfinite(found.information).all(axis=(1, 2))
+    failure = np.where(fits.converged, "", NOT_CONVERGED).astype(object)
+    scale = np.sqrt(np.diagonal(fits.information, axis1=1, axis2=2))
+    checked = np.isfinite(fits.information).all(axis=(1, 2))
     if not fitted.has_effects:  # a base set of geometry that converged has its rank: not worth the time
-        checked &= ~found.converged
+        checked &= ~fits.converged
     failure[checked & (scale == 0).any(axis=1)] = RANK_DEFICIENT
     rows = np.flatnonzero(checked & (scale > 0).all(axis=1))
-    sizes = np.linalg.eigvalsh(found.information[rows] / (scale[rows, :, None] * scale[rows, None, :]))
+    sizes = np.linalg.eigvalsh(fits.information[rows] / (scale[rows, :, None] * scale[rows, None, :]))
     failure[rows[sizes[:, 0] < _RANK_TOLERANCE * sizes[:, -1]]] = RANK_DEFICIENT
     return failure
 
 
-def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: Array) -> float:
+def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, fresh_points: Array) -> float:
     """Return the mean error (mm) at validation poses of nominal links with base and tool fitted, without noise."""
     rigid, nominal = stacked(fitted.rigid), fitted.nominal[: len(fitted.rigid.names)]
     campaigns = align(rigid, joints, exact[None], nominal)
-    found = fit_points(campaigns, nominal, fitted.placing, block=1)
-    return float(_errors(rigid, fresh, found.values, in_nominal_frame(there, campaigns.Ts_instrument_nominal)).mean())
+    fits = fit_points(campaigns, nominal, fitted.placing, block=1)
+    return float(
+        _errors(rigid, fresh, fits.values, in_nominal_frame(fresh_points, campaigns.Ts_instrument_nominal)).mean()
+    )
 
 
 def _errors(arms: Stacked, fresh: Array, values: Array, exact: Array) -> Array:

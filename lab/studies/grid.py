@@ -234,14 +234,14 @@ class Study:
             LabError: the set has an option that is a factor.
         """
         usual, chosen = Fitting(), cell.fitting
-        found = usual if cell.parameters == USUAL else self.parameters[cell.parameters]
-        mine = (found.model, found.robust, found.prior == "on", found.estimator)
+        named_set = usual if cell.parameters == USUAL else self.parameters[cell.parameters]
+        mine = (named_set.model, named_set.robust, named_set.prior == "on", named_set.estimator)
         if mine != (usual.model, False, False, usual.estimator):
             raise LabError(f"parameters.{cell.parameters}: give model, robust, prior and estimator in [factors]")
-        if found.load is not None or found.error_terms:
+        if named_set.load is not None or named_set.error_terms:
             raise LabError(f"parameters.{cell.parameters}: a study takes neither load nor error_terms; leave them out")
         named = {name: getattr(chosen, name) for name in ("model", "robust", "prior", "estimator")}
-        return replace(found, **named)
+        return replace(named_set, **named)
 
     def _refuse_large(self) -> None:
         cells = prod(len(values) for values in self.factors.values())
@@ -257,8 +257,8 @@ class Study:
         """Combinations in the order of the factors, without duplicates."""
         usual = asdict(GridCell()) | {"targets": len(self.targets)}
         values = [self.factors.get(name, (usual[name],)) for name in FACTORS]
-        found = (GridCell(*combination) for combination in itertools.product(*values))
-        return tuple(dict.fromkeys(_plain(cell) for cell in found))
+        combined = (GridCell(*combination) for combination in itertools.product(*values))
+        return tuple(dict.fromkeys(_plain(cell) for cell in combined))
 
     @property
     def tasks(self) -> tuple[Task, ...]:

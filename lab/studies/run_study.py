@@ -414,15 +414,15 @@ def _solved(
 ) -> int:
     study = store.study
     left = [task for task in study.tasks if not store.has(task)]
-    at_first = there = study.campaigns - sum(store.campaigns_of(task) for task in left)
-    progress("campaigns", there, study.campaigns)
+    at_first = finished = study.campaigns - sum(store.campaigns_of(task) for task in left)
+    progress("campaigns", finished, study.campaigns)
     jobs = ((task, partial(work, study, task, poses[task.cell])) for task in left)
     with closing(run(jobs)) as results:
         for task, columns in results:
             store.keep(task, columns)
-            there += store.campaigns_of(task)
-            progress("campaigns", there, study.campaigns)
-    return there - at_first
+            finished += store.campaigns_of(task)
+            progress("campaigns", finished, study.campaigns)
+    return finished - at_first
 
 
 def _work(origin: dict[str, Any], robot: str, parts: bytes, function: Callable[..., Any], *arguments: Any) -> Any:
