@@ -86,7 +86,8 @@ class ArmHistory:
     @property
     def verification(self) -> DatedRun | None:
         """The last verification of any calibration."""
-        return (self._dated_verifications or [None])[-1]
+        dated = self._dated_verifications
+        return dated[-1] if dated else None
 
     @property
     def latest(self) -> DatedRun | None:

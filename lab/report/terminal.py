@@ -139,11 +139,11 @@ def _bracketed(caption: str, rows: tuple[doc.Row, ...]) -> list[RichText]:
     return [line + RichText(" " * (most - line.cell_len)) for line in lines]
 
 
-def _brackets(row: int, last: int) -> str:
+def _brackets(row: int, last: int) -> tuple[str, str]:
     """Return the left and the right bracket of a row of a matrix."""
     if last == 0:
-        return "[]"
-    return "⎡⎤" if row == 0 else "⎣⎦" if row == last else "⎢⎥"
+        return "[", "]"
+    return ("⎡", "⎤") if row == 0 else ("⎣", "⎦") if row == last else ("⎢", "⎥")
 
 
 def _print_beside(console: Console, drawn: list[list[RichText]]) -> None:
