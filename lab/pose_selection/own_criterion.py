@@ -120,16 +120,20 @@ class PreparedCriterion(Criterion):
                 f"criterion '{self.name}' returns scores of shape {scores.shape} for information of shape "
                 f"{information.shape}; return {batch}"
             )
-        if np.isnan(scores).any():
+        if not (scores < np.inf).all():
+            what = "NaN" if np.isnan(scores).any() else "inf"
             raise LabError(
-                f"criterion '{self.name}' returns NaN; return a finite score, and -inf where information is singular"
+                f"criterion '{self.name}' returns {what}; return a finite score, and -inf where information is singular"
             )
         return scores
 
     def _plain(self, information: Array) -> Array:
         """Return what the user's score returns."""
         further = (self.task,) if self.takes_task else ()
-        return self.inner.score(information, *further)
+        scores = self.inner.score(information, *further)
+        if np.iscomplexobj(scores):
+            raise LabError(f"criterion '{self.name}': its scores are complex numbers; return real ones")
+        return scores
 
     def _of_one(self, information: Array) -> Array | float:
         """Return the score of a matrix, -inf where its inverse does not exist; of several if none of them is such."""
@@ -149,7 +153,8 @@ class PreparedCriterion(Criterion):
         if apart.shape != (2,):
             return False
         try:
-            together = np.asarray(self._plain(pair), dtype=np.float64)
+            with np.errstate(all="ignore"):  # of a trial
+                together = np.asarray(self._plain(pair), dtype=np.float64)
         except Exception:
             return True
         return together.shape != (2,) or not np.allclose(together, apart, rtol=1e-6, atol=0, equal_nan=True)

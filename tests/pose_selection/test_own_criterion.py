@@ -107,6 +107,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "raises ValueError: could not convert string to float: 'high'; repair it",
     ),
     "nan": ({"score": lambda self, m: np.full(m.shape[:-2], np.nan)}, "returns NaN; return a finite score"),
+    "inf": ({"score": lambda self, m: np.full(m.shape[:-2], np.inf)}, "returns inf; return a finite score"),
+    "complex": ({"score": lambda self, m: np.linalg.slogdet(m)[1] + 0j}, "its scores are complex numbers"),
     "equal": (
         {"score": lambda self, m: -np.ones(m.shape[:-2])},
         "gives 8 random sets of 18 poses the same score, -1: it cannot choose",
@@ -130,7 +132,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 def test_a_wrong_criterion_is_refused_in_one_line(name: str) -> None:
     changed, said = WRONG[name]
     own = type("Wrong", (LinkLengths,), {"name": "wrong", **changed})()
-    with pytest.raises(LabError, match=f"^criterion 'wrong' {said}") as raised:
+    with pytest.raises(LabError, match=f"^criterion 'wrong':? {said}") as raised:
         prepared(own, TASK, jacobian(60, 3)).slope(np.eye(len(NAMES)))
     assert "\n" not in str(raised.value)
 
