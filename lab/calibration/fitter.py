@@ -179,13 +179,13 @@ class Fitter:
     @property
     def fit_options(self) -> FitOptions:
         """Options of the fit of one model, by the method of this kind of measurement."""
-        return replace(self.options, solve=self.kind.solve)
+        return self.options if self.kind.solve is None else replace(self.options, solve=self.kind.solve)
 
     def modelled(self, groups: Sequence[str], fixed: Sequence[str]) -> tuple[Model, FitOptions]:
         """Return the arm with these groups less the parameters held, and the options of its identification."""
         model = self.model_with(groups)
         options = self.fit_options if self.options.geometric else self.fit_options.of(model.names)
-        return model, replace(options, fix=(*options.fix, *fixed))
+        return model, replace(options, fix=(*options.fix, *fixed)) if fixed else options
 
     def identified(
         self, rows: Measurements, groups: Sequence[str], fixed: Sequence[str] = ()

@@ -60,7 +60,7 @@ def checked(what: str | Path, data: Measurements, robot: Robot, *, points: bool 
     refuse_degrees(data.joints[:, ~slides], str(what), "joints in memory are in rad: give np.deg2rad(joints)")
     if points:
         _refuse_another_unit(what, data, robot)
-    return replace(data, robot=robot.source)
+    return data if data.robot == robot.source else replace(data, robot=robot.source)
 
 
 def _refuse_other_joints(what: str | Path, data: Measurements, robot: Robot) -> None:

@@ -187,7 +187,7 @@ def start(
     judged_by: list[tuple[Measurements, tuple[str, ...]]] = [] if test is None else [(data.only("test"), ())]
     if judging.other is not None:
         judged_by.append((judging.other, CAMPAIGN_SPECIFIC))
-    fitter = replace(fitter, judged_by=tuple(judged_by))
+    fitter = replace(fitter, judged_by=tuple(judged_by)) if judged_by else fitter
     return Fitted(fitter, rows, test, judging)
 
 
