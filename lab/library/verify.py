@@ -58,9 +58,9 @@ def verify(
         >>> lab.verify(result, new).to_dict()["good"]
         True
     """
-    given = _given("lab.verify", run, measurements, options)
-    data = given.points()
-    return verified_points(given.options, given.calibrated, data, from_file=given.in_memory is None)
+    new = _new_measurements("lab.verify", run, measurements, options)
+    data = new.points()
+    return verified_points(new.options, new.calibrated, data, from_file=new.in_memory is None)
 
 
 @takes(VerifyOptions, unused=("observe", "plan", *_OF_POINTS), file="measurements")
@@ -84,8 +84,8 @@ def verify_touches(
     Raises:
         LabError: the run is not good or is of another robot, or the rows make no checks.
     """
-    given = _given("lab.verify_touches", run, measurements, options)
-    return verified_touches(given.options, given.calibrated, given.touches())
+    new = _new_measurements("lab.verify_touches", run, measurements, options)
+    return verified_touches(new.options, new.calibrated, new.touches())
 
 
 @takes(VerifyOptions, unused=("observe", "require", *_OF_POINTS, *_OF_TOUCHES), file="measurements", plan="count")
@@ -110,24 +110,24 @@ def plan_touches(
     Raises:
         LabError: the run is not good or is of another robot, or no such configurations are found.
     """
-    given = _given("lab.plan_touches", run, measurements, {**options, "plan": count})
-    return planned_touches(given.options, given.calibrated, given.touches())
+    new = _new_measurements("lab.plan_touches", run, measurements, {**options, "plan": count})
+    return planned_touches(new.options, new.calibrated, new.touches())
 
 
 def verification_of(options: VerifyOptions) -> VerificationResult | TouchesResult | TouchPlan:
     """Run the command ``lab verify``: of points or of touches, whichever the file holds."""
-    given = _given("lab.verify", options, None, {})
-    data, touches = given.read()
+    new = _new_measurements("lab.verify", options, None, {})
+    data, touches = new.read()
     options.refuse_others(touches=touches)
     if options.plan is not None:
-        return planned_touches(options, given.calibrated, data)
+        return planned_touches(options, new.calibrated, data)
     if touches:
-        return verified_touches(options, given.calibrated, data)
-    return verified_points(options, given.calibrated, data, from_file=True)
+        return verified_touches(options, new.calibrated, data)
+    return verified_points(options, new.calibrated, data, from_file=True)
 
 
 @dataclass(frozen=True)
-class _Given:
+class _NewMeasurements:
     """New measurements, in memory or in a file, and the run that calibrated the robot."""
 
     options: VerifyOptions
@@ -170,12 +170,12 @@ class _Given:
         return read_measurements(self.options.file, chain.joint_names, chain.prismatic, columns=with_conditions)
 
 
-def _given(
+def _new_measurements(
     call: str,
     run: "str | Path | CalibrationResult | VerifyOptions",
     measurements: str | Path | Measurements | None,
     options: Mapping[str, Any],
-) -> _Given:
+) -> _NewMeasurements:
     """Return what a call is given, after its options and the run are checked."""
     in_memory = measurements if isinstance(measurements, Measurements) else None
     if isinstance(run, VerifyOptions):
@@ -194,4 +194,4 @@ def _given(
         calibrated.refuse_unfit("a verification")
     stated = {str(calibrated.folder): calibrated.serial, "--serial": requested.serial}
     one_serial(stated, "verify it against a run of its own")
-    return _Given(requested, calibrated, in_memory)
+    return _NewMeasurements(requested, calibrated, in_memory)
