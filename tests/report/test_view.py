@@ -3,14 +3,17 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import lab
+from lab.cli.commands import all_commands
 from lab.core.errors import LabError
 from lab.core.gaps import GapWarning
+from lab.extension_points import load_reference
 from lab.library.result import Result
 from lab.report.view import View, document_of, view_of
 
@@ -73,6 +76,20 @@ def registered(monkeypatch: pytest.MonkeyPatch) -> Any:
 
     yield register
     view_of.cache_clear()
+
+
+@pytest.mark.figures
+@pytest.mark.thorough
+def test_every_result_of_the_lab_has_a_view_whose_functions_are_there() -> None:
+    for command in all_commands():
+        import_module(command.run.partition(":")[0])
+    results = [kind for kind in Result.__subclasses__() if kind.__module__.startswith("lab.")]
+    assert len(results) > 15
+    for kind in results:
+        view = view_of(kind)
+        assert view.document != View().document, kind
+        for reference in filter(None, (view.document, view.picture, view.record, view.figures, view.provenance)):
+            assert callable(load_reference(reference)), reference
 
 
 def test_a_view_is_that_of_the_nearest_base(registered: Any) -> None:
