@@ -96,12 +96,9 @@ def exchange(
     def allowed(row: int) -> bool:
         return reachable is None or bool(reachable(joints[row : row + 1])[0])
 
-    best: Design | None = None
-    for _ in range(starts):
-        chosen, score = _Exchange(jacobian, goal, earlier, rng, allowed).settled(count)
-        if best is None or score > best.score:
-            best = Design(chosen, joints[chosen], jacobian[chosen], score)
-    assert best is not None
+    ends = [_Exchange(jacobian, goal, earlier, rng, allowed).settled(count) for _ in range(starts)]
+    chosen, score = max(ends, key=lambda end: end[1])
+    best = Design(chosen, joints[chosen], jacobian[chosen], score)
     if np.linalg.matrix_rank(_scaled(earlier + information(best.jacobian)), tol=1e-9) < p:
         raise LabError(f"no {count} of these poses show all {p} parameters: give more poses, or free fewer joints")
     return best

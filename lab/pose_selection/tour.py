@@ -13,7 +13,7 @@ the double bridge as a kick).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import scipy  # its parts are loaded at their first use
@@ -104,8 +104,7 @@ def _nearest_neighbour(cost: Array, start: int) -> _Indices:
 def _best_move(cost: Array, tours: _Indices) -> tuple[_Indices, NDArray[np.bool_]]:
     moved, changes = tours.copy(), []
     between = cost[tours[:, :, None], tours[:, None, :]]  # (k, m, m)
-    kinds = [(0, False), *((n, turned) for n in range(1, _MAX_SEGMENT + 1) for turned in (False, True))]
-    kinds = [kind for kind in kinds if kind[0] <= tours.shape[1] - 3]
+    kinds = [(0, False), *product(range(1, min(_MAX_SEGMENT, tours.shape[1] - 3) + 1), (False, True))]
     for length, turned in kinds:
         change = _or_change(between, length, turned) if length else _two_opt_change(between)
         changes.append(change.reshape(len(tours), -1))
