@@ -191,7 +191,7 @@ def _card_rows(blocks: Iterable[Block]) -> Iterator[tuple[str, str]]:
     """Yield name and text of the verdict and the large numbers of a document."""
     for card in blocks:
         if isinstance(card, Card):
-            yield "verdict", plain(card.verdict)
+            yield "", plain(card.verdict)
             yield from ((caption, number) for caption, number, _ in card.numbers)
 
 
