@@ -457,7 +457,7 @@ class FixtureSensor(VirtualSensor, ABC):
         (names, observed), kind = self.fixture_rows(data), self.model_of(data)
         measured = np.asarray(np.isfinite(observed).all(axis=1))
         # number the fixtures with readings in the order of their first rows; the others are -1
-        labels = list(dict.fromkeys(names[row] for row in np.flatnonzero(measured)))
+        labels = list(dict.fromkeys(names[row] for row in np.flatnonzero(measured).tolist()))
         index = {label: i for i, label in enumerate(labels)}
         number = np.array([index.get(name, -1) for name in names])
         counts = np.bincount(number[measured], minlength=len(labels))

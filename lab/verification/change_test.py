@@ -586,7 +586,7 @@ def _would_notice(
     along = _freed(fit, prediction.free).model
     # the length of a whitened change that each part of the test detects
     bounds = [
-        np.sqrt(prediction.noticeable(part.numbers, test.level)) if part.numbers > 0 else np.inf
+        float(np.sqrt(prediction.noticeable(part.numbers, test.level))) if part.numbers > 0 else np.inf
         for part in (test.along, test.rest)
     ]
     noticed = []
@@ -594,7 +594,7 @@ def _would_notice(
         whole = np.linalg.norm(fit.there.white(fit.there.jacobian @ movement.directions))
         columns = fit.beyond(movement.directions)
         parts = zip(bounds, (along.coordinates(columns), along.residual(columns)), strict=True)
-        noticed.append((name, min(_noticed(bound, part, FULL_RANK * whole) for bound, part in parts)))
+        noticed.append((name, min(_noticed(bound, part, float(FULL_RANK * whole)) for bound, part in parts)))
     return tuple(noticed)
 
 

@@ -387,13 +387,13 @@ def predict_measurements(
 
 
 def _at_targets(
-    estimate: Estimate, targets: Sequence[str], inflation: float, dof: float
+    estimate: Estimate, targets: tuple[str, ...], inflation: float, dof: int | None
 ) -> tuple[CalibrationPrediction, list[int]]:
     """Return the prediction of an arm with these targets, and which identified parameters it has.
 
     Args:
         inflation: factor of the parameters' covariance.
-        dof: of the noise.
+        dof: of the noise; None where it is known.
     """
     arm = estimate.with_targets(targets)
     strange = tuple(target for target in targets if target not in estimate.arm.targets)
