@@ -32,8 +32,10 @@ def test_parameters_are_recovered_and_as_surely_as_said(sensor: type[lab.Sensor]
     """
     kind = type("Sized", (sensor,), {"sigma": sigma})
     result = lab.calibrate("irb120", poses=80, seed=7, observe=kind)
-    compared = result.comparison
-    assert compared is not None and result.verdict.word == "good"
+    assert result.truth is not None
+    compared = result.truth.comparison
+    assert compared is not None
+    assert result.verdict.word == "good"
     count = len(compared.error)
     assert abs(compared.nees_per_parameter - 1) < 4 * np.sqrt(2 / count) and compared.coverage_95 > 0.8
     names = {f"{sensor.name}.{symbol}" for symbol in sensor.parameters}
@@ -79,8 +81,8 @@ def test_a_wrong_unit_and_a_wrong_model_are_not_called_good() -> None:
 @pytest.mark.thorough
 def test_a_sensor_of_one_s_own_measures_beside_points_and_its_run_is_loaded_again(tmp_path: Any) -> None:
     result = lab.calibrate("irb120", poses=60, seed=7, observe=("points", own_sensors.Wire))
-    assert result.options.observe == "points+wire" and result.comparison is not None
-    assert 0.4 < result.comparison.nees_per_parameter < 2
+    assert result.options.observe == "points+wire" and result.truth is not None
+    assert result.truth.comparison is not None and 0.4 < result.truth.comparison.nees_per_parameter < 2
     run = lab.calibrate("irb120", poses=80, seed=7, observe=own_sensors.Wire).save(tmp_path / "run")
     extension_points._given.clear()
     with pytest.raises(LabError, match="observe wire: unknown; give one of points"):
