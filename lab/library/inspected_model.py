@@ -375,7 +375,7 @@ def _numbers(dimensions: dict[str, Array]) -> dict[str, Any]:
         if name.endswith("_rad"):
             found[f"{name.removesuffix('_rad')}_deg"] = [tidy(angle) for angle in np.degrees(value)]
         else:
-            found[f"{name.removesuffix('_m')}mm"] = (
+            found[f"{name.removesuffix('_m')}_mm"] = (
                 [mm(point) for point in value] if value.ndim else tidy(MM.of(float(value)))
             )
     return found

@@ -243,7 +243,7 @@ def _dimensions(form: dict[str, Any]) -> str:
     if "span_mm" in form:
         return f"anchors {printed(form['span_mm'])} mm apart"
     if "anchors_mm" in form:
-        ends = (", ".join(f"({_rounded(point)})" for point in form[f"{name}mm"]) for name in ("anchors", "pins"))
+        ends = (", ".join(f"({_rounded(point)})" for point in form[f"{name}_mm"]) for name in ("anchors", "pins"))
         return "anchors {} and, on the platform, pins {} mm".format(*ends)
     return (
         f"arms of {printed(form['arm_mm'])} mm at {', '.join(map(printed, form['azimuths_deg']))}°, rods of "

@@ -1,6 +1,7 @@
 """What `lab inspect` says of mechanisms with loops: freedoms, modes, places, singularities, what can be identified."""
 
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,9 @@ import pytest
 from helpers.robots import ROOT
 from scipy.integrate import dblquad
 
+import lab
 from lab.cli.main import main
+from lab.core.gaps import GapWarning
 from lab.extensions.robotics.closed.recognition import classical_model_of
 from lab.formats.mechanism_toml import read_mechanism
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
@@ -149,3 +152,16 @@ def test_without_a_closed_form_and_with_a_pin(tmp_path: Path, capsys: pytest.Cap
     assert "mobility 1;" in " ".join(capsys.readouterr().out.split())
     found = seen(capsys, str(tmp_path / "crank.toml"))
     assert found["closed_form"] is None and found["pins"][0]["along"] == "xy" and found["assembly_modes"] is None
+
+
+@pytest.mark.parametrize(
+    ("name", "lengths"), [("rpr2", {"span_mm": 600.0}), ("delta", {"arm_mm": 524.0, "rod_mm": 1244.0})]
+)
+def test_the_dimensions_of_a_closed_form_are_values_in_mm_and_shown(name: str, lengths: dict[str, float]) -> None:
+    result = lab.inspect(name)
+    form = result.to_dict()["closed_form"]
+    assert {key: form[key] for key in lengths} == pytest.approx(lengths)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", GapWarning)  # no part of the text is left out
+        shown = result.summary()
+    assert all(f"{length:g}" in shown for length in lengths.values())
