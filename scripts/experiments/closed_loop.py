@@ -179,7 +179,7 @@ def close_loop(
         payload_kg: at the flange all the time.
         targets: how many poses all over the workspace.
     """
-    assert outcome.truth.robot is not None
+    assert outcome.truth is not None
     compensator = compensator_of(outcome)
     runner, nominal = _Runner(outcome.truth.robot, compensator, instrument, payload_kg, seed), compensator.nominal
     poses = nominal.tool(random_poses(outcome.truth.robot.robot, targets, rng_for(seed, "targets")))[0]

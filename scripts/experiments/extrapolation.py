@@ -77,7 +77,7 @@ def cross_validated(robot: Robot, data: Measurements, model: str, held: list[NDA
     lengths, within, plain, far, lone = [], [], [], [], []
     for out in held:
         rows, rest = data[~out], data[out]
-        report = lab.identify(rows, robot, model=model, validate=rest).fit
+        report = lab.identify(rows, robot, model=model, validate=rest).state
         found = report.identification
         inputs = rest.inputs(found.model.conditions)
         bound = _bound(found.dof, report.tail_dof)
