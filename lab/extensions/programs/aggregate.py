@@ -25,17 +25,17 @@ def read_value(text: str, start: int) -> tuple[Value, int] | None:
         LabError: its brackets nest too deeply.
     """
     lists, at = list[list[Value]](), start
-    while found := _TOKEN.match(text, at):
-        kind, at = found.lastgroup, found.end()
+    while match := _TOKEN.match(text, at):
+        kind, at = match.lastgroup, match.end()
         if kind == "open":
             lists.append([])
             _refuse_deep(len(lists))
             continue
         value: Value
         if kind == "list":
-            value = list(_parted(text, found.start("list") + 1, at - 1))
+            value = list(_parted(text, match.start("list") + 1, at - 1))
         else:
-            value = found["word"] if kind == "word" else Number(found.start("number"), found["number"])
+            value = match["word"] if kind == "word" else Number(match.start("number"), match["number"])
         while lists:
             lists[-1].append(value)
             mark = _MARK.match(text, at)
@@ -61,21 +61,21 @@ def numbers_in(value: Value, count: int) -> tuple[Number, ...] | None:
     """Return the numbers of a list of so many numbers; None for anything else."""
     if not isinstance(value, list) or len(value) != count:
         return None
-    found = tuple(each for each in value if isinstance(each, Number))
-    return found if len(found) == count else None
+    numbers = tuple(entry for entry in value if isinstance(entry, Number))
+    return numbers if len(numbers) == count else None
 
 
 def arguments(text: str, start: int, end: int) -> list[tuple[int, str]]:
     """Split the text between two characters at top-level commas: the start of each part, and its text."""
     parts, depth, begun = list[tuple[int, str]](), 0, start
-    for found in _BRACKET_OR_COMMA.finditer(text, start, end):
-        if found[0] in "[({":
+    for match in _BRACKET_OR_COMMA.finditer(text, start, end):
+        if match[0] in "[({":
             depth += 1
-        elif found[0] in "])}":
+        elif match[0] in "])}":
             depth -= 1
-        elif found[0] == "," and not depth:
-            parts.append((begun, text[begun : found.start()]))
-            begun = found.end()
+        elif match[0] == "," and not depth:
+            parts.append((begun, text[begun : match.start()]))
+            begun = match.end()
     parts.append((begun, text[begun:end]))
     return [(at + len(part) - len(part.lstrip()), part.strip()) for at, part in parts]
 
@@ -87,10 +87,10 @@ def closing(text: str, start: int) -> int | None:
         LabError: brackets nest too deeply in it.
     """
     depth = 1
-    for found in _BRACKET.finditer(text, start):
-        depth += 1 if found[0] in "[({" else -1
+    for match in _BRACKET.finditer(text, start):
+        depth += 1 if match[0] in "[({" else -1
         if not depth:
-            return found.start()
+            return match.start()
         _refuse_deep(depth)
     return None
 

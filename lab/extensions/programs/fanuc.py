@@ -17,20 +17,8 @@ from textwrap import wrap
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core import se3
 from lab.core.se3 import Array
-from lab.core.units import MM
-from lab.extensions.programs.steps import (
-    ProgramStep,
-    SixAxisLanguage,
-    ascii_text,
-    check_comment,
-    move_steps,
-    numbers,
-    path_steps,
-    program_name,
-    tour_steps,
-)
+from lab.extensions.programs import language
 from lab.formats.programs.program_text import (
     FIXED_XYZ,
     NUMBER,
@@ -74,13 +62,13 @@ class _FanucReader(ProgramReader):
     def read(self) -> ProgramText:
         self.frames = {name: np.eye(4) for name in ("UFRAME[0]", "UTOOL[0]")} | self.outside.posed(FIXED_XYZ)
         end = self.code.find("/POS")
-        for found in _MOVE.finditer(self.code, 0, len(self.code) if end < 0 else end):
-            self._move(found[1], found[2], found[3], found[4], found.start(1))
-        for found in _SECOND.finditer(self.code, 0, len(self.code) if end < 0 else end):
-            self._move("C", found[1], found[2], found[3], found.start(1))
-        for found in _POSITION.finditer(self.code, max(end, 0)):
-            number = whole_number(found[1])
-            target = self._target(number, found[2], found.start(2)) if found[3] is None else None
+        for match in _MOVE.finditer(self.code, 0, len(self.code) if end < 0 else end):
+            self._move(match[1], match[2], match[3], match[4], match.start(1))
+        for match in _SECOND.finditer(self.code, 0, len(self.code) if end < 0 else end):
+            self._move("C", match[1], match[2], match[3], match.start(1))
+        for match in _POSITION.finditer(self.code, max(end, 0)):
+            number = whole_number(match[1])
+            target = self._target(number, match[2], match.start(2)) if match[3] is None else None
             if target is not None:
                 self._add(target, self.reached.get(number, ()))
         return self._read()
@@ -102,31 +90,34 @@ class _FanucReader(ProgramReader):
         self.reached.setdefault(whole_number(plain[1]), []).append((line_of(self.text, at), motion))
 
     def _target(self, number: str, content: str, at: int) -> TargetText | None:
-        group = next((each for each in _GROUP.finditer(content) if each[1] == "1"), None)
         name, line = f"P[{number}]", line_of(self.text, at)
         if number in self.relative:
             return None
-        begin, inner = (at + group.start(2), group[2]) if group else (at, content)
-        parts = {part[1]: Number(begin + part.start(2), part[2]) for part in _FIELD.finditer(inner)}
+        inner, parts = _first_group(content, at)
         if set(_JOINTS) <= set(parts):
             return TargetText(name, line, tuple(parts[key] for key in _JOINTS))
         frames = _FRAMES.search(inner)
         if not set(_PLACE) <= set(parts) or not frames:
             self.uncorrected.append(Uncorrected(line, f"{name} has not six numbers"))
             return None
-        base, tool = (
-            self.outside.alias(f"{key}[{each}]") for key, each in zip(("UFRAME", "UTOOL"), frames.groups(), strict=True)
-        )
+        base, tool = self.outside.alias(f"UFRAME[{frames[1]}]"), self.outside.alias(f"UTOOL[{frames[2]}]")
         numbers = tuple(parts[key] for key in _PLACE)
         return TargetText(name, line, numbers, FIXED_XYZ, tool, base, allowed=_allowed(inner))
 
 
+def _first_group(content: str, at: int) -> tuple[str, dict[str, Number]]:
+    """Return the text of motion group 1, or of all where groups are not named, and its named numbers."""
+    group = next((match for match in _GROUP.finditer(content) if match[1] == "1"), None)
+    begin, inner = (at + group.start(2), group[2]) if group else (at, content)
+    return inner, {part[1]: Number(begin + part.start(2), part[2]) for part in _FIELD.finditer(inner)}
+
+
 def _allowed(inner: str) -> Allowed | None:
     """Return the test of the side of axis 1, and of the turns of axes 1, 4 and 6."""
-    found = _CONFIG.search(inner)
-    if not found:
+    match = _CONFIG.search(inner)
+    if not match:
         return None
-    in_front, turns = found[1] == "T", [float(each) for each in found.groups()[1:]]
+    in_front, turns = match[1] == "T", [float(turn) for turn in match.groups()[1:]]
 
     def allowed(shape: ArmShape, joints: Array) -> NDArray[np.bool_]:
         fits = shape.in_front(joints) == in_front
@@ -147,7 +138,7 @@ _NOTES = (
 )
 
 
-class FanucLs(SixAxisLanguage):
+class FanucLs(language.SixAxisLanguage):
     """Listings for robots with six revolute axes."""
 
     name = "FANUC"
@@ -164,9 +155,8 @@ class FanucLs(SixAxisLanguage):
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write the program of the file's name: home, every pose with a wait, home."""
-        return _listing(
-            program_name(tour.file_name).upper(), [f"{len(tour.ids)} POSES"], tour.checked, tour_steps(tour)
-        )
+        name, notes = language.program_name(tour.file_name).upper(), [f"{len(tour.ids)} POSES"]
+        return _listing(name, notes, tour.checked, language.tour_steps(tour))
 
     def target_moves(self, moves: TargetMoves) -> bytes:
         """Write ``PROGRAM`` through joint positions; tool and frame are comments, to be entered by hand."""
@@ -174,19 +164,20 @@ class FanucLs(SixAxisLanguage):
             *(f"UTOOL {each}" for each in _frame(moves.T_last_tool)),
             *(f"UFRAME {each}" for each in _frame(moves.T_frame0_instrument)),
         ]
-        return _listing(PROGRAM.upper(), [f"{len(moves.ids)} TARGETS", *frames], moves.checked, move_steps(moves))
+        notes = [f"{len(moves.ids)} TARGETS", *frames]
+        return _listing(PROGRAM.upper(), notes, moves.checked, language.move_steps(moves))
 
     def path_moves(self, moves: PathMoves) -> bytes:
         """Write ``PROGRAM``; positions are joint positions on lines and circles, too."""
         notes = [f"{len(moves.ids)} POINTS", *(f"UTOOL {each}" for each in _frame(moves.T_last_tool))]
         notes += ["CORRECTION IS IN THE JOINTS"] if moves.corrected else []
-        return _listing(PROGRAM.upper(), notes, moves.checked, path_steps(moves))
+        return _listing(PROGRAM.upper(), notes, moves.checked, language.path_steps(moves))
 
 
-def _listing(name: str, notes: list[str], checked: bool, steps: list[ProgramStep]) -> bytes:
-    lines = [f"!{each}" for each in (*notes, *wrap(check_comment(checked), _MAX_LENGTH), *_NOTES)]
+def _listing(name: str, notes: list[str], checked: bool, steps: list[language.ProgramStep]) -> bytes:
+    lines = [f"!{each}" for each in (*notes, *wrap(language.check_comment(checked), _MAX_LENGTH), *_NOTES)]
     for i, step in enumerate(steps, start=1):
-        lines.append(f"!{ascii_text(step.comment)}")
+        lines.append(f"!{language.ascii_text(step.comment)}")
         if step.kind != "via":
             lines.append(_move(i, step))
         lines += [f"WAIT {step.wait_s:6.2f}(sec)"] if step.wait_s else []
@@ -197,7 +188,7 @@ def _listing(name: str, notes: list[str], checked: bool, steps: list[ProgramStep
     return ("\r\n".join([*head, *numbered, "/POS", *positions, "/END"]) + "\r\n").encode("ascii")
 
 
-def _move(number: int, step: ProgramStep) -> str:
+def _move(number: int, step: language.ProgramStep) -> str:
     """Return the instruction to move to a position; that of a circle takes two rows."""
     if step.pace is None:
         return f"J P[{number}] {_PER_CENT}% FINE"
@@ -208,13 +199,11 @@ def _move(number: int, step: ProgramStep) -> str:
 
 
 def _position(number: int, joints: Array) -> str:
-    angles = [f"\tJ{i}= {each:>9} deg" for i, each in enumerate(numbers(np.rad2deg(joints), _DIGITS), start=1)]
+    angles = [f"\tJ{i}= {each:>9} deg" for i, each in enumerate(language.numbers(np.rad2deg(joints), _DIGITS), start=1)]
     rows = [",".join(angles[:3]) + ",", ",".join(angles[3:])]
     return "\r\n".join([f"P[{number}]{{", "   GP1:", "\tUF : 0, UT : 1,", *rows, "};"])
 
 
 def _frame(matrix: Array) -> list[str]:
     """Write a pose ``(4, 4)`` (m) in mm and degrees, one number in each comment, as comments are short."""
-    places = numbers(MM.of(matrix[:3, 3]), _DIGITS)
-    turns = numbers(np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3])), _DIGITS)
-    return [f"{key} {value}" for key, value in zip("XYZWPR", [*places, *turns], strict=True)]
+    return [f"{key} {value}" for key, value in zip("XYZWPR", language.place_and_turns(matrix, _DIGITS), strict=True)]

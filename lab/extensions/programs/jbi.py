@@ -24,18 +24,7 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.core.units import MM
-from lab.extensions.programs.steps import (
-    ProgramStep,
-    SixAxisLanguage,
-    ascii_text,
-    check_comment,
-    move_steps,
-    numbers,
-    path_steps,
-    program_name,
-    tour_steps,
-)
+from lab.extensions.programs import language
 from lab.formats.programs.program_text import (
     FIXED_XYZ,
     NUMBER,
@@ -77,14 +66,14 @@ class _JbiReader(ProgramReader):
 
     def read(self) -> ProgramText:
         self.frames = {name: np.eye(4) for name in ("ROBOT", "TOOL[0]")} | self.outside.posed(FIXED_XYZ)
-        for found in _LINE.finditer(self.text):
-            line = found[0]
+        for match in _LINE.finditer(self.text):
+            line = match[0]
             if pseudo := _PSEUDO.match(line):
                 self._pseudo(pseudo[1], pseudo[2].rstrip())
             elif position := _POSITION.match(line):
-                self._position(position, found.start())
+                self._position(position, match.start())
             elif not line.lstrip().startswith("'"):
-                self._instruction(line, found.start())
+                self._instruction(line, match.start())
         for name, target in self.positions.items():
             if name not in self.relative:
                 self._add(target, self.reached.get(name, ()))
@@ -101,12 +90,12 @@ class _JbiReader(ProgramReader):
         elif key == "RCONF":
             self.allowed = _allowed(value)
 
-    def _position(self, found: "re.Match[str]", at: int) -> None:
-        kind, name, begin = self.state.get("POSTYPE", ""), found[1] + found[2], at + found.start(3)
-        first = islice(re.finditer(NUMBER, found[3]), 6)
+    def _position(self, match: "re.Match[str]", at: int) -> None:
+        kind, name, begin = self.state.get("POSTYPE", ""), match[1] + match[2], at + match.start(3)
+        first = islice(re.finditer(NUMBER, match[3]), 6)
         numbers = tuple(Number(begin + each.start(), each[0]) for each in first)
         line = line_of(self.text, at)
-        if not _SIX_OR_MORE.fullmatch(found[3].rstrip()):
+        if not _SIX_OR_MORE.fullmatch(match[3].rstrip()):
             self._leave(at, f"{name} has not six numbers")
         elif self.state.get("form") == "PULSE" or kind == "PULSE":
             per_deg = self.outside.pulses_per_deg
@@ -125,24 +114,24 @@ class _JbiReader(ProgramReader):
         if shifted := _SHIFTED.match(line):
             self._leave(at, f"{shifted[1]} shifts what follows, which is corrected where it is written")
             return
-        found = _MOVE.match(line)
-        if not found:
+        match = _MOVE.match(line)
+        if not match:
             return
-        name = found[2] or ""
-        if found[1] == "IMOV":
+        name = match[2] or ""
+        if match[1] == "IMOV":
             self.relative.add(name)
             self._leave(at, f"{name} is relative (IMOV): it stays")
         elif name not in self.positions:
             self._leave(at, f"{name or 'its position'} is a variable, or computed")
         else:
-            motion: Motion = "joints" if found[1] == "MOVJ" else "line"
+            motion: Motion = "joints" if match[1] == "MOVJ" else "line"
             self.reached.setdefault(name, []).append((line_of(self.text, at), motion))
 
 
 def _numbered(text: str) -> str:
     """Return the number of a tool or a frame, without leading zeros; that of the first group."""
-    found = re.match(r"\d+", text)
-    return whole_number(found[0]) if found else "?"
+    match = re.match(r"\d+", text)
+    return whole_number(match[0]) if match else "?"
 
 
 def _allowed(configuration: str) -> Allowed | None:
@@ -176,7 +165,7 @@ _NOTES = (
 )
 
 
-class Jbi(SixAxisLanguage):
+class Jbi(language.SixAxisLanguage):
     """Jobs for robots with six revolute axes."""
 
     name = "JBI"
@@ -194,10 +183,10 @@ class Jbi(SixAxisLanguage):
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write the job of the file's name: home, every pose with a wait, home; of the flange (tool 0)."""
         notes = [f"{len(tour.ids)} POSES OF THE FLANGE", "TOOL 0 HAS TO BE ZERO"]
-        steps, postures = tour_steps(tour), _postures(tour.postures)
+        steps, postures = language.tour_steps(tour), _postures(tour.postures)
         head = ["///TOOL 0", "///POSTYPE ROBOT"]
         return _job(
-            program_name(tour.file_name).upper(),
+            language.program_name(tour.file_name).upper(),
             head,
             [*notes, *_checked(tour.checked)],
             steps,
@@ -211,14 +200,15 @@ class Jbi(SixAxisLanguage):
         postures = _postures(moves.postures)
         Ts = se3.inverse(moves.T_frame0_instrument) @ postures.Ts_frame0_last @ moves.T_last_tool
         notes = [f"{len(moves.ids)} TARGETS", *_checked(moves.checked), *frames]
-        return _job("PROGRAM", _USER_HEAD, notes, move_steps(moves), postures, Ts)
+        return _job("PROGRAM", _USER_HEAD, notes, language.move_steps(moves), postures, Ts)
 
     def path_moves(self, moves: PathMoves) -> bytes:
         """Write ``PROGRAM`` in user frame 1 with tool 1; a circle begins with its start position."""
         frames = _frames(moves.T_last_tool, moves.T_frame0_base)
         correction = ["CORRECTION IS IN THE POSITIONS"] if moves.corrected else []
         notes = [f"{len(moves.ids)} POINTS", *correction, *_checked(moves.checked), *frames]
-        return _job("PROGRAM", _USER_HEAD, notes, path_steps(moves), _postures(moves.postures), moves.Ts_base_tool)
+        steps, postures = language.path_steps(moves), _postures(moves.postures)
+        return _job("PROGRAM", _USER_HEAD, notes, steps, postures, moves.Ts_base_tool)
 
 
 def _postures(postures: Postures | None) -> Postures:
@@ -227,11 +217,11 @@ def _postures(postures: Postures | None) -> Postures:
 
 
 def _checked(checked: bool) -> list[str]:
-    return wrap(check_comment(checked), _MAX_LENGTH)
+    return wrap(language.check_comment(checked), _MAX_LENGTH)
 
 
 def _job(
-    name: str, head: list[str], notes: Sequence[str], steps: list[ProgramStep], postures: Postures, Ts: Array
+    name: str, head: list[str], notes: Sequence[str], steps: list[language.ProgramStep], postures: Postures, Ts: Array
 ) -> bytes:
     """Write a job through poses ``(s, 4, 4)`` (m) of the tool."""
     lines = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(steps)},0,0,0,0,0", *head, "///RECTAN"]
@@ -244,12 +234,12 @@ def _job(
     lines += ["//INST", "///DATE 2000/01/01 00:00", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
     lines += [f"'{each}" for each in (*notes, *_NOTES)]
     for i, step in enumerate(steps):
-        lines += [f"'{ascii_text(step.comment)[: _MAX_LENGTH - 1]}", *_move(i, step)]
+        lines += [f"'{language.ascii_text(step.comment)[: _MAX_LENGTH - 1]}", *_move(i, step)]
         lines += [f"TIMER T={step.wait_s:.2f}"] if step.wait_s else []
     return ("\r\n".join([*lines, "END"]) + "\r\n").encode("ascii")
 
 
-def _move(number: int, step: ProgramStep) -> list[str]:
+def _move(number: int, step: language.ProgramStep) -> list[str]:
     """Return the instructions to move to a position; none to one on the circle to the next."""
     if step.kind == "via":
         return []
@@ -269,8 +259,7 @@ def _configuration(joints: Array, in_front: bool, elbow_up: bool) -> str:
 
 def _position(matrix: Array) -> list[str]:
     """Write a pose ``(4, 4)`` (m) in mm and degrees."""
-    turns = np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3]))
-    return [*numbers(MM.of(matrix[:3, 3]), _DIGITS_MM), *numbers(turns, _DIGITS_DEG)]
+    return language.place_and_turns(matrix, _DIGITS_MM, _DIGITS_DEG)
 
 
 def _frames(T_tool: Array, T_user: Array) -> list[str]:

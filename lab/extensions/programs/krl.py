@@ -17,23 +17,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core import se3
 from lab.core.se3 import Array
-from lab.core.units import MM
+from lab.extensions.programs import language
 from lab.extensions.programs.aggregate import arguments
-from lab.extensions.programs.steps import (
-    COMPARE_ONE_POSE,
-    ProgramStep,
-    SixAxisLanguage,
-    move_notes,
-    move_steps,
-    numbers,
-    path_notes,
-    path_steps,
-    program_name,
-    tour_notes,
-    tour_steps,
-)
 from lab.formats.programs.program_text import (
     MOVING_ZYX,
     NUMBER,
@@ -71,14 +57,11 @@ _SLACK_RAD = np.deg2rad(0.05)
 
 
 @dataclass
-class _Position:
+class _Position(language.Destination):
     """A position of the text, by its name or its line."""
 
-    name: str
     line: int
     parts: dict[str, Number]
-    frames: set[tuple[str, str]] = field(default_factory=set)
-    moves: list[tuple[int, Motion]] = field(default_factory=list)
 
     @property
     def is_pose(self) -> bool:
@@ -103,21 +86,21 @@ class _KrlReader(ProgramReader):
     def read(self) -> ProgramText:
         root = {name: np.eye(4) for name in ("$NULLFRAME", "$WORLD", "$ROBROOT")}
         self.frames = root | {name.upper(): T for name, T in self.outside.posed(MOVING_ZYX).items()}
-        for found in self._statements():
-            if given := _GIVEN.match(found[0]):
-                self._declare(given, found.start())
-        for found in self._statements():
-            if moved := _MOVE.match(found[0]):
-                self._move(moved[1].upper(), moved[2].strip(), found.start() + moved.start(2))
-            elif bas := _BAS.match(found[0]):
+        for statement in self._statements():
+            if assignment := _GIVEN.match(statement[0]):
+                self._declare(assignment, statement.start())
+        for statement in self._statements():
+            if moved := _MOVE.match(statement[0]):
+                self._move(moved[1].upper(), moved[2].strip(), statement.start() + moved.start(2))
+            elif bas := _BAS.match(statement[0]):
                 self._take(bas[1], f"{bas[1].upper()}_DATA[{whole_number(bas[2])}]")
-            elif (given := _GIVEN.match(found[0])) and given[2].upper() in ("$TOOL", "$BASE"):
-                self._take(given[2][1:], given[3], found.start() + given.start(3))
+            elif (assignment := _GIVEN.match(statement[0])) and assignment[2].upper() in ("$TOOL", "$BASE"):
+                self._take(assignment[2][1:], assignment[3], statement.start() + assignment.start(3))
         return self._targets()
 
     def _statements(self) -> Iterator["re.Match[str]"]:
         """Yield the lines that are not blank."""
-        return (found for found in _STATEMENT.finditer(self.code) if not found[0].isspace())
+        return (match for match in _STATEMENT.finditer(self.code) if not match[0].isspace())
 
     def _take(self, what: str, source: str, at: int = 0) -> None:
         """Set the tool or the base from here on."""
@@ -145,22 +128,23 @@ class _KrlReader(ProgramReader):
         """Return the named numbers of a structure that begins at a character."""
         return {part[1].upper(): Number(at + part.start(2), part[2]) for part in _PART.finditer(source)}
 
-    def _declare(self, given: "re.Match[str]", at: int) -> None:
-        kind, name, source = (given[1] or "").upper(), given[2].upper(), given[3].rstrip()
+    def _declare(self, assignment: "re.Match[str]", at: int) -> None:
+        kind, name, source = (assignment[1] or "").upper(), assignment[2].upper(), assignment[3].rstrip()
         if kind == "FDAT" or name in ("$TOOL", "$BASE", "$H_POS"):
             return
         whole = source.startswith("{") and source.endswith("}")
-        position = _Position(
-            given[2], line_of(self.text, at), self._parts(source, at + given.start(3)) if whole else {}
-        )
-        # a tool or a base, which a FRAME may be besides a position
-        of_frame = kind == "FRAME" or "_DATA[" in name or name.startswith("$")
-        if position.is_pose and of_frame:
-            if name not in self.frames:
-                self._describe(name, MOVING_ZYX.pose(values_of([position.parts[key] for key in _PLACE])))
-            if kind != "FRAME":
+        parts = self._parts(source, at + assignment.start(3)) if whole else {}
+        position = _Position(assignment[2], line_of(self.text, at), parts)
+        if position.is_pose and _may_be_frame(kind, name):
+            self._declare_frame(name, position)
+            if kind != "FRAME":  # which may be a position besides
                 return
         self._declare_position(name, position, at)
+
+    def _declare_frame(self, name: str, position: _Position) -> None:
+        """Record the first value of a tool or a base."""
+        if name not in self.frames:
+            self._describe(name, MOVING_ZYX.pose(values_of([position.parts[key] for key in _PLACE])))
 
     def _declare_position(self, name: str, position: _Position, at: int) -> None:
         """Record a position; one that is declared twice, or of which a part is assigned, is computed."""
@@ -193,20 +177,22 @@ class _KrlReader(ProgramReader):
             self._leave(at, f"{part} is computed")
             return
         if structure:
-            position = _Position(f"line {line}", line, self._parts(structure[0], at))
-            if not position.is_pose and not position.is_axes:
-                self._leave(at, "what this position leaves out is kept from where the arm is")
-                return
-            position.frames.add((self.tool, self.base))
-            position.moves.append((line, motion))
-            self.positions[f"line {line} {at}"] = position
+            self._reach_structure(structure[0], line, at, motion)
             return
         known = self.positions.get(name[0].upper()) if name else None
         if known is None or known.name.upper() in self.assigned:
             self._leave(at, f"{name[0] if name else part} is {'computed' if known else 'not in this file'}")
             return
-        known.frames.add((self.tool, self.base))
-        known.moves.append((line, motion))
+        known.reach((self.tool, self.base), line, motion)
+
+    def _reach_structure(self, source: str, line: int, at: int, motion: Motion) -> None:
+        """Record a position that is written in the line that moves to it."""
+        position = _Position(f"line {line}", line, self._parts(source, at))
+        if not position.is_pose and not position.is_axes:
+            self._leave(at, "what this position leaves out is kept from where the arm is")
+            return
+        position.reach((self.tool, self.base), line, motion)
+        self.positions[f"line {line} {at}"] = position
 
     def _of_data(self, name: str) -> set[tuple[str, str]]:
         """Return tool and base of a position's inline form: F and its name without the X."""
@@ -243,8 +229,12 @@ class _KrlReader(ProgramReader):
             target = TargetText(position.name, position.line, numbers, MOVING_ZYX, tool, base, allowed=allowed)
             self._add(target, position.moves)
         elif frames:
-            reasons = " as well as ".join(" and ".join(pair) for pair in sorted(frames))
-            self.uncorrected.append(Uncorrected(position.line, f"{position.name} is moved to with {reasons}"))
+            self.uncorrected.append(Uncorrected(position.line, position.conflict))
+
+
+def _may_be_frame(kind: str, name: str) -> bool:
+    """Decide whether a declared pose may be a tool or a base."""
+    return kind == "FRAME" or "_DATA[" in name or name.startswith("$")
 
 
 def _named(name: str) -> str:
@@ -274,10 +264,9 @@ def _allowed(position: _Position) -> Allowed | None:
 
 _DIGITS = 6
 _PER_CENT = 20
-_COMPARE_ONE_POSE = COMPARE_ONE_POSE.replace("Joint", "Axis")
 
 
-class Krl(SixAxisLanguage):
+class Krl(language.SixAxisLanguage):
     """Modules for robots with six revolute axes."""
 
     name = "KRL"
@@ -294,37 +283,35 @@ class Krl(SixAxisLanguage):
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write the program of the file's name: home, every pose with a wait, home."""
         head = [
-            *(f"; {note}" for note in tour_notes(tour)),
-            f"; {_COMPARE_ONE_POSE}",
+            *(f"; {note}" for note in language.tour_notes(tour)),
             "; Declare the tool's load before.",
         ]
-        return _module(tour.file_name, head, [], tour_steps(tour))
+        return _module(tour.file_name, head, [], language.tour_steps(tour))
 
     def target_moves(self, moves: TargetMoves) -> bytes:
         """Write ``program`` through axis positions, with their tool and base."""
         head = [
-            *(f"; {note}" for note in move_notes(moves, "axes")),
+            *(f"; {note}" for note in language.move_notes(moves, "axes")),
             "; $TOOL and $BASE suit the controller's nominal links best. They hold where its flange is the last",
             "; frame of the lab's table, and its robot root is frame 0 of it. Declare the tool's load before.",
         ]
         frames = [f"$TOOL = {_frame(moves.T_last_tool)}", f"$BASE = {_frame(moves.T_frame0_instrument)}"]
-        return _module(PROGRAM, head, frames, move_steps(moves))
+        return _module(PROGRAM, head, frames, language.move_steps(moves))
 
     def path_moves(self, moves: PathMoves) -> bytes:
         """Write ``program``; lines and circles are of the tool in the points' base."""
         head = [
-            *(f"; {note}" for note in path_notes(moves)),
-            f"; {_COMPARE_ONE_POSE}",
+            *(f"; {note}" for note in language.path_notes(moves)),
             "; $TOOL and $BASE hold where the flange is the last frame of the lab's table, and the robot root is",
             "; frame 0 of it. Declare the tool's load before.",
         ]
         frames = [f"$TOOL = {_frame(moves.T_last_tool)}", f"$BASE = {_frame(moves.T_frame0_base)}"]
         frames += ["$ORI_TYPE = #VAR", "$CIRC_TYPE = #BASE"]
-        return _module(PROGRAM, head, frames, path_steps(moves))
+        return _module(PROGRAM, head, frames, language.path_steps(moves))
 
 
-def _module(name: str, head: list[str], frames: list[str], steps: list[ProgramStep]) -> bytes:
-    lines = [f"DEF {program_name(name)}()", *head, "BAS(#INITMOV, 0)", f"BAS(#VEL_PTP, {_PER_CENT})"]
+def _module(name: str, head: list[str], frames: list[str], steps: list[language.ProgramStep]) -> bytes:
+    lines = [f"DEF {language.program_name(name)}()", *head, "BAS(#INITMOV, 0)", f"BAS(#VEL_PTP, {_PER_CENT})"]
     lines += frames
     via = ""
     for step in steps:
@@ -337,23 +324,23 @@ def _module(name: str, head: list[str], frames: list[str], steps: list[ProgramSt
     return ("\r\n".join(["&ACCESS RVO", *lines, "END"]) + "\r\n").encode("ascii")
 
 
-def _move(step: ProgramStep, via: str) -> list[str]:
+def _move(step: language.ProgramStep, via: str) -> list[str]:
     """Return the instructions to move to a waypoint, after its speed."""
     if step.kind in ("line", "circle") and step.pace is not None:
         move = f"CIRC {via}, {_position(step)}" if step.kind == "circle" else f"LIN {_position(step)}"
         return [f"$VEL.CP = {step.pace.mm_s / 1e3:.4f}", move]
-    axes = ", ".join(f"A{i} {each}" for i, each in enumerate(numbers(np.rad2deg(step.joints), _DIGITS), start=1))
+    angles = language.numbers(np.rad2deg(step.joints), _DIGITS)
+    axes = ", ".join(f"A{i} {angle}" for i, angle in enumerate(angles, start=1))
     speed = [] if step.pace is None else [f"BAS(#VEL_PTP, {step.pace.per_cent})"]
     return [*speed, f"PTP {{AXIS: {axes}}}"]
 
 
-def _position(step: ProgramStep) -> str:
+def _position(step: language.ProgramStep) -> str:
     assert step.T is not None
     return _frame(step.T)
 
 
 def _frame(matrix: Array) -> str:
     """Write a pose ``(4, 4)`` (m) in mm and degrees."""
-    places = numbers(MM.of(matrix[:3, 3]), _DIGITS)
-    turns = numbers(np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3])[::-1]), _DIGITS)
-    return "{" + ", ".join(f"{key} {value}" for key, value in zip("XYZABC", [*places, *turns], strict=True)) + "}"
+    x, y, z, c, b, a = language.place_and_turns(matrix, _DIGITS)
+    return f"{{X {x}, Y {y}, Z {z}, A {a}, B {b}, C {c}}}"

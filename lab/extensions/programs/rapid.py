@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.extensions.programs import language
 from lab.extensions.programs.aggregate import Value, arguments, numbers_in, read_value
-from lab.extensions.programs.steps import COMPARE_ONE_POSE, SixAxisLanguage, ascii_text, check_comment, path_steps
 from lab.formats.programs.program_text import (
     QUATERNION,
     Allowed,
@@ -58,15 +58,12 @@ _NO_AXIS = 9e8
 
 
 @dataclass
-class _Declared:
+class _Declared(language.Destination):
     """A robtarget, a jointtarget or an array of them, and the tools and objects of its moves."""
 
-    name: str
     kind: str
     line: int
     entries: list[Value]
-    frames: set[tuple[str, str]] = field(default_factory=set)
-    moves: list[tuple[int, Motion]] = field(default_factory=list)
 
 
 @dataclass
@@ -79,33 +76,37 @@ class _RapidReader(ProgramReader):
 
     def read(self) -> ProgramText:
         self.frames = {"tool0": np.eye(4), "wobj0": np.eye(4), **_lower(self.outside.posed(QUATERNION))}
-        names = {found.start(2): found for found in _DECLARED.finditer(self.code)}
-        assigned = {found[1].lower() for found in _assigned(self.code) if found.start(1) not in names}
-        for found in names.values():
-            self._declare(found, found[2].lower() in assigned)
-        for found in _DISPLACED.finditer(self.code):
-            self._leave(found.start(), f"{found[1]} displaces what follows, which is corrected where it is written")
-        for found in _MOVE.finditer(self.code, 0, self.code.rfind(";") + 1):
-            self._move(found)
+        names = {match.start(2): match for match in _DECLARED.finditer(self.code)}
+        assigned = {match[1].lower() for match in _assigned(self.code) if match.start(1) not in names}
+        for match in names.values():
+            self._declare(match, match[2].lower() in assigned)
+        for match in _DISPLACED.finditer(self.code):
+            self._leave(match.start(), f"{match[1]} displaces what follows, which is corrected where it is written")
+        for match in _MOVE.finditer(self.code, 0, self.code.rfind(";") + 1):
+            self._move(match)
         return self._targets()
 
-    def _declare(self, found: "re.Match[str]", assigned: bool) -> None:
-        kind, name, at = found[1].lower(), found[2], found.start(2)
+    def _declare(self, match: "re.Match[str]", assigned: bool) -> None:
+        kind, name, at = match[1].lower(), match[2], match.start(2)
         is_target = kind in ("robtarget", "jointtarget")
-        read = read_value(self.data, found.end()) if found[4] else None
+        read = read_value(self.data, match.end()) if match[4] else None
         if read is None or assigned:
-            how = "is computed" if read is None else "is computed by an assignment"
-            if not is_target:
-                self.computed[name.lower()] = line_of(self.text, at)
-            if found[4]:
-                self._leave(at, f"{name} {how}")
-            elif is_target:
-                self._leave(at, f"{name} has no value here: it is computed")
+            self._leave_computed(match, is_target, "is computed" if read is None else "is computed by an assignment")
         elif is_target:
-            entries = _flat(read[0], found[3].count(",") + 1) if found[3] else [read[0]]
+            entries = _flat(read[0], match[3].count(",") + 1) if match[3] else [read[0]]
             self.declared[name.lower()] = _Declared(name, kind, line_of(self.text, at), entries)
         elif name.lower() not in self.frames:
             self._declare_frame(kind, name, read[0], at)
+
+    def _leave_computed(self, match: "re.Match[str]", is_target: bool, how: str) -> None:
+        """Leave a declared name whose value the text does not have."""
+        name, at = match[2], match.start(2)
+        if not is_target:
+            self.computed[name.lower()] = line_of(self.text, at)
+        if match[4]:
+            self._leave(at, f"{name} {how}")
+        elif is_target:
+            self._leave(at, f"{name} has no value here: it is computed")
 
     def _declare_frame(self, kind: str, name: str, value: Value, at: int) -> None:
         """Record the pose of a tool or a work object."""
@@ -116,25 +117,32 @@ class _RapidReader(ProgramReader):
         else:
             self._describe(name.lower(), posed)
 
-    def _move(self, found: "re.Match[str]") -> None:
-        kind, parts = found[1].lower(), arguments(self.code, found.start(2), found.end(2))
+    def _move(self, match: "re.Match[str]") -> None:
+        kind, parts = match[1].lower(), arguments(self.code, match.start(2), match.end(2))
         placed = [(at, part) for at, part in parts if not part.startswith("\\")]
         heads = [part.partition("\\")[0].rstrip() for _, part in placed]
         usual = kind.startswith("move")
         wanted = 2 if re.search(r"(?:move|trigg|arc|paint|search)c", kind) else 1
-        at_targets = [i for i, head in enumerate(heads) if usual or self._is_target(head)][:wanted]
+        at_targets = self._arguments_of_targets(heads, usual)[:wanted]
         if not usual and len(at_targets) < wanted:
-            self._leave(found.start(), f"{found[1]}: its target is not in this module")
+            self._leave(match.start(), f"{match[1]}: its target is not in this module")
             return
         if len(heads) < wanted + 2:
-            self._leave(found.start(), f"{found[1]} cannot be read")
+            self._leave(match.start(), f"{match[1]} cannot be read")
             return
-        tool = self.outside.alias(heads[-1]).lower()
-        base = _OF_WORK_OBJECT.search(self.code, found.start(2), found.end(2))
-        frames = (tool, self.outside.alias(base[1]).lower() if base else "wobj0")
+        frames = (self.outside.alias(heads[-1]).lower(), self._work_object_of(match))
         motion: Motion = "line" if _LINEAR.match(kind) else "joints"
         for i in at_targets:
-            self._reach(placed[i][0], heads[i], frames, motion, found.start())
+            self._reach(placed[i][0], heads[i], frames, motion, match.start())
+
+    def _arguments_of_targets(self, heads: list[str], usual: bool) -> list[int]:
+        """Return which arguments may be targets: any of the usual instructions."""
+        return [i for i, head in enumerate(heads) if usual or self._is_target(head)]
+
+    def _work_object_of(self, match: "re.Match[str]") -> str:
+        """Return the work object of a move."""
+        base = _OF_WORK_OBJECT.search(self.code, match.start(2), match.end(2))
+        return self.outside.alias(base[1]).lower() if base else "wobj0"
 
     def _is_target(self, head: str) -> bool:
         return head.startswith("[") or bool(_CALL.match(head)) or self._named(head) is not None
@@ -162,42 +170,42 @@ class _RapidReader(ProgramReader):
                 self._leave(begins, "a target with computed numbers")
                 return
             joint = isinstance(read[0], list) and len(read[0]) == 2
-            inline = _Declared(f"line {line}", "jointtarget" if joint else "robtarget", line, [read[0]], {frames})
-            inline.moves.append((line, motion))
+            inline = _Declared(f"line {line}", "jointtarget" if joint else "robtarget", line, [read[0]])
+            inline.reach(frames, line, motion)
             self.declared[f"line {line} {at}"] = inline
             return
         known = self._named(head)
         if known is None:
             self._leave(begins, f"{head}: its value is not in this module")
             return
-        known.frames.add(frames)
-        known.moves.append((line, motion))
+        known.reach(frames, line, motion)
 
     def _targets(self) -> ProgramText:
-        for each in sorted(self.declared.values(), key=lambda each: each.line):
-            if each.kind == "robtarget" and len(each.frames) != 1:
-                reasons = [" and ".join(frames) for frames in sorted(each.frames)]
-                why = (
-                    f"is moved to with {' as well as '.join(reasons)}" if reasons else "is not moved to in this module"
-                )
-                self.uncorrected.append(Uncorrected(each.line, f"{each.name} {why}"))
+        for declared in sorted(self.declared.values(), key=lambda declared: declared.line):
+            if declared.kind == "robtarget" and len(declared.frames) != 1:
+                why = declared.conflict if declared.frames else f"{declared.name} is not moved to in this module"
+                self.uncorrected.append(Uncorrected(declared.line, why))
                 continue
-            for i, entry in enumerate(each.entries):
-                name = each.name if len(each.entries) == 1 else f"{each.name}{{{i + 1}}}"
-                found = self._target(each, name, entry)
-                if found is None:
-                    self.uncorrected.append(Uncorrected(each.line, f"{name} cannot be read as a {each.kind}"))
+            for i, entry in enumerate(declared.entries):
+                name = declared.name if len(declared.entries) == 1 else f"{declared.name}{{{i + 1}}}"
+                target = self._target(declared, name, entry)
+                if target is None:
+                    self.uncorrected.append(Uncorrected(declared.line, f"{name} cannot be read as a {declared.kind}"))
                     continue
-                self._add(found, each.moves if len(each.entries) == 1 else ())
+                self._add(target, declared.moves if len(declared.entries) == 1 else ())
         return self._read()
 
-    def _target(self, each: _Declared, name: str, entry: Value) -> TargetText | None:
+    def _target(self, declared: _Declared, name: str, entry: Value) -> TargetText | None:
         if not isinstance(entry, list):
             return None
-        line = each.line if not (first := _first(entry)) else line_of(self.text, first.start)
-        if each.kind == "jointtarget":
-            joints = numbers_in(entry[0], 6) if len(entry) == 2 else None
-            return None if joints is None else TargetText(name, line, joints)
+        line = declared.line if not (first := _first(entry)) else line_of(self.text, first.start)
+        if declared.kind == "robtarget":
+            return self._robtarget(declared, name, line, entry)
+        joints = numbers_in(entry[0], 6) if len(entry) == 2 else None
+        return None if joints is None else TargetText(name, line, joints)
+
+    def _robtarget(self, declared: _Declared, name: str, line: int, entry: list[Value]) -> TargetText | None:
+        """Read ``[trans, rot, robconf, extax]``; None where it is something else."""
         counts = (3, 4, 4, 6)
         if len(entry) != len(counts):
             return None
@@ -211,7 +219,7 @@ class _RapidReader(ProgramReader):
             self.uncorrected.append(
                 Uncorrected(line, f"{name} has external axes: they stay, and are taken not to move the robot")
             )
-        ((tool, base),) = each.frames
+        ((tool, base),) = declared.frames
         return TargetText(name, line, (*place, *turn), QUATERNION, tool, base, allowed=_allowed(configuration))
 
 
@@ -219,8 +227,8 @@ def _assigned(code: str) -> Iterator["re.Match[str]"]:
     """Find assignments to names; each is matched between its := and the text before it."""
     last, at = 0, code.find(":=")
     while at >= 0:
-        if found := _ASSIGNED.search(code, max(code.rfind(";", last, at), last), at + 2):
-            yield found
+        if match := _ASSIGNED.search(code, max(code.rfind(";", last, at), last), at + 2):
+            yield match
         last, at = at + 2, code.find(":=", at + 2)
 
 
@@ -299,7 +307,7 @@ _SAME = "[[0,0,0],[1,0,0,0]]"  # the object's frame is the user's
 _NO_AXES = "[" + ",".join(["9E+09"] * _AXES) + "]"  # external axes that are not there
 
 
-class Rapid(SixAxisLanguage):
+class Rapid(language.SixAxisLanguage):
     """Modules for robots with six revolute axes, as joint targets of RAPID have."""
 
     name = "RAPID"
@@ -332,7 +340,7 @@ class Rapid(SixAxisLanguage):
             names.append(pose_names[pose])
             moves += [
                 _move(names[-1], "tool0"),
-                f'    TPWrite "Pose {ascii_text(ids[pose])}: {pose + 1} of {len(ids)}";',
+                f'    TPWrite "Pose {language.ascii_text(ids[pose])}: {pose + 1} of {len(ids)}";',
                 f"    WaitTime {PAUSE_S};",
             ]
             pose += 1
@@ -342,7 +350,7 @@ class Rapid(SixAxisLanguage):
         head = [
             f"  ! {len(ids)} poses to measure, ids as in plan.csv, in an order that is short at full joint speed.",
             _checked(tour.checked),
-            f"  ! {COMPARE_ONE_POSE}",
+            f"  ! {language.COMPARE_ONE_POSE}",
             f"  ! Declare the tool's load in place of tool0. Call {routine} from your main routine.",
         ]
         name = _name(f"plan_{tour.robot}", end)
@@ -381,13 +389,13 @@ class Rapid(SixAxisLanguage):
             f"  ! A path of {moves.robot!a} through {len(moves.ids)} points, {np.nansum(moves.seconds):.3f} s planned.",
             *(["  ! The correction is in the joint angles at the points."] if moves.corrected else []),
             _checked(moves.checked),
-            f"  ! {COMPARE_ONE_POSE}",
+            f"  ! {language.COMPARE_ONE_POSE}",
             "  ! The load is a placeholder: declare the real one.",
             f"  PERS tooldata {_PATH_TOOL}:=[TRUE,{_pose_text(moves.T_last_tool)},{_LOAD}];",
         ]
         targets, lines, via = [], list[str](), ""
         names = _distinct_names([f"{_PREFIX}{i + 1}_{each}" for i, each in enumerate(moves.ids)])
-        for step, name, degrees in zip(path_steps(moves), names, _degrees(moves.waypoints), strict=True):
+        for step, name, degrees in zip(language.path_steps(moves), names, _degrees(moves.waypoints), strict=True):
             targets.append(_joint_target(name, degrees))
             robtarget = f"CalcRobT({name},{_PATH_TOOL})"
             if step.kind == "via":
@@ -401,7 +409,7 @@ class Rapid(SixAxisLanguage):
 
 
 def _checked(checked: bool) -> str:
-    return f"  ! {check_comment(checked).removesuffix('.')}, in manual mode."
+    return f"  ! {language.check_comment(checked).removesuffix('.')}, in manual mode."
 
 
 def _shortened(text: str) -> str:

@@ -15,19 +15,8 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.extensions.programs import language
 from lab.extensions.programs.aggregate import arguments, closing, numbers_in, read_value
-from lab.extensions.programs.steps import (
-    COMPARE_ONE_POSE,
-    ProgramStep,
-    SixAxisLanguage,
-    move_notes,
-    move_steps,
-    numbers,
-    path_notes,
-    path_steps,
-    tour_notes,
-    tour_steps,
-)
 from lab.formats.programs.program_text import (
     ROTATION_VECTOR,
     Motion,
@@ -67,18 +56,10 @@ class _Literal:
 
 
 @dataclass
-class _Named:
+class _Named(language.Destination):
     """The literals of a name, or the one literal of a line, and the moves to it."""
 
-    name: str
     literals: list[_Literal] = field(default_factory=list)
-    frames: set[tuple[str, str]] = field(default_factory=set)
-    moves: list[tuple[int, Motion]] = field(default_factory=list)
-
-    @cached_property
-    def listed_frames(self) -> str:
-        """Tools and bases of its moves, once all are known."""
-        return " as well as ".join(" and ".join(frames) for frames in sorted(self.frames))
 
 
 @dataclass
@@ -93,17 +74,17 @@ class _UrScriptReader(ProgramReader):
 
     def read(self) -> ProgramText:
         self.frames = {_BASE: np.eye(4), **self.outside.posed(ROTATION_VECTOR)}
-        for found in _ASSIGNED.finditer(self.code):
-            literal = None if found[2] else self._literal(found.end())
+        for match in _ASSIGNED.finditer(self.code):
+            literal = None if match[2] else self._literal(match.end())
             if literal is None:
-                self.unknown.add(found[1])
+                self.unknown.add(match[1])
             else:
-                self.named.setdefault(found[1], _Named(found[1])).literals.append(literal)
+                self.named.setdefault(match[1], _Named(match[1])).literals.append(literal)
         last = 0
-        for found in _CALL.finditer(self.code):
-            if found.start() >= last and not found[1]:
-                last = self._closing(found.end())
-                self._call(found[2], arguments(self.code, found.end(), last), found.start(2))
+        for match in _CALL.finditer(self.code):
+            if match.start() >= last and not match[1]:
+                last = self._closing(match.end())
+                self._call(match[2], arguments(self.code, match.end(), last), match.start(2))
         return self._targets()
 
     def _closing(self, at: int) -> int:
@@ -163,28 +144,27 @@ class _UrScriptReader(ProgramReader):
                 return
         literal = self._literal(at)
         if literal is not None:
-            found = _Named(f"line {line}", [literal])
-            self.inline.append(found)
+            destination = _Named(f"line {line}", [literal])
+            self.inline.append(destination)
         elif part in self.unknown or part not in self.named:
             self._leave(begins, f"{_shortened(part)} is computed")
             return
         else:
-            found = self.named[part]
-        found.frames.add((self.tool, base))
-        found.moves.append((line, motion))
+            destination = self.named[part]
+        destination.reach((self.tool, base), line, motion)
 
     def _targets(self) -> ProgramText:
-        known = [each for name, each in self.named.items() if name not in self.unknown]
-        moved = [(literal, each) for each in (*known, *self.inline) if each.moves for literal in each.literals]
-        for literal, each in sorted(moved, key=lambda pair: pair[0].numbers[0].start):
-            if literal.is_pose and len(each.frames) > 1:
-                self.uncorrected.append(Uncorrected(literal.line, f"{each.name} is moved to with {each.listed_frames}"))
+        known = [named for name, named in self.named.items() if name not in self.unknown]
+        moved = [(literal, named) for named in (*known, *self.inline) if named.moves for literal in named.literals]
+        for literal, named in sorted(moved, key=lambda pair: pair[0].numbers[0].start):
+            if literal.is_pose and len(named.frames) > 1:
+                self.uncorrected.append(Uncorrected(literal.line, named.conflict))
                 continue
-            target = TargetText(each.name, literal.line, literal.numbers, per_rad=(1.0,) * 6)
+            target = TargetText(named.name, literal.line, literal.numbers, per_rad=(1.0,) * 6)
             if literal.is_pose:
-                ((tool, base),) = each.frames
-                target = TargetText(each.name, literal.line, literal.numbers, ROTATION_VECTOR, tool, base)
-            self._add(target, each.moves)
+                ((tool, base),) = named.frames
+                target = TargetText(named.name, literal.line, literal.numbers, ROTATION_VECTOR, tool, base)
+            self._add(target, named.moves)
         return self._read()
 
 
@@ -196,7 +176,7 @@ _DIGITS = 8  # of a rad: 10 nm at 1 m
 _SPEED, _ACCELERATION = 0.5, 0.8  # rad/s, rad/s^2
 
 
-class UrScript(SixAxisLanguage):
+class UrScript(language.SixAxisLanguage):
     """Scripts for robots with six revolute axes."""
 
     name = "URScript"
@@ -214,37 +194,35 @@ class UrScript(SixAxisLanguage):
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write ``measure_poses``: home, every pose with a wait, home."""
         head = [
-            *(f"  # {note}" for note in tour_notes(tour)),
-            f"  # {COMPARE_ONE_POSE}",
+            *(f"  # {note}" for note in language.tour_notes(tour)),
         ]
-        return _script("measure_poses", head, tour_steps(tour))
+        return _script("measure_poses", head, language.tour_steps(tour))
 
     def target_moves(self, moves: TargetMoves) -> bytes:
         """Write ``move_to_targets`` through joint positions, with their tool and frame."""
         head = [
-            *(f"  # {note}" for note in move_notes(moves)),
+            *(f"  # {note}" for note in language.move_notes(moves)),
             "  # Tool and frame suit the controller's nominal links best. They hold where its flange is the last frame",
             "  # of the lab's table, and its base is frame 0 of it.",
             f"  set_tcp({_pose(moves.T_last_tool)})",
             f"  global instrument_frame = {_pose(moves.T_frame0_instrument)}",
         ]
-        return _script("move_to_targets", head, move_steps(moves))
+        return _script("move_to_targets", head, language.move_steps(moves))
 
     def path_moves(self, moves: PathMoves) -> bytes:
         """Write ``move_along_path``; the controller computes poses from joint positions."""
         head = [
-            *(f"  # {note}" for note in path_notes(moves)),
-            f"  # {COMPARE_ONE_POSE}",
+            *(f"  # {note}" for note in language.path_notes(moves)),
             f"  set_tcp({_pose(moves.T_last_tool)})",
         ]
-        return _script("move_along_path", head, path_steps(moves))
+        return _script("move_along_path", head, language.path_steps(moves))
 
 
-def _script(name: str, head: list[str], steps: list[ProgramStep]) -> bytes:
+def _script(name: str, head: list[str], steps: list[language.ProgramStep]) -> bytes:
     lines = [f"def {name}():", *head]
     via = ""
     for step in steps:
-        joints = f"[{', '.join(numbers(step.joints, _DIGITS))}]"
+        joints = f"[{', '.join(language.numbers(step.joints, _DIGITS))}]"
         lines.append(f"  # {step.comment}")
         if step.kind == "via":
             via = joints
@@ -254,7 +232,7 @@ def _script(name: str, head: list[str], steps: list[ProgramStep]) -> bytes:
     return ("\n".join([*lines, "end", f"{name}()"]) + "\n").encode("ascii")
 
 
-def _move(step: ProgramStep, joints: str, via: str) -> str:
+def _move(step: language.ProgramStep, joints: str, via: str) -> str:
     """Return the instruction to move to joint positions; a circle has a speed, as it takes no time."""
     if step.pace is None:
         return f"movej({joints}, a={_ACCELERATION:g}, v={_SPEED:g})"
@@ -266,4 +244,4 @@ def _move(step: ProgramStep, joints: str, via: str) -> str:
 def _pose(matrix: Array) -> str:
     """Write a pose ``(4, 4)`` (m) as position and rotation vector."""
     values = np.concatenate([matrix[:3, 3], se3.log(matrix[:3, :3])])
-    return f"p[{', '.join(numbers(values, _DIGITS))}]"
+    return f"p[{', '.join(language.numbers(values, _DIGITS))}]"

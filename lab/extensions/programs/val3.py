@@ -21,20 +21,8 @@ from lab.core import se3
 from lab.core.limits import PROGRAM_FRAMES
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.extensions.programs import language
 from lab.extensions.programs.aggregate import numbers_in, read_value
-from lab.extensions.programs.steps import (
-    COMPARE_ONE_POSE,
-    ProgramStep,
-    SixAxisLanguage,
-    move_notes,
-    move_steps,
-    numbers,
-    path_notes,
-    path_steps,
-    program_name,
-    tour_notes,
-    tour_steps,
-)
 from lab.formats.programs.program_text import (
     MOVING_XYZ,
     NUMBER,
@@ -87,8 +75,8 @@ class _Val3Reader(ProgramReader):
         tool = self.outside.alias("tool")
         if tool == "tool" and "tool" not in self.frames:
             tool = self.tools[0] if len(self.tools) == 1 else "tool"
-        for name, attributes, given, line in self.points:
-            values = tuple(given[key] for key in _PLACE)
+        for name, attributes, numbers, line in self.points:
+            values = tuple(numbers[key] for key in _PLACE)
             base = self.outside.alias(_plain(attributes.get("fatherId", "world")))
             self._add(TargetText(name, line, values, MOVING_XYZ, tool, base, allowed=_allowed(attributes)), ())
         self._program()
@@ -97,31 +85,40 @@ class _Val3Reader(ProgramReader):
     def _data(self, head: dict[str, str], data: "re.Match[str]") -> None:
         """Read the values of a variable."""
         kind = head.get("type", "")
+        if kind not in ("jointRx", "pointRx", "tool", "frame", "joint", "point"):
+            return
         values = list(_VALUE.finditer(self.code, data.start(2), data.end(2)))
         for value in values:
             attributes = dict(_ATTRIBUTE.findall(value[1]))
             index = attributes.get("key", "0")
             name = head.get("name", "") + ("" if len(values) == 1 and index == "0" else f"[{index}]")
-            numbers = {
-                each[1]: Number(value.start(1) + each.start(2), each[2])
-                for each in _ATTRIBUTE.finditer(value[1])
-                if re.fullmatch(NUMBER, each[2])
-            }
-            wanted = _JOINTS if kind.startswith("joint") else _PLACE
-            if kind not in ("jointRx", "pointRx", "tool", "frame", "joint", "point"):
-                continue
-            if not set(wanted) <= set(numbers):
-                self._leave(value.start(), f"{name} leaves out {', '.join(sorted(set(wanted) - set(numbers)))}")
-            elif kind.startswith("joint"):
-                line = line_of(self.text, value.start())
-                self._add(TargetText(name, line, tuple(numbers[key] for key in _JOINTS)), ())
-            elif kind.startswith("point"):
-                self.points.append((name, attributes, numbers, line_of(self.text, value.start())))
-            else:
-                T = MOVING_XYZ.pose(values_of([numbers[key] for key in _PLACE]))
-                self.fathers[name] = (_plain(attributes.get("fatherId", "world" if kind == "frame" else "flange")), T)
-                self.tools += [name] if kind == "tool" else []
-                PROGRAM_FRAMES("the program", self.fathers)
+            self._value(kind, name, attributes, value)
+
+    def _value(self, kind: str, name: str, attributes: dict[str, str], value: "re.Match[str]") -> None:
+        """Read joint positions, a point, or a tool or a frame in its father."""
+        numbers = {
+            attribute[1]: Number(value.start(1) + attribute.start(2), attribute[2])
+            for attribute in _ATTRIBUTE.finditer(value[1])
+            if re.fullmatch(NUMBER, attribute[2])
+        }
+        wanted = _JOINTS if kind.startswith("joint") else _PLACE
+        if missing := set(wanted) - set(numbers):
+            self._leave(value.start(), f"{name} leaves out {', '.join(sorted(missing))}")
+        elif kind.startswith("joint"):
+            line = line_of(self.text, value.start())
+            self._add(TargetText(name, line, tuple(numbers[key] for key in _JOINTS)), ())
+        elif kind.startswith("point"):
+            self.points.append((name, attributes, numbers, line_of(self.text, value.start())))
+        else:
+            T = MOVING_XYZ.pose(values_of([numbers[key] for key in _PLACE]))
+            self._tool_or_frame(kind, name, attributes, T)
+
+    def _tool_or_frame(self, kind: str, name: str, attributes: dict[str, str], T_father: Array) -> None:
+        """Record the pose of a tool or a frame in its father."""
+        father = attributes.get("fatherId", "world" if kind == "frame" else "flange")
+        self.fathers[name] = _plain(father), T_father
+        self.tools += [name] if kind == "tool" else []
+        PROGRAM_FRAMES("the program", self.fathers)
 
     def _chain(self, known: dict[str, Array]) -> None:
         """Add the tools in the flange and the frames in the world whose fathers are all known."""
@@ -133,40 +130,40 @@ class _Val3Reader(ProgramReader):
                 chain.append(name)
                 name = self.fathers[name][0]
             if name in known:
-                for each in reversed(chain):
-                    father, T = self.fathers[each]
-                    known[each] = known[father] @ T
+                for link in reversed(chain):
+                    father, T = self.fathers[link]
+                    known[link] = known[father] @ T
 
     def _program(self) -> None:
         """Read joint positions that a program assigns, and its moves."""
         declared = map(dict, map(_ATTRIBUTE.findall, _LOCAL.findall(self.code)))
-        kinds = {each.get("name"): each.get("type") for each in declared}
+        kinds = {variable.get("name"): variable.get("type") for variable in declared}
         for code in _CODE.finditer(self.code):
             if code[2] is not None:
                 return
-            given: dict[str, int] = {}
+            assigned: dict[str, int] = {}
             events = [*_GIVEN.finditer(self.code, *code.span(1)), *_MOVE.finditer(self.code, *code.span(1))]
-            for found in sorted(events, key=lambda each: each.start()):
-                if found.re is _GIVEN:
-                    self._given(found, kinds.get(found[1]), given)
-                elif (target := given.get(found[2].strip())) is not None:
-                    motion: Motion = "joints" if found[1] == "movej" else "line"
-                    self.moves.append(Move(line_of(self.text, found.start()), target, motion))
+            for match in sorted(events, key=lambda event: event.start()):
+                if match.re is _GIVEN:
+                    self._assign(match, kinds.get(match[1]), assigned)
+                elif (target := assigned.get(match[2].strip())) is not None:
+                    motion: Motion = "joints" if match[1] == "movej" else "line"
+                    self.moves.append(Move(line_of(self.text, match.start()), target, motion))
                 else:
-                    self._leave(found.start(), f"{found[2].strip()} is not in this file, or computed")
+                    self._leave(match.start(), f"{match[2].strip()} is not in this file, or computed")
 
-    def _given(self, found: "re.Match[str]", kind: str | None, given: dict[str, int]) -> None:
+    def _assign(self, match: "re.Match[str]", kind: str | None, assigned: dict[str, int]) -> None:
         """Read an assignment of numbers in braces."""
-        read = read_value(self.listed, found.end())
+        read = read_value(self.listed, match.end())
         numbers = None if read is None else numbers_in(read[0], 6)
-        given.pop(found[1], None)
-        if numbers is None or kind not in ("joint", "jointRx") or found[2]:
-            if kind != "trsf" or found[2]:
-                self._leave(found.start(1), f"{found[1]}{found[2]} is computed, or has no frame here")
+        assigned.pop(match[1], None)
+        if numbers is None or kind not in ("joint", "jointRx") or match[2]:
+            if kind != "trsf" or match[2]:
+                self._leave(match.start(1), f"{match[1]}{match[2]} is computed, or has no frame here")
             return
-        given[found[1]] = len(self.targets)
-        line = line_of(self.text, found.start(1))
-        self._add(TargetText(f"{found[1]} of line {line}", line, numbers), ())
+        assigned[match[1]] = len(self.targets)
+        line = line_of(self.text, match.start(1))
+        self._add(TargetText(f"{match[1]} of line {line}", line, numbers), ())
 
 
 def _plain(name: str) -> str:
@@ -194,7 +191,7 @@ _INSTANCE = "http://www.w3.org/2001/XMLSchema-instance"
 _NOTE = "  // The layout of this file follows public programs: add it to an application that has mNomSpeed."
 
 
-class Val3(SixAxisLanguage):
+class Val3(language.SixAxisLanguage):
     """Programs for robots with six revolute axes."""
 
     name = "VAL3"
@@ -212,39 +209,37 @@ class Val3(SixAxisLanguage):
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """Write the program of the file's name: home, every pose with a wait, home."""
         head = [
-            *(f"  // {note}" for note in tour_notes(tour)),
-            f"  // {COMPARE_ONE_POSE}",
+            *(f"  // {note}" for note in language.tour_notes(tour)),
         ]
-        return _program(tour.file_name, {"jTo": "joint"}, head, tour_steps(tour))
+        return _program(tour.file_name, {"jTo": "joint"}, head, language.tour_steps(tour))
 
     def target_moves(self, moves: TargetMoves) -> bytes:
         """Write ``program`` through joint positions, with their tool and frame."""
         head = [
-            *(f"  // {note}" for note in move_notes(moves)),
+            *(f"  // {note}" for note in language.move_notes(moves)),
             "  // Tool and frame suit the controller's nominal links best. They hold where its flange is the last",
             "  // frame of the lab's table, and its world is frame 0 of it.",
             f"  trTool={_frame(moves.T_last_tool)}",
             f"  trFrame={_frame(moves.T_frame0_instrument)}",
         ]
         local = {"jTo": "joint", "trTool": "trsf", "trFrame": "trsf"}
-        return _program(PROGRAM, local, head, move_steps(moves))
+        return _program(PROGRAM, local, head, language.move_steps(moves))
 
     def path_moves(self, moves: PathMoves) -> bytes:
         """Write ``program``; the controller computes points of lines and circles from joint positions."""
         head = [
-            *(f"  // {note}" for note in path_notes(moves)),
-            f"  // {COMPARE_ONE_POSE}",
+            *(f"  // {note}" for note in language.path_notes(moves)),
             f"  tPath.trsf={_frame(moves.T_last_tool)}",
             "  mPath=mNomSpeed",
         ]
         local = {"jTo": "joint", "pVia": "point", "pTo": "point", "tPath": "tool", "mPath": "mdesc"}
-        return _program(PROGRAM, local, head, path_steps(moves))
+        return _program(PROGRAM, local, head, language.path_steps(moves))
 
 
-def _program(name: str, local: dict[str, str], head: list[str], steps: list[ProgramStep]) -> bytes:
+def _program(name: str, local: dict[str, str], head: list[str], steps: list[language.ProgramStep]) -> bytes:
     lines = ["begin", *head, _NOTE]
     for step in steps:
-        joints = ",".join(numbers(np.rad2deg(step.joints), _DIGITS))
+        joints = ",".join(language.numbers(np.rad2deg(step.joints), _DIGITS))
         lines += [f"  // {step.comment}", f"  jTo={{{joints}}}", *(f"  {each}" for each in _move(step))]
         lines += [f"  delay({step.wait_s:.1f})"] if step.wait_s else []
     code = "\n".join([*lines, "end"])
@@ -252,7 +247,7 @@ def _program(name: str, local: dict[str, str], head: list[str], steps: list[Prog
     text = [
         '<?xml version="1.0" encoding="utf-8" ?>',
         f'<Programs xmlns:xsi="{_INSTANCE}" xmlns="{_SPACE}">',
-        f'  <Program name="{program_name(name)}">',
+        f'  <Program name="{language.program_name(name)}">',
         "    <Locals>",
         *variables,
         "    </Locals>",
@@ -263,7 +258,7 @@ def _program(name: str, local: dict[str, str], head: list[str], steps: list[Prog
     return ("\n".join(text) + "\n").encode("ascii")
 
 
-def _move(step: ProgramStep) -> list[str]:
+def _move(step: language.ProgramStep) -> list[str]:
     """Return the instructions to move to ``jTo``, or to store it as the middle of a circle."""
     if step.kind == "via":
         return ["pVia=jointToPoint(tPath,world,jTo)"]
@@ -285,4 +280,4 @@ def _frame(matrix: Array) -> str:
     """Write a pose ``(4, 4)`` (m) in mm and degrees: R = Rx Ry Rz is the inverse of a reversed roll, pitch and yaw."""
     back = se3.roll_pitch_yaw(matrix[:3, :3].T)
     values = [*MM.of(matrix[:3, 3]), *np.rad2deg(-back)]
-    return "{" + ",".join(numbers(values, _DIGITS)) + "}"
+    return "{" + ",".join(language.numbers(values, _DIGITS)) + "}"

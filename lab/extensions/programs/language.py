@@ -1,18 +1,22 @@
-"""Make a program's steps: waypoints, waits, and comments."""
+"""Parts that the languages of controllers share: positions of a read program, steps and comments of a written one."""
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
+from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.formats.programs.program_text import Motion
 from lab.formats.programs.protocol import ANY_DIGITS, PAUSE_S, MeasuringTour, MoveKind, PathMoves, TargetMoves
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
     "COMPARE_ONE_POSE",
+    "Destination",
     "ProgramStep",
     "SixAxisLanguage",
     "ascii_text",
@@ -22,6 +26,7 @@ __all__ = [
     "numbers",
     "path_notes",
     "path_steps",
+    "place_and_turns",
     "program_name",
     "tour_notes",
     "tour_steps",
@@ -31,6 +36,32 @@ _CHECKED = "Checked free of collisions in the lab's model only: run it slowly fi
 _UNCHECKED = "NOT CHECKED FOR COLLISIONS: run it slowly first."
 _AXES = 6
 COMPARE_ONE_POSE = "Joint zeros and signs are the model's: compare one pose with the pendant before the first run."
+
+
+@dataclass
+class Destination:
+    """A position in a program's text, and the moves to it.
+
+    Attributes:
+        name: of the position, or its line.
+        frames: tools and bases of the moves.
+        moves: line and motion of each.
+    """
+
+    name: str
+    frames: set[tuple[str, str]] = field(default_factory=set, kw_only=True)
+    moves: list[tuple[int, Motion]] = field(default_factory=list, kw_only=True)
+
+    def reach(self, frames: tuple[str, str], line: int, motion: Motion) -> None:
+        """Record a move with a tool and a base."""
+        self.frames.add(frames)
+        self.moves.append((line, motion))
+
+    @cached_property
+    def conflict(self) -> str:
+        """Reason why it is not corrected, once all moves are known: its moves have several tools or bases."""
+        frames = " as well as ".join(" and ".join(pair) for pair in sorted(self.frames))
+        return f"{self.name} is moved to with {frames}"
 
 
 @dataclass(frozen=True)
@@ -122,6 +153,7 @@ def tour_notes(tour: MeasuringTour) -> list[str]:
     return [
         f"{len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_text(tour.robot)}{station}.",
         check_comment(tour.checked),
+        COMPARE_ONE_POSE,
     ]
 
 
@@ -144,6 +176,7 @@ def path_notes(moves: PathMoves) -> list[str]:
         f"A path of {ascii_text(moves.robot)} through {len(moves.ids)} points, {took} from its first point.",
         *(["The correction is in the joint positions at the points."] if moves.corrected else []),
         check_comment(moves.checked),
+        COMPARE_ONE_POSE,
     ]
 
 
@@ -157,6 +190,12 @@ def numbers(values: Array | Sequence[float], digits: int) -> list[str]:
     return [f"{value + 0.0:.{digits}f}" for value in np.round(np.asarray(values), digits)]
 
 
+def place_and_turns(T: Array, digits: int, digits_deg: int | None = None) -> list[str]:
+    """Write a pose ``(4, 4)`` (m) as x, y and z in mm, and turns about the fixed x, y and z in degrees."""
+    turns = np.rad2deg(se3.roll_pitch_yaw(T[:3, :3]))
+    return [*numbers(MM.of(T[:3, 3]), digits), *numbers(turns, digits if digits_deg is None else digits_deg)]
+
+
 def program_name(file: str) -> str:
     """Return the name of a program in a file of this name without its suffix: letters, digits and underscores."""
     return re.sub(r"[^A-Za-z0-9_]", "_", file)
@@ -164,4 +203,4 @@ def program_name(file: str) -> str:
 
 def ascii_text(text: str) -> str:
     """Reduce a text to letters, digits and blanks of ASCII, for comments and messages of any language."""
-    return "".join(each if each.isascii() and (each.isalnum() or each in " ._-") else "_" for each in text)[:32]
+    return re.sub(r"[^A-Za-z0-9 ._-]", "_", text)[:32]
