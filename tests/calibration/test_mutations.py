@@ -52,7 +52,7 @@ MUTATIONS = [
     ),
     Mutation("calibration.residual.gaussian_process:JointKernels.of_offsets", "1 + scaled", "1", PROCESS),
     Mutation("prediction.extrapolation:MeasuredRange.beyond", "self.lower - joints", "joints - self.upper", BEYOND),
-    Mutation("prediction.extrapolation:_left_out", "inverse @ -removed", "inverse @ removed", BEYOND),
+    Mutation("prediction.extrapolation:_left_out", "inverse @ -score_left_out", "inverse @ score_left_out", BEYOND),
 ]
 
 
