@@ -8,6 +8,7 @@ from lab.calibration.observation import observation_of
 from lab.core.errors import LabError, be, counted, option_name
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
+from lab.core.recent import recent
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
@@ -32,20 +33,29 @@ _MANY_ROWS, _CELLS = 20_000, 8  # more rows are compared by cells, so many to th
 _Rows = NDArray[np.int_]
 
 
+@recent(8)  # several tests of one fit group the same rows
 def configurations(joints: Array) -> _Rows:
     """Label joint positions ``(n, joints)``: rows within 0.01 rad (m) in every joint share a label ``(n,)``.
 
     Of very many rows those in one cell of an eighth of that stand for each other, or their pairs would be too many.
+    The labels are read-only.
     """
+    labels = _configurations(joints)
+    labels.flags.writeable = False
+    return labels
+
+
+def _configurations(joints: Array) -> _Rows:
+    """Group positions as ``configurations`` does."""
     if len(joints) > _MANY_ROWS:
         corners = np.floor(joints * (_CELLS / SAME_CONFIGURATION))
         _, one, cell = np.unique(_row_numbers(corners), return_index=True, return_inverse=True)
         if len(one) < len(joints):
-            return configurations((corners[one] + 0.5) * (SAME_CONFIGURATION / _CELLS))[cell]
+            return _configurations((corners[one] + 0.5) * (SAME_CONFIGURATION / _CELLS))[cell]
     _, first, same = np.unique(joints, axis=0, return_index=True, return_inverse=True)
     if len(first) < len(joints):  # the pairs of many visits of one pose would be too many
         order = np.argsort(first)
-        return configurations(joints[first[order]])[np.argsort(order)[same]]
+        return _configurations(joints[first[order]])[np.argsort(order)[same]]
     pairs = scipy.spatial.cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
     if not len(pairs):
         return np.arange(len(joints))
