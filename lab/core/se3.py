@@ -55,6 +55,8 @@ def _angle_series(angle_squared: Array) -> tuple[Array, Array, Array]:
     small = np.abs(angle_squared) < 1e-4
     if small.ndim == 0:  # one rotation, in the inner loop of every fit: one branch alone
         return _near_zero(angle_squared) if small else _away_from_zero(angle_squared)
+    if small.all():
+        return _near_zero(angle_squared)
     away = _away_from_zero(np.where(small, 1.0, angle_squared))
     a, b, c = (np.where(small, s, t) for s, t in zip(_near_zero(angle_squared), away, strict=True))
     return a, b, c

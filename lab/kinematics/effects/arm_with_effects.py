@@ -96,9 +96,13 @@ class ArmWithEffects:
         first = len(self.arm.names)
         jacobian = np.empty((*points.shape, len(self.names)), dtype=np.result_type(rigid, stands))
         jacobian[..., :first] = rigid[..., :first]
-        jacobian[..., first:] = self.arm.joint_derivatives(rigid[..., :first]) @ by_joint[:, None]
+        # by the chain rule: contiguous factors, which BLAS multiplies
+        by_motion, by_effects = self.arm.joint_derivatives(rigid[..., :first]), by_joint
         if self.links:
-            jacobian[..., first:] += rigid[..., first:] @ moved["links"][1][:, None]
+            by_motion = np.concatenate([by_motion, rigid[..., first:]], axis=3)
+            by_effects = np.concatenate([by_joint, moved["links"][1]], axis=1)
+        product = np.ascontiguousarray(by_motion).reshape(len(points), -1, by_motion.shape[3]) @ by_effects
+        jacobian[..., first:] = product.reshape(*points.shape, -1)
         if self._size_changes:
             growth, by_growth = moved["size"]
             jacobian *= 1 + growth[:, None, None]
@@ -205,7 +209,11 @@ class ArmWithEffects:
 
     def _columns_of(self, effect: Effect) -> list[int] | slice:
         """Return which of the numbers of its kind of motion an effect changes: six of each of its links, or all."""
-        return [6 * self.links.index(link) + i for link in effect.links for i in range(6)] or slice(None)
+        own = [6 * self.links.index(link) + i for link in effect.links for i in range(6)]
+        if not own:
+            return slice(None)
+        adjacent = own == list(range(own[0], own[0] + len(own)))
+        return slice(own[0], own[0] + len(own)) if adjacent else own
 
     @cached_property
     def _moved_sizes(self) -> "dict[Moves, int]":

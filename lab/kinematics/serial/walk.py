@@ -74,10 +74,13 @@ class Displaced:
             return frame, origin
         torsor = self.torsors[link]
         first = self.column + 6 * list(self.torsors).index(link)
-        turns = _combined(frame, left_jacobian(torsor[:, 3:]))
-        bent = _combined(frame, exp(torsor[:, 3:]))
+        moves = bool(torsor.any())
+        turns = _combined(frame, left_jacobian(torsor[:, 3:])) if moves else frame
+        bent = _combined(frame, exp(torsor[:, 3:])) if moves else frame
         motions += [ElementaryMotion(first + i, axis, None) for i, axis in enumerate(bent)]
         motions += [ElementaryMotion(first + 3 + i, axis, at) for i, axis in enumerate(turns)]
+        if not moves:
+            return frame, origin
         x, y, z = frame
         lever = (origin - at)[:3]
         local = [(axis[:3] * lever).sum(axis=0) + torsor[:, i] for i, axis in enumerate((x, y, z))]
