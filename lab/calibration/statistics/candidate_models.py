@@ -109,7 +109,8 @@ class NestedModels:
         scale: ``(c,)`` the norms that their columns had.
         away: ``(c,)`` how far each of them, scaled, stands from its nominal value, which it has where it is not fitted.
         whole: ``(<= c + 1, c + 1)`` triangle of the scaled whitened Jacobian and, last, the residual.
-        training: the same of all folds but one.
+        parts: ``(<= c + 1, c + 1)`` triangles of each fold's own rows.
+        beside: rows of what is known beside the measurements, in every fold.
         held: ``(m_f, d, c + 1)`` of each fold: derivatives and residual of its things, in m.
         cluster: ``(m,)`` what each thing of the folds, one after the other, was held out together with.
         floor: the least standard deviation that a whitened residual may have: 1 where sigma is known.
@@ -120,7 +121,8 @@ class NestedModels:
     scale: Array
     away: Array
     whole: Array
-    training: tuple[Array, ...]
+    parts: tuple[Array, ...]
+    beside: Array
     held_out: tuple[Array, ...]
     cluster: _Labels
     rows: int
@@ -136,6 +138,12 @@ class NestedModels:
         squares = float(np.sum(self._left(self.whole, fitted).left ** 2))
         errors = Deferred(partial(self._held_out_errors, fitted))
         return Score(len(fitted), squares, errors, self._bic(squares, len(fitted)))
+
+    @cached_property
+    def training(self) -> tuple[Array, ...]:
+        """Triangles as ``whole`` of all folds but one each."""
+        others = ((*self.parts[:fold], *self.parts[fold + 1 :]) for fold in range(len(self.parts)))
+        return tuple(_triangle([*rest, self.beside]) for rest in others)
 
     def _held_out_errors(self, fitted: Sequence[int]) -> Array:
         lengths = [
@@ -369,7 +377,8 @@ class FullModel:
         # its Jacobian at the nominal arm, anywhere and at the measured poses
         at = model.rank_point(_filled(start, model, alone.model, alone.nominal_aligned))
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
-        structure, measured = (model.observe(inputs, at)[1] for inputs in (anywhere, observed.inputs))
+        both = model.observe(np.concatenate([anywhere, observed.inputs]), at)[1]
+        structure, measured = both[: len(anywhere)], both[len(anywhere) :]
         extra_residuals = observation.extra_residuals(at)[1]
         # the parameters of each group
         fixed = named(model.names, option_name("fix"), task.options.of(model.names).fix)
@@ -440,7 +449,8 @@ class FullModel:
             scale=scale[:-1],
             away=(values[columns] - nominal) * scale[:-1],
             whole=_triangle([*parts, beside]),
-            training=tuple(_triangle([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
+            parts=tuple(parts),
+            beside=beside,
             held_out=tuple(in_m[part] / scale for part in inside),
             cluster=np.concatenate([self.clusters[np.nonzero(part)[0]] for part in inside]),
             rows=len(rows) + len(residual),

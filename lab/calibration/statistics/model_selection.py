@@ -184,7 +184,9 @@ def select(
     chosen = [replace(rows[name], chosen=True) for name in growth.taken]
     others = (rows[name] for name in candidates if name not in growth.taken)
     same = () if enough else _alternatives(growth)
-    return Selection(growth.taken, growth.found, (rows[_GEOMETRY], *chosen, *others), same)
+    assert growth.geometry is not None
+    geometry = _geometry(growth.geometry, brief=enough is not None and not growth.taken)
+    return Selection(growth.taken, growth.found, (geometry, *chosen, *others), same)
 
 
 def _refusals(task: SelectionTask, candidates: Sequence[str]) -> dict[str, GroupTrial]:
@@ -241,6 +243,7 @@ class _Growth:
         enough: how many groups end the growth; None where nothing does.
         rows: of the table, by group.
         stuck: groups that the fit does not converge with.
+        geometry: score of geometry alone.
     """
 
     task: SelectionTask
@@ -252,6 +255,7 @@ class _Growth:
     rows: dict[str, GroupTrial] = field(default_factory=dict)
     stuck: dict[str, GroupTrial] = field(default_factory=dict)
     found: Identification = field(init=False)
+    geometry: Score | None = None
     _large: tuple[tuple[str, ...], FullModel] | None = None
     _around: tuple[FullModel, Identification, NestedModels] | None = None
     _search: tuple[Identification, TermSearch] | None = None
@@ -262,7 +266,8 @@ class _Growth:
     def grow(self) -> None:
         large = self.large()
         table = self.around(large)
-        self.rows.setdefault(_GEOMETRY, _geometry(table.score(large.fitted(self.found))))
+        if self.geometry is None:
+            self.geometry = table.score(large.fitted(self.found))
         for _ in range(3 * len(large.groups) + 1):  # BIC falls at each step, rounding and curvature aside
             left = [name for name in large.groups if name not in (*self.taken, *self.stuck)]
             small = table.score(large.fitted(self.found))
@@ -463,8 +468,9 @@ def _by_configurations(test: ClusterTest | None, gain: HeldOutGain, groups: int)
     )
 
 
-def _geometry(score: Score) -> GroupTrial:
-    return GroupTrial(_GEOMETRY, score.parameters, float(score.errors.mean()), np.nan, score.bic, True)
+def _geometry(score: Score, *, brief: bool = False) -> GroupTrial:
+    holdout_m = np.nan if brief else float(score.errors.mean())
+    return GroupTrial(_GEOMETRY, score.parameters, holdout_m, np.nan, score.bic, True)
 
 
 def _refused(name: str, why: str) -> GroupTrial:
