@@ -451,14 +451,20 @@ def length_not_exceeded(squares: Array, dof: float | None, share: float = _SHARE
     mean = np.maximum(mean, 1e-12 * mean.max())
     numbers = matched_dof(mean, np.maximum(2 * (squares**2).sum(axis=(1, 2)), 1e-300))
 
+    # the logarithm of the exceeded share bends little along the length: a secant needs few steps
     def exceeded(length: float) -> float:
         chances = p_value_of_squares(length**2 * np.ones_like(mean), numbers, dof, mean / numbers)
-        return float(chances.mean()) - (1 - share)
+        return float(np.log(max(chances.mean(), 1e-300) / (1 - share)))
 
-    high = float(np.sqrt(mean.max()))
-    while exceeded(high) > 0:
-        high *= 2
-    return float(scipy.optimize.brentq(exceeded, 0.0, high, xtol=1e-6 * high))
+    # bracket the length from where the share of three equal components of mean variance would be
+    first = low = high = float(np.sqrt(mean.mean()))
+    if exceeded(first) > 0:
+        while exceeded(high) > 0:
+            low, high = high, 1.6 * high
+    else:
+        while low > 1e-12 * first and exceeded(low) <= 0:
+            low, high = low / 1.6, low
+    return float(scipy.optimize.brentq(exceeded, low, high, xtol=1e-9 * high))
 
 
 @dataclass(frozen=True)
