@@ -85,10 +85,10 @@ class ClassicalModel:
 
         A platform that turns is turned as near to the nominal position as it can be.
         """
-        found = np.asarray(self.model.direct(self._of_legs(joints)) @ self.axes + self.origin)
+        passive = np.asarray(self.model.direct(self._of_legs(joints)) @ self.axes + self.origin)
         if isinstance(self.model, ThreeLegs):
-            found[..., 2] = self.nominal[2] + wrapped(found[..., 2] - self.nominal[2])
-        return found
+            passive[..., 2] = self.nominal[2] + wrapped(passive[..., 2] - self.nominal[2])
+        return passive
 
     def inverse_solutions(self, passive: Array) -> Array:
         """Return joint positions ``(n, w, joints)``: each column has its leg's solutions, and NaN where there is none.
@@ -130,23 +130,29 @@ def classical_model_of(mechanism: Mechanism) -> ClassicalModel | None:
     tree = mechanism.tree
     zeros = np.zeros((1, mechanism.size)), np.zeros((len(tree.passive), 1))
     configuration = Configuration.of(tree, mechanism.dimensions(mechanism.nominal_values), *zeros)
-    legs = [_leg(tree, configuration, rod.ends) for rod in tree.rods]
-    found = [leg for leg in legs if leg is not None]
-    if tree.pins or not found or len(found) < len(legs):
+    legs = _legs(tree, configuration)
+    if tree.pins or not legs or len(legs) < len(tree.rods):
         return None
-    slides = tuple(tree.step(*step).is_turn for step in tree.passive)
     directions = np.stack([configuration.steps[f][s][0][:3, 0] for f, s in tree.passive])
-    if not np.allclose(directions[:3] @ directions[:3].T, np.eye(min(len(slides), 3)), atol=_ALIKE):
+    if not np.allclose(directions[:3] @ directions[:3].T, np.eye(min(len(directions), 3)), atol=_ALIKE):
         return None
     try:
-        if slides == (False, False) and len(found) == 2:
-            return _two_legs(mechanism, found, directions)
-        if slides == (False, False, True) and len(found) == 3:
-            return _three_legs(mechanism, found, directions, _origin(configuration, tree.passive[2]))
-        if slides == (False, False, False) and len(found) == 3:
-            return _delta(mechanism, configuration, found, directions)
+        return _of_kind(mechanism, configuration, legs, directions)
     except LabError:  # dimensions that the model refuses
         return None
+
+
+def _of_kind(
+    mechanism: Mechanism, configuration: Configuration, legs: "list[_Leg]", directions: Array
+) -> ClassicalModel | None:
+    """Return the closed form of legs to a platform with these passive slides and turns."""
+    turns = tuple(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive)
+    if turns == (False, False) and len(legs) == 2:
+        return _two_legs(mechanism, legs, directions)
+    if turns == (False, False, True) and len(legs) == 3:
+        return _three_legs(mechanism, legs, directions, _origin(configuration, mechanism.tree.passive[2]))
+    if turns == (False, False, False) and len(legs) == 3:
+        return _delta(mechanism, configuration, legs, directions)
     return None
 
 
@@ -159,19 +165,25 @@ class _Leg:
     far: Array
 
 
+def _legs(tree: Tree, configuration: Configuration) -> list[_Leg]:
+    """Return the rods that are legs from what no passive value moves to the platform."""
+    return [leg for rod in tree.rods if (leg := _leg(tree, configuration, rod.ends)) is not None]
+
+
 def _leg(tree: Tree, configuration: Configuration, ends: tuple[int, int]) -> _Leg | None:
     """Return a rod whose one end no passive value moves, and whose other end all of them move, but no joint."""
     near, far = sorted(ends, key=lambda end: tree.loose[end])
-    on_the_platform = [step for step in tree.ancestry(far) if _moves(tree, step)]
-    if tree.loose[near] or on_the_platform != list(tree.passive):
+    if tree.loose[near] or _motions(tree, far) != tree.passive:
         return None
     places = [configuration.frames[end][1][:3, 0] for end in (near, far)]
-    return _Leg(places[0], tuple(step for step in tree.ancestry(near) if _moves(tree, step)), places[1])
+    return _Leg(places[0], _motions(tree, near), places[1])
 
 
-def _moves(tree: Tree, step: _Motion) -> bool:
-    described = tree.step(*step)
-    return described.passive or described.joint is not None
+def _motions(tree: Tree, frame: int) -> tuple[_Motion, ...]:
+    """Return the joints and passive values that move a frame."""
+    return tuple(
+        step for step in tree.ancestry(frame) if tree.step(*step).passive or tree.step(*step).joint is not None
+    )
 
 
 def _origin(configuration: Configuration, step: _Motion) -> Array:
@@ -222,22 +234,17 @@ def _delta(
     """Recognize a Delta: hips on a circle, rod ends on another, and arms that turn about tangents of the first."""
     tree, lengths = mechanism.tree, [rod.length_m for rod in mechanism.tree.rods]
     # arms of one length, which turn about axes in a plane
-    movers = [leg.moves[0] for leg in legs if len(leg.moves) == 1 and tree.step(*leg.moves[0]).is_turn]
-    if len(movers) < 3 or np.ptp(lengths) > _ALIKE:
+    movers = [leg.moves[0] for leg in legs if len(leg.moves) == 1]
+    if len(movers) < 3 or not all(tree.step(*mover).is_turn for mover in movers) or np.ptp(lengths) > _ALIKE:
         return None
-    axes = np.stack([configuration.steps[f][s][0][:3, 0] for f, s in movers])
-    levers = np.stack([leg.near - _origin(configuration, mover) for leg, mover in zip(legs, movers, strict=True)])
-    arms = levers - (levers * axes).sum(axis=1, keepdims=True) * axes
+    axes, arms = _arms(configuration, legs, movers)
     hips, ends = np.stack([leg.near for leg in legs]) - arms, np.stack([leg.far for leg in legs])
     sizes = np.linalg.norm(arms, axis=1)
-    normals = np.cross(axes[[0, 1, 2]], axes[[1, 2, 0]])
-    up = normals[np.argmax(np.linalg.norm(normals, axis=1))]
-    if np.ptp(sizes) > _ALIKE or np.linalg.norm(up) < _ALIKE:
+    ranges = _ranges(mechanism)
+    up = _upward(axes, ends[0] + ranges[1] @ directions - hips[0])
+    if up is None or np.ptp(sizes) > _ALIKE:
         return None
-    drawn = np.array([tree.step(*step).value for step in tree.passive])
-    up = up / np.linalg.norm(up) * (-1.0 if (ends[0] + drawn @ directions - hips[0]) @ up > 0 else 1.0)
-    if np.abs(axes @ up).max() > _ALIKE:
-        return None
+    # hips and rod ends on circles, of which the axes of the arms are tangents
     circles = _circles(hips, ends, np.cross(axes, up))
     if circles is None:
         return None
@@ -252,7 +259,24 @@ def _delta(
     zero = np.arctan2(-(arms @ up), (arms * outward).sum(axis=1))
     model = Delta(base_radius, platform_radius, float(sizes[0]), float(lengths[0]), azimuths)
     rows = np.stack([x, y, up]) @ directions.T
-    return ClassicalModel(model, order, sense, zero, rows, -directions @ (middle - centre), *_ranges(mechanism))
+    return ClassicalModel(model, order, sense, zero, rows, -directions @ (middle - centre), *ranges)
+
+
+def _arms(configuration: Configuration, legs: list[_Leg], movers: list[_Motion]) -> tuple[Array, Array]:
+    """Return the axes ``(3, 3)`` of the arms, and the arms across them (m), from the axes to the rods."""
+    axes = np.stack([configuration.steps[f][s][0][:3, 0] for f, s in movers])
+    levers = np.stack([leg.near - _origin(configuration, mover) for leg, mover in zip(legs, movers, strict=True)])
+    return axes, levers - (levers * axes).sum(axis=1, keepdims=True) * axes
+
+
+def _upward(axes: Array, to_platform: Array) -> Array | None:
+    """Return the direction across all axes ``(3, 3)`` that leads away from the platform; None where there is none."""
+    normals = np.cross(axes[[0, 1, 2]], axes[[1, 2, 0]])
+    normal = normals[np.argmax(np.linalg.norm(normals, axis=1))]
+    if np.linalg.norm(normal) < _ALIKE:
+        return None
+    up = normal / np.linalg.norm(normal) * (-1.0 if to_platform @ normal > 0 else 1.0)
+    return None if np.abs(axes @ up).max() > _ALIKE else np.asarray(up)
 
 
 def _circles(
@@ -270,10 +294,10 @@ def _circles(
 def _circle(points: Array, outward: Array) -> tuple[Array, float]:
     """Fit a circle to points ``(3, 3)`` in these directions from its centre: centre and radius, or NaN."""
     unknowns = np.concatenate([np.tile(np.eye(3), (3, 1)), outward.reshape(9, 1)], axis=1)
-    found = np.linalg.lstsq(unknowns, points.ravel(), rcond=None)[0]
-    if np.abs(unknowns @ found - points.ravel()).max() > _ALIKE:
-        return found[:3], np.nan
-    return found[:3], 0.0 if abs(found[3]) < _ALIKE else float(found[3])
+    *centre, radius = np.linalg.lstsq(unknowns, points.ravel(), rcond=None)[0]
+    if np.abs(unknowns @ [*centre, radius] - points.ravel()).max() > _ALIKE:
+        return np.array(centre), np.nan
+    return np.array(centre), 0.0 if abs(radius) < _ALIKE else float(radius)
 
 
 def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:
@@ -314,19 +338,19 @@ class MeasuredLegs:
     def joints(self, Ts_base_platform: Array) -> Array:
         """Return the joint positions ``(..., joints)`` at poses ``(..., 4, 4)`` (m)."""
         lengths = np.linalg.norm(se3.transform(Ts_base_platform, self.far) - self.near, axis=-1)
-        found = np.empty(lengths.shape)
-        found[..., list(self.order)] = (lengths - self.zero) * self.sense
-        return found
+        joints = np.empty(lengths.shape)
+        joints[..., list(self.order)] = (lengths - self.zero) * self.sense
+        return joints
 
 
 def measured_legs_of(mechanism: Mechanism) -> MeasuredLegs | None:
     """Return the legs of a mechanism whose joints are their lengths, if six passive values move its platform."""
     tree = mechanism.tree
-    drawn = np.array([[tree.step(*step).value for step in tree.passive]])
+    drawn = _ranges(mechanism)[1][None]
     dimensions = mechanism.dimensions(mechanism.nominal_values)
     configuration = Configuration.of(tree, dimensions, np.zeros((1, mechanism.size)), drawn.T)
-    legs = [leg for rod in tree.rods if (leg := _leg(tree, configuration, rod.ends)) is not None]
-    alone = [step for step in tree.ancestry(tree.platform) if _moves(tree, step)] == list(tree.passive)
+    legs = _legs(tree, configuration)
+    alone = _motions(tree, tree.platform) == tree.passive
     if tree.pins or len(tree.passive) != 6 or not alone or not len(legs) == len(tree.rods) == mechanism.size:
         return None
     measured = _of_measured_lengths(mechanism, legs)
@@ -358,26 +382,28 @@ def passive_values_of(mechanism: Mechanism, T_base_platform: Array, joints: Arra
     tree = mechanism.tree
     turns = [i for i, step in enumerate(tree.passive) if tree.step(*step).is_turn]
     slides = [i for i in range(len(tree.passive)) if i not in turns]
-    joints, found = (mechanism.home if joints is None else joints)[None], np.zeros(len(tree.passive))
+    joints, passive = (mechanism.home if joints is None else joints)[None], np.zeros(len(tree.passive))
     for i in turns:
         start, turned = (
-            platform_poses(mechanism, joints, row[None])[0, :3, :3] for row in (found, np.eye(len(found))[i])
+            platform_poses(mechanism, joints, row[None])[0, :3, :3] for row in (passive, np.eye(len(passive))[i])
         )
         axis = se3.log(turned @ start.T)
-        found[i] = float(axis @ se3.log(T_base_platform[:3, :3] @ start.T))
-    start = platform_poses(mechanism, joints, found[None])[0, :3, 3]
-    moved = [platform_poses(mechanism, joints, (found + np.eye(len(found))[i])[None])[0, :3, 3] - start for i in slides]
-    found[slides] = np.linalg.lstsq(np.array(moved).T, T_base_platform[:3, 3] - start, rcond=None)[0]
-    reached = platform_poses(mechanism, joints, found[None])[0]
+        passive[i] = float(axis @ se3.log(T_base_platform[:3, :3] @ start.T))
+    start = platform_poses(mechanism, joints, passive[None])[0, :3, 3]
+    moved = [
+        platform_poses(mechanism, joints, (passive + np.eye(len(passive))[i])[None])[0, :3, 3] - start for i in slides
+    ]
+    passive[slides] = np.linalg.lstsq(np.array(moved).T, T_base_platform[:3, 3] - start, rcond=None)[0]
+    reached = platform_poses(mechanism, joints, passive[None])[0]
     turned_off = se3.log(T_base_platform[:3, :3] @ reached[:3, :3].T)
     missed = np.concatenate([T_base_platform[:3, 3] - reached[:3, 3], turned_off])
-    return found, float(np.linalg.norm(missed))
+    return passive, float(np.linalg.norm(missed))
 
 
 def working_modes(mechanism: Mechanism, classical: ClassicalModel, passive: Array) -> list[_WorkingMode]:
     """Return every IK solution for the pose of passive values ``(z,)``; none where a leg does not reach it."""
     solutions = classical.inverse_solutions(passive[None])[0]  # (w, joints)
     of_legs = [np.flatnonzero(np.isfinite(column)) for column in solutions.T]
-    choices = [found if j in classical.order else found[:1] for j, found in enumerate(of_legs)]
+    choices = [branches if j in classical.order else branches[:1] for j, branches in enumerate(of_legs)]
     rows = np.arange(mechanism.size)
-    return [_WorkingMode(solutions[list(each), rows], tuple(int(i) for i in each)) for each in product(*choices)]
+    return [_WorkingMode(solutions[list(mode), rows], tuple(map(int, mode))) for mode in product(*choices)]

@@ -603,11 +603,11 @@ class ThreeJoints:
 
     def _roots(self, wanted: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return positions ``(k, n)`` of joint 3, and whether they are real roots, or nearly."""
-        found = self._coefficients(wanted)[: self.degree + 1]
+        coefficients = self._coefficients(wanted)[: self.degree + 1]
         if self.axes.prismatic[2]:
-            roots = _polynomial_roots(found)
+            roots = _polynomial_roots(coefficients)
             return self.scale_m * roots.real, np.abs(roots.imag) <= _OFF_CIRCLE
-        roots = _polynomial_roots(np.concatenate([found[:0:-1].conj(), found]))
+        roots = _polynomial_roots(np.concatenate([coefficients[:0:-1].conj(), coefficients]))
         return np.angle(roots), np.abs(np.abs(roots) - 1) <= _OFF_CIRCLE
 
     def _settled(self, joints: Array, wanted: Array, steps: int) -> Array:
@@ -654,33 +654,46 @@ def fitted_factor(value: Callable[[Array], Array], prismatic: tuple[bool, ...], 
     """
     slides = [prismatic[joint] for joint in varied]
     nodes = [
-        np.linspace(-1, 1, _FIT_NODES) if each else 2 * np.pi * np.arange(_FIT_NODES) / _FIT_NODES for each in slides
+        np.linspace(-1, 1, _FIT_NODES) if slide else 2 * np.pi * np.arange(_FIT_NODES) / _FIT_NODES for slide in slides
     ]
     grid = np.full((_FIT_NODES ** len(varied), len(prismatic)), 0.3)
     grid[:, list(varied)] = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, len(varied))
-    found = value(grid).reshape((_FIT_NODES,) * len(varied)).astype(np.complex128)
-    for axis, each in enumerate(slides):
-        if each:
+    spectrum = value(grid).reshape((_FIT_NODES,) * len(varied)).astype(np.complex128)
+    for axis, slide in enumerate(slides):
+        if slide:
             inverse = np.linalg.inv(np.vander(nodes[axis], increasing=True))
-            found = np.moveaxis(np.tensordot(inverse, found, (1, axis)), 0, axis)
+            spectrum = np.moveaxis(np.tensordot(inverse, spectrum, (1, axis)), 0, axis)
         else:
-            found = np.fft.fft(found, axis=axis) / _FIT_NODES
-    return list(_terms(found, varied, slides))
+            spectrum = np.fft.fft(spectrum, axis=axis) / _FIT_NODES
+    return list(_terms(spectrum, varied, slides))
 
 
-def _terms(found: NDArray[np.complex128], varied: tuple[int, ...], slides: list[bool]) -> Iterator[Term]:
+def _terms(spectrum: NDArray[np.complex128], varied: tuple[int, ...], slides: list[bool]) -> Iterator[Term]:
     """Combine each pair of a frequency and its negative into a cosine and a sine."""
-    least = _NO_TERM * max(1.0, float(np.abs(found).max()))
+    least = _NO_TERM * max(1.0, float(np.abs(spectrum).max()))
     for index in itertools.product(range(_FIT_NODES), repeat=len(varied)):
-        orders = [i if each or 2 * i < _FIT_NODES else i - _FIT_NODES for i, each in zip(index, slides, strict=True)]
-        turns = [(joint, float(order)) for joint, order, each in zip(varied, orders, slides, strict=True)
-                 if order and not each]  # fmt: skip
-        if (turns and turns[0][1] < 0) or abs(found[index]) <= least:
+        # powers of slides, and frequencies of hinges: those above half the nodes are negative ones
+        orders = [i if slide or 2 * i < _FIT_NODES else i - _FIT_NODES for i, slide in zip(index, slides, strict=True)]
+        joints = list(zip(varied, orders, slides, strict=True))
+        turns = tuple((joint, float(order)) for joint, order, slide in joints if order and not slide)
+        if turns and turns[0][1] < 0:
             continue
-        powers = [(joint,) * order for joint, order, each in zip(varied, orders, slides, strict=True) if each]
-        angle, whole = tuple(turns), 2.0 if turns else 1.0
-        parts: tuple[tuple[float, Literal["cos", "sin"]], ...]
-        parts = (found[index].real, "cos"), (-found[index].imag, "sin")
-        for part, function in parts:
-            if abs(whole * part) > least and (turns or function == "cos"):
-                yield Term(whole * part, function if turns else "", angle, slides=tuple(itertools.chain(*powers)))
+        powers = tuple(itertools.chain(*((joint,) * order for joint, order, slide in joints if slide)))
+        yield from _wave(complex(spectrum[index]), turns, powers, least)
+
+
+def _wave(
+    coefficient: complex, turns: tuple[tuple[int, float], ...], powers: tuple[int, ...], least: float
+) -> Iterator[Term]:
+    """Yield 2 Re(c) cos and -2 Im(c) sin of an angle, or the constant c, where they are not tiny."""
+    if abs(coefficient) <= least:
+        return
+    if not turns:
+        if abs(coefficient.real) > least:
+            yield Term(coefficient.real, "", turns, slides=powers)
+        return
+    parts: tuple[tuple[float, Literal["cos", "sin"]], ...]
+    parts = (2.0 * coefficient.real, "cos"), (-2.0 * coefficient.imag, "sin")
+    for amplitude, function in parts:
+        if abs(amplitude) > least:
+            yield Term(amplitude, function, turns, slides=powers)

@@ -45,6 +45,13 @@ _Complex = NDArray[np.complex128]
 _Pair = tuple[Array, Array, Array, NDArray[np.bool_], NDArray[np.bool_]]  # two unknowns, the gap, and which are free
 
 
+def _moves_in_plane(axes: ZeroAxes, joint: int, normal: Array) -> bool:
+    """Check that a hinge is along a plane's normal, or a slide across it."""
+    direction = axes.directions[joint]
+    off = abs(float(direction @ normal)) if axes.prismatic[joint] else np.linalg.norm(np.cross(direction, normal))
+    return not off > EXACT
+
+
 @dataclass(frozen=True)
 class PlanarJoints:
     """Two or three joints that move in a plane, at zero joint positions; angles and lengths are along their axes.
@@ -75,23 +82,28 @@ class PlanarJoints:
             hand: the point ``(3,)`` m in frame 0; ``origin`` the plane's.
         """
         normal = plane[2]
-        for joint in joints:
-            direction = axes.directions[joint]
-            across = np.linalg.norm(np.cross(direction, normal))
-            if (abs(float(direction @ normal)) if axes.prismatic[joint] else float(across)) > EXACT:
-                return None
-        slides = tuple(axes.prismatic[joint] for joint in joints)
-        if len(joints) not in (2, 3) or (len(joints) == 3 and all(slides)):
+        if len(joints) not in (2, 3) or not all(_moves_in_plane(axes, joint, normal) for joint in joints):
             return None
+        slides = tuple(axes.prismatic[joint] for joint in joints)
         turning = tuple(1.0 if axes.prismatic[j] else float(np.sign(axes.directions[j] @ normal)) for j in joints)
         places = tuple(in_plane(plane, axes.origins[j] - origin) for j in joints)
         directions = tuple(in_plane(plane, axes.directions[j]) for j in joints)
-        made = cls(joints, slides, turning, places, directions, in_plane(plane, hand - origin), len(joints) == 3)
-        lengths = [] if len(made._slides) == 1 and made._after(made._slides[0]) == 1 else map(abs, made._lengths)
-        still = len(made._slides) == 2 and not made._between and _parallel(*(made.directions[i] for i in made._slides))
-        return None if min(lengths, default=1.0) < EXACT or still else made
+        planar = cls(joints, slides, turning, places, directions, in_plane(plane, hand - origin), len(joints) == 3)
+        return planar if planar._moves_anywhere else None
 
     # What the joints are
+
+    @property
+    def _moves_anywhere(self) -> bool:
+        """The joints move the hand in both directions of the plane: no length is zero, and slides are not parallel."""
+        slides = self._slides
+        if len(slides) == 3:
+            return False
+        if len(slides) == 2 and not self._between and _parallel(*(self.directions[i] for i in slides)):
+            return False
+        if len(slides) == 1 and self._after(slides[0]) == 1:
+            return True
+        return not min(map(abs, self._lengths), default=1.0) < EXACT
 
     @cached_property
     def _hinges(self) -> tuple[int, ...]:

@@ -20,7 +20,7 @@ from lab.formats.robot_toml import described_links, is_mechanism, read_table
 from lab.kinematics.differential import manipulability
 from lab.kinematics.differential import rates as joint_rates
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
-from lab.kinematics.inverse.closed_form import Determinant
+from lab.kinematics.inverse.closed_form import ClosedForm, Determinant
 from lab.kinematics.inverse.newton_inverse import FREEDOMS, PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
@@ -179,27 +179,40 @@ class Solver:
         if by_legs is not None:
             return [by_legs(wanted.take(np.array([i])), reference[i]) for i in range(len(wanted))]
         inverse = NominalInverse(self.arm, self.values)
-        found = inverse.solutions(wanted, reference)
-        joints, branches = ordered(self.arm.chain, found, reference, np.zeros(found.gap_m.shape, dtype=np.bool_))
+        roots = inverse.solutions(wanted, reference)
+        joints, branches = ordered(self.arm.chain, roots, reference, np.zeros(roots.gap_m.shape, dtype=np.bool_))
         form, closed = inverse.closed_form, inverse.exact(wanted)
-        out = []
-        for i, order in enumerate(branches):
-            gap, tilt, free = found.gap_m[i, order], found.tilt_rad[i, order], found.free[i, order]
-            met = np.flatnonzero(gap <= (0.0 if closed[i] else _REACHED_M))
-            retained = _different(joints[i], met, self.arm.chain.prismatic)
-            named: list[dict[str, str]] = [{} for _ in retained]
-            if form is not None and retained:
-                named = configurations(form.determinant, joints[i, retained])
-            elif retained and self.arm.chain.size == FREEDOMS:
-                signs = np.sign(np.linalg.det(self.arm.tool(joints[i, retained], self.values)[1])).astype(int)
-                named = [{"det": "0+-"[sign]} for sign in signs]
-            solutions = tuple(
-                Solution(joints[i, k], name, free[k], float(tilt[k])) for k, name in zip(retained, named, strict=True)
+        return [
+            self._distinct(
+                form, bool(closed[i]), joints[i], roots.gap_m[i, order], roots.tilt_rad[i, order], roots.free[i, order]
             )
-            nearest = form is not None and form.exact_only and retained and tilt[retained].any()  # not the pose itself
-            missed = 0.0 if retained else float(gap.min(initial=np.inf))
-            out.append(_PoseSolutions(solutions, missed, "closed form" if closed[i] and not nearest else "search"))
-        return out
+            for i, order in enumerate(branches)
+        ]
+
+    def _distinct(
+        self, form: ClosedForm | None, closed: bool, joints: Array, gap: Array, tilt: Array, free: NDArray[np.bool_]
+    ) -> _PoseSolutions:
+        """Select the branches ``(k, ...)`` that reach a pose, each solution once."""
+        reached = np.flatnonzero(gap <= (0.0 if closed else _REACHED_M))
+        retained = _different(joints, reached, self.arm.chain.prismatic)
+        solutions = tuple(
+            Solution(joints[k], sides, free[k], float(tilt[k]))
+            for k, sides in zip(retained, self._sides(form, joints[retained]), strict=True)
+        )
+        nearest = form is not None and form.exact_only and retained and tilt[retained].any()  # not the pose itself
+        missed = 0.0 if retained else float(gap.min(initial=np.inf))
+        return _PoseSolutions(solutions, missed, "closed form" if closed and not nearest else "search")
+
+    def _sides(self, form: ClosedForm | None, joints: Array) -> list[dict[str, str]]:
+        """Return the side of each singularity at joint positions ``(k, joints)``: of the factors of det J, or det J."""
+        if not len(joints):
+            return []
+        if form is not None:
+            return configurations(form.determinant, joints)
+        if self.arm.chain.size != FREEDOMS:
+            return [{} for _ in joints]
+        signs = np.sign(np.linalg.det(self.arm.tool(joints, self.values)[1])).astype(int)
+        return [{"det": "0+-"[sign]} for sign in signs]
 
     def _legs(self, wanted: PoseTarget) -> "Callable[[PoseTarget, Array], _PoseSolutions] | None":
         """Return the closed form of a mechanism's legs if it solves such poses, else None."""
@@ -216,9 +229,13 @@ class Solver:
             return None
         turns = any(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive)
         others = [j for j in range(mechanism.size) if j not in classical.order]
-        if others and (turns or len(others) > 1 or not self._turns_alone(others[0], wanted)):
+        if others and not self._independent(others, turns, wanted):
             return None  # these joints and the legs move the tool alike
         return partial(self._by_legs, mechanism, classical) if wanted.turned.all() or not turns else None
+
+    def _independent(self, others: list[int], turns: bool, wanted: PoseTarget) -> bool:
+        """Check that one joint beside those of the legs turns the tool, and that the legs do not."""
+        return not turns and len(others) == 1 and self._turns_alone(others[0], wanted)
 
     def _turn_of(self, joint: int) -> tuple[Array, Array]:
         """Return the displacement ``(3,)`` of the tool's point by one radian of a joint, and its rotation vector."""
@@ -254,55 +271,71 @@ class Solver:
         from lab.extensions.robotics.closed.recognition import passive_values_of, working_modes
 
         tool, near = self.values[-3:], reference if np.isfinite(reference).all() else mechanism.home
-        start, free = mechanism.home.copy(), np.zeros(mechanism.size, dtype=np.bool_)
         others = [j for j in range(mechanism.size) if j not in classical.order]
+        # the pose of the platform, p = p_wanted - R tool
+        start, free = self._beside_legs(others, wanted, near)
+        rotation = wanted.rotations[0] if wanted.turned[0] else self.arm.tool(start[None], self.values)[0][0, :3, :3]
+        T_base_platform = se3.pose(rotation, wanted.positions[0] - rotation @ tool)
+        # the branches of the legs there; those of another assembly mode do not bring the nominal tool to its place
+        passive, missed = passive_values_of(mechanism, T_base_platform, start)
+        modes = working_modes(mechanism, classical, passive) if missed <= _REACHED_M else []
+        rows = np.array([mode.joints for mode in modes]).reshape(-1, mechanism.size)
+        rows[:, others] = start[others]
+        rows = nearest_whole_turns(mechanism, rows, np.broadcast_to(near, rows.shape))
+        reached = self._reached(rows, wanted.positions[0])
+        reached.sort(key=lambda k: float(np.abs(rows[k] - near).max()))
+        # each solution, named by the branches where a leg has two
+        names, several = mechanism.joint_names, any(any(modes[k].branches) for k in reached)
+        named = sorted(classical.order) if several else []
+        solutions = tuple(
+            Solution(rows[k], {names[j]: "+-"[modes[k].branches[j]] for j in named}, free) for k in reached
+        )
+        gap = 0.0 if solutions else missed if missed > _REACHED_M else np.nan
+        return _PoseSolutions(solutions, gap, "closed form", len(modes) - len(reached))
+
+    def _beside_legs(self, others: list[int], wanted: PoseTarget, near: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return joint positions that take a rotation's part about the axes of joints beside the legs, and free ones."""
+        start, free = self.arm.chain.home.copy(), np.zeros(self.arm.chain.size, dtype=np.bool_)
         home = self.arm.tool(start[None], self.values)[0][0, :3, :3]
         for joint in others:
             if wanted.turned[0]:
                 start[joint] += self._turn_of(joint)[1] @ se3.log(wanted.rotations[0] @ home.T)
             else:
                 start[joint], free[joint] = near[joint], True
-        rotation = wanted.rotations[0] if wanted.turned[0] else self.arm.tool(start[None], self.values)[0][0, :3, :3]
-        T_base_platform = se3.pose(rotation, wanted.positions[0] - rotation @ tool)
-        passive, missed = passive_values_of(mechanism, T_base_platform, start)
-        every = working_modes(mechanism, classical, passive) if missed <= _REACHED_M else []
-        rows = np.array([mode.joints for mode in every]).reshape(-1, mechanism.size)
-        rows[:, others] = start[others]
-        rows = nearest_whole_turns(mechanism, rows, np.broadcast_to(near, rows.shape))
-        there = self.arm.tool(rows, self.values)[0][:, :3, 3] if every else np.empty((0, 3))
-        off = np.abs(there - wanted.positions[0]).max(axis=1)
-        modes = [(row, mode) for row, mode, missing in zip(rows, every, off, strict=True) if missing < _REACHED_M]
-        modes.sort(key=lambda each: float(np.abs(each[0] - near).max()))
-        names, several = mechanism.joint_names, any(any(mode.branches) for _, mode in modes)
-        branches = tuple(
-            Solution(
-                row,
-                {names[j]: "+-"[mode.branches[j]] for j in sorted(classical.order)} if several else {},
-                free,
-            )
-            for row, mode in modes
-        )
-        gap = 0.0 if branches else missed if missed > _REACHED_M else np.nan
-        return _PoseSolutions(branches, gap, "closed form", len(every) - len(modes))
+        return start, free
+
+    def _reached(self, rows: Array, position: Array) -> list[int]:
+        """Return which joint positions ``(k, joints)`` bring the tool to a place ``(3,)`` m."""
+        if not len(rows):
+            return []
+        places = self.arm.tool(rows, self.values)[0][:, :3, 3]
+        reached: list[int] = np.flatnonzero(np.abs(places - position).max(axis=1) < _REACHED_M).tolist()
+        return reached
 
 
-def matching(found: _PoseSolutions, requested: tuple[str, ...]) -> _PoseSolutions:
+def matching(solved: _PoseSolutions, requested: tuple[str, ...]) -> _PoseSolutions:
     """Select the solutions of one configuration, e.g. ``("elbow+", "wrist-")``.
 
     Raises:
         LabError: a requested name has no sign or both, or no solution has it; the message lists the names.
     """
-    names = sorted({name for each in found.solutions for name in each.configuration})
+    sides = _requested_sides(solved, requested)
+    retained = tuple(s for s in solved.solutions if sides.items() <= s.configuration.items())
+    return replace(solved, solutions=retained, others=len(solved.solutions) - len(retained))
+
+
+def _requested_sides(solved: _PoseSolutions, requested: tuple[str, ...]) -> dict[str, str]:
+    """Return the requested sign by the singularity's name."""
+    names = sorted({name for solution in solved.solutions for name in solution.configuration})
     sides: dict[str, str] = {}
-    for each in requested:
-        name, sign = each[:-1].strip(), each[-1:].replace("−", "-")
-        if sign not in ("+", "-") or (found.solutions and name not in names):
-            there = ", ".join(f"{name}+ and {name}-" for name in names) or "none: this robot's solutions have no names"
-            raise LabError(f"--of {each}: no configuration is called so; there are {there}")
+    for side in requested:
+        name, sign = side[:-1].strip(), side[-1:].replace("−", "-")
+        if sign not in ("+", "-") or (solved.solutions and name not in names):
+            listed = ", ".join(f"{name}+ and {name}-" for name in names) or "none: this robot's solutions have no names"
+            raise LabError(f"--of {side}: no configuration is called so; there are {listed}")
         if sides.setdefault(name, sign) != sign:
             raise LabError(f"--of {name}+,{name}-: a solution has one of the two; ask for one, or leave out {name}")
-    retained = tuple(s for s in found.solutions if sides.items() <= s.configuration.items())
-    return replace(found, solutions=retained, others=len(found.solutions) - len(retained))
+    return sides
 
 
 def _different(joints: Array, rows: NDArray[np.int_], prismatic: tuple[bool, ...]) -> list[int]:
@@ -423,37 +456,56 @@ def placements(
     """
     if not len(rows):
         return ()
-    chain, size = arm.chain, arm.chain.size
-    Ts, jacobians = arm.tool(rows, values)
-    if frame not in ("base", 0):
-        axes = Ts if isinstance(frame, str) or not isinstance(arm, SerialArm) else arm.frame(rows, values, frame)
-        back = axes[:, :3, :3].swapaxes(1, 2)
-        jacobians = np.concatenate([back @ jacobians[:, :3], back @ jacobians[:, 3:]], axis=1)
-    wanted = np.zeros((len(rows), 6)) if twist is None else np.tile(twist, (len(rows), 1))
+    # poses T, and Jacobians J in the requested axes; zero in place of J where the loops do not close
+    Ts, jacobians = _jacobians_in(arm, values, rows, frame)
     closes: NDArray[np.bool_] = np.array(np.isfinite(jacobians).all(axis=(1, 2)))
-    moved = joint_rates(np.where(closes[:, None, None], jacobians, 0.0), wanted)
-    width = np.where(closes, manipulability(np.where(closes[:, None, None], jacobians, 0.0)), np.nan)
-    out = []
+    finite = np.where(closes[:, None, None], jacobians, 0.0)
+    # rates q' = J+ V of the wanted twist, with ranks, self-motions and lost directions
+    wanted = np.zeros((len(rows), 6)) if twist is None else np.tile(twist, (len(rows), 1))
+    moved = joint_rates(finite, wanted)
+    width = np.where(closes, manipulability(finite), np.nan)
+    placed = []
     for i, (joints, name) in enumerate(zip(rows, names, strict=True)):
-        solution = None if solved is None else solved[i]
-        factors = {} if determinant is None else {f.name: float(f.at(joints)) for f in determinant.factors if f.terms}
-        size_of = None if determinant is None else float(determinant.at(joints))
-        if determinant is None and size == FREEDOMS:
-            size_of = float(np.linalg.det(jacobians[i]))
-        given = rates if rates is not None else moved.joints[i] if twist is not None else None
+        whole, factors = _determinant_at(determinant, joints, jacobians[i])
+        q_rates = rates if rates is not None else moved.joints[i] if twist is not None else None
         rank = int(moved.rank[i])
-        self_motions = moved.free[i, : size - rank]
-        out.append(
-            Placement(
-                name, joints, Ts[i], jacobians[i], rank, float(width[i]), size_of, factors,
-                _largest_one(self_motions), moved.lost[i, : 6 - rank], _beyond(arm, joints, bool(closes[i])),
-                {} if solution is None else solution.configuration,
-                () if solution is None else tuple(np.array(chain.joint_names)[solution.free].tolist()),
-                0.0 if solution is None else solution.tilt_rad, given, None if given is None else jacobians[i] @ given,
-                None if twist is None else moved.missing[i],
-            )
+        placement = Placement(
+            name, joints, Ts[i], jacobians[i], rank, float(width[i]), whole, factors,
+            _largest_one(moved.free[i, : arm.chain.size - rank]), moved.lost[i, : 6 - rank],
+            _beyond(arm, joints, bool(closes[i])), {}, rates=q_rates,
+            twist=None if q_rates is None else jacobians[i] @ q_rates,
+            missing=None if twist is None else moved.missing[i],
         )  # fmt: skip
-    return tuple(out)
+        placed.append(placement if solved is None else _of_solution(placement, arm.chain, solved[i]))
+    return tuple(placed)
+
+
+def _jacobians_in(
+    arm: RigidArm, values: Array, rows: Array, frame: Literal["base", "tool"] | int
+) -> tuple[Array, Array]:
+    """Return the poses of the tool, and the Jacobians ``(m, 6, n)`` in the axes of a frame: R'v and R'w."""
+    Ts, jacobians = arm.tool(rows, values)
+    if frame in ("base", 0):
+        return Ts, jacobians
+    axes = Ts if isinstance(frame, str) or not isinstance(arm, SerialArm) else arm.frame(rows, values, frame)
+    back = axes[:, :3, :3].swapaxes(1, 2)
+    return Ts, np.concatenate([back @ jacobians[:, :3], back @ jacobians[:, 3:]], axis=1)
+
+
+def _determinant_at(
+    determinant: Determinant | None, joints: Array, jacobian: Array
+) -> tuple[float | None, dict[str, float]]:
+    """Return det J and its factors by their names; without a closed form det J alone, of six joints."""
+    if determinant is None:
+        return (float(np.linalg.det(jacobian)) if len(joints) == FREEDOMS else None), {}
+    factors = {factor.name: float(factor.at(joints)) for factor in determinant.factors if factor.terms}
+    return float(determinant.at(joints)), factors
+
+
+def _of_solution(placement: Placement, chain: JointSpec, solution: Solution) -> Placement:
+    """Return a placement with what the inverse model says of it."""
+    free = tuple(np.array(chain.joint_names)[solution.free].tolist())
+    return replace(placement, configuration=solution.configuration, free=free, tilt_rad=solution.tilt_rad)
 
 
 def _largest_one(rows: Array) -> Array:

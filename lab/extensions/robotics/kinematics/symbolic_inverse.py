@@ -25,6 +25,7 @@ from lab.extensions.robotics.kinematics.symbolic import SymbolicChain, backwards
 __all__ = ["Found", "SymbolicInverse", "symbolic_inverse"]
 
 _COLUMNS = "snap"  # of U
+_ELEMENTS = tuple(f"{column}{axis}" for axis in "xyz" for column in _COLUMNS)
 _PLACES = tuple((row, 3) for row in range(3))
 _TURNS = tuple((row, column) for column in (2, 0, 1) for row in range(3))  # a is the simplest
 
@@ -152,16 +153,20 @@ class _Solver:
                 W[i, j] = self._symbol(self.undone[-1][0])
         self.places, self.turns = list[_Equation](), list[_Equation]()
         for j in range(len(self.joints) + 1):
-            cut = letters.step_of(j - 1) + 1 if j else 0
-            left, right = walked(backwards(steps[:cut])).pose * W, walked(steps[cut : last + 1]).pose
-            after = f" after joint {j}" if j else ""
-            for equations, entries in ((self.places, _PLACES), (self.turns, () if by_place else _TURNS)):
-                equations += [self._read(f"({i + 1},{k + 1}){after}", left[i, k], right[i, k]) for i, k in entries]
+            self._cut(letters, W, j, last)
         self.known: dict[_Form, Any] = {}  # the symbol of each angle that was found, by its form
         self.slid: set[int] = set()
         self.found: list[Found] = []
         self.prismatic = {i for i in range(len(self.joints)) if steps[letters.step_of(i)][0] == "d"}
         self.pose = self._random_pose(letters, steps)
+
+    def _cut(self, letters: SymbolicChain, W: Any, j: int, last: int) -> None:
+        """Add the equations of (T_0,j)^-1 W = T_j,n (Paul 1981)."""
+        cut, steps = letters.step_of(j - 1) + 1 if j else 0, letters.steps
+        left, right = walked(backwards(steps[:cut])).pose * W, walked(steps[cut : last + 1]).pose
+        after = f" after joint {j}" if j else ""
+        for equations, entries in ((self.places, _PLACES), (self.turns, () if self.by_place else _TURNS)):
+            equations += [self._read(f"({i + 1},{k + 1}){after}", left[i, k], right[i, k]) for i, k in entries]
 
     def solved(self) -> bool:
         """Solve until every joint is found, or nothing more is; return whether every one is."""
@@ -177,17 +182,18 @@ class _Solver:
 
     def answer(self) -> SymbolicInverse:
         """Return what was found."""
-        units = np.eye(len(self.joints), dtype=int).tolist()
-        joints = tuple(
-            self.joints[i] if i in self.slid else self._as_known(tuple(unit)) for i, unit in enumerate(units)
-        )
+        joints = tuple(map(self._by_unknowns, range(len(self.joints))))
         steps = [step for solution in self.found for step in solution.steps]
         made, used = {name for name, _ in steps}, _symbols_of(formula for _, formula in steps)
         undone = tuple(entry for entry in self.undone if entry[0] in used)
         used |= _symbols_of(formula for _, formula in undone)
-        names = (f"{column}{axis}" for axis in "xyz" for column in _COLUMNS)
-        wanted = tuple(name for name in names if name in used - made)
+        wanted = tuple(name for name in _ELEMENTS if name in used - made)
         return SymbolicInverse(wanted, undone, tuple(self.found), joints, self.by_place)
+
+    def _by_unknowns(self, joint: int) -> Any:
+        """Return the position of a joint by the unknowns."""
+        unit = tuple(int(i == joint) for i in range(len(self.joints)))
+        return self.joints[joint] if joint in self.slid else self._as_known(unit)
 
     def _symbol(self, name: str) -> Any:
         return self.sympy.Symbol(name, real=True)
@@ -250,6 +256,16 @@ class _Solver:
         sums = self._coefficients(difference, symbols)
         if sums is None:
             return None
+        return self._with_effect(equation, pairs, slides, sums)
+
+    def _with_effect(
+        self,
+        equation: _Equation,
+        pairs: Mapping[_Form, tuple[Any, Any]],
+        slides: Iterable[int],
+        sums: Mapping[Any, Any],
+    ) -> _Linear | None:
+        """Return an equation by the coefficients of its unknowns; None where one of them is zero at any pose."""
         angles = {form: (sums[c], sums[s]) for form, (c, s) in pairs.items()}
         slid = {i: sums[self.joints[i]] for i in slides}
         # at a random pose none of the unknowns is without effect
@@ -267,13 +283,17 @@ class _Solver:
             if (value := self._as_known(form)) is not None:
                 known[form] = value
                 continue
-            units = [tuple(int(i == j) for j in range(len(form))) for i in range(len(form)) if form[i]]
-            solved = {unit.index(1): self.known[unit] for unit in units if unit in self.known}
-            left_over = tuple(0 if i in solved else factor for i, factor in enumerate(form))
-            sign = next(filter(None, left_over))
-            turned = sum((form[i] * symbol for i, symbol in solved.items()), start=self.sympy.Integer(0))
-            unknown[form] = sign, tuple(sign * factor for factor in left_over), turned
+            unknown[form] = self._unknown_part(form)
         return known, unknown
+
+    def _unknown_part(self, form: _Form) -> tuple[int, _Form, Any]:
+        """Return the sign and the form of an angle's unknown part, which begins with +, and the sum of known joints."""
+        units = np.eye(len(form), dtype=int).tolist()
+        solved = {i: self.known[tuple(unit)] for i, unit in enumerate(units) if form[i] and tuple(unit) in self.known}
+        left_over = tuple(0 if i in solved else factor for i, factor in enumerate(form))
+        sign = next(filter(None, left_over))
+        turned = sum((form[i] * symbol for i, symbol in solved.items()), start=self.sympy.Integer(0))
+        return sign, tuple(sign * factor for factor in left_over), turned
 
     def _separated(
         self,
@@ -386,34 +406,39 @@ class _Solver:
 
     def _pair(self, equations: Sequence[_Linear]) -> Found | None:
         """Solve two equations of two angles, in each of which a vector turns."""
-        pairs = [
-            (*self._cost(first, second), tuple(first.angles), i, first, second)
-            for i, (first, second) in enumerate(combinations(equations, 2))
-            if first.angles.keys() == second.angles.keys() and self._turning(first, second)
-        ]
-        if not pairs:
+        pair = self._cheapest_pair(equations)
+        if pair is None:
             return None
-        first, second = min(pairs)[5:]
+        first, second = pair
+        # first and second: 0 = M + a1 (C, S) of one + b1 (C, S) of the other, and the same with N, a2 and b2
         one, other = sorted(first.angles, key=lambda form: (sum(map(abs, form)), [-abs(factor) for factor in form]))
         (a1c, a1s), (a2c, a2s) = first.angles[one], second.angles[one]
         (b1c, b1s), (b2c, b2s) = first.angles[other], second.angles[other]
         number = f"{self._angle_name(one)}_{self._angle_name(other)}"
         M, N = (self._symbol(f"{letter}_{number}") for letter in "MN")
-        squares = sum(self.sympy.expand(part**2) for part in (a1c, a2c)) - sum(
-            self.sympy.expand(part**2) for part in (b1c, b2c)
-        )  # of the lengths of both vectors, which keep them
+        # the vectors keep their lengths: their squares give an equation of type 2 in the one angle
+        a_square, b_square = (sum(self.sympy.expand(part**2) for part in parts) for parts in ((a1c, a2c), (b1c, b2c)))
+        squares = a_square - b_square
         x, y = 2 * (M * a1s + N * a2s), 2 * (M * a1c + N * a2c)
         name, sign, steps = self._root(one, x, y, -(M * M + N * N + squares))
+        # then two equations of type 3 in the other
         c, s = self.sympy.cos(self.known[one]), self.sympy.sin(self.known[one])
         rest = [-(constant + cosine * c + sine * s) for constant, cosine, sine in ((M, a1c, a1s), (N, a2c, a2s))]
         angle = self._angle_of(b1c, b1s, rest[0], b2c, b2s, rest[1])
-        plain = 0 in (a1c, a1s) and 0 in (b1c, b1s)
-        shares = all(other[i] == factor for i, factor in enumerate(one) if factor)
-        kind = 8 if plain and shares else 6 if 0 in (b1c, b1s) else 7
+        kind = _type_of_pair(one, other, first)
         return Found(
             (name, self._name_angle(other)), kind, (first.printed, second.printed),
             ((str(M), first.constant), (str(N), second.constant), *steps, (f"q{self._angle_name(other)}", angle)), sign,
         )  # fmt: skip
+
+    def _cheapest_pair(self, equations: Sequence[_Linear]) -> tuple[_Linear, _Linear] | None:
+        """Return the two equations of the same two turning vectors with the shortest solution."""
+        pairs = [
+            (*self._cost(first, second), tuple(first.angles), i, first, second)
+            for i, (first, second) in enumerate(combinations(equations, 2))
+            if first.angles.keys() == second.angles.keys() and self._turning(first, second)
+        ]
+        return min(pairs)[5:] if pairs else None
 
     def _turning(self, first: _Linear, second: _Linear) -> bool:
         """Check that the vectors of both angles keep their lengths, and that the equations' constants turn them."""
@@ -422,3 +447,11 @@ class _Solver:
             if not any(max(abs(c2 + sign * s1), abs(s2 - sign * c1)) < _ZERO for sign in (1, -1)):
                 return False
         return max(abs(self._at_pose(each.constant)) for each in (first, second)) >= _ZERO
+
+
+def _type_of_pair(one: _Form, other: _Form, equation: _Linear) -> int:
+    """Return Khalil's type of two equations of two angles, by the first of them: 6, 7 or 8."""
+    shares = all(other[i] == factor for i, factor in enumerate(one) if factor)
+    if shares and 0 in equation.angles[one] and 0 in equation.angles[other]:
+        return 8
+    return 6 if 0 in equation.angles[other] else 7
