@@ -234,11 +234,10 @@ def _delta(
     """Recognize a Delta: hips on a circle, rod ends on another, and arms that turn about tangents of the first."""
     tree, lengths = mechanism.tree, [rod.length_m for rod in mechanism.tree.rods]
     # arms of one length, which turn about axes in a plane
-    movers = [leg.moves[0] for leg in legs if len(leg.moves) == 1]
-    if len(movers) < 3 or not all(tree.step(*mover).is_turn for mover in movers) or np.ptp(lengths) > _ALIKE:
+    movers = _turning_arms(tree, legs)
+    if len(movers) < 3 or np.ptp(lengths) > _ALIKE:
         return None
-    axes, arms = _arms(configuration, legs, movers)
-    hips, ends = np.stack([leg.near for leg in legs]) - arms, np.stack([leg.far for leg in legs])
+    axes, arms, hips, ends = _arms(configuration, legs, movers)
     sizes = np.linalg.norm(arms, axis=1)
     ranges = _ranges(mechanism)
     up = _upward(axes, ends[0] + ranges[1] @ directions - hips[0])
@@ -262,11 +261,17 @@ def _delta(
     return ClassicalModel(model, order, sense, zero, rows, -directions @ (middle - centre), *ranges)
 
 
-def _arms(configuration: Configuration, legs: list[_Leg], movers: list[_Motion]) -> tuple[Array, Array]:
-    """Return the axes ``(3, 3)`` of the arms, and the arms across them (m), from the axes to the rods."""
+def _turning_arms(tree: Tree, legs: list[_Leg]) -> list[_Motion]:
+    """Return the joint of each leg that one joint turns."""
+    return [leg.moves[0] for leg in legs if len(leg.moves) == 1 and tree.step(*leg.moves[0]).is_turn]
+
+
+def _arms(configuration: Configuration, legs: list[_Leg], movers: list[_Motion]) -> tuple[Array, Array, Array, Array]:
+    """Return axes of the arms, arms across them from the axes to the rods, hips, and rod ends, ``(3, 3)`` m."""
     axes = np.stack([configuration.steps[f][s][0][:3, 0] for f, s in movers])
     levers = np.stack([leg.near - _origin(configuration, mover) for leg, mover in zip(legs, movers, strict=True)])
-    return axes, levers - (levers * axes).sum(axis=1, keepdims=True) * axes
+    arms = levers - (levers * axes).sum(axis=1, keepdims=True) * axes
+    return axes, arms, np.stack([leg.near for leg in legs]) - arms, np.stack([leg.far for leg in legs])
 
 
 def _upward(axes: Array, to_platform: Array) -> Array | None:

@@ -676,8 +676,6 @@ def _terms(spectrum: NDArray[np.complex128], varied: tuple[int, ...], slides: li
         orders = [i if slide or 2 * i < _FIT_NODES else i - _FIT_NODES for i, slide in zip(index, slides, strict=True)]
         joints = list(zip(varied, orders, slides, strict=True))
         turns = tuple((joint, float(order)) for joint, order, slide in joints if order and not slide)
-        if turns and turns[0][1] < 0:
-            continue
         powers = tuple(itertools.chain(*((joint,) * order for joint, order, slide in joints if slide)))
         yield from _wave(complex(spectrum[index]), turns, powers, least)
 
@@ -686,7 +684,7 @@ def _wave(
     coefficient: complex, turns: tuple[tuple[int, float], ...], powers: tuple[int, ...], least: float
 ) -> Iterator[Term]:
     """Yield 2 Re(c) cos and -2 Im(c) sin of an angle, or the constant c, where they are not tiny."""
-    if abs(coefficient) <= least:
+    if abs(coefficient) <= least or (turns and turns[0][1] < 0):  # a negative frequency repeats its positive one
         return
     if not turns:
         if abs(coefficient.real) > least:

@@ -204,6 +204,12 @@ def _sum(weights: Array, rows: Sequence[Array]) -> Array:
     return total
 
 
+def _turn_in_parallel(axes: ZeroAxes) -> bool:
+    """Check that axes 2, 3 and 4 are parallel, axis 1 is not, and axes 4, 5 and 6 are square, each to the next."""
+    parallel = axes.parallel(1, 2) and axes.parallel(1, 3) and not axes.parallel(0, 1)
+    return bool(parallel and axes.square(3, 4) and axes.square(4, 5))
+
+
 @dataclass(frozen=True)
 class ThreeParallel:
     """An arm with three parallel axes, by its axes in frame 0 at zero joint positions.
@@ -244,9 +250,7 @@ class ThreeParallel:
         axes = ZeroAxes.of(chain)
         z, origins = axes.directions, axes.origins
         point, missed = meeting_point(origins[4:], z[4:])
-        if missed > EXACT or axes.parallel(0, 1) or not (axes.parallel(1, 2) and axes.parallel(1, 3)):
-            return None
-        if not axes.square(3, 4) or not axes.square(4, 5):
+        if missed > EXACT or not _turn_in_parallel(axes):
             return None
         w = z[1]
         plane = plane_across(w, np.cross(z[4], w))

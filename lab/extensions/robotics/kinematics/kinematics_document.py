@@ -10,7 +10,7 @@ from lab.core.errors import counted
 from lab.core.number_text import capital, fixed, short
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.robotics.kinematics.nominal_models import Placement
+from lab.extensions.robotics.kinematics.nominal_models import Placement, Reached
 from lab.library.result import joint_values
 from lab.report.blocks import joint_cells, joint_headings
 from lab.report.document import (
@@ -203,18 +203,24 @@ def _title(result: KinematicsResult) -> str:
 def _reached_blocks(result: KinematicsResult) -> tuple[Block, ...]:
     """Report the number of solutions of each pose, and the method that found them."""
     lines = []
-    for each in result.reached:
-        at = ", ".join(fixed(MM.of(value), 3) for value in each.position)
-        turned = "" if np.isfinite(each.rotation).all() else ", the orientation is free"
-        missed = f"; {each.away}" if each.away else ""
-        none = "there are no others" if each.solutions else "there is none"
-        others = f"{each.others} more in other configurations" if each.others else none
-        more = "there may be others" if each.solutions else "there may be some"
-        how = f"in closed form: {others}" if each.how == "closed form" else f"by search: {more}"
-        name = f"{each.name}: " if each.name else ""
-        modes = f"; {each.reassembled} more in another assembly mode" if each.reassembled else ""
-        lines.append(f"{name}({at}) mm{turned}: {counted(len(each.solutions), 'solution')} {how}{modes}{missed}")
-    return (Bullets(tuple(lines[:_MOST_ROWS])),)
+    for pose in result.reached[:_MOST_ROWS]:
+        at = ", ".join(fixed(MM.of(value), 3) for value in pose.position)
+        turned = "" if np.isfinite(pose.rotation).all() else ", the orientation is free"
+        missed = f"; {pose.away}" if pose.away else ""
+        name = f"{pose.name}: " if pose.name else ""
+        modes = f"; {pose.reassembled} more in another assembly mode" if pose.reassembled else ""
+        solutions = counted(len(pose.solutions), "solution")
+        lines.append(f"{name}({at}) mm{turned}: {solutions} {_how(pose)}{modes}{missed}")
+    return (Bullets(tuple(lines)),)
+
+
+def _how(pose: Reached) -> str:
+    """Describe the method that solved a pose, and whether there are other solutions."""
+    if pose.how != "closed form":
+        return "by search: there may be " + ("others" if pose.solutions else "some")
+    if pose.others:
+        return f"in closed form: {pose.others} more in other configurations"
+    return "in closed form: " + ("there are no others" if pose.solutions else "there is none")
 
 
 @guarded
@@ -287,16 +293,22 @@ def _differential(result: KinematicsResult, first: Placement) -> tuple[Block, ..
     jacobian = zip(_TWIST, _clean(first.jacobian), strict=True)
     rows = tuple((name, *(fixed(value, 4) for value in row)) for name, row in jacobian)
     caption = f"Jacobian in the axes of {axes}, m and rad: velocity of the tool's point, then angular velocity"
-    width = f"manipulability {_size(first.manipulability)}"
-    part = " of the rows by which the closed form solves the pose" if len(names) < len(_TWIST) else ""
-    size = "" if first.determinant is None else f", determinant{part} {_size(first.determinant)}"
-    factors = "; ".join(f"{name} factor {_size(value)}" for name, value in first.factors.items())
-    text = f"rank {first.rank} of {min(6, len(names))}, {width}{size}{f' ({factors})' if factors else ''} (m, rad)"
     free = [f"self-motion: {_parts(names, row)}" for row in first.self_motions]
     directions = first.lost if len(names) >= 6 else ()
     lost = [f"no joint moves the tool along {_parts(_TWIST, row / np.abs(row).max())}" for row in directions]
     table = Table(("", *names), rows, caption)
-    return table, Paragraph(capital(text)), Bullets((*free, *lost)), *_inverse(result, first), *_rates(result, first)
+    text = capital(_sizes_of_jacobian(first))
+    return table, Paragraph(text), Bullets((*free, *lost)), *_inverse(result, first), *_rates(result, first)
+
+
+def _sizes_of_jacobian(placement: Placement) -> str:
+    """Report rank, manipulability and determinant, with its factors."""
+    count = len(placement.joints)
+    part = " of the rows by which the closed form solves the pose" if count < len(_TWIST) else ""
+    size = "" if placement.determinant is None else f", determinant{part} {_size(placement.determinant)}"
+    factors = "; ".join(f"{name} factor {_size(value)}" for name, value in placement.factors.items())
+    width = f"manipulability {_size(placement.manipulability)}"
+    return f"rank {placement.rank} of {min(6, count)}, {width}{size}{f' ({factors})' if factors else ''} (m, rad)"
 
 
 @guarded

@@ -18,7 +18,7 @@ from lab.kinematics.inverse.newton_inverse import PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.options.option_types import Flag, Names, Numbers
 
-__all__ = ["KinematicsOptions"]
+__all__ = ["KinematicsOptions", "tool_point"]
 
 
 @dataclass(frozen=True)
@@ -104,18 +104,21 @@ class KinematicsOptions:
         return bool(self.angles or self.axis or self.quaternion or self.matrix) or self.angle is not None
 
     def _check_rotation(self) -> None:
-        given = [f"--{name}" for name in ("matrix", "quaternion", "angles", "axis") if getattr(self, name)]
-        if len(given) > 1:
-            raise LabError(f"{' and '.join(given)} each give a rotation: give one of them")
+        forms = self._set("matrix", "quaternion", "angles", "axis")
+        if len(forms) > 1:
+            raise LabError(f"{' and '.join(forms)} each give a rotation: give one of them")
         if bool(self.axis) != (self.angle is not None):
             raise LabError("--axis and --angle belong together: give both; three angles in a row are --angles")
         if not self.angles and (self.fixed or self.order != "zyx"):
             raise LabError("--order and --fixed say what --angles mean: give --angles, or leave them out")
-        unused = ("joints", "pose", "file", "rates", "twist")
-        if stray := [name for name in unused if getattr(self, name)]:
+        if stray := self._set("joints", "pose", "file", "rates", "twist"):
             raise LabError(
-                f"--{stray[0]} is of a robot, and {given[0]} converts a rotation without one; give one of them"
+                f"{stray[0]} is of a robot, and {forms[0]} converts a rotation without one; give one of them"
             )
+
+    def _set(self, *names: str) -> list[str]:
+        """Return which of some options are given."""
+        return [f"--{name}" for name in names if getattr(self, name)]
 
     @property
     def axes(self) -> Literal["base", "tool"] | int:
@@ -164,9 +167,7 @@ class KinematicsOptions:
         Raises:
             LabError: it is no point.
         """
-        if not self.tool_mm:
-            return np.zeros(3)
-        return MM.to_si(_row("--tool-mm", self.tool_mm, 3, "x,y,z of the tool's point in the last frame"))
+        return tool_point(self.tool_mm)
 
     @property
     def twist_si(self) -> Array:
@@ -178,6 +179,17 @@ class KinematicsOptions:
         scale = np.repeat([1e-3, np.pi / 180], 3)
         twist = _row("--twist", self.twist, 6, "vx,vy,vz in mm/s, then wx,wy,wz in °/s")
         return np.asarray(twist * scale)
+
+
+def tool_point(tool_mm: tuple[float, ...]) -> Array:
+    """Return the tool's point ``(3,)`` m in the last frame, by default its origin.
+
+    Raises:
+        LabError: it is no point.
+    """
+    if not tool_mm:
+        return np.zeros(3)
+    return MM.to_si(_row("--tool-mm", tool_mm, 3, "x,y,z of the tool's point in the last frame, e.g. 0,0,100"))
 
 
 def _place(row: Array, coordinates: str) -> Array:

@@ -1,9 +1,9 @@
 """Results of ``lab kinematics``: typed, as plain values, and as a document."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,10 +20,7 @@ from lab.kinematics.serial.serial_arm import SerialArm
 from lab.library.result import Result, joint_values, number, tidy
 from lab.library.run_folder import joint_columns
 
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["MOST_DRAWN", "KinematicsResult", "LinkMatrices", "coordinates", "frames_of", "pose_values"]
+__all__ = ["MOST_DRAWN", "KinematicsResult", "LinkMatrices", "coordinates", "frames_of", "pose_values", "tidied"]
 
 
 @dataclass(frozen=True)
@@ -38,12 +35,17 @@ class LinkMatrices:
     links: Array
     between: tuple[int, int] | None
 
+    @property
+    def products(self) -> list[Array]:
+        """Poses ``(4, 4)`` (m) of all frames in the base."""
+        return [self.product(0, i + 1) for i in range(len(self.links))]
+
     def product(self, first: int, last: int) -> Array:
         """Return the pose ``(4, 4)`` (m) of frame ``last`` in frame ``first``."""
-        found = np.eye(4)
+        T = np.eye(4)
         for link in self.links[first:last]:
-            found = found @ link
-        return found
+            T = T @ link
+        return T
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -89,7 +91,7 @@ class KinematicsResult(Result):
             "joints": list(chain.joint_names),
             "units": ["mm" if slides else "deg" for slides in chain.prismatic],
             "frame": options.frame,
-            "tool_mm": [tidy(each) for each in MM.of(options.tool_m)],
+            "tool_mm": tidied(MM.of(options.tool_m)),
             "placements": [self._placement(each) for each in self.placements],
             "poses": [_reached(each) for each in self.reached],
             "assembly_modes": [pose_values(T) for T in self.assembly_modes],
@@ -97,7 +99,7 @@ class KinematicsResult(Result):
         }
         if options.matrices:
             values["link_matrices"] = [_matrix_values(T) for T in matrices.links]
-            values["products"] = [_matrix_values(matrices.product(0, i + 1)) for i in range(len(matrices.links))]
+            values["products"] = [_matrix_values(T) for T in matrices.products]
         if options.between is not None:
             values["between"] = _matrix_values(matrices.product(*options.between))
         if self.letters is not None:
@@ -132,7 +134,7 @@ class KinematicsResult(Result):
         rates = None if each.rates is None else [number(v) for v in joint_values(chain.prismatic, each.rates)]
         return {
             "id": each.name,
-            "joints": [tidy(value) for value in joint_values(chain.prismatic, each.joints)],
+            "joints": tidied(joint_values(chain.prismatic, each.joints)),
             **pose_values(each.T_base_tool),
             **coordinates(each.T_base_tool),
             "within_limits": not each.beyond,
@@ -140,7 +142,7 @@ class KinematicsResult(Result):
             "configuration": dict(each.configuration),
             "free": list(each.free),
             "tilt_deg": number(np.rad2deg(each.tilt_rad)),
-            "jacobian": [[number(value) for value in row] for row in each.jacobian],
+            "jacobian": _rows(each.jacobian),
             **_inverse_values(each, requested=self.options.inverse_jacobian),
             "rank": each.rank,
             "manipulability": number(each.manipulability),
@@ -149,23 +151,30 @@ class KinematicsResult(Result):
             "self_motions": [
                 {name: tidy(part) for name, part in zip(names, row, strict=True) if part} for row in each.self_motions
             ],
-            "lost_directions": [[tidy(part) for part in row] for row in each.lost],
+            "lost_directions": [tidied(row) for row in each.lost],
             "rates": rates,
-            "twist": None if each.twist is None else _twist_values(each.twist),
-            "missing": None if each.missing is None else _twist_values(each.missing),
+            "twist": _twist_values(each.twist),
+            "missing": _twist_values(each.missing),
         }
 
 
 def _inverse_values(each: Placement, *, requested: bool) -> dict[str, Any]:
     if not requested:
         return {}
-    found = each.inverse_jacobian
-    if found is None:
+    inverse = each.inverse_jacobian
+    if inverse is None:
         return {"inverse_jacobian": None, "inverse_kind": None}
-    return {
-        "inverse_jacobian": [[number(value) for value in row] for row in found.matrix],
-        "inverse_kind": found.kind,
-    }
+    return {"inverse_jacobian": _rows(inverse.matrix), "inverse_kind": inverse.kind}
+
+
+def tidied(values: Iterable[float]) -> list[float]:
+    """Return numbers as results give them."""
+    return [tidy(value) for value in values]
+
+
+def _rows(matrix: Array) -> list[list[float | None]]:
+    """Return the numbers of a matrix, NaN as None."""
+    return [[number(value) for value in row] for row in matrix]
 
 
 def pose_values(T: Array) -> dict[str, Any]:
@@ -173,10 +182,10 @@ def pose_values(T: Array) -> dict[str, Any]:
     if not np.isfinite(T).all():
         return {"position_mm": None, "rotation": None, "fixed_xyz_deg": None, "quaternion": None}
     return {
-        "position_mm": [tidy(each) for each in MM.of(T[:3, 3])],
-        "rotation": [[tidy(each) for each in row] for row in T[:3, :3]],
-        "fixed_xyz_deg": [tidy(each) for each in np.rad2deg(se3.roll_pitch_yaw(T[:3, :3]))],
-        "quaternion": [tidy(each) for each in se3.quaternion_from_rotation(T[:3, :3])],
+        "position_mm": tidied(MM.of(T[:3, 3])),
+        "rotation": [tidied(row) for row in T[:3, :3]],
+        "fixed_xyz_deg": tidied(np.rad2deg(se3.roll_pitch_yaw(T[:3, :3]))),
+        "quaternion": tidied(se3.quaternion_from_rotation(T[:3, :3])),
     }
 
 
@@ -198,17 +207,17 @@ def _matrix_values(T: Array) -> list[list[float]]:
     return [[tidy(each) for each in row] for row in scaled]
 
 
-def _twist_values(twist: Array) -> list[float | None]:
+def _twist_values(twist: Array | None) -> list[float | None] | None:
     """Return a twist in mm/s and degrees/s."""
-    return [number(tidy(each)) for each in twist * np.repeat([1e3, 180 / np.pi], 3)]
+    return None if twist is None else [number(value) for value in tidied(twist * np.repeat([1e3, 180 / np.pi], 3))]
 
 
 def _reached(each: Reached) -> dict[str, Any]:
     turned = np.isfinite(each.rotation).all()
     return {
         "id": each.name,
-        "position_mm": [tidy(value) for value in MM.of(each.position)],
-        "rotation": [[tidy(value) for value in row] for row in each.rotation] if turned else None,
+        "position_mm": tidied(MM.of(each.position)),
+        "rotation": [tidied(row) for row in each.rotation] if turned else None,
         "solutions": len(each.solutions),
         "placements": list(each.solutions),
         "out_of_reach_mm": number(MM.of(each.gap_m)),

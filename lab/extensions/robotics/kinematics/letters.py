@@ -16,7 +16,7 @@ from lab.extensions.robotics.kinematics.symbolic import (
     sympy_module,
     textbook,
 )
-from lab.extensions.robotics.kinematics.symbolic_inverse import Found, SymbolicInverse, symbolic_inverse
+from lab.extensions.robotics.kinematics.symbolic_inverse import ELEMENTS, Found, SymbolicInverse, symbolic_inverse
 from lab.formats.formula_program import FormulaProgram
 from lab.kinematics.serial.chain import Chain
 from lab.report.document import Block, Bullets, Paragraph, Table, guarded
@@ -133,25 +133,29 @@ class ModelsInLetters:
 
     def blocks(self, names: Sequence[str]) -> tuple[Block, ...]:
         """Return what a person reads, for joints of these names."""
+        blocks: list[Block] = [self._legend(names)]
+        if self.shows_matrices:
+            blocks += [_matrix(name, _rows(matrix)) for name, matrix in self.matrices().items()]
+            axes = "the base" if self.frame == 0 else f"frame {self.frame}"
+            blocks.append(_long(_rows(self.jacobian), _TWIST, names, f"Jacobian in the axes of {axes}"))
+        if self.shows_inverse_jacobian:
+            inverse = self.inverse_jacobian
+            blocks.append(
+                Paragraph("The Jacobian has no blocks of three rows and columns, and no inverse in few letters.")
+                if inverse is None
+                else _long(_rows(inverse, formula_text), names, _TWIST, "Inverse of the Jacobian")
+            )
+        return (*blocks, *(_inverse_blocks(self.inverse, self.chain) if self.shows_inverse else ()))
+
+    def _legend(self, names: Sequence[str]) -> Paragraph:
+        """Explain the letters."""
         letters = ", ".join(
             f"{name.rpartition('_')[0]} = {value:.6g} {'mm' if name.endswith('mm') else '°'}".replace("-", "−")
             for name, value in self.letter_values().items()
         )
         called = ", ".join(f"q{i + 1} is {name}" for i, name in enumerate(names) if name != f"q{i + 1}")
         text = f"Here c1 is cos q1, s23 is sin(q2 + q3){f'; {called}' if called else ''}"
-        blocks: list[Block] = [Paragraph(f"{text}. {letters}." if letters else f"{text}.")]
-        if self.shows_matrices:
-            blocks += [_matrix(name, _rows(matrix)) for name, matrix in self.matrices().items()]
-            axes = "the base" if self.frame == 0 else f"frame {self.frame}"
-            blocks.append(_long(_rows(self.jacobian), _TWIST, names, f"Jacobian in the axes of {axes}"))
-        if self.shows_inverse_jacobian:
-            found = self.inverse_jacobian
-            blocks.append(
-                Paragraph("The Jacobian has no blocks of three rows and columns, and no inverse in few letters.")
-                if found is None
-                else _long(_rows(found, formula_text), names, _TWIST, "Inverse of the Jacobian")
-            )
-        return (*blocks, *(_inverse_blocks(self.inverse, self.chain) if self.shows_inverse else ()))
+        return Paragraph(f"{text}. {letters}." if letters else f"{text}.")
 
     def programs(self, name: str) -> tuple[FormulaProgram, ...]:
         """Return the models as functions of joint positions ``q`` (rad, m), their names after that of the robot."""
@@ -172,16 +176,17 @@ class ModelsInLetters:
                     )
                 )  # fmt: skip
         if self.shows_inverse and self.inverse is not None:
-            found = self.inverse
-            steps = [(each, program_formula(formula)) for each, formula in found.steps]
-            comment = (
-                "U has 12 elements, three rows of [s n a p]; e chooses each root by +1 or -1. Answer: q in rad and m."
-            )
-            wanted = [f"{column}{axis}" for axis in "xyz" for column in "snap"]
-            inputs = {"U": wanted, **({"e": list(found.signs)} if found.signs else {})}
-            formulas = [program_formula(sympy_module().sympify(joint)) for joint in found.joints]
-            programs.append(FormulaProgram(f"{name}_inverse", comment, inputs, (*constants, *steps), formulas))
+            programs.append(_inverse_program(f"{name}_inverse", self.inverse, constants))
         return tuple(programs)
+
+
+def _inverse_program(name: str, inverse: SymbolicInverse, constants: list[tuple[str, str]]) -> FormulaProgram:
+    """Return the inverse as a function of the wanted pose, and of the signs that choose its roots."""
+    comment = "U has 12 elements, three rows of [s n a p]; e chooses each root by +1 or -1. Answer: q in rad and m."
+    inputs = {"U": list(ELEMENTS), **({"e": list(inverse.signs)} if inverse.signs else {})}
+    steps = [(unknown, program_formula(formula)) for unknown, formula in inverse.steps]
+    formulas = [program_formula(sympy_module().sympify(joint)) for joint in inverse.joints]
+    return FormulaProgram(name, comment, inputs, (*constants, *steps), formulas)
 
 
 def inverse_in_letters(jacobian: Any) -> Any | None:
@@ -194,24 +199,29 @@ def inverse_in_letters(jacobian: Any) -> Any | None:
     point = {symbol: sympy.Float(0.3 + 0.37 * i) for i, symbol in enumerate(sorted(jacobian.free_symbols, key=str))}
     at = np.array(jacobian.xreplace(point).evalf().tolist(), dtype=np.float64)
     if size == _FREEDOMS:
-        if np.abs(at[:3, 3:]).max() > _NONE:
-            return None
-        A_back, D_back = _inverted(jacobian[:3, :3]), _inverted(jacobian[3:, 3:])
-        if A_back is None or D_back is None:
-            return None
-        lower = (-D_back * jacobian[3:, :3] * A_back).applyfunc(_ratio)
-        return A_back.row_join(sympy.zeros(3, 3)).col_join(lower.row_join(D_back))
-    if size > _BLOCK:
+        return None if np.abs(at[:3, 3:]).max() > _NONE else _inverse_by_blocks(jacobian)
+    return None if size > _BLOCK else _inverse_by_rows(jacobian, at)
+
+
+def _inverse_by_blocks(jacobian: Any) -> Any | None:
+    """Invert J = [A 0; C D]: [A^-1 0; -D^-1 C A^-1 D^-1]."""
+    A_back, D_back = _inverted(jacobian[:3, :3]), _inverted(jacobian[3:, 3:])
+    if A_back is None or D_back is None:
         return None
-    rows: list[int] = []
+    lower = (-D_back * jacobian[3:, :3] * A_back).applyfunc(_ratio)
+    return A_back.row_join(sympy_module().zeros(3, 3)).col_join(lower.row_join(D_back))
+
+
+def _inverse_by_rows(jacobian: Any, at: Array) -> Any | None:
+    """Invert the first independent rows of a Jacobian, whose values ``at`` some position show which they are."""
+    size, rows = jacobian.shape[1], list[int]()
     for i in range(_FREEDOMS):
         if np.linalg.matrix_rank(at[[*rows, i]], tol=_NONE) > len(rows):
             rows.append(i)
-    if len(rows) < size:
-        return None
-    back, whole = _inverted(jacobian[rows, :]), sympy.zeros(size, _FREEDOMS)
+    back = _inverted(jacobian[rows, :]) if len(rows) == size else None
     if back is None:
         return None
+    whole = sympy_module().zeros(size, _FREEDOMS)
     for column, row in enumerate(rows):
         whole[:, row] = back[:, column]
     return whole

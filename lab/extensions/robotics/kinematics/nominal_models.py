@@ -228,7 +228,7 @@ class Solver:
         if classical is None:
             return None
         turns = any(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive)
-        others = [j for j in range(mechanism.size) if j not in classical.order]
+        others = _beside(mechanism, classical)
         if others and not self._independent(others, turns, wanted):
             return None  # these joints and the legs move the tool alike
         return partial(self._by_legs, mechanism, classical) if wanted.turned.all() or not turns else None
@@ -271,7 +271,7 @@ class Solver:
         from lab.extensions.robotics.closed.recognition import passive_values_of, working_modes
 
         tool, near = self.values[-3:], reference if np.isfinite(reference).all() else mechanism.home
-        others = [j for j in range(mechanism.size) if j not in classical.order]
+        others = _beside(mechanism, classical)
         # the pose of the platform, p = p_wanted - R tool
         start, free = self._beside_legs(others, wanted, near)
         rotation = wanted.rotations[0] if wanted.turned[0] else self.arm.tool(start[None], self.values)[0][0, :3, :3]
@@ -284,17 +284,13 @@ class Solver:
         rows = nearest_whole_turns(mechanism, rows, np.broadcast_to(near, rows.shape))
         reached = self._reached(rows, wanted.positions[0])
         reached.sort(key=lambda k: float(np.abs(rows[k] - near).max()))
-        # each solution, named by the branches where a leg has two
-        names, several = mechanism.joint_names, any(any(modes[k].branches) for k in reached)
-        named = sorted(classical.order) if several else []
-        solutions = tuple(
-            Solution(rows[k], {names[j]: "+-"[modes[k].branches[j]] for j in named}, free) for k in reached
-        )
+        sides = _sides_of_legs(mechanism.joint_names, [modes[k].branches for k in reached], classical.order)
+        solutions = tuple(Solution(rows[k], side, free) for k, side in zip(reached, sides, strict=True))
         gap = 0.0 if solutions else missed if missed > _REACHED_M else np.nan
         return _PoseSolutions(solutions, gap, "closed form", len(modes) - len(reached))
 
     def _beside_legs(self, others: list[int], wanted: PoseTarget, near: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return joint positions that take a rotation's part about the axes of joints beside the legs, and free ones."""
+        """Return joint positions turned by the rotation about joints beside the legs, and which joints are free."""
         start, free = self.arm.chain.home.copy(), np.zeros(self.arm.chain.size, dtype=np.bool_)
         home = self.arm.tool(start[None], self.values)[0][0, :3, :3]
         for joint in others:
@@ -311,6 +307,20 @@ class Solver:
         places = self.arm.tool(rows, self.values)[0][:, :3, 3]
         reached: list[int] = np.flatnonzero(np.abs(places - position).max(axis=1) < _REACHED_M).tolist()
         return reached
+
+
+def _beside(mechanism: "Mechanism", classical: "ClassicalModel") -> list[int]:
+    """Return the joints that move no leg."""
+    return [j for j in range(mechanism.size) if j not in classical.order]
+
+
+def _sides_of_legs(
+    names: Sequence[str], branches: Sequence[tuple[int, ...]], legs: Sequence[int]
+) -> list[dict[str, str]]:
+    """Name the branch of each leg by its joint; nothing where every leg has one branch."""
+    if not any(map(any, branches)):
+        return [{} for _ in branches]
+    return [{names[j]: "+-"[row[j]] for j in sorted(legs)} for row in branches]
 
 
 def matching(solved: _PoseSolutions, requested: tuple[str, ...]) -> _PoseSolutions:

@@ -4,7 +4,7 @@ All solutions are given, and where a description is singular what of it is deter
 Dombre 2002, chapter 3).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from lab.core.limits import OPTION_SIZE, POSITIVE_OPTION, QUATERNION_NORM, ROTAT
 from lab.core.orientation import ORDERS
 from lab.core.se3 import Array
 from lab.extensions.robotics.kinematics.kinematics_options import KinematicsOptions
+from lab.extensions.robotics.kinematics.kinematics_result import tidied
 from lab.library.result import Result, tidy
 
 __all__ = ["Rotation", "converted", "determined"]
@@ -49,22 +50,25 @@ class Rotation(Result):
         free = bool(np.isnan(self.axis.axis).any())
         return {
             "unit": "rad" if self.options.radians else "deg",
-            "matrix": [[tidy(each) for each in row] for row in self.matrix],
-            "quaternion": [tidy(each) for each in self.quaternion],
-            "axis": None if free else [tidy(each) for each in self.axis.axis],
+            "matrix": [tidied(row) for row in self.matrix],
+            "quaternion": tidied(self.quaternion),
+            "axis": None if free else tidied(self.axis.axis),
             "angle": self.in_unit(self.axis.angle),
             "both_axes": self.axis.both_axes,
-            "axis_angles": [[self.in_unit(each) for each in row] for row in self.axis_directions()],
+            "axis_angles": self._in_unit(self.axis_directions()),
             "orders": {
-                each.order: {
-                    "solutions": [[self.in_unit(angle) for angle in row] for row in each.solutions],
-                    "singular": bool(each.free),
-                    "determined": determined(each),
+                angles.order: {
+                    "solutions": self._in_unit(angles.solutions),
+                    "singular": bool(angles.free),
+                    "determined": determined(angles),
                 }
-                for each in self.angles
+                for angles in self.angles
             },
             "warnings": list(self.warnings),
         }
+
+    def _in_unit(self, rows: Iterable[Iterable[float]]) -> list[list[float]]:
+        return [[self.in_unit(angle) for angle in row] for row in rows]
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """Return a row for each order and solution: a, b and c in the unit of the options."""

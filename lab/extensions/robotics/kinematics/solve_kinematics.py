@@ -260,20 +260,23 @@ class _Model:
     def warnings(self, placed: Sequence[Placement], reached: Sequence[Reached]) -> list[str]:
         """Warn of poses without a solution, rotation errors, and joint positions beyond the limits."""
         messages = []
-        for each in reached:
-            if not each.solutions:
-                far = f": {each.away}" if each.away else ""
-                far = self._distance_from_plane(each) or far
-                far = f" of --of {','.join(self.options.of)}" if self.options.of and each.gap_m == 0 else far
-                messages.append(f"{_called(each)} has no solution{far}")
-            if each.solutions and (tilt := max(placed[i].tilt_rad for i in each.solutions)) > _TILTED_RAD:
+        for pose in reached:
+            solutions = [placed[i] for i in pose.solutions]
+            if not solutions:
+                messages.append(f"{_called(pose)} has no solution{self._reason(pose)}")
+            elif (tilt := max(solution.tilt_rad for solution in solutions)) > _TILTED_RAD:
                 messages.append(
-                    f"{_called(each)} asks for a turn that an arm of {self.robot.chain.size} joints does not have: its "
-                    f"place is met, its rotation missed by {DEGREES.text(tilt)}"
-                    f"{self._axis_of_miss(each, [placed[i] for i in each.solutions])}"
+                    f"{_called(pose)} asks for a turn that an arm of {self.robot.chain.size} joints does not have: its "
+                    f"place is met, its rotation missed by {DEGREES.text(tilt)}{self._axis_of_miss(pose, solutions)}"
                 )
         messages += [f"{each.name}: {each.beyond}" for each in placed if each.beyond and not reached]
         return messages
+
+    def _reason(self, pose: Reached) -> str:
+        """Describe why a pose has no solution; empty where that is unknown."""
+        if self.options.of and pose.gap_m == 0:
+            return f" of --of {','.join(self.options.of)}"
+        return self._distance_from_plane(pose) or (f": {pose.away}" if pose.away else "")
 
     def _axis_of_miss(self, wanted: Reached, placed: Sequence[Placement]) -> str:
         """Describe the axis in the base of the smallest rotation error."""

@@ -197,13 +197,17 @@ def _is_inverse(factor: Any) -> bool:
 def _program_factor(factor: Any) -> str:
     if factor.is_Pow and factor.exp.is_Integer and factor.exp > 1:
         return "*".join([_program_factor(factor.base)] * int(factor.exp))
-    if factor.is_Add or factor.is_Mul or (factor.is_Number and factor < 0):
+    if _needs_brackets(factor):
         return f"({program_formula(factor)})"
     if factor.is_Pow or factor.is_Number:
         return program_formula(factor)
     if factor.is_Function:
         return f"{factor.func.__name__}({', '.join(program_formula(each) for each in factor.args)})"
     return str(factor)
+
+
+def _needs_brackets(factor: Any) -> bool:
+    return bool(factor.is_Add or factor.is_Mul or (factor.is_Number and factor < 0))
 
 
 def formula_text(expression: Any) -> str:
@@ -262,9 +266,12 @@ def _short(sympy: Any, function: Any) -> str:
     if all(name.startswith("q") and factor == 1 for name, factor in terms):
         numbers = [name[1:] for name, _ in terms]
         return letter + ("" if max(map(len, numbers)) == 1 else ",").join(numbers)
-    signed = (("+" if factor > 0 else "−") + (name if abs(factor) == 1 else f"{abs(factor)}{name}")
-              for name, factor in terms)  # fmt: skip
-    return f"{letter}({_greek(''.join(signed).removeprefix('+'))})"
+    signed = "".join(_signed(name, factor) for name, factor in terms)
+    return f"{letter}({_greek(signed.removeprefix('+'))})"
+
+
+def _signed(name: str, factor: Any) -> str:
+    return ("+" if factor > 0 else "−") + (name if abs(factor) == 1 else f"{abs(factor)}{name}")
 
 
 def _greek(text: str) -> str:

@@ -22,10 +22,10 @@ import numpy as np
 from lab.core.random import rng_for
 from lab.extensions.robotics.kinematics.symbolic import SymbolicChain, backwards, sympy_module, terms_of, walked
 
-__all__ = ["Found", "SymbolicInverse", "symbolic_inverse"]
+__all__ = ["ELEMENTS", "Found", "SymbolicInverse", "symbolic_inverse"]
 
 _COLUMNS = "snap"  # of U
-_ELEMENTS = tuple(f"{column}{axis}" for axis in "xyz" for column in _COLUMNS)
+ELEMENTS = tuple(f"{column}{axis}" for axis in "xyz" for column in _COLUMNS)
 _PLACES = tuple((row, 3) for row in range(3))
 _TURNS = tuple((row, column) for column in (2, 0, 1) for row in range(3))  # a is the simplest
 
@@ -187,7 +187,7 @@ class _Solver:
         made, used = {name for name, _ in steps}, _symbols_of(formula for _, formula in steps)
         undone = tuple(entry for entry in self.undone if entry[0] in used)
         used |= _symbols_of(formula for _, formula in undone)
-        wanted = tuple(name for name in _ELEMENTS if name in used - made)
+        wanted = tuple(name for name in ELEMENTS if name in used - made)
         return SymbolicInverse(wanted, undone, tuple(self.found), joints, self.by_place)
 
     def _by_unknowns(self, joint: int) -> Any:

@@ -97,28 +97,34 @@ def read_path(
     speeds = [f"speed_{name}_{unit}_per_s" for name, unit in zip(joint_names, units, strict=True)]
     columns = ObservedColumns(orientations=True, numbers=(*_VELOCITY, *speeds), texts=("move",))
     if holds_targets(path):
-        found = read_targets(path, joint_names, prismatic, meaning, columns)
-        ids, given, lines, warnings = found.ids, found.conditions, found.lines, found.warnings
-        positions, rotations, joints = found.positions, found.rotations, found.joints
+        targets = read_targets(path, joint_names, prismatic, meaning, columns)
+        ids, rates, lines, warnings = targets.ids, targets.conditions, targets.lines, targets.warnings
+        positions, rotations, joints = targets.positions, targets.rotations, targets.joints
     else:
         rows = read_measurements(path, joint_names, prismatic, points=False, columns=columns)
-        ids, given, lines, warnings = rows.ids, rows.conditions, rows.lines, rows.warnings
+        ids, rates, lines, warnings = rows.ids, rows.conditions, rows.lines, rows.warnings
         positions, rotations, joints = np.full((len(ids), 3), np.nan), np.full((len(ids), 3, 3), np.nan), rows.joints
+    moves = _moves_in(path, texts, lines)
+    _refuse_half_circles(path, moves, lines)
+    if len(ids) < 2:
+        raise LabError(f"{path}: {len(ids)} point; give two or more, the first being where the motion starts")
+    by_joint = np.stack([_column(rates, name, len(ids)) for name in speeds], axis=1).reshape(-1, size)
+    return _PathRows(
+        ids, moves, joints, positions, rotations,
+        1e-3 * np.stack([_column(rates, name, len(ids)) for name in _VELOCITY], axis=1),
+        joints_to_si(by_joint, prismatic), warnings,
+    )  # fmt: skip
+
+
+def _moves_in(path: Path, texts: Sequence[str] | None, lines: Sequence[int]) -> tuple[str, ...]:
+    """Return the kind of move to each point, by default of the joints."""
     table = CsvTable(path)
     row_of = {number: i for i, number in enumerate(table.lines)}
     moves = tuple((texts[row_of[number]] if texts else "") or "joint" for number in lines)
     for number, move in zip(lines, moves, strict=True):
         if move not in _MOVES:
             raise table.fail(row_of[number], "move", f"'{move}' is unknown; write one of {', '.join(_MOVES)}")
-    _refuse_half_circles(path, moves, lines)
-    if len(ids) < 2:
-        raise LabError(f"{path}: {len(ids)} point; give two or more, the first being where the motion starts")
-    by_joint = np.stack([_column(given, name, len(ids)) for name in speeds], axis=1).reshape(-1, size)
-    return _PathRows(
-        ids, moves, joints, positions, rotations,
-        1e-3 * np.stack([_column(given, name, len(ids)) for name in _VELOCITY], axis=1),
-        joints_to_si(by_joint, prismatic), warnings,
-    )  # fmt: skip
+    return moves
 
 
 def _refuse_half_circles(path: Path, moves: Sequence[str], lines: Sequence[int]) -> None:

@@ -31,7 +31,7 @@ from lab.kinematics.effects.effect import PAYLOAD, absent, approach_of, last_mov
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.serial.walk import RIGID, Torsors
-from lab.library.hand_load import carrying
+from lab.library.hand_load import HandLoad, carrying
 from lab.library.load_run import CalibrationRun
 from lab.phrases.fit_phrases import listed
 from lab.robots.robot import Robot
@@ -405,11 +405,7 @@ def tracked_arm(options: TrajectoryOptions, robot: Robot, run: CalibrationRun | 
     robot, load = carrying(robot, options.load, accept_edited=options.accept_edited)
     sections = robot.link_compliances
     if sections is None:
-        if options.payload_kg is not None or options.load is not None:
-            flag = "--load" if options.payload_kg is None else "--payload-kg"
-            raise LabError(
-                f"{flag}: nothing bends robot {robot.name} here; give --run, or a robot with [[link]] sections"
-            )
+        _refuse_payload(options, robot.name)
         return None
     compliances = {
         f"link{link + 1}.{symbol}": float(sections[link, i])
@@ -419,14 +415,26 @@ def tracked_arm(options: TrajectoryOptions, robot: Robot, run: CalibrationRun | 
     arm = robot.arm_with(("p1",), _GROUPS, moving=True)
     values = arm.nominal({"p1": options.tool_m})
     values[len(arm.rigid.names) :] = [compliances[name] for name in arm.names[len(arm.rigid.names) :]]
-    payload = (0.0 if load is None else load.mass_kg) if options.payload_kg is None else options.payload_kg
-    return TrackedArm(arm, values, values[: len(arm.rigid.names)], payload, ())
+    return TrackedArm(arm, values, values[: len(arm.rigid.names)], _payload_of(options, load), ())
+
+
+def _refuse_payload(options: TrajectoryOptions, robot: str) -> None:
+    """Refuse a payload that bends nothing."""
+    if options.payload_kg is not None or options.load is not None:
+        flag = "--load" if options.payload_kg is None else "--payload-kg"
+        raise LabError(f"{flag}: nothing bends robot {robot} here; give --run, or a robot with [[link]] sections")
+
+
+def _payload_of(options: TrajectoryOptions, load: HandLoad | None) -> float:
+    """Return the payload (kg) along the path: the given one, else that of a load."""
+    if options.payload_kg is not None:
+        return options.payload_kg
+    return 0.0 if load is None else load.mass_kg
 
 
 def _of_run(options: TrajectoryOptions, run: CalibrationRun) -> TrackedArm:
     arm = run.robot.arm_with(run.estimate.arm.targets, run.estimate.groups, moving=True)
-    hung = 0.0 if run.load is None else run.load.mass_kg
-    payload, messages = hung if options.payload_kg is None else options.payload_kg, list(run.warnings)
+    payload, messages = _payload_of(options, run.load), list(run.warnings)
     if payload and PAYLOAD not in arm.conditions:
         messages.append(f"{payload:.4g} kg have no effect: the model of {run.folder} has no compliance")
     hidden = [name for name in arm.names if name.endswith(_BENT) and name not in run.estimate.free_names]

@@ -8,10 +8,10 @@ import numpy as np
 import tyro
 
 from lab.core.errors import LabError
-from lab.core.limits import OPTION_SIZE, PAYLOAD_KG, POSITIVE_OPTION, positive
+from lab.core.limits import PAYLOAD_KG, POSITIVE_OPTION, positive
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
-from lab.core.units import MM
+from lab.extensions.robotics.kinematics.kinematics_options import tool_point
 from lab.extensions.robotics.trajectory.cartesian import Feed
 from lab.formats.programs.languages import Controller
 from lab.kinematics.joints import JointSpec
@@ -71,17 +71,14 @@ class TrajectoryOptions:
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
-        for flag in ("feed_mm_s", "feed_mm_s2", "turn_deg_s", "step_ms"):
-            positive(f"--{flag.replace('_', '-')}", getattr(self, flag))
-        for flag in ("blend_mm", "blend_deg"):
+        for flag in ("feed_mm_s", "feed_mm_s2", "turn_deg_s", "step_ms", "blend_mm", "blend_deg"):
             if getattr(self, flag) is not None:
                 positive(f"--{flag.replace('_', '-')}", getattr(self, flag))
         if self.payload_kg is not None and self.payload_kg not in PAYLOAD_KG:
             raise LabError(f"--payload-kg: {self.payload_kg:g}; give {PAYLOAD_KG.shown}")
         if self.run is not None and self.tool_mm:
             raise LabError("--tool-mm and --run: the run has the tool that it measured; leave out one")
-        if self.tool_mm and (len(self.tool_mm) != 3 or not all(abs(each) in OPTION_SIZE for each in self.tool_mm)):
-            raise LabError("--tool-mm: give x,y,z of the tool's point in the last frame, e.g. 0,0,100")
+        tool_point(self.tool_mm)
 
     @property
     def feed(self) -> Feed:
@@ -92,7 +89,7 @@ class TrajectoryOptions:
     @property
     def tool_m(self) -> Array:
         """Tool point ``(3,)`` m in the last frame."""
-        return MM.to_si(np.array(self.tool_mm)) if self.tool_mm else np.zeros(3)
+        return tool_point(self.tool_mm)
 
     def blend(self, chain: JointSpec) -> Array | None:
         """Return the distance ``(n,)`` by which each joint may miss points, rad or m; None where it stops at them.

@@ -249,12 +249,7 @@ def memberships(arm: RigidArm, values: Array) -> tuple[Membership, Membership]:
     """
     chain = arm.dh_chain(values)
     if chain is not None:
-        search = Search(arm, values, turn_first=turns_about_z(chain))
-        form = closed_form_of(chain, values[-3:])
-        if form is None:
-            return search, search
-        exact = _BySolutions(chain, form, values[-3:])
-        return (exact if form.by_point else search), (search if form.by_point else exact)
+        return _memberships_of_chain(chain, Search(arm, values, turn_first=turns_about_z(chain)), values[-3:])
     mechanism = arm.chain
     assert isinstance(mechanism, Mechanism)
     classical, search = classical_model_of(mechanism), Search(arm, values, _STARTS_WITH_LOOPS)
@@ -265,6 +260,15 @@ def memberships(arm: RigidArm, values: Array) -> tuple[Membership, Membership]:
     if values[-3:].any() and len(classical.order) < mechanism.size:  # a joint beside those of the legs carries the tool
         return search, search
     return _ByPlatform(mechanism, ByLegs(mechanism, classical), values[-3:]), search
+
+
+def _memberships_of_chain(chain: Chain, search: "Search", tool: Array) -> tuple[Membership, Membership]:
+    """Return a serial arm's tests: the closed form is for points or for poses."""
+    form = closed_form_of(chain, tool)
+    if form is None:
+        return search, search
+    exact = _BySolutions(chain, form, tool)
+    return (exact, search) if form.by_point else (search, exact)
 
 
 def turns_about_z(chain: Chain) -> bool:

@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import tyro
 
 from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE, ORIENTATIONS, PLACES, SEED, whole
 from lab.core.se3 import Array
-from lab.core.units import MM
+from lab.extensions.robotics.kinematics.kinematics_options import tool_point
 from lab.options.option_types import Flag, Numbers
 
 __all__ = ["WorkspaceOptions"]
@@ -50,8 +49,7 @@ class WorkspaceOptions:
             whole("--places", self.places, _FEWEST_PLACES, PLACES)
         whole("--orientations", self.orientations, 1, ORIENTATIONS)
         whole("--seed", self.seed, 0, SEED)
-        if self.tool_mm and (len(self.tool_mm) != 3 or not all(abs(each) in OPTION_SIZE for each in self.tool_mm)):
-            raise LabError("--tool-mm: give x,y,z of the tool's point in the last frame, e.g. 0,0,100")
+        tool_point(self.tool_mm)
         if self.level_mm is not None and abs(self.level_mm) not in OPTION_SIZE:
             raise LabError(f"--level-mm {self.level_mm:g}: give a finite number in mm, at most {OPTION_SIZE.most:g}")
         if self.cell is not None and len(self.named) > 1:
@@ -66,4 +64,4 @@ class WorkspaceOptions:
     @property
     def tool_m(self) -> Array:
         """Tool point ``(3,)`` m in the last frame."""
-        return MM.to_si(np.array(self.tool_mm)) if self.tool_mm else np.zeros(3)
+        return tool_point(self.tool_mm)
