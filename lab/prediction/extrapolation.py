@@ -55,6 +55,7 @@ __all__ = [
 MOST_UNCOVERED = 0.5  # of a workspace, targets or poses: where more is extrapolated, nothing is good without a word
 _NEAREST = 3  # measured poses that are near a covered one
 _COVERED = 0.95  # of the measured poses are as near to others
+_FEW_PAIRS = 40_000  # of poses, whose distances are found sooner than a tree of them is built
 _MAX_COVER_POSES = 4_000  # measured poses among which the near ones are sought
 
 
@@ -88,16 +89,27 @@ class PoseCover:
         """Return distances ``(n,)`` of positions ``(n, joints)`` beyond the covered ones, in units of their reach."""
         if len(self.poses) <= _NEAREST:
             return np.zeros(len(joints))
-        tree, reach = self._tree
-        away = tree.query(_around(joints, self.turning), k=_NEAREST)[0][:, -1]
-        return np.asarray(np.maximum(away / reach - 1, 0.0))
+        away = self._distances(_around(joints, self.turning), _NEAREST)
+        return np.asarray(np.maximum(away / self._reach - 1, 0.0))
 
     @cached_property
-    def _tree(self) -> "tuple[scipy.spatial.cKDTree, float]":
-        around = _around(self.poses, self.turning)
-        tree = scipy.spatial.cKDTree(around)
-        away = tree.query(around, k=_NEAREST + 1)[0][:, -1]
-        return tree, float(np.quantile(away, _COVERED))
+    def _around(self) -> Array:
+        return _around(self.poses, self.turning)
+
+    @cached_property
+    def _reach(self) -> float:
+        return float(np.quantile(self._distances(self._around, _NEAREST + 1), _COVERED))
+
+    @cached_property
+    def _tree(self) -> "scipy.spatial.cKDTree":
+        return scipy.spatial.cKDTree(self._around)
+
+    def _distances(self, around: Array, count: int) -> Array:
+        """Return the distance of each of ``(n, 2 joints)`` to its ``count``-th nearest pose: of few, by all pairs."""
+        if len(around) * len(self.poses) > _FEW_PAIRS:
+            return np.asarray(self._tree.query(around, k=count)[0][:, -1])
+        pairs = scipy.spatial.distance.cdist(around, self._around)
+        return np.asarray(np.partition(pairs, count - 1, axis=1)[:, count - 1])
 
 
 def distinct_poses(joints: Array, turning: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
