@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its solvers are loaded at their first use
 from numpy.typing import NDArray
 
 from lab.core.probability import f_sf
@@ -141,9 +142,10 @@ def _gains(sums: Array, squares: Array) -> tuple[Array, float]:
     size, axes = len(squares) - 1, sums.shape[1]
     scale = 1 / np.sqrt(np.maximum(np.diag(squares)[:size], 1e-300))
     root = np.linalg.cholesky(scale[:, None] * squares[:size, :size] * scale + _ROUNDING * np.eye(size))
-    pull = np.linalg.solve(root, scale * squares[:size, size])
+    pull = scipy.linalg.lapack.dtrtrs(root, scale * squares[:size, size], lower=1)[0]
     crossed = scale[:, None] * np.swapaxes(sums[..., :size], 1, 2)  # (c, k, 3)
-    beside = np.linalg.solve(root, crossed.transpose(1, 0, 2).reshape(size, -1)).reshape(size, -1, axes)
+    beside = scipy.linalg.lapack.dtrtrs(root, crossed.transpose(1, 0, 2).reshape(size, -1), lower=1)[0]
+    beside = beside.reshape(size, -1, axes)
     own = sums[..., size + 1 :]
     free = own - np.einsum("kci,kcj->cij", beside, beside)
     toward = sums[..., size] - np.einsum("kci,k->ci", beside, pull)

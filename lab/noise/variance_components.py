@@ -132,7 +132,7 @@ class RestrictedProblem:
         squares, determinant = self._products(components)
         size = len(squares) - 1
         factor = np.linalg.cholesky(squares[:size, :size] + _ROUNDING * np.eye(size))
-        pull = scipy.linalg.solve_triangular(factor, squares[:size, size], lower=True)
+        pull = scipy.linalg.lapack.dtrtrs(factor, squares[:size, size], lower=1)[0]
         left = max(float(squares[size, size] - pull @ pull), _TINY)
         determinant = determinant + 2 * float(np.log(np.diag(factor)).sum())
         if scale is None:
