@@ -15,6 +15,7 @@ in regions that were not measured are left out where enough others remain, as th
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
@@ -452,6 +453,7 @@ def length_not_exceeded(squares: Array, dof: float | None, share: float = _SHARE
     numbers = matched_dof(mean, np.maximum(2 * (squares**2).sum(axis=(1, 2)), 1e-300))
 
     # the logarithm of the exceeded share bends little along the length: a secant needs few steps
+    @cache  # the bracket's ends are tried twice
     def exceeded(length: float) -> float:
         chances = p_value_of_squares(length**2 * np.ones_like(mean), numbers, dof, mean / numbers)
         return float(np.log(max(chances.mean(), 1e-300) / (1 - share)))
