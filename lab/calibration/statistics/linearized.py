@@ -17,7 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import ExtraResiduals, Observations
-from lab.core.linear_model import LinearModel, p_value_of_squares, triangle_of
+from lab.core.linear_model import (
+    WELL_CONDITIONED,
+    LinearModel,
+    condition_bound,
+    p_value_of_squares,
+    pseudo_inverse,
+    triangle_of,
+)
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
@@ -155,11 +162,11 @@ class LinearizedFit:
         # the fit of the poses inside: its directions Q = J B
         rows = (np.where(inside[part, None, None], self.jacobian[part], 0.0) for part in self.blocks())
         triangle = triangle_of(each.reshape(-1, len(self.scale)) for each in rows)
-        model = LinearModel.of(triangle, FULL_RANK, scaled=True)
+        directions, full_rank = _directions(triangle)
         # the roots (I -+ H_ii)^-1/2 of each pose, and how many of its numbers the others predict
         numbers = self.mask.shape[1]
         root, count = np.empty((len(inside), numbers, numbers)), self.mask.sum(axis=1)
-        for part, basis in self.basis(model.back):
+        for part, basis in self.basis(directions):
             own = basis @ np.swapaxes(basis, 1, 2)  # (n, m, m) H_ii
             sign = np.where(inside[part], -1.0, 1.0)[:, None, None]
             if float(np.einsum("nii->n", own).max()) < _MIN_LEVERAGE:
@@ -173,11 +180,11 @@ class LinearizedFit:
         return SubsetFit(
             linear=self,
             inside=inside,
-            directions=model.back,
+            directions=directions,
             root=root,
             count=np.where(np.arange(len(count)) < self.poses, count, 0),
-            dof=int(self.mask[inside].sum()) - model.rank,
-            full_rank=model.full_rank,
+            dof=int(self.mask[inside].sum()) - directions.shape[1],
+            full_rank=full_rank,
         )
 
 
@@ -260,6 +267,14 @@ class SubsetFit:
             variance = np.maximum(rest / np.maximum(dof, 1), max(floor, 1e-150) ** 2)
             p = np.where(dof > 0, p_value_of_squares(distance, size, np.maximum(dof, 1), variance), 1.0)
         return np.where(count > 0, p, 1.0)
+
+
+def _directions(triangle: Array) -> tuple[Array, bool]:
+    """Return the directions ``(f, rank)`` B of an orthonormal basis Q = J B of rows with this R, and full rank."""
+    if condition_bound(triangle) < WELL_CONDITIONED:
+        return pseudo_inverse(triangle, FULL_RANK), True
+    model = LinearModel.of(triangle, FULL_RANK, scaled=True)
+    return model.back, model.full_rank
 
 
 def _root_near_one(small: Array) -> Array:
