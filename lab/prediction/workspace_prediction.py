@@ -596,10 +596,12 @@ def check_prediction(
     rng = rng_for(seed, "bootstrap")
     inflation = FOLDS / (FOLDS - 1) if validation.judged_by == "cross-validation" else 1.0
     scale = _sigma_ratio(identification, rng)
-    drawn = np.sqrt(inflation) * _errors_of_parameters(identification, measured, rows, rng)
+    drawn = _errors_of_parameters(identification, measured, rows, rng)
+    drawn *= np.sqrt(inflation)  # in place: arrays of all draws are large
     if validation.judged_by != "fresh":
-        drawn = drawn + _errors_of_noise(identification, noise, rows, rng)
-    lengths = np.linalg.norm(drawn * scale, axis=2)[seen]  # (points, draws)
+        drawn += _errors_of_noise(identification, noise, rows, rng)
+    drawn *= scale
+    lengths = np.linalg.norm(drawn, axis=2)[seen]  # (points, draws)
     p95 = np.percentile(lengths, _PERCENT, axis=0)
     return prediction_check(
         float(np.percentile(after[seen], _PERCENT)),
@@ -641,8 +643,8 @@ def _errors_of_noise(found: Identification, noise: Noise, rows: Measurements, rn
     drawn[observed.seen] = observed.in_metres(white).reshape(-1, 3, _DRAWS)
     if known:
         return drawn
-    sigma = found.sigma_m if noise.shared is None else noise.shared.sigma_m
-    return np.asarray(sigma * drawn)
+    drawn *= found.sigma_m if noise.shared is None else noise.shared.sigma_m
+    return drawn
 
 
 def _sigma_ratio(found: Identification, rng: np.random.Generator) -> Array:
