@@ -428,4 +428,6 @@ def _damped(problem: _Problem, here: _State, damping: float) -> tuple[_State | N
 
 def _beside(jacobian: Array, residual: Array) -> Array:
     """Join both, columns in a row: one factorization gives R of the Jacobian and Q'r."""
-    return np.vstack([jacobian.T, residual]).T
+    both = np.empty((jacobian.shape[1] + 1, len(residual)), dtype=np.result_type(jacobian, residual))
+    both[:-1], both[-1] = jacobian.T, residual
+    return both.T

@@ -120,9 +120,9 @@ class LinearModel:
 
 def unit_columns(columns: Array, axis: int = -2) -> tuple[Array, Array]:
     """Return columns divided by their norms over ``axis``, and the norms; one for columns of zeros."""
-    scale = np.sqrt((columns * columns).sum(axis=axis))
+    scale = np.sqrt((columns * columns).sum(axis=axis, keepdims=True))
     scale[scale == 0] = 1.0
-    return columns / np.expand_dims(scale, axis), scale
+    return columns / scale, scale.squeeze(axis)
 
 
 def pseudo_inverse(upper: Array, tolerance: float) -> Array:
@@ -159,7 +159,7 @@ def _inverse(upper: Array) -> tuple[Array, float]:
     if len(upper) < upper.shape[1] or not np.diag(upper).all():
         return upper, np.inf
     inverse = np.asarray(scipy.linalg.lapack.dtrtri(upper)[0], dtype=float)
-    return inverse, float(np.linalg.norm(upper) * np.linalg.norm(inverse))
+    return inverse, float(np.sqrt(np.vdot(upper, upper)) * np.sqrt(np.vdot(inverse, inverse)))
 
 
 def triangle(rows: Array, *, overwrite: bool = False) -> Array:
