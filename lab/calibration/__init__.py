@@ -7,6 +7,7 @@ Read ``identification`` first: ``identify`` fits one model to one set of measure
 3. *Fit*: ``gauss_newton`` solves the whitened least squares; ``fit_options``, ``prior`` (tolerances of manufacture) and
    ``estimator`` (a method of your own) change what is solved; ``identifiability`` says what the poses determine, and
    ``most_likely`` which of the equivalent arms is exported.
+   ``batched_fits`` solves many campaigns at once, ``alike_campaigns`` identifies those at the same poses by it.
 4. *Select*: ``fitter`` fits one arm again and again: models with groups of effects (``statistics.model_selection``),
    without outliers (``statistics.outliers``), on groups of rows (``row_groups``).
 5. *Weigh*: ``weights`` whitens by an instrument; ``noise_search`` finds the errors that measurements share.

@@ -43,6 +43,7 @@ __all__ = [
     "component_variances",
     "fit_base_and_tool",
     "identify",
+    "needs_no_prior",
     "spread",
 ]
 
@@ -412,14 +413,14 @@ class _MAPProblem:
             dof, sigma: of its residuals; a sigma of NaN where nothing is left over.
         """
         usable = plain.status == "converged"
-        if self._needs_no(prior, plain, sigma):
+        if needs_no_prior(prior, plain, self.structure, sigma, sigma_given=self.sigma_given):
             return None
         columns = tuple(i for i in self.structure.identifiable if i in plain.free or i in prior.of)
         values, earlier = (plain.values, plain.cost_trace[:-1]) if usable else (self.start, ())
         best: _MAPFit | None = None
         for _ in range(_PRIOR_ROUNDS):
             # the directions in which the measurements determine less than the prior, at its likeliest scale
-            weight = self._weight(sigma)
+            weight = _prior_weight(sigma, sigma_given=self.sigma_given)
             acting, directions = self._acting(prior, columns, values, weight)
             if not acting.acts_in:
                 return best
@@ -456,30 +457,6 @@ class _MAPProblem:
         )
         return acting, directions
 
-    def _needs_no(self, prior: Prior, plain: Fit, sigma: float) -> bool:
-        """Check whether a fit stays as it is: nothing has a prior, or all directions are determined better than by it.
-
-        Where neither noise is given nor residuals are left, a prior has no weight.
-        """
-        if not prior.of or not (self.sigma_given or sigma > 0):
-            return True
-        if plain.status != "converged" or set(plain.free) != set(self.structure.identifiable):
-            return False
-        weight = self._weight(sigma)
-        if condition_bound(plain.triangle) < WELL_CONDITIONED:
-            links = [plain.free.index(i) for i in prior.of]
-            if prior.knows_less(weight**2 * plain.unit_covariance()[np.ix_(links, links)]):
-                return True
-        triangle = plain.triangle * plain.scale / weight
-        directions = directions_of(prior, triangle, np.zeros(len(triangle)), plain.free, plain.values)
-        return not directions.weak(directions.scale()[0]).any()
-
-    def _weight(self, sigma: float) -> float:
-        """Return the sigma by which a prior is weighted: where given, more if the residuals are."""
-        if self.sigma_given:
-            return max(sigma, 1.0) if np.isfinite(sigma) else 1.0
-        return max(sigma, _LEAST_SIGMA)
-
     def _fitted(self, acting: ActingPrior, weight: float, columns: Sequence[int], start: Array) -> Fit:
         extra = joined(self.constraints, acting.rows(weight))
         model = self.observation.model
@@ -497,6 +474,35 @@ class _MAPProblem:
 
         both = triangle_of(parts())
         return both[: len(index), :-1], both[: len(index), -1]
+
+
+def needs_no_prior(prior: Prior, plain: Fit, structure: BaseSet, sigma: float, *, sigma_given: bool) -> bool:
+    """Check whether a fit stays as it is: nothing has a prior, or all directions are determined better than by it.
+
+    Where neither noise is given nor residuals are left, a prior has no weight.
+
+    Args:
+        plain: least squares without a prior; ``sigma`` is of its residuals, in units of the weights.
+    """
+    if not prior.of or not (sigma_given or sigma > 0):
+        return True
+    if plain.status != "converged" or set(plain.free) != set(structure.identifiable):
+        return False
+    weight = _prior_weight(sigma, sigma_given=sigma_given)
+    if condition_bound(plain.triangle) < WELL_CONDITIONED:
+        links = [plain.free.index(i) for i in prior.of]
+        if prior.knows_less(weight**2 * plain.unit_covariance()[np.ix_(links, links)]):
+            return True
+    triangle = plain.triangle * plain.scale / weight
+    directions = directions_of(prior, triangle, np.zeros(len(triangle)), plain.free, plain.values)
+    return not directions.weak(directions.scale()[0]).any()
+
+
+def _prior_weight(sigma: float, *, sigma_given: bool) -> float:
+    """Return the sigma by which a prior is weighted: where given, more if the residuals are."""
+    if sigma_given:
+        return max(sigma, 1.0) if np.isfinite(sigma) else 1.0
+    return max(sigma, _LEAST_SIGMA)
 
 
 def _refuse_impossible_or_few(

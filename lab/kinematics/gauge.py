@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from lab.core.errors import LabError, option_name
 from lab.core.linear_model import least_squares, triangle, unit_columns
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.values import Deferred, DeferredField
 from lab.kinematics.compiled.kernels import independent, with_fallback
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups
@@ -31,6 +32,7 @@ __all__ = [
     "placed_after_tool",
     "preferred_cells",
     "preferred_columns",
+    "same_base_set",
     "scale_link",
     "structure_jacobian",
 ]
@@ -54,7 +56,7 @@ class BaseSet:
 
     identifiable: tuple[int, ...]
     fixed: tuple[int, ...]
-    triangle: Array
+    triangle: DeferredField[Array] = DeferredField()  # noqa: RUF009
     fixed_observable: tuple[int, ...] = ()
 
     @cached_property
@@ -100,6 +102,21 @@ def base_set(
         return base_set_of(flat, order)
     fixed, freed = named(model.names, option_name("fix"), fix), named(model.names, option_name("free"), free)
     return _as_wished(model, base_set_of(flat, order), fixed, freed)
+
+
+def same_base_set(structure: BaseSet, model: Model, values: Array) -> BaseSet:
+    """Return a base set for other values of base and tool, which change no identifiability: only the aliases.
+
+    Args:
+        values: ``(p,)`` with the nominal links of ``structure``, which is of at most 200 random poses.
+    """
+    return replace(structure, triangle=Deferred(partial(_structure_triangle, model, values)))
+
+
+def _structure_triangle(model: Model, values: Array) -> Array:
+    """Return R ``(r, p)`` of the Jacobian at the random poses by which a structure is decided."""
+    poses = min(STRUCTURE_POSES, 2 * len(model.names))
+    return triangle(structure_jacobian(model, values, poses).reshape(-1, len(model.names)))
 
 
 def structure_jacobian(model: Model, values: Array, poses: int) -> Array:

@@ -1,14 +1,15 @@
 """Fit a robot to measurements in milliseconds, without judging the fit."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from lab.calibration.alike_campaigns import identify_alike
 from lab.calibration.fit_options import FitOptions
 from lab.calibration.fitter import Fitter
 from lab.calibration.identification import Identification
@@ -18,6 +19,7 @@ from lab.calibration.sensor import ArmSensor
 from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements, without_copies
+from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.core.values import Deferred
 from lab.library.measurement_checks import checked, robot_of
@@ -73,7 +75,8 @@ def fit(
         robot: the nominal model: a name, a path, or a loaded robot, which is compiled once for all calls; by default
             the one that the measurements name.
         points: ``(campaigns, n, k, 3)`` points of several campaigns (m), measured at the poses of ``measurements``,
-            whose own points they replace; NaN where a target was not seen.
+            whose own points they replace; NaN where a target was not seen. Those of a rigid serial arm are solved
+            together where they have the same gaps; so are campaigns of a list at the same poses.
         options: those of ``lab identify``, by name: ``model``, ``instrument``, ``noise_mm``, ``prior``, ``fix``,
             ``free``, ``robust``, ``estimator``, ``observe`` and so on.
 
@@ -100,12 +103,17 @@ def fit(
     requested.check()
     _refuse_selection(requested)
     sensor, noise, options_si = requested.kind(), _noise(requested), requested.fitting.to_si()
-    estimates = []
+    estimates = dict[int, Estimate]()
     for i, data in enumerate(campaigns):
+        if i in estimates:
+            continue
         several = f"campaign {i + 1} of {len(campaigns)}" if len(campaigns) > 1 else _CALL
         with error_context(several):
-            estimates.append(_estimate(loaded, data, sensor, noise, options_si))
-    return estimates[0] if isinstance(measurements, Measurements) and points is None else tuple(estimates)
+            campaign = _fitted(loaded, data, sensor, noise, options_si)
+        estimates[i] = campaign.estimate(campaign.identification, campaign.rows.points)
+        estimates |= campaign.alike({j: campaigns[j] for j in range(i + 1, len(campaigns)) if j not in estimates})
+    ordered = tuple(estimates[i] for i in range(len(campaigns)))
+    return ordered[0] if isinstance(measurements, Measurements) and points is None else ordered
 
 
 def _campaigns(measurements: object, points: ArrayLike | None) -> Sequence[Measurements]:
@@ -117,11 +125,7 @@ def _campaigns(measurements: object, points: ArrayLike | None) -> Sequence[Measu
     if isinstance(measurements, Measurements):
         if points is None:
             return [measurements]
-        given = np.asarray(points, dtype=np.float64)
-        if given.ndim != 4 or given.shape[1:] != measurements.points.shape or not len(given):
-            shape = ", ".join(map(str, measurements.points.shape))
-            raise LabError(f"{_CALL}: points have shape {given.shape}; give (campaigns, {shape})")
-        return [replace(measurements, points=each) for each in given]
+        return _of_points(measurements, points)
     if points is not None:
         raise LabError(f"{_CALL}: points are of campaigns at the same poses; give one campaign's measurements beside")
     campaigns = list(measurements) if isinstance(measurements, Sequence) and not isinstance(measurements, str) else []
@@ -132,6 +136,15 @@ def _campaigns(measurements: object, points: ArrayLike | None) -> Sequence[Measu
             "points, robot=...), lab.read_measurements(file), or a list of these"
         )
     return campaigns
+
+
+def _of_points(measurements: Measurements, points: ArrayLike) -> Sequence[Measurements]:
+    """Return the measurements with each campaign's points."""
+    of_campaigns = np.asarray(points, dtype=np.float64)
+    if of_campaigns.ndim != 4 or of_campaigns.shape[1:] != measurements.points.shape or not len(of_campaigns):
+        shape = ", ".join(map(str, measurements.points.shape))
+        raise LabError(f"{_CALL}: points have shape {of_campaigns.shape}; give (campaigns, {shape})")
+    return [replace(measurements, points=each) for each in of_campaigns]
 
 
 def _refuse_selection(options: MeasuredCampaign) -> None:
@@ -150,10 +163,70 @@ def _noise(options: MeasuredCampaign) -> Noise:
     return Noise(device, None if options.noise_mm is None else MM.to_si(options.noise_mm))
 
 
-def _estimate(robot: Robot, data: Measurements, sensor: ArmSensor, noise: Noise, options: FitOptions) -> Estimate:
+@dataclass(frozen=True)
+class _FittedCampaign:
+    """One campaign that was fitted.
+
+    Attributes:
+        data: the measurements as they were given.
+        groups: effects of the model.
+        rows: those that were fitted.
+    """
+
+    data: Measurements
+    fitter: Fitter
+    groups: tuple[str, ...]
+    identification: Identification
+    rows: Measurements
+
+    def estimate(self, found: Identification, points: Array) -> Estimate:
+        """Make the estimate of a campaign with these rows, from its points ``(n, k, 3)``.
+
+        What needs more than the fit is left until it is read.
+        """
+        fitter = self.fitter
+        exported = partial(most_likely_parameters, found, fitter.nominal(found.model), fitter.options.tolerance)
+        measured = Deferred(partial(_measured_range, fitter, found, self.rows, points))
+        return estimate_of(found, exported, fitter.robot, self.groups, adequate=None, measured=measured)
+
+    def alike(self, campaigns: Mapping[int, Measurements]) -> dict[int, Estimate]:
+        """Fit those of other campaigns that differ in nothing but their points, together, as far as that is the same.
+
+        Args:
+            campaigns: by their numbers.
+        """
+        fitter = self.fitter
+        row = np.flatnonzero((np.array(self.data.use) == "calibrate") & self.data.seen.any(axis=1))
+        if not campaigns or not self._may_be_joined(row):
+            return {}
+        same = {i: other for i, other in campaigns.items() if self._has_same_rows(other)}
+        if not same:
+            return {}
+        points = np.array([other.points[row] for other in same.values()])
+        model, options = fitter.modelled(self.groups, ())
+        nominal = fitter.nominal(model)
+        identified = identify_alike(self.identification, self.rows, points, nominal, fitter.noise, options)
+        return {
+            i: self.estimate(one, own) for i, one, own in zip(same, identified, points, strict=True) if one is not None
+        }
+
+    def _has_same_rows(self, other: Measurements) -> bool:
+        """Check whether measurements differ in the values of their points alone, and in no gap."""
+        if other.points.shape != self.data.points.shape or not np.array_equal(other.seen, self.data.seen):
+            return False
+        return replace(other, points=self.data.points) == self.data
+
+    def _may_be_joined(self, row: NDArray[np.int_]) -> bool:
+        """Check whether rows are fitted as they are: measured points, none left out as an outlier or a copy."""
+        plain = self.fitter.kind.name == "points" and not self.fitter.options.robust
+        fitted = len(self.rows) == len(row) and np.array_equal(self.rows.points, self.data.points[row], equal_nan=True)
+        return plain and fitted and len(np.unique(self.data.joints[row], axis=0)) == len(row)
+
+
+def _fitted(robot: Robot, data: Measurements, sensor: ArmSensor, noise: Noise, options: FitOptions) -> _FittedCampaign:
     """Fit one campaign."""
     # take the rows as an identification does
-    positions = sensor.in_instrument_frame
+    positions, given = sensor.in_instrument_frame, data
     data = checked(_CALL, data, robot, points=False)
     robot.refuse_impossible(Path(_CALL), data[[use != "skip" for use in data.use]])
     data = without_copies(Path(_CALL), data) if positions else data
@@ -162,18 +235,15 @@ def _estimate(robot: Robot, data: Measurements, sensor: ArmSensor, noise: Noise,
         state = start(robot, data, sensor, noise, options)
         fitter = state.fitter
         groups = fitter.approached(options.groups)
-        found, rows, _ = fitter.identified(state.given, groups)
+        identification, rows, _ = fitter.identified(state.given, groups)
     except LabError:
         checked(_CALL, data, robot, points=positions)
         raise
-    if not found.plausible:
+    if not identification.plausible:
         checked(_CALL, data, robot, points=positions)
-    # leave what needs more than the fit until it is read
-    exported = partial(most_likely_parameters, found, fitter.nominal(found.model), options.tolerance)
-    measured = Deferred(partial(_measured_range, fitter, found, rows))
-    return estimate_of(found, exported, robot, groups, adequate=None, measured=measured)
+    return _FittedCampaign(given, fitter, groups, identification, rows)
 
 
-def _measured_range(fitter: Fitter, found: Identification, rows: Measurements) -> MeasuredRange | None:
-    observations = weigh(observation_of(found.model), rows, fitter.noise)[0]
+def _measured_range(fitter: Fitter, found: Identification, rows: Measurements, points: Array) -> MeasuredRange | None:
+    observations = weigh(observation_of(found.model), replace(rows, points=points), fitter.noise)[0]
     return measured_range(found, observations, fitter.robot.chain.prismatic)

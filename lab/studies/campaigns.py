@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.batched_fits import BatchFits, PointBatch, align, fit_points, in_nominal_frame, weighted
 from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.linear_model import whitening
@@ -43,7 +44,6 @@ from lab.simulation.collisions import random_poses
 from lab.simulation.effects import true_parameters
 from lab.simulation.tracking import misalignments, track
 from lab.simulation.true_robot import TrueRobot
-from lab.studies.batched_fits import BatchFits, PointBatch, align, fit_points, in_nominal_frame
 from lab.studies.grid import ANY, NONE, GridCell, Study, Task
 from lab.studies.identified import NOT_CONVERGED, RANK_DEFICIENT, identified_campaigns, parameter_errors
 
@@ -403,9 +403,7 @@ def _aligned(fitted: _Fitted, real: TrueRobot, shown: Array, measured: Array) ->
         campaigns = PointBatch(fitted.stacked, shown, in_nominal_frame(measured, Ts), Ts)
     if is_isotropic(device):
         return campaigns
-    rotations = campaigns.Ts_instrument_nominal[:, None, None, :3, :3]
-    whiten = whitening(device.covariance(measured)) @ rotations  # (b, n, k, 3, 3)
-    return replace(campaigns, whiten=whiten.transpose(0, 2, 3, 4, 1))
+    return weighted(campaigns, whitening(device.covariance(measured)))
 
 
 def _metrics(

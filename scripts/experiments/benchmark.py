@@ -20,6 +20,7 @@ from scipy.optimize import least_squares
 from shared import Answer, Document, Flag, paragraphs, processor, run_script
 
 import lab
+from lab.calibration.batched_fits import align, fit_points
 from lab.calibration.fit_options import FitOptions
 from lab.calibration.fitter import Fitter
 from lab.calibration.gauss_newton import Observations, fit
@@ -64,7 +65,6 @@ from lab.simulation.cell import in_cell
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_conditions
 from lab.simulation.tracking import track
-from lab.studies.batched_fits import align, fit_points
 
 BUDGET_MS = {
     "identify 27 parameters, 50 poses": 5,

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import elliprg
 from shared import SERIES, Answer, Document, Flag, drawing, paragraphs, run_script, save_figure, write_rows
 
+from lab.calibration.batched_fits import MAX_STEPS, MeasuredPoses, StackedPoseArm, fit_poses
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
@@ -32,7 +33,6 @@ from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import target_rotations
 from lab.simulation.true_robot import true_robot_from_table
 from lab.studies.analysis import RESAMPLES, resampled
-from lab.studies.batched_fits import MAX_STEPS, MeasuredPoses, StackedPoseArm, fit_poses
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,6 +8,7 @@ import pytest
 from helpers.robots import IRB120
 
 import lab
+import lab.library.fit as library_fit
 from lab.core.measurements import Measurements, measured
 from lab.core.values import Deferred, DeferredField, same
 from lab.kinematics.gauge import base_set
@@ -97,6 +98,125 @@ def test_a_batch_gives_what_single_calls_give() -> None:
     points[1, 5] = np.nan  # a pose that was not seen in one campaign
     for one, own in zip(lab.fit(data, points=points, noise_mm=0.008), points, strict=True):
         assert_same(one, lab.fit(replace(data, points=own), noise_mm=0.008), 1e-6)
+
+
+def assert_nearly_same(one: lab.Estimate, other: lab.Estimate) -> None:
+    """Values by 1e-9 standard deviations, covariances by the rounding of a last step."""
+    assert one.identified == other.identified and one.dof == other.dof
+    std = np.sqrt(np.diag(other.covariance))
+    at = [other.arm.names.index(name) for name in other.identified]
+    assert np.abs((one.values - other.values)[at] / std).max() < 1e-9
+    assert np.abs((one.covariance - other.covariance) / np.outer(std, std)).max() < 1e-7
+
+
+def joined_fits(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Record of each further campaign whether it was fitted together with the first."""
+    taken, together = list[bool](), library_fit.identify_alike
+
+    def recorded(*args: object) -> list[object]:
+        found = together(*args)  # type: ignore[arg-type]
+        taken.extend(one is not None for one in found)
+        return found  # type: ignore[return-value]
+
+    monkeypatch.setattr(library_fit, "identify_alike", recorded)
+    return taken
+
+
+STACKED = {
+    "noise from the residuals": {},
+    "a given noise": {"noise_mm": 0.008},
+    "an instrument": {"instrument": "uniform-8um"},
+    "weights of each point": {"instrument": "leica-at960"},
+    "no prior": {"prior": "off"},
+    "other parameters": {"fix": ("link3.d",), "free": ("link2.d",)},
+}
+
+
+@pytest.mark.parametrize("case", STACKED)
+@pytest.mark.parametrize("targets", [("p1",), ("p1", "p2")], ids=len)
+def test_campaigns_solved_together_are_those_solved_alone(
+    case: str, targets: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Other arms on other bases at the same poses, and the same poses in another campaign as a table of its own."""
+    data, rng, arm = data_of(4, targets=targets), np.random.default_rng(9), IRB120.arm(targets)
+    points = []
+    for _ in range(4):
+        values = arm.nominal(IRB120.tool)
+        values[6:] += 3e-4 * rng.normal(size=len(values) - 6)
+        values[:6] = rng.normal(size=6)
+        exact = arm.points(data.joints, values)
+        points.append(exact + SIGMA_M * rng.standard_normal(exact.shape))
+    taken = joined_fits(monkeypatch)
+    campaigns = [data, *(replace(data, points=each) for each in points)]
+    together = lab.fit(campaigns, **STACKED[case])
+    assert taken == [True] * 4
+    for one, own in zip(together, campaigns, strict=True):
+        alone = lab.fit(own, **STACKED[case])
+        assert_nearly_same(one, alone)
+        assert one.checks == alone.checks and one.noise_known == alone.noise_known
+        assert (one.noise_m, one.residual_m) == pytest.approx((alone.noise_m, alone.residual_m), rel=1e-9)
+        for row, expected in zip(one.rows, alone.rows, strict=True):
+            assert row.status == expected.status and set(row.aliases) == set(expected.aliases)
+            assert row.exported == pytest.approx(expected.exported, abs=1e-9)
+            assert row.aliases == pytest.approx(expected.aliases, abs=1e-6)
+
+
+def test_weakly_observable_parameters_are_refined_as_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In poses of a part of the range, fits of a condition of some hundreds: the predicted points settle first."""
+    data, rng, arm = data_of(8), np.random.default_rng(4), IRB120.arm(("p1",))
+    data = replace(data, joints=0.3 * data.joints)
+    points = []
+    for _ in range(3):
+        values = arm.nominal(IRB120.tool)
+        values[6:] += 3e-4 * rng.normal(size=len(values) - 6)
+        exact = arm.points(data.joints, values)
+        points.append(exact + 1e-4 * rng.standard_normal(exact.shape))
+    taken = joined_fits(monkeypatch)
+    for one, own in zip(lab.fit(data, points=points, prior="off"), points, strict=True):
+        assert_nearly_same(one, lab.fit(replace(data, points=own), prior="off"))
+    assert taken == [True] * 2
+
+
+def test_of_campaigns_with_gaps_those_with_the_same_are_solved_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = data_of(5, targets=("p1", "p2"))
+    points = data.points + SIGMA_M * np.random.default_rng(1).standard_normal((6, *data.points.shape))
+    points[[1, 3], 7] = np.nan  # a pose that two campaigns did not see
+    points[[2, 4], 3, 1] = np.nan  # one of the targets of a pose: these two are fitted alone
+    taken = joined_fits(monkeypatch)
+    for one, own in zip(lab.fit(data, points=points), points, strict=True):
+        assert_nearly_same(one, lab.fit(replace(data, points=own)))
+    assert taken == [True, True, False]
+
+
+def test_what_is_not_plain_least_squares_is_fitted_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = data_of(6)
+    points = data.points + SIGMA_M * np.random.default_rng(2).standard_normal((3, *data.points.shape))
+    points[2, 4] += 0.05  # a gross error: a fit of other residuals is no neighbour of the first
+    taken = joined_fits(monkeypatch)
+    lab.fit(data, points=points, prior="off")
+    assert taken == [True, False]
+    taken.clear()
+    for options in ({"prior": "on"}, {"robust": True}, {"fix": ("base.*",)}, {"model": "compliance"}):
+        for one, own in zip(lab.fit(data, points=points[:2], **options), points[:2], strict=True):
+            assert_same(one, lab.fit(replace(data, points=own), **options))
+    assert not any(taken)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda points: 1e3 * points, "campaign 3 of 4: .* are in mm"),
+        (lambda points: np.full_like(points, np.nan), "campaign 3 of 4: "),
+        (lambda points: np.where(np.arange(len(points))[:, None, None] < 5, points, np.nan), "campaign 3 of 4: "),
+    ],
+)
+def test_a_bad_campaign_among_good_ones_is_named_in_one_line(spoil, says: str) -> None:  # type: ignore[no-untyped-def]
+    data = data_of(7)
+    points = data.points + SIGMA_M * np.random.default_rng(3).standard_normal((4, *data.points.shape))
+    points[2] = spoil(points[2])
+    with pytest.raises(lab.LabError, match=says) as error:
+        lab.fit(data, points=points)
+    assert "\n" not in str(error.value)
 
 
 def test_few_poses_are_named_by_a_check() -> None:

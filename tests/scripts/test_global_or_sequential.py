@@ -6,6 +6,7 @@ import global_or_sequential as script
 import numpy as np
 import pytest
 
+from lab.calibration.batched_fits import StackedPoseArm
 from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.identification import identify
 from lab.calibration.weights import Noise
@@ -15,7 +16,6 @@ from lab.kinematics.gauge import base_set
 from lab.robots.load_robot import load_robot
 from lab.sensors.full_pose import QUATERNION, Poses
 from lab.sensors.sequential_fit import fit_sequentially
-from lab.studies.batched_fits import StackedPoseArm
 
 ARM = load_robot("rx130").arm(("p1",))
 FEW = script.Options(robots=24, fresh=100, seed=1)

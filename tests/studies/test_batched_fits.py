@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, perturbed, somewhere
 
+from lab.calibration.batched_fits import BLOCK, align, fit_points
 from lab.calibration.identification import identify
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -13,7 +14,6 @@ from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm, StackedArm
 from lab.noise.instruments import instrument
-from lab.studies.batched_fits import BLOCK, align, fit_points
 from lab.studies.campaigns import COLUMNS, METRICS, cell_poses, run_task
 from lab.studies.grid import Study, Task, study_from
 

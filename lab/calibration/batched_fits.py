@@ -37,6 +37,8 @@ __all__ = [
     "fit_points",
     "fit_poses",
     "in_nominal_frame",
+    "in_the_instruments_frame",
+    "weighted",
 ]
 
 BLOCK = 50  # campaigns solved together: what fits the processor's cache
@@ -228,6 +230,16 @@ def align(arm: Stacked, joints: Array, points: Array, nominal: Array) -> PointBa
     return PointBatch(arm, joints, in_nominal_frame(points, Ts), Ts)
 
 
+def weighted(campaigns: PointBatch, whiten: Array) -> PointBatch:
+    """Return campaigns with the weights of their measured points.
+
+    Args:
+        whiten: ``(b, n, k, 3, 3)`` 1/m, the inverse of the covariance's Cholesky factor in the instrument's frame.
+    """
+    turned = whiten @ campaigns.Ts_instrument_nominal[:, None, None, :3, :3]
+    return replace(campaigns, whiten=turned.transpose(0, 2, 3, 4, 1))
+
+
 def in_nominal_frame(points: Array, Ts_instrument_nominal: Array) -> Array:
     """Points ``(b, n, k, 3)`` m of the instrument's frame, or of all alike ``(n, k, 3)``, in the nominal model's.
 
@@ -244,15 +256,25 @@ def in_nominal_frame(points: Array, Ts_instrument_nominal: Array) -> Array:
 def fit_points(
     observed: PointBatch, nominal: Array, free: Sequence[int], *, frozen: bool = False, block: int = BLOCK
 ) -> BatchFits:
-    """Gauss-Newton from the nominal model for every campaign; the base is relative to ``Ts_instrument_nominal``.
+    """Gauss-Newton for every campaign; the base is relative to ``Ts_instrument_nominal``.
 
     Args:
-        nominal: parameters ``(p,)`` of the nominal model.
+        nominal: parameters ``(p,)`` of the nominal model, from which all campaigns start with the base at rest; or the
+            start ``(b, p)`` of each.
         free: indices of the parameters to fit.
         frozen: take the nominal model's Jacobian for all steps (the chord method); only where nothing is whitened.
     """
     assert not frozen or observed.whiten is None
-    return _fit_batch(observed, _base_at_rest(nominal), free, frozen=frozen, block=block)
+    start = _base_at_rest(nominal) if nominal.ndim == 1 else nominal
+    return _fit_batch(observed, start, free, frozen=frozen, block=block)
+
+
+def in_the_instruments_frame(campaigns: PointBatch, values: Array) -> Array:
+    """Return parameters ``(b, p)`` with the base in the instrument's frame, of those relative to the alignment."""
+    turned = values.copy()
+    Ts = campaigns.Ts_instrument_nominal @ se3.pose(se3.exp(values[:, 3:6]), values[:, :3])
+    turned[:, :3], turned[:, 3:6] = Ts[:, :3, 3], se3.log(Ts[:, :3, :3])
+    return turned
 
 
 def _base_at_rest(nominal: Array) -> Array:

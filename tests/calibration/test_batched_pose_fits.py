@@ -3,8 +3,8 @@
 import numpy as np
 from helpers.robots import RX130
 
+from lab.calibration.batched_fits import MeasuredPoses, StackedPoseArm, fit_poses
 from lab.kinematics.serial.serial_arm import SerialArm
-from lab.studies.batched_fits import MeasuredPoses, StackedPoseArm, fit_poses
 
 
 def test_without_noise_identifiable_parameters_are_found() -> None:
