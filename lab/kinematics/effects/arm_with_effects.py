@@ -101,8 +101,9 @@ class ArmWithEffects:
         if self.links:
             by_motion = np.concatenate([by_motion, rigid[..., first:]], axis=3)
             by_effects = np.concatenate([by_joint, moved["links"][1]], axis=1)
-        product = np.ascontiguousarray(by_motion).reshape(len(points), -1, by_motion.shape[3]) @ by_effects
-        jacobian[..., first:] = product.reshape(*points.shape, -1)
+        n, k, _ = points.shape
+        product = np.ascontiguousarray(by_motion).reshape(n, 3 * k, by_motion.shape[3]) @ by_effects
+        jacobian[..., first:] = product.reshape(n, k, 3, by_effects.shape[2])
         if self._size_changes:
             growth, by_growth = moved["size"]
             jacobian *= 1 + growth[:, None, None]

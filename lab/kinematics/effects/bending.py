@@ -65,7 +65,7 @@ def _elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Eff
         place = {link: at for at, link in enumerate(links.beams)}
         for k, (link, _) in enumerate(own):
             derivative[:, place[link], :, k] = loads[:, link] @ by_loads[k]
-        flat = derivative.reshape(len(joints), -1, len(own))
+        flat = derivative.reshape(len(joints), 6 * len(links.beams), len(own))
         return flat @ values, flat
 
     def terms(values: Array) -> list[dict[str, Any]]:

@@ -163,6 +163,19 @@ def test_derivatives_of_an_arm_with_effects() -> None:
     assert_derivatives(lambda v: arm.points(inputs, v), jacobian, values, relative=1e-7)
 
 
+def test_no_poses_give_no_rows() -> None:
+    """The points and derivatives of a part of the poses are those rows of all poses; of no poses there are none."""
+    rng = np.random.default_rng(2)
+    arm = IRB120.arm_with(("p1", "p2"), ALONE, SESSIONS)
+    values, inputs = true_values(arm, rng), arm.structure_joints(3, rng)
+    points, jacobian = arm.observe(inputs, values)
+    for chosen in ([], [2], [0, 1]):
+        some = arm.observe(inputs[chosen], values)
+        for part, whole in zip(some, (points, jacobian), strict=True):
+            assert part.shape == (len(chosen), *whole.shape[1:])
+            np.testing.assert_allclose(part, whole[chosen], rtol=1e-12, atol=1e-12)
+
+
 def test_torques_are_those_of_mujoco() -> None:
     """qfrc_bias at rest is what holds the arm; a payload adds J'mg at the last frame's origin."""
     robot, loads = IRB120.model, IRB120.loads
