@@ -398,7 +398,7 @@ def _inverted(information: Array) -> tuple[Array, NDArray[np.bool_]]:
     # The smallest eigenvalue is at least 1 / (p times the largest entry of the inverse): few need their eigenvalues.
     try:
         inverse = np.linalg.inv(scaled)
-        singular = ~(p * np.abs(inverse).max(axis=(-2, -1)) < 0.1 / _SINGULAR)
+        singular = np.asarray(~(p * np.abs(inverse).max(axis=(-2, -1)) < 0.1 / _SINGULAR))
     except np.linalg.LinAlgError:
         singular = np.ones(information.shape[:-2], dtype=np.bool_)
     if singular.any():

@@ -98,6 +98,16 @@ def test_every_score_ranks_as_its_index(name: str) -> None:
     np.testing.assert_array_equal(np.argsort(score), np.argsort(-index if smaller_is_better else index))
 
 
+def test_the_worst_variance_of_one_design_is_that_of_the_design_in_a_stack() -> None:
+    test, designs = jacobian(50, 99), np.stack([jacobian(15, seed) for seed in range(3)])
+    designs[1, ..., 3] = designs[1, ..., 4]  # it does not part two parameters, and the next one hardly does
+    designs[2, ..., 3] = designs[2, ..., 4] + 1e-6 * designs[2, ..., 3]
+    flat = designs.reshape(3, -1, 27)
+    information = np.swapaxes(flat, 1, 2) @ flat
+    goal = criterion("G", 27, test)
+    assert [float(goal.score(each)) for each in information] == pytest.approx(goal.score(information))
+
+
 def test_an_unknown_criterion_lists_those_there_are() -> None:
     with pytest.raises(LabError, match=r"'D'.*O1.*condition.*I"):
         criterion("D", 27)
