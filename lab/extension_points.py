@@ -132,7 +132,8 @@ class PartKind:
                 its entry.
         """
         if name not in added(self.group, self.taken):
-            raise LabError(f"{option_name(self.option)} {name}: unknown; give one of {', '.join(self.names)}")
+            shown = name or "''"
+            raise LabError(f"{option_name(self.option)} {shown}: unknown; give one of {', '.join(self.names)}")
         part = self.own(load(self.group, name))
         if part.name != name:
             raise LabError(f"{self.what} '{part.name}' is registered in {self.group} as '{name}'; name both alike")

@@ -49,7 +49,9 @@ OPTIONS = [
     Case("option: gate NaN", f"{CALIBRATE} --gate-mm nan", ("--gate-mm nan", "above zero")),
     Case("option: unknown target", f"{CALIBRATE} --targets p9", ("'p9'", "p1, p2, p3")),
     Case("option: target doubled", f"{CALIBRATE} --targets p1,p1", ("targets p1, p1", "each once")),
-    Case("option: unknown instrument", f"{CALIBRATE} --instrument ruler", ("'ruler'", "exact", "leica-at960")),
+    Case(
+        "option: unknown instrument", f"{CALIBRATE} --instrument ruler", ("--instrument ruler", "exact", "leica-at960")
+    ),
     Case("out: is a file", f"{CALIBRATE} --out good.csv", ("good.csv", "is a file", "--out")),
     Case("out: below a file", f"{CALIBRATE} --out good.csv/run", ("good.csv/run", "cannot be written", "--out")),
     Case("out: holds other files", f"{CALIBRATE} --out mine", ("mine", "photo.jpg", "--out"), {"mine/photo.jpg": ""}),

@@ -42,7 +42,11 @@ def measured(name: str, text: str | bytes, *says: str, options: str = "") -> Cas
 OPTIONS = [
     Case("option: noise infinite", "identify good.csv --robot arm.toml --noise-mm inf", ("--noise-mm inf", "from")),
     Case("option: gate negative", "identify good.csv --robot arm.toml --gate-mm -1", ("--gate-mm -1", "above zero")),
-    Case("option: unknown instrument to weigh", "identify good.csv --robot arm.toml --instrument ''", ("''", "exact")),
+    Case(
+        "option: unknown instrument to weigh",
+        "identify good.csv --robot arm.toml --instrument ''",
+        ("--instrument ''", "exact"),
+    ),
     Case(
         "option: instrument and noise",
         "identify good.csv --robot arm.toml --instrument exact --noise-mm 1",
