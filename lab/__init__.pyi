@@ -63,7 +63,7 @@ from lab.options.command_options import (
 from lab.options.compensation import CompensateOptions
 from lab.options.measured_campaign import MeasuredCampaign
 from lab.options.named_instruments import instrument
-from lab.options.option_groups import Effects
+from lab.options.option_groups import Effects as _Effects
 from lab.options.virtual_campaign import DesignOptions, VirtualCampaign
 from lab.pose_selection.criteria import Criterion, DesignTask
 from lab.prediction.estimate import Estimate
@@ -142,6 +142,43 @@ __all__ = [
 ]
 
 __version__: str
+
+class Effects(_Effects):
+    def __init__(
+        self,
+        stiffness_nm_per_rad: float | None = None,
+        payload_kg: Sequence[float] = ...,
+        harmonic_mrad: float = 0.0,
+        harmonic2_mrad: float = 0.0,
+        gear_ppm: float = 0.0,
+        coupling_ppm: float = 0.0,
+        backlash_mrad: float = 0.0,
+        repeatability_mrad: float = 0.0,
+        lag: float = 0.0,
+        drift_mm_per_h: float = 0.0,
+        drift_mrad_per_h: float = 0.0,
+        bump_mm: float = 0.0,
+        bump_mrad: float = 0.0,
+        growth_ppm_per_h: float = 0.0,
+        hours: float | None = None,
+        bad_share: float = 0.0,
+        bad_mm: Sequence[float] = ...,
+        link_ei: Sequence[float] = ...,
+        link_gj: Sequence[float] = ...,
+        ripple_mrad: float = 0.0,
+        full_coupling_ppm: float = 0.0,
+        noise_correlation: float = 0.0,
+        noise_tail_dof: float = 0.0,
+        step_mm: float = 0.0,
+        step_after: int = 0,
+        hysteresis_mrad: float = 0.0,
+        compensator_mrad: float = 0.0,
+        hardening_mrad: float = 0.0,
+        expansion_ppm_per_k: float = 0.0,
+        thermal_zero_mrad_per_k: float = 0.0,
+        cross_harmonic_mrad: float = 0.0,
+        own_effects: Sequence[str] = ...,
+    ) -> None: ...
 
 def calibrate(
     robot: str | Path | Robot | VirtualCampaign = "irb120",

@@ -10,12 +10,14 @@ import sys
 from collections import defaultdict
 from inspect import Parameter, getsource, signature, unwrap
 from pathlib import Path
+from textwrap import indent
 from types import FunctionType, NoneType, UnionType
 from typing import Annotated, Any, ForwardRef, Literal, Union, get_args, get_origin, get_overloads
 
 import tyro
 
 import lab
+from lab.options.option_groups import Effects
 from lab.options.option_texts import WIDER
 
 STUB = Path(lab.__file__).with_name("__init__.pyi")
@@ -30,7 +32,7 @@ class Stub:
 
     def named(self, module: str, name: str) -> str:
         """A name, imported from a module; a public one from where ``lab`` has it."""
-        if module != "builtins":
+        if module != "builtins" and name != Effects.__name__:
             self.imports[getattr(lab, name).__module__ if name in lab.__all__ else module].add(name)
         return name
 
@@ -67,6 +69,8 @@ class Stub:
 
     def parameter(self, each: Parameter) -> str:
         """An argument with its type and, where it may be written, its default."""
+        if each.annotation is Parameter.empty:  # self
+            return each.name
         kind = self.spelled(each.annotation)
         if each.kind is Parameter.KEYWORD_ONLY:
             kind += "".join(f" | {self.named('pathlib', wider)}" for wider in WIDER.get(each.name, ()))
@@ -107,6 +111,13 @@ class Stub:
         body = "".join(f"    {line},\n" for line in lines)
         return f"def {name}(\n{body}) -> {self.spelled(returned)}: ...\n"
 
+    def effects(self) -> str:
+        """The definition of the class of all effects: type checkers do not see the options of its computed bases."""
+        name, given = Effects.__name__, signature(Effects.__init__)
+        self.imports[Effects.__module__].add(f"{name} as _{name}")
+        init = self.definition("__init__", list(given.parameters.values()), given.return_annotation)
+        return f"class {name}(_{name}):\n{indent(init, '    ')}\n"
+
 
 def _quoted(value: object) -> str:
     return f'"{value}"' if isinstance(value, str) else repr(value)
@@ -119,6 +130,9 @@ def stub_text() -> str:
         if name == "__version__":
             continue
         given = getattr(lab, name)
+        if given is Effects:
+            calls.append(stub.effects())
+            continue
         inner = unwrap(given) if isinstance(given, FunctionType) else given
         if inner is not given and any(p.kind is Parameter.VAR_KEYWORD for p in signature(inner).parameters.values()):
             calls.append(stub.function(name, given))
