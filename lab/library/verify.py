@@ -83,6 +83,17 @@ def verify_touches(
 
     Raises:
         LabError: the run is not good or is of another robot, or the rows make no checks.
+
+    Example:
+        >>> import lab, numpy as np
+        >>> result = lab.calibrate("irb120", poses=30, seed=1)
+        >>> first = lab.measurements([[1.55, -1.1, 0.57, 1.05, -1.72, 0.29]], robot="irb120")
+        >>> joints = np.tile(lab.plan_touches(result, first, 4).joints, (12, 1))
+        >>> joints += np.random.default_rng(7).normal(0, 1e-5, joints.shape)  # rad: no two touches are the same
+        >>> days = [f"2026-03-{1 + row // 4:02}" for row in range(len(joints))]
+        >>> touches = lab.measurements(joints, robot="irb120", sessions=days)
+        >>> lab.verify_touches(result, touches).verdict
+        'good'
     """
     new = _new_measurements("lab.verify_touches", run, measurements, options)
     return verified_touches(new.options, new.calibrated, new.touches())
@@ -109,6 +120,13 @@ def plan_touches(
 
     Raises:
         LabError: the run is not good or is of another robot, or no such configurations are found.
+
+    Example:
+        >>> import lab
+        >>> result = lab.calibrate("irb120", poses=30, seed=1)
+        >>> first = lab.measurements([[1.55, -1.1, 0.57, 1.05, -1.72, 0.29]], robot="irb120")
+        >>> lab.plan_touches(result, first, 5).joints.shape
+        (5, 6)
     """
     new = _new_measurements("lab.plan_touches", run, measurements, {**options, "plan": count})
     return planned_touches(new.options, new.calibrated, new.touches())
