@@ -26,7 +26,7 @@ import lab
 from lab.cli.commands import all_commands
 from lab.cli.help_text import Option, grouped, options_of_command
 from lab.options.command import Command
-from lab.options.option_texts import WIDER, field_texts
+from lab.options.option_texts import OF_EVERY_CALL, WIDER, field_texts
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 GROUPS, FOLDER = REFERENCE / "interface.toml", REFERENCE / "interface"
@@ -133,6 +133,8 @@ def spelled(hint: Any) -> str:
     """Return a type as a person writes it."""
     if hint is inspect.Parameter.empty or hint is MISSING:
         return ""
+    if isinstance(hint, list):  # the arguments of a function
+        return f"[{', '.join(map(spelled, hint))}]"
     if isinstance(hint, str):
         return re.sub(r"\b(?:\w+\.)+(\w+)", r"\1", hint.replace("Array", "ndarray")).strip('"')
     origin, args = get_origin(hint), get_args(hint)
@@ -150,7 +152,7 @@ def spelled(hint: Any) -> str:
     if getattr(origin, "__name__", "") == "ndarray":
         return "ndarray"
     if origin is not None:
-        inside = ", ".join("..." if each is ... else spelled(each) for each in args if not isinstance(each, list))
+        inside = ", ".join("..." if each is ... else spelled(each) for each in args)
         return f"{getattr(origin, '__name__', origin)}[{inside}]"
     if hint is Path:
         return "Path"
@@ -173,10 +175,10 @@ def linked(kind: str) -> str:
     return "\\ ".join(part for part in shown if part)
 
 
-def command_of(name: str) -> Command | None:
-    """Return the command whose options a call takes; a simulation takes those of a virtual calibration."""
-    run = "calibrate" if name == "simulate" else name
-    return next((each for each in all_commands() if each.run.partition(":")[2] == run), None)
+def command_of(each: Documented) -> Command | None:
+    """Return the command whose options a call takes, or some of them."""
+    kind = getattr(each.value, "option_class", None)
+    return next((command for command in all_commands() if kind is command.load_options()), None)
 
 
 def _parameters(call: Any) -> Mapping[str, inspect.Parameter]:
@@ -192,8 +194,8 @@ def own_arguments(each: Documented) -> dict[str, str]:
 
 def options_of_call(each: Documented) -> dict[str, tuple[Option | str, ...]]:
     """Return the options of a call by the groups of its command's help; the group of effects as its name."""
-    command = command_of(each.name)
-    if command is None or each.value is inspect.unwrap(each.value):
+    command = command_of(each)
+    if command is None:
         return {}
     own, taken = own_arguments(each), set(_parameters(each.value))
     found = dict[str, tuple[Option | str, ...]]()
@@ -206,9 +208,10 @@ def options_of_call(each: Documented) -> dict[str, tuple[Option | str, ...]]:
                 names[one.group] = one.group
         if names:
             found[title.partition(",")[0] if "effects" in names else title] = tuple(names.values())
+    every = tuple(Option(name, "", text) for name, text in OF_EVERY_CALL.items())
     left = taken - {*own} - {getattr(one, "name", one) for group in found.values() for one in group}
     alone = tuple(one for one in options_of_command(command) if one.name in left)
-    return found | ({"files": alone} if alone else {})
+    return found | ({"files": alone} if alone else {}) | {"every call": every}
 
 
 def _default(value: Any) -> str:
@@ -289,8 +292,8 @@ def _further(each: Documented) -> Iterator[str]:
     if "Example" in text:
         yield from (heading("Example", "-"), f"{_without_skipped(text['Example'])}\n")
     yield heading("See also", "-")
-    if each.is_call and command_of(each.name):
-        yield f"- on the command line: :ref:`lab-{command_of(each.name).name}`"  # type: ignore[union-attr]
+    if each.is_call and (command := command_of(each)):
+        yield f"- on the command line: :ref:`lab-{command.name}`"
     yield from (f"- :doc:`/{page}`" for page in each.see)
     yield ""
     if each.sources:

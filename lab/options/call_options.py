@@ -109,8 +109,9 @@ def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Calla
 
         own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
         taken = {*called, *unused, *(each.name for each in own)}
-        more = [each for each in _parameters(kind) if each.name not in taken]
-        call.__signature__ = shown.replace(parameters=[*own, *more, _PARTS, _PROGRESS])  # type: ignore[attr-defined]
+        more = [*(each for each in _parameters(kind) if each.name not in taken), _PARTS, _PROGRESS]
+        call.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+        call.option_class = kind  # type: ignore[attr-defined]
         call.__doc__ = f"{(function.__doc__ or '').rstrip()}\n\n{options_section(kind, more)}\n    "
         return cast(_Call, call)
 

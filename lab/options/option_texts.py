@@ -8,7 +8,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-__all__ = ["WIDER", "field_texts", "options_section"]
+__all__ = ["OF_EVERY_CALL", "WIDER", "field_texts", "options_section"]
 
 WIDER = {  # options that a call takes as an object, too, by the names of what ``lab`` offers
     "instrument": ("Path", "Instrument"),
@@ -19,15 +19,15 @@ WIDER = {  # options that a call takes as an object, too, by the names of what `
     "region": ("Path",),
     "robot": ("Path",),
 }
+OF_EVERY_CALL = {  # arguments that each call takes beside its options
+    "parts": "Further parts of your own, which options name.",
+    "progress": "Called with each event of the work.",
+}
 _FIELD = re.compile(  # a field, the rest of its statement, and the text below
     r'^    (\w+): [^\n]*\n(?:(?:        |    [\])}])[^\n]*\n)*    """(.*?)"""', re.MULTILINE | re.DOTALL
 )
 _FLAG = re.compile(r"--([a-z][a-z-]*)")  # the command line's name of an option
 _WIDTH = 116
-_COMMON = (
-    "        parts (Iterable[object], default ()): Further parts of your own, which options name.",
-    "        progress (Callable[[Event], None] | None, default None): Called with each event of the work.",
-)
 
 
 def field_texts(kind: type[Any]) -> dict[str, str]:
@@ -60,9 +60,9 @@ def options_section(kind: type[Any], parameters: list[Parameter]) -> str:
 
     Args:
         kind: class of the options.
-        parameters: of the call, one for each option.
+        parameters: of the call, one for each option, and those of every call.
     """
-    texts = _texts_with_groups(kind)
+    texts = OF_EVERY_CALL | _texts_with_groups(kind)
     lines = ["    Options:"]
     for each in parameters:
         default = "required" if each.default is Parameter.empty else f"default {each.default!r}"
@@ -70,7 +70,7 @@ def options_section(kind: type[Any], parameters: list[Parameter]) -> str:
         meaning = _FLAG.sub(lambda flag: flag[1].replace("-", "_"), meaning)
         text = f"{each.name} ({_spelled(each)}, {default}): {meaning}"
         lines.append(fill(text, _WIDTH, initial_indent=8 * " ", subsequent_indent=12 * " ", break_on_hyphens=False))
-    return "\n".join([*lines, *_COMMON])
+    return "\n".join(lines)
 
 
 def _spelled(parameter: Parameter) -> str:
