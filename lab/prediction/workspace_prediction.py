@@ -458,14 +458,14 @@ def length_not_exceeded(squares: Array, dof: float | None, share: float = _SHARE
         chances = p_value_of_squares(length**2 * np.ones_like(mean), numbers, dof, mean / numbers)
         return float(np.log(max(chances.mean(), 1e-300) / (1 - share)))
 
-    # bracket the length from where the share of three equal components of mean variance would be
-    first = low = high = float(np.sqrt(mean.mean()))
+    # bracket the length: 95 % of three equal components lie below 1.61 of their root sum of squares, of one below 1.96
+    first = low = high = 1.5 * float(np.sqrt(mean.mean()))
     if exceeded(first) > 0:
         while exceeded(high) > 0:
-            low, high = high, 1.6 * high
+            low, high = high, 1.4 * high
     else:
         while low > 1e-12 * first and exceeded(low) <= 0:
-            low, high = low / 1.6, low
+            low, high = low / 1.4, low
     return float(scipy.optimize.brentq(exceeded, low, high, xtol=1e-9 * high))
 
 
