@@ -18,17 +18,7 @@ from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.noise.correlation import Correlation
 
-__all__ = [
-    "RANK_TOLERANCE",
-    "_SETTLED_BELOW",
-    "ExtraResiduals",
-    "Fit",
-    "Observations",
-    "OtherEstimate",
-    "Status",
-    "fit",
-    "settled",
-]
+__all__ = ["RANK_TOLERANCE", "ExtraResiduals", "Fit", "Observations", "OtherEstimate", "Status", "fit", "settled"]
 
 Status = Literal["converged", "in a valley", "not converged"]
 ExtraResiduals = Callable[[Array], tuple[Array, Array]]
