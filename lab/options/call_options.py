@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from difflib import get_close_matches
 from functools import lru_cache, wraps
-from inspect import Parameter, signature
+from inspect import Parameter, Signature, signature
 from pathlib import Path, PurePath
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -100,22 +100,31 @@ def takes(kind: type[Any], unused: Collection[str] = (), **called: str) -> Calla
                 add(part)
             options = {option: _without_parts(option, value) for option, value in options.items()}
             name, named = f"lab.{function.__name__}", dict(zip(shown.parameters, given, strict=False)) | options
-            if not (progress is None or callable(progress)):
-                raise LabError(f"{name}: progress is {progress!r}; give a function of a lab.Event, or leave it out")
+            _refuse_no_listener(name, progress)
             _refuse_twice(name, kind, called, named)
             _refuse_unused(name, unused, named)
             with one_thread(), listening(progress):
                 return function(*given, **options)
 
-        own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
-        taken = {*called, *unused, *(each.name for each in own)}
-        more = [*(each for each in _parameters(kind) if each.name not in taken), _PARTS, _PROGRESS]
-        call.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
-        call.option_class = kind  # type: ignore[attr-defined]
-        call.__doc__ = f"{(function.__doc__ or '').rstrip()}\n\n{options_section(kind, more)}\n    "
+        _document(call, function.__doc__ or "", shown, kind, {*called, *unused})
         return cast(_Call, call)
 
     return mark
+
+
+def _document(call: Callable[..., Any], text: str, shown: Signature, kind: type[Any], taken: Collection[str]) -> None:
+    """Give a call the signature and the docstring of its function, with an option each of a kind that is not taken."""
+    own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
+    taken = {*taken, *(each.name for each in own)}
+    more = [*(each for each in _parameters(kind) if each.name not in taken), _PARTS, _PROGRESS]
+    call.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+    call.option_class = kind  # type: ignore[attr-defined]
+    call.__doc__ = f"{text.rstrip()}\n\n{options_section(kind, more)}\n    "
+
+
+def _refuse_no_listener(call: str, progress: object) -> None:
+    if not (progress is None or callable(progress)):
+        raise LabError(f"{call}: progress is {progress!r}; give a function of a lab.Event, or leave it out")
 
 
 def _parameters(kind: type[Any]) -> Iterator[Parameter]:
