@@ -89,8 +89,8 @@ def _instrument_covariance(observation: Observation, device: Instrument, points:
     if observation.positions == len(observation.units):
         return covariance
     mean = float(np.trace(covariance, axis1=2, axis2=3).mean()) / 3
-    extra_residuals = (mean * observation.units[observation.positions :, None, None] ** 2) * np.eye(3)
-    return np.concatenate([covariance, np.broadcast_to(extra_residuals, (len(points), *extra_residuals.shape))], axis=1)
+    others = (mean * observation.units[observation.positions :, None, None] ** 2) * np.eye(3)  # their covariance
+    return np.concatenate([covariance, np.broadcast_to(others, (len(points), *others.shape))], axis=1)
 
 
 def root_mean_square_sigma(observed: Observations, positions: int, units: Array | float = 1.0) -> float:

@@ -510,31 +510,36 @@ def quantities_of(
     if chance.placement == "in the noise" and placed:  # it has a line of its own
         covariance = covariance - np.sum([part for _, part in placed], axis=0)
     sigma = chance.noise.uncertainty
-    messages = "parameters", "identified parameters", chance.noise.source, MICRONS, sigma
-    shifts = covariance_root(covariance) / sigma.standard
-    quantities.append(_fitted(propagation, shifts, *messages, detail="random errors of the measurements"))
+    shifts, detail = covariance_root(covariance) / sigma.standard, "random errors of the measurements"
+    fitted = "parameters", "identified parameters", chance.noise.source
+    quantities.append(_fitted(propagation, shifts, *fitted, MICRONS, sigma, detail=detail))
     quantities += _of_repeatability(propagation, chance)
     one = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     if (lack := chance.model) is not None:
-        messages = "model", "model", lack.source, MICRONS, lack.uncertainty
-        quantities.append(InputQuantity(*messages, one, anew=True, detail="errors of the robot that it leaves"))
+        detail = "errors of the robot that it leaves"
+        quantities.append(_at_each_position("model", "model", lack, one, detail))
     if (slow := chance.in_time) is not None:
-        messages = "stability", "stability", slow.source, MICRONS, slow.uncertainty
-        quantities.append(InputQuantity(*messages, one, anew=True, detail="errors that come and go over the poses"))
+        detail = "errors that come and go over the poses"
+        quantities.append(_at_each_position("stability", "stability", slow, one, detail))
     return tuple(quantities)
+
+
+def _at_each_position(group: str, name: str, scatter: RandomScatter, columns: Array, detail: str = "") -> InputQuantity:
+    """Return a random error of a position, in m, that is another one at each position."""
+    return InputQuantity(group, name, scatter.source, MICRONS, scatter.uncertainty, columns, anew=True, detail=detail)
 
 
 def _of_repeatability(propagation: Propagation, chance: RandomErrors) -> Iterator[InputQuantity]:
     """Return the robot's repeatability at a position, and that in the measurements where these do not show it."""
     if (robot := chance.repeatability) is None:
         return
-    messages = robot.source, MICRONS, robot.uncertainty
     one = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    yield InputQuantity("repeatability", "repeatability of the robot", *messages, one, anew=True)
+    yield _at_each_position("repeatability", "repeatability of the robot", robot, one)
     if not chance.scatter_counted:
         alike = np.broadcast_to(np.eye(3), (*propagation.observed.points.shape, 3))
         shifts = covariance_root(propagation.covariance_of(alike))
-        yield _fitted(propagation, shifts, "repeatability", "repeatability in the measurements", *messages)
+        name = "repeatability in the measurements"
+        yield _fitted(propagation, shifts, "repeatability", name, robot.source, MICRONS, robot.uncertainty)
 
 
 def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
@@ -545,8 +550,8 @@ def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
     """
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     known = Uncertain(motion.offset_m / float(np.sqrt(3)), dof=max(motion.dof, _MIN_DOF))
-    messages = "stability", "stability", motion.source, MICRONS, known
-    return InputQuantity(*messages, each, anew=True, detail=motion.detail)
+    detail = motion.detail
+    return InputQuantity("stability", "stability", motion.source, MICRONS, known, each, anew=True, detail=detail)
 
 
 def lack_of_fit_of(propagation: Propagation, sigma_m: float, dof: float, source: str) -> InputQuantity:
@@ -600,8 +605,8 @@ def _placements(propagation: Propagation, errors: TrackerErrors, source: str) ->
         group = "misalignment" if term.name == "lock_on" else "reflector"
         covariance = propagation.covariance_of(errors.placement_covariance(_seen(propagation), (term,)))
         shifts = covariance_root(covariance) / quantity.standard
-        blocks = group, term.description, source, term.unit, quantity
-        yield _fitted(propagation, shifts, *blocks, placed=True), covariance
+        placed = _fitted(propagation, shifts, group, term.description, source, term.unit, quantity, placed=True)
+        yield placed, covariance
 
 
 def _fitted(
@@ -618,8 +623,7 @@ def _fitted(
 ) -> InputQuantity:
     """Return a quantity that comes through the fit, by its shifts ``(f, c)`` of the identified parameters."""
     columns = propagation.columns_of(shifts)
-    messages = group, name, source, unit, uncertainty
-    return InputQuantity(*messages, columns, shifts=shifts, detail=detail, placed=placed)
+    return InputQuantity(group, name, source, unit, uncertainty, columns, shifts=shifts, detail=detail, placed=placed)
 
 
 def _seen(propagation: Propagation) -> Array:

@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 DistributionName = Literal["normal", "rectangular", "triangular", "arcsine"]
-_MIN_DOF = 3.0  # below, Student's t has no variance
+_MIN_DOF = 3.0  # smallest accepted: Student's t has a variance above 2, which grows without bound towards it
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ class Uncertain:
         if not 0 <= self.standard < np.inf:
             raise LabError(f"a standard uncertainty of {self.standard:g}: give a finite one of zero or more")
         if not self.dof >= _MIN_DOF:
-            raise LabError(f"freedom = {self.dof:g}: give {_MIN_DOF:g} or more, or leave it out")
+            raise LabError(f"degrees of freedom = {self.dof:g}: give {_MIN_DOF:g} or more, or leave it out")
         if np.isfinite(self.dof) and self.distribution != "normal":
-            raise LabError(f"freedom goes with a normal distribution, not with a {self.distribution} one")
+            raise LabError(f"degrees of freedom go with a normal distribution, not with a {self.distribution} one")
 
     @classmethod
     def within(cls, limit: float, distribution: DistributionName = "rectangular") -> "Uncertain":

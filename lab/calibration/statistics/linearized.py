@@ -164,15 +164,15 @@ class LinearizedFit:
         triangle = triangle_of(each.reshape(-1, len(self.scale)) for each in rows)
         directions, full_rank = _directions(triangle)
         # the roots (I -+ H_ii)^-1/2 of each pose, and how many of its numbers the others predict
-        numbers = self.mask.shape[1]
-        root, count = np.empty((len(inside), numbers, numbers)), self.mask.sum(axis=1)
+        width = self.mask.shape[1]
+        root, count = np.empty((len(inside), width, width)), self.mask.sum(axis=1)
         for part, basis in self.basis(directions):
             own = basis @ np.swapaxes(basis, 1, 2)  # (n, m, m) H_ii
             sign = np.where(inside[part], -1.0, 1.0)[:, None, None]
             if float(np.einsum("nii->n", own).max()) < _MIN_LEVERAGE:
                 root[part] = _root_near_one(sign * own)
                 continue
-            spread, axes = np.linalg.eigh(np.eye(numbers) + sign * own)
+            spread, axes = np.linalg.eigh(np.eye(width) + sign * own)
             alone = spread < _DETERMINED
             gain = np.where(alone, 0.0, 1 / np.sqrt(np.maximum(spread, _DETERMINED)))
             root[part] = (gain[:, None, :] * axes) @ np.swapaxes(axes, 1, 2)
@@ -298,27 +298,27 @@ def linearized(
     Args:
         extra_residuals: what else is known of the parameters; its rows stay whichever poses are looked at.
     """
-    mask = observed.seen
+    seen = observed.seen
     n, k, d = observed.points.shape
     more, rows = (np.empty(0), np.empty((0, len(values)))) if extra_residuals is None else extra_residuals(values)
     blocks = n + -(-len(more) // (k * d))
     residual, slopes = np.zeros((blocks, k * d)), np.zeros((blocks, k * d, len(free)))
-    numbers = np.zeros((blocks, k * d), dtype=bool)
-    numbers[:n] = np.repeat(mask, d, axis=1)
+    filled = np.zeros((blocks, k * d), dtype=bool)
+    filled[:n] = np.repeat(seen, d, axis=1)
     first = 0
     for part in observed.blocks():
         here = slice(first, first + len(part.inputs))
         predicted, jacobian = model.observe(part.inputs, values)
-        _fill(residual[here], numbers[here], part.apply(part.points - predicted))
-        _fill(slopes[here], numbers[here], part.apply(jacobian[..., list(free)]))
+        _fill(residual[here], filled[here], part.apply(part.points - predicted))
+        _fill(slopes[here], filled[here], part.apply(jacobian[..., list(free)]))
         first = here.stop
-    numbers[n:].flat[: len(more)] = True
-    residual[n:][numbers[n:]] = more
-    slopes[n:][numbers[n:]] = rows[:, list(free)]
+    filled[n:].flat[: len(more)] = True
+    residual[n:][filled[n:]] = more
+    slopes[n:][filled[n:]] = rows[:, list(free)]
     scale = np.sqrt(np.einsum("nmf,nmf->f", slopes, slopes))
     scale[scale == 0] = 1.0
     slopes /= scale
-    return LinearizedFit(residual, slopes, scale, numbers, n)
+    return LinearizedFit(residual, slopes, scale, filled, n)
 
 
 def _fill(target: Array, where: Mask, rows: Array) -> None:
@@ -395,9 +395,9 @@ class ClusteredRows:
     _bases: dict[tuple[int, ...], Array] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, rows: Array, labels: NDArray[np.int_], numbers: int) -> "ClusteredRows":
-        """Build from rows: first those of observed things, with so many numbers each, then single ones."""
-        order, starts = clusters_first(np.repeat(labels, numbers), len(rows))
+    def of(cls, rows: Array, labels: NDArray[np.int_], rows_each: int) -> "ClusteredRows":
+        """Build from rows: first those of observed things, ``rows_each`` of each, then single ones."""
+        order, starts = clusters_first(np.repeat(labels, rows_each), len(rows))
         return cls(rows[order], starts, len(np.unique(labels)) < len(labels))
 
     def _basis(self, fitted: tuple[int, ...]) -> Array:
@@ -422,18 +422,19 @@ class ClusteredRows:
         if found is None or not found.dof > 0:
             return ClusterTest(1.0, 0.0)
         covariance = found.moves.T @ found.moves * (own.shape[1] / found.trace)
-        mean = float(np.trace(covariance))
-        numbers = np.asarray(mean**2 / float((covariance**2).sum()) if mean else own.shape[1])
+        mean = float(np.trace(covariance))  # of the fall in squares without an effect: tr V
+        added_dof = np.asarray(mean**2 / float((covariance**2).sum()) if mean else own.shape[1])
         fall = float(((own.T @ self.rows[:, -1]) ** 2).sum())
-        variance = np.maximum(mean / numbers, 1e-300)
-        return ClusterTest(float(p_value_of_squares(fall, numbers, found.dof, variance)), found.dof)
+        variance = np.maximum(mean / added_dof, 1e-300)
+        return ClusterTest(float(p_value_of_squares(fall, added_dof, found.dof, variance)), found.dof)
 
 
 @dataclass(frozen=True)
 class _Jackknife:
-    """Return how far leaving out each cluster moves coefficients.
+    """Moves of coefficients as each cluster is left out.
 
     Attributes:
+        moves: ``(clusters, added)`` the change of each coefficient.
         trace: what the sum of their squares is on average where errors are white, of variance one.
         dof: degrees of freedom of that sum.
     """
@@ -447,7 +448,13 @@ def _jackknife(whole: Array, added: int, errors: Array, starts: NDArray[np.int_]
     """Return the jackknife of the last coefficients of a fit; None where one cluster alone determines any of them.
 
     With H_i the part of a cluster's rows Z_i in the fit, Z_i Z_i', and U_i the columns that are added, the coefficients
-    move by U_i' (1 - H_i)^-1 e_i, with e_i the cluster's residuals.
+    move by U_i' (1 - H_i)^-1 e_i, with e_i the cluster's residuals (Bell & McCaffrey 2002, CR3).
+
+    Of white errors with variance one the residuals have the covariance 1 - Z Z'. So with the weights
+    W_i = U_i' (1 - H_i)^-1 and the products S_i = W_i Z_i the moves of clusters i and j have the covariance
+    C_ij = W_i W_i' [i = j] - S_i S_j'. The sum of squares of all moves has the mean sum tr C_ii, which is ``trace``,
+    and the variance 2 sum tr(C_ij C_ij'); its degrees of freedom are trace^2 / sum tr(C_ij C_ij') (Satterthwaite
+    1946).
 
     Args:
         whole: ``(r, f)`` orthonormal columns, those that are added last.
@@ -465,11 +472,12 @@ def _jackknife(whole: Array, added: int, errors: Array, starts: NDArray[np.int_]
         if solved is None:
             return None
         moves[clusters] = np.einsum("ina,in->ia", block[..., fitted:], solved[..., 0])
-        weights = np.swapaxes(solved[..., 1:], 1, 2)  # a cluster's move is weights (e_i - Z_i Z' e), of unit errors e
+        weights = np.swapaxes(solved[..., 1:], 1, 2)  # W_i
+        # own: W_i W_i', shared: S_i
         own, shared = weights @ np.swapaxes(weights, 1, 2), weights @ block
         trace += float(np.einsum("iaa->", own) - (shared**2).sum())
         squares += float((own**2).sum() - 2 * (own * (shared @ np.swapaxes(shared, 1, 2))).sum())
-        inner += np.einsum("iaf,iag->fg", shared, shared)
+        inner += np.einsum("iaf,iag->fg", shared, shared)  # sum over i, j of tr(S_i S_j' S_j S_i') = |sum S_i' S_i|^2
     squares += float((inner**2).sum())
     return _Jackknife(moves, trace, trace**2 / squares if trace > 0 and squares > 0 else 0.0)
 

@@ -341,8 +341,8 @@ class ChartAxis:
             at = self.ticks
         slack = 1e-9 * (high - low)
         inside = (at >= low - slack) & (at <= high + slack)
-        messages = list(self.tick_labels) if self.tick_labels is not None else tick_labels(at)
-        return at[inside], [word for word, shown in zip(messages, inside, strict=True) if shown]
+        labels = list(self.tick_labels) if self.tick_labels is not None else tick_labels(at)
+        return at[inside], [word for word, shown in zip(labels, inside, strict=True) if shown]
 
 
 def grid_lines(across: Scale, ticks_x: Array, up: Scale, ticks_y: Array) -> str:

@@ -1,19 +1,14 @@
 """Document of predicted points and their uncertainty."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lab.core.errors import counted
 from lab.core.number_text import capital, fixed, short
 from lab.core.units import MM
+from lab.library.predict import PREDICTED_FILE, PredictionResult
 from lab.phrases.fit_phrases import listed, model_name
 from lab.report import document as doc
 from lab.report.plots import Spread, histograms
-
-if TYPE_CHECKING:
-    pass
-from lab.library.predict import PREDICTED_FILE, PredictionResult
 
 __all__ = ["prediction_document", "radii_picture"]
 
