@@ -1,11 +1,12 @@
 """Describe a command: its options, the call that it makes, and its help."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from string import Formatter
 from typing import Any
 
+from lab.core.errors import LabError
 from lab.extension_points import load_reference
 
 __all__ = ["Command", "OptionGroup"]
@@ -38,7 +39,8 @@ class Command:
         instead: an option, and the ``module:function`` that is run where it is given.
         folder: the name of a run's folder, with options in braces (of files and robots their stems); "" for a command
             that writes no run, or looks after its folder itself.
-        writes_on_request: it has no such name, and writes a run only where ``--out`` names its folder.
+        writes_on_request: it has no such name, and writes a run only where ``--out`` names its folder; its options
+            have a field ``out``.
         examples: two usual lines of arguments, shown in its help.
         groups: of its options, in the order of its help; without them the help shows all options in one.
         group: heading under which ``lab --help`` lists it, behind those of a calibration.
@@ -59,8 +61,16 @@ class Command:
     instead: tuple[str, str] | None = None
 
     def load_options(self) -> type[Any]:
-        """The class of its options."""
+        """Import and return the class of its options.
+
+        Raises:
+            LabError: it lacks the field that ``writes_on_request`` needs.
+        """
         kind: type[Any] = load_reference(self.options)
+        if self.writes_on_request and "out" not in {each.name for each in fields(kind)}:
+            raise LabError(
+                f"lab {self.name}: writes_on_request needs a field out: Path | None = None in {self.options}; add it"
+            )
         return kind
 
     def load_run(self, options: Any) -> Callable[[Any], Any]:

@@ -62,6 +62,7 @@ def leave(options):
     raise SystemExit(0)
 
 
+BOTH = Command("both", "Weigh.", "weighing:Options", "weighing:weigh", writes_on_request=True)
 LEAVE = Command("leaving", "Leave.", "weighing:Options", "weighing:leave")
 
 
@@ -160,7 +161,9 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str, 
     package(site, "broken", "[lab.commands]\nbroken = broken:BROKEN\n", "import a_module_that_is_not_there\n")
     package(site, "other", "[lab.commands]\nidentify = weighing:WEIGH\n")
     ends = "print('printed at import')\nraise SystemExit('no licence')\n"
-    package(site, "ending", "[lab.commands]\nending = ending:ENDING\nleaving = weighing:LEAVE\n", ends)
+    package(
+        site, "ending", "[lab.commands]\nending = ending:ENDING\nleaving = weighing:LEAVE\nboth = weighing:BOTH\n", ends
+    )
     package(site, "corrupt", "[lab.commands]\nweigh\n")
     lines = (
         "weigh 2 --json",
@@ -170,6 +173,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str, 
         "broken",
         "ending",
         "leaving 2",
+        "both 2",
         "--help",
         "design --help",
     )
@@ -218,6 +222,7 @@ def test_what_cannot_be_imported_is_reported_in_a_line_and_breaks_nothing(
         assert text in "".join(shown for _, _, shown in said.values())
     assert said["ending"][0] == 2 and "\nlab: extension 'ending'" in said["ending"][2]
     assert said["leaving 2"][:2] == (2, "") and "weighing:leave raises SystemExit: 0" in said["leaving 2"][2]
+    assert said["both 2"][:2] == (2, "") and "writes_on_request needs a field out" in said["both 2"][2]
     assert said["broken"][0] == 2 and said["broken"][2].startswith(f"lab: {line}")
     assert said["broken"][2].count("\n") == 1
 
