@@ -29,7 +29,7 @@ from lab.simulation.effects import true_parameters
 from lab.simulation.true_robot import TrueOpenRobot
 from lab.verdict.fit_checks import note
 from lab.verdict.fitted import Fitted
-from lab.verdict.pipeline import STEPS, Step, chosen_steps, judged, run_steps, start
+from lab.verdict.pipeline import STEPS, Step, chosen_steps, judged, refuse_missing_steps, run_steps, start
 
 __all__ = ["Assessment", "calibrate"]
 
@@ -87,6 +87,7 @@ def _identified(
     if options.noise_mm is not None:
         noise = Noise(None, MM.to_si(options.noise_mm))
     fit, judging = options.fitting.to_si(), options.judgement()
+    refuse_missing_steps(steps, fit, judging)
     state = start(robot, session.measurements, options.kind(), noise, fit, judging, seed=options.seed)
     source = options.plan or f"{option_name('poses')} {options.poses}"
     state = replace(state, source=str(source), checks=tuple(map(note, robot.warnings)))

@@ -25,7 +25,7 @@ from lab.robots.load_robot import load_robot
 from lab.robots.robot import Robot
 from lab.sensors.sensor_registry import sensor_named
 from lab.verdict.fit_checks import note
-from lab.verdict.pipeline import Step, chosen_steps, judged, run_steps, start
+from lab.verdict.pipeline import Step, chosen_steps, judged, refuse_missing_steps, run_steps, start
 
 __all__ = ["identify"]
 
@@ -104,6 +104,7 @@ def _identified(
         None if options.noise_mm is None else MM.to_si(options.noise_mm),
     )
     fit, judging = options.fitting.to_si(), options.judgement(other)
+    refuse_missing_steps(steps, fit, judging)
     with error_context(options.file):
         state = start(robot, data, sensor, noise, fit, judging, seed=options.seed)
     state = replace(state, source=str(options.file), checks=tuple(map(note, robot.warnings)))

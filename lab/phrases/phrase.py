@@ -20,9 +20,11 @@ for _table in (verify.CERTIFICATE_PHRASES, fit.PHRASES, verdict.PHRASES, verify.
 def phrase(check: Check) -> str:
     """Return the clause that states a check: what came out, where, and what to do.
 
-    Raises:
-        KeyError: no phrase has the check's name.
+    A check without a phrase, which a step of one's own may add, is shown by its name, outcome and data.
     """
+    if check.name not in PHRASES:
+        data = ", ".join(f"{name} = {value}" for name, value in check.data.items())
+        return f"{check.name}: {data or check.outcome}"
     return worded(PHRASES[check.name], check)
 
 

@@ -38,6 +38,7 @@ _NOT_TESTED = {
         "lack of fit is not tested",
         ": the group residual follows the measurements; only errors at other poses test it",
     ),
+    "left out": ("lack of fit is not tested", ": the step 'check lack of fit' was left out"),
     "too few": ("lack of fit cannot be tested", ": there are no more measurements than parameters; measure more poses"),
     "unknown noise": (
         "lack of fit cannot be tested",

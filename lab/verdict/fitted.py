@@ -75,7 +75,7 @@ _NO_FIT: Any = _Missing("fit", "fit")
 _NO_VERDICT: Any = _Missing("verdict", "judge")
 _NO_SEARCH = NoiseSearch(None, (), float("nan"))
 _NOT_VALIDATED = Validation(None, None)
-_NOT_TESTED = lack_of_fit_not_tested("residual")
+_NOT_TESTED = lack_of_fit_not_tested("left out")
 
 
 @dataclass(frozen=True)

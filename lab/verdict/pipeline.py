@@ -37,6 +37,7 @@ from lab.core.errors import LabError, error_context, option_name
 from lab.core.measurements import Measurements
 from lab.core.progress import Stage, no_progress, no_stage
 from lab.core.units import MM
+from lab.extension_points import own_errors
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC, describe_term
 from lab.prediction.extrapolation import measured_range
@@ -65,7 +66,18 @@ from lab.verdict.fitted import UNJUDGED, Fitted, JudgementOptions, named_poses
 from lab.verdict.noise_findings import changes_in_time, finding, shared_error_findings
 from lab.verdict.verdict import verdict
 
-__all__ = ["FITTING", "STEPS", "UNKNOWN", "Step", "chosen_steps", "identify_robot", "judged", "run_steps", "start"]
+__all__ = [
+    "FITTING",
+    "STEPS",
+    "UNKNOWN",
+    "Step",
+    "chosen_steps",
+    "identify_robot",
+    "judged",
+    "refuse_missing_steps",
+    "run_steps",
+    "start",
+]
 
 Step = Callable[[Fitted], Fitted]
 UNKNOWN = Noise()  # noise that is estimated
@@ -95,7 +107,9 @@ def identify_robot(
     Raises:
         LabError: an option makes no sense for these measurements, or they are too few.
     """
-    return run_steps(start(robot, data, sensor, noise, fit, judging, seed=seed), STEPS if steps is None else steps)
+    steps = STEPS if steps is None else steps
+    refuse_missing_steps(steps, fit, judging)
+    return run_steps(start(robot, data, sensor, noise, fit, judging, seed=seed), steps)
 
 
 def run_steps(state: Fitted, steps: Mapping[str, Step], stage: Stage = no_stage) -> Fitted:
@@ -112,8 +126,9 @@ def run_steps(state: Fitted, steps: Mapping[str, Step], stage: Stage = no_stage)
         where = state.source
         if name == "validate" and state.judging.other is not None:
             where = state.judging.other_source
+        shown = replace(state, progress=partial(stage, name))
         with error_context(where) if where else nullcontext():
-            added = step(replace(state, progress=partial(stage, name)))
+            added = _added(name, step, shown)
         if not isinstance(added, Fitted):
             raise LabError(
                 f"step '{name}' returns {type(added).__name__}; return the state that it was given, with what it adds "
@@ -121,6 +136,18 @@ def run_steps(state: Fitted, steps: Mapping[str, Step], stage: Stage = no_stage)
             )
         state = added
     return replace(state, progress=no_progress)
+
+
+def _added(name: str, step: Step, state: Fitted) -> Fitted:
+    """Return what a step returns.
+
+    Raises:
+        LabError: the measurements cannot be used; or a user's step raised an error, and the message names the step.
+    """
+    if str(getattr(step, "__module__", "")).partition(".")[0] == "lab":
+        return step(state)
+    with own_errors("step", name):
+        return step(state)
 
 
 def judged(state: Fitted) -> Fitted:
@@ -147,6 +174,27 @@ def chosen_steps(steps: object) -> Mapping[str, Step]:
         if not callable(step):
             raise LabError(f"step '{name}' is {step!r}; give a function from state to state, or leave it out")
     return steps
+
+
+def refuse_missing_steps(steps: Mapping[str, Step], fit: FitOptions, judging: JudgementOptions) -> None:
+    """Refuse options that no step would read.
+
+    Raises:
+        LabError: the step that an option needs is left out.
+    """
+    needed = {
+        "model": ("select model", fit.groups or fit.search),
+        "error_terms": ("select model", fit.error_terms),
+        "model residual": ("fit residual", fit.residual),
+        "holdout": ("hold out", judging.holdout is not None),
+        "holdout_last": ("hold out", judging.holdout_last is not None),
+        "validate": ("validate", judging.other is not None),
+    }
+    for option, (step, is_given) in needed.items():
+        if is_given and step not in steps:
+            raise LabError(
+                f"{option_name(option)} needs the step '{step}', which is left out; add the step, or drop the option"
+            )
 
 
 def start(

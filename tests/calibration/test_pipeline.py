@@ -10,6 +10,7 @@ from helpers.robots import IRB120, somewhere
 import lab
 from lab.calibration.fitter import Fitter
 from lab.calibration.weights import Noise
+from lab.core.checks import Check
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import SessionInfo
@@ -194,6 +195,7 @@ def _forgotten(state: Fitted) -> None:
         ({**STEPS, "fit": _forgotten}, "step 'fit' returns NoneType; return the state"),
         ({**STEPS, "fit": lambda state: state}, "no fit yet: run the step 'fit' before this one"),
         ({**STEPS, "judge": lambda state: state}, "no verdict yet: run the step 'judge' before this one"),
+        ({**STEPS, "fit": lambda state: state.nothing}, "step 'fit' raises AttributeError: 'Fitted' object has no"),
         ({**STEPS, "fit": None}, "step 'fit' is None; give a function"),
         ({name: step for name, step in STEPS.items() if name != "judge"}, "no verdict yet: run the step 'judge'"),
         ([*STEPS], "steps are a list; give a mapping"),
@@ -206,3 +208,36 @@ def test_a_step_that_leaves_the_next_without_what_it_needs_is_named(steps: Any, 
     with pytest.raises(LabError) as refused:
         lab.identify(data, steps=steps) if call == "identify" else lab.calibrate(poses=30, seed=7, steps=steps)
     assert says in str(refused.value) and "\n" not in str(refused.value)
+
+
+def _without(*names: str) -> dict[str, Any]:
+    return {name: step for name, step in STEPS.items() if name not in names}
+
+
+@pytest.mark.parametrize(
+    ("step", "options"),
+    [
+        ("select model", {"model": "compliance"}),
+        ("select model", {"model": "auto"}),
+        ("hold out", {"holdout": 0.3}),
+        ("hold out", {"holdout_last": 0.3}),
+        ("fit residual", {"model": "residual"}),
+    ],
+)
+def test_an_option_without_the_step_that_reads_it_is_refused(step: str, options: dict[str, Any]) -> None:
+    data = lab.simulate("irb120", poses=30, seed=7).measurements
+    with pytest.raises(LabError, match=f"needs the step '{step}', which is left out"):
+        lab.identify(data, steps=_without(step), **options)
+
+
+def test_a_check_of_ones_own_is_shown_by_its_name_and_data() -> None:
+    own = (Check("mine.odd", "noted", data={"size_m": 3.0}), Check("mine.even", "failed"))
+    assert phrases(own) == ("mine.odd: size_m = 3.0", "mine.even: failed")
+
+
+def test_lack_of_fit_that_no_step_tested_says_so() -> None:
+    """The reason is the step that was left out, not a residual that the model does not have."""
+    data = lab.simulate("irb120", poses=30, seed=7).measurements
+    result = lab.identify(data, instrument="uniform-8um", steps=_without("check lack of fit", "validate"))
+    (reason,) = (each for each in result.verdict.reasons if each.name == "lack_of_fit.nothing")
+    assert reason.data["why"] == "left out" and "residual" not in phrases([reason])[0]
