@@ -14,6 +14,7 @@ Example:
     >>> result.report("report.html")  # doctest: +SKIP
 """
 
+from difflib import get_close_matches
 from importlib import import_module
 
 from lab.core.version import __version__
@@ -156,7 +157,8 @@ def __getattr__(name: str) -> object:
                 f"module 'lab' has no attribute '{name}': the extension '{extension}' is not installed; install "
                 "virtual-calibration-lab with its entry points"
             )
-    raise AttributeError(f"module 'lab' has no attribute '{name}'; there are {', '.join(__all__)}")
+    nearest = "".join(f": is {each} meant? There" for each in get_close_matches(name, __all__, 1))
+    raise AttributeError(f"module 'lab' has no attribute '{name}'{nearest or '; there'} are {', '.join(__all__)}")
 
 
 def __dir__() -> list[str]:

@@ -383,6 +383,8 @@ def add(given: object) -> str:
     Raises:
         LabError: it is no part, has no name, or has the name of one of the lab's.
     """
+    if callable(given) and not isinstance(given, type) and not _is_part(given):
+        raise LabError(f"parts: {given!r} is a function, whose kind is not known here; give it to its option or factor")
     if not _is_part(given):
         raise LabError(f"{given!r} is no part; give an object of a subclass of e.g. lab.Criterion")
     kind: PartKind = given._kind  # type: ignore[attr-defined]

@@ -48,8 +48,10 @@ def test_every_name_is_there_and_no_other() -> None:
     assert len(set(lab.__all__)) == len(lab.__all__) and dir(lab) == sorted(lab.__all__)
     for name in set(lab.__all__) - {"__version__"}:
         assert getattr(lab, name).__name__ == name and getattr(lab, name).__doc__
-    with pytest.raises(AttributeError, match=r"there are .*calibrate"):
+    with pytest.raises(AttributeError, match=r"'calibrat': is calibrate meant\? There are .*verify"):
         _ = lab.calibrat
+    with pytest.raises(AttributeError, match=r"'zzz'; there are .*calibrate"):
+        _ = lab.zzz
 
 
 def test_every_command_has_calls_with_the_command_s_options() -> None:
@@ -104,6 +106,14 @@ NO_EXAMPLE = {"study"}  # it needs a file and processes: its page shows it
         (lambda: lab.verify("run"), "give the new measurements"),
         (lambda: lab.simulate(effects=3), r"lab.simulate: effects is 3; give effects=lab.Effects\("),
         (lambda: lab.simulate(effects=lab.Effects(gear_ppm="x")), "'x' is not a value of option 'effects.gear_ppm'"),
+        (lambda: lab.Effects(gear_pmm=3), "lab.Effects: 'gear_pmm' is no option: is gear_ppm meant"),
+        (lambda: lab.Effects(zzz=3), "lab.Effects: 'zzz' is no option; there are stiffness_nm_per_rad"),
+        (
+            lambda: lab.verify(lab.measurements([[0.0] * 6], robot="irb120"), "run"),
+            "lab.verify: the measurements are given first; give the run first",
+        ),
+        (lambda: lab.study({"name": "x", "factors": {"plan": ["x"]}}), "^lab.study: factor plan: x: cannot be read"),
+        (lambda: lab.study({"name": "x"}, parts=[lambda information, task: 0.0]), "^parts: .* is a function.* factor"),
         (lambda: lab.simulate(model="auto"), "lab.simulate: model changes nothing here"),
         (lambda: lab.study("study.toml", workers=1.5), "study.toml"),
     ],

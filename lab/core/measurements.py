@@ -132,6 +132,8 @@ class Measurements(Value):
         for name, column in columns.items():
             if column.shape != (shape := wanted.get(name, (n,))):
                 raise LabError(f"measurements: {name} has shape {column.shape}; give {shape}: one row a pose")
+            if column.dtype.kind == "c":
+                raise LabError(f"measurements: {name} are complex numbers; give real ones")
         if self.points.ndim != 3:
             raise LabError(f"measurements: points have shape {self.points.shape}; give ({n}, {k}, 3)")
         texts = {"ids": self.ids, "use": self.use, "sessions": self.sessions, **self.other}

@@ -68,12 +68,15 @@ class ArrayArm:
         """
         numbers = as_numbers(argument, joints)
         shape = numbers.shape
-        if shape[-1:] != self._row or not _finite(numbers):
+        if shape[-1:] != self._row:
             width = len(self.inputs)
             raise LabError(
                 f"{argument} have shape {shape}; give ({width},) or (..., {width}) finite numbers: "
                 f"{', '.join(self.inputs)}"
             )
+        if not _finite(numbers):
+            first = tuple(np.argwhere(~np.isfinite(numbers))[0].tolist())
+            raise LabError(f"{argument}: {self.inputs[first[-1]]} is {numbers[first]}; give a finite number")
         return numbers[None] if len(shape) == 1 else numbers.reshape(-1, *self._row), shape[:-1]
 
     def parameters(self, values: ArrayLike | None) -> Array:
@@ -196,7 +199,11 @@ def as_numbers(argument: str, values: ArrayLike) -> Array:
         LabError: it is none.
     """
     try:
+        if np.iscomplexobj(values):
+            raise LabError(f"{argument}: complex numbers; give real ones")
         return np.asarray(values, dtype=np.float64)
+    except LabError:
+        raise
     except (TypeError, ValueError) as error:
         raise LabError(f"{argument}: not numbers in rows of one length ({error})") from None
 

@@ -227,7 +227,7 @@ def _fitted(robot: Robot, data: Measurements, sensor: ArmSensor, noise: Noise, o
     """Fit one campaign."""
     # take the rows as an identification does
     positions, given = sensor.in_instrument_frame, data
-    data = checked(_CALL, data, robot, points=False)
+    data = checked("measurements in memory", data, robot, points=False)
     robot.refuse_impossible(Path(_CALL), data[[use != "skip" for use in data.use]])
     data = without_copies(Path(_CALL), data) if positions else data
     # fit; points in another unit are looked for where they may be
@@ -237,10 +237,10 @@ def _fitted(robot: Robot, data: Measurements, sensor: ArmSensor, noise: Noise, o
         groups = fitter.approached(options.groups)
         identification, rows, _ = fitter.identified(state.given, groups)
     except LabError:
-        checked(_CALL, data, robot, points=positions)
+        checked("measurements in memory", data, robot, points=positions)
         raise
     if not identification.plausible:
-        checked(_CALL, data, robot, points=positions)
+        checked("measurements in memory", data, robot, points=positions)
     return _FittedCampaign(given, fitter, groups, identification, rows)
 
 

@@ -21,6 +21,7 @@ from lab.formats import measurement_csv
 from lab.formats.measurement_csv import USES
 from lab.formats.orientations import orientation_texts
 from lab.formats.robot_toml import ANGLES, LENGTHS, write_table
+from lab.kinematics.array_arm import as_numbers
 from lab.kinematics.serial.chain import Chain, Convention, parallel_links
 from lab.library.measurement_checks import checked, robot_of
 from lab.library.simulate import MeasurementSession
@@ -139,7 +140,9 @@ def _of_arrays(
     """Return the measurements of joint positions ``(n, joints)`` and points in units of lengths and angles."""
     length, angle = LENGTHS[units[0]], ANGLES[units[1]]
     positions, size = _numbers("joints", joints), robot.chain.size
-    if positions.ndim != 2 or positions.shape[1] != size or not len(positions):
+    if positions.ndim and not len(positions):
+        raise LabError(f"{_CALL}: joints have no rows; give one row of {size} numbers a pose")
+    if positions.ndim != 2 or positions.shape[1] != size:
         raise LabError(
             f"{_CALL}: joints have shape {positions.shape}, but robot {robot.name} has {size} joints; give one row of "
             f"{size} numbers a pose"
@@ -272,10 +275,7 @@ def _unit(argument: str, unit: str, units: Mapping[str, float]) -> float:
 
 
 def _numbers(argument: str, values: ArrayLike) -> Array:
-    try:
-        return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise LabError(f"{argument}: not numbers in rows of one length ({error})") from None
+    return as_numbers(argument, values).copy()
 
 
 def _points(points: ArrayLike, n: int) -> Array:

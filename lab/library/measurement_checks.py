@@ -52,9 +52,11 @@ def checked(what: str | Path, data: Measurements, robot: Robot, *, points: bool 
     """Return measurements in memory as those of a robot, where they can be.
 
     Raises:
-        LabError: the joints are not the robot's or are in degrees, or the points spread so much further than the
-            robot's that they are in another unit; it begins with ``what``.
+        LabError: there are no rows, the joints are not the robot's or are in degrees, or the points spread so much
+            further than the robot's that they are in another unit; it begins with ``what``.
     """
+    if not len(data):
+        raise LabError(f"{what}: the measurements have no rows; give some")
     _refuse_other_joints(what, data, robot)
     slides = np.array(robot.chain.prismatic, dtype=np.bool_)
     refuse_degrees(data.joints[:, ~slides], str(what), "joints in memory are in rad: give np.deg2rad(joints)")

@@ -195,6 +195,8 @@ def _new_measurements(
     options: Mapping[str, Any],
 ) -> _NewMeasurements:
     """Return what a call is given, after its options and the run are checked."""
+    if isinstance(run, Measurements):
+        raise LabError(f"{call}: the measurements are given first; give the run first, then the measurements")
     in_memory = measurements if isinstance(measurements, Measurements) else None
     if isinstance(run, VerifyOptions):
         requested = run

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -160,6 +161,14 @@ class Effects(EffectOptions):
 
     own_effects: Names = ()
     """Effects that packages add, each with its options: NAME:option=number:option=number."""
+
+    def __new__(cls, *_sizes: object, **options: object) -> "Effects":
+        """Refuse an option that there is not, with a LabError that names the nearest one."""
+        names = [each.name for each in fields(cls)]
+        for unknown in (name for name in options if name not in names):
+            nearest = "".join(f": is {each} meant? There" for each in get_close_matches(unknown, names, 1))
+            raise LabError(f"lab.Effects: '{unknown}' is no option{nearest or '; there'} are {', '.join(names)}")
+        return object.__new__(cls)
 
     def __post_init__(self) -> None:
         """Take effects as objects, too."""

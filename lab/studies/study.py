@@ -220,17 +220,19 @@ def study(config: str | Path | Mapping[str, Any] | Study | StudyOptions, **optio
         LabError: the study asks for what there is not, or was stopped; the message says how to go on.
     """
     if isinstance(config, StudyOptions):
-        return _run(config, read_study(config.config))
+        return _run(config, read_study(config.config), config.config)
     if isinstance(config, str | Path):
         file, known = str(config), read_study(Path(config))
     else:
         file, known = "study.toml", config if isinstance(config, Study) else study_from(config)
-    return _run(options_of("lab.study", StudyOptions, {"config": file, **options}), known)
+    where = config if isinstance(config, str | Path) else "lab.study"
+    return _run(options_of("lab.study", StudyOptions, {"config": file, **options}), known, where)
 
 
-def _run(options: StudyOptions, known: Study) -> StudyResult:
+def _run(options: StudyOptions, known: Study, where: str | Path) -> StudyResult:
+    """Run a study; errors of its factors begin with ``where``: its file, or the call."""
     options.check()
-    with error_context(options.config):
+    with error_context(where):
         refuse_impossible(known)
     folder = options.out or free_name(Path("runs"), f"study-{known.name}")
     chosen = local_executor(options.workers) if options.scheduler is None else cluster_executor(options.scheduler)

@@ -143,7 +143,8 @@ def test_a_table_in_degrees_is_told_so(day: Measurements) -> None:
 
 WRONG = {
     "another number of joints": ({"joints": np.zeros((30, 5))}, r"robot .* has 6 joints; give one row of 6 numbers"),
-    "no pose": ({"joints": np.zeros((0, 6)), "points": np.zeros((0, 3))}, r"joints have shape \(0, 6\)"),
+    "no pose": ({"joints": np.zeros((0, 6)), "points": np.zeros((0, 3))}, r"joints have no rows; give one row of 6"),
+    "complex points": ({"points": np.full((30, 3), 1j)}, "^points: complex numbers; give real ones"),
     "infinite points": ({"points": np.full((30, 3), np.inf)}, r"points\[0\] is not finite; give NaN"),
     "another number of rows": ({"points": np.zeros((29, 3))}, r"points have shape \(29, 3\); give \(30, 3\)"),
     "a flat array": ({"points": np.zeros(90)}, r"points have shape \(90,\)"),

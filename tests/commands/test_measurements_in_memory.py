@@ -98,6 +98,26 @@ def test_joints_in_degrees_and_of_no_number_are_refused(days: dict[str, Measurem
         replace(data, joints=np.full_like(data.joints, np.nan))
 
 
+@pytest.mark.parametrize("call", ["identify", "fit", "validate", "verify"])
+def test_no_rows_are_refused_in_a_line(days: dict[str, Measurements], call: str) -> None:
+    none, day = days["irb120"][0:0], days["irb120"]
+    with pytest.raises(lab.LabError, match=r"the measurements have no rows; give some$"):
+        match call:
+            case "identify":
+                lab.identify(none)
+            case "fit":
+                lab.fit(none)
+            case "validate":
+                lab.identify(day, validate=none)
+            case "verify":
+                lab.verify(identification(day), none, force=True)
+
+
+def test_complex_points_are_refused(days: dict[str, Measurements]) -> None:
+    with pytest.raises(lab.LabError, match="points are complex numbers; give real ones"):
+        replace(days["irb120"], points=days["irb120"].points + 0j)
+
+
 def test_a_frame_that_is_far_away_is_no_other_unit(days: dict[str, Measurements]) -> None:
     """Points are compared by how they spread in each session and from each station, not by where they are."""
     data, half = days["irb120"], np.arange(30) < 15

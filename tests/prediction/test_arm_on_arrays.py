@@ -164,12 +164,15 @@ WRONG = {
     "number": (lambda: ROBOT.points(0.5), r"joints have shape \(\)"),
     "three axes": (lambda: ROBOT.points(np.zeros((2, 2, 5))), r"joints have shape \(2, 2, 5\)"),
     "one nan of many": (lambda: ROBOT.jacobian(np.where(np.arange(6000) == 17, np.nan, 0.0).reshape(-1, 6)), "finite"),
-    "infinite": (lambda: ROBOT.parameter_jacobian([0, 0, 0, 0, 0, -np.inf]), "finite numbers"),
+    "infinite": (
+        lambda: ROBOT.parameter_jacobian([0, 0, 0, 0, 0, -np.inf]),
+        "^joints: q6 is -inf; give a finite number",
+    ),
     "poses": (lambda: ROBOT.inverse(np.eye(3)), r"poses have shape \(3, 3\); give \(4, 4\)"),
     "near": (lambda: ROBOT.inverse(np.tile(np.eye(4), (3, 1, 1)), JOINTS[:2]), "near has 2 rows for 3 poses"),
     "near of five": (lambda: ROBOT.inverse(np.eye(4), [0.0] * 5), r"near have shape \(5,\)"),
     "no closed form": (lambda: lab.load_robot("delta").inverse(np.eye(4)), "no closed form; give near="),
-    "nan": (lambda: ROBOT.points([np.nan] * 6), "finite numbers"),
+    "nan": (lambda: ROBOT.points([np.nan] * 6), "^joints: q1 is nan; give a finite number"),
     "ragged": (lambda: ROBOT.points([[0.0], [0.0, 1.0]]), "joints: not numbers in rows of one length"),  # type: ignore[list-item]
     "values": (lambda: ROBOT.points(np.zeros(6), [1.0]), r"values have shape \(1,\); give 40 finite numbers"),
     "points": (
