@@ -3,7 +3,7 @@
 A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.entry-points."lab.commands"]`` with
 ``weigh = "my_package.commands:WEIGH"``. These are the groups, with the object and the meaning of its name:
 
-- ``lab.commands``: a ``Command`` of ``lab.cli.commands``; the name is the command.
+- ``lab.commands``: a ``Command`` of ``lab.options.command``; the name is the command.
 - ``lab.names``: a function or a class, available as ``lab.NAME``.
 - ``lab.languages``: the class of a ``Language`` of ``lab.formats.programs.protocol``, made without arguments;
   the name is its ``name`` in small letters, and the value of ``--controller``.

@@ -1,7 +1,8 @@
 """Effects: a fitted group of parameters, its simulated counterpart, and the options that select it.
 
-Each module of this folder has one effect or a small family; ``registry`` lists them. Conditions are set or read at each
-pose beside the joints: payload, approach, time, temperature, sessions; along a trajectory also rates of the joints.
+Each module of this folder has one effect or a small family; ``effect_registry`` lists them. Conditions are set or read
+at each pose beside the joints: payload, approach, time, temperature, sessions; along a trajectory also rates of the
+joints.
 """
 
 from abc import ABC, abstractmethod
@@ -511,7 +512,7 @@ OWN_EFFECTS = PartKind("lab.effects", "effect", "own_effects", is_made=False)
 
 @dataclass(frozen=True)
 class VirtualEffect(Part, ABC, kind=OWN_EFFECTS):
-    """Options of ``lab simulate`` for one effect, the fields of a subclass.
+    """Options of a virtual arm for one effect, the fields of a subclass: flags of ``lab calibrate``.
 
     The default of a field is no effect; the text below it is the option's help.
 
