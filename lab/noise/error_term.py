@@ -4,8 +4,10 @@ In units of the instrument's noise the covariance of all numbers is V = 1 + sum 
 and a shape S_i for each term. Its structure P_i is one of three: drawn anew at each pose (``pose``), first-order
 autoregressive in time (``autoregressive``), or coefficients that are the same at all poses (``lasting``). Weights,
 likelihood, search, small-sample corrections and serialization loop over ``TERMS`` and name no term. Each of the first
-two structures has one term; the third has any number. A new term is a class and a place in ``TERMS``. A package adds
-one of the third structure by an entry point of ``lab.error_terms``; it is searched on request.
+two structures has one term, which the likelihood is solved with; the third has any number. A new term is a lasting
+one: a class and a place in ``TERMS``. A package adds one by an entry point of ``lab.error_terms``; it is searched on
+request. A shape is made of ``ErrorShapes``, which know poses and times but no distances: noise that depends on the
+distance from the instrument is the ``covariance`` of an ``Instrument``.
 """
 
 from abc import ABC, abstractmethod

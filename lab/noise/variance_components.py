@@ -44,8 +44,17 @@ __all__ = [
 ]
 
 _TINY = 1e-300
-(_WITHIN,) = (term for term in TERMS if term.structure == "pose")
-(_IN_TIME,) = (term for term in TERMS if term.structure == "autoregressive")
+
+
+def _only_term(structure: str) -> ErrorTerm:
+    """Return the term of a structure that the likelihood is solved with, of which there is one."""
+    terms = [term for term in TERMS if term.structure == structure]
+    if len(terms) != 1:
+        raise RuntimeError(f"structure {structure} has {len(terms)} error terms, not 1; make a new one lasting")
+    return terms[0]
+
+
+_WITHIN, _IN_TIME = _only_term("pose"), _only_term("autoregressive")
 _MIN_SHARE = 0.25  # of a given instrument's variance: half its noise
 _MIN_GAP = 1e-8
 _ROUNDING = 1e-14  # added to the normal equations of unit columns
