@@ -795,11 +795,11 @@ class TermSearch:
         flips = rng.integers(0, 2, (_FLIPS, len(scores))).astype(np.float32) * 2 - 1  # rounding is no matter here
         first, second = _orthonormal_pairs(scores[:, self._pairs[useful]], gram[:, useful])
         size = float(max(np.abs(first).max(), np.abs(second).max())) or 1.0
-        first, second = ((each / size).astype(np.float32) for each in (first, second))
+        scaled = [(each / size).astype(np.float32) for each in (first, second)]
         largest = np.empty(_FLIPS, dtype=np.float32)
         for start in range(0, _FLIPS, _FLIPS_AT_ONCE):
             some = flips[start : start + _FLIPS_AT_ONCE]
-            largest[start : start + len(some)] = (np.square(some @ first) + np.square(some @ second)).max(axis=1)
+            largest[start : start + len(some)] = (np.square(some @ scaled[0]) + np.square(some @ scaled[1])).max(axis=1)
         return float(np.sort(size**2 * largest.astype(np.float64))[-int(level * (_FLIPS + 1))])
 
 
