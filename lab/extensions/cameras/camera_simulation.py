@@ -13,6 +13,7 @@ from lab.core.units import MM
 from lab.extensions.cameras.geometry import projected
 from lab.extensions.cameras.rig import PX, Board, Camera, Rig, Simulated
 from lab.kinematics.effects.effect import BUMPED, ShapesNoise, TrackerMotion
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.candidate_poses import refuse_unknown_targets
@@ -189,14 +190,8 @@ def drawn_scene(rig: Rig, arm: CameraArm, rng: np.random.Generator) -> CameraSce
     joints = random_poses(arm.robot, _PLACINGS, rng)
     tips = arm.tips(joints)
     T_frame0 = se3.inverse(arm.T_world_instrument) @ arm.robot.T_world_frame0
-    Ts: dict[Camera | Board, Array] = {}
     parts: tuple[Camera | Board, ...] = (*rig.cameras, *rig.boards)
-    for part in parts:
-        mount = rig.mount(part, arm.targets)
-        if (given := _given_place(rig, part, arm, T_frame0)) is not None:
-            Ts[part] = given
-        elif mount is not None:
-            Ts[part] = _in_hand(part, rng)
+    Ts = _given_or_in_hand(parts, rig, arm, T_frame0, rng)
     seeing = []
     for part in parts:
         if part not in Ts:
@@ -209,6 +204,20 @@ def drawn_scene(rig: Rig, arm: CameraArm, rng: np.random.Generator) -> CameraSce
             seeing.append(joints[row])
     near = np.array(seeing) if seeing else joints
     return CameraScene(rig, tuple(Ts[each] for each in rig.cameras), tuple(Ts[each] for each in rig.boards), near)
+
+
+def _given_or_in_hand(
+    parts: tuple[Camera | Board, ...], rig: Rig, arm: CameraArm, T_frame0: Array, rng: np.random.Generator
+) -> dict[Camera | Board, Array]:
+    """Return the poses of what the file places, and of what the arm carries; not of others in the world."""
+    Ts: dict[Camera | Board, Array] = {}
+    for part in parts:
+        T = _given_place(rig, part, arm, T_frame0)
+        if T is None and rig.mount(part, arm.targets) is not None:
+            T = _in_hand(part, rng)
+        if T is not None:
+            Ts[part] = T
+    return Ts
 
 
 def _in_hand(part: Camera | Board, rng: np.random.Generator) -> Array:
@@ -267,29 +276,18 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     Raises:
         LabError: the robot's effects are of a tracker, or the arm sees no board.
     """
-    real, rng, scene = poses.robot, poses.rng, rig.simulated
-    if not isinstance(real, TrueSerialRobot):
-        what = "several tips" if isinstance(real.robot, TreeModel) else "loops"
-        raise LabError(
-            f"robot {real.robot.chain.name} has {what}: a virtual one is measured by {option_name('observe')} points "
-            "or pose"
-        )
-    _refuse_trackers(real)
+    real, rng, scene = _serial_robot(poses.robot), poses.rng, rig.simulated
     scattering, failing, shaping, placing, missing = rng.spawn(5)
     targets = tuple(dict.fromkeys((*poses.targets, *rig.targets)))
     nominal = CameraArm(real.robot, real.T_world_tracker, targets)
     # cameras and boards that the nominal arm sees, and the true arm's pose at each picture
-    placed = drawn_scene(rig, nominal, placing)
-    for _ in range(_SCENES):
-        if placed.shows(nominal):
-            break
-        placed = drawn_scene(rig, nominal, placing)
+    placed = _scene_that_shows(rig, nominal, placing)
     joints = poses.joints if poses.planned else _seeing_poses(placed, nominal, len(poses.joints), placing)
     conditions = {name: column for name, column in poses.conditions.items() if name != BUMPED}
     scatter = real.effects.scatter(len(joints), scattering)
     tips = _true_tips(real, joints, targets, conditions, scatter)
-    there = replace(nominal, robot=replace(real.robot, model=real.model))
-    row, cell, exact, distance = _seen_corners(placed, there, joints, tips, missing)
+    true_arm = replace(nominal, robot=replace(real.robot, model=real.model))
+    row, cell, exact, distance = _seen_corners(placed, true_arm, joints, tips, missing)
     # noise, wrong corners, and what displaces the point of the tool
     noise = corner_noise_px(scene, distance)
     if poses.instrument.kind == "exact":
@@ -303,15 +301,24 @@ def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     errors += displaced[:, :2] * (focal[cell[:, 0]] / distance)[:, None]
     shown_px = PX.of(exact + errors)
     data = measured(real.robot.chain.joint_names, real.effects.shown(joints)[row], (), np.empty((len(row), 0, 3)))
-    names = [[part.name for part in parts] for parts in (rig.cameras, rig.boards)]
     texts = {
-        "camera": tuple(names[0][i] for i in cell[:, 0]),
-        "board": tuple(names[1][i] for i in cell[:, 1]),
+        "camera": tuple(rig.cameras[i].name for i in cell[:, 0]),
+        "board": tuple(rig.boards[i].name for i in cell[:, 1]),
         "corner": tuple(map(str, cell[:, 2].tolist())),
     }
     numbers = {name: column[row] for name, column in conditions.items()}
     numbers |= {"u_px": shown_px[:, 0], "v_px": shown_px[:, 1]}
     return SimulatedReadings(replace(data, other=texts, conditions=numbers), bad | wrong, placed.placed)
+
+
+def _scene_that_shows(rig: Rig, arm: CameraArm, rng: np.random.Generator) -> CameraScene:
+    """Draw scenes until one shows a board to the arm, or the last of some."""
+    scene = drawn_scene(rig, arm, rng)
+    for _ in range(_SCENES):
+        if scene.shows(arm):
+            break
+        scene = drawn_scene(rig, arm, rng)
+    return scene
 
 
 def _seen_corners(
@@ -362,10 +369,18 @@ def _blur_px(scene: Simulated, distance_m: Array) -> Array:
     return np.asarray(scene.blur_px * 2 * np.abs(MM.to_si(scene.focus_mm) / distance_m - 1))
 
 
-def _refuse_trackers(real: TrueRobot) -> None:
+def _serial_robot(real: TrueRobot) -> TrueSerialRobot:
+    """Return a serial robot without effects of a tracker; refuse others."""
+    if not isinstance(real, TrueSerialRobot):
+        what = "several tips" if isinstance(real.robot, TreeModel) else "loops"
+        raise LabError(
+            f"robot {real.robot.chain.name} has {what}: a virtual one is measured by {option_name('observe')} points "
+            "or pose"
+        )
     moving = any(isinstance(part, TrackerMotion) and part.motion.any() for part in real.effects.parts)
     if moving or any(isinstance(part, ShapesNoise) and part.is_of_a_tracker for part in real.effects.parts):
         raise LabError("drift, bumps and steps are of a tracker, and this kind of observation has none: leave them out")
+    return real
 
 
 def _true_tips(
@@ -385,29 +400,39 @@ def _seeing_poses(placed: CameraScene, arm: CameraArm, count: int, rng: np.rando
     """
     rig, chain = placed.rig, arm.robot.chain
     pairs = rig.pairs
-    found = [list[Array]() for _ in pairs]
+    drawn = [list[Array]() for _ in pairs]
     wanted = [len(range(i, count, len(pairs))) for i in range(len(pairs))]
     near = placed.seeing
     for number in range(_ROUNDS):
         joints = chain.random_joints(_BLOCK, rng)
         if number % 2:
-            joints = near[rng.integers(len(near), size=_BLOCK)] + _AROUND * rng.standard_normal(joints.shape)
-            joints = joints[~chain.beyond_limits(joints, 0.0).any(axis=1)]
+            joints = _around(chain, near, joints.shape, rng)
         tips = arm.tips(joints)
         for which, (camera, board) in enumerate(pairs):
-            if len(found[which]) < wanted[which]:
-                found[which] += _some_seeing(
-                    placed, arm, camera, board, joints, tips, wanted[which] - len(found[which])
+            if len(drawn[which]) < wanted[which]:
+                drawn[which] += _some_seeing(
+                    placed, arm, camera, board, joints, tips, wanted[which] - len(drawn[which])
                 )
-        if all(len(each) == need for each, need in zip(found, wanted, strict=True)):
-            return np.array([found[i % len(pairs)][i // len(pairs)] for i in range(count)])
-    lacking = next(i for i, each in enumerate(found) if len(each) < wanted[i])
-    camera, board = pairs[lacking]
-    raise LabError(
+        if all(len(some) == need for some, need in zip(drawn, wanted, strict=True)):
+            return np.array([drawn[i % len(pairs)][i // len(pairs)] for i in range(count)])
+    raise _hardly_seen(rig, list(map(len, drawn)), wanted)
+
+
+def _hardly_seen(rig: Rig, counts: list[int], wanted: list[int]) -> LabError:
+    """Return the error of the first camera and board with fewer poses than wanted."""
+    lacking = next(i for i, count in enumerate(counts) if count < wanted[i])
+    camera, board = rig.pairs[lacking]
+    return LabError(
         f"camera {rig.cameras[camera].name} sees {rig.simulated.corners} corners of board {rig.boards[board].name} in "
-        f"{len(found[lacking])} poses alone, of {wanted[lacking]} wanted: place them otherwise, or take another "
+        f"{counts[lacking]} poses alone, of {wanted[lacking]} wanted: place them otherwise, or take another "
         f"{option_name('seed')}"
     )
+
+
+def _around(chain: JointSpec, near: Array, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+    """Draw joint positions near others, within the limits."""
+    joints = near[rng.integers(len(near), size=shape[0])] + _AROUND * rng.standard_normal(shape)
+    return np.asarray(joints[~chain.beyond_limits(joints, 0.0).any(axis=1)])
 
 
 def _some_seeing(

@@ -1,6 +1,6 @@
 """Measure with cameras: places of corners of boards in pictures, taken by the arm or of it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -41,6 +41,12 @@ _NUMBERS = ("u_px", "v_px", "sigma_px")
 _NEAR_ROWS = 400
 _MOST_NAMED = 5  # pictures in a warning
 _ROUNDS, _SETTLED = 4, 0.01  # of the noise by which priors of intrinsic parameters weigh
+
+
+def _without_board(pictures: list[str], count: int) -> list[str]:
+    """Warn of pictures without a board, of so many."""
+    named = ", ".join(pictures[:_MOST_NAMED])
+    return [f"no board is found in {len(pictures)} of {count} pictures ({named})"] if pictures else []
 
 
 @dataclass(frozen=True)
@@ -102,30 +108,31 @@ class PixelSensor(VirtualSensor):
             return data
         pictures = data.other["image"]
         wanted = [i for i, name in enumerate(pictures) if name and data.use[i] != "skip"]
-        corners = [(row, *corner) for row in wanted for corner in self._corners_in(folder / pictures[row])]
+        corners = list(self._corners_in(folder, pictures, wanted))
         if not corners:
             raise LabError(f"no board is found in any of {counted(len(wanted), 'picture')}: check the boards' kinds")
+        # a row a corner, with its place in the picture
         rows, boards, numbers, places = zip(*corners, strict=True)
-        part, found_px = data[list(rows)], np.array(places)
-        warnings = part.warnings
-        if lost := [row for row in wanted if row not in rows]:
-            named = ", ".join(pictures[row] for row in lost[:_MOST_NAMED])
-            warnings = (*warnings, f"no board is found in {len(lost)} of {len(wanted)} pictures ({named})")
+        part, corners_px = data[list(rows)], np.array(places)
+        empty = [pictures[row] for row in wanted if row not in rows]
         return replace(
             part,
             ids=tuple(map(":".join, zip(part.ids, boards, numbers, strict=True))),
             other={**part.other, "board": boards, "corner": numbers},
-            conditions={**part.conditions, "u_px": found_px[:, 0], "v_px": found_px[:, 1]},
-            warnings=warnings,
+            conditions={**part.conditions, "u_px": corners_px[:, 0], "v_px": corners_px[:, 1]},
+            warnings=(*part.warnings, *_without_board(empty, len(wanted))),
         )
 
-    def _corners_in(self, file: Path) -> Iterator[tuple[str, str, Array]]:
-        """Return board, number and place ``(2,)`` px of the corners in a picture."""
-        picture = picture_of(file)
-        for board in self.rig.boards:
-            numbers, places = detected(picture, board)
-            for number, place in zip(numbers.tolist(), places, strict=True):
-                yield board.name, str(number), place
+    def _corners_in(
+        self, folder: Path, pictures: Sequence[str], rows: Sequence[int]
+    ) -> Iterator[tuple[int, str, str, Array]]:
+        """Yield row, board, number and place ``(2,)`` px of the corners in the pictures of some rows."""
+        for row in rows:
+            picture = picture_of(folder / pictures[row])
+            for board in self.rig.boards:
+                numbers, places = detected(picture, board)
+                for number, place in zip(numbers.tolist(), places, strict=True):
+                    yield row, board.name, str(number), place
 
     def noise(self, given: Noise) -> Noise:
         """Return the noise of a corner: the given one, else none, so that it is estimated."""

@@ -195,11 +195,15 @@ class DynamicsOptions:
         positive("--band-hz", self.band_hz)
         if self.holdout not in HOLDOUT:
             raise LabError(f"--holdout {self.holdout:g}: give a share of the path from 0 to 0.8")
+        self._check_measurements()
+
+    def _check_measurements(self) -> None:
+        """Refuse options of measurements without them, and measurements beside a simulation."""
+        files: dict[str, object] = {"--validate": self.validate, "--sensor": self.sensor}
         if self.rehearsal.simulate:
-            if stray := _first_given({"FILE": self.file, "--validate": self.validate, "--sensor": self.sensor}):
+            if stray := _first_given({"FILE": self.file} | files):
                 raise LabError(f"--simulate makes the measurements itself: leave {stray} out")
             return
-        given: dict[str, object] = {"--load": self.load, "--validate": self.validate, "--sensor": self.sensor}
-        given |= {"--holdout": self.holdout or None, "--delay": self.delay or None, "--physical": self.physical or None}
-        if self.file is None and (stray := _first_given(given)):
+        rest = {"--holdout": self.holdout or None, "--delay": self.delay or None, "--physical": self.physical or None}
+        if self.file is None and (stray := _first_given({"--load": self.load} | files | rest)):
             raise LabError(f"{stray} is for measurements: give a FILE, or --simulate")

@@ -77,9 +77,8 @@ class PayloadSamples:
         n, size = self.joints.shape
         assert self.torques is not None or self.wrench is not None
         assert self.loaded.shape == (n,) and self.loaded.dtype == np.bool_ and len(self.lines) in (0, n)
-        for values, shape in ((self.time_s, (n,)), (self.torques, (n, size)), (self.wrench, (n, 6))):
-            assert values is None or (values.shape == shape and np.isfinite(values).all())
-        assert np.isfinite(self.joints).all()
+        columns = (self.joints, (n, size)), (self.time_s, (n,)), (self.torques, (n, size)), (self.wrench, (n, 6))
+        assert all(values is None or (values.shape == shape and np.isfinite(values).all()) for values, shape in columns)
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -184,17 +183,15 @@ class Mounting:
 
 def write_loads(path: Path, records: PayloadSamples, joint_names: Sequence[str], prismatic: Sequence[bool]) -> None:
     """Write the CSV that ``read_loads`` reads back bit by bit."""
+    joints = [f"{name}_{'m' if slides else 'rad'}" for name, slides in zip(joint_names, prismatic, strict=True)]
+    torques = _current_columns(prismatic) if records.currents else _torque_columns(prismatic)
     columns: dict[str, list[str]] = {}
-    if records.time_s is not None:
-        columns["time_s"] = [*map(repr, records.time_s.tolist())]
-    for j, (name, slides) in enumerate(zip(joint_names, prismatic, strict=True)):
-        columns[f"{name}_{'m' if slides else 'rad'}"] = [*map(repr, records.joints[:, j].tolist())]
-    if records.torques is not None:
-        names = _current_columns(prismatic) if records.currents else _torque_columns(prismatic)
-        for name, torque in zip(names, records.torques.T, strict=True):
-            columns[name] = [*map(repr, torque.tolist())]
-    if records.wrench is not None:
-        columns |= {name: [*map(repr, values.tolist())] for name, values in zip(WRENCH, records.wrench.T, strict=True)}
+    for names, values in (
+        (["time_s"], records.time_s), (joints, records.joints), (torques, records.torques), (WRENCH, records.wrench)
+    ):  # fmt: skip
+        if values is not None:
+            rows = np.atleast_2d(values.T).tolist()
+            columns |= {name: [*map(repr, row)] for name, row in zip(names, rows, strict=True)}
     columns["run"] = [_RUNS[0] if loaded else _RUNS[1] for loaded in records.loaded.tolist()]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -283,11 +280,11 @@ class _LoadReader(PoseReader):
 
     def _motors(self, drives: Drives | None) -> Array | None:
         """Read joint positions from columns ``motor1_rad`` and so on; None where the file has joints."""
-        given = [column for column in self.header if re.fullmatch(r"motor\d*(_.*)?", column)]
-        if not given:
+        motors = [column for column in self.header if re.fullmatch(r"motor\d*(_.*)?", column)]
+        if not motors:
             return None
         if drives is None:
-            raise self.wrong(f"{given[0]}: motor positions need gear ratios; give --drives FILE.toml")
+            raise self.wrong(f"{motors[0]}: motor positions need gear ratios; give --drives FILE.toml")
         factors: dict[str, Array | float] = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
         if drives.counts_per_turn is not None:
             factors["counts"] = 2 * np.pi / drives.counts_per_turn
@@ -295,13 +292,17 @@ class _LoadReader(PoseReader):
         for j in range(len(self.joint_names)):
             column, factor = self._motor(j, factors)
             positions[:, j] = self.numbers(column) * np.broadcast_to(factor, len(self.joint_names))[j]
-            given.remove(column)
-        if given:
-            raise self.wrong(f"column {given[0]} is no motor of the robot; remove it")
+            motors.remove(column)
+        if motors:
+            raise self.wrong(f"column {motors[0]} is no motor of the robot; remove it")
+        self._refuse_joints()
+        return drives.joints(positions)
+
+    def _refuse_joints(self) -> None:
+        """Refuse joint positions beside the motors'."""
         if joints := [c for c in self.unread for n, name in enumerate(self.joint_names, 1)
                       if re.fullmatch(rf"({re.escape(name)}|q{n})_(rad|deg|mm|m)", c)]:  # fmt: skip
             raise self.wrong(f"{joints[0]}: the motors' positions say where the joints are; give one of both")
-        return drives.joints(positions)
 
     def _motor(self, j: int, factors: Mapping[str, Array | float]) -> tuple[str, Array | float]:
         """Return the column of a motor, from 0, and the factor of its unit.
@@ -310,12 +311,12 @@ class _LoadReader(PoseReader):
             LabError: there is none, or there are several.
         """
         names = {f"motor{j + 1}_{unit}": factor for unit, factor in factors.items()}
-        there = [name for name in names if name in self.header]
-        if len(there) != 1:
-            what = f"{' and '.join(there)} are the same motor" if there else f"motor {j + 1} is missing"
+        columns = [name for name in names if name in self.header]
+        if len(columns) != 1:
+            what = f"{' and '.join(columns)} are the same motor" if columns else f"motor {j + 1} is missing"
             counts = "" if "counts" in factors else " (_counts where the drives have counts_per_turn)"
             raise self.wrong(f"{what}; give one of {', '.join(names)}{counts}")
-        return there[0], names[there[0]]
+        return columns[0], names[columns[0]]
 
     def _refuse_beyond(self, joints: Array, limits: _Limits | None) -> None:
         """Refuse joint positions that motors cannot have turned the joints to."""

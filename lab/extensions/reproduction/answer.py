@@ -120,13 +120,19 @@ def number(
         last_digit = 10.0**-decimals if decimals else 0.5  # a whole number is rounded
         return abs(error(text)) <= last_digit * (1 + _EDGE)
 
-    decimals = _decimals(shown) if shown else digits
-    more = 1 if shown and (decimals or not abs(ours - np.round(ours)) <= _EDGE * max(1.0, abs(ours))) else 0
+    written = _written(ours, _digits_beside(shown, ours) if shown else digits)
     return ComparedValue(
-        name, printed, _written(ours, decimals + more), unit, _small(error(shown), "+") if shown else "",
+        name, printed, written, unit, _small(error(shown), "+") if shown else "",
         near(printed) if printed else None, erratum, "trivial" if shown in _TRIVIAL else "number",
         right, near(right) if right else True,
     )  # fmt: skip
+
+
+def _digits_beside(shown: str, ours: float) -> int:
+    """Return the digits of ours beside a printed number: one more, but for whole numbers."""
+    decimals = _decimals(shown)
+    whole = abs(ours - np.round(ours)) <= _EDGE * max(1.0, abs(ours))
+    return decimals + (1 if decimals or not whole else 0)
 
 
 def formula(

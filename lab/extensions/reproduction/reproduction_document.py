@@ -120,14 +120,14 @@ def _card(result: ReproductionResult) -> Card:
 def _overview(result: ReproductionResult) -> tuple[Block, ...]:
     used = [state for state in STATES if any(result.counts[kind][state] for kind in KINDS)]
     kinds = tuple(
-        (words, *(str(result.counts[kind][state] or "") for state in used))
+        (words, *_cells(result.counts[kind], used))
         for kind, words in KINDS.items()
         if any(result.counts[kind].values())
     )
     items: list[Row] = []
-    for each in result.computed:
-        counts = Counter(answer.state for answer in each.answers)
-        items.append((each.item.number, each.item.title, *(str(counts[state] or "") for state in used)))
+    for computed in result.computed:
+        counts = Counter(answer.state for answer in computed.answers)
+        items.append((computed.item.number, computed.item.title, *_cells(counts, used)))
     heads = tuple(STATES[state] for state in used)
     return (
         Table(("", *heads), kinds),
@@ -139,6 +139,11 @@ def _overview(result: ReproductionResult) -> tuple[Block, ...]:
         ),
         Table(("item", "", *heads), tuple(items)),
     )
+
+
+def _cells(counts: Mapping[State, int], states: Sequence[State]) -> list[str]:
+    """Return the counts of some states, empty for none."""
+    return [str(counts[state] or "") for state in states]
 
 
 @guarded
@@ -202,12 +207,16 @@ def _values_of(answers: tuple[ComparedValue, ...]) -> Iterator[Block]:
     """Show matrices as such, rows of a table in a table of as many columns, and all other values one by one."""
     placed = by_matrix(answers)
     yield Matrices(tuple(_matrix(name, rows) for name, rows in placed.items() if len(rows) > 1))
-    single = [rows[0] for rows in placed.values() if len(rows) == 1]
-    for width in dict.fromkeys(map(len, single)):
-        yield _row_table([row for row in single if len(row) == width], width)
+    yield from _row_tables([rows[0] for rows in placed.values() if len(rows) == 1])
     wrong = [answer for answer in answers if answer.place is not None and answer.state in _WORST[:3]]
     yield Bullets(tuple(_marked_entries(wrong)))
     yield _list([answer for answer in answers if answer.place is None])
+
+
+def _row_tables(rows: Sequence[Sequence[ComparedValue]]) -> Iterator[Table]:
+    """Show rows of each length in a table."""
+    for width in dict.fromkeys(map(len, rows)):
+        yield _row_table([row for row in rows if len(row) == width], width)
 
 
 def _matrix(name: str, rows: Sequence[Sequence[ComparedValue]]) -> Matrix:

@@ -144,8 +144,12 @@ def solution_of(answers: Sequence[ComparedValue]) -> Iterator[Block]:
     matrices = {name: tuple(tuple(a.solution for a in row) for row in rows) for name, rows in placed.items()}
     yield Matrices(tuple(Matrix(name, (("", rows),)) for name, rows in matrices.items() if len(rows) > 1))
     rows = [(name, ", ".join(rows[0]), _units(placed[name][0])) for name, rows in matrices.items() if len(rows) == 1]
-    rows += [(answer.name, answer.solution, answer.unit) for answer in asked if answer.place is None]
-    yield Table(("", "solution", "unit"), tuple(rows))
+    yield Table(("", "solution", "unit"), (*rows, *_single(asked)))
+
+
+def _single(answers: Sequence[ComparedValue]) -> list[tuple[str, str, str]]:
+    """Return name, solution and unit of what is in no matrix."""
+    return [(answer.name, answer.solution, answer.unit) for answer in answers if answer.place is None]
 
 
 def _units(row: Sequence[ComparedValue]) -> str:
@@ -156,11 +160,11 @@ def _units(row: Sequence[ComparedValue]) -> str:
 
 def by_matrix(answers: Iterable[ComparedValue]) -> dict[str, list[list[ComparedValue]]]:
     """Return the rows of each matrix, by its name."""
-    found: dict[str, dict[int, list[ComparedValue]]] = {}
+    matrices: dict[str, dict[int, list[ComparedValue]]] = {}
     for answer in answers:
         if answer.place is not None:
-            found.setdefault(answer.place[0], {}).setdefault(answer.place[1], []).append(answer)
-    return {name: list(rows.values()) for name, rows in found.items()}
+            matrices.setdefault(answer.place[0], {}).setdefault(answer.place[1], []).append(answer)
+    return {name: list(rows.values()) for name, rows in matrices.items()}
 
 
 @takes(ReproduceOptions)

@@ -120,10 +120,7 @@ def live_tables(
     Raises:
         LabError: there is no such index, an index is named twice, or the noise or the draws are not positive.
     """
-    if unknown := [name for name in names if name not in INDICES]:
-        raise LabError(f"index '{unknown[0]}' is unknown: choose of {', '.join(INDICES)}")
-    if not names or len(set(names)) < len(names):
-        raise LabError("indices: name each one once, and at least one")
+    _check_names(names)
     if not 0 < noise_um < np.inf:
         raise LabError(f"noise of {noise_um:g} µm: give a positive one")
     if draws < 1:
@@ -133,6 +130,13 @@ def live_tables(
         twin = {"O2": "condition", "condition": "O2"}.get(name, name)
         chosen[name] = chosen[twin] if twin in chosen else _poses(name, seed)
     return LiveTables(seed, noise_um, chosen, {name: _errors(at, noise_um, seed, draws) for name, at in chosen.items()})
+
+
+def _check_names(names: Sequence[str]) -> None:
+    if unknown := [name for name in names if name not in INDICES]:
+        raise LabError(f"index '{unknown[0]}' is unknown: choose of {', '.join(INDICES)}")
+    if not names or len(set(names)) < len(names):
+        raise LabError("indices: name each one once, and at least one")
 
 
 def _rates(joints: Array) -> Array:

@@ -122,9 +122,8 @@ def _simulated(described: DynamicsResult) -> SimulatedSession:
 
 def _measured(described: DynamicsResult, samples: PayloadSamples, other: PayloadSamples | None) -> DynamicsResult:
     options, robot = described.options, described.robot
-    load, file = None if options.load is None else read_load(options.load), options.file or "--simulate"
-    if load is not None and not samples.loaded.any():
-        raise LabError(f"--load {options.load}: no row of {file} has run = loaded; mark those that carry it")
+    file = options.file or "--simulate"
+    load = None if options.load is None else _carried_load(options.load, samples, file)
     model = DynamicModel(robot.serial_model.chain, described.arm, described.base)
     with error_context(file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         estimate = identify_dynamics(
@@ -133,11 +132,11 @@ def _measured(described: DynamicsResult, samples: PayloadSamples, other: Payload
         )  # fmt: skip
         if not estimate.identified.any():
             raise LabError("nothing of the arm shows: move its joints, several at a time")
-    physical, links = None, None if robot.loads is None else link_inertias(robot.serial_model)
-    if estimate.identified.all():
-        physical = nearest_physical_arm(model, estimate, links)
-    elif options.physical:
+    links = None if robot.loads is None else link_inertias(robot.serial_model)
+    whole = bool(estimate.identified.all())
+    if options.physical and not whole:
         raise LabError("--physical: not every base parameter is identified; move more joints, or leave it out")
+    physical = nearest_physical_arm(model, estimate, links) if whole else None
     size = ArmSize.of(robot.serial_model.chain, robot.loads)
     nominal = None if links is None else model.base.projection @ model.arm.standard(links, {})
     names = [f"the torque of {name}" for name in robot.chain.joint_names]
@@ -151,6 +150,14 @@ def _measured(described: DynamicsResult, samples: PayloadSamples, other: Payload
         warnings=(*described.warnings, *samples.warnings, *_warnings(estimate, implausible)),
         implausible=implausible,
     )
+
+
+def _carried_load(path: Path, samples: PayloadSamples, file: Path | str) -> Array:
+    """Read the load of a path's loaded run."""
+    load = read_load(path)
+    if not samples.loaded.any():
+        raise LabError(f"--load {path}: no row of {file} has run = loaded; mark those that carry it")
+    return load
 
 
 def _read(robot: Robot, file: Path, drives: Drives | None) -> PayloadSamples:

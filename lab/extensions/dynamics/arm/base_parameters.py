@@ -6,7 +6,7 @@ of its columns, in an order that prefers the parameters of SYMORO+ (XX XY XZ YZ 
 parameters are X1 + K X2. Parameters with a column of zeros affect no torque.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 
@@ -151,17 +151,17 @@ def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.G
     Raises:
         LabError: the regrouping of the arm is no polynomial of its lengths.
     """
-    places = _places(arm)
-    letters = {name: float(arm.chain.table[place]) for name, place in places.items()}
+    letters = {name: float(arm.chain.table[place]) for name, place in _places(arm).items()}
     products = [word for degree in range(3) for word in combinations_with_replacement(sorted(letters), degree)]
+    # K of arms of random lengths, and its factors by least squares; the first arm is a check
     lengths = rng.uniform(0.5, 1.5, (len(products) + 2, len(letters)))
     samples = [dict(zip(letters, row, strict=True)) for row in lengths.tolist()]
-    found = [_regrouping(arm, base, each, rng) for each in samples]
-    monomials = np.array([[np.prod([each[letter] for letter in word]) for word in products] for each in samples])
-    flat = np.array(found).reshape(len(samples), -1)
-    factors = np.linalg.lstsq(monomials[1:], flat[1:], rcond=None)[0]  # the first is a check
+    flat = np.array([_regrouping(arm, base, sample, rng) for sample in samples]).reshape(len(samples), -1)
+    monomials = np.array([_monomials(products, sample) for sample in samples])
+    factors = np.linalg.lstsq(monomials[1:], flat[1:], rcond=None)[0]
     factors = np.where(np.abs(factors - np.round(factors)) < _ZERO, np.round(factors), factors)
-    nominal = np.array([np.prod([letters[letter] for letter in word]) for word in products]) @ factors
+    # the polynomial is that of the first arm, and of the nominal one
+    nominal = _monomials(products, letters) @ factors
     size = max(1.0, float(np.abs(flat).max(initial=0.0)))
     wrong = max(
         float(np.abs(monomials[0] @ factors - flat[0]).max(initial=0.0)),
@@ -170,21 +170,27 @@ def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.G
     if wrong > _SAME * size:
         raise LabError(f"robot '{arm.chain.name}': its regrouping is no polynomial of its lengths (off by {wrong:.2g})")
     table = factors.reshape(len(products), *base.regrouping.shape)
+    grouped = [base.names[j] for j in base.grouped]
     return tuple(
-        Formula(label, base.names[own], _terms(products, table[:, i], [base.names[j] for j in base.grouped]))
+        Formula(label, base.names[own], _terms(products, table[:, i], grouped))
         for i, (label, own) in enumerate(zip(base.labels, base.independent.tolist(), strict=True))
     )
 
 
+def _monomials(products: Sequence[tuple[str, ...]], letters: Mapping[str, float]) -> Array:
+    """Return the products of lengths (m)."""
+    return np.array([np.prod([letters[letter] for letter in word]) for word in products])
+
+
 def _places(arm: ArmDynamics) -> dict[str, tuple[int, int]]:
     """Return row and column of nonzero lengths by letter; the constant of a slide is part of its position."""
-    found, chain = {}, arm.chain
+    places, chain = {}, arm.chain
     for i, row in enumerate(chain.table):
         for symbol in ("d", "a"):
             column = COLUMNS.index(symbol)
             if abs(row[column]) > _ZERO_M and not (symbol == "d" and chain.prismatic[i]):
-                found[arm.letter(symbol, i + 1)] = (i, column)
-    return found
+                places[arm.letter(symbol, i + 1)] = (i, column)
+    return places
 
 
 def _regrouping(arm: ArmDynamics, base: BaseParameters, letters: dict[str, float], rng: np.random.Generator) -> Array:

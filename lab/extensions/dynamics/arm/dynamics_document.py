@@ -227,10 +227,11 @@ def _loads(result: DynamicsResult, estimate: DynamicsEstimate) -> tuple[doc.Bloc
     """Compare the load by both methods."""
     if estimate.load is None:
         return ()
-    first, *others = [parameter_rows(load) for load in (estimate.load, estimate.by_difference) if load is not None]
+    first = parameter_rows(estimate.load)
+    difference = () if estimate.by_difference is None else parameter_rows(estimate.by_difference)
     if not first:
         return (doc.Paragraph("The motion does not identify the load."),)
-    by_difference = {row[0]: _interval_text(row[1], row[2]) for rows in others for row in rows}
+    by_difference = {row[0]: _interval_text(row[1], row[2]) for row in difference}
     rows: list[doc.Row] = [
         (name, _interval_text(value, width), by_difference.get(name, "–"), unit) for name, value, width, unit in first
     ]

@@ -381,24 +381,22 @@ def fit_runs(
     )
 
 
-def predict(found: DynamicsEstimate, runs: Sequence[ThinnedRun], given_load: Array | None, of: str) -> TorquePrediction:
+def predict(
+    estimate: DynamicsEstimate, runs: Sequence[ThinnedRun], given_load: Array | None, of: str
+) -> TorquePrediction:
     """Predict the torques of runs that were not fitted."""
-    late = found.delay.value if found.delay else 0.0
-    parameters = np.where(found.identified, found.values, 0.0)
-    load = given_load if given_load is not None else None if found.load is None else np.nan_to_num(found.load.phi)
+    late = estimate.delay.value if estimate.delay else 0.0
+    parameters = np.where(estimate.identified, estimate.values, 0.0)
+    load = given_load
+    if load is None and estimate.load is not None:
+        load = np.nan_to_num(estimate.load.phi)
     if load is None and any(run.loaded for run in runs):
         raise LabError("the path to predict carries a load that the fitted one did not: give it, or an unloaded run")
     measured = np.concatenate([run.measured(late) for run in runs])
-    predicted = np.concatenate(
-        [
-            run.rows()[..., _LOAD_SIZE:] @ parameters
-            + (run.rows()[..., :_LOAD_SIZE] @ load if run.loaded and load is not None else 0.0)
-            for run in runs
-        ]
-    )
+    predicted = np.concatenate([_predicted(run, parameters, load) for run in runs])
     left = measured - predicted
     squares, sizes = (left**2).mean(axis=0), (measured**2).mean(axis=0)
-    ratio = np.sqrt(squares) / found.solution.sigma
+    ratio = np.sqrt(squares) / estimate.solution.sigma
     return TorquePrediction(
         of,
         np.sqrt(squares / np.maximum(sizes, 1e-300)),
@@ -408,6 +406,13 @@ def predict(found: DynamicsEstimate, runs: Sequence[ThinnedRun], given_load: Arr
         measured,
         predicted,
     )
+
+
+def _predicted(run: ThinnedRun, parameters: Array, load: Array | None) -> Array:
+    """Return the torques ``(k, J)`` of a run by the base parameters, and by a load that it carries."""
+    rows = run.rows()
+    torques = rows[..., _LOAD_SIZE:] @ parameters
+    return np.asarray(torques + rows[..., :_LOAD_SIZE] @ load if run.loaded and load is not None else torques)
 
 
 def _runs(

@@ -55,11 +55,11 @@ class _Sum:
         return self + -other
 
     def __mul__(self, other: "_Sum") -> "_Sum":
-        found = _Sum()
+        product = _Sum()
         for names, factor in self.terms.items():
             for others, times in other.terms.items():
-                found = found + _Sum({tuple(sorted((*names, *others))): factor * times})
-        return found
+                product = product + _Sum({tuple(sorted((*names, *others))): factor * times})
+        return product
 
     @property
     def names(self) -> set[str]:
@@ -243,21 +243,28 @@ def newton_euler(arm: ArmDynamics, base: BaseParameters) -> NewtonEuler:
     """Write the inverse dynamics of an arm with its base parameters."""
     writer = _Writer(arm, base)
     links = [writer.link(j) for j in range(1, arm.chain.size + 1)]
-    felt = tuple(-writer.letter(f"G{axis}", float(g)) for axis, g in zip(_AXES, arm.gravity, strict=True))
-    forces = _outward(writer, links, (felt[0], felt[1], felt[2]))
+    # outward: velocities and accelerations, the base accelerating by -g, and the forces that move each link
+    minus_g = [-writer.letter(f"G{axis}", float(g)) for axis, g in zip(_AXES, arm.gravity, strict=True)]
+    forces = _outward(writer, links, (minus_g[0], minus_g[1], minus_g[2]))
+    # inward: the joints' torques, and from them the drives'
     drives = _drives(writer, _inward(writer, links, forces))
-    kept = _needed(writer.steps, drives)
-    sums = [*(formula for _, formula in kept if isinstance(formula, _Sum)), *drives]
-    used = {name for each in sums for name in each.names}
-    counted = [each.operations for each in sums]
+    # without what no torque needs
+    steps = _needed(writer.steps, drives)
+    sums = [*(formula for _, formula in steps if isinstance(formula, _Sum)), *drives]
+    used = set[str]().union(*(formula.names for formula in sums))
+    multiplications, additions = np.sum([formula.operations for formula in sums], axis=0).tolist()
     return NewtonEuler(
         letters={name: value for name, value in writer.letters.items() if name in used},
-        steps=tuple((name, each if isinstance(each, str) else each.text()) for name, each in kept),
-        torques=tuple(each.text() for each in drives),
+        steps=tuple((name, _text(formula)) for name, formula in steps),
+        torques=tuple(map(_text, drives)),
         parameters=base.labels,
-        multiplications=sum(each[0] for each in counted),
-        additions=sum(each[1] for each in counted),
+        multiplications=multiplications,
+        additions=additions,
     )
+
+
+def _text(formula: _Sum | str) -> str:
+    return formula if isinstance(formula, str) else formula.text()
 
 
 def _outward(writer: _Writer, links: Sequence[_Link], felt: _Vector) -> list[tuple[_Vector, _Vector]]:
@@ -337,26 +344,33 @@ def _inward(writer: _Writer, links: Sequence[_Link], forces: Sequence[tuple[_Vec
 def _drives(writer: _Writer, torques: Sequence[_Sum]) -> list[_Sum]:
     """Write the drives' torques: of links and the joints' friction through the couplings, then the drives' own."""
     arm, size = writer.arm, len(torques)
-    through = np.linalg.inv(arm.couplings.T) if arm.coupled else np.eye(size)
-    whole = list(torques)
+    # joints: of the links, with friction Fc sign(q') + Fv q'
+    joints = list(torques)
     for j in range(1, size + 1):
-        dry, viscous = writer.parameter("Fc", j), writer.parameter("Fv", j)
-        if dry.terms:
-            writer.steps.append((f"sign{j}", f"sign(qd{j})"))
-        whole[j - 1] = whole[j - 1] + dry * _Sum(f"sign{j}") + viscous * _Sum(f"qd{j}")
+        joints[j - 1] = joints[j - 1] + _friction(writer, j, "", _Sum(f"qd{j}"))
     if arm.coupled:
-        whole = [writer.named(f"tau{j}", each) for j, each in enumerate(whole, 1)]
-    found = [_weighted(row, whole) for row in through]
-    for j in range(1, size + 1):
-        rate, change = (_weighted(arm.couplings[j - 1], [_Sum(f"{name}{i}") for i in range(1, size + 1)])
-                        for name in ("qd", "qdd"))  # fmt: skip
-        own = writer.parameter("Ia", j) * change + writer.parameter("off", j)
-        if writer.parameter("Fcm", j).terms or writer.parameter("Fvm", j).terms:
-            speed = writer.named(f"qdm{j}", rate)
-            writer.steps.append((f"signm{j}", f"sign({speed.text()})"))
-            own = own + writer.parameter("Fcm", j) * _Sum(f"signm{j}") + writer.parameter("Fvm", j) * speed
-        found[j - 1] = found[j - 1] + own
-    return found
+        joints = [writer.named(f"tau{j}", torque) for j, torque in enumerate(joints, 1)]
+    # drives: C^-T tau, with the inertia, offset and friction of each
+    through = np.linalg.inv(arm.couplings.T) if arm.coupled else np.eye(size)
+    return [_weighted(through[j - 1], joints) + _own_torque(writer, j, size) for j in range(1, size + 1)]
+
+
+def _own_torque(writer: _Writer, j: int, size: int) -> _Sum:
+    """Write the torque of drive j itself: Ia qm'' + offset + Fcm sign(qm') + Fvm qm'."""
+    rate, change = (_weighted(writer.arm.couplings[j - 1], [_Sum(f"{name}{i}") for i in range(1, size + 1)])
+                    for name in ("qd", "qdd"))  # fmt: skip
+    own = writer.parameter("Ia", j) * change + writer.parameter("off", j)
+    if writer.parameter("Fcm", j).terms or writer.parameter("Fvm", j).terms:
+        own = own + _friction(writer, j, "m", writer.named(f"qdm{j}", rate))
+    return own
+
+
+def _friction(writer: _Writer, j: int, of: str, speed: _Sum) -> _Sum:
+    """Write the dry and viscous friction of a joint, or of a drive (m), at a speed."""
+    dry, viscous = writer.parameter(f"Fc{of}", j), writer.parameter(f"Fv{of}", j)
+    if dry.terms or of:
+        writer.steps.append((f"sign{of}{j}", f"sign({speed.text()})"))
+    return dry * _Sum(f"sign{of}{j}") + viscous * speed
 
 
 def _weighted(row: Array, sums: Sequence[_Sum]) -> _Sum:

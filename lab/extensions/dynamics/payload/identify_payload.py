@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.checks import Check
 from lab.core.errors import LabError, error_context
@@ -241,21 +242,24 @@ def _by_sag(options: PayloadOptions, run: CalibrationRun) -> PayloadResult:
     return PayloadResult(options, robot, None, mounting, estimate, cost, warnings, data.targets, implausible)
 
 
+def _rows_by_run(options: PayloadOptions, data: Measurements) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Return the rows with the payload, and those without."""
+    column = data.other.get("run")
+    if column is None or set(column) - {"loaded", "unloaded"}:
+        raise LabError(f"{options.file}: state in column run whether each row is loaded or unloaded")
+    return np.flatnonzero(np.array(column) == "loaded"), np.flatnonzero(np.array(column) == "unloaded")
+
+
 def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, Array, list[str]]:
     """Return joint positions ``(n, joints)``, and points ``(n, k, 3)`` without and with the payload, at the same poses.
 
     Pairs that repeat an earlier one to the last digit are left out, with a note.
     """
-    column = data.other.get("run")
-    if column is None or set(column) - {"loaded", "unloaded"}:
-        raise LabError(f"{options.file}: state in column run whether each row is loaded or unloaded")
-    with_it, without = (
-        np.array([i for i, text in enumerate(column) if text == kind]) for kind in ("loaded", "unloaded")
-    )
+    with_it, without = _rows_by_run(options, data)
     if len(with_it) != len(without) or np.abs(data.joints[with_it] - data.joints[without]).max(initial=0) > _SAME_RAD:
         raise LabError(f"{options.file}: give the same joint positions loaded and unloaded, in one order")
     parts = data.joints[with_it], data.points[without], data.points[with_it]
-    copies = copied_rows(np.concatenate([each.reshape(len(with_it), -1) for each in parts], axis=1))
+    copies = copied_rows(np.concatenate([part.reshape(len(with_it), -1) for part in parts], axis=1))
     retained = np.setdiff1d(np.arange(len(with_it)), [row for row, _ in copies])
     where = [data.where(int(with_it[row])) for row in copies[0]] if copies else []
     notes = [f"{describe_copies(options.file, len(copies), *where)}: left out"] if copies else []

@@ -408,13 +408,8 @@ def from_wrench(
     Raises:
         LabError: no wrench, no loaded run, too few samples, or it does not converge.
     """
-    if records.wrench is None:
-        raise LabError("there is no wrench: give a sensor's fx_n to mz_nm, or identify from the torques")
-    if not records.loaded.any():
-        raise LabError("there is no loaded run: record the wrench with the payload at the flange")
     moving = records.time_s is not None
-    if delay and not moving:
-        raise LabError("static poses show no delay: leave the option out, or record a motion")
+    _refuse_wrench(records, delay and not moving)
     readings = _readings(arm, values, records, mounting)
     labels = [*LOAD, *_OFFSETS, *(_TILT if tilt else ()), *(_TURN if turn else ()), *(("delay",) if delay else ())]
     reading = float(np.linalg.norm(readings.band.impulse)) if readings.band else 1.0
@@ -422,16 +417,26 @@ def from_wrench(
     series = readings.series(len(solution.residual))
     check = check_residuals(solution, _candidates(readings, solution, mounted, labels), series)
     turned = se3.log(mounting.rotation.T @ mounted.rotation)
-    found = [
+    beside = [
         *(mounting.sign * solution.values[10:16]),
         *(mounted.tilt if tilt else ()),
         *(turned if turn else ()),
         mounted.late_s,
     ]
-    nuisance = {name: (float(value), _unit(name)) for name, value in zip(labels[10:], found, strict=False)}
+    nuisance = {name: (float(value), _unit(name)) for name, value in zip(labels[10:], beside, strict=False)}
     unidentified = excitation_advice(solution, moving, arm, values, records.joints[records.loaded])
     kind, times = f"wrench, {'moving' if moving else 'static'}", readings.times(len(solution.residual))
     return estimate_of(kind, solution, nuisance, unidentified, check, reading, times)
+
+
+def _refuse_wrench(records: PayloadSamples, static_delay: bool) -> None:
+    """Refuse records that do not show the load, or the delay."""
+    if records.wrench is None:
+        raise LabError("there is no wrench: give a sensor's fx_n to mz_nm, or identify from the torques")
+    if not records.loaded.any():
+        raise LabError("there is no loaded run: record the wrench with the payload at the flange")
+    if static_delay:
+        raise LabError("static poses show no delay: leave the option out, or record a motion")
 
 
 def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: Mounting) -> _LoadReadings:
@@ -496,13 +501,13 @@ def _freed(readings: _LoadReadings, mounted: _MountingEstimate, phi: Array) -> d
     Frame 0 tilted by d turns gravity in it by -d, and a sensor turned by d reads w - d x w.
     """
     wrench = _loaded(readings, mounted) @ phi
-    found = {}
+    columns = {}
     for name, axis in zip(_TILT, _horizontal(mounted.gravity), strict=True):
-        found[name] = _turned(mounted, readings.by_gravity[0] @ np.cross(mounted.gravity, axis)) @ phi
+        columns[name] = _turned(mounted, readings.by_gravity[0] @ np.cross(mounted.gravity, axis)) @ phi
     for name, axis in zip(_TURN, np.eye(3), strict=True):
-        found[name] = np.cross(wrench.reshape(-1, 2, 3), axis).reshape(-1, 6)
-    found["delay"] = -_loaded(readings, mounted, 1) @ phi
-    return {name: _padded(readings, column[..., None]) for name, column in found.items()}
+        columns[name] = np.cross(wrench.reshape(-1, 2, 3), axis).reshape(-1, 6)
+    columns["delay"] = -_loaded(readings, mounted, 1) @ phi
+    return {name: _padded(readings, column[..., None]) for name, column in columns.items()}
 
 
 def _stepped(mounted: _MountingEstimate, steps: dict[str, float]) -> _MountingEstimate:
@@ -526,16 +531,16 @@ def _candidates(
         _TURN: "sensor.mounting",
         ("delay",): "sensor.delay",
     }
-    found = [
+    candidates = [
         BiasCandidate(np.concatenate([freed[name] for name in names], axis=2), effect)
         for names, effect in named.items()
         if names[0] not in labels
     ]
     wrench = _padded(readings, (_loaded(readings, mounted) @ phi)[:, :, None] * np.eye(6))
-    found.append(BiasCandidate(wrench, "sensor.scale"))
+    candidates.append(BiasCandidate(wrench, "sensor.scale"))
     bent = _loaded(readings, mounted, 2) @ phi
-    found.append(BiasCandidate(_padded(readings, bent[..., None]), "sensor.filter"))
-    return found
+    candidates.append(BiasCandidate(_padded(readings, bent[..., None]), "sensor.filter"))
+    return candidates
 
 
 def _unit(name: str) -> str:

@@ -35,10 +35,13 @@ class LinkMatrices:
     links: Array
     between: tuple[int, int] | None
 
-    @property
-    def products(self) -> list[Array]:
-        """Poses ``(4, 4)`` (m) of all frames in the base."""
-        return [self.product(0, i + 1) for i in range(len(self.links))]
+    def to_dict(self) -> dict[str, Any]:
+        """Return the link matrices, and the poses of all frames in the base."""
+        products = [self.product(0, i + 1) for i in range(len(self.links))]
+        return {
+            "link_matrices": [_matrix_values(T) for T in self.links],
+            "products": [_matrix_values(T) for T in products],
+        }
 
     def product(self, first: int, last: int) -> Array:
         """Return the pose ``(4, 4)`` (m) of frame ``last`` in frame ``first``."""
@@ -98,8 +101,7 @@ class KinematicsResult(Result):
             "warnings": list(self.warnings),
         }
         if options.matrices:
-            values["link_matrices"] = [_matrix_values(T) for T in matrices.links]
-            values["products"] = [_matrix_values(T) for T in matrices.products]
+            values |= matrices.to_dict()
         if options.between is not None:
             values["between"] = _matrix_values(matrices.product(*options.between))
         if self.letters is not None:
