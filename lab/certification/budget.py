@@ -56,10 +56,16 @@ __all__ = [
 ]
 
 Measurand = Literal["position", "distance"]
+Placement = Literal["in the noise", "in the residuals", "beside"]
 COVERAGE = 0.95
 MEASURANDS: tuple[Measurand, ...] = ("position", "distance")
 _DRAWS = 500  # at each of the poses
 _CALIBRATIONS = 400  # drawn, each at all of the poses
+_POSES = 200
+LARGEST_SCALE_ERROR = 5e-3  # relative: more makes links longer than manufacture does, which a run shows
+_DETECTED = 0.95  # chance with which a move of this size would have been found
+_OF_AIR = ("air_temperature", "temperature_gradient")
+_MIN_DOF = 3.0  # that a budget can state
 _DIGITS = 2  # of an expanded uncertainty (JCGM 100:2008, 7.2.6)
 
 
@@ -350,9 +356,6 @@ def _quantile(lengths: Array) -> tuple[float, float]:
     return float(ordered[at]), float(ordered[min(high, count - 1)] - ordered[low]) / 2
 
 
-_POSES = 200
-
-
 @dataclass(frozen=True)
 class Propagation:
     """The linear map of a fit, from errors of measured points to errors of the calibrated positions.
@@ -424,14 +427,6 @@ class Propagation:
         whitened = alone.in_units_of_noise(roots)[seen_mask(alone.points)]  # (points, 3, 3)
         blocks = self.gain.reshape(len(self.gain), -1, 3).transpose(1, 0, 2) @ whitened
         return np.asarray(np.einsum("pfi,pgi->fg", blocks, blocks))
-
-
-LARGEST_SCALE_ERROR = 5e-3  # relative: more makes links longer than manufacture does, which a run shows
-_DETECTED = 0.95  # chance with which a move of this size would have been found
-
-_OF_AIR = ("air_temperature", "temperature_gradient")
-_MIN_DOF = 3.0  # that a budget can state
-Placement = Literal["in the noise", "in the residuals", "beside"]
 
 
 @dataclass(frozen=True)
