@@ -106,8 +106,16 @@ class CalibrationResult(Result):
         return self.state.fitter.nominal(self.identification.model)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """``(p,)`` names of the fitted model's parameters."""
+        return self.identification.model.names
+
+    @property
     def values(self) -> Array:
-        """``(p,)`` the parameters as they were identified (m, rad), in the order of ``estimate.params``."""
+        """``(p,)`` the parameters as they were identified (m, rad), in the order of ``names``.
+
+        Those that were not identified are nominal; ``estimate.values`` are the most likely ones that predict the same.
+        """
         return self.identification.values.copy()
 
     @property

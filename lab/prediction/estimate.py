@@ -265,9 +265,14 @@ class Estimate(Value, ArmOnArrays):
         """The groups of the arm's model, joined by +."""
         return "+".join(("geometric", *self.groups))
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names ``(p,)`` of the arm's parameters."""
+        return self.arm.names
+
     @cached_property
     def values(self) -> Array:
-        """Parameters ``(p,)`` of the arm: the most likely ones of those that predict the same."""
+        """Parameters ``(p,)`` of the arm in the order of ``names``: the most likely of those that predict the same."""
         return np.array([self.params[name].exported for name in self.arm.names])
 
     @cached_property

@@ -63,6 +63,16 @@ def test_derivatives_are_differences_of_one_configuration_and_of_many(name: str)
     np.testing.assert_array_equal(robot.jacobian(joints[0]), first[0])
 
 
+def test_result_and_estimate_name_the_same_parameters_and_predict_the_same(result: lab.CalibrationResult) -> None:
+    """What was not identified is nominal in the one and most likely in the other: the points are the same."""
+    data, estimate = result.measurements, result.estimate
+    assert result.names == estimate.names == tuple(estimate.params)
+    assert len(result.names) == len(result.values) == len(estimate.values)
+    np.testing.assert_allclose(
+        estimate.points(data.joints, result.values), estimate.points(data.joints, estimate.values), rtol=0, atol=1e-9
+    )
+
+
 def test_residuals_leave_out_what_was_not_seen_and_their_jacobian_is_theirs(result: lab.CalibrationResult) -> None:
     data, estimate = result.measurements, result.estimate
     points = data.points.copy()
