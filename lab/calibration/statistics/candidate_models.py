@@ -379,7 +379,7 @@ class FullModel:
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
         both = model.observe(np.concatenate([anywhere, observed.inputs]), at)[1]
         structure, measured = both[: len(anywhere)], both[len(anywhere) :]
-        extra_residuals = observation.extra_residuals(at)[1]
+        constraint_rows = observation.extra_residuals(at)[1]
         # the parameters of each group
         fixed = named(model.names, option_name("fix"), task.options.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
@@ -387,7 +387,7 @@ class FullModel:
         clusters, sigma = cv_groups_of(made, task.data), 1.0 if known else alone.sigma_m
         prior = weighted_constraints(observation, observed)
         if task.options.prior == "on":
-            base = base_set(model, at, prior_rows=extra_residuals)
+            base = base_set(model, at, prior_rows=constraint_rows)
             prior = joined(prior, prior_of(model, base, start, task.options.tolerance).rows(sigma))
         elif task.options.prior == "auto" and alone.prior is not None:  # an automatic one is geometry's alone
             prior = joined(prior, alone.prior.rows(sigma, model.names))
@@ -399,8 +399,8 @@ class FullModel:
                 name: tuple(i for i, parameter in enumerate(model.names) if parameter in own[name] and i not in fixed)
                 for name in groups
             },
-            structure=_triangle([structure.reshape(-1, len(model.names)), extra_residuals]),
-            measured=_triangle([measured[observed.seen].reshape(-1, len(model.names)), extra_residuals]),
+            structure=_triangle([structure.reshape(-1, len(model.names)), constraint_rows]),
+            measured=_triangle([measured[observed.seen].reshape(-1, len(model.names)), constraint_rows]),
             folds=folds(clusters, seed),
             clusters=clusters,
             configurations=configurations(task.data.joints),
