@@ -66,7 +66,8 @@ def test_every_command_has_calls_with_the_command_s_options() -> None:
 
 @pytest.mark.sampled(18)
 @pytest.mark.parametrize("name", sorted({"", *lab.__all__} - {"__version__"}))
-def test_examples_are_true(name: str) -> None:
+def test_examples_are_true(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # some save what they show
     thing = getattr(lab, name) if name else lab
     if isinstance(thing, FunctionType):  # a module's names, so that helpers are found
         module = import_module(thing.__module__)
