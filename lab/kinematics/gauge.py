@@ -13,7 +13,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from lab.core.errors import LabError, option_name
-from lab.core.linear_model import least_squares, triangle, unit_columns
+from lab.core.linear_model import triangle, unit_columns
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.values import Deferred, DeferredField
@@ -64,7 +64,7 @@ class BaseSet:
         """Errors ``(identifiable, fixed)`` of identifiable parameters that equal an error of 1 in a fixed one (SI)."""
         identifiable, fixed = list(self.identifiable), list(self.fixed)
         scaled, scale = unit_columns(self.triangle)
-        found = least_squares(scaled[:, identifiable], scaled[:, fixed], np.finfo(float).eps * len(scaled))[0]
+        found = np.linalg.lstsq(scaled[:, identifiable], scaled[:, fixed], rcond=None)[0]
         found[:, np.linalg.norm(self.triangle[:, fixed], axis=0) < _INDEPENDENT] = 0.0  # rounding
         found[:, [self.fixed.index(i) for i in self.fixed_observable]] = 0.0
         return np.asarray(found * scale[fixed] / scale[identifiable][:, None])
