@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 CORRELATION = "tests/noise/test_variance_components.py"
 ESTIMATED = "tests/verification/test_new_measurements.py"
 PROCESS = "tests/calibration/residual/test_gaussian_process.py"
-BEYOND = "tests/calibration/test_extrapolation.py"
+BEYOND = "tests/prediction/test_extrapolation.py"
 
 
 @dataclass(frozen=True)
