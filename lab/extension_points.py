@@ -461,15 +461,19 @@ def sent_parts() -> bytes:
         return b""
     import cloudpickle
 
-    for parts in _given.values():
-        for name, part in parts.items():
-            try:
-                cloudpickle.dumps(part)
-            except Exception as error:
-                raise LabError(
-                    f"{part._kind.what} '{name}' cannot be sent to other processes ({_cause(error)}); give it what can"
-                ) from error
-    content: bytes = cloudpickle.dumps(_given)
+    try:
+        content: bytes = cloudpickle.dumps(_given)
+    except Exception:
+        for parts in _given.values():
+            for name, part in parts.items():
+                try:
+                    cloudpickle.dumps(part)
+                except Exception as error:
+                    raise LabError(
+                        f"{part._kind.what} '{name}' cannot be sent to other processes ({_cause(error)}); give it what "
+                        "can"
+                    ) from error
+        raise
     _sent.add(content)
     return content
 

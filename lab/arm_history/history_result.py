@@ -16,7 +16,6 @@ from lab.core.errors import counted
 from lab.core.limits import called
 from lab.core.linear_model import half_width_95
 from lab.core.significance import TREND_YEAR
-from lab.core.units import MM
 from lab.formats.csv_table import write_columns
 from lab.library.result import Result, number
 from lab.options.command_options import HistoryOptions
@@ -177,7 +176,7 @@ def _changes_to_dict(changes: Changes | None) -> dict[str, Any]:
         "changes": [_change_to_dict(changes, change) for change in changes.found],
         "parameters": _parameters(changes),
         "minimum_detectable_change": {
-            f"joint{i + 1}_{unit.key}": number(MM.of(size))
+            f"joint{i + 1}_{unit.key}": number(unit.of(size))
             for i, (size, unit) in enumerate(zip(changes.detectable, changes.joint_units, strict=True))
         },
     }

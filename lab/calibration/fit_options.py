@@ -36,7 +36,7 @@ class FitOptions:
         tolerance: of manufacture.
         estimator: whose estimate takes the place of that of least squares; None for none. Groups are selected by least
             squares.
-        solve: another method to fit the free parameters than all at once (``sequential``); None for that.
+        solve: a method in place of the fit of all parameters at once (``sensors.sequential_fit``); None for that one.
         near: initial values, by parameters' names; the others start at nominal, base and tool without initial values.
         error_terms: names of error terms that packages add, to be searched among the noise.
         further: groups of packages that a search tries, too.

@@ -407,7 +407,7 @@ class _MAPProblem:
     def automatically(self, prior: Prior, plain: Fit, dof: int, sigma: float) -> _MAPFit | None:
         """Fit with the prior along weakly observable directions; None where there are none.
 
-        PriorDirections, sigma and scale are taken at the fit that they lead to, and so found in a few rounds.
+        Directions, sigma and scale are taken at the fit that they lead to, and so found in a few rounds.
 
         Args:
             dof, sigma: of its residuals; a sigma of NaN where nothing is left over.

@@ -13,7 +13,7 @@ the expanded uncertainty the length that 95 % of the errors do not exceed, over 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import floor, log10
 from typing import Literal
 
@@ -509,27 +509,27 @@ def quantities_of(
     fitted = "parameters", "identified parameters", chance.noise.source
     quantities.append(_fitted(propagation, shifts, *fitted, MICRONS, sigma, detail=detail))
     quantities += _of_repeatability(propagation, chance)
-    one = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
+    anew = partial(_at_each_position, propagation)
     if (lack := chance.model) is not None:
-        detail = "errors of the robot that it leaves"
-        quantities.append(_at_each_position("model", "model", lack, one, detail))
+        quantities.append(anew("model", "model", lack, "errors of the robot that it leaves"))
     if (slow := chance.in_time) is not None:
-        detail = "errors that come and go over the poses"
-        quantities.append(_at_each_position("stability", "stability", slow, one, detail))
+        quantities.append(anew("stability", "stability", slow, "errors that come and go over the poses"))
     return tuple(quantities)
 
 
-def _at_each_position(group: str, name: str, scatter: RandomScatter, columns: Array, detail: str = "") -> InputQuantity:
+def _at_each_position(
+    propagation: Propagation, group: str, name: str, scatter: RandomScatter, detail: str = ""
+) -> InputQuantity:
     """Return a random error of a position, in m, that is another one at each position."""
-    return InputQuantity(group, name, scatter.source, MICRONS, scatter.uncertainty, columns, anew=True, detail=detail)
+    one = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
+    return InputQuantity(group, name, scatter.source, MICRONS, scatter.uncertainty, one, anew=True, detail=detail)
 
 
 def _of_repeatability(propagation: Propagation, chance: RandomErrors) -> Iterator[InputQuantity]:
     """Return the robot's repeatability at a position, and that in the measurements where these do not show it."""
     if (robot := chance.repeatability) is None:
         return
-    one = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    yield _at_each_position("repeatability", "repeatability of the robot", robot, one)
+    yield _at_each_position(propagation, "repeatability", "repeatability of the robot", robot)
     if not chance.scatter_counted:
         alike = np.broadcast_to(np.eye(3), (*propagation.observed.points.shape, 3))
         shifts = covariance_root(propagation.covariance_of(alike))
@@ -543,18 +543,15 @@ def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
     A position at the campaign's end is displaced by the offset. Its direction is unknown, so each coordinate has a
     third of its square. Two positions may be of different times, so a distance between them has it twice.
     """
-    each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    known = Uncertain(motion.offset_m / float(np.sqrt(3)), dof=max(motion.dof, _MIN_DOF))
-    detail = motion.detail
-    return InputQuantity("stability", "stability", motion.source, MICRONS, known, each, anew=True, detail=detail)
+    scatter = RandomScatter(motion.offset_m / float(np.sqrt(3)), max(motion.dof, _MIN_DOF), motion.source)
+    return _at_each_position(propagation, "stability", "stability", scatter, motion.detail)
 
 
 def lack_of_fit_of(propagation: Propagation, sigma_m: float, dof: float, source: str) -> InputQuantity:
     """Return the excess of the validation errors over the rest of the budget, as an input quantity."""
-    each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    known = Uncertain(sigma_m, dof=max(dof, _MIN_DOF))
+    scatter = RandomScatter(sigma_m, max(dof, _MIN_DOF), source)
     detail = "errors on validation poses that the budget does not explain"
-    return InputQuantity("model", "lack of fit", source, MICRONS, known, each, anew=True, detail=detail)
+    return _at_each_position(propagation, "model", "lack of fit", scatter, detail)
 
 
 def scale_of(propagation: Propagation, relative: Uncertain, source: str) -> InputQuantity:

@@ -1,4 +1,4 @@
-"""Print the help of a command from its options: examples, then groups of options, the common ones alone or all.
+"""Make the help of a command from its options: examples, then groups of options, the common ones alone or all.
 
 Parsing does not depend on it: all options are accepted, whichever help shows them.
 """

@@ -149,7 +149,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _help() -> str:
-    """Print the list of commands; written here, so that no parser has to be loaded for it."""
+    """Return the list of commands; written here, so that no parser has to be loaded for it."""
     import shutil
     import textwrap
 

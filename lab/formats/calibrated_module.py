@@ -151,6 +151,7 @@ class _Embedded:
         return [float(each) for each in self._function(joints, conditions, values)]
 
     def __repr__(self) -> str:
+        """Return the name, by which the module's text calls it."""
         return self.name
 
 
@@ -169,7 +170,7 @@ def _embedded(effect: Effect) -> _Embedded:
 
 
 def _own_term(effect: Effect, arm: Arm, values: Array) -> dict[str, Any]:
-    """Return the term of an effect that exports itself, compared with its offsets at some poses.
+    """Return the term of an effect with a function ``plain``, compared with its offsets at some poses.
 
     Args:
         values: its own parameters.

@@ -13,7 +13,7 @@ from lab.noise.error_model import ErrorModel
 from lab.noise.error_term import TERMS
 from lab.noise.variance_components import ComponentErrors
 
-__all__ = ["NoiseModel", "component_errors_from_dict", "noise_model_from_dict", "noise_model_to_dict"]
+__all__ = ["NoiseModel", "component_errors_of", "noise_model_from_dict", "noise_model_to_dict"]
 
 
 def noise_model_to_dict(shared: ErrorModel | None, errors: ComponentErrors | None = None) -> dict[str, Any] | None:
@@ -84,7 +84,7 @@ class NoiseModel:
         return {term.name: term.unit.to_si(getattr(self, term.key)) for term in TERMS if term.key} | dict(self.further)
 
 
-def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | None:
+def component_errors_of(content: NoiseModel | None) -> ComponentErrors | None:
     """Return the uncertainty of a noise model's variances, or None."""
     errors = None if content is None else content.component_errors
     if errors is None:

@@ -97,10 +97,16 @@ def _as_numbers(cells: Sequence[str]) -> Array:
 
 
 def _since(seconds: Array, columns: str) -> ColumnTimes:
-    return ColumnTimes(seconds, "date" if np.nanmin(seconds) > _SINCE_1970 else "seconds", columns)
+    return ColumnTimes(seconds, _clock_of(seconds), columns)
+
+
+def _clock_of(seconds: Array) -> Clock:
+    """Return what seconds count from: a date, or the beginning of the table."""
+    return "date" if np.nanmin(seconds) > _SINCE_1970 else "seconds"
 
 
 def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -> tuple[Array, Clock]:
+    """Return the times of cells in seconds, NaN of empty ones, and what they count from."""
     rows = [i for i, cell in enumerate(cells) if cell.strip()]
     filled = [(i, cells[i].strip()) for i in rows]
     seconds = np.full(len(cells), np.nan)
@@ -110,7 +116,7 @@ def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -
         numbers = _as_numbers([cell for _, cell in filled])
         numbers = 1e-9 * numbers if numbers.min() > _NANOSECONDS else numbers
         seconds[rows] = numbers
-        return seconds, "date" if numbers.min() > _SINCE_1970 else "seconds"
+        return seconds, _clock_of(numbers)
     seconds[rows], clock = _clock_times(filled, where, dates)
     return seconds, clock
 

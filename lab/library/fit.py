@@ -20,13 +20,11 @@ from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements, without_copies
 from lab.core.se3 import Array
-from lab.core.units import MM
 from lab.core.values import Deferred
 from lab.library.measurement_checks import checked, robot_of
-from lab.noise.instruments import observing
 from lab.options.call_options import options_of, takes
 from lab.options.measured_campaign import MeasuredCampaign
-from lab.options.named_instruments import named_instrument
+from lab.options.named_instruments import noise_of
 from lab.prediction.estimate import Estimate
 from lab.prediction.estimate_of_fit import estimate_of
 from lab.prediction.extrapolation import MeasuredRange, measured_range
@@ -102,7 +100,8 @@ def fit(
     requested = options_of(_CALL, MeasuredCampaign, {"file": _CALL, "robot": None, **options})
     requested.check()
     _refuse_selection(requested)
-    sensor, noise, options_si = requested.kind(), _noise(requested), requested.fitting.to_si()
+    sensor, options_si = requested.kind(), requested.fitting.to_si()
+    noise = noise_of(requested, sensor)
     estimates = dict[int, Estimate]()
     for i, data in enumerate(campaigns):
         if i in estimates:
@@ -153,14 +152,6 @@ def _refuse_selection(options: MeasuredCampaign) -> None:
     if fitting.searched or fitting.residual:
         name = "auto" if fitting.searched else "residual"
         raise LabError(f"{_CALL}: model {name} is found by tests; name the groups, or call lab.identify")
-
-
-def _noise(options: MeasuredCampaign) -> Noise:
-    """Return the noise by which measurements are weighted; unknown where none is given."""
-    sensor, device = options.kind(), None
-    if options.instrument is not None:
-        device = observing(named_instrument(options.instrument), sensor.read_by or sensor.name)
-    return Noise(device, None if options.noise_mm is None else MM.to_si(options.noise_mm))
 
 
 @dataclass(frozen=True)

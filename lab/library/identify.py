@@ -6,20 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from lab.calibration.weights import Noise
 from lab.core.errors import error_context
 from lab.core.measurements import Measurements, without_copies
 from lab.core.progress import Stage, stages
-from lab.core.units import MM
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.effect_registry import own_columns
 from lab.library.calibration_result import CalibrationResult
 from lab.library.hand_load import HandLoad, carrying
 from lab.library.measurement_checks import checked, robot_of
-from lab.noise.instruments import observing
 from lab.options.call_options import options_of, takes
 from lab.options.measured_campaign import MeasuredCampaign
-from lab.options.named_instruments import named_instrument
+from lab.options.named_instruments import noise_of
 from lab.options.plan_settings import filled_in
 from lab.robots.load_robot import load_robot
 from lab.robots.robot import Robot
@@ -98,11 +95,8 @@ def _identified(
     data, other = _read_rows(robot, options.file, options, load, given.get("file")), None
     if options.validate is not None:
         other = _read_rows(robot, options.validate, options, load, given.get("validate")).with_points()
-    sensor, device = options.kind(), options.instrument
-    noise = Noise(
-        None if device is None else observing(named_instrument(device), sensor.read_by or sensor.name),
-        None if options.noise_mm is None else MM.to_si(options.noise_mm),
-    )
+    sensor = options.kind()
+    noise = noise_of(options, sensor)
     fit, judging = options.fitting.to_si(), options.judgement(other)
     refuse_missing_steps(steps, fit, judging)
     with error_context(options.file):
@@ -114,7 +108,7 @@ def _identified(
 
 
 def _read_rows(
-    robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None, given: Measurements | None = None
+    robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None, given: Measurements | None
 ) -> Measurements:
     """The rows of a file, or those given in memory, with what the robot carries there."""
     chain, sensor = robot.chain, sensor_named(options.observe)

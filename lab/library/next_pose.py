@@ -24,7 +24,7 @@ from lab.library.design import DesignResult
 from lab.library.load_run import CALIBRATIONS, MEASUREMENTS_FILE
 from lab.library.pose_planner import PosePlanner, Proposal
 from lab.library.result import Result, joint_values, number
-from lab.library.run_folder import joint_columns
+from lab.library.run_folder import VIA, joint_columns
 from lab.options.call_options import options_of, takes
 from lab.options.command_options import NextOptions
 from lab.options.virtual_campaign import DesignOptions
@@ -130,7 +130,7 @@ class NextPoseResult(Result):
         """Write ``next.csv``: the way to the next pose, without a row where the accuracy is reached."""
         chain, way = self.planner.problem.robot.chain, self.proposal.waypoints
         joints = np.empty((0, chain.size)) if way is None else way[1:]
-        purposes = ["via"] * (len(joints) - 1) + ["measure"] * (len(joints) > 0)
+        purposes = [VIA] * (len(joints) - 1) + ["measure"] * (len(joints) > 0)
         write_columns(folder / NEXT_FILE, {"stop": purposes, **joint_columns(chain, joints)})
 
 

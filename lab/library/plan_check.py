@@ -16,7 +16,7 @@ from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
 from lab.library.design import requested_design
 from lab.library.result import Result
 from lab.library.session_duration import SessionDuration
-from lab.noise.instruments import observing
+from lab.noise.instruments import Instrument, observing
 from lab.options.call_options import takes
 from lab.options.named_instruments import named_instrument
 from lab.options.virtual_campaign import DesignOptions
@@ -136,7 +136,7 @@ def _faults(
     robot.refuse_unknown(options.targets)
     device = observing(named_instrument(options.instrument), "points")
     model = planning_model(robot.model, options.targets, device, options.clearances)
-    sights = _out_of_sight(options, robot, waypoints, measured)
+    sights = _out_of_sight(options, robot, device, waypoints, measured)
     faults: dict[int, str] = {}
     for reasons in (_beyond_limits(robot, waypoints), _touching(model, waypoints), sights):
         for row, why in reasons:
@@ -162,10 +162,9 @@ def _touching(model: RobotModel, waypoints: Measurements) -> Iterator[tuple[int,
 
 
 def _out_of_sight(
-    options: DesignOptions, robot: Robot, waypoints: Measurements, measured: NDArray[np.bool_]
+    options: DesignOptions, robot: Robot, device: Instrument, waypoints: Measurements, measured: NDArray[np.bool_]
 ) -> Iterator[tuple[int, str]]:
     assert options.check is not None
-    device = observing(named_instrument(options.instrument), "points")
     at = stations_in(options.check, waypoints, robot.model)
     for station, name in enumerate(robot.model.stations or ("",)):
         rows = np.flatnonzero(measured & (at == station))

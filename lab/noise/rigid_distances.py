@@ -119,5 +119,6 @@ def goodness_by_distances(squares: float, dof: int, instrument: CoordinateNoise)
 
 
 def _left(columns: Array, numbers: Array) -> float:
-    middle = numbers - columns @ np.linalg.lstsq(columns, numbers, rcond=None)[0]
-    return float(middle @ middle)
+    """Return the sum of squares that a least-squares fit of the columns leaves of the numbers."""
+    residuals = numbers - columns @ np.linalg.lstsq(columns, numbers, rcond=None)[0]
+    return float(residuals @ residuals)

@@ -36,7 +36,7 @@ class Command:
         help: what it does, in a sentence.
         options: ``module:class`` of its options, a dataclass whose fields are its arguments and flags.
         run: ``module:function`` that makes a ``Result`` of them.
-        instead: an option, and the ``module:function`` that is run where it is given.
+        instead: an option, and the ``module:function`` that is run in place of ``run`` where it is given.
         folder: the name of a run's folder, with options in braces (of files and robots their stems); "" for a command
             that writes no run, or looks after its folder itself.
         writes_on_request: it has no such name, and writes a run only where ``--out`` names its folder; its options
@@ -75,8 +75,10 @@ class Command:
 
     def load_run(self, options: Any) -> Callable[[Any], Any]:
         """Import and return the function from these options to ``Result``, with the libraries that it needs."""
-        instead = self.instead is not None and getattr(options, self.instead[0]) is not None
-        run: Callable[[Any], Any] = load_reference(self.instead[1] if self.instead and instead else self.run)
+        option, other = self.instead or ("", "")
+        run: Callable[[Any], Any] = load_reference(
+            other if option and getattr(options, option) is not None else self.run
+        )
         return run
 
     def folder_name(self, options: Any) -> str:

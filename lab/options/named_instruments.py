@@ -2,11 +2,15 @@
 
 from pathlib import Path
 
+from lab.calibration.sensor import ArmSensor
+from lab.calibration.weights import Noise
+from lab.core.units import MM
 from lab.formats.instrument_toml import read_instrument
 from lab.noise import instruments
-from lab.noise.instruments import Instrument, is_named
+from lab.noise.instruments import Instrument, is_named, observing
+from lab.options.measured_campaign import MeasuredCampaign
 
-__all__ = ["instrument", "name_of", "named_instrument"]
+__all__ = ["instrument", "name_of", "named_instrument", "noise_of"]
 
 
 def instrument(name: str | Path | Instrument) -> Instrument:
@@ -48,3 +52,11 @@ def name_of(device: str | Path | Instrument) -> str | Instrument:
         if name and (is_named(name) or name == device.source) and named_instrument(name) == device:
             return name
     return device
+
+
+def noise_of(options: MeasuredCampaign, sensor: ArmSensor) -> Noise:
+    """Return the noise by which options weigh measurements of a sensor; unknown where none is given."""
+    device = None
+    if options.instrument is not None:
+        device = observing(named_instrument(options.instrument), sensor.read_by or sensor.name)
+    return Noise(device, None if options.noise_mm is None else MM.to_si(options.noise_mm))

@@ -137,8 +137,7 @@ def designed_steps(
         progress(f"5 of 5, curve, {size} poses", done, len(sizes))
         chosen = quick(size)
         o1 = float(indices(np.concatenate([chosen.jacobian, problem.before])).o1)
-        everything = information(problem.whitened(np.concatenate([chosen.joints, problem.already])))
-        yield DesignStep(size, predict(everything, problem.test, rng_for(options.seed, "promise")), o1)
+        yield DesignStep(size, predicted_accuracy(problem, chosen.joints, options.seed), o1)
 
 
 def continuous_steps(
@@ -159,8 +158,8 @@ def continuous_steps(
     weighted = np.sqrt(weights)[:, None, None]
     per_pose, before = information(weighted * problem.whitened(inputs)), information(problem.whitened(problem.already))
 
-    def predicted(information: Array) -> PredictedAccuracy:
-        return predict(information, problem.test, rng_for(options.seed, "promise"))
+    def predicted(total: Array) -> PredictedAccuracy:
+        return predict(total, problem.test, rng_for(options.seed, "promise"))
 
     alone = None if before.any() else predicted(per_pose)
     for size in sizes:
@@ -199,7 +198,7 @@ def _uphill(problem: PoseProblem, design: Design, rounds: int) -> Design:
     """Move the poses uphill by the criterion."""
     if problem.planned is not None:  # a reading that goes out of sight is a step, which has no slope
         return design
-    aim = OneCriterion(problem.sensitivity, problem.goal, 0.0 if problem.measured is None else problem.measured)
+    aim = OneCriterion(problem.sensitivity, problem.goal, information(problem.before))
     chain = problem.robot.chain
     keep_off = MARGIN * (chain.upper - chain.lower)
     further = problem.inputs[:, chain.size :]  # stations and payloads, which do not change: their slope is zero

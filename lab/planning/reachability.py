@@ -25,8 +25,8 @@ class ReachabilityGraph:
     Inputs are joint positions, with further columns, if any, on how a pose is measured.
 
     Attributes:
-        hubs: ``(h, joints)``, home (zero joint positions, or the nearest pose without contact) and poses with a
-            free path to it.
+        hubs: ``(h, joints)``, home or the nearest pose without contact, which comes first, and candidates with a free
+            path to one of those before.
         free: whether the joint path between two poses is free of collisions.
         reachable: whether a free path leads from a hub to inputs ``(n, joints + further)``.
         feasible: whether they are feasible as well.

@@ -22,7 +22,7 @@ from lab.core.units import MM, MRAD, joints_to_si
 from lab.formats.csv_table import CsvTable, write_columns
 from lab.formats.noise_model import (
     NoiseModel,
-    component_errors_from_dict,
+    component_errors_of,
     noise_model_from_dict,
     noise_model_to_dict,
 )
@@ -255,7 +255,7 @@ def _with_saved_errors(estimate: Estimate, saved: _SavedEstimate, folder: Path, 
     with error_context(folder / RESULT_FILE):
         measured = measured_range_from_dict(saved.measured_range, saved.extrapolation, chain, cover)
         shared = noise_model_from_dict(saved.noise_model, {})
-        component_errors = component_errors_from_dict(saved.noise_model)
+        component_errors = component_errors_of(saved.noise_model)
     estimate = replace(estimate, measured=measured, component_errors=component_errors)
     return estimate if shared is None else replace(estimate, shared=in_another_session(shared, estimate))
 

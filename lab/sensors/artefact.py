@@ -143,7 +143,7 @@ class Artefact(Fixtures):
 
     def within(self, data: Measurements) -> Self:
         """Return the model with the artefacts and features of these rows."""
-        seen = data[data.seen.any(axis=1)]
+        seen = data.with_points()
         return replace(super().within(data), touched=_pairs(seen))
 
     def rank_point(self, values: Array) -> Array:

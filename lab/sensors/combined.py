@@ -450,7 +450,7 @@ class CombinedSensor(VirtualSensor):
                     f"no row holds a {part.terms.reading}: leave {part.name} out of {option_name('observe')}"
                 )
             model, table = part.observation(arm, wide[own], nominal)
-            table = table[table.seen.any(axis=1)]
+            table = table.with_points()
             models.append(observation_of(model))
             tables.append(table)
             rows.append(np.array([at[name] for name in table.ids], dtype=np.int_))

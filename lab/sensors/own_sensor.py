@@ -57,8 +57,8 @@ class Sensor(VirtualSensor):
     """A sensor whose readings are a function of the tool's pose and of unknown parameters.
 
     Your own is a subclass with a ``name`` and ``readings``; every call with an option ``observe`` takes it. Readings of
-    a file are in the columns ``columns``, of measurements in memory in their ``conditions``. The base
-    stays nominal, as the readings are of poses in its frame; the tool is identified as far as they show it.
+    a file are in the columns ``columns_read``, of measurements in memory in their ``conditions``. The base stays
+    nominal, as the readings are of poses in its frame; the tool is identified as far as they show it.
 
     Attributes:
         name: in options, and before the names of its parameters: ``wire.x``.

@@ -220,7 +220,8 @@ def at_pose(T: Array) -> dict[str, Array]:
 
 def move_to(element: mujoco.MjsBody | mujoco.MjsSite, T: Array) -> None:
     """Give a body or a site of a spec this pose ``(4, 4)`` (m) in its parent."""
-    element.pos, element.quat = at_pose(T).values()
+    placed = at_pose(T)
+    element.pos, element.quat = placed["pos"], placed["quat"]
 
 
 def named_tool(tool: Mapping[str, Array]) -> dict[str, Array]:

@@ -611,13 +611,9 @@ def _search_checks(state: Fitted) -> list[Check]:
     if not fitter.options.search:
         return []
     refused = {name: fitter.unanswerable(name) for name in fitter.approached(fitter.options.candidates)}
-    checks = [
-        Check("group.not_in_validation", "noted", data={"group": name, "why": why})
-        for name, why in refused.items()
-        if why
-    ]
+    checks = [_noted("group.not_in_validation", group=name, why=why) for name, why in refused.items() if why]
     if (count := len(state.given)) > MOST_CHOSEN_BY:
-        checks.append(Check("selection.thinned", "noted", data={"used": MOST_CHOSEN_BY, "count": count}))
+        checks.append(_noted("selection.thinned", used=MOST_CHOSEN_BY, count=count))
     return checks
 
 

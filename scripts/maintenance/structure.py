@@ -138,7 +138,7 @@ def _comment_lines(text: str) -> int:
     return sum(token.type == tokenize.COMMENT and token.line.lstrip().startswith("#") for token in tokens)
 
 
-_SHELL = ("cli", "commands", "options", "render", "report", "phrases")  # rooms that parse, print or draw
+_SHELL = ("cli", "commands", "options", "render", "report", "phrases")  # parse, print or draw; of earlier checkouts too
 _DRAWING = ("lab.render", "lab.report")  # who imports these, draws too
 
 

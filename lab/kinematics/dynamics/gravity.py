@@ -23,8 +23,8 @@ __all__ = [
     "LinkFrames",
     "LinkLoads",
     "Loads",
+    "chain_frames",
     "link_ends",
-    "link_frames",
     "link_loads",
     "refuse_without_length",
     "solved_by",
@@ -150,7 +150,7 @@ class Loads:
 
     def frames(self, joints: Array) -> LinkFrames:
         """Return the link frames at joint positions ``(n, joints)``."""
-        placed = link_frames(self.chain, joints)
+        placed = chain_frames(self.chain, joints)
         ends = zip(placed.ends, placed.turned, self.centre_m, strict=True)
         centres = [end + _along(turned, centre) for end, turned, centre in ends]
         payload = placed.ends[-1] + _along(placed.turned[-1], self.payload_at_m)
@@ -161,7 +161,7 @@ _Axes = tuple[Array, ...]  # a frame's x, y and z, ``(n, 3)`` each
 
 
 @dataclass(frozen=True)
-class _Walk:
+class ChainFrames:
     """Frames along a chain at n poses, in frame 0.
 
     Attributes:
@@ -178,7 +178,7 @@ class _Walk:
 
 
 @recent(_KEPT)
-def link_frames(chain: Chain, joints: Array) -> _Walk:
+def chain_frames(chain: Chain, joints: Array) -> ChainFrames:
     """Return the frames along a chain at joint positions ``(n, joints)``."""
     count, kind = len(joints), np.result_type(joints, float)
     turned = tuple(np.broadcast_to(row, (count, 3)).astype(kind) for row in np.eye(3))  # the axes of the frame
@@ -201,7 +201,7 @@ def link_frames(chain: Chain, joints: Array) -> _Walk:
             turned = _about(1, beta, _about(0, alpha, turned))
         ends.append(position)
         after.append(turned)
-    return _Walk(np.stack(axes, 1), np.stack(anchors, 1), np.stack(rotations, 1), tuple(ends), tuple(after))
+    return ChainFrames(np.stack(axes, 1), np.stack(anchors, 1), np.stack(rotations, 1), tuple(ends), tuple(after))
 
 
 def _about(axis: int, angle: Array, turned: _Axes) -> _Axes:

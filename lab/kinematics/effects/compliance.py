@@ -26,7 +26,7 @@ from lab.core.limits import positive
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MRAD, Unit
-from lab.kinematics.dynamics.gravity import Loads, link_frames, link_loads, solved_by
+from lab.kinematics.dynamics.gravity import Loads, chain_frames, link_loads, solved_by
 from lab.kinematics.effects.effect import (
     PAYLOAD,
     ArmFacts,
@@ -87,7 +87,7 @@ def _unit_torques(chain: Chain, joints: Array, down: Array, joint: int, link: in
         down: unit vector ``(3,)`` in frame 0.
         joint, link: from 0; the frame turns with the link's own joint, z along that joint's axis.
     """
-    frames = link_frames(chain, joints)
+    frames = chain_frames(chain, joints)
     across = np.cross(down, frames.axes[:, joint])  # down . (z x r) = (down x z) . r
     torques: Array = np.einsum("ni,nij->nj", across, frames.rotations[:, link, :, :2])
     return torques

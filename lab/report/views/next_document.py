@@ -9,6 +9,7 @@ from lab.core.errors import counted
 from lab.core.number_text import short
 from lab.core.units import MM
 from lab.library.next_pose import NEXT_FILE, NextPoseResult, length_mm
+from lab.library.run_folder import VIA
 from lab.report.blocks import joint_cells, joint_headings
 from lab.report.document import (
     NARROW,
@@ -131,7 +132,7 @@ def _way(result: NextPoseResult) -> Table:
     if waypoints is None:
         return Table(("stop",), ())
     rows = tuple(
-        ("measure" if i == len(waypoints) - 1 else "via", *joint_cells(chain, joints))
+        ("measure" if i == len(waypoints) - 1 else VIA, *joint_cells(chain, joints))
         for i, joints in enumerate(waypoints)
         if i
     )
