@@ -1,0 +1,135 @@
+"""Hypotheses of what is wrong with measurements, and findings: those that a refit confirmed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, runtime_checkable
+
+from lab.core.checks import Check
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
+
+__all__ = ["Correction", "Diagnosable", "Finding", "Hypothesis", "hypotheses_of"]
+
+Correction = Callable[[Measurements], Measurements]
+"""Undo a discrete mistake: measurements as they were read, to what they would be without it, in the same rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One thing that may be wrong with measurements.
+
+    A discrete mistake has ``corrected``; a continuous one has ``columns``.
+
+    Attributes:
+        name: its kind, e.g. ``joint_sign``; the phrase ``diagnosis.<name>`` words it.
+        of: what it applies to, as a sentence names it: a joint, targets, ids of rows, the two rows that it is between.
+        alternatives: number of hypotheses of its kind that were tried, which its evidence has to pay for.
+        corrected: undoes a discrete mistake.
+        columns: ``(n, k, d, c)`` derivatives of the observed numbers of the rows by the c numbers of a continuous one.
+        units: of these numbers: ``m``, ``rad``, or ``1`` for a ratio.
+        prior: their standard deviations in these units; none where they may be of any size.
+        rivals: names of hypotheses that such measurements may confuse with it.
+        data: further words of its phrase.
+    """
+
+    name: str
+    of: tuple[str, ...] = ()
+    alternatives: int = 1
+    corrected: Correction | None = None
+    columns: Array | None = None
+    units: tuple[str, ...] = ()
+    prior: tuple[float, ...] | None = None
+    rivals: tuple[str, ...] = ()
+    data: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def key(self) -> str:
+        """Name by which a user accepts it: ``joint_sign:q3``."""
+        return ":".join((self.name, *self.of[:1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """A hypothesis that a refit confirmed.
+
+    Attributes:
+        evidence: twice the logarithm of the likelihood ratio, refitted with all variances, less the price of its
+            alternatives.
+        sizes, stds: of its numbers, in ``hypothesis.units``, from the refit; empty where it is discrete.
+        explains_m: root mean square error that it explains at the measured points.
+        before_m, after_m: of a discrete mistake, the root mean square miss of the placed arm with it, and undone.
+        rivals: keys of hypotheses that explain the measurements nearly as well.
+        accepted: whether the fit has it in: undone by the user's consent, or fitted.
+    """
+
+    hypothesis: Hypothesis
+    evidence: float
+    sizes: tuple[float, ...] = ()
+    stds: tuple[float, ...] = ()
+    explains_m: float = float("nan")
+    before_m: float = float("nan")
+    after_m: float = float("nan")
+    rivals: tuple[str, ...] = ()
+    accepted: bool = False
+
+    @property
+    def name(self) -> str:
+        """Kind of the hypothesis."""
+        return self.hypothesis.name
+
+    @property
+    def is_discrete(self) -> bool:
+        """Whether it is a mistake of reading that is undone as a whole."""
+        return self.hypothesis.corrected is not None
+
+    @property
+    def check(self) -> Check:
+        """The finding as a check, with all that its sentence needs; failed unless the fit has it in."""
+        of = self.hypothesis
+        data = {
+            "of": of.of,
+            "key": of.key,
+            "sizes": self.sizes,
+            "stds": self.stds,
+            "units": of.units,
+            "explains_m": self.explains_m,
+            "before_m": self.before_m,
+            "after_m": self.after_m,
+            "rivals": self.rivals,
+            "accepted": self.accepted,
+            **dict(of.data),
+        }
+        return Check(f"diagnosis.{of.name}", "noted" if self.accepted else "failed", self.evidence, data=data)
+
+    def as_accepted(self) -> "Finding":
+        """Return the finding as one that the fit has in."""
+        return replace(self, accepted=True)
+
+
+@runtime_checkable
+class Diagnosable(Protocol):
+    """A sensor that knows what goes wrong with its readings."""
+
+    def mistakes(self, arm: Model, data: Measurements) -> Sequence[Hypothesis]:
+        """Return discrete mistakes of these readings, as they were read from a file.
+
+        Args:
+            arm: the arm, measured by points.
+        """
+        ...
+
+    def misses(self, arm: Model, data: Measurements, nominal: Array) -> Array:
+        """Return how far ``(n,)`` the nominal arm misses each row (m), where base, tool and fixtures are placed best.
+
+        A placement is robust: a part of the rows may be wrong.
+
+        Args:
+            nominal: ``(p,)`` nominal parameters of ``arm``.
+        """
+        ...
+
+
+def hypotheses_of(sensor: object, arm: Model, data: Measurements) -> tuple[Hypothesis, ...]:
+    """Return the mistakes that a sensor knows of its readings; none of a sensor that knows none."""
+    return tuple(sensor.mistakes(arm, data)) if isinstance(sensor, Diagnosable) else ()
