@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,7 @@ from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.noise.instruments import Instrument
 
-__all__ = ["ArmSensor", "Mistake", "SensorTerms"]
-
-Mistake = Literal["unit", "numbers", "signs"]
-"""A mistake in measurements: points in another unit, joint positions or points in other numbers, joints counted in the
-other direction."""
+__all__ = ["ArmSensor", "SensorTerms"]
 
 
 @dataclass(frozen=True)
@@ -63,8 +59,6 @@ class ArmSensor(ABC):
         columns: the columns that it reads of a measurement file.
         in_instrument_frame: whether positions in the instrument's frame are observed: only then does a run give the
             pose of the base, and the noise of a measured point.
-        mistakes: of which readings like these are tested where they are far from the robot's: none, unless a sensor
-            says that they show in its quantity.
         read_by: name of the sensor whose instruments it takes; "" for its own name.
         several_a_pose: whether consecutive rows with equal joint positions are readings of one pose.
     """
@@ -73,7 +67,6 @@ class ArmSensor(ABC):
     terms: ClassVar[SensorTerms]
     columns: ClassVar[ObservedColumns]
     in_instrument_frame: ClassVar[bool]
-    mistakes: ClassVar[tuple[Mistake, ...]] = ()
     read_by: ClassVar[str] = ""
     several_a_pose: ClassVar[bool] = False
 

@@ -26,6 +26,7 @@ class Hypothesis:
         of: what it applies to, as a sentence names it: a joint, targets, ids of rows, the two rows that it is between.
         alternatives: number of hypotheses of its kind that were tried, which its evidence has to pay for.
         corrected: undoes a discrete mistake.
+        sensor: reads the corrected measurements, where it is another one: cameras in the hand for in the room.
         columns: ``(n, k, d, c)`` derivatives of the observed numbers of the rows by the c numbers of a continuous one.
         units: of these numbers: ``m``, ``rad``, or ``1`` for a ratio.
         prior: their standard deviations in these units; none where they may be of any size.
@@ -37,6 +38,7 @@ class Hypothesis:
     of: tuple[str, ...] = ()
     alternatives: int = 1
     corrected: Correction | None = None
+    sensor: Any = None
     columns: Array | None = None
     units: tuple[str, ...] = ()
     prior: tuple[float, ...] | None = None
@@ -122,7 +124,8 @@ class Diagnosable(Protocol):
     def misses(self, arm: Model, data: Measurements, nominal: Array) -> Array:
         """Return how far ``(n,)`` the nominal arm misses each row (m), where base, tool and fixtures are placed best.
 
-        A placement is robust: a part of the rows may be wrong.
+        A placement is robust: a part of the rows may be wrong. A row without a reading of its own is NaN (all corners
+        of a picture but the first, rows to be skipped); a reading that the arm cannot explain at all is infinite.
 
         Args:
             nominal: ``(p,)`` nominal parameters of ``arm``.

@@ -118,7 +118,7 @@ def _read_rows(
         read = read_measurements(path, chain.joint_names, chain.prismatic, columns=columns)
         read = options.kind().with_files(replace(read, robot=robot.source), path.parent)
     else:
-        read = checked(path, given, robot, points="unit" in sensor.mistakes)
+        read = checked(path, given, robot, points=positions)
     robot.refuse_impossible(path, read[[use != "skip" for use in read.use]])
     read = without_copies(path, read) if positions else read
     return read if load is None else load.with_payload(read)

@@ -618,7 +618,6 @@ def _combined(names: tuple[str, ...], kinds: tuple[type[VirtualSensor], ...]) ->
         "terms": _joined_terms([kind.terms for kind in kinds]),
         "columns": _joined_columns([kind.columns for kind in kinds], JOINED.join(names)),
         "in_instrument_frame": in_frame,
-        "mistakes": ("unit", "signs") if in_frame else (),
         "read_by": kinds[0].read_by or kinds[0].name,
         "setup": tuple(dict.fromkeys(name for kind in kinds for name in kind.setup)),
         "several_a_pose": any(kind.several_a_pose for kind in kinds),

@@ -17,7 +17,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.guess import initial_guess
 from lab.calibration.identification import Identification, component_variances, identify
 from lab.calibration.observation import ROTATION_PARAMETERS, no_extra_residuals, placed_in_instrument_frame
-from lab.calibration.sensor import Mistake, SensorTerms
+from lab.calibration.sensor import SensorTerms
 from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.errors import LabError, option_name
@@ -261,7 +261,6 @@ class PoseSensor(VirtualSensor):
     columns: ClassVar[ObservedColumns] = ObservedColumns(orientations=True)
     flags: ClassVar[type[Any] | None] = PoseOptions
     in_instrument_frame: ClassVar[bool] = True
-    mistakes: ClassVar[tuple[Mistake, ...]] = ("unit", "signs")
     setup: ClassVar[tuple[str, ...]] = ("occlusion", "orientation_share")
 
     orientation: AngleConvention | None = None

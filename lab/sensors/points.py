@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lab.calibration.sensor import Mistake, SensorTerms
+from lab.calibration.sensor import SensorTerms
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
@@ -28,7 +28,6 @@ class PointSensor(VirtualSensor):
     )
     columns: ClassVar[ObservedColumns] = ObservedColumns()
     in_instrument_frame: ClassVar[bool] = True
-    mistakes: ClassVar[tuple[Mistake, ...]] = ("unit", "numbers", "signs")
     read_by: ClassVar[str] = "points"
     setup: ClassVar[tuple[str, ...]] = ("occlusion",)
 

@@ -553,7 +553,7 @@ def doubted(word: Verdict, checks: Sequence[Check]) -> Verdict:
 
 def check_joint_signs(fitter: Fitter, rows: Measurements) -> list[Check]:
     """Report the joint with which negated the geometry fits near the nominal model, as it does not as it is."""
-    if "signs" not in fitter.kind.mistakes or not isinstance(fitter.robot.arm(fitter.targets), SerialArm | TreeArm):
+    if not fitter.kind.in_instrument_frame or not isinstance(fitter.robot.arm(fitter.targets), SerialArm | TreeArm):
         return []
     rows = thinned(rows, _SIGN_ROWS)
     tolerance, given = fitter.options.tolerance, _identified(fitter, rows)

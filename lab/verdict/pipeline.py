@@ -515,7 +515,7 @@ def _judge(state: Fitted) -> Fitted:
         region=region,
         left=left,
     )
-    one_station = "numbers" in fitter.kind.mistakes and len(fitter.session.stations) < 2
+    one_station = only_positions(observation_of(found.model)) and len(fitter.session.stations) < 2
     if word.word == "bad" and validation.judged_by != "fresh" and one_station:
         word = replace(word, reasons=(*in_other_numbers_or_poses(fitter.robot, state.rows), *word.reasons))
     if judging.holdout_last is not None:
