@@ -31,6 +31,8 @@ class BallBar(Artefact):
     group: ClassVar[str] = "bar"
     axes: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     least_rows: ClassVar[int] = 4
+    starts: ClassVar[int] = Fixtures.starts
+    draws: ClassVar[int] = Fixtures.draws
 
     @property
     def size_m(self) -> float:

@@ -67,7 +67,9 @@ class Cable(Fixtures):
         cable = points - fixtures
         length = np.sqrt((cable * cable).sum(axis=1, keepdims=True))
         along = (cable / length)[:, None]
-        return PredictedReadings(length + shared.sum(), along, -along, np.ones((len(points), 1, len(shared))))
+        return PredictedReadings(
+            length + shared.sum(axis=-1, keepdims=True), along, -along, np.ones((len(points), 1, shared.shape[-1]))
+        )
 
     def located(self, points: Array, observed: Array, rows: Array = NONE) -> Array:
         """Return the anchor ``(3,)`` by trilateration."""

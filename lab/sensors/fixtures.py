@@ -27,12 +27,14 @@ from lab.core.newton import newton
 from lab.core.random import rng_for
 from lab.core.se3 import Array, transform
 from lab.core.units import MM
+from lab.diagnosis.hypothesis import Hypothesis
 from lab.kinematics.gauge import placed_after_tool, scale_link
-from lab.kinematics.model import Model
+from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.contact import POINT, TOUCHING, DrawnContacts, FixtureSimulation
+from lab.sensors.fixture_mistakes import exchanged_fixtures, moved_fixtures, placed_fixtures, scaled_readings
 from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.tracking import VirtualMeasurement
@@ -97,6 +99,8 @@ class Fixtures(ABC):
     axes: ClassVar[tuple[str, ...]] = ("x", "y", "z")  # its parameters
     least_rows: ClassVar[int]  # of a fixture, from which on they depend on the arm too
     contact: ClassVar[bool]  # whether the residual is zero at the fixture
+    starts: ClassVar[int] = 5  # from which target and fixtures are placed among rows that may be wrong
+    draws: ClassVar[int] = 10  # of few rows that place a fixture
     row_conditions: ClassVar[tuple[str, ...]] = (FIXTURE,)  # of each row, after the arm's own
 
     def __post_init__(self) -> None:
@@ -405,6 +409,28 @@ class FixtureSensor(VirtualSensor, ABC):
     def contradictions(self, arm: Model, data: Measurements, nominal: Array) -> tuple[str, ...]:
         """Return warnings of rows whose other readings contradict their joint positions: here, none."""
         return ()
+
+    def misses(self, arm: Model, data: Measurements, nominal: Array) -> Array:
+        """Return how far ``(n,)`` the nominal arm misses each row (m), with target and fixtures placed by most rows."""
+        return placed_fixtures(self, arm, data, nominal).misses
+
+    def mistakes(self, arm: RigidArm, data: Measurements) -> Sequence[Hypothesis]:
+        """Return rows at other fixtures than named, fixtures that moved, and other units of a reading."""
+        placed = placed_fixtures(self, arm, data, arm.nominal())
+        found = [*exchanged_fixtures(self, placed, data), *moved_fixtures(self, placed, data)]
+        if self.reading:
+            found += scaled_readings(data, self.reading, f"{self.name}_unit")
+        return found
+
+    def relabelled(self, data: Measurements, labels: Mapping[int, str]) -> Measurements:
+        """Return the measurements with the fixtures of some rows, by their numbers, named otherwise."""
+        column = "location" if "location" in data.other else ""
+        cells = list(data.other[column] if column else data.sessions)
+        for row, label in labels.items():
+            cells[row] = label
+        if not column:
+            return replace(data, sessions=tuple(cells))
+        return replace(data, other={**data.other, column: tuple(cells)})
 
     def model_of(self, data: Measurements) -> type[Fixtures]:
         """Return the model of what a file holds: mostly the only one."""

@@ -1,5 +1,6 @@
 """Measure with a ball on the tool in sockets: each socket's centre is a fitted point."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -12,9 +13,11 @@ from lab.core.limits import positive
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.diagnosis.hypothesis import Hypothesis
 from lab.formats.measurement_csv import ObservedColumns
-from lab.kinematics.model import Model
+from lab.kinematics.model import Model, RigidArm
 from lab.sensors.contact import DrawnContacts, FixtureSimulation
+from lab.sensors.fixture_mistakes import LENGTH_UNITS
 from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, PredictedReadings, refuse_blank
 from lab.sensors.sensor_options import FitInputs, SocketOptions, VirtualSetup
 
@@ -138,6 +141,23 @@ class SocketSensor(FixtureSensor):
             refuse_blank(data, column, data.other[column], Sockets.group)
         labels = [f"{location}.{socket}" for location, socket in zip(*(data.other[c] for c in _COLUMNS), strict=True)]
         return labels, np.zeros((len(data), 3))
+
+    def mistakes(self, arm: RigidArm, data: Measurements) -> Sequence[Hypothesis]:
+        """Return those of all fixtures, and other units of the distance between sockets."""
+        found = list(super().mistakes(arm, data))
+        if self.distance_m is None:
+            return found
+        for unit, factor in LENGTH_UNITS:
+            other = replace(self, distance_m=factor * self.distance_m)
+            found.append(Hypothesis("socket_unit", (unit,), len(LENGTH_UNITS), lambda rows: rows, other))
+        return found
+
+    def relabelled(self, data: Measurements, labels: Mapping[int, str]) -> Measurements:
+        """Return the measurements with location and socket of some rows, by their numbers, named otherwise."""
+        cells = {column: list(data.other[column]) for column in _COLUMNS}
+        for row, label in labels.items():
+            cells["location"][row], _, cells["socket"][row] = label.rpartition(".")
+        return replace(data, other={**data.other, **{column: tuple(each) for column, each in cells.items()}})
 
     def fixtures(
         self, kind: type[Fixtures], arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]

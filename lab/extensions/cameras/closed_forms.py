@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.se3 import Array
 
-__all__ = ["board_poses", "hand_eye", "mean_pose", "robot_world"]
+__all__ = ["board_poses", "hand_eye", "mean_pose", "robot_world", "robot_worlds"]
 
 _STEPS, _SETTLED = 12, 1e-10  # of Gauss-Newton on a board's corners
 _FLAT = 1e-6  # of a board's size: corners nearer to a plane are in it
@@ -126,17 +126,27 @@ def robot_world(As: Array, Bs: Array) -> tuple[Array, Array]:
     Returns:
         X and Z, ``(4, 4)`` each.
     """
+    X, Z = robot_worlds(As, Bs, np.ones((1, len(As))))
+    return X[0], Z[0]
+
+
+def robot_worlds(As: Array, Bs: Array, weights: Array) -> tuple[Array, Array]:
+    """Solve ``robot_world`` for several sets of weights ``(b, v)`` of the poses: X and Z, ``(b, 4, 4)`` each."""
     Ra, Rb = As[:, :3, :3], Bs[:, :3, :3]
-    both = np.einsum("vij,vkl->ikjl", Ra, Rb).reshape(9, 9)  # maps vec X to vec Z, rows first: Z = A X B'
-    u, _, vt = np.linalg.svd(both)
-    X, Z = vt[0].reshape(3, 3), u[:, 0].reshape(3, 3)
-    if np.linalg.det(X) < 0:
-        X, Z = -X, -Z
-    Rx, Rz = se3.nearest_rotation(X), se3.nearest_rotation(Z)
-    rows = np.concatenate([Ra, np.broadcast_to(-np.eye(3), Ra.shape)], axis=2).reshape(-1, 6)
-    right = (Bs[:, :3, 3] @ Rz.T - As[:, :3, 3]).ravel()
-    places = np.linalg.lstsq(rows, right)[0]
-    return se3.pose(Rx, places[:3]), se3.pose(Rz, places[3:])
+    # vec Z = (sum A x B) vec X, rows first: Z = A X B'
+    products = np.einsum("vij,vkl->vikjl", Ra, Rb).reshape(len(As), 81)
+    u, _, vt = np.linalg.svd((weights @ products).reshape(-1, 9, 9))
+    X, Z = vt[:, 0].reshape(-1, 3, 3), u[:, :, 0].reshape(-1, 3, 3)
+    sign = np.where(np.linalg.det(X) < 0, -1.0, 1.0)[:, None, None]
+    Rx, Rz = se3.nearest_rotation(sign * X), se3.nearest_rotation(sign * Z)
+    # places: R_A t_X - t_Z = R_Z t_B - t_A
+    rows = np.concatenate([Ra, np.broadcast_to(-np.eye(3), Ra.shape)], axis=2)
+    right = Bs[:, :3, 3] @ np.swapaxes(Rz, 1, 2) - As[:, :3, 3]
+    normal = np.einsum("bv,vij,vik->bjk", weights, rows, rows, optimize=True)
+    normal += 1e-14 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(6)
+    moment = np.einsum("bv,vij,bvi->bj", weights, rows, right, optimize=True)
+    places = np.linalg.solve(normal, moment[..., None])[..., 0]
+    return se3.pose(Rx, places[:, :3]), se3.pose(Rz, places[:, 3:])
 
 
 def hand_eye(As: Array, Bs: Array) -> Array:

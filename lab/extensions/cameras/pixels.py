@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -18,13 +19,15 @@ from lab.core.limits import positive
 from lab.core.measurements import FIXTURE, Measurements, evenly
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.diagnosis.hypothesis import Hypothesis
 from lab.extensions.cameras.board_observation import Pixels
 from lab.extensions.cameras.camera_simulation import simulated_corners
 from lab.extensions.cameras.detection import detected, picture_of
+from lab.extensions.cameras.picture_mistakes import Pictures, picture_mistakes, placed_pictures
 from lab.extensions.cameras.picture_planning import PlannedPictures
 from lab.extensions.cameras.rig import PX, Rig, read_rig, usual_rig
 from lab.formats.measurement_csv import ObservedColumns
-from lab.kinematics.model import Model
+from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.sensor_options import CameraOptions, FitInputs, VirtualSetup
@@ -206,6 +209,28 @@ class PixelSensor(VirtualSensor):
             number[row] = self.rig.number(int(names["camera"][row]), int(names["board"][row]), int(text))
         return number
 
+    def pictures(self, data: Measurements) -> Pictures:
+        """Return the pictures in measurements, as they were first read: joint positions do not change them.
+
+        Raises:
+            LabError: a column is missing, or a cell names no camera, board or corner.
+        """
+        numbers = tuple(data.conditions.get(name) for name in ("u_px", "v_px"))
+        texts = tuple(data.other.get(name) for name in ("camera", "board", "corner"))
+        return _pictures_of(self.rig, _Places(data, (*numbers, *texts)))
+
+    def misses(self, arm: Model, data: Measurements, nominal: Array) -> Array:
+        """Return how far ``(n,)`` the nominal arm misses each picture (m), in its first row; NaN in the others."""
+        pictures = self.pictures(data)
+        misses = np.full(len(data), np.nan)
+        misses[pictures.first] = placed_pictures(self.rig, pictures, arm, data, nominal).misses
+        return misses
+
+    def mistakes(self, arm: RigidArm, data: Measurements) -> tuple[Hypothesis, ...]:
+        """Return what may be wrong with pictures, cameras and boards."""
+        placed = placed_pictures(self.rig, self.pictures(data), arm, data, arm.nominal())
+        return tuple(picture_mistakes(self, placed, data))
+
     def balanced(self, model: Model, data: Measurements, nominal: Array, options: FitOptions) -> Model:
         """Return the model with the noise by which priors of intrinsic parameters weigh, estimated where not given."""
         assert isinstance(model, Pixels)
@@ -274,6 +299,32 @@ class PixelSensor(VirtualSensor):
                 names = model.names[part.first : part.first + 6 + part.more]
                 known |= dict(zip(names, own[: len(names)].tolist(), strict=True))
         return known
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Places in pictures: alike where the same objects hold them, whatever the joint positions."""
+
+    data: Measurements
+    held: tuple[object, ...]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Places) and all(a is b for a, b in zip(self.held, other.held, strict=True))
+
+    def __hash__(self) -> int:
+        return hash(tuple(map(id, self.held)))
+
+
+@lru_cache(maxsize=8)
+def _pictures_of(rig: Rig, places: _Places) -> Pictures:
+    sensor, data = PixelSensor(rig), places.data
+    seen = sensor.rows(data)
+    rows = np.flatnonzero(seen)
+    if not len(rows):
+        raise LabError("no row has a place in a picture: fill in u_px and v_px")
+    numbers = np.zeros(len(data), dtype=np.int_)
+    numbers[rows] = sensor._numbers(data[rows])
+    return Pictures.of(rig, data, numbers, seen)
 
 
 def _named(data: Measurements, column: str, names: list[str]) -> NDArray[np.int_]:
