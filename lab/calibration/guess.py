@@ -25,6 +25,7 @@ __all__ = [
     "STATION_POINTS",
     "columns_of",
     "few_points_of_a_station",
+    "flange_poses",
     "in_first_frame",
     "initial_guess",
     "named_stations",
@@ -62,7 +63,7 @@ def _of_one_station(model: Model, observed: Observations, values: Array, groups:
     placed, offsets = values.copy(), values[tool].reshape(-1, 3)  # (k, 3)
     placed[base] = 0.0
     pose, target = np.nonzero(observed.seen)
-    origins, rotations = (each[pose, target] for each in _flange_poses(model, observed.inputs, placed, tool))
+    origins, rotations = (each[pose, target] for each in flange_poses(model, observed.inputs, placed, tool))
     measured = observed.points[pose, target]
     columns = _columns(rotations, target, len(offsets))
     if "base" not in groups:
@@ -111,7 +112,7 @@ def _of_stations(
     return found
 
 
-def _flange_poses(model: Model, joints: Array, values: Array, tool: list[int]) -> tuple[Array, Array]:
+def flange_poses(model: Model, joints: Array, values: Array, tool: list[int]) -> tuple[Array, Array]:
     """Return origins ``(n, k, 3)`` and rotations ``(n, k, 3, 3)`` in the base of the last frame of each target.
 
     The derivatives of a target by its position in that frame are the frame's axes.

@@ -36,7 +36,7 @@ class Hypothesis:
 
     name: str
     of: tuple[str, ...] = ()
-    alternatives: int = 1
+    alternatives: float = 1
     corrected: Correction | None = None
     sensor: Any = None
     columns: Array | None = None

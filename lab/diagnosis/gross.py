@@ -1,0 +1,208 @@
+"""Gross mistakes: discrete ones, compared by description length where the placed nominal arm misses by much.
+
+A row is described by its miss where the arm is placed best, or, where that is far off, as one that could be anywhere:
+so a few wrong rows neither hide a mistake nor look like one (Rissanen 1978). Mistakes are undone greedily, the one that
+shortens the description most first.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements, evenly
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.diagnosis.hypothesis import Diagnosable, Finding, Hypothesis, hypotheses_of
+from lab.diagnosis.placement import Placement, placed, refined
+from lab.diagnosis.reading_mistakes import joint_mistakes, point_mistakes, row_mistakes
+from lab.kinematics.model import RigidArm
+
+__all__ = ["Gross", "gross_mistakes"]
+
+_SCALES_M = np.geomspace(1e-4, 2e-2, 12)  # of ordinary misses
+_ANYWHERE_M = 1.0  # the extent of where a wrong row's point may be
+_SHARE_WRONG = 0.01  # of rows, before anything is known
+_GAIN = 12.0  # nats by which a mistake has to shorten the description, beside the choice of it
+_NEAR_RIVAL = 6.0  # nats: a hypothesis that is as good to so little is a rival
+_MOST_MISTAKES = 3
+_FEW_ROWS, _MOST_ROWS = 40, 120  # by which hypotheses are compared: placed alone, and with the links refined
+_REFINED = 8  # hypotheses
+_LARGE, _FAR = 3e-3, 8.0  # m of the median miss, and times it of the largest: below both nothing is searched
+_STRANGE_PRICE = 8.0  # nats of the links' distance from nominal: one of them is far beyond any tolerance
+_ROBOT = 3.0  # nats of the choice of another robot
+
+
+@dataclass(frozen=True)
+class Gross:
+    """Gross mistakes of measurements.
+
+    Attributes:
+        findings: the one that shortens the description most first.
+        corrected: the measurements with all of them undone.
+        outliers: ids of the rows that are far off with them undone.
+        misses: ``(n,)`` root mean square error of a coordinate of each row (m), as read.
+    """
+
+    findings: tuple[Finding, ...]
+    corrected: Measurements
+    outliers: tuple[str, ...]
+    misses: Array
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """Measurements as one hypothesis reads them, with how the placed arm misses them."""
+
+    data: Measurements
+    placement: Placement
+
+    @property
+    def misses(self) -> Array:
+        """Miss of each row ``(n,)`` (m)."""
+        return self.placement.misses
+
+    @property
+    def length(self) -> float:
+        """Description length of rows and links (nats)."""
+        return _described(self.misses)[0] + self.placement.price
+
+    @property
+    def ordinary_m(self) -> float:
+        """Miss of a sound row."""
+        return _described(self.misses)[1]
+
+    @property
+    def misses_by_much(self) -> bool:
+        """Whether anything can be gained by reading otherwise."""
+        known = self.misses[np.isfinite(self.misses)]
+        if not len(known):
+            return False
+        middle = float(np.median(known))
+        far = middle > _LARGE or float(known.max()) > _FAR * max(middle, _SCALES_M[0])
+        return far or self.placement.price > _STRANGE_PRICE
+
+
+def _described(misses: Array, numbers: int = 3) -> tuple[float, float]:
+    """Return the description length (nats) of rows by their misses, and the scale of the sound ones (m)."""
+    known = misses[np.isfinite(misses)]
+    sound = numbers * (np.log(_SCALES_M) + 0.5 * (known[:, None] / _SCALES_M) ** 2)
+    wrong = numbers * np.log(_ANYWHERE_M) - np.log(_SHARE_WRONG)
+    lengths = np.minimum(sound, wrong).sum(axis=0) + wrong * (len(misses) - len(known))
+    best = int(np.argmin(lengths))
+    return float(lengths[best]), float(_SCALES_M[best])
+
+
+def gross_mistakes(
+    sensor: object,
+    arm: RigidArm,
+    data: Measurements,
+    nominal: Array,
+    others: Iterable[tuple[str, Callable[[], RigidArm]]] = (),
+    seed: int = 0,
+) -> Gross:
+    """Find the mistakes of reading that explain why a nominal arm misses measurements.
+
+    Args:
+        sensor: of the measurements; one that does not know how an arm misses its readings reads points.
+        arm: nominal, measured by points.
+        nominal: ``(p,)`` its parameters.
+        others: names of other robots with as many joints, and functions that build their arms.
+    """
+    task = _Task(sensor, arm, nominal, seed)
+    here = first = task.refined(data)
+    findings = list[Finding]()
+    while here.misses_by_much and len(findings) < _MOST_MISTAKES:
+        found = task.best(here, others if not findings else ())
+        if found is None:
+            break
+        findings.append(found[0])
+        here = found[1]
+    limit = _FAR * max(here.ordinary_m, _SCALES_M[0])
+    outliers = tuple(name for name, miss in zip(data.ids, here.misses, strict=True) if not miss <= limit)
+    return Gross(tuple(findings), here.data, outliers if len(outliers) < len(data) / 2 else (), first.misses)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Comparison of how one sensor's readings of one arm may be read."""
+
+    sensor: object
+    arm: RigidArm
+    nominal: Array
+    seed: int
+
+    @property
+    def _by_sensor(self) -> bool:
+        return isinstance(self.sensor, Diagnosable)
+
+    def read(self, data: Measurements) -> _Reading:
+        """Return measurements with the misses of the nominal arm, where it is placed best."""
+        if isinstance(self.sensor, Diagnosable):
+            misses = self.sensor.misses(self.arm, data, self.nominal)
+            return _Reading(data, Placement(self.nominal, np.empty(0), misses))
+        return _Reading(data, placed(self.arm, data.joints, data.points, self.nominal, rng_for(self.seed, "null")))
+
+    def refined(self, data: Measurements) -> _Reading:
+        """Return measurements with the misses of an arm whose links may be off, too."""
+        reading = self.read(data)
+        if self._by_sensor:
+            return reading
+        start = reading.placement
+        return _Reading(data, refined(self.arm, data.joints, data.points, self.nominal, start))
+
+    def best(
+        self, here: _Reading, others: Iterable[tuple[str, Callable[[], RigidArm]]]
+    ) -> tuple[Finding, _Reading] | None:
+        """Return the hypothesis that shortens the description most, with the measurements read so; None if none."""
+        # all hypotheses by few rows, links as they are; the best of them by more rows, with the links refined
+        hypotheses = self._hypotheses(here)
+        rough = sorted(((self._length(each, here, _FEW_ROWS, self.read), i) for i, each in enumerate(hypotheses)))
+        base = self.refined(_thinned(here.data, _MOST_ROWS))
+        tried = list[tuple[float, Hypothesis, "_Task"]]()
+        for _, i in rough[:_REFINED]:
+            gain = base.length - self._length(hypotheses[i], here, _MOST_ROWS, self.refined)
+            tried.append((gain - float(np.log(hypotheses[i].alternatives)), hypotheses[i], self))
+        for name, made in others:
+            other = self._of_robot(made)
+            tried.append((base.length - other.refined(base.data).length - _ROBOT, _other_robot(name), other))
+        tried.sort(key=lambda each: -each[0])
+        if not tried or tried[0][0] < _GAIN:
+            return None
+        gain, hypothesis, task = tried[0]
+        assert hypothesis.corrected is not None
+        rivals = tuple(each.key for other_gain, each, _ in tried[1:] if gain - other_gain < _NEAR_RIVAL)
+        after = task.refined(hypothesis.corrected(here.data))
+        before_m, after_m = (float(np.sqrt(3 * np.nanmean(each.misses**2))) for each in (here, after))
+        return Finding(hypothesis, 2 * gain, (), (), before_m, before_m, after_m, rivals), after
+
+    def _hypotheses(self, here: _Reading) -> list[Hypothesis]:
+        known = list(hypotheses_of(self.sensor, self.arm, here.data))
+        known += joint_mistakes(self.arm.chain, here.data)
+        if not self._by_sensor:
+            known += point_mistakes()
+            known += row_mistakes(here.data, here.placement, here.ordinary_m)
+        return known
+
+    def _length(
+        self, hypothesis: Hypothesis, here: _Reading, rows: int, read: Callable[[Measurements], _Reading]
+    ) -> float:
+        assert hypothesis.corrected is not None
+        try:
+            return read(_thinned(hypothesis.corrected(here.data), rows)).length
+        except (LabError, np.linalg.LinAlgError):
+            return float("inf")
+
+    def _of_robot(self, made: Callable[[], RigidArm]) -> "_Task":
+        arm = made()
+        return replace(self, arm=arm, nominal=arm.nominal({target: np.zeros(3) for target in arm.targets}))
+
+
+def _thinned(data: Measurements, rows: int) -> Measurements:
+    some = evenly(len(data), rows)
+    return data if some is None else data[some]
+
+
+def _other_robot(name: str) -> Hypothesis:
+    return Hypothesis("other_robot", (name,), corrected=lambda rows: replace(rows, robot=name))
