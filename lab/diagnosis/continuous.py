@@ -1,0 +1,110 @@
+"""Continuous mistakes: columns of what steps, drifts, scales and couples, beside a fit of an arm."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.calibration.guess import columns_of
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+from lab.diagnosis.hypothesis import Hypothesis
+from lab.kinematics.model import Model
+
+__all__ = ["Steps", "lasting_mistakes", "steps_of"]
+
+_SHEARS = ((0, 1), (0, 2), (1, 2))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """One thing that may move at any row, from which on its columns count.
+
+    Attributes:
+        hypothesis: with the columns ``(n, k, d, c)`` as if it had moved before the first row.
+    """
+
+    hypothesis: Hypothesis
+
+    def from_row(self, row: int, ids: Sequence[str], tried: int) -> Hypothesis:
+        """Return the hypothesis that it moved before a row."""
+        columns = self.hypothesis.columns
+        assert columns is not None
+        after = np.arange(len(columns)) >= row
+        return Hypothesis(
+            self.hypothesis.name,
+            (*self.hypothesis.of, ids[row - 1], ids[row]),
+            tried,
+            columns=np.where(after[:, None, None, None], columns, 0.0),
+            units=self.hypothesis.units,
+            rivals=self.hypothesis.rivals,
+            data=(*self.hypothesis.data, ("row", row)),
+        )
+
+
+def steps_of(model: Model, jacobian: Array, slopes: Array, joint_names: Sequence[str]) -> Iterator[Steps]:
+    """Yield what may step: base, tool, single targets, joint zeros.
+
+    Args:
+        jacobian: ``(n, k, d, p)`` derivatives of the observed numbers.
+        slopes: ``(n, k, d, joints)`` those by the joint positions.
+    """
+    base, tool = columns_of(model, ("base",)), columns_of(model, ("tool",))
+    if len(base) >= 6:
+        units = ("m", "m", "m", "rad", "rad", "rad")
+        moved = Hypothesis("base_step", columns=jacobian[..., list(base[:6])], units=units, rivals=("joint_step",))
+        yield Steps(moved)
+    places = [i for i in tool if model.parameters[i].symbol in ("x", "y", "z")]
+    if len(places) >= 3:
+        each = [jacobian[..., places[first : first + 3]] for first in range(0, len(places), 3)]
+        yield Steps(Hypothesis("tool_step", columns=sum(each[1:], start=each[0]), units=("m",) * 3))
+        for of, columns in enumerate(each if len(each) > 1 else []):
+            name = model.parameters[places[3 * of]].target
+            yield Steps(Hypothesis("target_step", (name,), columns=columns, units=("m",) * 3))
+    for joint, name in enumerate(joint_names):
+        column = slopes[..., joint : joint + 1]
+        yield Steps(Hypothesis("joint_step", (name,), columns=column, units=("rad",), rivals=("base_step",)))
+
+
+def lasting_mistakes(
+    model: Model, jacobian: Array, slopes: Array, rows: Measurements, points: Array, times: Array
+) -> Iterator[Hypothesis]:
+    """Yield mistakes that last for the whole campaign.
+
+    Args:
+        points: ``(n, k, d)`` as predicted, about their mean where they are positions.
+        times: ``(n,)`` of the rows, from -0.5 to 0.5.
+    """
+    joints, names = rows.joints, rows.joint_names
+    about = joints - joints.mean(axis=0)
+    count = len(names)
+    for a in range(count):
+        gain = slopes[..., a : a + 1] * about[:, None, None, a : a + 1]
+        yield Hypothesis("joint_gain", (names[a],), count, columns=gain, units=("1",), rivals=("joint_coupling",))
+        for b in range(count):
+            if a != b:
+                mixed = slopes[..., a : a + 1] * about[:, None, None, b : b + 1]
+                pairs = count * (count - 1)
+                yield Hypothesis("joint_coupling", (names[a], names[b]), pairs, columns=mixed, units=("1",))
+    for i in [i for i, each in enumerate(model.parameters) if each.is_link]:
+        each = model.parameters[i]
+        of = Hypothesis("link", (each.name,), count, columns=jacobian[..., i : i + 1], units=(each.unit.si,))
+        yield of
+    if points.shape[2] == 3 and columns_of(model, ("base",)):
+        yield from _of_space(points, times)
+
+
+def _of_space(points: Array, times: Array) -> Iterator[Hypothesis]:
+    """Yield mistakes of the measured space: scale, shear, drift and growth."""
+    yield Hypothesis("scale", columns=points[..., None], units=("1",), rivals=("link",))
+    sheared = np.zeros((*points.shape, 5))
+    for column, (a, b) in enumerate(_SHEARS):
+        sheared[..., a, column] = points[..., b]
+        sheared[..., b, column] = points[..., a]
+    sheared[..., 0, 3], sheared[..., 1, 3] = points[..., 0], -points[..., 1]
+    sheared[..., 2, 4], sheared[..., 0, 4] = 2 * points[..., 2], -points[..., 0]
+    sheared[..., 1, 4] = -points[..., 1]
+    yield Hypothesis("shear", columns=sheared, units=("1",) * 5)
+    at = times[:, None, None, None]
+    yield Hypothesis("drift", columns=at * np.broadcast_to(np.eye(3), (*points.shape, 3)), units=("m",) * 3)
+    yield Hypothesis("growth", columns=at * points[..., None], units=("1",))

@@ -1,0 +1,289 @@
+"""Fine mistakes: continuous ones, by score tests beside a marginal model, and refits of the best few.
+
+Without a hypothesis its mistake sits in a variance, so that a score test alone finds too little: the best few columns are
+fitted, each with all variances estimated again. The best is accepted and freed, and the search repeated; in the end
+each finding is tested again beside the others.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identification import Identification
+from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.core.measurements import Measurements, evenly
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.diagnosis.continuous import Steps, lasting_mistakes, steps_of
+from lab.diagnosis.hypothesis import Finding, Hypothesis
+from lab.diagnosis.marginal import MarginalFit, Problem, estimated, rotated
+from lab.noise.error_model import row_times
+
+__all__ = ["Fine", "fine_mistakes"]
+
+_MOST_ROWS = 400
+_MOST_FINDINGS = 5
+_REFITTED = 5  # hypotheses of a search
+_EVIDENCE = 14.0  # of twice the log-likelihood, beside its price: very strong (Kass & Raftery 1995)
+_NEAR_RIVAL = 6.0
+_LEAST_ROWS = 3  # on either side of a step
+_WAVES = 8  # of the smooth error, by joint
+_LEAST_SIGMA_M = 1e-7
+_RIDGE = 1e-9
+
+
+@dataclass(frozen=True)
+class Fine:
+    """Fine mistakes of a campaign.
+
+    Attributes:
+        findings: the one that explains most first.
+        outliers: ids of the poses that are far off beside them.
+        fit: the marginal model with the findings in it.
+    """
+
+    findings: tuple[Finding, ...]
+    outliers: tuple[str, ...]
+    fit: MarginalFit
+
+
+def fine_mistakes(
+    found: Identification,
+    observed: Observations,
+    rows: Measurements,
+    effects: Sequence[Array] = (),
+    more: Sequence[Hypothesis] = (),
+) -> Fine:
+    """Find continuous mistakes in the measurements of a fit.
+
+    Args:
+        found: a fit of the arm's geometry.
+        observed: its rows, weighted, without errors that were estimated of the residuals.
+        rows: the same.
+        effects: derivatives ``(n, k, d, c)`` of the observed numbers by the parameters of effects that the model lacks.
+        more: hypotheses that the sensor brings.
+    """
+    some = evenly(len(rows), _MOST_ROWS)
+    if some is not None:
+        observed, rows, effects = observed.take(some), rows[some], [each[some] for each in effects]
+        more = [replace(each, columns=None if each.columns is None else each.columns[some]) for each in more]
+    search = _Search.of(found, observed, rows, effects, more)
+    fit, findings = search.run()
+    far = tuple(name for name, outlying in zip(rows.ids, fit.variances.outlying, strict=True) if outlying)
+    return Fine(tuple(findings), far, fit)
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A hypothesis with its rotated columns ``(n, m, c)`` in units of noise."""
+
+    hypothesis: Hypothesis
+    columns: Array
+    statistic: float = 0.0
+
+    @property
+    def price(self) -> float:
+        """What its numbers and its alternatives cost of twice the log-likelihood."""
+        rows, count = self.columns.shape[0], self.columns.shape[2]
+        return count * float(np.log(rows)) + 2 * float(np.log(self.hypothesis.alternatives))
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Columns of all continuous mistakes beside one fit.
+
+    Attributes:
+        steps: what may move, as if before the first row; rotated.
+        lasting: mistakes of the whole campaign; rotated.
+        metres: of a number in units of noise.
+    """
+
+    problem: Problem
+    steps: tuple[tuple[Steps, Array], ...]
+    lasting: tuple[_Candidate, ...]
+    ids: tuple[str, ...]
+    order: NDArray[np.int_]
+    metres: float
+
+    @classmethod
+    def of(
+        cls,
+        found: Identification,
+        observed: Observations,
+        rows: Measurements,
+        effects: Sequence[Array],
+        more: Sequence[Hypothesis],
+    ) -> "_Search":
+        """Build all columns, and rotate them pose by pose into the axes of the joint scatter."""
+        model, values = found.model, found.values
+        n, k, d = observed.points.shape
+        predicted, jacobian = model.observe(observed.inputs, values)
+        slopes = by_joint_positions(model, observed.inputs, values, rows.joints.shape[1])
+        times = row_times(rows)
+        span = max(float(np.ptp(times)), 1e-12)
+        about = predicted - np.nanmean(predicted, axis=(0, 1))
+        stepping = list(steps_of(model, jacobian, slopes, rows.joint_names))
+        since = (times - times.min()) / span - 0.5
+        lasting = [*lasting_mistakes(model, jacobian, slopes, rows, about, since), *more]
+        # columns of what may be off: placed without prior, links by tolerance, effects by kind, a smooth error
+        is_link = np.array([each.is_link for each in model.parameters])
+        scales = np.array([each.scale for each in model.parameters])
+        parts = [jacobian[..., ~is_link], jacobian[..., is_link] * scales[is_link]]
+        kinds = [-1] * int((~is_link).sum()) + [0] * int(is_link.sum())
+        for kind, columns in enumerate([*effects, _smooth(rows.joints, slopes)], start=1):
+            size = np.sqrt(np.mean(np.sum(np.nan_to_num(columns) ** 2, axis=(1, 2, 3)) / (k * d)))
+            parts.append(columns * (found.residual_sigma_m / size if size > 0 else 0.0))
+            kinds += [kind] * columns.shape[3]
+        # in units of noise, pose by pose
+        sigma = max(1.0 if found.sigma_given else found.residual_sigma_m, _LEAST_SIGMA_M)
+        mask = np.repeat(observed.seen, d, axis=1)
+
+        def flat(vectors: Array) -> Array:
+            rows_of = observed.in_units_of_noise(np.nan_to_num(vectors)) / sigma
+            return rows_of.reshape(n, k * d, -1)
+
+        every = [flat(each) for each in parts]
+        given = [each.hypothesis.columns for each in stepping] + [each.columns for each in lasting]
+        wanted = [flat(each) for each in given if each is not None]
+        off = jacobian @ (values - found.nominal_aligned)  # links are off from nominal, not from the fit
+        residual = flat((observed.points - predicted + off)[..., None])[..., 0]
+        turned, columns, sizes, known = rotated(residual, [*every, *wanted], flat(slopes), mask)
+        problem = Problem(
+            turned, np.concatenate(columns[: len(every)], axis=2), np.array(kinds), sizes, known, found.sigma_given
+        )
+        own = columns[len(every) :]
+        steps = tuple(zip(stepping, own[: len(stepping)], strict=True))
+        others = [_Candidate(each, part) for each, part in zip(lasting, own[len(stepping) :], strict=True)]
+        metres = sigma / observed.typical_weight
+        order = np.argsort(times, kind="stable")
+        return cls(problem, steps, tuple(others), rows.ids, order, metres)
+
+    def run(self) -> tuple[MarginalFit, list[Finding]]:
+        """Accept the best hypothesis until none is left, then test each beside the others."""
+        accepted = list[_Candidate]()
+        fit = estimated(self.problem)
+        rivals: dict[str, tuple[str, ...]] = {}
+        while len(accepted) < _MOST_FINDINGS:
+            best = self._best(fit, accepted)
+            if best is None:
+                break
+            candidate, fit, near = best
+            accepted.append(candidate)
+            rivals[candidate.hypothesis.key] = near
+        return fit, self._confirmed(fit, accepted, rivals)
+
+    def _best(
+        self, fit: MarginalFit, accepted: Sequence[_Candidate]
+    ) -> tuple[_Candidate, MarginalFit, tuple[str, ...]] | None:
+        """Return the hypothesis of most evidence with its refit, and its near rivals; None where none has enough."""
+        tried = list[tuple[float, _Candidate, MarginalFit]]()
+        before = fit.deviance_beside(_width(accepted))
+        known = {each.hypothesis.key for each in accepted if "row" not in dict(each.hypothesis.data)}
+        for candidate in self._scanned(fit):
+            if candidate.hypothesis.key in known:
+                continue
+            refit = estimated(fit.problem.with_columns(candidate.columns), fit.variances)
+            width = _width(accepted) + candidate.columns.shape[2]
+            tried.append((before - refit.deviance_beside(width) - candidate.price, candidate, refit))
+        tried.sort(key=lambda each: -each[0])
+        if not tried or tried[0][0] < _EVIDENCE:
+            return None
+        evidence, candidate, refit = tried[0]
+        near = tuple(each.hypothesis.key for other, each, _ in tried[1:] if evidence - other < _NEAR_RIVAL)
+        return candidate, refit, near
+
+    def _scanned(self, fit: MarginalFit) -> list[_Candidate]:
+        """Return the hypotheses of the largest score, at most one of each kind and thing."""
+        scanned = [self._likeliest_step(fit, steps, columns) for steps, columns in self.steps]
+        scanned += [replace(each, statistic=_score(fit, each.columns)) for each in self.lasting]
+        scanned.sort(key=lambda each: each.price - each.statistic)
+        return scanned[:_REFITTED]
+
+    def _likeliest_step(self, fit: MarginalFit, steps: Steps, columns: Array) -> _Candidate:
+        """Return the step of one thing at the row where its score is largest."""
+        scores = _scores_of_steps(fit, columns, self.order)
+        cut = int(np.argmax(scores))
+        tried = len(self.ids) * sum(each.hypothesis.name == steps.hypothesis.name for each, _ in self.steps)
+        after = np.zeros(len(self.ids), dtype=np.bool_)
+        after[self.order[cut:]] = True
+        ids = [self.ids[i] for i in self.order]
+        hypothesis = steps.from_row(cut, ids, tried)
+        return _Candidate(hypothesis, np.where(after[:, None, None], columns, 0.0), float(scores[cut]))
+
+    def _confirmed(
+        self, fit: MarginalFit, accepted: Sequence[_Candidate], rivals: dict[str, tuple[str, ...]]
+    ) -> list[Finding]:
+        """Return the findings that have their evidence beside the others, the one that explains most first."""
+        findings = list[Finding]()
+        whole = fit.deviance_beside(_width(accepted))
+        for i, candidate in enumerate(accepted):
+            others = [*accepted[:i], *accepted[i + 1 :]]
+            problem = self.problem
+            for other in others:
+                problem = problem.with_columns(other.columns)
+            without = estimated(problem, fit.variances)
+            evidence = without.deviance_beside(_width(others)) - whole - candidate.price
+            if evidence >= _EVIDENCE:
+                first = len(self.problem.kinds) + _width(accepted[:i])
+                findings.append(self._finding(fit, candidate, evidence, first, rivals[candidate.hypothesis.key]))
+        return sorted(findings, key=lambda each: -each.explains_m)
+
+    def _finding(
+        self, fit: MarginalFit, candidate: _Candidate, evidence: float, first: int, rivals: tuple[str, ...]
+    ) -> Finding:
+        """Return the finding with its size from the refit, and what it explains beside what is fitted anyway."""
+        own = slice(first, first + candidate.columns.shape[2])
+        sizes, stds = fit.coefficients[own], np.sqrt(np.diag(fit.covariance)[own])
+        made = candidate.columns @ sizes
+        placed = self.problem.columns[..., self.problem.kinds < 1][fit.problem.mask]
+        plain = made[fit.problem.mask]
+        left = plain - placed @ np.linalg.lstsq(placed, plain, rcond=1e-9)[0]
+        explains_m = float(np.sqrt(3 * np.mean(left**2))) * self.metres
+        return Finding(
+            candidate.hypothesis, evidence, tuple(sizes.tolist()), tuple(stds.tolist()), explains_m, rivals=rivals
+        )
+
+
+def _width(candidates: Sequence[_Candidate]) -> int:
+    return sum(each.columns.shape[2] for each in candidates)
+
+
+def _smooth(joints: Array, slopes: Array) -> Array:
+    """Columns ``(n, k, d, c)`` of smooth joint errors: cosines of random combinations of the joint positions."""
+    rng = rng_for(0, "null")
+    count = joints.shape[1]
+    waves = rng.standard_normal((count, _WAVES))
+    made = np.cos(joints @ waves + rng.uniform(0, 2 * np.pi, _WAVES))  # (n, w)
+    return (slopes[..., None] * made[:, None, None, None, :]).reshape(*slopes.shape[:3], -1)
+
+
+def _score(fit: MarginalFit, columns: Array) -> float:
+    """Return the score statistic of columns ``(n, m, c)``: the fall of r' V^-1 r at these variances."""
+    pull = np.einsum("nmc,nm->c", columns, fit.pulls)
+    crossed = np.einsum("nmc,nmr->cr", columns, fit.basis, optimize=True)
+    normal = np.einsum("nmc,nm,nmd->cd", columns, fit.weights, columns, optimize=True)
+    return float(_quadratic((normal - crossed @ crossed.T)[None], pull[None], np.diag(normal)[None])[0])
+
+
+def _scores_of_steps(fit: MarginalFit, columns: Array, order: NDArray[np.int_]) -> Array:
+    """Return the score statistics ``(n,)`` of columns that count from each row in time on; zero near the ends."""
+    part, n = columns[order], len(order)
+    pulls = np.einsum("nmc,nm->nc", part, fit.pulls[order])
+    crossed = np.swapaxes(part, 1, 2) @ fit.basis[order]
+    normal = np.swapaxes(part, 1, 2) @ (fit.weights[order][..., None] * part)
+    pulls, crossed, normal = (np.cumsum(each[::-1], axis=0)[::-1] for each in (pulls, crossed, normal))
+    left = normal - crossed @ np.swapaxes(crossed, 1, 2)
+    scores = _quadratic(left, pulls, np.einsum("ncc->nc", normal))
+    number = np.arange(n)
+    return np.where((number >= _LEAST_ROWS) & (number <= n - _LEAST_ROWS), scores, 0.0)
+
+
+def _quadratic(left: Array, pulls: Array, whole: Array) -> Array:
+    """Return u' G^-1 u ``(n,)`` with directions that other columns hold left out."""
+    scale = 1 / np.sqrt(np.maximum(whole, 1e-300))
+    sizes, axes = np.linalg.eigh(left * scale[:, :, None] * scale[:, None, :])
+    turned = (np.swapaxes(axes, 1, 2) @ (pulls * scale)[..., None])[..., 0]
+    return np.asarray(np.where(sizes > _RIDGE, turned**2 / np.maximum(sizes, _RIDGE), 0.0).sum(axis=1))

@@ -1,0 +1,252 @@
+"""Marginal model of residuals: all that a sound campaign may hold, as variances.
+
+Whitened residuals r of a fit are r = Z u + e. The columns Z are of everything that may be off (links within tolerances,
+effects of the catalogue, a smooth error of the joints): random effects u, of one variance for each kind. The errors e
+are of the instrument and of joints that scatter anew at each pose. Rotated pose by pose into the axes in which the
+scatter shows, the variance of e is diagonal, s + t lambda. Variances come from fixed-point steps of restricted maximum
+likelihood (MacKay 1992; Harville 1977). A pose that is far off has a large variance of its own, at a price.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.se3 import Array
+
+__all__ = ["MarginalFit", "Problem", "Variances", "estimated", "rotated"]
+
+_ROUNDS, _STEPS = 4, 4  # of the noise, and in each of the variances of the columns
+_LEAST, _MOST = 1e-8, 1e8
+_OUTLYING = 900.0  # times the variance, of a pose that is far off
+_PRICE = 9.0  # -2 log of the share of such poses
+_MOST_OUTLYING = 0.2  # of the poses
+_FLAT = 1e8  # variance of columns without a prior
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Residuals with the columns of what may be off, rotated pose by pose.
+
+    Attributes:
+        residual: ``(n, m)`` whitened; zero where not observed.
+        columns: ``(n, m, c)``.
+        kinds: ``(c,)`` numbers of the columns' kinds, each with a variance; -1 for columns without a prior.
+        scatter: ``(n, m)`` eigenvalues of the joint scatter, in units of its variance.
+        mask: ``(n, m)`` which numbers were observed.
+        sigma_given: whether the noise was stated: it may be larger, but not smaller.
+    """
+
+    residual: Array
+    columns: Array
+    kinds: NDArray[np.int_]
+    scatter: Array
+    mask: NDArray[np.bool_]
+    sigma_given: bool
+
+    def with_columns(self, columns: Array) -> "Problem":
+        """Return the problem with more columns ``(n, m, c)``, without a prior."""
+        kinds = np.concatenate([self.kinds, np.full(columns.shape[2], -1)])
+        return replace(self, columns=np.concatenate([self.columns, columns], axis=2), kinds=kinds)
+
+    def of_rows(self, rows: NDArray[np.int_]) -> "Problem":
+        """Return the problem of some poses."""
+        parts = (each[rows] for each in (self.residual, self.columns, self.scatter, self.mask))
+        residual, columns, scatter, mask = parts
+        return Problem(residual, columns, self.kinds, scatter, mask, self.sigma_given)
+
+
+def rotated(
+    residual: Array, columns: Sequence[Array], slopes: Array, mask: NDArray[np.bool_]
+) -> tuple[Array, list[Array], Array, NDArray[np.bool_]]:
+    """Rotate the numbers of each pose into the axes in which joint scatter shows.
+
+    Args:
+        residual: ``(n, m)`` whitened.
+        columns: each ``(n, m, c)`` whitened.
+        slopes: ``(n, m, joints)`` whitened derivatives by the joints.
+        mask: ``(n, m)`` which numbers were observed.
+
+    Returns:
+        The same rotated, the eigenvalues ``(n, m)``, and which of the rotated numbers were observed.
+    """
+    seen = mask[..., None]
+    made = np.where(seen, slopes, 0.0)
+    squares = made @ np.swapaxes(made, 1, 2)
+    count = np.arange(mask.shape[1])
+    squares[:, count, count] -= np.where(mask, 0.0, 1.0)  # numbers that are missing stay among themselves
+    sizes, axes = np.linalg.eigh(squares)
+    back = np.swapaxes(axes, 1, 2)
+    turned = (back @ np.where(mask, residual, 0.0)[..., None])[..., 0]
+    known = sizes > -0.5
+    return turned, [back @ np.where(seen, each, 0.0) for each in columns], np.maximum(sizes, 0.0), known
+
+
+@dataclass(frozen=True)
+class Variances:
+    """Variances of a marginal model.
+
+    Attributes:
+        noise: of a whitened number.
+        scatter: of the joints, in the units of the slopes.
+        kinds: ``(kinds,)`` of the columns of each kind.
+        outlying: ``(n,)`` poses that are far off.
+    """
+
+    noise: float
+    scatter: float
+    kinds: Array
+    outlying: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class MarginalFit:
+    """A marginal model with its variances: inverse covariances of residuals, and their likelihood."""
+
+    problem: Problem
+    variances: Variances
+
+    @cached_property
+    def diagonal(self) -> Array:
+        """Variance ``(n, m)`` of each rotated number's own error."""
+        own = self.variances.noise + self.variances.scatter * self.problem.scatter
+        return np.where(self.variances.outlying[:, None], _OUTLYING * own, own)
+
+    @cached_property
+    def _weights(self) -> Array:
+        return np.where(self.problem.mask, 1 / self.diagonal, 0.0)
+
+    @cached_property
+    def _gram(self) -> tuple[Array, Array]:
+        """Return Z' W Z ``(c, c)`` and Z' W r ``(c,)``."""
+        weighted = (self.problem.columns * np.sqrt(self._weights)[..., None]).reshape(-1, len(self.problem.kinds))
+        right = (self.problem.residual * np.sqrt(self._weights)).ravel()
+        return weighted.T @ weighted, weighted.T @ right
+
+    @cached_property
+    def _precision(self) -> Array:
+        """Precision ``(c,)`` of the columns' coefficients beforehand."""
+        variance = np.append(self.variances.kinds, _FLAT)[self.problem.kinds]
+        return np.asarray(1 / variance)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance ``(c, c)`` of the coefficients afterwards."""
+        return np.linalg.inv(self._gram[0] + np.diag(self._precision))
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """Coefficients ``(c,)`` that are likeliest."""
+        return np.asarray(self.covariance @ self._gram[1])
+
+    @cached_property
+    def left(self) -> Array:
+        """Residuals ``(n, m)`` beside the coefficients."""
+        return np.asarray(self.problem.residual - self.problem.columns @ self.coefficients)
+
+    @cached_property
+    def pulls(self) -> Array:
+        """V^-1 r ``(n, m)``."""
+        return self._weights * self.left
+
+    @cached_property
+    def basis(self) -> Array:
+        """Columns B ``(n, m, c)`` with V^-1 = W - B B'."""
+        root = np.linalg.cholesky(self.covariance)
+        return np.asarray(self._weights[..., None] * (self.problem.columns @ root))
+
+    @property
+    def weights(self) -> Array:
+        """W ``(n, m)``."""
+        return self._weights
+
+    @cached_property
+    def deviance(self) -> float:
+        """Minus twice the log-likelihood, restricted for columns without a prior, with the price of far poses."""
+        random = self.problem.kinds >= 0
+        own = float(np.log(self.diagonal[self.problem.mask]).sum())
+        columns = -float(np.log(self._precision[random]).sum()) - float(np.linalg.slogdet(self.covariance)[1])
+        pull = float((self.problem.residual * self.pulls).sum())
+        return own + columns + pull + _PRICE * int(self.variances.outlying.sum())
+
+    def deviance_beside(self, added: int) -> float:
+        """Minus twice the log-likelihood, in which the last columns are fitted: not restricted by them."""
+        if not added:
+            return self.deviance
+        return self.deviance + float(np.linalg.slogdet(self.covariance[-added:, -added:])[1])
+
+    def effective(self) -> Array:
+        """Return the share ``(c,)`` of each coefficient that the residuals determine."""
+        return np.asarray(1 - np.diag(self.covariance) * self._precision)
+
+
+def estimated(problem: Problem, start: Variances | None = None) -> MarginalFit:
+    """Estimate the variances of a problem.
+
+    Args:
+        start: of a problem with fewer columns, near which they are.
+    """
+    count = int(problem.kinds.max(initial=-1)) + 1
+    nothing = np.zeros(len(problem.residual), dtype=np.bool_)
+    fit = MarginalFit(problem, start or Variances(1.0, 0.01, np.ones(count), nothing))
+    for _ in range(_ROUNDS):
+        for _ in range(_STEPS):
+            fit = _with_kinds(fit, _next_kinds(fit))
+        noise, scatter = _next_noise(fit)
+        fit = MarginalFit(problem, replace(fit.variances, noise=noise, scatter=scatter))
+        fit = MarginalFit(problem, replace(fit.variances, outlying=_outlying(fit)))
+    return fit
+
+
+def _with_kinds(fit: MarginalFit, kinds: Array) -> MarginalFit:
+    """Return the fit with other variances of its columns; what does not depend on them stays."""
+    other = MarginalFit(fit.problem, replace(fit.variances, kinds=kinds))
+    other.__dict__["diagonal"] = fit.diagonal
+    other.__dict__["_weights"] = fit.weights
+    other.__dict__["_gram"] = fit._gram
+    return other
+
+
+def _next_kinds(fit: MarginalFit) -> Array:
+    """Return the next variances of the columns' kinds: squares of coefficients over how many are determined."""
+    kinds = fit.problem.kinds
+    squares, determined = fit.coefficients**2, fit.effective()
+    found = fit.variances.kinds.copy()
+    for kind in range(len(found)):
+        of = kinds == kind
+        found[kind] = squares[of].sum() / max(float(determined[of].sum()), 1e-9)
+    return np.clip(found, _LEAST, _MOST)
+
+
+def _next_noise(fit: MarginalFit) -> tuple[float, float]:
+    """Return the next variances of noise and joint scatter, by a step of Fisher's scoring on what is left."""
+    mask, shape = fit.problem.mask & ~fit.variances.outlying[:, None], fit.problem.scatter
+    taken = np.einsum("nmc,nmc->nm", fit.basis, fit.basis)  # of W, by the coefficients
+    share = np.clip(1 - taken / np.where(fit.weights > 0, fit.weights, 1.0), 0.05, 1.0)
+    squares, own, shape = (fit.left**2 / share)[mask], fit.diagonal[mask], shape[mask]
+    noise, scatter = fit.variances.noise, fit.variances.scatter
+    for _ in range(3):
+        own = np.maximum(noise + scatter * shape, 1e-12)
+        weight = share[mask] / own**2
+        rows = np.stack([np.ones_like(shape), shape])
+        normal = (rows * weight) @ rows.T + 1e-12 * np.eye(2)
+        noise, scatter = np.linalg.solve(normal, (rows * weight) @ squares)
+        if scatter < 0:
+            noise, scatter = float((weight * squares).sum() / weight.sum()), 0.0
+        noise = max(float(noise), 1.0 if fit.problem.sigma_given else 1e-6)
+    return noise, max(float(scatter), 0.0)
+
+
+def _outlying(fit: MarginalFit) -> NDArray[np.bool_]:
+    """Return which poses are likelier far off than not."""
+    own = np.where(fit.variances.outlying[:, None], fit.diagonal / _OUTLYING, fit.diagonal)
+    square = np.where(fit.problem.mask, fit.left**2 / own, 0.0).sum(axis=1)
+    numbers = fit.problem.mask.sum(axis=1)
+    excess = square - numbers * np.log(_OUTLYING) - _PRICE
+    far = excess > 0
+    most = int(_MOST_OUTLYING * len(far))
+    if far.sum() > most:
+        far &= excess >= np.sort(excess)[-most] if most else False
+    return np.asarray(far)
