@@ -27,6 +27,7 @@ __all__ = ["Fine", "fine_mistakes"]
 _MOST_ROWS = 400
 _MOST_FINDINGS = 5
 _REFITTED = 5  # hypotheses of a search
+_WORTH_A_REFIT = 0.4  # of what a hypothesis has to reach, by its score
 _EVIDENCE = 14.0  # of twice the log-likelihood, beside its price: very strong (Kass & Raftery 1995)
 _NEAR_RIVAL = 6.0
 _LEAST_ROWS = 3  # on either side of a step
@@ -200,7 +201,8 @@ class _Search:
         scanned = [self._likeliest_step(fit, steps, columns) for steps, columns in self.steps]
         scanned += [replace(each, statistic=_score(fit, each.columns)) for each in self.lasting]
         scanned.sort(key=lambda each: each.price - each.statistic)
-        return scanned[:_REFITTED]
+        worth = [each for each in scanned if each.statistic > _WORTH_A_REFIT * (each.price + _EVIDENCE)]
+        return worth[:_REFITTED]
 
     def _likeliest_step(self, fit: MarginalFit, steps: Steps, columns: Array) -> _Candidate:
         """Return the step of one thing at the row where its score is largest."""

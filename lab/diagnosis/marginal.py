@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
@@ -19,6 +20,8 @@ from lab.core.se3 import Array
 __all__ = ["MarginalFit", "Problem", "Variances", "estimated", "rotated"]
 
 _ROUNDS, _STEPS = 4, 4  # of the noise, and in each of the variances of the columns
+_REFIT_ROUNDS = 2  # near the variances of a problem with fewer columns
+_MOST_TOLERANCES = 4.0  # variance of the columns of the first kind, the links', in tolerances
 _LEAST, _MOST = 1e-8, 1e8
 _OUTLYING = 900.0  # times the variance, of a pose that is far off
 _PRICE = 9.0  # -2 log of the share of such poses
@@ -134,7 +137,7 @@ class MarginalFit:
     @cached_property
     def covariance(self) -> Array:
         """Covariance ``(c, c)`` of the coefficients afterwards."""
-        return np.linalg.inv(self._gram[0] + np.diag(self._precision))
+        return _inverse(self._gram[0] + np.diag(self._precision))
 
     @cached_property
     def coefficients(self) -> Array:
@@ -191,7 +194,7 @@ def estimated(problem: Problem, start: Variances | None = None) -> MarginalFit:
     count = int(problem.kinds.max(initial=-1)) + 1
     nothing = np.zeros(len(problem.residual), dtype=np.bool_)
     fit = MarginalFit(problem, start or Variances(1.0, 0.01, np.ones(count), nothing))
-    for _ in range(_ROUNDS):
+    for _ in range(_REFIT_ROUNDS if start else _ROUNDS):
         for _ in range(_STEPS):
             fit = _with_kinds(fit, _next_kinds(fit))
         noise, scatter = _next_noise(fit)
@@ -209,6 +212,15 @@ def _with_kinds(fit: MarginalFit, kinds: Array) -> MarginalFit:
     return other
 
 
+def _inverse(matrix: Array) -> Array:
+    """Return the inverse of a positive definite matrix."""
+    factor, failed = scipy.linalg.lapack.dpotrf(matrix)
+    if failed:
+        return np.linalg.pinv(matrix, hermitian=True)
+    lower = scipy.linalg.lapack.dpotri(factor)[0]
+    return np.asarray(np.triu(lower) + np.triu(lower, 1).T)
+
+
 def _next_kinds(fit: MarginalFit) -> Array:
     """Return the next variances of the columns' kinds: squares of coefficients over how many are determined."""
     kinds = fit.problem.kinds
@@ -217,7 +229,9 @@ def _next_kinds(fit: MarginalFit) -> Array:
     for kind in range(len(found)):
         of = kinds == kind
         found[kind] = squares[of].sum() / max(float(determined[of].sum()), 1e-9)
-    return np.clip(found, _LEAST, _MOST)
+    most = np.full(len(found), _MOST)
+    most[:1] = _MOST_TOLERANCES
+    return np.clip(found, _LEAST, most)
 
 
 def _next_noise(fit: MarginalFit) -> tuple[float, float]:
