@@ -63,20 +63,24 @@ class _Reading:
         """Miss of each row ``(n,)`` (m)."""
         return self.placement.misses
 
+    def length(self, rows: int) -> float:
+        """Return the description length (nats) of so many rows and of the links."""
+        return _described(self.misses, rows, _extent(self.data))[0] + self.placement.price
+
     @property
-    def length(self) -> float:
-        """Description length of rows and links (nats)."""
-        return _described(self.misses)[0] + self.placement.price
+    def rows(self) -> int:
+        """Number of rows with a reading of their own."""
+        return int((~np.isnan(self.misses)).sum())
 
     @property
     def ordinary_m(self) -> float:
         """Miss of a sound row."""
-        return _described(self.misses)[1]
+        return _described(self.misses, self.rows, _ANYWHERE_M)[1]
 
     @property
     def misses_by_much(self) -> bool:
         """Whether anything can be gained by reading otherwise."""
-        known = self.misses[np.isfinite(self.misses)]
+        known = self.misses[~np.isnan(self.misses)]
         if not len(known):
             return False
         middle = float(np.median(known))
@@ -84,14 +88,26 @@ class _Reading:
         return far or self.placement.price > _STRANGE_PRICE
 
 
-def _described(misses: Array, numbers: int = 3) -> tuple[float, float]:
-    """Return the description length (nats) of rows by their misses, and the scale of the sound ones (m)."""
-    known = misses[np.isfinite(misses)]
-    sound = numbers * (np.log(_SCALES_M) + 0.5 * (known[:, None] / _SCALES_M) ** 2)
-    wrong = numbers * np.log(_ANYWHERE_M) - np.log(_SHARE_WRONG)
-    lengths = np.minimum(sound, wrong).sum(axis=0) + wrong * (len(misses) - len(known))
+def _described(misses: Array, rows: int, extent_m: float) -> tuple[float, float]:
+    """Return the description length (nats) of rows by their misses, and the scale of the sound ones (m).
+
+    Args:
+        rows: that are to be described: those that a reading drops count as wrong.
+        extent_m: of where a wrong row may be.
+    """
+    known = misses[~np.isnan(misses)]
+    sound = 3 * (np.log(_SCALES_M) + 0.5 * (known[:, None] / _SCALES_M) ** 2)
+    wrong = 3 * np.log(extent_m) - np.log(_SHARE_WRONG)
+    lengths = np.minimum(sound, wrong).sum(axis=0) + wrong * max(rows - len(known), 0)
     best = int(np.argmin(lengths))
     return float(lengths[best]), float(_SCALES_M[best])
+
+
+def _extent(data: Measurements) -> float:
+    """Return the extent (m) of measured points; one metre of other readings."""
+    if data.points.shape[2] != 3 or not np.isfinite(data.points).any():
+        return _ANYWHERE_M
+    return max(float(np.nanmax(np.nanstd(data.points, axis=0))) * 4, _ANYWHERE_M)
 
 
 def gross_mistakes(
@@ -142,15 +158,18 @@ class _Task:
         if isinstance(self.sensor, Diagnosable):
             misses = self.sensor.misses(self.arm, data, self.nominal)
             return _Reading(data, Placement(self.nominal, np.empty(0), misses))
-        return _Reading(data, placed(self.arm, data.joints, data.points, self.nominal, rng_for(self.seed, "null")))
+        used = np.array([use != "skip" for use in data.use])
+        points = np.where(used[:, None, None], data.points, np.nan)
+        return _Reading(data, placed(self.arm, data.joints, points, self.nominal, rng_for(self.seed, "null")))
 
     def refined(self, data: Measurements) -> _Reading:
         """Return measurements with the misses of an arm whose links may be off, too."""
         reading = self.read(data)
-        if self._by_sensor:
+        if isinstance(self.sensor, Diagnosable):
             return reading
-        start = reading.placement
-        return _Reading(data, refined(self.arm, data.joints, data.points, self.nominal, start))
+        used = np.array([use != "skip" for use in data.use])
+        points = np.where(used[:, None, None], data.points, np.nan)
+        return _Reading(data, refined(self.arm, data.joints, points, self.nominal, reading.placement))
 
     def best(
         self, here: _Reading, others: Iterable[tuple[str, Callable[[], RigidArm]]]
@@ -158,15 +177,17 @@ class _Task:
         """Return the hypothesis that shortens the description most, with the measurements read so; None if none."""
         # all hypotheses by few rows, links as they are; the best of them by more rows, with the links refined
         hypotheses = self._hypotheses(here)
-        rough = sorted(((self._length(each, here, _FEW_ROWS, self.read), i) for i, each in enumerate(hypotheses)))
+        few = self.read(_thinned(here.data, _FEW_ROWS))
+        rough = sorted((-self._gain(each, here, few, _FEW_ROWS), i) for i, each in enumerate(hypotheses))
         base = self.refined(_thinned(here.data, _MOST_ROWS))
         tried = list[tuple[float, Hypothesis, "_Task"]]()
         for _, i in rough[:_REFINED]:
-            gain = base.length - self._length(hypotheses[i], here, _MOST_ROWS, self.refined)
-            tried.append((gain - float(np.log(hypotheses[i].alternatives)), hypotheses[i], self))
+            of = hypotheses[i]
+            tried.append((self._gain(of, here, base, _MOST_ROWS), of, self._by(of)))
         for name, made in others:
             other = self._of_robot(made)
-            tried.append((base.length - other.refined(base.data).length - _ROBOT, _other_robot(name), other))
+            gain = base.length(base.rows) - other.refined(base.data).length(base.rows) - _ROBOT
+            tried.append((gain, _other_robot(name), other))
         tried.sort(key=lambda each: -each[0])
         if not tried or tried[0][0] < _GAIN:
             return None
@@ -174,7 +195,7 @@ class _Task:
         assert hypothesis.corrected is not None
         rivals = tuple(each.key for other_gain, each, _ in tried[1:] if gain - other_gain < _NEAR_RIVAL)
         after = task.refined(hypothesis.corrected(here.data))
-        before_m, after_m = (float(np.sqrt(3 * np.nanmean(each.misses**2))) for each in (here, after))
+        before_m, after_m = (float(np.sqrt(3) * np.nanmedian(each.misses)) for each in (here, after))
         return Finding(hypothesis, 2 * gain, (), (), before_m, before_m, after_m, rivals), after
 
     def _hypotheses(self, here: _Reading) -> list[Hypothesis]:
@@ -185,14 +206,25 @@ class _Task:
             known += row_mistakes(here.data, here.placement, here.ordinary_m)
         return known
 
-    def _length(
-        self, hypothesis: Hypothesis, here: _Reading, rows: int, read: Callable[[Measurements], _Reading]
-    ) -> float:
+    def _gain(self, hypothesis: Hypothesis, here: _Reading, base: _Reading, rows: int) -> float:
+        """Return by how much a hypothesis shortens the description of so many rows (nats).
+
+        Args:
+            base: these rows as they are; with the links refined, where those of the hypothesis are to be.
+        """
         assert hypothesis.corrected is not None
+        task = self._by(hypothesis)
         try:
-            return read(_thinned(hypothesis.corrected(here.data), rows)).length
+            data = _thinned(hypothesis.corrected(here.data), rows)
+            reading = task.refined(data) if base.placement.price or rows > _FEW_ROWS else task.read(data)
         except (LabError, np.linalg.LinAlgError):
-            return float("inf")
+            return -np.inf
+        scaled = 3 * base.rows * float(np.log(dict(hypothesis.data).get("factor", 1.0)))  # as densities are
+        known = float(np.log(hypothesis.alternatives))
+        return base.length(base.rows) - reading.length(base.rows) + scaled - known
+
+    def _by(self, hypothesis: Hypothesis) -> "_Task":
+        return self if hypothesis.sensor is None else replace(self, sensor=hypothesis.sensor)
 
     def _of_robot(self, made: Callable[[], RigidArm]) -> "_Task":
         arm = made()

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.guess import columns_of, flange_poses
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.guess import columns_of, flange_poses, initial_guess
 from lab.core import se3
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
@@ -77,7 +78,12 @@ def placed(arm: Model, inputs: Array, points: Array, nominal: Array, rng: np.ran
     values = nominal.copy()
     values[base] = np.concatenate([positions[best], se3.log(turned[best])])
     values[tool] = targets[best].ravel()
-    return Placement(values, predicted[best], misses[best])
+    by_subset = Placement(values, predicted[best], misses[best])
+    # joints that turn little do not show nine numbers of a rotation: by the rotation alone, from all rows
+    whole = initial_guess(arm, Observations(inputs, points, np.ones(seen.shape)), nominal)
+    at_all = arm.points(inputs, whole)
+    by_all = Placement(whole, at_all, row_misses(points, at_all))
+    return by_all if _capped(by_all.misses) < _capped(by_subset.misses) else by_subset
 
 
 def _capped(misses: Array) -> float:
