@@ -210,6 +210,7 @@ def calibrate(
     tolerance_mrad: float = 1.5,
     estimator: str | Estimator = "least-squares",
     error_terms: Sequence[str] = ...,
+    accept: Sequence[str] = ...,
     load: str | Path | None = None,
     accept_edited: bool = False,
     effects: Effects | None = None,
@@ -384,6 +385,7 @@ def fit(
     tolerance_mm: float = 0.5,
     tolerance_mrad: float = 1.5,
     estimator: str | Estimator = "least-squares",
+    accept: Sequence[str] = ...,
     parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> Estimate: ...
@@ -412,6 +414,7 @@ def fit(
     tolerance_mm: float = 0.5,
     tolerance_mrad: float = 1.5,
     estimator: str | Estimator = "least-squares",
+    accept: Sequence[str] = ...,
     parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> Sequence[Estimate]: ...
@@ -440,6 +443,7 @@ def fit(
     tolerance_mm: float = 0.5,
     tolerance_mrad: float = 1.5,
     estimator: str | Estimator = "least-squares",
+    accept: Sequence[str] = ...,
     parts: Iterable[object] = ...,
     progress: Callable[[Event], None] | None = None,
 ) -> Sequence[Estimate]: ...
@@ -495,6 +499,7 @@ def identify(
     tolerance_mrad: float = 1.5,
     estimator: str | Estimator = "least-squares",
     error_terms: Sequence[str] = ...,
+    accept: Sequence[str] = ...,
     load: str | Path | None = None,
     accept_edited: bool = False,
     parts: Iterable[object] = ...,

@@ -40,6 +40,7 @@ class FitOptions:
         near: initial values, by parameters' names; the others start at nominal, base and tool without initial values.
         error_terms: names of error terms that packages add, to be searched among the noise.
         further: groups of packages that a search tries, too.
+        accept: kinds or keys of gross mistakes to undo.
     """
 
     groups: tuple[str, ...] = ()
@@ -55,6 +56,7 @@ class FitOptions:
     near: Mapping[str, float] = field(default_factory=dict)
     error_terms: tuple[str, ...] = ()
     further: tuple[str, ...] = ()
+    accept: tuple[str, ...] = ()
 
     @property
     def candidates(self) -> tuple[str, ...]:

@@ -26,8 +26,9 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm_with_effects import Arm
 from lab.kinematics.effects.backlash import approached_groups
-from lab.kinematics.effects.effect import CHANGING_WITH_TIME, ArmFacts, SessionInfo
+from lab.kinematics.effects.effect import CHANGING_WITH_TIME, ArmFacts, SessionInfo, Step
 from lab.kinematics.effects.effect_registry import expected_terms, searched_terms
+from lab.kinematics.effects.steps import STEP_GROUPS
 from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.model import Model, RigidArm
 from lab.noise.error_model import ErrorModel
@@ -99,6 +100,7 @@ class Fitter:
         targets: of the arm: those of ``kind`` in ``data``.
         kind: of observation, with its options.
         judged_by: further rows that the model must predict, with the groups that are left out there.
+        steps: that were found in the rows.
     """
 
     robot: NominalRobot
@@ -109,6 +111,7 @@ class Fitter:
     options: FitOptions
     seed: int
     judged_by: tuple[tuple[Measurements, tuple[str, ...]], ...] = ()
+    steps: tuple[Step, ...] = ()
     _arms: dict[Hashable, Arm] = field(default_factory=dict, repr=False, compare=False)
     _last_fit: _LastResult = field(default_factory=_LastResult, repr=False, compare=False)
     _last_outliers: _LastResult = field(default_factory=_LastResult, repr=False, compare=False)
@@ -144,7 +147,8 @@ class Fitter:
 
     def _arm_with(self, groups: Sequence[str]) -> Arm:
         if (key := tuple(groups)) not in self._arms:
-            self._arms[key] = self.robot.arm_with(self.targets, groups, self.session)
+            stepping = dict.fromkeys(STEP_GROUPS[step.kind] for step in self.steps)
+            self._arms[key] = self.robot.arm_with(self.targets, (*groups, *stepping), self.session)
         return self._arms[key]
 
     @cached_property
@@ -157,7 +161,7 @@ class Fitter:
         started = float(given[0]) if len(given) else 0.0
         stations = named_stations(rows, self.robot.stations) if self.kind.in_instrument_frame else ()
         sessions = tuple(dict.fromkeys(rows.sessions))
-        return SessionInfo(sessions, started, timed="time_s" in rows.conditions, stations=stations)
+        return SessionInfo(sessions, started, timed="time_s" in rows.conditions, stations=stations, steps=self.steps)
 
     def observed(self) -> Measurements:
         """Return the observed quantities of the measurements."""
@@ -262,6 +266,10 @@ class Fitter:
         if selection is not None and model != _OneModel.of(self, selection):  # it was not chosen in the end
             return self._with_own_noise(selection, rows)
         return fitter, selection, search
+
+    def with_steps(self, steps: tuple[Step, ...]) -> "Fitter":
+        """Return the fitter of an arm that moved between rows: each of its models has these steps."""
+        return replace(self, steps=steps, _arms={}, _last_fit=_LastResult(), _last_outliers=_LastResult())
 
     def knowing(self, shared: ErrorModel | None) -> "Fitter":
         """Return the fitter with the errors that its measurements share."""

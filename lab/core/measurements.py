@@ -15,6 +15,7 @@ from lab.core.se3 import Array
 from lab.core.values import Value, arrow_stream, data_frame
 
 __all__ = [
+    "BEFORE",
     "FIXTURE",
     "LAST_MOVE",
     "PLACE",
@@ -40,6 +41,7 @@ FIXTURE = "fixture"  # condition: number of a row's fixture (anchor, socket, pla
 SESSION = "session "  # prefix of a session's name: condition 1 in its rows, else 0
 STATION = "station "  # prefix of a station's name: condition 1 in its rows, else 0
 LAST_MOVE = "last move of "  # prefix of a joint's name: condition of its last direction of motion
+BEFORE = "before "  # prefix of a place in the file: condition 1 in the rows before it, else 0
 PLACE = "place in the file"  # condition: progress of the campaign, from 0 to 1
 _ROWS_PRINTED = 7
 
@@ -203,6 +205,11 @@ class Measurements(Value):
         return seen_mask(self.points)
 
     @property
+    def places(self) -> Array:
+        """Progress of the campaign ``(n,)`` at each row, from 0 to 1."""
+        return self._visited.place
+
+    @property
     def stations(self) -> tuple[str, ...]:
         """Station of the instrument of each row, "" if not given."""
         return self.other.get("station", ("",) * len(self))
@@ -281,7 +288,8 @@ class Measurements(Value):
     def inputs(self, conditions: Sequence[str]) -> Array:
         """Return a model's inputs ``(n, joints + conditions)``: joint readings and conditions.
 
-        A payload that is not given is zero. ``SESSION``, ``STATION``, ``PLACE`` and ``LAST_MOVE`` are derived.
+        A payload that is not given is zero. ``SESSION``, ``STATION``, ``PLACE``, ``BEFORE`` and ``LAST_MOVE`` are
+        derived.
 
         Raises:
             LabError: another condition is missing, or empty in a row.
@@ -305,6 +313,8 @@ class Measurements(Value):
                 return np.array([cell == name.removeprefix(prefix) for cell in column], dtype=np.float64)
         if name == PLACE:
             return self._visited.place
+        if name.startswith(BEFORE):
+            return np.array(self._visited.place < float(name.removeprefix(BEFORE)), dtype=np.float64)
         if name.startswith(LAST_MOVE):
             return self._visited.last_move[:, self.joint_names.index(name.removeprefix(LAST_MOVE))]
         return None

@@ -1,7 +1,7 @@
 """Fine mistakes: continuous ones, by score tests beside a marginal model, and refits of the best few.
 
-Without a hypothesis its mistake sits in a variance, so that a score test alone finds too little: the best few columns are
-fitted, each with all variances estimated again. The best is accepted and freed, and the search repeated; in the end
+Without a hypothesis its mistake sits in a variance, so that a score test alone finds too little: the best few columns
+are fitted, each with all variances estimated again. The best is accepted and freed, and the search repeated; in the end
 each finding is tested again beside the others.
 """
 

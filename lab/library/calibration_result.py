@@ -20,6 +20,7 @@ from lab.core.linear_model import triangle_of
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.diagnosis.hypothesis import Finding
 from lab.formats.calibrated_module import MODULE_FILE
 from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.joints import JointSpec
@@ -122,6 +123,11 @@ class CalibrationResult(Result):
     def checks(self) -> tuple[Check, ...]:
         """Checks of the measurements, the fit and the validation, beside those of the verdict."""
         return self.state.checks
+
+    @property
+    def diagnosis(self) -> tuple[Finding, ...]:
+        """Mistakes in the measurements that a refit confirmed, the foremost first."""
+        return self.state.diagnosis
 
     @property
     def validation(self) -> Validation:

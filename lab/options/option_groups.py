@@ -57,6 +57,8 @@ class Fitting:
     """Estimator of the parameters: least-squares. Packages may add others."""
     error_terms: Names = ()
     """Also search these error terms among the noise: names that packages add."""
+    accept: Names = ()
+    """Undo these mistakes of reading, which the diagnosis found: their names, e.g. joint_sign or joint_sign:q3."""
     load: Path | None = None
     """The folder of a run of lab payload: it places all payloads; rows without payload_kg have its mass."""
     accept_edited: Flag = False
@@ -134,6 +136,7 @@ class Fitting:
             estimator=estimator_named(self.estimator),
             error_terms=self.error_terms,
             further=self.groups if self.searched else (),
+            accept=self.accept,
         )
 
 

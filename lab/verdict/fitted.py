@@ -22,6 +22,7 @@ from lab.core.checks import Check
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.progress import Progress, no_progress
+from lab.diagnosis.hypothesis import Finding
 from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.error_model import row_times
@@ -126,6 +127,7 @@ class Fitted:
         tail_dof: degrees of freedom of Student's t that the noise's tails are like; infinite where Gaussian's will do.
         measured: the joint positions of ``rows``, and what the model may lack beyond them; None where no points were
             observed.
+        diagnosis: mistakes in the measurements that a refit confirmed, the foremost first.
         findings: about the errors, beyond independent noise: steps, drift, scatter, effects that the model lacks.
         prediction: observed against predicted errors at the validation poses; None where they were not compared.
         bounds: predicted and observed 95 % errors at the validation poses; None where there are none.
@@ -139,6 +141,7 @@ class Fitted:
     source: str = ""
     progress: Progress = field(default=no_progress, repr=False, compare=False)
     checks: tuple[Check, ...] = ()
+    diagnosis: tuple[Finding, ...] = ()
     selection: Selection | None = None
     groups: tuple[str, ...] = ()
     unshown: tuple[str, ...] = ()
@@ -162,6 +165,11 @@ class Fitted:
     def with_checks(self, checks: Sequence[Check]) -> "Fitted":
         """Return the state with further checks."""
         return replace(self, checks=(*self.checks, *checks))
+
+    @property
+    def misread(self) -> bool:
+        """Check whether the readings have a gross mistake that nobody has accepted."""
+        return any(each.is_discrete and not each.accepted for each in self.diagnosis)
 
     @property
     def left_out(self) -> bool:

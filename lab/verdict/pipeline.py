@@ -45,6 +45,7 @@ from lab.prediction.regions import Region, measured_region, region_of_points, wo
 from lab.prediction.residual_spread import for_later_rows
 from lab.prediction.validation import Validation, shared_rows, validate_file, validate_folds, validate_rows
 from lab.prediction.workspace_prediction import bounds_at, check_prediction, own_tolerance
+from lab.verdict.diagnosed import accepted_of, diagnosed, gross_of, undone
 from lab.verdict.fit_checks import (
     FIT_CHECKS,
     check_excluded,
@@ -247,6 +248,33 @@ def _refuse_gaps_in_noise(rows: Measurements, noise: Noise) -> None:
             f"{rows.where(int(np.argmin(given)))}, column sigma_mm: empty, but other rows "
             f"have it; fill it in, or give {option_name('noise_mm')} or {option_name('instrument')} for the empty ones"
         )
+
+
+def _find_mistakes(state: Fitted) -> Fitted:
+    """Find gross mistakes of reading, and undo those that the user accepts.
+
+    Needs: the state before the first step. Adds: ``diagnosis``; with mistakes undone it is the state of those readings.
+    """
+    fitter, judging = state.fitter, state.judging
+    gross = gross_of(state)
+    findings = accepted_of(() if gross is None else gross.findings, fitter.options.accept)
+    if any(each.accepted for each in findings):
+        data, sensor = undone(fitter.data, fitter.kind, findings)
+        again = start(fitter.robot, data, sensor, fitter.noise, fitter.options, judging, seed=fitter.seed)
+        state = replace(again, source=state.source, progress=state.progress, checks=state.checks)
+    state = replace(state, diagnosis=findings)
+    if not state.misread:
+        return state
+    plain = replace(state.fitter.options, groups=(), search=False, residual=False)
+    return replace(state, fitter=replace(state.fitter, options=plain))
+
+
+def _diagnose(state: Fitted) -> Fitted:
+    """Find continuous mistakes, where the readings have no gross one.
+
+    Needs: ``given``. Adds: ``diagnosis``; ``fitter`` has the steps that were found.
+    """
+    return state if state.misread else diagnosed(state)
 
 
 def _hold_poses_out(state: Fitted) -> Fitted:
@@ -593,6 +621,7 @@ def _check_validation(state: Fitted) -> Fitted:
 
 
 FITTING: Mapping[str, Step] = {
+    "diagnose": _diagnose,
     "select model": _select_model,
     "fit": _fit,
     "find outliers": _find_outliers,
@@ -604,6 +633,7 @@ FITTING: Mapping[str, Step] = {
     "check noise": _check_noise,
 }
 STEPS: Mapping[str, Step] = {
+    "find mistakes": _find_mistakes,
     "hold out": _hold_poses_out,
     **FITTING,
     "validate": _validate,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.measurements import LAST_MOVE, PLACE, SESSION, STATION
+from lab.core.measurements import BEFORE, LAST_MOVE, PLACE, SESSION, STATION
 from lab.core.se3 import Array
 from lab.extension_points import Part, PartKind
 from lab.kinematics.dynamics.gravity import Loads
@@ -52,6 +52,7 @@ __all__ = [
     "SessionInfo",
     "ShapesNoise",
     "SimulatedEffect",
+    "Step",
     "TermFamily",
     "TrackerMotion",
     "VirtualEffect",
@@ -107,7 +108,7 @@ def rates_in(conditions: Array, joints: int) -> tuple[Array, Array]:
 def is_usual(name: str) -> bool:
     """Check whether the lab knows a condition by its name; others are columns that own effects name."""
     return name in (PAYLOAD, TIME, TEMPERATURE, PLACE) or name.startswith(
-        (_APPROACH, LAST_MOVE, SESSION, STATION, _SPEED, _ACCELERATION)
+        (_APPROACH, LAST_MOVE, SESSION, STATION, BEFORE, _SPEED, _ACCELERATION)
     )
 
 
@@ -127,7 +128,7 @@ def structure_values(name: str, count: int, rng: np.random.Generator) -> Array:
         return rng.uniform(0.0, 1.0, count)
     if name == TEMPERATURE:
         return rng.uniform(REFERENCE_C, REFERENCE_C + LARGEST_WARMING_C, count)
-    if name.startswith((SESSION, STATION)):
+    if name.startswith((SESSION, STATION, BEFORE)):
         return rng.choice([0.0, 1.0], count)
     if name.startswith((_SPEED, _ACCELERATION)):
         return rng.normal(size=count)
@@ -184,6 +185,21 @@ LEVER_M = 0.3  # a slide's effects are those of a hinge at this distance: rad ti
 
 
 @dataclass(frozen=True)
+class Step:
+    """Something that moved between two rows of a campaign.
+
+    Attributes:
+        kind: ``base_step``, ``tool_step`` or ``joint_step``.
+        place: progress of the campaign (``PLACE``) at which it happened.
+        joint: its joint, from 0; -1 where it is none.
+    """
+
+    kind: str
+    place: float
+    joint: int = -1
+
+
+@dataclass(frozen=True)
 class SessionInfo:
     """Session metadata of a campaign.
 
@@ -192,12 +208,14 @@ class SessionInfo:
         start_s: start of its clock.
         timed: True if it had a clock.
         stations: of its instrument, the first one defining the frame.
+        steps: that were found in its rows.
     """
 
     sessions: tuple[str, ...] = ()
     start_s: float = 0.0
     timed: bool = True
     stations: tuple[str, ...] = ()
+    steps: tuple[Step, ...] = ()
 
 
 NO_SESSIONS = SessionInfo()

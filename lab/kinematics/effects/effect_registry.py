@@ -35,6 +35,7 @@ from lab.kinematics.effects.harmonics import CrossHarmonics, Harmonics, Ripple
 from lab.kinematics.effects.own import fitted_own, own_function
 from lab.kinematics.effects.readings import BadReadings, EncoderRounding, InstrumentNoise, Repeatability
 from lab.kinematics.effects.sessions import Bump, Duration, Payloads
+from lab.kinematics.effects.steps import Steps
 from lab.kinematics.effects.temperature import Drift, Growth, Temperature, ZerosByTemperature
 from lab.kinematics.joints import JointSpec
 
@@ -83,6 +84,7 @@ EFFECTS: tuple[type[VirtualEffect], ...] = (
     Temperature,
     ZerosByTemperature,
     CrossHarmonics,
+    Steps,
 )  # in the order of options, groups and random substreams: a new one goes to the end, so that the draws of others stay
 
 

@@ -1,0 +1,107 @@
+"""Diagnose the measurements of an identification: gross mistakes before the fit, fine ones beside it."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from lab.calibration.observation import observation_of
+from lab.calibration.sensor import ArmSensor
+from lab.calibration.weights import weigh
+from lab.core.errors import LabError, option_name
+from lab.core.measurements import Measurements
+from lab.diagnosis.fine import fine_mistakes
+from lab.diagnosis.gross import Gross, gross_mistakes
+from lab.diagnosis.hypothesis import Diagnosable, Finding
+from lab.kinematics.effects.effect import Step
+from lab.kinematics.effects.steps import STEP_GROUPS
+from lab.kinematics.model import RigidArm
+from lab.robots.load_robot import load_robot
+from lab.robots.robot_files import own_models
+from lab.verdict.fitted import Fitted
+
+__all__ = ["accepted_of", "diagnosed", "gross_of", "undone"]
+
+_FITTED_ANYWAY = ("link", "joint_zero")  # parameters of every fit: only their size is a finding
+
+
+def gross_of(state: Fitted) -> Gross | None:
+    """Return the gross mistakes of a file's readings; None of readings whose misses nobody knows."""
+    fitter = state.fitter
+    kind, data = fitter.kind, fitter.data
+    if not (isinstance(kind, Diagnosable) or (kind.in_instrument_frame and data.points.shape[2] == 3)):
+        return None
+    arm = fitter.robot.arm(fitter.targets)
+    nominal = arm.nominal({target: np.zeros(3) for target in fitter.targets})
+    return gross_mistakes(kind, arm, data, nominal, _others(arm, fitter.targets), fitter.seed)
+
+
+def _others(arm: RigidArm, targets: Sequence[str]) -> Iterator[tuple[str, Callable[[], RigidArm]]]:
+    """Yield the lab's other robots with as many joints of the same kinds, each once."""
+    for name in sorted(own_models()):
+        robot = load_robot(name)
+        alike = robot.chain.prismatic == arm.chain.prismatic and robot.name != arm.chain.name
+        if alike and not robot.chain.has_loops:
+            yield name, partial(robot.arm, tuple(targets))
+
+
+def accepted_of(findings: Sequence[Finding], accept: Sequence[str]) -> tuple[Finding, ...]:
+    """Return findings, those accepted that a user names by kind or key.
+
+    Raises:
+        LabError: a name is of no finding.
+    """
+    names = {each.name for each in findings} | {each.hypothesis.key for each in findings}
+    if unknown := [name for name in accept if name not in names]:
+        keys = ", ".join(each.hypothesis.key for each in findings)
+        raise LabError(
+            f"{option_name('accept')} {unknown[0]}: no such mistake was found; "
+            + (f"found: {keys}" if keys else "leave it out")
+        )
+    return tuple(each.as_accepted() if {each.name, each.hypothesis.key} & set(accept) else each for each in findings)
+
+
+def undone(data: Measurements, sensor: ArmSensor, findings: Sequence[Finding]) -> tuple[Measurements, ArmSensor]:
+    """Return measurements with the accepted mistakes undone, and the sensor that reads them then."""
+    for finding in findings:
+        correct = finding.hypothesis.corrected
+        if finding.accepted and correct is not None:
+            data = correct(data)
+            sensor = finding.hypothesis.sensor or sensor
+    return data, sensor
+
+
+def diagnosed(state: Fitted) -> Fitted:
+    """Find continuous mistakes beside a fit of the geometry, and put steps into every model.
+
+    Needs: ``given``. Adds: ``diagnosis``; ``fitter`` has the steps.
+    """
+    fitter, rows = state.fitter, state.given
+    try:
+        found = fitter.identified_with(rows, (), ())
+    except LabError:  # the fit itself says why
+        return state
+    if found.status != "converged" or not np.isfinite(found.residual_sigma_m) or not found.dof > 0:
+        return state
+    observed, _ = weigh(observation_of(found.model), rows, fitter.noise.independent)
+    effects = fitter.derivatives_by_others(found, (), rows)
+    fine = fine_mistakes(found, observed, rows, effects)
+    steps = tuple(step for each in fine.findings if (step := _step(each, rows)) is not None)
+    fitted = [each.name in STEP_GROUPS or each.name in _FITTED_ANYWAY for each in fine.findings]
+    findings = tuple(each.as_accepted() if has else each for each, has in zip(fine.findings, fitted, strict=True))
+    return replace(
+        state,
+        fitter=fitter.with_steps(steps) if steps else fitter,
+        diagnosis=(*state.diagnosis, *findings),
+    )
+
+
+def _step(finding: Finding, rows: Measurements) -> Step | None:
+    """Return the step of a finding, at its place in the campaign; None of other findings."""
+    if finding.name not in STEP_GROUPS:
+        return None
+    last, first = finding.hypothesis.of[-2:]
+    places = dict(zip(rows.ids, rows.places.tolist(), strict=True))
+    joint = rows.joint_names.index(finding.hypothesis.of[0]) if finding.name == "joint_step" else -1
+    return Step(finding.name, (places[last] + places[first]) / 2, joint)
