@@ -1,6 +1,6 @@
 """Fit measurements of one arm: models with groups of effects, their identification, outliers, model and noise."""
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -325,12 +325,18 @@ class Fitter:
             alone=alone,
         )
 
-    def derivatives_by_others(self, found: Identification, groups: Sequence[str], rows: Measurements) -> list[Array]:
-        """Derivatives of what rows observe by the parameters of each candidate group that is not in the model."""
+    def derivatives_by_others(
+        self, found: Identification, groups: Sequence[str], rows: Measurements, but: Collection[str] = ()
+    ) -> list[Array]:
+        """Derivatives of what rows observe by the parameters of each candidate group that is not in the model.
+
+        Args:
+            but: candidates that are left out.
+        """
         task = SelectionTask(self.model_with, self.nominal, rows, self.noise, self.fit_options)
         made = []
         for name in self.options.candidates:
-            if name not in groups:
+            if name not in (*groups, *but):
                 with suppress(LabError):  # a group that the arm or the columns do not allow
                     made.append(task.derivatives(name, found))
         return made

@@ -1,5 +1,6 @@
 """Continuous mistakes: columns of what steps, drifts, scales and couples, beside a fit of an arm."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ from lab.kinematics.model import Model
 
 __all__ = ["Steps", "lasting_mistakes", "steps_of"]
 
+_ZERO = re.compile(r"link([1-9]\d*)\.theta")
 _SHEARS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -86,10 +88,12 @@ def lasting_mistakes(
                 mixed = slopes[..., a : a + 1] * about[:, None, None, b : b + 1]
                 pairs = count * (count - 1)
                 yield Hypothesis("joint_coupling", (names[a], names[b]), pairs, columns=mixed, units=("1",))
-    for i in [i for i, each in enumerate(model.parameters) if each.is_link]:
-        each = model.parameters[i]
-        of = Hypothesis("link", (each.name,), count, columns=jacobian[..., i : i + 1], units=(each.unit.si,))
-        yield of
+    links = [(i, each) for i, each in enumerate(model.parameters) if each.is_link]
+    for i, each in links:
+        zero = _ZERO.fullmatch(each.name)
+        name, of = ("joint_zero", names[int(zero[1]) - 1]) if zero else ("link", each.name)
+        column = jacobian[..., i : i + 1]
+        yield Hypothesis(name, (of,), len(links), columns=column, units=(each.unit.si,), rivals=("scale",))
     if points.shape[2] == 3 and columns_of(model, ("base",)):
         yield from _of_space(points, times)
 

@@ -30,6 +30,9 @@ _REFITTED = 5  # hypotheses of a search
 _WORTH_A_REFIT = 0.4  # of what a hypothesis has to reach, by its score
 _EVIDENCE = 14.0  # of twice the log-likelihood, beside its price: very strong (Kass & Raftery 1995)
 _NEAR_RIVAL = 6.0
+_LIKE_EFFECTS = ("joint_gain", "joint_coupling", "joint_lag", "shear", "drift", "growth")
+_FOLDS = 5
+_LINKS = ("link", "joint_zero")  # fitted anyway
 _LEAST_ROWS = 3  # on either side of a step
 _WAVES = 8  # of the smooth error, by joint
 _LEAST_SIGMA_M = 1e-7
@@ -228,10 +231,26 @@ class _Search:
                 problem = problem.with_columns(other.columns)
             without = estimated(problem, fit.variances)
             evidence = without.deviance_beside(_width(others)) - whole - candidate.price
-            if evidence >= _EVIDENCE:
-                first = len(self.problem.kinds) + _width(accepted[:i])
-                findings.append(self._finding(fit, candidate, evidence, first, rivals[candidate.hypothesis.key]))
+            if evidence < _EVIDENCE or not self._predicts(candidate, without, fit):
+                continue
+            near = rivals[candidate.hypothesis.key]
+            if near and candidate.hypothesis.name in _LINKS:  # fitted anyway, whichever it is
+                continue
+            first = len(self.problem.kinds) + _width(accepted[:i])
+            findings.append(self._finding(fit, candidate, evidence, first, near))
         return sorted(findings, key=lambda each: -each.explains_m)
+
+    def _predicts(self, candidate: _Candidate, without: MarginalFit, fit: MarginalFit) -> bool:
+        """Check whether poses that were left out are predicted better with a mistake that looks like an effect."""
+        if candidate.hypothesis.name not in _LIKE_EFFECTS:
+            return True
+        folds = np.array_split(rng_for(0, "null").permutation(len(self.ids)), _FOLDS)
+        gains = list[Array]()
+        for rows in folds:
+            before, after = (np.sum(each.predicted_errors(rows) ** 2, axis=1) for each in (without, fit))
+            gains.append(np.sqrt(before) - np.sqrt(after))
+        gain = np.concatenate(gains)
+        return bool(gain.mean() > gain.std() / np.sqrt(len(gain)))
 
     def _finding(
         self, fit: MarginalFit, candidate: _Candidate, evidence: float, first: int, rivals: tuple[str, ...]
@@ -240,7 +259,8 @@ class _Search:
         own = slice(first, first + candidate.columns.shape[2])
         sizes, stds = fit.coefficients[own], np.sqrt(np.diag(fit.covariance)[own])
         made = candidate.columns @ sizes
-        placed = self.problem.columns[..., self.problem.kinds < 1][fit.problem.mask]
+        most = 0 if candidate.hypothesis.name in _LINKS else 1  # beside base and tool, or the links, too
+        placed = self.problem.columns[..., self.problem.kinds < most][fit.problem.mask]
         plain = made[fit.problem.mask]
         left = plain - placed @ np.linalg.lstsq(placed, plain, rcond=1e-9)[0]
         explains_m = float(np.sqrt(3 * np.mean(left**2))) * self.metres

@@ -21,7 +21,7 @@ __all__ = ["MarginalFit", "Problem", "Variances", "estimated", "rotated"]
 
 _ROUNDS, _STEPS = 4, 4  # of the noise, and in each of the variances of the columns
 _REFIT_ROUNDS = 2  # near the variances of a problem with fewer columns
-_MOST_TOLERANCES = 4.0  # variance of the columns of the first kind, the links', in tolerances
+_MOST_TOLERANCES = 1.0  # variance of the columns of the first kind, the links', in squared tolerances
 _LEAST, _MOST = 1e-8, 1e8
 _OUTLYING = 900.0  # times the variance, of a pose that is far off
 _PRICE = 9.0  # -2 log of the share of such poses
@@ -179,6 +179,14 @@ class MarginalFit:
         if not added:
             return self.deviance
         return self.deviance + float(np.linalg.slogdet(self.covariance[-added:, -added:])[1])
+
+    def predicted_errors(self, rows: NDArray[np.int_]) -> Array:
+        """Return the errors ``(rows, m)`` of poses as the others predict them."""
+        mask = self.problem.mask[rows]
+        basis, own = self.basis[rows][mask], self.weights[rows][mask]
+        found = np.zeros(mask.shape)
+        found[mask] = np.linalg.solve(np.diag(own) - basis @ basis.T, self.pulls[rows][mask])
+        return found
 
     def effective(self) -> Array:
         """Return the share ``(c,)`` of each coefficient that the residuals determine."""

@@ -23,6 +23,7 @@ from lab.verdict.fitted import Fitted
 
 __all__ = ["accepted_of", "diagnosed", "gross_of", "undone"]
 
+_MISTAKES = ("gear", "coupling", "drift", "growth")  # effects that are hypotheses of mistakes, too
 _FITTED_ANYWAY = ("link", "joint_zero")  # parameters of every fit: only their size is a finding
 
 
@@ -85,7 +86,7 @@ def diagnosed(state: Fitted) -> Fitted:
     if found.status != "converged" or not np.isfinite(found.residual_sigma_m) or not found.dof > 0:
         return state
     observed, _ = weigh(observation_of(found.model), rows, fitter.noise.independent)
-    effects = fitter.derivatives_by_others(found, (), rows)
+    effects = fitter.derivatives_by_others(found, (), rows, _MISTAKES)
     fine = fine_mistakes(found, observed, rows, effects)
     steps = tuple(step for each in fine.findings if (step := _step(each, rows)) is not None)
     fitted = [each.name in STEP_GROUPS or each.name in _FITTED_ANYWAY for each in fine.findings]
