@@ -112,14 +112,13 @@ class Assessment:
     fresh: Measurements | None = None
 
     def in_place_of_validation(self, steps: Mapping[str, Step]) -> Mapping[str, Step]:
-        """Return steps with a validation on new poses instead of the lab's; a virtual robot's joints need no check."""
+        """Return steps with a validation on new poses instead of the lab's."""
         assessed = dict[str, Step]()
         for name, step in steps.items():
-            own = step is not STEPS.get(name)
-            if own or name not in ("validate", "check signs"):
-                assessed[name] = step
-            elif name == "validate":
+            if name == "validate" and step is STEPS[name]:
                 assessed |= {"validate": self.validate, "compare with the truth": self.compare}
+            else:
+                assessed[name] = step
         return assessed
 
     def validate(self, state: Fitted) -> Fitted:

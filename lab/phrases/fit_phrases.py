@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.core.checks import Check
 from lab.core.errors import be, counted
-from lab.core.units import DEGREES, MM
+from lab.core.units import MM
 from lab.kinematics.effects.effect_registry import describe_term
 from lab.phrases.template import PRIOR, Phrase
 
@@ -91,12 +91,6 @@ def _uneven(check: Check) -> str:
     return f"{text}; the intervals are cluster-robust by pose" if check.data["clustered"] else text
 
 
-def _far_from_nominal(check: Check) -> str:
-    far = (DEGREES if check.data["is_angle"] else MM).text(check.statistic)
-    name = check.data["parameter"]
-    return f"{name} is estimated {far} from its nominal value: is the nominal model that of this robot?"
-
-
 def _lag(check: Check) -> str:
     data = check.data
     shares = ", ".join(f"{name} {abs(share):.2g}" for name, share in data["shares"].items())
@@ -159,10 +153,6 @@ def _condition(check: Check) -> str:
 
 PHRASES: Mapping[str, Phrase] = {
     "note": "{text}",
-    "mistake.joint_sign": (
-        "with joint {joint} negated these measurements fit to {sigma_m:mm 2} (1σ per axis), near the nominal model: "
-        "does the controller count {joint} in the other direction? Change its sign in the file, or in the model"
-    ),
     "convergence.valley": _stalled,
     "convergence.failed": (
         "Gauss-Newton did not converge in {iterations} steps: do not use the result; if parameters are weakly "
@@ -193,7 +183,6 @@ PHRASES: Mapping[str, Phrase] = {
         "{parameter} is {statistic:.0f} tolerances from its nominal value, so --prior on biases it; give larger "
         "--tolerance-mm and --tolerance-mrad, or --prior auto"
     ),
-    "nominal.far": _far_from_nominal,
     "size.nominal": (
         "these readings do not determine the arm's size: {parameter} is fixed at nominal, and all lengths are relative "
         "to it; give a measured distance of sockets (--socket-distance-mm), touch opposite faces of a cube, or use a "

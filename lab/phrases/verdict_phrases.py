@@ -358,10 +358,6 @@ PHRASES: Mapping[str, Phrase] = {
     "given.noise": _given_noise,
     "given.noises": _given_noises,
     "given.scale": _given_scale,
-    "given.poses": (
-        "the points are {off_m:mm} from the nominal robot for any base and tool: wrong rows, joints in another order "
-        "or direction, or another robot"
-    ),
     "arm.constant_points": "the measured values are the same in every pose: wrong column?",
     "arm.spread": (
         "the measured points spread {times:.3g} times as far as the robot's at these poses: wrong unit, or another "
@@ -411,7 +407,6 @@ _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name b
     "finding.change": "Find what changed during the session; then measure again.",
     "given.noise": "Correct the stated noise: --noise-mm, or column sigma_mm.",
     "given.scale": "Check the scale of the points (unit, air, temperature); then identify again.",
-    "given.poses": _WHOSE,
     "arm.convergence": f"Check robot and rows; if both are right, use {PRIOR}.",
     "arm.orientations": "Check --orientation and the columns of the orientations.",
     "arm.fixtures": "Check the columns of the fixtures; if they are right, use --prior on.",
@@ -429,7 +424,6 @@ _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name b
     "determination": _MORE,
     "determination.error": "Measure points as well, or a known length (--socket-distance-mm for sockets).",
     "links": _WHOSE,
-    "mistake": _WHOSE,
     "note": _WHOSE,
 }
 _OTHERWISE = "Find the cause of the first reason below; then identify again."

@@ -1,9 +1,4 @@
-"""Check a fit and its measurements: outliers, weak parameters, priors, joint positions, units, scales, joint signs.
-
-A joint that a controller counts in the other direction than the nominal model need not spoil the fit: with the fifth
-joint of a wrist negated, the arm whose fourth and sixth zeros are half a turn away is the same arm. So each joint is
-negated in turn, and the geometry identified again from the nominal one.
-"""
+"""Check a fit and its measurements: outliers, weak parameters, priors, joint positions, scales."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -13,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from lab.calibration.fitter import MOST_CHOSEN_BY, Fitter, NominalRobot
+from lab.calibration.fitter import MOST_CHOSEN_BY, NominalRobot
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION, condition_of
-from lab.calibration.identification import Identification, spread
+from lab.calibration.identification import Identification
 from lab.calibration.noise_search import NOTABLE
 from lab.calibration.observation import UnsizedObservation, observation_of, only_positions
 from lab.calibration.prior import Tolerance, prior_of
@@ -27,7 +22,7 @@ from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import Outliers, would_matter
 from lab.core.checks import Check
 from lab.core.errors import LabError, option_name
-from lab.core.measurements import Measurements, evenly, seen_mask, thinned
+from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
 from lab.core.units import MM
@@ -37,16 +32,12 @@ from lab.kinematics.effects.sessions import at_first_station
 from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.chain import Chain
-from lab.kinematics.serial.serial_arm import SerialArm
-from lab.kinematics.tree import TreeArm
 from lab.noise.instruments import Instrument, is_isotropic
 from lab.prediction.extrapolation import MOST_UNCOVERED, MeasuredRange
 from lab.prediction.validation import Validation
-from lab.prediction.workspace_prediction import distances_from_nominal
 from lab.verdict.fitted import Fitted, Named
 from lab.verdict.joint_lag import lagging, moves_before
-from lab.verdict.other_numbers import PLACED, in_other_numbers, trimmed_error
-from lab.verdict.verdict import CONSTANT_SPREAD, Answer, Verdict
+from lab.verdict.verdict import Answer, Verdict
 
 __all__ = [
     "FIT_CHECKS",
@@ -60,10 +51,8 @@ __all__ = [
     "check_held_out",
     "check_improvement",
     "check_instrument",
-    "check_joint_signs",
     "check_joints",
     "check_limits",
-    "check_nominal",
     "check_outlier_search",
     "check_outliers",
     "check_prior",
@@ -75,7 +64,6 @@ __all__ = [
     "check_validation_poses",
     "check_workspace",
     "doubted",
-    "in_other_numbers_or_poses",
     "noise_beyond",
     "noise_in_another_unit",
     "note",
@@ -134,7 +122,6 @@ def changes(
 
 
 _WORTH = 0.8  # of the condition: a change that leaves more brings nothing
-_STRANGE = 0.05  # m or rad from the nominal value
 _SURPRISING = 5.0  # standard deviations of the prior
 _BEYOND = 0.02  # rad or m: a pose that is nearer to the measured range is at its edge
 _MOST_POSES = 20_000  # by which joint positions are looked at
@@ -281,18 +268,6 @@ def check_prior(found: Identification, nominal: Array, tolerance: Tolerance) -> 
         return []
     name = found.model.names[prior.of[int(off.argmax())]]
     return [_failed("prior.strained", float(off.max()), _SURPRISING, parameter=name)]
-
-
-def check_nominal(found: Identification, nominal: Array) -> list[Check]:
-    """Check that no link is far from its nominal value, and surely so: the model may be another robot's."""
-    parameters, free = found.model.parameters, list(found.fit.free)
-    off = np.abs(found.values - nominal)[free]
-    sure = np.array([parameters[i].is_link for i in free]) & (off > _STRANGE) & (off > _SURPRISING * found.std)
-    if not sure.any():
-        return []
-    worst = parameters[free[int(np.argmax(np.where(sure, off, 0.0)))]]
-    size = float(np.max(off[sure]))
-    return [_failed("nominal.far", size, _STRANGE, parameter=worst.name, is_angle=worst.is_angle)]
 
 
 def check_size(found: Identification) -> list[Check]:
@@ -454,13 +429,7 @@ _LONG_M = 0.05  # links by which a scale is tested: of shorter ones tolerances a
 _LEAST_LENGTHS = 3
 _LEAST_SCALE = 0.005  # steel is so much longer at 400 K more
 _MADE_M = 0.0015  # by which the longest link is to differ, too: three times what links are made to
-_FAR = 0.1  # of the points' spread: no robot is so far from its nominal model
-_POSE_ROWS = 200  # by which that is tested
 _ALIKE = 0.1  # of the squares of what lengths differ by that a common scale may leave
-_SIGN_ROWS = 200  # by which signs are tried
-_CLEARLY = 5.0  # times as small, the residuals or the distance from the nominal model
-_NO_WORSE = 1.5  # times the residuals: the same arm in another pose of its wrist fits as well
-_NEAR = 100.0  # tolerances from the nominal model: beyond, it is not that robot either
 
 
 def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Identification) -> list[Check]:
@@ -526,70 +495,12 @@ def points_in_another_scale(found: Identification) -> list[Check]:
     return [Check("given.scale", "failed", data={"links": [names[i] for i in long], "scale": scale})]
 
 
-def in_other_numbers_or_poses(robot: NominalRobot, rows: Measurements) -> list[Check]:
-    """Find why points are far from the nominal arm for any base and tool; mostly empty.
-
-    Args:
-        rows: points that one instrument measured from one station.
-    """
-    rows = thinned(rows.with_points(), _POSE_ROWS)
-    arm, slides = robot.arm(rows.targets), robot.chain.prismatic
-    nominal = arm.nominal({target: np.zeros(3) for target in rows.targets})
-    if found := in_other_numbers(arm, slides, rows.joints, rows.points, nominal):
-        return [found]
-    left, size = trimmed_error(arm, rows.joints, rows.points, nominal, PLACED), spread(rows.points)
-    if not _FAR * size < left < size / CONSTANT_SPREAD:  # points that do not move
-        return []
-    return [Check("given.poses", "failed", data={"off_m": left})]
-
-
 def doubted(word: Verdict, checks: Sequence[Check]) -> Verdict:
     """Return the verdict where the given noise or scale is impossible: it is not good."""
     if not checks:
         return word
     doubtful = "doubtful" if word.word == "good" else word.word
     return replace(word, word=doubtful, fit=Answer("doubtful", (checks[0],)), reasons=(*word.reasons, *checks))
-
-
-def check_joint_signs(fitter: Fitter, rows: Measurements) -> list[Check]:
-    """Report the joint with which negated the geometry fits near the nominal model, as it does not as it is."""
-    if not fitter.kind.in_instrument_frame or not isinstance(fitter.robot.arm(fitter.targets), SerialArm | TreeArm):
-        return []
-    rows = thinned(rows, _SIGN_ROWS)
-    tolerance, given = fitter.options.tolerance, _identified(fitter, rows)
-    tried = []
-    for j, name in enumerate(rows.joint_names):
-        signs = np.where(np.arange(rows.joints.shape[1]) == j, -1.0, 1.0)
-        found = _identified(fitter, replace(rows, joints=rows.joints * signs))
-        if found is not None and _explains(found, given, tolerance):
-            tried.append((found.residual_sigma_m, name))
-    if not tried:
-        return []
-    sigma_m, name = min(tried)
-    return [Check("mistake.joint_sign", "failed", data={"joint": name, "sigma_m": sigma_m})]
-
-
-def _identified(fitter: Fitter, rows: Measurements) -> Identification | None:
-    try:
-        return fitter.identified_with(rows, (), ())
-    except LabError:
-        return None
-
-
-def _explains(found: Identification, given: Identification | None, tolerance: Tolerance) -> bool:
-    """Decide whether one fit is of the nominal robot and the other, of the rows as given, is not."""
-    if found.status != "converged" or not found.plausible or _tolerances(found, tolerance) > _NEAR:
-        return False
-    if given is None or given.status != "converged" or not given.plausible:
-        return given is None or found.residual_sigma_m * _CLEARLY < given.residual_sigma_m
-    if found.residual_sigma_m * _CLEARLY < given.residual_sigma_m:
-        return True
-    nearer = _tolerances(found, tolerance) * _CLEARLY < _tolerances(given, tolerance)
-    return nearer and found.residual_sigma_m < _NO_WORSE * given.residual_sigma_m
-
-
-def _tolerances(found: Identification, tolerance: Tolerance) -> float:
-    return max((each.tolerances for each in distances_from_nominal(found, tolerance)), default=0.0)
 
 
 def _outlier_checks(state: Fitted) -> list[Check]:
@@ -620,7 +531,7 @@ def _search_checks(state: Fitted) -> list[Check]:
 def _value_checks(state: Fitted) -> list[Check]:
     fit, options, nominal = state.weighted, state.fitter.options, state.fitter.nominal(state.weighted.model)
     prior = check_prior(fit, nominal, options.tolerance) if options.prior == "on" else []
-    return prior + check_nominal(fit, nominal) + check_size(fit)
+    return prior + check_size(fit)
 
 
 def _point_checks(state: Fitted) -> list[Check]:

@@ -51,7 +51,6 @@ from lab.verdict.fit_checks import (
     check_excluded,
     check_geometry_alone,
     check_improvement,
-    check_joint_signs,
     check_limits,
     check_outliers,
     check_residual,
@@ -59,7 +58,6 @@ from lab.verdict.fit_checks import (
     check_validation_poses,
     check_workspace,
     doubted,
-    in_other_numbers_or_poses,
     noise_in_another_unit,
     points_in_another_scale,
 )
@@ -543,9 +541,6 @@ def _judge(state: Fitted) -> Fitted:
         region=region,
         left=left,
     )
-    one_station = only_positions(observation_of(found.model)) and len(fitter.session.stations) < 2
-    if word.word == "bad" and validation.judged_by != "fresh" and one_station:
-        word = replace(word, reasons=(*in_other_numbers_or_poses(fitter.robot, state.rows), *word.reasons))
     if judging.holdout_last is not None:
         order, most_m = rows_in_time(state.rows), word.region.uncalibrated_rms_m / np.sqrt(3)
         left = for_later_rows(left, found, state.observations, order, most_m)
@@ -589,17 +584,6 @@ def _regions(state: Fitted) -> tuple[Region, Region]:
     return poses, region
 
 
-def _check_signs(state: Fitted) -> Fitted:
-    """Check, where the verdict is bad, whether a joint is counted in the other direction.
-
-    Needs: ``verdict``. Adds: ``checks``, before all others.
-    """
-    if state.verdict.word != "bad":
-        return state
-    found = check_joint_signs(state.fitter.knowing(None), state.rows)
-    return replace(state, checks=(*found, *state.checks))
-
-
 def _check_validation(state: Fitted) -> Fitted:
     """Check what the validation covers, and the rows that were not used.
 
@@ -638,6 +622,5 @@ STEPS: Mapping[str, Step] = {
     **FITTING,
     "validate": _validate,
     "judge": _judge,
-    "check signs": _check_signs,
     "check validation": _check_validation,
 }
