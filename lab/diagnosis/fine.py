@@ -20,6 +20,7 @@ from lab.core.se3 import Array
 from lab.diagnosis.continuous import Steps, lasting_mistakes, steps_of
 from lab.diagnosis.hypothesis import Finding, Hypothesis
 from lab.diagnosis.marginal import MarginalFit, Problem, estimated, rotated
+from lab.diagnosis.scores import score, scores_of_steps
 from lab.noise.error_model import row_times
 
 __all__ = ["Fine", "fine_mistakes"]
@@ -33,10 +34,8 @@ _NEAR_RIVAL = 6.0
 _LIKE_EFFECTS = ("joint_gain", "joint_coupling", "joint_lag", "shear", "drift", "growth")
 _FOLDS = 5
 _LINKS = ("link", "joint_zero")  # fitted anyway
-_LEAST_ROWS = 3  # on either side of a step
 _WAVES = 8  # of the smooth error, by joint
 _LEAST_SIGMA_M = 1e-7
-_RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -202,14 +201,14 @@ class _Search:
     def _scanned(self, fit: MarginalFit) -> list[_Candidate]:
         """Return the hypotheses of the largest score, at most one of each kind and thing."""
         scanned = [self._likeliest_step(fit, steps, columns) for steps, columns in self.steps]
-        scanned += [replace(each, statistic=_score(fit, each.columns)) for each in self.lasting]
+        scanned += [replace(each, statistic=score(fit, each.columns)) for each in self.lasting]
         scanned.sort(key=lambda each: each.price - each.statistic)
         worth = [each for each in scanned if each.statistic > _WORTH_A_REFIT * (each.price + _EVIDENCE)]
         return worth[:_REFITTED]
 
     def _likeliest_step(self, fit: MarginalFit, steps: Steps, columns: Array) -> _Candidate:
         """Return the step of one thing at the row where its score is largest."""
-        scores = _scores_of_steps(fit, columns, self.order)
+        scores = scores_of_steps(fit, columns, self.order)
         cut = int(np.argmax(scores))
         tried = len(self.ids) * sum(each.hypothesis.name == steps.hypothesis.name for each, _ in self.steps)
         after = np.zeros(len(self.ids), dtype=np.bool_)
@@ -280,32 +279,3 @@ def _smooth(joints: Array, slopes: Array) -> Array:
     waves = rng.standard_normal((count, _WAVES))
     made = np.cos(joints @ waves + rng.uniform(0, 2 * np.pi, _WAVES))  # (n, w)
     return (slopes[..., None] * made[:, None, None, None, :]).reshape(*slopes.shape[:3], -1)
-
-
-def _score(fit: MarginalFit, columns: Array) -> float:
-    """Return the score statistic of columns ``(n, m, c)``: the fall of r' V^-1 r at these variances."""
-    pull = np.einsum("nmc,nm->c", columns, fit.pulls)
-    crossed = np.einsum("nmc,nmr->cr", columns, fit.basis, optimize=True)
-    normal = np.einsum("nmc,nm,nmd->cd", columns, fit.weights, columns, optimize=True)
-    return float(_quadratic((normal - crossed @ crossed.T)[None], pull[None], np.diag(normal)[None])[0])
-
-
-def _scores_of_steps(fit: MarginalFit, columns: Array, order: NDArray[np.int_]) -> Array:
-    """Return the score statistics ``(n,)`` of columns that count from each row in time on; zero near the ends."""
-    part, n = columns[order], len(order)
-    pulls = np.einsum("nmc,nm->nc", part, fit.pulls[order])
-    crossed = np.swapaxes(part, 1, 2) @ fit.basis[order]
-    normal = np.swapaxes(part, 1, 2) @ (fit.weights[order][..., None] * part)
-    pulls, crossed, normal = (np.cumsum(each[::-1], axis=0)[::-1] for each in (pulls, crossed, normal))
-    left = normal - crossed @ np.swapaxes(crossed, 1, 2)
-    scores = _quadratic(left, pulls, np.einsum("ncc->nc", normal))
-    number = np.arange(n)
-    return np.where((number >= _LEAST_ROWS) & (number <= n - _LEAST_ROWS), scores, 0.0)
-
-
-def _quadratic(left: Array, pulls: Array, whole: Array) -> Array:
-    """Return u' G^-1 u ``(n,)`` with directions that other columns hold left out."""
-    scale = 1 / np.sqrt(np.maximum(whole, 1e-300))
-    sizes, axes = np.linalg.eigh(left * scale[:, :, None] * scale[:, None, :])
-    turned = (np.swapaxes(axes, 1, 2) @ (pulls * scale)[..., None])[..., 0]
-    return np.asarray(np.where(sizes > _RIDGE, turned**2 / np.maximum(sizes, _RIDGE), 0.0).sum(axis=1))
